@@ -64,7 +64,31 @@ def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
     ("tables", "words"),
     [
         ("[[vehicle]]\n[[vehicle]]\ncruise_speed_m_s = -1.0\n", "vehicle.1.cruise_speed_m_s: -1.0 must be above 0"),
-        ("[[vehicle]]\n[[vehicle]]\nsensor = 1\n", "vehicle.1.sensor: unknown key"),
+        (
+            "[[vehicle]]\n[[vehicle]]\nsensor = 1\n",
+            "vehicle.1.sensor: must be a table with a kind ('sphere' or 'disc' or",
+        ),
+        (
+            "[vehicle]\nsensor = 1\n",
+            "vehicle.sensor: one vehicle has its sensor in [sensor]; [[vehicle]] is for several",
+        ),
+        (
+            "[[vehicle]]\n[[vehicle]]\nsensor = { fov_deg = 3.0 }\n",
+            "vehicle.1.sensor.kind: is missing; give 'sphere' or",
+        ),
+        ("[[vehicle]]\n[[vehicle]]\nsensor = { kind = 'lidar' }\n", "vehicle.1.sensor.kind: must be 'sphere' or"),
+        (
+            "[[vehicle]]\n[[vehicle]]\nsensor = { kind = 'nadir-camera', fov_deg = 190.0, range_m = 200.0 }\n",
+            "vehicle.1.sensor.fov_deg: 190.0 is outside 0..180",
+        ),
+        (
+            "[[vehicle]]\n[[vehicle]]\nsensor = { kind = 'nadir-camera', fov_deg = 60.0, range_m = 200.0, fov = 3.0 }\n",
+            "vehicle.1.sensor.fov: unknown key",
+        ),
+        (
+            "[[vehicle]]\n[[vehicle]]\nsensor = { kind = 'nadir-camera', fov_deg = 60.0, range_m = 20.0 }\n",
+            "vehicle.1.sensor.range_m: 20.0 m does not reach the ground from limits.min_height_agl_m",
+        ),
         ("[[vehicle]]\n[[vehicle]]\nlink = 'udp:127.0.0.1:1'\n", "vehicle.1.link: unknown key"),
         ("[[vehicle]]\nhome = { lat_deg = 36.4 }\n[[vehicle]]\n", "vehicle.0.home: give lat_deg and lon_deg"),
         (

@@ -141,7 +141,7 @@ MISTAKES = {
     "not one of": (
         "seed = 7",
         'algorithm = "nsga9"',
-        "planner.algorithm: must be 'memetic', 'local-search', 'imodbo', 'modbo', 'nsga2', 'moead' or 'lines', not 'nsga9'",
+        "planner.algorithm: must be 'memetic', 'local-search', 'imodbo', 'modbo', 'nsga2', 'moead', 'lines' or 'contour-lines'",
     ),
     "datum": ('"EGM96"', '"NN"', "terrain.vertical_datum: must be 'EGM96', 'EGM2008' or 'WGS84-ellipsoid', not 'NN'"),
     "kind": (

@@ -114,6 +114,7 @@ def decide(
     unknown_attitude_looks: int,
     evidence: PictureEvidence = NOTHING_KNOWN,
     separation: Separation = NOT_ASKED,
+    eyes: Sequence[CoverageMap] = (),
 ) -> Decision:
     """Decide on tracks that count as one flight.
 
@@ -125,6 +126,7 @@ def decide(
         unknown_attitude_looks: number of observations without a known direction.
         evidence: of real pictures; where they tell the coverage, what nobody observed of the flight cannot add to it.
         separation: of the vehicles.
+        eyes: the cells as each sensor that flew sees them, where there are several; default: those of the site.
     """
     site = coverage.site
     requirements = site.scenario.requirements
@@ -163,7 +165,8 @@ def decide(
         """(cells,) what unobserved stretches, and looks of unknown direction, may have seen."""
         found = flown.possibly_by_attitude.copy()
         for way in ways:
-            found |= possibly_seen(coverage, level_observations(site, way, 0.0))
+            for eye in eyes or (coverage,):
+                found |= possibly_seen(eye, level_observations(eye.site, way, 0.0))
         return found
 
     if evidence.shown is None:

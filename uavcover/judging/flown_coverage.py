@@ -83,6 +83,34 @@ def count_observations(coverage: CoverageMap, observations: Observations) -> Flo
     )
 
 
+def seen_by_any(each: Sequence[FlownCoverage]) -> FlownCoverage:
+    """What several sensors saw together, of the same cells.
+
+    Args:
+        each: of one sensor, one at least; its times on a clock that all share.
+    """
+
+    def either(name: str) -> BoolArray:
+        return np.asarray(np.logical_or.reduce([getattr(one, name) for one in each], axis=0))
+
+    def least(name: str) -> FloatArray:
+        return np.asarray(np.fmin.reduce([getattr(one, name) for one in each], axis=0))
+
+    seen = either("seen")
+    return FlownCoverage(
+        seen=seen,
+        surely_seen=either("surely_seen"),
+        possibly_seen=either("possibly_seen"),
+        possibly_by_attitude=either("possibly_by_attitude") & ~seen,
+        first_seen_s=least("first_seen_s"),
+        passes=np.asarray(np.add.reduce([one.passes for one in each], axis=0), dtype=np.int32),
+        nearest_m=least("nearest_m"),
+        ground_sample_m=least("ground_sample_m"),
+        incidence_deg=least("incidence_deg"),
+        outcome=np.asarray(np.maximum.reduce([one.outcome for one in each], axis=0), dtype=np.uint8),
+    )
+
+
 def possibly_seen(coverage: CoverageMap, observations: Observations) -> BoolArray:
     """(cells,) whether observations of unknown direction may have seen each cell, leaning up to MAX_LEAN_DEG any way."""
     site = coverage.site

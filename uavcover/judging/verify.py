@@ -13,7 +13,13 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.judging.decision import cell_statistics, coverage_by_time, decide, judged_requirements
-from uavcover.judging.flown_coverage import FlownCoverage, count_observations, joined_observations, joining_shifts_s
+from uavcover.judging.flown_coverage import (
+    FlownCoverage,
+    count_observations,
+    joined_observations,
+    joining_shifts_s,
+    seen_by_any,
+)
 from uavcover.judging.gaps import GapRegion, find_gaps
 from uavcover.judging.judged_track import JudgedTrack, judge_track, largest, track_positions_m
 from uavcover.judging.observations import Observations
@@ -27,7 +33,7 @@ from uavcover.model.outline import svg_map
 from uavcover.model.track import Track
 from uavcover.model.verdict import PictureStatistics, VerificationReport
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.coverage_map import CoverageMap, judging_map
 from uavcover.sensing.pictures import (
     OVERLAP_FRACTION,
     PictureCounts,
@@ -261,26 +267,34 @@ def verify_flight(
     pause_s = 2.0 * site.scenario.requirements.max_gap_s
     same_clock = {record.second: (record.first, record.same.shift_s) for record in records}
     shifts_s = joining_shifts_s([flown.track.time_s for flown in tracks], pause_s=pause_s, same_clock=same_clock)
-    parts = [track.observations(site) for track in judged]
+    parts = [track.observations(flown.site or site) for track, flown in zip(judged, tracks, strict=True)]
     for record in records:
         first, observations = parts[record.first], parts[record.second]
         told = has_near(first.times_s[first.known], observations.times_s + record.same.shift_s)
         parts[record.second] = observations.where(~told)
     together = joined_observations(parts, shifts_s)
-    flown = count(coverage, together) if evidence.shown is None else evidence.shown
+    eyes = _eyes(coverage, tracks)
+    if evidence.shown is not None:
+        flown = evidence.shown
+    elif len(eyes) == 1:
+        flown = count(eyes[0][0], together)
+    else:
+        flown = seen_by_any(
+            [count(eye, joined_observations([parts[k] for k in who], [shifts_s[k] for k in who])) for eye, who in eyes]
+        )
     gaps = tuple(find_gaps(coverage, flown))
     unknown_looks = int((~together.known).sum()) if evidence.shown is None else 0
     pictures = evidence.counts
-    if evidence.shown is None and takes_pictures(site.scenario):
-        pictures = _pictures(coverage, together)
-    statistics = None if pictures is None else picture_statistics(coverage, pictures)
+    if evidence.shown is None and len(eyes) == 1 and takes_pictures(eyes[0][0].site.scenario):
+        pictures = _pictures(eyes[0][0], together)
+    statistics = None if pictures is None else picture_statistics(eyes[0][0], pictures)
     window = flown_window(np.concatenate([j.track.unix_time_s for j in judged]))
     separation = judge_separation(
         site, [track.track for track in judged], same_flight={(record.first, record.second) for record in records}
     )
     decision = decide(
         coverage, flown, judged, pictures,
-        unknown_attitude_looks=unknown_looks, evidence=evidence, separation=separation,
+        unknown_attitude_looks=unknown_looks, evidence=evidence, separation=separation, eyes=[eye for eye, _ in eyes],
     )  # fmt: skip
     report = VerificationReport(
         coverage_fraction=coverage.share(flown.seen),
@@ -324,6 +338,21 @@ def verify_flight(
         separation=separation.pairs,
     )
     return Verdict(coverage, report, flown, gaps, pictures, together, shifts_s)
+
+
+def _eyes(coverage: CoverageMap, tracks: Sequence[FlownTrack]) -> list[tuple[CoverageMap, list[int]]]:
+    """The cells as each sensor that flew sees them, with the numbers of the tracks that it flew on."""
+    sensors: list[tuple[CoverageMap, list[int]]] = []
+    for number, flown in enumerate(tracks):
+        own = flown.site or coverage.site
+        for eye, numbers in sensors:
+            if eye.site.scenario.sensor == own.scenario.sensor:
+                numbers.append(number)
+                break
+        else:
+            same = own.scenario.sensor == coverage.site.scenario.sensor
+            sensors.append((coverage if same else judging_map(own), [number]))
+    return sensors
 
 
 def _time_findings(site: Site, window: Window | None) -> list[str]:

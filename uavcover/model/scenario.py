@@ -286,36 +286,14 @@ class Scenario:
     description: str = ""
 
     def __post_init__(self) -> None:
-        reach_m = self.sensor.radius_m if self.sensor.kind == "disc" else self.sensor.range_m
-        if self.sensor.kind != "disc":
-            require(
-                reach_m > self.limits.min_height_agl_m,
-                f"sensor.range_m: {reach_m} m does not reach the ground from limits.min_height_agl_m = "
-                f"{self.limits.min_height_agl_m} m",
-            )
         require(
-            not (self.obstacles.file or self.obstacles.prisms)
-            or self.sensor.kind == "disc"
-            or self.sensor.line_of_sight == "ray",
-            'sensor.line_of_sight: among obstacles it must be "ray"; "midpoint" asks one place of the ray only',
+            self.requirements.min_overlap_fraction is None or all(v.sensor is None for v in self.vehicles),
+            "requirements.min_overlap_fraction: is that of one camera; leave it out where vehicles have sensors of their own",
         )
-        require(
-            self.requirements.looks == 1 or self.sensor.sensing == "at-waypoints",
-            'requirements.looks: more than one goes with sensor.sensing = "at-waypoints"; along the path give a frame '
-            "camera's side_overlap",
-        )
-        asks_overlap = self.sensor.kind == "frame-camera" and bool(
-            self.sensor.forward_overlap or self.sensor.side_overlap
-        )
-        require(
-            self.requirements.min_overlap_fraction is None or asks_overlap,
-            "requirements.min_overlap_fraction: goes with a frame camera's forward_overlap and side_overlap; give these, or "
-            "leave it out",
-        )
-        require(
-            self.area.cell_size_m <= reach_m,
-            f"area.cell_size_m: cells of {self.area.cell_size_m} m are larger than the sensor's reach of {reach_m} m",
-        )
+        self._require_fits(self.sensor, "sensor")
+        for number, vehicle in enumerate(self.vehicles):
+            if vehicle.sensor is not None:
+                self._require_fits(vehicle.sensor, f"vehicle.{number}.sensor")
         if self.flight_window_utc is not None:
             window_of(*self.flight_window_utc, "flight_window_utc")
         require(
@@ -351,6 +329,37 @@ class Scenario:
                 self.home is None or self.home.east_m is not None or self.origin is not None,
                 "home: lat_deg and lon_deg need an origin; give east_m and north_m, or an [origin]",
             )
+
+    def _require_fits(self, sensor: Sensor, key: str) -> None:
+        """Refuse a sensor that does not go with limits, cells and what is required."""
+        reach_m = sensor.radius_m if sensor.kind == "disc" else sensor.range_m
+        if sensor.kind != "disc":
+            require(
+                reach_m > self.limits.min_height_agl_m,
+                f"{key}.range_m: {reach_m} m does not reach the ground from limits.min_height_agl_m = "
+                f"{self.limits.min_height_agl_m} m",
+            )
+        require(
+            not (self.obstacles.file or self.obstacles.prisms)
+            or sensor.kind == "disc"
+            or sensor.line_of_sight == "ray",
+            f'{key}.line_of_sight: among obstacles it must be "ray"; "midpoint" asks one place of the ray only',
+        )
+        require(
+            self.requirements.looks == 1 or sensor.sensing == "at-waypoints",
+            f'requirements.looks: more than one goes with {key}.sensing = "at-waypoints"; along the path give a frame '
+            "camera's side_overlap",
+        )
+        asks_overlap = sensor.kind == "frame-camera" and bool(sensor.forward_overlap or sensor.side_overlap)
+        require(
+            self.requirements.min_overlap_fraction is None or asks_overlap,
+            "requirements.min_overlap_fraction: goes with a frame camera's forward_overlap and side_overlap; give these, or "
+            "leave it out",
+        )
+        require(
+            self.area.cell_size_m <= reach_m,
+            f"area.cell_size_m: cells of {self.area.cell_size_m} m are larger than the reach of {key}, {reach_m} m",
+        )
 
     @property
     def flight_window(self) -> Window | None:

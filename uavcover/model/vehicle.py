@@ -9,6 +9,7 @@ from uavcover.errors import InputError
 from uavcover.model.area import Outline
 from uavcover.model.home import Home
 from uavcover.model.power import PowerModel
+from uavcover.model.sensor import Sensor
 from uavcover.model.value_checks import STRICT, require, require_not_negative, require_positive
 
 
@@ -149,6 +150,8 @@ class Vehicle:
         power: what flying takes from the battery.
         home: of one of several vehicles, where it takes off and lands; default: [home].
         area: of one of several vehicles, the part of the area that it sees; default: with the others that have none, the rest.
+        sensor: of one of several vehicles, its own; default: [sensor]. Vehicles with different ones see different parts, and the
+            planner divides what ``area`` gives to none, so that all are done soon.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -169,6 +172,7 @@ class Vehicle:
     power: PowerModel = field(default_factory=PowerModel)
     home: Home | None = None
     area: Outline | None = None
+    sensor: Sensor | None = None
 
     def __post_init__(self) -> None:
         require_positive(

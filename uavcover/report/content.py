@@ -20,7 +20,10 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.judge import judge_tracks, planned_for, read_log
 from uavcover.run.judged_inputs import judged_logs, was_flown
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.scenario.vehicle_parts import groups_of, own_sensors
+from uavcover.scenario.vehicle_site import vehicle_sites
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.fleet_map import fleet_map, map_for
 from uavcover.sensing.pictures import PictureCounts, count_pictures, picture_statistics, planned_poses, takes_pictures
 
 
@@ -124,7 +127,7 @@ def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = (
         verdict = judge_tracks(site, tracks, sites=[site_for(path, run, site) for path in paths])
         flights = _flights(site, [_shown(path, run) for path in paths], tracks, verdict.shifts_s)
     pareto = run.file("pareto.csv")
-    coverage = judging_map(site) if verdict is None else verdict.coverage
+    coverage = fleet_map(site) if verdict is None else verdict.coverage
     planned = read_plan_document(plan, source=str(run.file("plan.json")))
     sorties_m = tuple(_planned_of(folder).route.waypoints_m for folder in run.sorties())
     return ReportContent(
@@ -150,7 +153,11 @@ def _planned_view(coverage: CoverageMap, route: Route, sorties_m: Sequence[Float
     poses = planned_poses(coverage, sorties_m or parts_m)
     pictures = count_pictures(coverage, poses) if takes_pictures(coverage.site.scenario) else None
     statistics = None if pictures is None else picture_statistics(coverage, pictures)
-    seen = np.logical_or.reduce([coverage.seen(part_m) for part_m in parts_m], axis=0)
+    site = coverage.site
+    eyes = [map_for(site, vehicle_sites(site)[group[0] - 1]) for group in groups_of(site.scenario)] or [coverage]
+    seen = np.logical_or.reduce([eye.seen(part_m) for eye, part_m in zip(eyes, parts_m, strict=True)], axis=0)
+    if own_sensors(site.scenario):  # pictures of different cameras are not counted together
+        return PlannedView(seen, poses, None, None)
     return PlannedView(seen, poses, pictures, statistics)
 
 

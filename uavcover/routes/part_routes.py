@@ -1,6 +1,6 @@
 """Figures of a route whose parts are flown by vehicles that each have a part of the area: they count together."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 
@@ -9,7 +9,7 @@ from uavcover.routes.objectives import judge_member
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.fleet_map import fleet_map, map_for
 
 
 def judge_route(site: Site, route: Route, origin: str, *, margin_m: float) -> RouteMember:
@@ -18,13 +18,12 @@ def judge_route(site: Site, route: Route, origin: str, *, margin_m: float) -> Ro
     Where vehicles have parts of the area, each part of the route has the figures of the first vehicle that sees that part. What
     any of them sees is seen; counts, lengths, times and costs are those of all together.
     """
-    whole = judging_map(site)
+    whole = fleet_map(site)
     groups = groups_of(site.scenario)
     if not groups:
         return judge_member(whole, route, origin, margin_m=margin_m)
-    _ = whole.coverable  # found once, and not by each vehicle again
     sites = vehicle_sites(site)
-    maps = [whole.flown_from(sites[group[0] - 1]) for group in groups]
+    maps = [map_for(site, sites[group[0] - 1]) for group in groups]
     members = [judge_member(own, part, origin, margin_m=margin_m) for own, part in zip(maps, route.parts, strict=True)]
     seen = np.logical_or.reduce(
         [own.seen(part.waypoints_m) for own, part in zip(maps, route.parts, strict=True)], axis=0
@@ -36,7 +35,6 @@ def judge_route(site: Site, route: Route, origin: str, *, margin_m: float) -> Ro
 
 
 def _together(parts: Sequence[RouteMetrics], *, share: float, of_coverable: float) -> RouteMetrics:
-    times_s = [part.mission_time_s for part in parts]
     return RouteMetrics(
         coverage_fraction=share,
         coverage_of_coverable=of_coverable,
@@ -46,5 +44,12 @@ def _together(parts: Sequence[RouteMetrics], *, share: float, of_coverable: floa
         min_height_agl_m=min(part.min_height_agl_m for part in parts),
         max_height_agl_m=max(part.max_height_agl_m for part in parts),
         cost=sum(part.cost for part in parts),
-        mission_time_s=None if None in times_s else sum(time_s for time_s in times_s if time_s is not None),
+        mission_time_s=_sum(part.mission_time_s for part in parts),
+        mission_energy_hover_s=_sum(part.mission_energy_hover_s for part in parts),
     )
+
+
+def _sum(values: Iterable[float | None]) -> float | None:
+    """The sum; none where one is not known."""
+    known = list(values)
+    return None if None in known else sum(value for value in known if value is not None)

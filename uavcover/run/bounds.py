@@ -10,6 +10,7 @@ from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.run.documents import bound_document
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.fleet_map import fleet_map
 from uavcover.sensing.sensors import reach_at_height_m
 
 
@@ -43,7 +44,7 @@ def bounds(site: Site, result: Plan | None = None, *, time_s: float | None = Non
         time_s: for prices on the ground, or for branch and bound, half of it for each question; 0: proofs that take no solver
             alone; default: linear relaxations too, where they are quick.
     """
-    coverage = judging_map(site)
+    coverage = fleet_map(site)
     found: dict[str, Any] = {"coverable_fraction": coverage.share(coverage.coverable)}
     if site.scenario.sensor.sensing == "along-path":
         width = 2.0 * reach_at_height_m(site.scenario.sensor, best_height_agl_m(site))

@@ -27,9 +27,13 @@ from uavcover.run.judge import judge_run, read_log, say_inputs
 from uavcover.run.judged_inputs import check_accepted, logs_of_the_verdict
 from uavcover.run.mission import compile_plan, mission_texts
 from uavcover.run.plan_files import save_plan
-from uavcover.run.provenance import note_files
+from uavcover.run.provenance import note_files, sha256_of_content
 from uavcover.run.user import User, percent, to_paste
+from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicle_parts import own_sensors
+from uavcover.scenario.vehicle_site import vehicle_sites
+from uavcover.sensing.fleet_map import map_for
 
 GAP_FILES = ("gaps.geojson", "gap_mission.waypoints")
 
@@ -125,8 +129,10 @@ def close_gaps(
     with user.progress("planning the gap mission"):
         own_logs = list(request.logs) or flown_tracks(run)
         in_the_air = read_log(own_logs[-1], site).track if start is GapStart.LAST else None
-        mission = plan_gap_mission(site, verdict, min_area_m2=min_area_m2, target=target, in_the_air=in_the_air)
-    folder = save_gap_mission(run, site, mission, command=command, force=request.force)
+        first = vehicle_sites(site)[0] if own_sensors(site.scenario) else site
+        mission = plan_gap_mission(first, verdict, min_area_m2=min_area_m2, target=target, in_the_air=in_the_air)
+    whole_sha256 = None if first is site else sha256_of_content(dump_scenario(site.scenario))
+    folder = save_gap_mission(run, first, mission, command=command, force=request.force, scenario_sha256=whole_sha256)
     path = mission.wanted.path_m
     length_m = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
     document |= {
@@ -206,7 +212,7 @@ def plan_gap_mission(
     """The mission that closes the coverable gaps of a flight and lands at home.
 
     Args:
-        site: the scenario on its ground.
+        site: the scenario on its ground; of vehicles with sensors of their own, the site of the one that flies it.
         verdict: on what was flown.
         min_area_m2: smaller gaps are left open.
         target: share of the coverable area that is enough, 0..1; default: everything.
@@ -227,6 +233,9 @@ def plan_gap_mission(
     for region in verdict.gaps:
         if region.gap.coverable and region.gap.area_m2 >= min_area_m2:
             missing[region.cells] = True
+    own_eyes = site.scenario.sensor != coverage.site.scenario.sensor or own_sensors(coverage.site.scenario)
+    eyes = map_for(coverage.site, site) if own_eyes else coverage
+    missing &= eyes.coverable
     if not missing.any():
         raise InfeasibleError("there are no gaps to close that could be seen and are large enough")
     needed_m2 = None
@@ -236,12 +245,12 @@ def plan_gap_mission(
             raise InfeasibleError(f"there is nothing to close: the flight has reached {100 * target:g} % already")
         needed_m2 = lacking * float(coverage.grid.weight_m2[coverage.coverable].sum())
     start_m = site.home_m if in_the_air is None else _last_place_m(site, in_the_air)
-    closing = plan_closing_route(coverage, missing, start_m=start_m, end_m=site.home_m, needed_m2=needed_m2)
+    closing = plan_closing_route(eyes, missing, start_m=start_m, end_m=site.home_m, needed_m2=needed_m2)
     compiled = compile_plan(site, closing.route)
     continuation = None if in_the_air is None else _continuation(site, closing.route, in_the_air)
     route = closing.route
-    member = judge_member(coverage, route, "gap-closing", margin_m=site.scenario.limits.height_margin_m)
-    after = coverage.share_of_coverable(seen | coverage.seen(route.waypoints_m))
+    member = judge_member(eyes, route, "gap-closing", margin_m=site.scenario.limits.height_margin_m)
+    after = coverage.share_of_coverable(seen | eyes.seen(route.waypoints_m))
     plan = Plan(
         chosen=member, members=(member,), baselines=(), rule="gaps", rule_met=target is None or after >= target,
         algorithm="gap-closing", evaluations=0, wall_s=time.monotonic() - started,
@@ -281,7 +290,13 @@ def save_gaps(run: RunFolder, verdict: Verdict, *, command: Sequence[str]) -> No
 
 
 def save_gap_mission(
-    run: RunFolder, site: Site, mission: GapMission, *, command: Sequence[str], force: bool
+    run: RunFolder,
+    site: Site,
+    mission: GapMission,
+    *,
+    command: Sequence[str],
+    force: bool,
+    scenario_sha256: str | None = None,
 ) -> RunFolder:
     """Write ``gap_mission.waypoints``, and a run folder inside this one that can be uploaded and flown from home.
 
@@ -293,7 +308,7 @@ def save_gap_mission(
     with folder.reserved((*PLAN_FILES, *OF_A_PLAN), force=force):
         save_plan(
             folder, site, mission.plan, compiled=mission.compiled, autopilot=autopilot,
-            seed=site.scenario.planner.seed, command=command,
+            seed=site.scenario.planner.seed, command=command, scenario_sha256=scenario_sha256,
         )  # fmt: skip
     texts = mission_texts(mission.wanted, autopilot=autopilot, name=site.scenario.name)
     run.write_text("gap_mission.waypoints", texts["mission.waypoints"])

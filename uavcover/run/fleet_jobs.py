@@ -10,6 +10,7 @@ from uavcover.model.route import Route
 from uavcover.routes.sorties import Sortie
 from uavcover.routes.timeline import Timeline, timeline_of
 from uavcover.run.flights import TRACK
+from uavcover.run.flown_by import is_alike
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan
 from uavcover.run.planned import read_planned
@@ -149,8 +150,7 @@ def _sortie_of(job: Job) -> RunFolder:
 
 def is_for(job: Job, site: Site) -> bool:
     """Whether a job is planned for a vehicle like that of a site, from the same home."""
-    own, other = job.site.scenario, site.scenario
-    return (own.vehicle, own.home) == (other.vehicle, other.home)
+    return is_alike(job.site.scenario, site.scenario)
 
 
 def for_another(job: Job, site: Site, command: Sequence[str]) -> Job:
@@ -170,8 +170,10 @@ def time_for(job: Job, route: Route, site: Site) -> float:
     """How long the vehicle of a site takes for a job, or for a part of it; as planned where it is like the job's own.
 
     Raises:
-        InfeasibleError: a leg breaks a limit of that vehicle, or the flight takes it too long.
+        InfeasibleError: that vehicle sees something else, a leg breaks a limit of it, or the flight takes it too long.
     """
+    if job.site.scenario.sensor != site.scenario.sensor:
+        raise InfeasibleError("it is planned for another sensor than those of the vehicles that are left")
     return job.timeline.duration_s if is_for(job, site) else _planned_use(site, route)[0].duration_s
 
 

@@ -44,8 +44,9 @@ def write_fleet_recording(run: RunFolder, folders: Sequence[RunFolder]) -> Path 
             raise InputError(
                 f"{folder.file(TRACK)}: does not tell when its positions arrived, so {FLEET_RECORDING} is left out"
             )
-        route = read_planned(folder)[1].route
-        flown = flown_coverage(coverage, track, PlannedRoute(route.waypoints_m, 0.0))
+        own, flown_plan = read_planned(folder)
+        eyes = coverage if own.scenario.sensor == site.scenario.sensor else judging_map(own)
+        flown = flown_coverage(eyes, track, PlannedRoute(flown_plan.route.waypoints_m, 0.0))
         name = str(folder.path.relative_to(run.path)).replace("/", ", ")
         shared[name] = (times.taken_utc_s, track.enu_m)
         first_seen.append((flown.first_seen_s, track.time_s, times.taken_utc_s))

@@ -3,11 +3,17 @@
 from pathlib import Path
 
 from uavcover.errors import InputError
+from uavcover.model.scenario import Scenario
 from uavcover.run.folder import RunFolder
 from uavcover.run.user import to_paste
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_site import vehicle_sites
+
+
+def is_alike(own: Scenario, other: Scenario) -> bool:
+    """Whether two vehicles have the same settings, home and sensor."""
+    return (own.vehicle, own.home, own.sensor) == (other.vehicle, other.home, other.sensor)
 
 
 def site_for(log: Path, run: RunFolder, site: Site) -> Site:
@@ -28,6 +34,6 @@ def site_for(log: Path, run: RunFolder, site: Site) -> Site:
     scenario = load_scenario(beside) if beside.exists() else site.scenario
     # Only who flew and from where is the sortie's; limits and ground are those of the whole run.
     for own in vehicle_sites(site):
-        if (own.scenario.vehicle, own.scenario.home) == (scenario.vehicle, scenario.home):
+        if is_alike(own.scenario, scenario):
             return own
     raise InputError(f"{beside}: has a vehicle or a home that is none of {run.file('scenario.toml')}; plan again")

@@ -39,6 +39,7 @@ from uavcover.run.user import User, metres, percent
 from uavcover.run.verify_workers import counter_of
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.fleet_map import fleet_map
 from uavcover.vehicle.track_file import read_track_with_warnings
 
 LAYER_REASONS = ", ".join(f"{code} {reason}" for code, reason in enumerate(("seen", *REASONS)))
@@ -132,7 +133,7 @@ def judge_tracks(
         FlownTrack(track, planned, own)
         for (track, planned), own in zip(tracks, sites or [site] * len(tracks), strict=True)
     ]
-    return verify_flight(site, judging_map(site), flown, evidence=evidence, count=count)
+    return verify_flight(site, fleet_map(site), flown, evidence=evidence, count=count)
 
 
 def save_verdict(

@@ -9,7 +9,6 @@ from typing import Any
 
 from uavcover.model.route import Plan, Route
 from uavcover.model.vehicle import AutopilotName
-from uavcover.routes.flight_costs import mission_cost
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.objectives import judge_member
 from uavcover.routes.sorties import Sortie
@@ -33,6 +32,7 @@ from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.fleet_map import map_for
 
 
 def save_plan(
@@ -83,13 +83,11 @@ def save_plan(
     asked_sha256 = scenario_sha256 or sha256_of_content(scenario)
     about = _run_document(site, asked_sha256, seed=seed, command=command, plan_wall_s=result.wall_s)
     own_sites = vehicle_sites(site) if sorties else ()
-    judged = judging_map(site) if sorties else None
     of_any_plan = {name: limit for name, limit in limits.items() if not isinstance(limit, dict)}
     for row, sortie in zip(rows, sorties, strict=True):
-        if judged is None:
-            break
         own_site = own_sites[sortie.vehicle - 1] if own_sites else site
-        plan = _plan_of_sortie(judged, own_site, result, sortie)
+        judged = map_for(site, own_site) if own_sites else judging_map(site)
+        plan = _plan_of_sortie(judged, result, sortie)
         own_name = own_site.scenario.vehicle.autopilot if own_sites else autopilot
         own = {"scenario.toml": dump_scenario(own_site.scenario) if own_sites else scenario, **_set_texts(plan)}
         title = f"{site.scenario.name}, sortie {row['number']}"
@@ -139,16 +137,9 @@ def _sortie_row(number: int, sortie: Sortie) -> dict[str, Any]:
     }
 
 
-def _plan_of_sortie(judged: CoverageMap, site: Site, whole: Plan, sortie: Sortie) -> Plan:
+def _plan_of_sortie(judged: CoverageMap, whole: Plan, sortie: Sortie) -> Plan:
     """A plan with the part of the chosen route that a sortie flies, judged by itself, from the home of its vehicle."""
-    route = sortie.route
-    member = judge_member(judged, route, whole.chosen.origin, margin_m=0.0)
-    if site is not judged.site:
-        own = mission_cost(site, route)
-        metrics = dataclasses.replace(
-            member.metrics, mission_time_s=own.time_s, mission_energy_hover_s=own.energy_hover_s
-        )
-        member = dataclasses.replace(member, metrics=metrics)
+    member = judge_member(judged, sortie.route, whole.chosen.origin, margin_m=0.0)
     return dataclasses.replace(whole, chosen=member, members=(member,), baselines=())
 
 

@@ -4,7 +4,11 @@ from typing import Any
 
 from uavcover.errors import ScenarioError
 
-_OF_SEVERAL = {"home": "has its home in [home]", "area": "sees the whole [area]"}
+_OF_SEVERAL = {
+    "home": "has its home in [home]",
+    "area": "sees the whole [area]",
+    "sensor": "has its sensor in [sensor]",
+}
 """Keys of a [[vehicle]] that one vehicle alone does not have, and where it has them."""
 
 

@@ -176,22 +176,25 @@ def _mistakes(errors: list[ErrorDetails], raw: dict[str, Any]) -> list[str]:
             continue  # the first one of the list, whose mistakes are named there
         if keys[:1] == ["vehicles"]:
             keys[0] = "vehicle"
-        classes = _section_classes(keys[0]) if keys else []
-        if len(classes) > 1 and len(keys) > 1:
+        begin, section, classes = keys[:1], raw.get(str(keys[0])) if keys else None, _section_classes(*keys[:1])
+        if keys[:1] == ["vehicle"] and keys[2:3] == ["sensor"]:
+            begin, section, classes = keys[:3], raw["vehicles"][keys[1]]["sensor"], _section_classes("sensor")
+        if len(classes) > 1 and len(keys) > len(begin):
             # A section with several kinds is validated as each of them; only the errors of its own kind matter.
-            section = raw[str(keys[0])]
+            name, own = ".".join(map(str, begin)), keys[len(begin)]
             by_kind = {get_args(get_type_hints(cls)["kind"])[0]: cls.__name__ for cls in classes}
             kind = section.get("kind") if isinstance(section, dict) else None
             if not isinstance(kind, str) or kind not in by_kind:
                 names = " or ".join(repr(name) for name in by_kind)
                 if not isinstance(section, dict):
-                    message = f"{keys[0]}: must be a table with a kind ({names}), not {_shown(section)}"
+                    message = f"{name}: must be a table with a kind ({names}), not {_shown(section)}"
                 elif "kind" in section:
-                    message = f"{keys[0]}.kind: must be {names}, not {_shown(kind)}"
+                    message = f"{name}.kind: must be {names}, not {_shown(kind)}"
                 else:
-                    message = f"{keys[0]}.kind: is missing; give {names}"
-            elif keys[1] == by_kind[kind]:
-                message = _mistake(details, [keys[0], *keys[2:]], [cls for cls in classes if cls.__name__ == keys[1]])
+                    message = f"{name}.kind: is missing; give {names}"
+            elif own == by_kind[kind]:
+                kinds = [cls for cls in classes if cls.__name__ == own]
+                message = _mistake(details, [*begin, *keys[len(begin) + 1 :]], kinds)
             else:
                 continue
         else:
@@ -239,7 +242,7 @@ def _shown(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 
-def _section_classes(section: str | int) -> list[type]:
+def _section_classes(section: str | int = "") -> list[type]:
     """The possible dataclasses of a section of the file."""
     hint = get_type_hints(Scenario).get(str(section))
     return [part for part in (hint, *get_args(hint)) if isinstance(part, type) and dataclasses.is_dataclass(part)]

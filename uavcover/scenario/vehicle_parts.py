@@ -7,6 +7,7 @@ import shapely
 
 from uavcover.errors import ScenarioError
 from uavcover.model.scenario import Scenario
+from uavcover.model.sensor import Sensor
 from uavcover.scenario.site import Site, area_as_drawn, polygons_in_metres
 
 Piece = shapely.Polygon | shapely.MultiPolygon
@@ -29,10 +30,28 @@ class OwnParts:
 
 
 def groups_of(scenario: Scenario) -> tuple[tuple[int, ...], ...]:
-    """The vehicles that see a part of the area together, by their numbers; none where all see the whole area together."""
-    own = [(number,) for number, vehicle in enumerate(scenario.vehicles, start=1) if vehicle.area is not None]
-    others = tuple(number for number, vehicle in enumerate(scenario.vehicles, start=1) if vehicle.area is None)
-    return tuple(sorted([*own, *([others] if others else [])])) if own else ()
+    """The vehicles that see a part of the area together, by their numbers; none where all see the whole area together.
+
+    A vehicle with a part sees it alone; of the others, those with equal sensors share one.
+    """
+    own: list[tuple[int, ...]] = []
+    others: list[tuple[Sensor, list[int]]] = []
+    for number, vehicle in enumerate(scenario.vehicles, start=1):
+        sensor = vehicle.sensor or scenario.sensor
+        alike = next((numbers for other, numbers in others if other == sensor), None)
+        if vehicle.area is not None:
+            own.append((number,))
+        elif alike is not None:
+            alike.append(number)
+        else:
+            others.append((sensor, [number]))
+    groups = sorted([*own, *(tuple(numbers) for _, numbers in others)])
+    return tuple(groups) if own or len(groups) > 1 else ()
+
+
+def own_sensors(scenario: Scenario) -> bool:
+    """Whether a vehicle has a sensor that is not that of [sensor]."""
+    return any(vehicle.sensor not in (None, scenario.sensor) for vehicle in scenario.vehicles)
 
 
 def own_parts(site: Site) -> OwnParts:

@@ -20,7 +20,12 @@ def vehicle_scenario(site: Site, number: int) -> Scenario:
     if frame is not None:
         origin = Origin(lat_deg=frame.lat_deg, lon_deg=frame.lon_deg, alt_amsl_m=frame.alt_amsl_m)
     return dataclasses.replace(
-        scenario, vehicle=dataclasses.replace(own, home=None, area=None), home=own.home, origin=origin, vehicles=()
+        scenario,
+        vehicle=dataclasses.replace(own, home=None, area=None, sensor=None),
+        home=own.home,
+        sensor=own.sensor or scenario.sensor,
+        origin=origin,
+        vehicles=(),
     )
 
 

@@ -27,6 +27,14 @@ def test_parts_are_the_area_and_share_its_work(area, home) -> None:
     assert max(shares) < (1.01 if home is None else 1.35) * min(shares)
 
 
+@pytest.mark.parametrize("area", [SQUARE, L_WITH_HOLE, TWO], ids=["square", "L", "two"])
+def test_work_is_shared_in_the_proportions_asked_for(area) -> None:
+    wanted = [1.0, 0.2, 3.0, 0.7]
+    parts = divide(area, 4, FlightWork(150.0), wanted)
+    assert [part.area / area.area for part in parts] == pytest.approx([w / sum(wanted) for w in wanted], rel=0.02)
+    assert divide(area, 3, FlightWork(150.0), [2.0, 2.0, 2.0]) == divide(area, 3, FlightWork(150.0))
+
+
 def test_around_home_every_part_begins_near_it() -> None:
     work = FlightWork(150.0, (1500.0, 1500.0))
     ways = [work.way_m(part) for part in divide(SQUARE, 4, work)]

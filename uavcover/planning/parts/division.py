@@ -7,7 +7,7 @@ rays: every part begins there, and the way to it is short. Far from home, or wit
 """
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -50,13 +50,14 @@ class FlightWork:
         return float(piece.area) / self.swath_m + parts * self.way_m(piece)
 
 
-def divide(area: Piece, count: int, work: FlightWork) -> list[Piece]:
-    """Divide an area into parts of about equal work.
+def divide(area: Piece, count: int, work: FlightWork, shares: Sequence[float] | None = None) -> list[Piece]:
+    """Divide an area into parts of about equal work, or of work in given proportions.
 
     Args:
         area: east, north metres; holes and several polygons may be.
         count: of parts, 1 at least.
         work: what flights cost.
+        shares: (count,) of the work, in any unit, above 0; default: equal ones.
 
     Returns:
         (count,) parts that touch and do not overlap, and are together the area; in the order of the cuts.
@@ -64,8 +65,10 @@ def divide(area: Piece, count: int, work: FlightWork) -> list[Piece]:
     if count == 1:
         return [area]
     first = count // 2
+    amounts = [1.0] * count if shares is None else list(shares)
+    wanted = sum(amounts[:first]), sum(amounts[first:])
     best: tuple[float, Piece, Piece] | None = None
-    for one, other, cut_m in _cuts(area, first, count - first, work):
+    for one, other, cut_m in _cuts(area, first, count - first, work, wanted):
         if one.is_empty or other.is_empty:
             continue
         price = _CUT_PRICE * cut_m + first * work.way_m(one) + (count - first) * work.way_m(other)
@@ -73,10 +76,12 @@ def divide(area: Piece, count: int, work: FlightWork) -> list[Piece]:
             best = price, one, other
     if best is None:
         return [area]
-    return divide(best[1], first, work) + divide(best[2], count - first, work)
+    return divide(best[1], first, work, amounts[:first]) + divide(best[2], count - first, work, amounts[first:])
 
 
-def _cuts(piece: Piece, first: int, second: int, work: FlightWork) -> Iterator[tuple[Piece, Piece, float]]:
+def _cuts(
+    piece: Piece, first: int, second: int, work: FlightWork, wanted: tuple[float, float]
+) -> Iterator[tuple[Piece, Piece, float]]:
     """Both sides of every cut that is tried, and its length inside the piece."""
     west, south, east, north = piece.bounds
     middle = np.array([0.5 * (west + east), 0.5 * (south + north)])
@@ -91,7 +96,7 @@ def _cuts(piece: Piece, first: int, second: int, work: FlightWork) -> Iterator[t
             def wedge(share: float, angle: float = angle) -> shapely.Polygon:
                 return _wedge(home, angle, share * 2.0 * math.pi, far_m)
 
-            yield _balanced(piece, first, second, work, wedge)
+            yield _balanced(piece, first, second, work, wanted, wedge)
             if not piece.contains(shapely.Point(home)):
                 break
     for k in range(_DIRECTIONS):
@@ -106,7 +111,7 @@ def _cuts(piece: Piece, first: int, second: int, work: FlightWork) -> Iterator[t
                 )]
             )  # fmt: skip
 
-        yield _balanced(piece, first, second, work, half)
+        yield _balanced(piece, first, second, work, wanted, half)
 
 
 def _begin_rad(piece: Piece, home: FloatArray) -> float:
@@ -127,7 +132,12 @@ def _wedge(home: FloatArray, begin_rad: float, turn_rad: float, far_m: float) ->
 
 
 def _balanced(
-    piece: Piece, first: int, second: int, work: FlightWork, side: Callable[[float], shapely.Polygon]
+    piece: Piece,
+    first: int,
+    second: int,
+    work: FlightWork,
+    wanted: tuple[float, float],
+    side: Callable[[float], shapely.Polygon],
 ) -> tuple[Piece, Piece, float]:
     """The cut that gives both sides their share of the work."""
     low, high = 0.0, 1.0
@@ -135,7 +145,9 @@ def _balanced(
         share = 0.5 * (low + high)
         one = polygons_of(piece.intersection(side(share)))
         other = polygons_of(piece.difference(side(share)))
-        if one.is_empty or (not other.is_empty and work.of(one, first) / first < work.of(other, second) / second):
+        if one.is_empty or (
+            not other.is_empty and work.of(one, first) / wanted[0] < work.of(other, second) / wanted[1]
+        ):
             low = share
         else:
             high = share
