@@ -89,7 +89,7 @@ def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
             "[[vehicle]]\n[[vehicle]]\nsensor = { kind = 'nadir-camera', fov_deg = 60.0, range_m = 20.0 }\n",
             "vehicle.1.sensor.range_m: 20.0 m does not reach the ground from limits.min_height_agl_m",
         ),
-        ("[[vehicle]]\n[[vehicle]]\nlink = 'udp:127.0.0.1:1'\n", "vehicle.1.link: unknown key"),
+        ("[[vehicle]]\n[[vehicle]]\nlinks = 'udp:127.0.0.1:1'\n", "vehicle.1.links: unknown key"),
         ("[[vehicle]]\nhome = { lat_deg = 36.4 }\n[[vehicle]]\n", "vehicle.0.home: give lat_deg and lon_deg"),
         (
             "[[vehicle]]\n[[vehicle]]\nhome = { east_m = 1.0, north_m = 2.0 }\n",

@@ -69,7 +69,7 @@ class OlderFlight:
 
 def fly(
     run: Annotated[Path, typer.Argument(help="Run folder whose mission the vehicle holds.")],
-    to: options.ToEach,
+    to: options.ToEach = None,
     *,
     sortie: options.Sortie = None,
     on_loss: Annotated[
@@ -95,11 +95,15 @@ def fly(
     from uavcover.errors import INTERRUPTED, InputError
     from uavcover.run.fly import ENDED_BY_USER, FlightOptions, fly_run, resume_run
     from uavcover.run.folder import RunFolder
+    from uavcover.run.own_links import links_of_run
     from uavcover.run.planned import read_planned
     from uavcover.run.user import to_paste
     from uavcover.vehicle.flight_plan import FlightTimeouts
 
-    links = [replace(vehicle.link_to(url, client=vehicle.client), mock_speed=vehicle.mock_speed) for url in to]
+    if older.resume and not to and sortie is None and RunFolder(run).sorties():
+        RunFolder(run).flight(sortie)  # one of several, and nobody says which
+    urls = links_of_run(RunFolder(run), to, sortie=sortie)
+    links = [replace(vehicle.link_to(url, client=vehicle.client), mock_speed=vehicle.mock_speed) for url in urls]
     link = links[0]
     console = output.console()
     if len(links) > 1 and (sortie is not None or older.resume):

@@ -76,11 +76,11 @@ To = Annotated[
     ),
 ]
 ToEach = Annotated[
-    list[str],
+    list[str] | None,
     typer.Option(
         "--to",
         help="Where the vehicle is: mock:, udpin://HOST:PORT (wait for it), udpout://HOST:PORT (speak first), udp:HOST:PORT. "
-        "Again for more: vehicle 2, 3, ... of the plan, each gets its first sortie.",
+        "Again for more: vehicle 2, 3, ... of the plan, each gets its first sortie. Default: link of each [[vehicle]].",
         metavar="URL",
     ),
 ]

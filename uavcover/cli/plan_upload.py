@@ -38,7 +38,7 @@ class Planning:
 
 def plan_upload(
     source: Annotated[str, typer.Argument(help="A scenario (planned first), or a run folder.", metavar="SCENARIO|RUN")],
-    to: options.ToEach,
+    to: options.ToEach = None,
     *,
     sortie: options.Sortie = None,
     planning: Planning,
@@ -54,6 +54,7 @@ def plan_upload(
     """
     from uavcover.errors import InputError
     from uavcover.run.folder import RunFolder
+    from uavcover.run.own_links import links_of_run, links_of_scenario
     from uavcover.run.plan import PlanRequest, plan_into
     from uavcover.run.planned import read_planned
     from uavcover.run.session import require_home
@@ -61,12 +62,17 @@ def plan_upload(
     from uavcover.run.upload_fleet import require_different
     from uavcover.run.user import to_paste
 
-    links = [vehicle.transfer_link(url) for url in to]  # a bad key is known before an hour of planning
-    require_different(to)
-    if len(to) > 1 and sortie is not None:
+    # A bad link or key is known before an hour of planning.
+    is_run = Path(source).is_dir()
+    urls = (
+        links_of_run(RunFolder(source), to, sortie=sortie) if is_run else links_of_scenario(source, to, sortie=sortie)
+    )
+    links = [vehicle.transfer_link(url) for url in urls]
+    require_different(urls)
+    if len(urls) > 1 and sortie is not None:
         raise InputError("--sortie: with several --to each vehicle gets its own first sortie; leave it out")
     console = output.console()
-    if Path(source).is_dir():
+    if is_run:
         if unused := planning.given():
             raise InputError(
                 f"{source}: is a run folder and has its plan already; {', '.join(unused)} would do nothing"
@@ -77,7 +83,7 @@ def plan_upload(
         request = PlanRequest(
             scenario=source, folder=folder.path, command=sys.argv, force=force, seed=planning.seed,
             evaluations=planning.evaluations, budget_s=options.seconds(planning.budget), select=planning.select,
-            vehicles=len(to) if len(to) > 1 else None,
+            vehicles=len(urls) if len(urls) > 1 else None,
         )  # fmt: skip
         outcome = plan_into(request, console, check_site=require_home)
         if outcome.exit_code:
@@ -91,7 +97,7 @@ def plan_upload(
     document = upload_run(folder, site, planned.route, links[0], console, in_flight=in_flight)
     console.say(f"written: {folder.file('upload.json')}")
     if document["passed"]:
-        console.suggest(to_paste("fly", folder, "--to", to[0]))
+        console.suggest(to_paste("fly", folder, "--to", urls[0]))
     console.result({"run": str(folder), **document})
     return 0 if document["passed"] else 1
 

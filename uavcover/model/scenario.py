@@ -290,6 +290,12 @@ class Scenario:
             self.requirements.min_overlap_fraction is None or all(v.sensor is None for v in self.vehicles),
             "requirements.min_overlap_fraction: is that of one camera; leave it out where vehicles have sensors of their own",
         )
+        links = [vehicle.link for vehicle in self.vehicles]
+        for number, link in enumerate(links):
+            require(
+                link is None or link.startswith("mock:") or link not in links[:number],
+                f"vehicle.{number}.link: {link} is that of vehicle.{links.index(link)}; each vehicle needs a link of its own",
+            )
         self._require_fits(self.sensor, "sensor")
         for number, vehicle in enumerate(self.vehicles):
             if vehicle.sensor is not None:

@@ -152,6 +152,7 @@ class Vehicle:
         area: of one of several vehicles, the part of the area that it sees; default: with the others that have none, the rest.
         sensor: of one of several vehicles, its own; default: [sensor]. Vehicles with different ones see different parts, and the
             planner divides what ``area`` gives to none, so that all are done soon.
+        link: where it is, as ``--to`` says it, for commands that are given no ``--to``.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -173,6 +174,7 @@ class Vehicle:
     home: Home | None = None
     area: Outline | None = None
     sensor: Sensor | None = None
+    link: str | None = None
 
     def __post_init__(self) -> None:
         require_positive(

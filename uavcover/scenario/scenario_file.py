@@ -14,6 +14,8 @@ import tomli_w
 from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
+from mission_io.errors import MissionIoError
+from mission_io.links.opening import parse_link_url
 from uavcover.errors import InputError, ScenarioError
 from uavcover.model.area import Area
 from uavcover.model.no_fly import NoFly
@@ -98,8 +100,11 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
         raise ScenarioError(f"{source}: {'; '.join(mistakes)}") from error
     mistakes += outline_mistakes(scenario.area, folder, key="area") + fence_mistakes(scenario.limits)
     for number, vehicle in enumerate(scenario.vehicles):
+        mistakes += _link_mistakes(vehicle.link, f"vehicle.{number}.link")
         if vehicle.area is not None:
             mistakes += outline_mistakes(vehicle.area, folder, key=f"vehicle.{number}.area")
+    if not scenario.vehicles:
+        mistakes += _link_mistakes(scenario.vehicle.link, "vehicle.link")
     mistakes += _obstacle_mistakes(scenario, folder)
     on_earth = scenario.area.is_geographic or scenario.origin is not None
     drawn = [zone for zone in scenario.no_fly if zone.file is None]
@@ -309,6 +314,17 @@ def with_no_fly(scenario: Scenario, files: Sequence[str], *, margin_m: float) ->
     except ScenarioError as error:
         raise InputError(f"--no-fly: {str(error).partition(': ')[2]}") from error
     return dataclasses.replace(scenario, no_fly=(*scenario.no_fly, *zones))
+
+
+def _link_mistakes(link: str | None, key: str) -> list[str]:
+    """Why no vehicle can be at a link."""
+    if link is None or link.startswith("mock:"):
+        return []
+    try:
+        parse_link_url(link)
+    except MissionIoError as error:
+        return [f"{key}: {error}"]
+    return []
 
 
 def _obstacle_mistakes(scenario: Scenario, folder: Path) -> list[str]:
