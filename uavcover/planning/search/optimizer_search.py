@@ -69,7 +69,7 @@ class Searched:
 class Effort:
     """How long to search: a number of evaluations, or a time budget in seconds measured by ``now``.
 
-    The baselines get at most half of the budget, lines a quarter where more follows, the optimizer at least one round.
+    The baselines get at most half of the budget, a tenth or less where a local search follows; the optimizer at least one round.
     Where a local search follows, all of planning is inside (:class:`uavcover.planning.front.Finish`); of a plain optimizer
     judging what was found comes on top.
     """
