@@ -10,7 +10,7 @@ import pytest
 
 from tests.planning.sites import SQUARE, hills, make_site
 from uavcover.model.route import Route
-from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, bend_lines, fly_bent, simple_lines
+from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, bend_lines, fly_bent, simple_lines, tight_lines
 from uavcover.planning.baselines.boustrophedon import best_height_agl_m
 from uavcover.planning.baselines.swaths import SwathLayout, regular_layout, width_across_m
 from uavcover.scenario.site import Site
@@ -25,7 +25,7 @@ def equal(one: list[Route], other: list[Route]) -> bool:
     )
 
 
-@pytest.mark.parametrize("make", [adaptive_swaths, simple_lines])
+@pytest.mark.parametrize("make", [adaptive_swaths, simple_lines, tight_lines])
 def test_threads_change_nothing_and_a_stop_leaves_the_first(make: Callable[..., list[Route]]) -> None:
     site = make_site(hills)
     routes = make(site, 0.3)
@@ -36,6 +36,13 @@ def test_threads_change_nothing_and_a_stop_leaves_the_first(make: Callable[..., 
     first = make(site, 0.3, should_stop=lambda: True)
     assert 0 < len(first) < len(some) < len(routes)
     assert equal(first, routes[: len(first)])
+
+
+def test_tight_lines_are_the_first_of_the_simple_ones() -> None:
+    site = make_site(hills)
+    tight, simple = tight_lines(site, 0.3), simple_lines(site, 0.3)
+    assert len(tight) == 8  # two numbers of lines, two tolerances, two insets
+    assert equal(tight, simple[:8])
 
 
 @pytest.mark.parametrize("ring", [SQUARE, STRIP])

@@ -204,6 +204,25 @@ TIGHT_INSETS = (0.96, 0.8)
 fit beside each other, and insets. On 25 km² 31 such lines see 99.5 % in 14,800 s, where 33 up to the ends took 15,530 s."""
 
 
+def tight_lines(
+    site: Site,
+    angle_rad: float,
+    *,
+    executor: Executor | None = None,
+    should_stop: Callable[[], bool] = lambda: False,
+) -> list[Route]:
+    """Bent lines in one direction with nothing to spare: as many as fit beside each other, or one fewer.
+
+    Args:
+        site: with a sensor for which :func:`can_be_adapted` holds.
+        angle_rad: direction of the lines, counter-clockwise from east.
+        executor: lays out several at once; the routes do not depend on it.
+        should_stop: asked before each number of lines; the first is always laid out.
+    """
+    items = [(layout, True, TIGHT_INSETS) for layout in _tight_layouts(site, angle_rad)]
+    return _laid_out(site, items, executor, should_stop)
+
+
 def simple_lines(
     site: Site,
     angle_rad: float,
@@ -219,19 +238,55 @@ def simple_lines(
         executor: lays out several at once; the routes do not depend on it.
         should_stop: asked before each number of lines; the first is always laid out.
     """
+    bends = can_be_adapted(site)
+    kinds = [(share, True) for share in BENT if bends] + [(share, False) for share in STRAIGHT]
+    ranked: list[tuple[tuple[int, bool, bool], SwathLayout, bool]] = []
+    for share, bent in kinds:
+        layouts = {
+            layout.heights_agl_m.size: layout
+            for layout in (_regular(site, angle_rad, share, _INSET, widths=w) for w in _LINES[bent])
+        }
+        for more, lines in enumerate(sorted(layouts)):
+            ranked.append(((more, not bent, share != _FIRST_BENT), layouts[lines], bent))
+    items: list[_Item] = [(layout, True, TIGHT_INSETS) for layout in _tight_layouts(site, angle_rad) if bends]
+    items += [(layout, bent, (_INSET,)) for _, layout, bent in sorted(ranked, key=lambda item: item[0])]
+    return _laid_out(site, items, executor, should_stop)
 
-    def regular(share: float, inset: float, *, widths: float, fewer: int | None = None) -> SwathLayout:
-        limits = site.scenario.limits
-        tolerance_m = share * (limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m)
-        height_m = best_height_agl_m(site, tolerance_m=tolerance_m)
-        swath_m = 2.0 * max(reach_at_height_m(site.scenario.sensor, height_m), site.scenario.area.cell_size_m)
-        wanted = widths * width_across_m(site, angle_rad) / swath_m
-        lines = math.ceil(wanted) if fewer is None else max(1, math.floor(wanted) - fewer)
-        return regular_layout(
-            angle_rad=angle_rad, lines=lines, height_agl_m=height_m, inset=inset, tolerance_m=tolerance_m
-        )
 
-    def laid_out(item: tuple[SwathLayout, bool, tuple[float, ...]]) -> list[Route]:
+def _tight_layouts(site: Site, angle_rad: float) -> list[SwathLayout]:
+    return [_regular(site, angle_rad, share, TIGHT_INSETS[0], fewer=fewer) for fewer in _FEWER for share in TIGHT]
+
+
+def _regular(
+    site: Site, angle_rad: float, share: float, inset: float, *, widths: float = 1.0, fewer: int | None = None
+) -> SwathLayout:
+    """Lines side by side, whose legs may leave their height by a share of the band.
+
+    Args:
+        site: of any sensor.
+        angle_rad: their direction, counter-clockwise from east.
+        share: of the band.
+        inset: of their ends, as a share of the sensor's reach.
+        widths: at least so many times as many as fit beside each other.
+        fewer: or so many fewer than fit.
+    """
+    limits = site.scenario.limits
+    tolerance_m = share * (limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m)
+    height_m = best_height_agl_m(site, tolerance_m=tolerance_m)
+    swath_m = 2.0 * max(reach_at_height_m(site.scenario.sensor, height_m), site.scenario.area.cell_size_m)
+    wanted = widths * width_across_m(site, angle_rad) / swath_m
+    lines = math.ceil(wanted) if fewer is None else max(1, math.floor(wanted) - fewer)
+    return regular_layout(angle_rad=angle_rad, lines=lines, height_agl_m=height_m, inset=inset, tolerance_m=tolerance_m)
+
+
+_Item = tuple[SwathLayout, bool, tuple[float, ...]]
+"""Lines, whether they bend, and the insets with which they are flown."""
+
+
+def _laid_out(
+    site: Site, items: Sequence[_Item], executor: Executor | None, should_stop: Callable[[], bool]
+) -> list[Route]:
+    def routes(item: _Item) -> list[Route]:
         layout, bent, insets = item
         if not bent:
             return [fly_layout(site, layout)]
@@ -240,16 +295,4 @@ def simple_lines(
             fly_bent(site, dataclasses.replace(layout, inset=inset), lines, straight_m=straight_m) for inset in insets
         ]
 
-    bends = can_be_adapted(site)
-    tight = [regular(share, TIGHT_INSETS[0], widths=1.0, fewer=fewer) for fewer in _FEWER for share in TIGHT if bends]
-    kinds = [(share, True) for share in BENT if bends] + [(share, False) for share in STRAIGHT]
-    ranked: list[tuple[tuple[int, bool, bool], SwathLayout, bool]] = []
-    for share, bent in kinds:
-        layouts = {
-            layout.heights_agl_m.size: layout for layout in (regular(share, _INSET, widths=w) for w in _LINES[bent])
-        }
-        for more, lines in enumerate(sorted(layouts)):
-            ranked.append(((more, not bent, share != _FIRST_BENT), layouts[lines], bent))
-    items: list[tuple[SwathLayout, bool, tuple[float, ...]]] = [(layout, True, TIGHT_INSETS) for layout in tight]
-    items += [(layout, bent, (_INSET,)) for _, layout, bent in sorted(ranked, key=lambda item: item[0])]
-    return [route for routes in _each(laid_out, items, executor, should_stop) for route in routes]
+    return [route for some in _each(routes, items, executor, should_stop) for route in some]

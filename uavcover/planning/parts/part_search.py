@@ -5,6 +5,7 @@ side, and no cell is asked for twice or forgotten.
 """
 
 import dataclasses
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -14,7 +15,7 @@ import shapely
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.sight import horizontal_reach
 from uavcover.model.route import Route
-from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted
+from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted, tight_lines
 from uavcover.planning.baselines.boustrophedon import Baseline, boustrophedons
 from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad
 from uavcover.planning.search.goal_search import RouteJudge, SearchStart, search_goal
@@ -189,7 +190,14 @@ def _constructed(part: Site, goal: float) -> list[Route]:
         if each.layout is not None
         for start in (0, 1)
     ]
-    bent = adaptive_swaths(part, long_side_angle_rad(part.area)) if can_be_adapted(part) else []
+    bent: list[Route] = []
+    if can_be_adapted(part):
+        angle_rad = long_side_angle_rad(part.area)
+        bent = (
+            adaptive_swaths(part, angle_rad)
+            + tight_lines(part, angle_rad)
+            + tight_lines(part, angle_rad + 0.5 * math.pi)
+        )
     margin_m = part.scenario.limits.height_margin_m
     broken = [measure_violations(part, route.waypoints_m, margin_m=margin_m).total for route in (*straight, *bent)]
     return [route for route, much in zip((*straight, *bent), broken, strict=True) if much <= max(0.0, min(broken))]
