@@ -179,28 +179,39 @@ def _looked_at(site: Site, task: PartTask) -> Piece:
 
 
 def _constructed(part: Site, goal: float) -> list[Route]:
-    """Lines over a part that keep the limits, begun at either end; where none does, what is nearest to it."""
+    """Lines over a part that keep the limits; where none does, what is nearest to it.
+
+    Lines that bend, in two directions; straight ones, begun at either end, for a sensor whose strip cannot be measured, or where
+    no line that bends keeps the limits.
+    """
+    margin_m = part.scenario.limits.height_margin_m
+
+    def broken(route: Route) -> float:
+        return measure_violations(part, route.waypoints_m, margin_m=margin_m).total
+
+    made: list[tuple[Route, float]] = []
+    if can_be_adapted(part):
+        angle_rad = long_side_angle_rad(part.area)
+        tight = tight_lines(part, angle_rad) + tight_lines(part, angle_rad + 0.5 * math.pi)
+        made = [(route, broken(route)) for route in adaptive_swaths(part, angle_rad) + tight]
+    if all(much > 0.0 for _, much in made):
+        made += [(route, broken(route)) for route in _straight(part, goal)]
+    least = min(much for _, much in made)
+    return [route for route, much in made if much <= max(0.0, least)]
+
+
+def _straight(part: Site, goal: float) -> list[Route]:
+    """The best boustrophedons of a short scan."""
     batches = iter([False])
     coarse = planning_map(part)
     asked = goal * coarse.share(coarse.coverable)
     tried = boustrophedons(coarse, should_stop=lambda: next(batches, True))
-    straight = [
+    return [
         fly_layout(part, dataclasses.replace(each.layout, start=start))
         for each in sorted(tried, key=lambda b: (b.violation, _merit(b, asked)))[:_STRAIGHT]
         if each.layout is not None
         for start in (0, 1)
     ]
-    bent: list[Route] = []
-    if can_be_adapted(part):
-        angle_rad = long_side_angle_rad(part.area)
-        bent = (
-            adaptive_swaths(part, angle_rad)
-            + tight_lines(part, angle_rad)
-            + tight_lines(part, angle_rad + 0.5 * math.pi)
-        )
-    margin_m = part.scenario.limits.height_margin_m
-    broken = [measure_violations(part, route.waypoints_m, margin_m=margin_m).total for route in (*straight, *bent)]
-    return [route for route, much in zip((*straight, *bent), broken, strict=True) if much <= max(0.0, min(broken))]
 
 
 def _merit(baseline: Baseline, asked: float) -> float:
