@@ -22,7 +22,8 @@ from tests.cli.conftest import (
 )
 from uavcover.model.route import RouteMetrics
 from uavcover.planning.planner import SearchProgress
-from uavcover.run.plan import PlanRequest, plan_into, progress_in_words, room_in_words
+from uavcover.run.plan import PlanRequest, plan_into
+from uavcover.run.plan_words import progress_in_words, room_in_words
 from uavcover.run.user import Unattended
 from uavcover.scenario.site import load_site
 

@@ -40,7 +40,7 @@ def select(
     from uavcover.planning.selection import parse_rule
     from uavcover.run.fleet import say_fleet
     from uavcover.run.folder import RunFolder, flown_in
-    from uavcover.run.plan import figures_header, figures_in_words, say_missions, say_older
+    from uavcover.run.plan_words import figures_header, figures_in_words, say_missions, say_older
     from uavcover.run.planned import read_planned
     from uavcover.run.select import choose
     from uavcover.run.user import to_paste

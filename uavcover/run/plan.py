@@ -1,6 +1,5 @@
 """Planning into a run folder, as ``plan``, ``plan-upload`` and ``demo`` do it."""
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -8,28 +7,31 @@ from pathlib import Path
 from typing import Any
 
 from uavcover.errors import INTERRUPTED, InfeasibleError, InputError
-from uavcover.model.active_times import window_in_words
-from uavcover.model.limits import FlightLimits
-from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
-from uavcover.model.scenario import Objective
+from uavcover.model.route import Plan, Route
 from uavcover.model.vehicle import autopilot_name
 from uavcover.planning.fleet_parts import part_sites
 from uavcover.planning.planner import SearchProgress
-from uavcover.planning.selection import parse_rule, select
+from uavcover.planning.selection import parse_rule
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie
 from uavcover.run.bounds import bounds, least_length_m
-from uavcover.run.documents import (
-    bounds_in_words,
-)
-from uavcover.run.fleet import fleet_document, makespan_s, say_fleet
+from uavcover.run.fleet import fleet_document, say_fleet
 from uavcover.run.folder import OF_A_PLAN, PARTS, PLAN_FILES, RunFolder
 from uavcover.run.kept_parts import KeptParts
 from uavcover.run.mission import compile_flights, one_or_several
 from uavcover.run.plan_files import save_plan
+from uavcover.run.plan_words import (
+    progress_in_words,
+    room_in_words,
+    say_hidden,
+    say_missions,
+    say_older,
+    say_plan,
+    say_window,
+    say_zones,
+)
 from uavcover.run.search import SearchRequest, plan
-from uavcover.run.user import ProgressBar, StopRequests, User, metres, percent
-from uavcover.scenario.airspace.flyable import flyable_area
+from uavcover.run.user import ProgressBar, StopRequests, User
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicle_parts import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
@@ -37,12 +39,6 @@ from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
 
 _FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
-
-
-_SHOWN_ZONES = 6
-_NEARLY_ALL = 0.999
-_FLOWN_EXACTLY_M = 3.0
-"""How well a route is flown at best: in still air the mock vehicle was off by 2.9 m on ridge-obstacles, 6.3 m on ridge-25km2."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -141,7 +137,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     say_older(user, older)
     if refused is not None:
         raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
-    _say_plan(user, run, site, result, bounds, time.monotonic() - started, asked=_asked(site, request, result))
+    say_plan(user, run, site, result, bounds, time.monotonic() - started, asked=_asked(site, request, result))
     say_zones(user, site, result.chosen.metrics)
     say_hidden(user, site)
     if "shortest_path_m" in bounds and (small := _made_small(site)) is not None:
@@ -152,7 +148,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         user.warn(warning)
     say_missions(user, run, compiled, sorties)
     say_fleet(user, fleet)
-    _say_window(user, site, flights)
+    say_window(user, site, flights)
     interrupted = result.interrupted or stops.any()
     if interrupted and not result.interrupted:
         user.warn(f"interrupted when the search was over: the whole plan has been written to {run}")
@@ -210,22 +206,6 @@ def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Progress
     return plan(site, request, should_stop=stops.any, on_progress=show, kept=kept)
 
 
-def progress_in_words(progress: SearchProgress, unit: str, least: float | None) -> str:
-    """Coverage, the shortest route that has what is asked for, and its gap to what no route can beat, as far as they are known.
-
-    Args:
-        progress: of the search.
-        unit: of the length, time or energy that is made small.
-        least: what no route can beat, in that unit.
-    """
-    words = f"{100.0 * progress.best_coverage:.1f} %"
-    if progress.least_cost is not None:
-        words += f", {progress.least_cost:.0f} {unit}"
-        if least:
-            words += f", gap {100.0 * (progress.least_cost / least - 1.0):.1f} %"
-    return words
-
-
 def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[str, Any]:
     """What was asked for; without being asked what is quick, and under a time budget only what takes no solver."""
     if result.interrupted:
@@ -248,175 +228,3 @@ def _asked(site: Site, request: PlanRequest, result: Plan) -> str:
     if most is None or planner.encoding != "swaths":
         return result.rule
     return f"{result.rule} with at most {most} waypoints"
-
-
-def _say_plan(
-    user: User, run: RunFolder, site: Site, result: Plan, bounds: dict[str, Any], wall_s: float, *, asked: str
-) -> None:
-    objective = site.scenario.objective
-    user.say(figures_header(objective))
-    shown = [("chosen route", result.chosen)]
-    plain = [member for member in result.baselines if member.origin == "boustrophedon"][:1]
-    tuned = [member for member in result.baselines if member.origin != "boustrophedon"]
-    rule = parse_rule(result.rule)
-    if tuned and rule.kind != "index":
-        # The one that the same rule would have chosen: what the optimizer has to beat.
-        tuned = [tuned[select(tuned, rule).index]]
-    for label, member in shown + [(m.origin, m) for m in plain + tuned[:1]]:
-        user.say(figures_in_words(label, member, objective))
-    user.say(
-        f"{len(result.members)} routes in the Pareto set, {result.evaluations} evaluations of {result.algorithm}, {wall_s:.1f} s"
-    )
-    for line in bounds_in_words(bounds):
-        user.say(line)
-    if not result.rule_met:
-        user.warn(f"no route meets {asked}; the best there is has been written")
-    if result.interrupted:
-        user.warn(f"interrupted: the best route found so far has been written to {run}")
-
-
-def say_older(user: User, older: RunFolder | None) -> None:
-    """Say where a plan that was flown is, when another one has taken its place."""
-    if older is not None:
-        user.warn(f"the plan that was here was flown: {older} is a run folder with it, its flight and its verdict")
-
-
-def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, sorties: Sequence[Sortie]) -> None:
-    """Say which mission files there are, and where a straight return is not safe."""
-    if compiled is not None:
-        _say_return(user, compiled, "")
-        user.say(f"written: {run.file('mission.waypoints')} and mission.plan, fence, rally, kml beside it")
-    elif not sorties:
-        user.say("the scenario has no place on Earth: no mission files (give it an [origin] and a [home])")
-        return
-    for number, sortie in enumerate(sorties, start=1):
-        used = sortie.compiled.battery_used
-        battery = "" if used is None else f"{used:.0%} of a battery, "
-        user.say(
-            f"sortie {number:<2}  waypoints {sortie.first} to {sortie.last}, {sortie.compiled.flight_time_s:.0f} s, {battery}"
-            f"{len(sortie.compiled.mission.items)} items"
-        )
-        _say_return(user, sortie.compiled, f"sortie {number}: ")
-    if sorties:
-        total_s = sum(sortie.compiled.flight_time_s for sortie in sorties)
-        flyers = {sortie.vehicle for sortie in sorties}
-        why = "one flight is not enough: " if len(flyers) == 1 and len(sorties) > 1 else ""
-        count = f"{len(sorties)} {'sorties' if len(sorties) > 1 else 'sortie'}"
-        user.say(
-            f"{why}{count}, {total_s:.0f} s in all, in {run.file('sortie-1')} and so on; "
-            "each is uploaded and flown with --sortie N"
-        )
-
-
-def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
-    """Say what no-fly zones keep from the route."""
-    scenario, area = site.scenario, flyable_area(site)
-    window, timed = scenario.flight_window, sum(zone.entry.has_times for zone in site.zones)
-    if window is not None and site.other_zones:
-        names = ", ".join(repr(zone.name) for zone in site.other_zones[:_SHOWN_ZONES])
-        more = f" and {len(site.other_zones) - _SHOWN_ZONES} more" if len(site.other_zones) > _SHOWN_ZONES else ""
-        user.say(
-            f"no-fly zones that are not in force from {window_in_words(window)} and do not count: {names}{more}; fly only then"
-        )
-    if timed and window is None:
-        user.say(
-            f"{timed} of the no-fly zones nearby have times and count as in force all the time; --at says when you fly"
-        )
-    for zone in area.closed[:_SHOWN_ZONES]:
-        partly = (
-            "; end the height band below its floor or above its ceiling to fly there" if zone in area.partly else ""
-        )
-        user.say(
-            f"no-fly zone {zone.name!r}, {zone.heights_in_words()}: the route keeps {zone.entry.margin_m:g} m away{partly}"
-        )
-    if len(area.closed) > _SHOWN_ZONES:
-        user.say(f"and {len(area.closed) - _SHOWN_ZONES} more no-fly zones that the route keeps away from")
-    if area.cut_off:
-        user.warn("no-fly zones cut off parts of the fence from home; they are not flown")
-    if area.closed and metrics.coverage_of_coverable > 0.0:
-        seen = metrics.coverage_fraction / metrics.coverage_of_coverable
-        if seen < _NEARLY_ALL:
-            user.warn(f"with the no-fly zones {percent(seen)} of the area can be seen")
-
-
-def _say_window(user: User, site: Site, flights: Sequence[Sortie]) -> None:
-    """Warn of flights that do not fit into the time for which the no-fly zones were looked at."""
-    window, fleet = site.scenario.flight_window, site.scenario.fleet
-    if window is None or not flights or not (site.zones or site.other_zones):
-        return
-    times_s = [flight.compiled.flight_time_s for flight in flights]
-    one_after_the_other_s = math.fsum(times_s) + fleet.turnaround_s * (len(flights) - 1)
-    lasts_s = makespan_s(flights) if fleet.vehicles > 1 else one_after_the_other_s
-    has_s = (window[1] - window[0]).total_seconds()
-    if lasts_s > has_s:
-        user.warn(
-            f"from the first take-off to the last landing it takes {lasts_s / 60.0:.0f} min, and the no-fly zones were looked at "
-            f"for {has_s / 60.0:.0f} min, {window_in_words(window)}: plan again with --at START/END"
-        )
-
-
-def say_hidden(user: User, site: Site) -> None:
-    """Say what the surface model hides."""
-    share = judging_map(site).grid.hidden_share
-    if share > 0.0:
-        user.say(
-            f"trees and roofs of the surface model hide {percent(share)} of the ground: it cannot be seen from the air, and no "
-            "route can cover it"
-        )
-
-
-def room_in_words(limits: FlightLimits, metrics: RouteMetrics) -> str | None:
-    """A warning when a route is planned so near to the ends of the height band that a flight will break them; else none."""
-    room_m = min(limits.max_height_agl_m - metrics.max_height_agl_m, metrics.min_height_agl_m - limits.min_height_agl_m)
-    if room_m >= _FLOWN_EXACTLY_M:
-        return None
-    return (
-        f"the route comes within {max(0.0, room_m):.1f} m of the limits of its height above ground "
-        f"({limits.min_height_agl_m:g} to {limits.max_height_agl_m:g} m); no vehicle flies it so exactly, and verify "
-        "will say so: leave some room with limits.height_margin_m (the demo's scenario has 8 m)"
-    )
-
-
-def _say_return(user: User, compiled: CompiledMission, which: str) -> None:
-    advice = compiled.return_advice
-    for zone in compiled.zones_left_out:
-        user.warn(
-            f"{which}no-fly zone {zone.name!r} ({zone.heights_in_words()}) is not in the uploaded fence: the mission passes over "
-            "or under it, and a fence has neither floors nor ceilings"
-        )
-    if advice.no_fly:
-        names = ", ".join(map(repr, advice.no_fly))
-        user.warn(
-            f"{which}a straight return enters no-fly zone {names} from some waypoints; let the mission fly home, or stop it with "
-            "Ctrl-C, which plans a way around"
-        )
-    if advice.unsafe_waypoints:
-        numbers = ", ".join(map(str, advice.unsafe_waypoints[:8])) + (
-            " ..." if len(advice.unsafe_waypoints) > 8 else ""
-        )
-        remedy = (
-            f"set the autopilot's return height to at least {advice.safe_return_height_m:.0f} m"
-            if math.isfinite(advice.safe_return_height_m)
-            else "some ground on the way is not known, so no height is"
-        )
-        user.warn(
-            f"{which}a straight return at {advice.return_height_m:.0f} m above home is not safe from waypoints {numbers} "
-            f"(lowest {metres(advice.worst_clearance_m)} above ground); {remedy}"
-        )
-
-
-def figures_header(objective: Objective) -> str:
-    """The first line of a table of :func:`figures_in_words`."""
-    energy = f"{'energy':>9} (seconds of hovering)" if objective == "energy" else ""
-    return f"{'':22}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}{energy}"
-
-
-def figures_in_words(label: str, member: RouteMember, objective: Objective) -> str:
-    """A route in one line of a table: coverage, waypoints, length, and the time of the mission, or of a route without home.
-
-    Where energy is made small, that of the mission comes last.
-    """
-    m = member.metrics
-    counts = f"{percent(m.coverage_of_coverable):>10}{m.waypoint_count:>11}"
-    energy = f"{m.mission_energy_hover_s:>7.0f} s" if objective == "energy" else ""
-    return f"{label:22}{counts}{m.path_length_m:>10.0f} m{m.time_s:>7.0f} s{energy}"
