@@ -20,6 +20,7 @@ from uavcover.model.area import Outline
 from uavcover.model.route import Route
 from uavcover.planning.fleet_parts import part_sites
 from uavcover.report.content import read_run
+from uavcover.routes.flight_costs import mission_cost
 from uavcover.run.documents import pareto_routes_csv, read_pareto_routes
 from uavcover.run.fleet_jobs import planned_jobs
 from uavcover.run.fly_fleet import FleetFailedError
@@ -29,6 +30,7 @@ from uavcover.run.plan import PlanRequest, plan_into
 from uavcover.run.select import choose, read_members
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
+from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.coverage_map import judging_map
 
 assert no_recording_of_single_flights  # a fixture that every flight here uses
@@ -98,6 +100,9 @@ def test_figures_are_those_of_all_parts_together(planned: RunFolder) -> None:
     assert metrics["path_length_m"] == pytest.approx(legs_m.sum() - legs_m[begin - 1])
     flown_s = sum(row["flight_time_s"] for row in document["sorties"])
     assert metrics["mission_time_s"] == pytest.approx(flown_s, rel=0.02)
+    parts = zip(vehicle_sites(site), np.split(points, [begin]), strict=True)
+    used_s = [mission_cost(own, Route(part)).energy_hover_s for own, part in parts]
+    assert metrics["mission_energy_hover_s"] == pytest.approx(sum(used_s), rel=1e-9)
     assert document["metrics"]["coverage_of_coverable"] >= 0.98  # what the scenario's rule asks for
     members = read_members(planned, site)
     rows = planned.file("pareto.csv").read_text().splitlines()[1:]
