@@ -33,7 +33,9 @@ FLEET = Fleet(
     turnaround_s=60.0,
 )  # fmt: skip
 ENDURANCE_S = 300.0
-SITE: Any = SimpleNamespace(scenario=SimpleNamespace(fleet=FLEET, vehicle=Vehicle(endurance_s=ENDURANCE_S), home=None))
+SITE: Any = SimpleNamespace(
+    scenario=SimpleNamespace(fleet=FLEET, vehicle=Vehicle(endurance_s=ENDURANCE_S), home=None, sensor=None)
+)
 
 
 @dataclass(frozen=True)
