@@ -25,7 +25,7 @@ def equal(one: list[Route], other: list[Route]) -> bool:
     )
 
 
-@pytest.mark.parametrize("make", [adaptive_swaths, simple_lines, tight_lines])
+@pytest.mark.parametrize("make", [adaptive_swaths, simple_lines])
 def test_threads_change_nothing_and_a_stop_leaves_the_first(make: Callable[..., list[Route]]) -> None:
     site = make_site(hills)
     routes = make(site, 0.3)

@@ -204,23 +204,14 @@ TIGHT_INSETS = (0.96, 0.8)
 fit beside each other, and insets. On 25 km² 31 such lines see 99.5 % in 14,800 s, where 33 up to the ends took 15,530 s."""
 
 
-def tight_lines(
-    site: Site,
-    angle_rad: float,
-    *,
-    executor: Executor | None = None,
-    should_stop: Callable[[], bool] = lambda: False,
-) -> list[Route]:
+def tight_lines(site: Site, angle_rad: float) -> list[Route]:
     """Bent lines in one direction with nothing to spare: as many as fit beside each other, or one fewer.
 
     Args:
         site: with a sensor for which :func:`can_be_adapted` holds.
         angle_rad: direction of the lines, counter-clockwise from east.
-        executor: lays out several at once; the routes do not depend on it.
-        should_stop: asked before each number of lines; the first is always laid out.
     """
-    items = [(layout, True, TIGHT_INSETS) for layout in _tight_layouts(site, angle_rad)]
-    return _laid_out(site, items, executor, should_stop)
+    return _laid_out(site, _tight(site, angle_rad), None, lambda: False)
 
 
 def simple_lines(
@@ -248,13 +239,9 @@ def simple_lines(
         }
         for more, lines in enumerate(sorted(layouts)):
             ranked.append(((more, not bent, share != _FIRST_BENT), layouts[lines], bent))
-    items: list[_Item] = [(layout, True, TIGHT_INSETS) for layout in _tight_layouts(site, angle_rad) if bends]
+    items = _tight(site, angle_rad) if bends else []
     items += [(layout, bent, (_INSET,)) for _, layout, bent in sorted(ranked, key=lambda item: item[0])]
     return _laid_out(site, items, executor, should_stop)
-
-
-def _tight_layouts(site: Site, angle_rad: float) -> list[SwathLayout]:
-    return [_regular(site, angle_rad, share, TIGHT_INSETS[0], fewer=fewer) for fewer in _FEWER for share in TIGHT]
 
 
 def _regular(
@@ -281,6 +268,11 @@ def _regular(
 
 _Item = tuple[SwathLayout, bool, tuple[float, ...]]
 """Lines, whether they bend, and the insets with which they are flown."""
+
+
+def _tight(site: Site, angle_rad: float) -> list[_Item]:
+    layouts = [_regular(site, angle_rad, share, TIGHT_INSETS[0], fewer=fewer) for fewer in _FEWER for share in TIGHT]
+    return [(layout, True, TIGHT_INSETS) for layout in layouts]
 
 
 def _laid_out(
