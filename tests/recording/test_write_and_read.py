@@ -127,6 +127,18 @@ def test_another_track_is_another_recording(flight: Flight, recorded: Path, tmp_
     assert one.application_id == other.application_id
 
 
+@pytest.mark.parametrize("name", ["valley", "two words", "valley, north", "Tal Süd", "v1.2/3", "谷", "x" * 300])
+def test_rerun_takes_the_application_id_of_any_scenario_as_it_is(
+    flight: Flight, name: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    scenario = dataclasses.replace(flight.site.scenario, name=name)
+    identifier = layout.application_id(dataclasses.replace(flight.site, scenario=scenario))
+    rr.RecordingStream(identifier)
+    assert "migration" not in capfd.readouterr().err
+    other = dataclasses.replace(scenario, name=f"{name}!")
+    assert layout.application_id(dataclasses.replace(flight.site, scenario=other)) != identifier
+
+
 def test_a_scenario_without_a_place_on_earth_has_no_map(nowhere_flight: Flight, tmp_path: Path) -> None:
     path = write(tmp_path / "flight.rrd", nowhere_flight)
     assert_equal_tracks(nowhere_flight.track, read_recorded_track(path))

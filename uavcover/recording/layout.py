@@ -5,6 +5,8 @@ longitude. Readers of recordings depend on ``TIMELINE`` and ``TRACK``; the rest 
 """
 
 import contextlib
+import hashlib
+import re
 from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Any, Final
 
@@ -16,6 +18,11 @@ from uavcover.errors import InputError
 
 if TYPE_CHECKING:  # who reads a recording needs no site
     from uavcover.scenario.site import Site
+
+
+_NOT_IN_ENTRY_NAMES = re.compile(r"[^A-Za-z0-9 _:-]")
+_LONGEST_NAME = 100
+"""Characters."""
 
 
 class RecordingError(InputError):
@@ -128,8 +135,13 @@ def any_value_columns(columns: Mapping[str, NDArray[Any]]) -> rr.ComponentColumn
 
 
 def application_id(site: "Site") -> str:
-    """The application id determines which blueprint the viewer applies, so each scenario has its own."""
-    return f"uavcover_{site.scenario.name}"
+    """The application id determines which blueprint the viewer applies, so each scenario has its own.
+
+    Rerun takes ASCII letters, digits, spaces, "-", "_" and ":", and few of them; it would warn of any other name and change it.
+    """
+    name = site.scenario.name
+    plain = _NOT_IN_ENTRY_NAMES.sub("-", name)[:_LONGEST_NAME]
+    return f"uavcover_{name if plain == name else f'{plain}-{hashlib.sha256(name.encode()).hexdigest()[:8]}'}"
 
 
 @contextlib.contextmanager
