@@ -74,6 +74,15 @@ def test_the_need_grows_with_cells_and_with_processes_beside_it(site: Site) -> N
     assert memory_need(site, processes=True).worker > 100 * MIB
 
 
+def test_an_area_that_is_judged_block_by_block_takes_less(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = memory_need(site, processes=True)
+    monkeypatch.setattr("uavcover.sensing.block_map._MOST_AT_ONCE", 0)
+    monkeypatch.setattr("uavcover.run.memory._OF_BLOCKS", 0)
+    blocks = memory_need(site, processes=True)
+    assert blocks.command < whole.command
+    assert dataclasses.replace(blocks, command=whole.command) == whole
+
+
 def test_workers_elsewhere_have_a_memory_of_their_own(site: Site) -> None:
     request = SearchRequest(memory_bytes=GIB, scheduler="tcp://127.0.0.1:1", parts=2)
     with pytest.raises(InputError, match=r"--memory: is of this machine.*dask worker --memory-limit"):

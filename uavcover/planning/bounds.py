@@ -35,7 +35,7 @@ def least_path_length_m(coverage: CoverageMap, share: float) -> float:
         share: of what can be covered, 0..1.
     """
     grid, coverable = coverage.grid, coverage.coverable
-    side = grid.cells.size_m
+    side = grid.size_m
     reach = np.sort(farthest_looks_m(coverage)[coverable])
     half_diagonal = side * math.sqrt(0.5)
     # The ground of a cell is at least as large as the cell on the map.
@@ -54,7 +54,11 @@ def farthest_looks_m(coverage: CoverageMap) -> FloatArray:
     if sight.kind != CONE or coverage.site.scenario.limits.applies_to == "waypoints":
         return np.full(coverage.grid.count, reach)
     tops, east0, north0, side = _tops(coverage, reach)
-    return farthest_looks(coverage.grid.cells.centre_m, tops, east0, north0, side, sight.tan_half_fov, reach)
+    looks = [
+        farthest_looks(block.grid.cells.centre_m, tops, east0, north0, side, sight.tan_half_fov, reach)
+        for block in coverage.blocks()
+    ]
+    return np.concatenate(looks)
 
 
 def _tops(coverage: CoverageMap, reach_m: float) -> tuple[FloatArray, float, float, float]:
@@ -70,7 +74,7 @@ def _tops(coverage: CoverageMap, reach_m: float) -> tuple[FloatArray, float, flo
         # Plumb lines lean: above its ground a place of the band may stand a little aside of it, and so a little higher.
         lean_m = surface.grid.lean * highest_agl_m
         return highest_in_squares(surface, east0, north0, side, count, lean_m) + highest_agl_m, east0, north0, side
-    side = max(0.25 * coverage.grid.cells.size_m, across / _MOST_SQUARES_ACROSS)
+    side = max(0.25 * coverage.grid.size_m, across / _MOST_SQUARES_ACROSS)
     steps = side * np.arange(math.ceil(across / side) + 1)
     grid_e, grid_n = np.meshgrid(east0 + steps, north0 + steps)
     nodes = coverage.site.ground.heights_m(np.column_stack([grid_e.ravel(), grid_n.ravel()])).reshape(grid_e.shape)
@@ -114,8 +118,7 @@ def path_bounds(coverage: CoverageMap, plan: Plan, *, time_s: float = 0.0) -> li
 
 def are_quick(coverage: CoverageMap) -> bool:
     """Whether the linear relaxations on the lattice are a matter of a second."""
-    cells = coverage.grid.cells
-    across = 2.0 * horizontal_reach(coverage.sight) / (SPACING_CELLS * cells.size_m)
+    across = 2.0 * horizontal_reach(coverage.sight) / (SPACING_CELLS * coverage.grid.size_m)
     return min(coverage.grid.count * across * across, MOST_PLACES * (SPACING_CELLS * across) ** 2) <= QUICK_PAIRS
 
 

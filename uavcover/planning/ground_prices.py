@@ -87,7 +87,7 @@ class PricedGround:
 
 def lattice_step_m(coverage: CoverageMap, time_s: float) -> float | None:
     """Of the finest lattice on which a proof takes about so long; none where it takes longer on every one."""
-    size_m, reach = coverage.grid.cells.size_m, horizontal_reach(whatever_heading(coverage.sight))
+    size_m, reach = coverage.grid.size_m, horizontal_reach(whatever_heading(coverage.sight))
     west, south, east, north = coverage.site.area.bounds
     for steps in _STEPS_A_CELL:
         step = size_m / steps

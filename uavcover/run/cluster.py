@@ -64,7 +64,8 @@ class DaskWorkers:
     ) -> Iterator[tuple[Task, Result]]:
         """Each task with its result; see :class:`uavcover.run.scheduling.Workers`."""
         packed = pickle.dumps(shared, protocol=5)
-        _log.info("%d tasks, with %d bytes for each worker", len(tasks), len(packed))
+        what = function.__name__.strip("_")
+        _log.info("%s: %d tasks, with %d bytes for each worker", what, len(tasks), len(packed))
         name = hashlib.sha256(packed).hexdigest()[:16]
         pending: dict[Future, Task] = {}
         try:
@@ -80,7 +81,11 @@ class DaskWorkers:
                     packed_answer, sent, cpu_s = future.result()
                     del pending[future]
                     _log.info(
-                        "task of %d bytes, answer of %d, %.2f s of processor time", sent, len(packed_answer), cpu_s
+                        "%s: task of %d bytes, answer of %d, %.2f s of processor time",
+                        what,
+                        sent,
+                        len(packed_answer),
+                        cpu_s,
                     )
                     well, answer = pickle.loads(packed_answer)
                     if not well:

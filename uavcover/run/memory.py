@@ -9,6 +9,7 @@ from dataclasses import dataclass
 
 from uavcover.errors import InputError
 from uavcover.scenario.site import Site
+from uavcover.sensing.block_map import is_large
 
 MIB = 2**20
 
@@ -18,6 +19,9 @@ _NODE = 30
 """Bytes for each pixel of elevation data as it is read, or as a worker unpacks it."""
 _OF_COMMAND = 420
 """Bytes for each cell of the whole area, in the command: the cells, what routes see of them, and judging side by side."""
+_OF_LARGE_COMMAND = 60
+_OF_BLOCKS = 200 * MIB
+"""The same for an area so large that it is judged block by block, and all blocks that are looked at meanwhile."""
 _OF_PART = 850
 _OF_LARGE_PART = 420
 """Bytes for each cell of a part while it is searched; in a large one there are no finer cells."""
@@ -59,8 +63,9 @@ def memory_need(site: Site, *, processes: bool) -> MemoryNeed:
     """
     cells = site.area.area / site.scenario.area.cell_size_m**2
     nodes = site.ground.surface.up_m.size
+    of_cells = _OF_BLOCKS + cells * _OF_LARGE_COMMAND if is_large(site) else cells * _OF_COMMAND
     return MemoryNeed(
-        command=_PROCESS + nodes * _NODE + cells * _OF_COMMAND,
+        command=_PROCESS + nodes * _NODE + of_cells,
         worker=_PROCESS + nodes * _NODE if processes else 0.0,
         cells=cells,
     )

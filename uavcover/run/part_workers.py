@@ -1,4 +1,4 @@
-"""Who searches in the parts of a plan: threads of this process, or the workers of a scheduler."""
+"""Who searches in the parts of a plan, and judges it: threads of this process, or the workers of a scheduler."""
 
 import dataclasses
 import os
@@ -12,13 +12,14 @@ from uavcover.planning.parts.part_search import PartTask, search_part
 from uavcover.planning.parts.planner import RunTasks, search_parts_with
 from uavcover.run.scheduling import Workers, workers_of
 from uavcover.scenario.site import Site
+from uavcover.sensing.block_map import BlockLook, BlockTask, RunBlocks, look_at_block
 
 
 @contextmanager
 def part_searchers(
     scheduler: str | None, executor: Executor, *, threads: int, should_stop: Callable[[], bool]
-) -> Iterator[tuple[RunTasks, int]]:
-    """Who searches in the parts, and in how many of them at a time.
+) -> Iterator[tuple[RunTasks, RunBlocks, int]]:
+    """Who searches in the parts, who judges a large area block by block, and how many of them there are at a time.
 
     Args:
         scheduler: see :func:`uavcover.run.scheduling.workers_of`; none: threads.
@@ -29,11 +30,12 @@ def part_searchers(
     if scheduler is None:
         yield (
             search_parts_with(executor, now=time.monotonic, should_stop=should_stop),
+            look_with(executor),
             min(threads, os.cpu_count() or 1),
         )
         return
     with workers_of(scheduler) as workers:
-        yield search_parts_on(workers, should_stop=should_stop), workers.count
+        yield search_parts_on(workers, should_stop=should_stop), look_on(workers), workers.count
 
 
 def search_parts_on(workers: Workers, *, should_stop: Callable[[], bool]) -> RunTasks:
@@ -47,6 +49,24 @@ def search_parts_on(workers: Workers, *, should_stop: Callable[[], bool]) -> Run
             del left[task.number]
             yield task, route_m
         yield from search_parts_with(None, now=time.monotonic, should_stop=should_stop)(site, list(left.values()))
+
+    return run
+
+
+def look_with(executor: Executor) -> RunBlocks:
+    """Look at blocks of a large area by threads."""
+
+    def run(site: Site, tasks: Sequence[BlockTask]) -> Iterator[tuple[BlockTask, BlockLook]]:
+        return zip(tasks, executor.map(lambda task: look_at_block(site, task), tasks), strict=True)
+
+    return run
+
+
+def look_on(workers: Workers) -> RunBlocks:
+    """Look at blocks of a large area by workers, whether or not the user has ended the search: there is no plan without it."""
+
+    def run(site: Site, tasks: Sequence[BlockTask]) -> Iterator[tuple[BlockTask, BlockLook]]:
+        return workers.completed(look_at_block, dataclasses.replace(site), tasks)
 
     return run
 

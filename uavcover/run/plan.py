@@ -35,6 +35,7 @@ from uavcover.run.user import ProgressBar, StopRequests, User
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicle_parts import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
+from uavcover.sensing.block_map import is_large
 from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
 
@@ -192,7 +193,8 @@ def _overlap_missed(site: Site, route: Route, sorties: Sequence[Sortie]) -> str 
 def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: ProgressBar, kept: KeptParts) -> Plan:
     unit = {"length": "m", "energy": "s of hovering"}.get(site.scenario.objective, "s")
     bar.update(0, note="baselines first")
-    least_m = least_length_m(site, request.select or site.scenario.select)
+    # Of a large area it takes long to know, and here it is only told while the search goes on.
+    least_m = None if is_large(site) else least_length_m(site, request.select or site.scenario.select)
 
     started, budget_s, furthest = time.monotonic(), request.budget_s, 0.0
 
@@ -207,8 +209,11 @@ def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Progress
 
 
 def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[str, Any]:
-    """What was asked for; without being asked what is quick, and under a time budget only what takes no solver."""
-    if result.interrupted:
+    """What was asked for; without being asked what is quick, and under a time budget only what takes no solver.
+
+    For a large area nothing is quick: the bound on its path looks at all of its cells, in this process alone.
+    """
+    if result.interrupted or (request.bounds_s is None and is_large(site)):
         return bounds(site)
     if groups_of(site.scenario):
         if request.bounds_s is not None:

@@ -139,6 +139,7 @@ def _plan_one(
         if division.parts > 1:
             with part_searchers(division.scheduler, executor, threads=division.threads, should_stop=should_stop) as (
                 search,
+                look,
                 at_a_time,
             ):
                 return plan_by_parts(
@@ -154,6 +155,7 @@ def _plan_one(
                         on_progress=on_progress,
                     ),
                     run_tasks=search if kept is None else kept.before(search, is_whole=lambda: not should_stop()),
+                    run_blocks=look,
                     workers=at_a_time,
                 )
         if request.scheduler is not None:

@@ -55,6 +55,11 @@ class CellGrid:
         return out
 
     @property
+    def size_m(self) -> float:
+        """Side of a cell."""
+        return self.cells.size_m
+
+    @property
     def count(self) -> int:
         """Number of cells."""
         return int(self.weight_m2.size)
@@ -137,7 +142,7 @@ def _cut(
     inside = np.asarray(shapely.contains_xy(site.area, grid_e, grid_n))
     if rows is None and not inside.any():
         raise ScenarioError(f"area.cell_size_m: no centre of a cell of {cell_size_m:g} m lies in the area")
-    inside, hidden_m2 = _without_hidden(site, grid_e, grid_n, inside, cell_size_m)
+    inside, hidden_m2 = _without_hidden(site, grid_e, grid_n, inside, cell_size_m, rows)
     if rows is None and not inside.any():
         raise ScenarioError(
             f"terrain.surface_file: all ground of the area lies more than surface_hides_m = {_hides_m(site):g} m under "
@@ -150,7 +155,7 @@ def _cut(
     up = site.ground.heights_m(places)
     slopes = site.ground.gradients(places)
     if not (np.isfinite(up).all() and np.isfinite(slopes).all()):
-        raise TerrainError(_missing(site, site.ground, places, ~np.isfinite(up)))
+        raise TerrainError(_missing(site, site.ground, places, ~np.isfinite(up), rows))
     # The ground under an obstacle cannot be seen: there the cell is part of its flat roof.
     roof = site.ground.roofs_m(places)
     up = np.maximum(up, roof)
@@ -172,7 +177,12 @@ def _cut(
 
 
 def _without_hidden(
-    site: Site, grid_e: FloatArray, grid_n: FloatArray, inside: NDArray[np.bool_], cell_size_m: float
+    site: Site,
+    grid_e: FloatArray,
+    grid_n: FloatArray,
+    inside: NDArray[np.bool_],
+    cell_size_m: float,
+    rows: range | None,
 ) -> tuple[NDArray[np.bool_], float]:
     """Which places of the lattice are cells whose ground can be seen from above, and the area of the ground that cannot.
 
@@ -186,7 +196,7 @@ def _without_hidden(
     bare, top = site.bare_ground.heights_m(places), site.ground.heights_m(places)
     for model, known in ((site.bare_ground, np.isfinite(bare)), (site.ground, np.isfinite(top))):
         if not known.all():
-            raise TerrainError(_missing(site, model, places, ~known))
+            raise TerrainError(_missing(site, model, places, ~known, rows))
     hidden = (top - bare > terrain.surface_hides_m) & ~np.isfinite(site.ground.roofs_m(places))
     left = inside.copy()
     left[inside] = ~hidden
@@ -213,14 +223,19 @@ def _spread(count: int, step: float) -> NDArray[np.float64]:
     return np.asarray(shares % 1.0 - 0.5, dtype=np.float64)
 
 
-def _missing(site: Site, model: Ground, places: NDArray[np.float64], missing: NDArray[np.bool_]) -> str:
+def _missing(
+    site: Site, model: Ground, places: NDArray[np.float64], missing: NDArray[np.bool_], rows: range | None
+) -> str:
     first = places[missing][:1]
     where = f"{first[0, 0]:.0f} m east, {first[0, 1]:.0f} m north of the origin"
     if site.frame is not None:
         lat, lon, _ = site.frame.geodetic_from_enu(np.column_stack([first, [[0.0]]]))
         where = f"latitude {lat[0]:.5f}, longitude {lon[0]:.5f}"
-    share = 100.0 * missing.mean()
+    # Of some rows it is not known how the others are.
+    much = (
+        f"{100.0 * missing.mean():.1f} % of its cells" if rows is None else f"{missing.sum():,} of its cells at least"
+    )
     return (
-        f"area: no elevation in {share:.1f} % of its cells, first at {where} ({model.source}); the area reaches "
+        f"area: no elevation in {much}, first at {where} ({model.source}); the area reaches "
         "outside the data, or the data has a gap there"
     )

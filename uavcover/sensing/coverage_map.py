@@ -204,6 +204,10 @@ class CoverageMap:
         """(cells,) whether each cell is seen from an (n, 3) ENU route, by the sensing rule of the scenario; read-only."""
         return self._recent.get(route_m, lambda: self.seen_by(self.observations(route_m)))
 
+    def blocks(self) -> Iterator["CoverageMap"]:
+        """Maps whose cells, in this order, are its cells: itself, or several that are made one after the other."""
+        yield self
+
     def seen_by(self, observations: LevelObservations) -> BoolArray:
         """(cells,) whether each cell is seen by any of the observations, or by as many as the scenario wants."""
         if self.site.scenario.requirements.look_distance_m is None:
@@ -321,6 +325,13 @@ def sees_each(
 def judging_map(site: Site) -> CoverageMap:
     """The area's own cells, which results are judged on; built once for a site."""
     return _map_of(site, site.scenario.area.cell_size_m)
+
+
+def keep_judging_map(site: Site, make: Callable[[], CoverageMap]) -> None:
+    """Have another map stand for :func:`judging_map`, unless it was built already."""
+    key = (CoverageMap, site.scenario.area.cell_size_m)
+    if key not in site.derived:
+        site.derived[key] = make()
 
 
 def judging_maps(site: Site) -> list[CoverageMap]:

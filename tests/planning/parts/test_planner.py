@@ -11,6 +11,8 @@ import shapely
 from tests.planning.sites import hills, make_site
 from uavcover.errors import InputError
 from uavcover.model.route import Plan
+from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.planning.parts.part_search import PartCells, search_part
 from uavcover.planning.parts.planner import (
     RunTasks,
@@ -22,6 +24,7 @@ from uavcover.planning.parts.planner import (
 from uavcover.planning.search.optimizer_search import Effort, SearchRun
 from uavcover.run.search import SearchRequest, plan
 from uavcover.scenario.site import Site
+from uavcover.sensing import block_map
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
 
 RING = ((0.0, 0.0), (700.0, 0.0), (700.0, 500.0), (0.0, 500.0))
@@ -78,6 +81,30 @@ def test_the_plan_does_not_depend_on_who_searches_and_when(plan_of_large: Plan) 
     for other in (side_by_side, planned(large(), backwards)):
         assert np.array_equal(other.chosen.route.waypoints_m, plan_of_large.chosen.route.waypoints_m)
         assert other.chosen.metrics == plan_of_large.chosen.metrics
+
+
+def plain_lines(site: Site, tasks):
+    """Nobody searches: plain lines are the routes of the parts."""
+    for task in tasks:
+        part = dataclasses.replace(site, area=task.area)
+        route = fly_layout(part, plain_boustrophedon(part)).waypoints_m if task.route_m is None else task.route_m
+        yield task, route
+
+
+def test_a_large_area_that_is_judged_block_by_block_gives_the_same_plan(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = planned(large(), plain_lines)
+    monkeypatch.setattr(block_map, "_MOST_AT_ONCE", 100)
+    monkeypatch.setattr(block_map, "_BLOCK_CELLS", 700)
+    site = large()
+    other = planned(site, plain_lines)
+    assert isinstance(judging_map(site), block_map.BlockMap)
+    assert [member.metrics for member in other.members] == [member.metrics for member in whole.members]
+    assert np.array_equal(other.chosen.route.waypoints_m, whole.chosen.route.waypoints_m)
+
+
+def test_a_larger_area_is_compared_with_the_plain_boustrophedon_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("uavcover.planning.parts.planner._MOST_COMPARED_CELLS", 100)
+    assert [each.origin for each in planned(large(), plain_lines).baselines] == ["boustrophedon"]
 
 
 def test_another_seed_gives_another_plan(plan_of_large: Plan) -> None:

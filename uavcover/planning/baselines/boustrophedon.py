@@ -85,6 +85,7 @@ def scanned_rows(site: Site, *, most_nodes: int) -> Iterator[NodeRows]:
                         yield NodeRows(rows, columns, stagger, height_share)
 
 
+BOUSTROPHEDON = "boustrophedon"
 TUNED = "boustrophedon-tuned"
 PLAIN_TOLERANCE_M = 10.0
 _TUNED_ANGLES = 6
@@ -153,7 +154,7 @@ def boustrophedons(
         tuned: taken from one after the other in place of the scan; what is left in it may be taken later.
     """
     site = coverage.site
-    found = _evaluate(coverage, "boustrophedon", [plain_boustrophedon(site)], executor)
+    found = _evaluate(coverage, BOUSTROPHEDON, [plain_boustrophedon(site)], executor)
     if tuned is not None:
         return found + taken(tuned, should_stop)
     for batch in _scan(site):
@@ -171,7 +172,7 @@ def taken(tuned: Iterator[Baseline], should_stop: Callable[[], bool]) -> list[Ba
     return found
 
 
-def fewest_lines(coverage: CoverageMap, goal: float) -> Iterator[Baseline]:
+def fewest_lines(coverage: CoverageMap, goal: float, *, turns: int = _TUNED_ANGLES) -> Iterator[Baseline]:
     """The tuned boustrophedon for one coverage: of every direction, height and inset the fewest lines that reach it.
 
     What cannot cost less than the best so far is left early, so the scan takes a fifth of what all spacings take, and single
@@ -180,10 +181,11 @@ def fewest_lines(coverage: CoverageMap, goal: float) -> Iterator[Baseline]:
     Args:
         coverage: on the planner's cells.
         goal: share of the area, 0..1.
+        turns: of how many directions, the one along the long side first.
     """
     site = coverage.site
     least, per_strip = math.inf, 1.0
-    for height, inset, angle in _ways(site):
+    for height, inset, angle in _ways(site, turns):
         fewest, most = (_lines(site, angle, height, factor) for factor in (_TUNED_LINES[0], _TUNED_LINES[-1]))
         below, above, step = fewest - 1, most + 1, 1
         lines = min(max(_lines(site, angle, height, per_strip), fewest), most)
@@ -212,11 +214,11 @@ def fewest_lines(coverage: CoverageMap, goal: float) -> Iterator[Baseline]:
                 lines = (below + above) // 2
 
 
-def _ways(site: Site) -> Iterator[tuple[float, float, float]]:
+def _ways(site: Site, most: int) -> Iterator[tuple[float, float, float]]:
     """Heights above ground, insets and directions of tuned lines: along the long side and across it first."""
     base = long_side_angle_rad(site.area)
     half = _TUNED_ANGLES // 2
-    turns = [k for first in range(half) for k in (first, first + half)]
+    turns = [k for first in range(half) for k in (first, first + half)][:most]
     for height, inset in itertools.product(_tuned_heights(site), reversed(_TUNED_INSETS)):
         for turn in turns:
             yield height, inset, base + turn * math.pi / _TUNED_ANGLES

@@ -13,9 +13,16 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.sight import horizontal_reach
 from uavcover.model.route import Plan, Route
 from uavcover.model.scenario import PlannerSettings
-from uavcover.planning.baselines.boustrophedon import Baseline, best_height_agl_m, boustrophedons
+from uavcover.planning.baselines.boustrophedon import (
+    BOUSTROPHEDON,
+    Baseline,
+    best_height_agl_m,
+    fewest_lines,
+    plain_boustrophedon,
+)
+from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.planning.choice import choose
-from uavcover.planning.front import judge_members
+from uavcover.planning.front import NamedRoute, judge_members
 from uavcover.planning.joining import in_good_order, joined
 from uavcover.planning.parts.division import FlightWork, divide
 from uavcover.planning.parts.part_search import Neighbour, PartTask, search_part
@@ -23,7 +30,8 @@ from uavcover.planning.search.optimizer_search import SearchProgress, SearchRun
 from uavcover.planning.selection import parse_rule
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import Piece
-from uavcover.sensing.coverage_map import judging_map, planning_map
+from uavcover.sensing.block_map import RunBlocks, judge_by_blocks, look_at_all, one_after_the_other
+from uavcover.sensing.coverage_map import CoverageMap, judging_map, planning_map
 from uavcover.sensing.sensors import reach_at_height_m, sight_of
 
 RunTasks = Callable[[Site, Sequence[PartTask]], Iterator[tuple[PartTask, FloatArray]]]
@@ -43,6 +51,10 @@ _ONE_SEARCH_CELLS = 130_000
 _PART_CELLS = 260_000
 """Above the first, "auto" divides the area, and gives no part more cells than the second. Few large parts were best, by
 ``scripts/bench_large.py`` (docs/results/large.md): many seams cost more than they save."""
+
+_MOST_COMPARED_CELLS = 300_000
+"""Of the planner's; a larger area is compared with the plain boustrophedon alone. Finding the fewest lines for 10,000 km² takes
+minutes that no worker shares, and nothing else begins with them."""
 
 _SEARCHED = 0.85
 """Of a time budget; the rest is for dividing, joining and judging."""
@@ -98,6 +110,7 @@ def plan_by_parts(
     select_rule: str,
     run: SearchRun,
     run_tasks: RunTasks,
+    run_blocks: RunBlocks = one_after_the_other,
     workers: int = 1,
 ) -> Plan:
     """Plan the sensing route of a large site by parts.
@@ -111,6 +124,7 @@ def plan_by_parts(
         select_rule: see :mod:`uavcover.planning.selection`.
         run: evaluations of all parts together, or a time budget; who evaluates whole routes side by side, and who is told.
         run_tasks: who searches in the parts.
+        run_blocks: who judges a large area, block by block.
         workers: how many search at the same time: what a time budget is shared by.
 
     Raises:
@@ -129,8 +143,9 @@ def plan_by_parts(
             f"at once; at most {most}, or auto"
         )
     areas = divide(site.area, parts, work)
+    judge_by_blocks(site)
     fine = judging_map(site)
-    baselines = _shown(_baselines(site, executor), goal * fine.share(fine.coverable))
+    baselines = _baselines(site, fine, goal, run_blocks)
     found: list[Route] = []
     routes: list[FloatArray] | None = None
     aim = goal
@@ -159,6 +174,7 @@ def plan_by_parts(
         routes = [done_m[task.number] for task in tasks]
         whole = Route(joined(site, in_good_order(routes, site.home_m)))
         found.append(whole)
+        look_at_all(fine, [whole.waypoints_m], run_blocks)
         seen = fine.share_of_coverable(fine.seen(whole.waypoints_m))
         if number > 0:  # before that, parts do not know of each other, and what they see twice is no sign
             missing = goal + _SAFETY - seen
@@ -166,7 +182,7 @@ def plan_by_parts(
         done = min(effort.evaluations, round(sum(_ROUNDS[: number + 1]) * effort.evaluations))
         run.on_progress(SearchProgress(done, effort.evaluations, seen, None))
     interrupted = len(found) < len(_ROUNDS) or run.should_stop()
-    reference = judge_members(fine, [(each.route, each.name) for each in baselines], executor)
+    reference = judge_members(fine, baselines, executor)
     members = judge_members(fine, [(route, "parts") for route in found], executor)
     chosen = choose(
         site, fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted, is_over=None
@@ -247,14 +263,17 @@ def tasks_of(
     return with_routes
 
 
-def _baselines(site: Site, executor: Executor | None) -> list[Baseline]:
-    """The plain boustrophedon, and a scan along the long side."""
-    batches = iter([False])
-    return boustrophedons(planning_map(site), executor, should_stop=lambda: next(batches, True))
-
-
-def _shown(baselines: Sequence[Baseline], goal: float) -> list[Baseline]:
-    """The plain one, and the best of the others."""
-    plain, *tuned = baselines
-    ranked = sorted(tuned, key=lambda b: (b.violation, max(0.0, goal + float(b.objectives[0])), float(b.objectives[2])))
-    return [plain, *ranked[:1]]
+def _baselines(site: Site, fine: CoverageMap, goal: float, run_blocks: RunBlocks) -> list[NamedRoute]:
+    """The plain boustrophedon; and the best of those with the fewest lines along the long side, where that is quick."""
+    plain = fly_layout(site, plain_boustrophedon(site))
+    look_at_all(fine, [plain.waypoints_m], run_blocks)
+    cells = site.area.area / site.scenario.planning_cell_size_m**2
+    tuned: list[Baseline] = []
+    if cells <= _MOST_COMPARED_CELLS:
+        coarse = planning_map(site)
+        share = goal * coarse.share(coarse.coverable)
+        tuned = sorted(
+            fewest_lines(coarse, share, turns=1),
+            key=lambda b: (b.violation, max(0.0, share + float(b.objectives[0])), float(b.objectives[2])),
+        )
+    return [(plain, BOUSTROPHEDON), *((each.route, each.name) for each in tuned[:1])]

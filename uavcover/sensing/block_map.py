@@ -1,0 +1,214 @@
+"""The cells of a large area, looked at block by block, so that their places and slopes are never all in memory.
+
+A cell is the same in a block of rows as among all, and sees the same. What a plan needs of the cells of a large area is how much
+ground each has, whether it can be covered, and whether a route sees it: 9 bytes and a few bits a cell, in place of 70 and more.
+A block is a task of its own, for whoever does it.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.coverage import Cells
+from uavcover.scenario.site import Site
+from uavcover.sensing.cells import MAX_CELLS, CellGrid, lattice_shape
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, judging_block, keep_judging_map, row_blocks
+from uavcover.sensing.recently_seen import RecentlySeen
+from uavcover.sensing.sensors import farthest_m, sight_of
+
+_MOST_AT_ONCE = 2_000_000
+"""With more places of the lattice a map is made of blocks. Below, all cells take less than the program itself."""
+_BLOCK_CELLS = 250_000
+
+Bits = np.ndarray[tuple[int], np.dtype[np.uint8]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockTask:
+    """What to find out about a block of cells.
+
+    Attributes:
+        rows: of the lattice, from the first to before the last.
+        about_cells: whether their ground is asked for, and which can be covered.
+        routes_m: each (n, 3) ENU; which cells they see is asked for.
+    """
+
+    rows: tuple[int, int]
+    about_cells: bool
+    routes_m: tuple[FloatArray, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlockLook:
+    """What was found out.
+
+    Attributes:
+        count: of cells.
+        weight_m2: (count,) as in :class:`CellGrid`; empty where it was not asked for.
+        hidden_m2: likewise, 0.
+        coverable: (count,) packed; likewise.
+        seen: for each route (count,) packed.
+    """
+
+    count: int
+    weight_m2: FloatArray
+    hidden_m2: float
+    coverable: Bits
+    seen: tuple[Bits, ...]
+
+
+RunBlocks = Callable[[Site, Sequence[BlockTask]], Iterator[tuple[BlockTask, BlockLook]]]
+"""Look at blocks of a site: each task with what was found, in any order."""
+
+
+def look_at_block(site: Site, task: BlockTask) -> BlockLook:
+    """Look at a block: a function of its arguments alone."""
+    block = judging_block(site, range(*task.rows))
+    grid, nothing = block.grid, np.zeros(0)
+    seen = tuple(np.packbits(seen_nearby(block, route)) for route in task.routes_m)
+    if not task.about_cells:
+        return BlockLook(grid.count, nothing, 0.0, nothing.astype(np.uint8), seen)
+    return BlockLook(grid.count, grid.weight_m2, grid.hidden_m2, np.packbits(block.coverable), seen)
+
+
+def seen_nearby(block: CoverageMap, route_m: FloatArray) -> BoolArray:
+    """As :meth:`CoverageMap.seen`, of a route most of which is too far away to see any of the cells."""
+    looks = block.observations(route_m)
+    near = np.zeros(len(looks), dtype=bool)
+    if block.grid.count:
+        centre_m, halo_m = block.grid.cells.centre_m, farthest_m(block.site.scenario.sensor) + 1.0
+        near = np.all(
+            (looks.places_m[:, :2] >= centre_m[:, :2].min(axis=0) - halo_m)
+            & (looks.places_m[:, :2] <= centre_m[:, :2].max(axis=0) + halo_m),
+            axis=1,
+        )
+    if not near.any():
+        return np.zeros(block.grid.count, dtype=bool)
+    return block.seen_by(LevelObservations(looks.places_m[near], looks.headings[near]))
+
+
+def one_after_the_other(site: Site, tasks: Sequence[BlockTask]) -> Iterator[tuple[BlockTask, BlockLook]]:
+    """Look at blocks here and now."""
+    for task in tasks:
+        yield task, look_at_block(site, task)
+
+
+class _GridOfBlocks(CellGrid):
+    """The ground of the cells; the cells themselves are made when somebody asks for them."""
+
+    _site: Site
+
+    def __init__(self, site: Site, weight_m2: FloatArray, hidden_m2: float) -> None:
+        for name, value in (("weight_m2", weight_m2), ("hidden_m2", hidden_m2), ("_site", site)):
+            object.__setattr__(self, name, value)
+
+    @cached_property
+    def cells(self) -> Cells:
+        rows, _ = lattice_shape(self._site, self._site.scenario.area.cell_size_m)
+        return judging_block(self._site, range(rows)).grid.cells
+
+    @property
+    def size_m(self) -> float:
+        return self._site.scenario.area.cell_size_m
+
+
+class BlockMap(CoverageMap):
+    """A :func:`judging_map` that is made of blocks."""
+
+    def __init__(self, site: Site) -> None:
+        self.site = site
+        self.sight = sight_of(site.scenario.sensor)
+        self._recent = RecentlySeen()
+        self._rows = [(rows.start, rows.stop) for rows in row_blocks(site, cells=_BLOCK_CELLS)]
+
+    @cached_property
+    def grid(self) -> CellGrid:  # type: ignore[override]
+        """Its cells."""
+        self.look_at((), one_after_the_other)
+        made: CellGrid = self.__dict__["grid"]
+        return made
+
+    @cached_property
+    def coverable(self) -> BoolArray:
+        """See :class:`CoverageMap`."""
+        self.look_at((), one_after_the_other)
+        made: BoolArray = self.__dict__["coverable"]
+        return made
+
+    def blocks(self) -> Iterator[CoverageMap]:
+        """Its blocks, one after the other."""
+        for rows in self._rows:
+            yield judging_block(self.site, range(*rows))
+
+    def seen(self, route_m: FloatArray) -> BoolArray:
+        """See :class:`CoverageMap`; at once where it was looked at before."""
+        packed = self._recent.get(route_m, lambda: self._found((route_m,), one_after_the_other)[0])
+        seen = _unpacked(packed, self.grid.count)
+        seen.flags.writeable = False
+        return seen
+
+    def seen_by(self, observations: LevelObservations) -> BoolArray:
+        """See :class:`CoverageMap`."""
+        return np.concatenate([block.seen_by(observations) for block in self.blocks()])
+
+    def first_seen(self, observations: LevelObservations) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
+        """See :class:`CoverageMap`."""
+        return np.concatenate([block.first_seen(observations) for block in self.blocks()])
+
+    def look_at(self, routes_m: Sequence[FloatArray], by: RunBlocks) -> None:
+        """Find out what routes see, and what there is to see, once; kept for :meth:`seen`.
+
+        Args:
+            routes_m: each (n, 3) ENU.
+            by: who does it.
+        """
+        new = [route for route in routes_m if not self._recent.knows(route)]
+        if new or "grid" not in self.__dict__:
+            for route, packed in zip(new, self._found(tuple(new), by), strict=True):
+                self._recent.keep(route, packed)
+
+    def _found(self, routes_m: tuple[FloatArray, ...], by: RunBlocks) -> list[Bits]:
+        """For each route (cells,) whether it sees them, packed."""
+        about_cells = "grid" not in self.__dict__
+        tasks = [BlockTask(rows, about_cells, routes_m) for rows in self._rows]
+        found = {task.rows: look for task, look in by(self.site, tasks)}
+        looks = [found[rows] for rows in self._rows]
+        if about_cells:
+            weight_m2 = np.concatenate([look.weight_m2 for look in looks])
+            if not weight_m2.size:
+                # There is nothing to see: who makes the map in one piece says why.
+                CoverageMap(self.site, cell_size_m=self.site.scenario.area.cell_size_m)
+            weight_m2.flags.writeable = False
+            hidden_m2 = math.fsum(look.hidden_m2 for look in looks)
+            self.__dict__["grid"] = _GridOfBlocks(self.site, weight_m2, hidden_m2)
+            self.__dict__["coverable"] = np.concatenate([_unpacked(look.coverable, look.count) for look in looks])
+        return [
+            np.packbits(np.concatenate([_unpacked(look.seen[k], look.count) for look in looks]))
+            for k in range(len(routes_m))
+        ]
+
+
+def _unpacked(bits: Bits, count: int) -> BoolArray:
+    return np.unpackbits(bits, count=count).view(bool)
+
+
+def is_large(site: Site) -> bool:
+    """Whether the area has so many cells that it is looked at block by block."""
+    rows, columns = lattice_shape(site, site.scenario.area.cell_size_m)
+    return _MOST_AT_ONCE < rows * columns <= MAX_CELLS
+
+
+def judge_by_blocks(site: Site) -> None:
+    """From now on the :func:`judging_map` of a site is made of blocks, if the area is large."""
+    if is_large(site):
+        keep_judging_map(site, lambda: BlockMap(site))
+
+
+def look_at_all(coverage: CoverageMap, routes_m: Sequence[FloatArray], by: RunBlocks) -> None:
+    """Have others find out what routes see, where a map is made of blocks; elsewhere it is found when it is asked for."""
+    if isinstance(coverage, BlockMap):
+        coverage.look_at(routes_m, by)
