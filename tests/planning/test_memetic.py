@@ -20,7 +20,16 @@ from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.planning.planner import Effort, SearchProgress, plan_routes
 from uavcover.planning.search import goal_search
-from uavcover.planning.search.goal_search import LADDER, SAFETY, RouteJudge, SearchStart, _long_stages, _thinned
+from uavcover.planning.search.goal_search import (
+    LADDER,
+    SAFETY,
+    RouteJudge,
+    SearchStart,
+    _long_stages,
+    _thinned,
+    best_starts,
+    starts_worth_looking_at,
+)
 from uavcover.planning.search.local_search import CHAINS, PaceByClock, PaceByNumber
 from uavcover.planning.search.memetic import OneAfterTheOther, _closed
 from uavcover.planning.search.route_problem import narrowed, route_problem, state_of
@@ -321,3 +330,19 @@ def test_finer_cells_are_asked_only_about_what_reaches_the_goal_on_the_first() -
     # What the finer cells saw less of the last one is taken off, so that the search does not stop short of the goal on them.
     assert judge(route(4), 0.98) == pytest.approx(0.977)
     assert asked == ["own", "own", "finer", "own"]
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_beginnings_that_are_too_dear_whatever_they_see_are_not_looked_at(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    problem = route_problem(judging_map(SITES["along-path"]), margin_m=0.0, reach_m=50.0)
+    routes = [Route(np.array([[0.0, 0.0, 60.0], [length, 0.0, 60.0]])) for length in rng.uniform(500.0, 2000.0, 30)]
+    share = {id(route): float(np.clip(route.length_m / 1500.0 + rng.normal(0.0, 0.1), 0.0, 1.0)) for route in routes}
+    looked = starts_worth_looking_at(problem, routes, 0.9, lambda route: share[id(route)])
+    best = best_starts(problem, [SearchStart(route, share[id(route)]) for route in routes], 0.9)
+    assert all(a.route is b.route for a, b in zip(best_starts(problem, looked, 0.9)[:CHAINS], best, strict=False))
+    assert CHAINS <= len(looked) < len(routes)
+    # Where the order is free, what reaches the goal comes first, whatever it costs.
+    free = route_problem(judging_map(SITES["free-order"]), margin_m=0.0, reach_m=50.0)
+    assert free.free_order
+    assert len(starts_worth_looking_at(free, routes, 0.9, lambda _: 0.5)) == len(routes)

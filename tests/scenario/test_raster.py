@@ -1,6 +1,7 @@
 import math
 import re
 import struct
+import tracemalloc
 
 import matplotlib.cbook
 import numpy as np
@@ -14,7 +15,7 @@ from rasterio.warp import Resampling, reproject, transform
 
 from scripts import make_terrain
 from uavcover.errors import TerrainError
-from uavcover.scenario import elevation_file
+from uavcover.scenario import elevation_file, pixel_frame
 from uavcover.scenario.elevation_file import read_ground, read_height_amsl_m, read_heights_amsl_m
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import grid_ground
@@ -113,6 +114,7 @@ def test_scale_and_offset_are_applied(tmp_path):
 
 
 BOUNDS = (-600.0, -400.0, 700.0, 500.0)
+_LARGEST_BYTES_A_NODE = 20
 
 
 @pytest.mark.parametrize("layout", LAYOUTS.values(), ids=LAYOUTS.keys())
@@ -306,6 +308,56 @@ def test_heights_above_the_ellipsoid_are_brought_to_sea_level(tmp_path, crs):
     raw = read_heights_amsl_m(plain, "EGM96", lat, lon)
     assert np.abs(above_sea - (raw - _geoid(lat, lon))).max() < 2e-3
     assert np.ptp(raw - above_sea) > 0.005
+
+
+@pytest.mark.usefixtures("geoid_grid")
+@pytest.mark.parametrize("datum", ["EGM96", "WGS84-ellipsoid"])
+def test_a_large_file_is_read_by_strips_to_the_same_ground(tmp_path, monkeypatch, datum):
+    values = bumps()
+    values[3, 5] = math.nan
+    path = write(tmp_path / "dem.tif", values)
+
+    def nodes() -> np.ndarray:
+        return read_ground(path, datum, frame=FRAME, bounds_m=BOUNDS, grid_step_m=None).surface.up_m
+
+    whole = nodes()
+    monkeypatch.setattr(elevation_file, "_MOST_PIXELS", 100)
+    monkeypatch.setattr(pixel_frame, "_STRIP_NODES", 70)
+    assert np.allclose(nodes(), whole, rtol=0.0, atol=1e-9, equal_nan=True)
+    assert whole.shape[0] > 10
+
+
+def test_a_wrong_height_in_a_later_strip_is_told_with_its_row(tmp_path, monkeypatch):
+    values = bumps()
+    values[21, 20] = 12_000.0
+    monkeypatch.setattr(elevation_file, "_MOST_PIXELS", 100)
+    with pytest.raises(TerrainError, match="a height of 12000 m in row 21, column 20"):
+        read_ground(
+            write(tmp_path / "dem.tif", values), "EGM96", frame=FRAME, bounds_m=(-9e3, -9e3, 9e3, 9e3), grid_step_m=None
+        )
+
+
+@pytest.mark.usefixtures("geoid_grid")
+@pytest.mark.parametrize("datum", ["EGM96", "WGS84-ellipsoid"])
+def test_reading_takes_little_more_memory_than_the_ground(tmp_path, monkeypatch, datum):
+    # 2.4e5 pixels of 3 m; half a degree around them is in the small geoid grid of the tests.
+    path = write(tmp_path / "dem.tif", bumps((400, 600)), transform=from_origin(LON - 0.009, LAT + 0.006, 3e-5, 3e-5))
+    monkeypatch.setattr(elevation_file, "_MOST_PIXELS", 6_000)
+    monkeypatch.setattr(pixel_frame, "_STRIP_NODES", 6_000)
+    monkeypatch.setattr(elevation_file, "measure_error_m", lambda *_: 0.0)
+
+    def read_it():
+        return read_ground(path, datum, frame=FRAME, bounds_m=BOUNDS, grid_step_m=None).surface.up_m
+
+    nodes = read_it().size
+    tracemalloc.start()
+    try:
+        read_it()
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert nodes > 100_000
+    assert peak < _LARGEST_BYTES_A_NODE * nodes
 
 
 def test_without_the_grid_the_error_names_it(tmp_path):

@@ -87,7 +87,8 @@ def _add(found: Any, value: object) -> None:
         for each in value:
             _add(found, each)
     elif isinstance(value, np.ndarray):
-        found.update(f"{value.dtype.str}{value.shape}".encode() + np.ascontiguousarray(value).tobytes())
+        found.update(f"{value.dtype.str}{value.shape}".encode())
+        found.update(np.ascontiguousarray(value).reshape(-1).view(np.uint8))
     elif isinstance(value, bytes):
         found.update(f"b{len(value)}".encode() + value)
     else:

@@ -15,8 +15,9 @@ MIB = 2**20
 
 _PROCESS = 330 * MIB
 """The program with its libraries and compiled code, in the command and in each worker process."""
-_NODE = 30
-"""Bytes for each pixel of elevation data as it is read, or as a worker unpacks it."""
+_NODE = 24
+_SENT_NODE = 60
+"""Bytes for each pixel of elevation data as it is read, or as a worker unpacks it; and in a command that sends it to workers."""
 _OF_COMMAND = 420
 """Bytes for each cell of the whole area, in the command: the cells, what routes see of them, and judging side by side."""
 _OF_LARGE_COMMAND = 60
@@ -65,7 +66,7 @@ def memory_need(site: Site, *, processes: bool) -> MemoryNeed:
     nodes = site.ground.surface.up_m.size
     of_cells = _OF_BLOCKS + cells * _OF_LARGE_COMMAND if is_large(site) else cells * _OF_COMMAND
     return MemoryNeed(
-        command=_PROCESS + nodes * _NODE + of_cells,
+        command=_PROCESS + nodes * (_SENT_NODE if processes else _NODE) + of_cells,
         worker=_PROCESS + nodes * _NODE if processes else 0.0,
         cells=cells,
     )

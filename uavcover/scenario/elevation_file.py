@@ -29,7 +29,7 @@ from uavcover.scenario.vertical import DATUMS, ELLIPSOID, Undulation, refuse_fee
 _log = logging.getLogger(__name__)
 
 LOWEST_PLAUSIBLE_M, HIGHEST_PLAUSIBLE_M = -500.0, 9000.0
-MAX_NODES = 40_000_000
+MAX_NODES = 120_000_000
 MAX_ERROR_M = 0.1
 """Largest permitted difference between the ground and its file's own surface."""
 _BLOCKS, _PIXELS_OF_BLOCK, _PLACES_OF_BLOCK = 60, 40.0, 400
@@ -110,7 +110,18 @@ class _Raster:
         return np.concatenate(parts)
 
     def read(self, window: Window) -> FloatArray:
-        """(rows, columns) heights above sea level, NaN where there is no data."""
+        """(rows, columns) heights above sea level, NaN where there is no data; by strips, so that little else is in memory."""
+        columns, rows = int(window.width), int(window.height)
+        step = max(1, _MOST_PIXELS // max(columns, 1))
+        if rows <= step:
+            return self._read_strip(window)
+        heights = np.empty((rows, columns))
+        for first in range(0, rows, step):
+            strip = Window(window.col_off, window.row_off + first, columns, min(step, rows - first))
+            heights[first : first + step] = self._read_strip(strip)
+        return heights
+
+    def _read_strip(self, window: Window) -> FloatArray:
         with _readable(self.path):
             masked = self.dataset.read(self.band, window=window, masked=True)
         scaled = masked.astype(float) * self.dataset.scales[self.band - 1] + self.dataset.offsets[self.band - 1]

@@ -30,6 +30,7 @@ _CURVE_LENGTH_M = 1_000.0
 _SAFE = 1.001
 """Safety factor on maxima over a lattice of positions."""
 _EARTH_RADIUS_M = 6_371_000.0
+_STRIP_NODES = 4_000_000
 _UP_DEGREE = 5
 """Of the polynomials that bring heights above sea level to up coordinates, along columns and along rows."""
 
@@ -114,7 +115,7 @@ def node_ups_m(from_pixels: FromPixels, frame: LocalFrame, heights_amsl_m: Float
     """Up coordinates (rows, columns) of nodes with these heights above sea level.
 
     On a plumb line, up is linear in height. The remainder is smooth over columns and rows, so polynomials through a few
-    positions suffice; pyproj at each of 30 million nodes would take a minute.
+    positions suffice; pyproj at each of 30 million nodes would take a minute. By strips, because there may be many.
     """
     rows, columns = heights_amsl_m.shape
     points = chebpts1(2 * _UP_DEGREE)
@@ -124,10 +125,15 @@ def node_ups_m(from_pixels: FromPixels, frame: LocalFrame, heights_amsl_m: Float
     per_metre = (frame.enu_from_geodetic(lat, lon, 1_000.0)[:, 2] - sea) / 1_000.0
     inverse = np.linalg.pinv(chebvander(points, _UP_DEGREE))
     along, across = (chebvander(np.linspace(-1.0, 1.0, size), _UP_DEGREE) for size in (rows, columns))
-    ups = along @ (inverse @ per_metre.reshape(grid_c.shape) @ inverse.T) @ across.T
-    ups *= heights_amsl_m
-    ups += along @ (inverse @ sea.reshape(grid_c.shape) @ inverse.T) @ across.T
-    return np.asarray(ups)
+    factor, level = (inverse @ each.reshape(grid_c.shape) @ inverse.T for each in (per_metre, sea))
+    ups = np.empty(heights_amsl_m.shape)
+    step = max(1, _STRIP_NODES // columns)
+    for first in range(0, rows, step):
+        strip = slice(first, first + step)
+        ups[strip] = along[strip] @ factor @ across.T
+        ups[strip] *= heights_amsl_m[strip]
+        ups[strip] += along[strip] @ level @ across.T
+    return ups
 
 
 def nodes_inside_m(grid: GridFrame, up_m: FloatArray, bounds_m: Bounds) -> FloatArray:

@@ -24,6 +24,7 @@ MAX_TILES = 400
 _AROUND_DEG = 0.05
 """Tiles farther from area and home are left out; a fence is seldom 5 km wide."""
 _OFF_GRID = 0.01
+_CACHE_BYTES = 128 * 2**20
 _HEIGHTS = re.compile(r"elev|height|altitude|h(ö|oe)he|(?<![a-z])(dem|dtm|dsm|dgm|mnt|mdt|z)(?![a-z])", re.IGNORECASE)
 """In the name of a band."""
 
@@ -193,8 +194,12 @@ def find_tiles(
 
 
 def _gdal() -> rasterio.Env:
-    """Settings of GDAL while a file is open: it leaves no notes (``.gz.properties``) beside the user's files."""
-    return rasterio.Env(CPL_VSIL_GZIP_WRITE_PROPERTIES="NO")
+    """Settings of GDAL while a file is open.
+
+    It leaves no notes (``.gz.properties``) beside the user's files, and keeps little of what was read; by itself it would keep a
+    twentieth of the machine's memory.
+    """
+    return rasterio.Env(CPL_VSIL_GZIP_WRITE_PROPERTIES="NO", GDAL_CACHEMAX=_CACHE_BYTES)
 
 
 def _is_near(tile: Path, around: Bounds) -> bool:

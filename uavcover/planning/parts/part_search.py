@@ -18,7 +18,7 @@ from uavcover.model.route import Route
 from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted, tight_lines
 from uavcover.planning.baselines.boustrophedon import Baseline, boustrophedons
 from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad
-from uavcover.planning.search.goal_search import RouteJudge, SearchStart, search_goal
+from uavcover.planning.search.goal_search import RouteJudge, search_goal, starts_worth_looking_at
 from uavcover.planning.search.local_search import (
     CHAINS,
     PROPOSALS_PER_EVALUATION,
@@ -137,7 +137,9 @@ def _search(part: Site, task: PartTask, *, now: Callable[[], float], should_stop
     problem = scattered_problem(scattered)
     judges = [cells.asked(each) for each in judging_maps(part)]
     lines = _constructed(part, task.goal) if task.route_m is None else [Route(task.route_m)]
-    starts = [SearchStart(route, scattered.share_of_coverable(scattered.seen(route.waypoints_m))) for route in lines]
+    starts = starts_worth_looking_at(
+        problem, lines, task.goal, lambda route: scattered.share_of_coverable(scattered.seen(route.waypoints_m))
+    )
     pace: SearchPace
     if task.budget_s is None:
         pace = PaceByNumber(task.evaluations * PROPOSALS_PER_EVALUATION)
@@ -156,7 +158,7 @@ def _search(part: Site, task: PartTask, *, now: Callable[[], float], should_stop
     seeds = np.random.SeedSequence([task.seed, task.round, task.number]).spawn(CHAINS)
     work = Work(problem, pace, [np.random.default_rng(seed) for seed in seeds], None, should_stop, lambda _: None)
     tuned = TUNED.goal
-    capacity = tuned.path_capacity * max(len(start.route) for start in starts) + tuned.spare_waypoints
+    capacity = tuned.path_capacity * max(len(route) for route in lines) + tuned.spare_waypoints
     judge = RouteJudge(lambda route, _: judged(route), found.append)
     stages = tuned.main_stages if task.round == 0 else _LATER_STAGES
     search_goal(work, starts, task.goal, capacity, (0.0, 1.0), stages, judge)

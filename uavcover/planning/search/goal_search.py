@@ -3,6 +3,7 @@
 For few waypoints, the price of a waypoint rises step by step, at the cost of a longer path.
 """
 
+import bisect
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
@@ -226,6 +227,39 @@ def _long_stages(stages: Sequence[float], least: float) -> list[tuple[float, int
 def _corrected(goal: float, seen: float, judged: float) -> float:
     """The goal on the search's cells, corrected by how a route's coverage there differs from its judged coverage."""
     return min(1.0, max(0.0, seen + goal + SAFETY - judged))
+
+
+def starts_worth_looking_at(
+    problem: RouteProblem,
+    routes: Sequence[Route],
+    goal: float,
+    share_seen: Callable[[Route], float],
+    tuned: GoalTuning = TUNED.goal,
+) -> list[SearchStart]:
+    """Routes as beginnings for a goal, without those that are too dear for :func:`best_starts` whatever they see.
+
+    Finding out what a route sees takes long on many cells. Missing coverage only adds to its cost: routes are looked at from the
+    cheapest on, until the next one costs more than the best come to, as many as there are chains.
+
+    Args:
+        problem: what is looked at.
+        routes: of any coverage.
+        goal: share of what can be covered.
+        share_seen: share of what can be covered that a route sees.
+        tuned: has the price of what is missing.
+
+    Returns:
+        Beginnings in the order of the routes; the best CHAINS of all are among them.
+    """
+    costs = [problem.cost(route) for route in routes]
+    looked: dict[int, SearchStart] = {}
+    merits: list[float] = []
+    for k in sorted(range(len(routes)), key=costs.__getitem__):
+        if not problem.free_order and len(merits) >= CHAINS and costs[k] > merits[CHAINS - 1]:
+            break
+        looked[k] = SearchStart(routes[k], share_seen(routes[k]))
+        bisect.insort(merits, _merit(problem, looked[k], goal, 0.0, tuned.start_price)[1])
+    return [looked[k] for k in sorted(looked)]
 
 
 def best_starts(
