@@ -77,6 +77,24 @@ def best_unlike_cuts(
     return best
 
 
+def best_one_at_a_time(times_s: Sequence[Times], waypoints: int, *, shared: int, turnaround_s: float) -> float:
+    """Earliest last landing of all cuts of a route whose flights follow each other, each by the vehicle that is quickest with it.
+
+    Args:
+        times_s: for each vehicle, as of :func:`best_cuts`.
+        waypoints: how many there are.
+        shared: 1 when a flight begins where the one before it ended.
+        turnaround_s: between two flights.
+    """
+    best = math.inf
+    between = range(1, waypoints - 1) if shared else range(waypoints - 1)
+    for ends in itertools.chain.from_iterable(itertools.combinations(between, k) for k in range(len(between) + 1)):
+        flights = list(zip([0, *(end + 1 - shared for end in ends)], [*ends, waypoints - 1], strict=True))
+        quickest = [min(times.get(pair, math.inf) for times in times_s) for pair in flights]
+        best = min(best, sum(quickest) + turnaround_s * (len(flights) - 1))
+    return best
+
+
 def least_distance(
     a_s: np.ndarray, a_m: np.ndarray, b_s: np.ndarray, b_m: np.ndarray, start_s: float, *, fraction: float, start_error_s: float,
     step_s: float,

@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pytest
 
-from tests.naive.fleet import best_unlike_cuts
+from tests.naive.fleet import best_one_at_a_time, best_unlike_cuts
 from tests.routes.test_fleet_cuts import random_costs
 from uavcover.kernels.way_cost import FlightCosts, flight_s
 from uavcover.routes.unlike_cuts import share_out_unlike, unlike_cuts
@@ -46,6 +46,30 @@ def test_the_cuts_are_the_best_there_are() -> None:
     assert all(math.isfinite(found) == math.isfinite(best) for found, best in cases)
     assert all(found >= best - 1e-6 for found, best in finite)
     assert sum(found > best + 1e-6 for found, best in finite) == 0  # of 378 others one was 12 % later
+
+
+def done_s(seed: int) -> tuple[float, float]:
+    """When the last flight of several places has landed that follow each other: as found, and at best."""
+    rng = np.random.default_rng(seed)
+    waypoints, shared = int(rng.integers(2, 8)), int(rng.integers(0, 2))
+    costs = [random_costs(rng, waypoints, shared) for _ in range(int(rng.integers(2, 4)))]
+    turnaround_s = float(rng.choice([0.0, 20.0, 100.0]))
+    times = [possible_s(each, waypoints) for each in costs]
+    best = best_one_at_a_time(times, waypoints, shared=shared, turnaround_s=turnaround_s)
+    flights = unlike_cuts(costs, turnaround_s=turnaround_s, ready_s=[0.0] * len(costs), one_at_a_time=True)
+    if flights is None:
+        return math.inf, best
+    assert (flights[0][0], flights[-1][1]) == (0, waypoints - 1)
+    assert all(b[0] == a[1] + 1 - shared for a, b in itertools.pairwise(flights))
+    return sum(times[k][first, last] for first, last, k in flights) + turnaround_s * (len(flights) - 1), best
+
+
+def test_the_cuts_of_flights_that_follow_each_other_are_the_best_there_are() -> None:
+    cases = [done_s(seed) for seed in range(60)]
+    finite = [(found, best) for found, best in cases if math.isfinite(best)]
+    assert len(finite) > 40
+    assert all(math.isfinite(found) == math.isfinite(best) for found, best in cases)
+    assert [found for found, _ in finite] == pytest.approx([best for _, best in finite], abs=1e-6)
 
 
 @pytest.mark.parametrize(

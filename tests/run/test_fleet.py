@@ -117,7 +117,8 @@ def test_more_vehicles_than_help_are_told() -> None:
 def test_a_fleet_without_a_mission() -> None:
     site = fleet_site(2)
     document = fleet_document(site, ())
-    assert document == {"vehicles": 2, "alike": True, "separation_m": 20.0}
+    ways = {"one_at_a_time": False, "launch_points": False}
+    assert document == {"vehicles": 2, "alike": True, "separation_m": 20.0, **ways}
     user = Listener()
     say_fleet(user, document)
     assert user.lines == []

@@ -1,6 +1,7 @@
 """Vehicles that differ, each from its own home: planned, flown, judged, and what one leaves taken over from another home."""
 
 import dataclasses
+import itertools
 import json
 from pathlib import Path
 from typing import Any
@@ -108,6 +109,39 @@ def test_each_takes_off_and_lands_at_its_own_home(planned: RunFolder) -> None:
         assert np.allclose(begins[1], home["lon_deg"], atol=1e-7)
         frames.add(each.site.frame)
     assert len(frames) == 1  # the waypoints of all are in one frame
+
+
+def test_one_vehicle_flies_one_flight_at_a_time_from_its_launch_points(tmp_path: Path) -> None:
+    scenario = unlike_site(tmp_path, [None, FAR]).scenario
+    fleet = dataclasses.replace(scenario.fleet, one_at_a_time=True)
+    vehicles = [dataclasses.replace(vehicle, endurance_s=250.0) for vehicle in scenario.vehicles]
+    one = dataclasses.replace(vehicles[0], home=None)
+    site = load_site(dataclasses.replace(scenario, fleet=fleet, vehicles=tuple(vehicles), vehicle=one))
+    assert site.scenario.has_launch_points
+    route = lines_over(site)
+    flights = compile_flights(site, route)
+    alone = [compile_flights(own, route, vehicles=1) for own in vehicle_sites(site)]
+    assert [len(each) for each in (flights, *alone)] == [3, 4, 4]
+    flown_s = sum(flight.compiled.flight_time_s for flight in flights)
+    assert flown_s < 0.9 * min(sum(flight.compiled.flight_time_s for flight in each) for each in alone)
+    # Each takes off after the landing before and the change of battery, those from one place one after the other.
+    ordered = sorted(flights, key=lambda flight: flight.start_s or 0.0)
+    assert [flight.vehicle for flight in ordered] == sorted(flight.vehicle for flight in flights)
+    assert {flight.vehicle for flight in flights} == {1, 2}
+    for before, after in itertools.pairwise(ordered):
+        assert before.start_s is not None
+        assert after.start_s == pytest.approx(before.start_s + before.compiled.flight_time_s + 60.0)
+    for flight in flights:
+        home = vehicle_sites(site)[flight.vehicle - 1].home_m
+        assert flight.compiled.path_m[[0, -1], :2] == pytest.approx(np.tile(home[:2], (2, 1)), abs=0.01)
+    # It is one vehicle: it has one link, and the words are those of places.
+    run, user = plan_for(tmp_path / "run", site, route), Listener()
+    for refuse in (lambda: first_sorties(run, 2), lambda: planned_jobs(run, 2)):
+        with pytest.raises(InputError, match=r"planned one at a time; give one --to, and --sortie N"):
+            refuse()
+    say_fleet(user, fleet_document(site, flights))
+    assert [line.split("sorties")[0].strip() for line in user.lines[:2]] == ["from home", "from launch point 1"]
+    assert user.lines[2].startswith("one flight at a time: done after ")
 
 
 def test_it_is_flown_and_judged_by_each_ones_home(planned: RunFolder, tmp_path: Path) -> None:

@@ -41,6 +41,57 @@ def test_vehicles_that_differ_are_listed_with_their_homes():
         dataclasses.replace(scenario, fleet=Fleet(vehicles=3))
 
 
+def test_launch_points_are_places_of_one_vehicle_that_flies_one_flight_at_a_time():
+    point = "\n[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n"
+    scenario = parse(GOOD + point)
+    home, other = parse(GOOD).home, Home(lat_deg=36.474, lon_deg=-84.216)
+    assert [vehicle.home for vehicle in scenario.vehicles] == [home, other]
+    assert scenario.fleet == Fleet(vehicles=2, one_at_a_time=True)
+    assert scenario.has_launch_points
+    assert (scenario.home, scenario.vehicle) == (home, parse(GOOD).vehicle)
+    assert parse(dump_scenario(scenario), Path("/elsewhere")) == scenario
+    # Its one link is that of every place.
+    table = "[vehicle]\ncruise_speed_m_s = 10.0\n"
+    linked = parse(GOOD.replace(table, table + 'link = "udpin://127.0.0.1:14550"\n') + point)
+    assert {vehicle.link for vehicle in linked.vehicles} == {"udpin://127.0.0.1:14550"}
+    # Vehicles that differ may also fly one at a time; they are several.
+    two = GOOD.replace(table, "[[vehicle]]\n[[vehicle]]\nendurance_s = 900\n[fleet]\none_at_a_time = true\n")
+    assert not parse(two).has_launch_points
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ("[[launch_point]]\nlat_deg = 'x'\nlon_deg = 3\n", "launch_point.0.lat_deg: must be a finite number"),
+        ("[[launch_point]]\nlat_deg = 95.0\nlon_deg = 3\n", "launch_point.0.lat_deg: 95.0 is outside -90..90"),
+        ("[[launch_point]]\nlat = 3.0\nlon_deg = 3.0\n", "launch_point.0.lat: unknown key (did you mean lat_deg?)"),
+        ("[[launch_point]]\nlat_deg = 36.4\n", "launch_point.0: give lat_deg and lon_deg"),
+        ("[[launch_point]]\neast_m = 1.0\nnorth_m = 2.0\n", "launch_point.0: give lat_deg and lon_deg"),
+        ("[launch_point]\nlat_deg = 36.4\n", "launch_point: write [[launch_point]] with lat_deg and lon_deg once"),
+        (
+            2 * "[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n",
+            "launch_point.1: is a place that was given before",
+        ),
+        (
+            "[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n[fleet]\nvehicles = 2\n",
+            "launch_point: is for one [vehicle]; each of several has a home of its own",
+        ),
+        (
+            "[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n[fleet]\none_at_a_time = false\n",
+            "fleet.one_at_a_time: one vehicle with launch points flies one flight at a time",
+        ),
+        ("[fleet]\none_at_a_time = true\n", "fleet.one_at_a_time: is for vehicles that differ, or one with launch"),
+    ],
+)
+def test_mistakes_in_launch_points(tables, words):
+    assert words in refused(text=GOOD + "\n" + tables)
+
+
+def test_launch_points_need_a_home():
+    text = re.sub(r"\[home\]\n(?:\w+ = .*\n)+", "", GOOD) + "\n[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n"
+    assert "launch_point: are places besides [home], which is missing" in refused(text=text)
+
+
 def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
     ring = "[[-84.22, 36.47], [-84.215, 36.47], [-84.215, 36.48], [-84.22, 36.48]]"
     closed = ring[:-1] + ", [-84.22, 36.47]]"

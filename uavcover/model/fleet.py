@@ -20,6 +20,8 @@ class Fleet:
         clock_error_s: by how much the times at which positions of two vehicles arrived may be wrong against each other, in the
             judgement of flown tracks: different delays of their links, and clocks of two ground stations.
         pad_s: how long a vehicle stands at home before its take-off and after its landing; no other one may be near then.
+        one_at_a_time: of vehicles that differ each takes off ``turnaround_s`` after the one before it has landed. One vehicle
+            that is moved between launch points ([[launch_point]]) flies so.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -32,6 +34,7 @@ class Fleet:
     start_error_s: float = 5.0
     clock_error_s: float = 0.5
     pad_s: float = 30.0
+    one_at_a_time: bool = False
 
     def __post_init__(self) -> None:
         require(1 <= self.vehicles <= 50, f"vehicles: {self.vehicles} is outside 1..50")

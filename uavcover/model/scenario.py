@@ -1,5 +1,6 @@
 """The scenario: everything a plan depends on, including the uncertainty of positions and ground."""
 
+import dataclasses
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
@@ -293,7 +294,7 @@ class Scenario:
         links = [vehicle.link for vehicle in self.vehicles]
         for number, link in enumerate(links):
             require(
-                link is None or link.startswith("mock:") or link not in links[:number],
+                link is None or link.startswith("mock:") or link not in links[:number] or self.has_launch_points,
                 f"vehicle.{number}.link: {link} is that of vehicle.{links.index(link)}; each vehicle needs a link of its own",
             )
         self._require_fits(self.sensor, "sensor")
@@ -305,6 +306,11 @@ class Scenario:
         require(
             len(self.vehicles) in (0, self.fleet.vehicles),
             f"fleet.vehicles: is {self.fleet.vehicles}, and [[vehicle]] lists {len(self.vehicles)} that are not alike",
+        )
+        require(
+            bool(self.vehicles) or not self.fleet.one_at_a_time,
+            "fleet.one_at_a_time: is for vehicles that differ, or one with launch points; give each a [[vehicle]], or a "
+            "[[launch_point]]",
         )
         for number, vehicle in enumerate(self.vehicles or (self.vehicle,)):
             airspeed, which = vehicle.max_airspeed_m_s, f"vehicle.{number}" if self.vehicles else "vehicle"
@@ -322,10 +328,8 @@ class Scenario:
             require(self.terrain.kind == "raster", "terrain.kind: a geographic area needs raster terrain")
             require(self.home is None or self.home.lat_deg is not None, "home: give lat_deg and lon_deg")
             for number, vehicle in enumerate(self.vehicles):
-                require(
-                    vehicle.home is None or vehicle.home.lat_deg is not None,
-                    f"vehicle.{number}.home: give lat_deg and lon_deg",
-                )
+                which = f"launch_point.{number - 1}" if self.has_launch_points else f"vehicle.{number}.home"
+                require(vehicle.home is None or vehicle.home.lat_deg is not None, f"{which}: give lat_deg and lon_deg")
         else:
             require(
                 self.terrain.kind != "raster" or self.origin is not None,
@@ -335,6 +339,12 @@ class Scenario:
                 self.home is None or self.home.east_m is not None or self.origin is not None,
                 "home: lat_deg and lon_deg need an origin; give east_m and north_m, or an [origin]",
             )
+
+    @property
+    def has_launch_points(self) -> bool:
+        """Whether its vehicles are one that takes off from several places: one at a time, alike but for their homes."""
+        own = {dataclasses.replace(vehicle, home=None) for vehicle in self.vehicles}
+        return self.fleet.one_at_a_time and len(own) == 1
 
     def _require_fits(self, sensor: Sensor, key: str) -> None:
         """Refuse a sensor that does not go with limits, cells and what is required."""

@@ -97,13 +97,16 @@ def compile_sorties(
     return _cut_and_compiled(flyers, route, cut, refusal)
 
 
-def compile_unlike_sorties(sites: Sequence[Site], route: Route, *, spacing_share: float = 1.0) -> tuple[Sortie, ...]:
+def compile_unlike_sorties(
+    sites: Sequence[Site], route: Route, *, spacing_share: float = 1.0, one_at_a_time: bool = False
+) -> tuple[Sortie, ...]:
     """Compile a route as flights of vehicles that differ, each from its own home, so that they are done soonest.
 
     Args:
         sites: of each vehicle, vehicle 1 first.
         route: the planned route.
         spacing_share: as of :func:`compile_sorties`, for vehicles whose homes are no farther apart than paths are planned.
+        one_at_a_time: whether no vehicle flies before the one before it has landed.
 
     Raises:
         InfeasibleError: a leg breaks a limit, or no vehicle reaches a part of the route inside its endurance (says which).
@@ -116,7 +119,7 @@ def compile_unlike_sorties(sites: Sequence[Site], route: Route, *, spacing_share
             _spacing_s(each, site, len(sites)) for each, site in zip(costs, sites, strict=True)
         )
         ready_s = [spacing_s * before for before in _sharing_home(sites, fleet.planned_separation_m)]
-        return unlike_cuts(costs, turnaround_s=fleet.turnaround_s, ready_s=ready_s)
+        return unlike_cuts(costs, turnaround_s=fleet.turnaround_s, ready_s=ready_s, one_at_a_time=one_at_a_time)
 
     flyers = [_Flyer(site, site.scenario.vehicle.autopilot, None) for site in sites]
     if len(route) < 2:

@@ -95,7 +95,7 @@ def _shared_out(times_s: Sequence[Sequence[float]], turnaround_s: float, ready_s
 
 
 def unlike_cuts(
-    costs: Sequence[FlightCosts], *, turnaround_s: float, ready_s: Sequence[float]
+    costs: Sequence[FlightCosts], *, turnaround_s: float, ready_s: Sequence[float], one_at_a_time: bool = False
 ) -> FlightsOfVehicles | None:
     """The flights, in the order of the route, with their vehicles; none when no split is found.
 
@@ -103,8 +103,11 @@ def unlike_cuts(
         costs: of the flights that are possible to each vehicle.
         turnaround_s: between two flights of one vehicle.
         ready_s: when each vehicle may take off first.
+        one_at_a_time: no vehicle flies before the one before it has landed, and ``turnaround_s`` is between any two flights.
     """
-    search = _UnlikeCutSearch(costs, turnaround_s, ready_s)
+    search = (
+        _OneAtATime(costs, turnaround_s, ready_s) if one_at_a_time else _UnlikeCutSearch(costs, turnaround_s, ready_s)
+    )
     found: set[Cuts] = set()
     for each in (*costs, _best_of(costs)):
         found |= CutSearch(each, len(costs), turnaround_s, 0.0).by_limits()
@@ -170,3 +173,19 @@ class _UnlikeCutSearch(CutSearch):
         if key not in self._rows:
             self._rows[key] = [float(flight_s(each, first, last)) for each in self._all]
         return self._rows[key]
+
+
+class _OneAtATime(_UnlikeCutSearch):
+    """Cuts whose flights follow each other: each is that of the vehicle that takes least for it."""
+
+    def shared(self, cuts: Cuts) -> _Shared:
+        """The flights of a cut, each with its quickest vehicle."""
+        rows = [self._row(*flight) for flight in cuts]
+        times_s = [min(_IMPOSSIBLE_S, *row) for row in rows]
+        vehicle_of = tuple(int(np.argmin(row)) for row in rows)
+        total_s = math.fsum(times_s)
+        return _Shared(total_s + self._turnaround_s * (len(cuts) - 1), total_s, vehicle_of)
+
+    def bound_s(self, cuts: Cuts) -> float:
+        """There is one way to share them out."""
+        return self.value(cuts)[0]

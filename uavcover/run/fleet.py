@@ -26,16 +26,28 @@ def scheduled(site: Site, flights: Sequence[Sortie], *, autopilot: AutopilotName
     )
 
 
-def scheduled_unlike(sites: Sequence[Site], flights: Sequence[Sortie]) -> tuple[Sortie, ...]:
+def scheduled_unlike(site: Site, flights: Sequence[Sortie]) -> tuple[Sortie, ...]:
     """The flights of vehicles that differ, each with its vehicle already, with take-offs at which all keep apart."""
+    fleet, sites = site.scenario.fleet, vehicle_sites(site)
+    if fleet.one_at_a_time:
+        return _one_after_the_other(flights, fleet.turnaround_s)
     timelines = []
     for flight in flights:
-        site = sites[flight.vehicle - 1]
-        timelines.append(timeline_of(site, flight, autopilot=site.scenario.vehicle.autopilot))
-    starts = schedule(timelines, sites[0].scenario.fleet, vehicle_of=[flight.vehicle - 1 for flight in flights])
+        own = sites[flight.vehicle - 1]
+        timelines.append(timeline_of(own, flight, autopilot=own.scenario.vehicle.autopilot))
+    starts = schedule(timelines, fleet, vehicle_of=[flight.vehicle - 1 for flight in flights])
     return tuple(
         dataclasses.replace(flight, start_s=start.start_s) for flight, start in zip(flights, starts, strict=True)
     )
+
+
+def _one_after_the_other(flights: Sequence[Sortie], turnaround_s: float) -> tuple[Sortie, ...]:
+    """With take-offs so long after the landing before; all flights from one home come before those from the next one."""
+    start_s, found = 0.0, {}
+    for k in sorted(range(len(flights)), key=lambda k: (flights[k].vehicle, k)):
+        found[k] = dataclasses.replace(flights[k], start_s=start_s)
+        start_s += flights[k].compiled.flight_time_s + turnaround_s
+    return tuple(found[k] for k in range(len(flights)))
 
 
 def makespan_s(flights: Sequence[Sortie]) -> float:
@@ -55,14 +67,18 @@ def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | No
         return None
     alike = not site.scenario.vehicles
     document: dict[str, Any] = {"vehicles": fleet.vehicles, "alike": alike, "separation_m": fleet.separation_m}
+    document |= {"one_at_a_time": fleet.one_at_a_time, "launch_points": site.scenario.has_launch_points}
     if not flights:
         return document
     times_s = [flight.compiled.flight_time_s for flight in flights]
     done_s = makespan_s(flights)
     one_s = math.fsum(times_s) + fleet.turnaround_s * (len(flights) - 1)
-    together_s = (
-        share_out(times_s, fleet.vehicles, fleet.turnaround_s).makespan_s if alike else _at_once_s(site, flights)
-    )
+    if fleet.one_at_a_time:
+        together_s = done_s
+    elif alike:
+        together_s = share_out(times_s, fleet.vehicles, fleet.turnaround_s).makespan_s
+    else:
+        together_s = _at_once_s(site, flights)
     return document | {
         "makespan_s": done_s,
         "one_vehicle_s": one_s,
@@ -133,13 +149,19 @@ def say_fleet(user: User, document: dict[str, Any] | None) -> None:
         left = row["least_battery_left"]
         battery = "" if left is None else f", at least {100.0 * left:.0f} % of a battery left"
         user.say(
-            f"vehicle {row['vehicle']:<2} sorties {each}; in the air {row['flight_time_s']:.0f} s, landed at "
+            f"{_whose(document, row['vehicle'])} sorties {each}; in the air {row['flight_time_s']:.0f} s, landed at "
             f"{row['landed_s']:.0f} s{battery}"
         )
     flying = {row["vehicle"] for row in document["by_vehicle"]}
     idle = [] if document["alike"] else [k for k in range(1, document["vehicles"] + 1) if k not in flying]
     for number in idle:
+        if document["launch_points"]:
+            user.say(f"{_whose(document, number)} nothing: no flight is shorter, or possible, from there")
+            continue
         user.say(f"vehicle {number:<2} stays on the ground: no part of the route is done sooner, or at all, with it")
+    if document["one_at_a_time"]:
+        user.say(f"one flight at a time: done after {document['makespan_s']:.0f} s")
+        return
     waits = document["kept_apart_s"]
     apart = f" (of that {waits:.0f} s to keep {document['separation_m']:g} m apart)" if waits >= 1.0 else ""
     used = len(document["by_vehicle"])
@@ -152,3 +174,10 @@ def say_fleet(user: User, document: dict[str, Any] | None) -> None:
         user.warn(
             "more vehicles would not be done sooner: the ways there and home, and keeping apart, cost more than they gain"
         )
+
+
+def _whose(document: dict[str, Any], vehicle: int) -> str:
+    """Who flies, or from where one vehicle does."""
+    if not document["launch_points"]:
+        return f"vehicle {vehicle:<2}"
+    return "from home          " if vehicle == 1 else f"from launch point {vehicle - 1:<2}"

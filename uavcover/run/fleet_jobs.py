@@ -16,6 +16,7 @@ from uavcover.run.mission import compile_plan
 from uavcover.run.planned import read_planned
 from uavcover.run.resume import find_unfinished, save_part, save_rest, scenario_of_fleet
 from uavcover.run.session import require_home
+from uavcover.run.upload_fleet import require_at_once
 from uavcover.scenario.site import Site
 
 _LEAST_GAIN_M = 20.0
@@ -70,6 +71,7 @@ def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
     """
     document = run.read_json("plan.json", made_by="uavcover plan")
     fleet, rows = document.get("fleet"), document.get("sorties")
+    require_at_once(fleet, run)
     flying = len(fleet.get("by_vehicle", [])) if isinstance(fleet, dict) else 1
     alike = not isinstance(fleet, dict) or fleet.get("alike", True)
     if not alike and isinstance(fleet, dict) and isinstance(fleet.get("vehicles"), int):

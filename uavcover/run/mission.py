@@ -47,7 +47,7 @@ def compile_flights(
                 "the area; plan it again"
             )
         unlike = [
-            scheduled_unlike(sites, _of_groups(sites, groups, route, spacing_share=share)) for share in _SPACING_SHARES
+            scheduled_unlike(site, _of_groups(site, groups, route, spacing_share=share)) for share in _SPACING_SHARES
         ]
         return min(unlike, key=makespan_s)
     if count == 1:
@@ -62,16 +62,17 @@ def compile_flights(
 
 
 def _of_groups(
-    sites: Sequence[Site], groups: Sequence[Sequence[int]], route: Route, *, spacing_share: float
+    site: Site, groups: Sequence[Sequence[int]], route: Route, *, spacing_share: float
 ) -> tuple[Sortie, ...]:
     """The sorties of all parts of a route, each cut for the vehicles that see that part; numbers are those of the whole route."""
+    sites, one_at_a_time = vehicle_sites(site), site.scenario.fleet.one_at_a_time
     found: list[Sortie] = []
     for group, part, begins in zip(groups, route.parts, (0, *route.begins), strict=True):
         own = [sites[number - 1] for number in group]
         if len(own) == 1:
             flights = compile_sorties(own[0], part, autopilot=own[0].scenario.vehicle.autopilot)
         else:
-            flights = compile_unlike_sorties(own, part, spacing_share=spacing_share)
+            flights = compile_unlike_sorties(own, part, spacing_share=spacing_share, one_at_a_time=one_at_a_time)
         found += [
             replace(flight, first=begins + flight.first, last=begins + flight.last, vehicle=group[flight.vehicle - 1])
             for flight in flights

@@ -45,6 +45,7 @@ def first_sorties(run: RunFolder, count: int) -> tuple[FirstSortie, ...]:
     document = run.read_json("plan.json", made_by="uavcover plan")
     fleet, folders = document.get("fleet"), run.sorties()
     rows = fleet.get("by_vehicle", []) if isinstance(fleet, dict) else []
+    require_at_once(fleet, run)
     if isinstance(fleet, dict) and not fleet.get("alike", True) and fleet.get("vehicles") != count:
         raise InputError(
             f"{run}: its {fleet.get('vehicles')} vehicles differ, and --to names {count}; give the link of each, vehicle 1 first"
@@ -72,6 +73,22 @@ def first_sorties(run: RunFolder, count: int) -> tuple[FirstSortie, ...]:
         raise InputError(
             f"{run.file('plan.json')}: fleet is none ({type(error).__name__}: {error}); make it again with: uavcover plan"
         ) from error
+
+
+def require_at_once(fleet: object, run: RunFolder) -> None:
+    """Refuse several vehicles for flights that are planned one at a time.
+
+    Args:
+        fleet: of ``plan.json``.
+        run: its folder.
+
+    Raises:
+        InputError: they are.
+    """
+    if isinstance(fleet, dict) and fleet.get("one_at_a_time", False):
+        raise InputError(
+            f"{run}: its flights are planned one at a time; give one --to, and --sortie N, in the order of the plan"
+        )
 
 
 def require_different(urls: Sequence[str]) -> None:

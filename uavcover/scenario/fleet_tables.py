@@ -1,8 +1,13 @@
-"""``[[vehicle]]`` given several times: equal vehicles are one [vehicle] and their number, others are listed with their homes."""
+"""``[[vehicle]]`` given several times: equal vehicles are one [vehicle] and their number, others are listed with their homes.
+
+One vehicle with ``[[launch_point]]`` besides its [home] is listed like that too, once for each place, for one flight at a time.
+"""
 
 from typing import Any
 
 from uavcover.errors import ScenarioError
+
+LAUNCH_POINTS = "launch_point"
 
 _OF_SEVERAL = {
     "home": "has its home in [home]",
@@ -24,6 +29,7 @@ def with_fleet(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
     """
     if "vehicles" in raw:
         raise ScenarioError(f"{source}: vehicles: unknown key; write [[vehicle]] once for each vehicle")
+    raw = _with_launch_points(raw, source=source)
     listed, fleet, home = raw.get("vehicle"), raw.get("fleet", {}), raw.get("home")
     if isinstance(listed, dict):
         _refuse_of_several(listed, f"{source}: vehicle")
@@ -52,6 +58,37 @@ def with_fleet(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
     own = [{**table, "home": place} for table, place in zip(listed, homes, strict=True)]
     alike = {key: value for key, value in first.items() if key not in _OF_SEVERAL and key != "link"}
     return raw | {"vehicle": alike, "vehicles": own, "home": homes[0], "fleet": fleet}
+
+
+def _with_launch_points(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
+    """The tables with a [[vehicle]] for [home] and for each launch point."""
+    if LAUNCH_POINTS not in raw:
+        return raw
+    points, vehicle, home, fleet = raw[LAUNCH_POINTS], raw.get("vehicle", {}), raw.get("home"), raw.get("fleet", {})
+    if not isinstance(points, list) or not points or not all(isinstance(point, dict) for point in points):
+        raise ScenarioError(
+            f"{source}: {LAUNCH_POINTS}: write [[{LAUNCH_POINTS}]] with lat_deg and lon_deg once for each place"
+        )
+    if home is None:
+        raise ScenarioError(
+            f"{source}: {LAUNCH_POINTS}: are places besides [home], which is missing; make one of them [home]"
+        )
+    if not isinstance(vehicle, dict) or not isinstance(fleet, dict) or fleet.get("vehicles", 1) != 1:
+        raise ScenarioError(f"{source}: {LAUNCH_POINTS}: is for one [vehicle]; each of several has a home of its own")
+    if fleet.get("one_at_a_time", True) is not True:
+        raise ScenarioError(f"{source}: fleet.one_at_a_time: one vehicle with launch points flies one flight at a time")
+    _refuse_of_several(vehicle, f"{source}: vehicle")
+    homes = [home, *points]
+    for number, point in enumerate(homes):
+        if point in homes[:number]:
+            raise ScenarioError(
+                f"{source}: {LAUNCH_POINTS}.{number - 1}: is a place that was given before; leave it out"
+            )
+    others = {key: value for key, value in raw.items() if key != LAUNCH_POINTS}
+    return others | {
+        "vehicle": [{**vehicle, "home": place} for place in homes],
+        "fleet": {key: value for key, value in fleet.items() if key != "vehicles"} | {"one_at_a_time": True},
+    }
 
 
 def _refuse_of_several(table: dict[str, Any], where: str) -> None:

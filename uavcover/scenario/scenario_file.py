@@ -24,7 +24,7 @@ from uavcover.model.scenario import Scenario
 from uavcover.model.terrain import RasterTerrain, Terrain
 from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.areas.area_file import SUFFIXES as AREA_SUFFIXES
-from uavcover.scenario.fleet_tables import with_fleet
+from uavcover.scenario.fleet_tables import LAUNCH_POINTS, with_fleet
 from uavcover.scenario.obstacles import read_obstacles
 from uavcover.scenario.outlines import outline_mistakes, with_rings
 from uavcover.scenario.ring_checks import bounds_deg, fence_mistakes, no_fly_mistakes, prism_mistakes
@@ -85,14 +85,14 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
         raw = tomllib.loads(text)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ScenarioError(f"{source}: not valid TOML: {error}") from error
-    raw = with_fleet(raw, source=source)
+    raw, given = with_fleet(raw, source=source), raw
     # Validated as JSON: there the validator accepts a list for a tuple and a table for a dataclass, and is strict otherwise.
     document = json.dumps(raw, default=str)
     mistakes: list[str] = []
     try:
         scenario = _SCENARIO.validate_json(document, strict=True)
     except ValidationError as error:
-        mistakes += _mistakes(error.errors(include_url=False), raw)
+        mistakes += _mistakes(error.errors(include_url=False), raw, launched=LAUNCH_POINTS in given)
         if not any(mistake.startswith("area") for mistake in mistakes):
             # Other keys are invalid already; report the mistakes in the area's shape at the same time.
             area = _AREA.validate_json(json.dumps(raw["area"], default=str), strict=True)
@@ -100,10 +100,11 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
         raise ScenarioError(f"{source}: {'; '.join(mistakes)}") from error
     mistakes += outline_mistakes(scenario.area, folder, key="area") + fence_mistakes(scenario.limits)
     for number, vehicle in enumerate(scenario.vehicles):
-        mistakes += _link_mistakes(vehicle.link, f"vehicle.{number}.link")
+        if not scenario.has_launch_points:
+            mistakes += _link_mistakes(vehicle.link, f"vehicle.{number}.link")
         if vehicle.area is not None:
             mistakes += outline_mistakes(vehicle.area, folder, key=f"vehicle.{number}.area")
-    if not scenario.vehicles:
+    if not scenario.vehicles or scenario.has_launch_points:
         mistakes += _link_mistakes(scenario.vehicle.link, "vehicle.link")
     mistakes += _obstacle_mistakes(scenario, folder)
     on_earth = scenario.area.is_geographic or scenario.origin is not None
@@ -172,14 +173,23 @@ def _data_file(name: str, folder: Path) -> Path:
     return folder / name
 
 
-def _mistakes(errors: list[ErrorDetails], raw: dict[str, Any]) -> list[str]:
-    """The mistakes, one line each without repetition, with the path of the key as the user wrote it."""
+def _mistakes(errors: list[ErrorDetails], raw: dict[str, Any], *, launched: bool) -> list[str]:
+    """The mistakes, one line each without repetition, with the path of the key as the user wrote it.
+
+    Args:
+        errors: of the validator.
+        raw: the tables that it saw.
+        launched: whether the listed vehicles are one, at its home and its launch points.
+    """
     found: list[str] = []
     for details in errors:
         keys = list(details["loc"])
         if raw.get("vehicles") and keys[:1] == ["vehicle"]:
             continue  # the first one of the list, whose mistakes are named there
-        if keys[:1] == ["vehicles"]:
+        if launched and keys[:1] == ["vehicles"] and len(keys) > 2:
+            place = ["home"] if keys[1] == 0 else [LAUNCH_POINTS, int(keys[1]) - 1]
+            keys = [*place, *keys[3:]] if keys[2] == "home" else ["vehicle", *keys[2:]]
+        elif keys[:1] == ["vehicles"]:
             keys[0] = "vehicle"
         begin, section, classes = keys[:1], raw.get(str(keys[0])) if keys else None, _section_classes(*keys[:1])
         if keys[:1] == ["vehicle"] and keys[2:3] == ["sensor"]:
@@ -249,12 +259,14 @@ def _shown(value: object) -> str:
 
 def _section_classes(section: str | int = "") -> list[type]:
     """The possible dataclasses of a section of the file."""
-    hint = get_type_hints(Scenario).get(str(section))
+    hint = get_type_hints(Scenario).get("home" if section == LAUNCH_POINTS else str(section))
     return [part for part in (hint, *get_args(hint)) if isinstance(part, type) and dataclasses.is_dataclass(part)]
 
 
 def _suggestion(key: str, cls: type) -> str:
     here = [field.name for field in dataclasses.fields(cls)]
+    if cls is Scenario:
+        here[here.index("vehicles")] = LAUNCH_POINTS  # vehicles are written as [[vehicle]]
     if cls is not Scenario and key in {field.name for field in dataclasses.fields(Scenario)}:
         return " (it belongs above the first [section])"
     for section in dataclasses.fields(Scenario):

@@ -26,6 +26,7 @@ def vehicle_scenario(site: Site, number: int) -> Scenario:
         sensor=own.sensor or scenario.sensor,
         origin=origin,
         vehicles=(),
+        fleet=dataclasses.replace(scenario.fleet, one_at_a_time=False),
     )
 
 
@@ -47,4 +48,6 @@ def _built(site: Site, number: int) -> Site:
     try:
         return load_site(vehicle_scenario(site, number))
     except UavcoverError as error:
-        raise type(error)(f"[[vehicle]] number {number}: {error}") from error
+        launched = site.scenario.has_launch_points and number > 1
+        which = f"[[launch_point]] number {number - 1}" if launched else f"[[vehicle]] number {number}"
+        raise type(error)(f"{which}: {error}") from error
