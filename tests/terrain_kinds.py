@@ -72,7 +72,7 @@ def _terraces(east: np.ndarray, north: np.ndarray) -> np.ndarray:
     return np.asarray(14.0 * np.floor(up / 14.0))
 
 
-def _flat(east: np.ndarray, north: np.ndarray) -> np.ndarray:
+def flat(east: np.ndarray, north: np.ndarray) -> np.ndarray:
     return np.asarray(120.0 + 0.0 * east * north)
 
 
@@ -107,8 +107,8 @@ KINDS: dict[str, Kind] = {
     "canyon": Kind(_canyon, _SQUARE, band_m=(40.0, 150.0)),
     "volcano": Kind(_volcano, _SQUARE),
     "terraces": Kind(_terraces, _SQUARE),
-    "flat": Kind(_flat, _SQUARE),
-    "city": Kind(_flat, shapely.box(-215.0, -215.0, 215.0, 240.0), prisms=_city()),
+    "flat": Kind(flat, _SQUARE),
+    "city": Kind(flat, shapely.box(-215.0, -215.0, 215.0, 240.0), prisms=_city()),
     "L with holes": Kind(_fractal(8, 0.6), _L),
     "strip": Kind(_ridge, shapely.affinity.rotate(shapely.box(-600.0, -60.0, 600.0, 60.0), 8.0)),
     "two parts": Kind(
@@ -172,7 +172,14 @@ return_height_m = 100.0
 
 def write_scenario(folder: Path, kind_name: str, sensor_name: str) -> Path:
     """The files of one kind of terrain and one kind of sensor; the scenario's file."""
-    kind = KINDS[kind_name]
+    return write_kind(
+        folder, KINDS[kind_name], name=f"{kind_name}, {sensor_name}", asked=ASKED.get(sensor_name, 0.98),
+        sensor=SENSORS[sensor_name],
+    )  # fmt: skip
+
+
+def write_kind(folder: Path, kind: Kind, *, name: str, asked: float, sensor: str) -> Path:
+    """The files of a terrain and the keys of a sensor; the scenario's file."""
     west, south, east, north = kind.area.bounds
     columns, rows = (round((high - low + 2.0 * _AROUND_M) / PIXEL_M) for low, high in ((west, east), (south, north)))
     x = west - _AROUND_M + PIXEL_M * (np.arange(columns) + 0.5)
@@ -186,8 +193,8 @@ def write_scenario(folder: Path, kind_name: str, sensor_name: str) -> Path:
     to_earth = Transformer.from_crs(TRUE_TO_SCALE, 4326, always_xy=True)
     lon, lat = to_earth.transform(west - 60.0, south - 30.0)
     text = _SCENARIO.format(
-        name=f"{kind_name}, {sensor_name}", asked=ASKED.get(sensor_name, 0.98), cell_size_m=kind.cell_size_m, home_lat=lat,
-        home_lon=lon, sensor=SENSORS[sensor_name], low=kind.band_m[0], high=kind.band_m[1], margin=kind.margin_m,
+        name=name, asked=asked, cell_size_m=kind.cell_size_m, home_lat=lat, home_lon=lon, sensor=sensor, low=kind.band_m[0],
+        high=kind.band_m[1], margin=kind.margin_m,
     )  # fmt: skip
     if kind.prisms:
         _write_geojson(
