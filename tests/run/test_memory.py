@@ -83,6 +83,16 @@ def test_an_area_that_is_judged_block_by_block_takes_less(site: Site, monkeypatc
     assert dataclasses.replace(blocks, command=whole.command) == whole
 
 
+def test_elevation_data_is_counted_once_where_workers_map_it(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    nodes = site.ground.surface.up_m.size
+    needs = {}
+    for shared in (True, False):
+        monkeypatch.setattr("uavcover.run.memory.can_share_files", lambda shared=shared: shared)
+        needs[shared] = memory_need(site, processes=True)
+    assert needs[True].command - memory_need(site, processes=False).command == 8 * nodes
+    assert needs[False].worker - needs[True].worker == 24 * nodes
+
+
 def test_workers_elsewhere_have_a_memory_of_their_own(site: Site) -> None:
     request = SearchRequest(memory_bytes=GIB, scheduler="tcp://127.0.0.1:1", parts=2)
     with pytest.raises(InputError, match=r"--memory: is of this machine.*dask worker --memory-limit"):

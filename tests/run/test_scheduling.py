@@ -72,6 +72,24 @@ def test_dask_gives_each_task_with_its_result(workers) -> None:
     assert list(workers.completed(add, 0, [])) == []
 
 
+def test_workers_of_this_machine_read_what_they_need_from_a_file_once(workers, monkeypatch) -> None:
+    cluster = importlib.import_module("uavcover.run.cluster")
+    if not cluster.can_share_files():
+        pytest.skip("needs /proc")
+    opened, real = [], cluster.read_shared
+    monkeypatch.setattr(cluster, "read_shared", lambda path: [opened.append(path), real(path)][1])
+    here = cluster.DaskWorkers(workers._client, "--scheduler test", here=True)
+    for _ in range(2):
+        assert sorted(here.completed(add, 300, list(range(6)))) == [(k, 300 + k) for k in range(6)]
+    assert 1 <= len(opened) <= 2  # two threads of one worker may begin at the same moment
+    assert sorted(here.completed(add, 400, [1])) == [(1, 401)]
+    with pytest.raises(TerrainError, match="no ground at -3"):
+        list(here.completed(add, 400, [1, -3, 2]))
+    monkeypatch.setattr(cluster, "program", lambda: {"numpy": "0"})
+    with pytest.raises(InputError, match=r"a worker is another program: .*numpy"):
+        list(here.completed(add, 500, [1]))
+
+
 def test_an_error_of_a_task_comes_as_it_was_raised(workers) -> None:
     with pytest.raises(TerrainError, match="no ground at -3"):
         list(workers.completed(add, 100, [1, -3, 2]))

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import CancelledError
 from contextlib import contextmanager
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 import dask
 from distributed import Client, Future, KilledWorker, LocalCluster, wait
@@ -17,6 +17,7 @@ from distributed.comm import CommClosedError
 
 from uavcover.errors import InputError, UavcoverError
 from uavcover.run.program import differences, program
+from uavcover.run.shared_file import can_share_files, read_shared, share
 
 Shared = TypeVar("Shared")
 Task = TypeVar("Task")
@@ -48,9 +49,17 @@ class DaskWorkers:
         count: threads of all workers.
     """
 
-    def __init__(self, client: Client, where: str) -> None:
+    def __init__(self, client: Client, where: str, *, here: bool = False) -> None:
+        """Use the workers of a client.
+
+        Args:
+            client: of the scheduler.
+            where: how it was asked for.
+            here: whether the workers are processes of this machine, which can open its files.
+        """
         self._client = client
         self._where = where
+        self._here = here and can_share_files()
         self._about = program()
         self.count = max(1, sum(client.nthreads().values()))
 
@@ -63,14 +72,20 @@ class DaskWorkers:
         should_stop: Callable[[], bool] = lambda: False,
     ) -> Iterator[tuple[Task, Result]]:
         """Each task with its result; see :class:`uavcover.run.scheduling.Workers`."""
-        packed = pickle.dumps(shared, protocol=5)
         what = function.__name__.strip("_")
-        _log.info("%s: %d tasks, with %d bytes for each worker", what, len(tasks), len(packed))
-        name = hashlib.sha256(packed).hexdigest()[:16]
+        file = share(shared) if self._here else None
+        packed = b"" if file is not None else pickle.dumps(shared, protocol=5)
+        name, size = (hashlib.sha256(packed).hexdigest(), len(packed)) if file is None else (file.sha256, file.size)
+        name = name[:16]
+        _log.info("%s: %d tasks, with %d bytes for each worker", what, len(tasks), size)
         pending: dict[Future, Task] = {}
         try:
-            # What is shared is a task of its own: a scheduler can make it again when every worker that had it is gone.
-            there = self._client.submit(_unpacked, packed, self._about, key=f"uavcover-shared-{name}")
+            there: object
+            if file is not None:
+                there = InFile(file.path, file.sha256, self._about)
+            else:
+                # What is shared is a task of its own: a scheduler can make it again when every worker that had it is gone.
+                there = self._client.submit(_unpacked, packed, self._about, key=f"uavcover-shared-{name}")
             for number, task in enumerate(tasks):
                 key = f"uavcover-{function.__name__}-{name}-{_digest(task)}-{number}"
                 future = self._client.submit(_done, function, there, pickle.dumps(task, protocol=5), key=key)
@@ -105,6 +120,8 @@ class DaskWorkers:
         finally:
             if pending and self._client.status == "running":
                 self._client.cancel(list(pending), force=True)
+            if file is not None:
+                file.file.close()
 
     def _ended(self, futures: list[Future]) -> list[Future]:
         """Those that are done, after a moment at most."""
@@ -139,7 +156,7 @@ def local_workers(count: int) -> Iterator[DaskWorkers]:
             ) as cluster,
             Client(cluster, set_as_default=False) as client,
         ):  # fmt: skip
-            yield DaskWorkers(client, "--scheduler local")
+            yield DaskWorkers(client, "--scheduler local", here=True)
 
 
 @contextmanager
@@ -181,11 +198,42 @@ def _require_same_program(client: Client, where: str) -> None:
             raise InputError(f"{where}: worker {worker} is another program: {other}; install the same on both sides")
 
 
+class InFile(NamedTuple):
+    """What all tasks of a worker need is in a file of this machine.
+
+    Attributes:
+        path: of the file.
+        sha256: of its content.
+        about: the program that wrote it.
+    """
+
+    path: str
+    sha256: str
+    about: dict[str, str]
+
+
+_FROM_FILE: dict[str, Any] = {}
+"""What a worker read last, by hash: tasks that come later find it in memory."""
+
+
+def _read(there: InFile) -> Any:
+    if there.sha256 not in _FROM_FILE:
+        _require_program(there.about)
+        _FROM_FILE.clear()
+        _FROM_FILE[there.sha256] = read_shared(there.path)
+    return _FROM_FILE[there.sha256]
+
+
 def _unpacked(packed: bytes, about: dict[str, str]) -> Any:
-    """What all tasks of a worker need. A worker may have joined after the others were compared."""
+    """What all tasks of a worker need."""
+    _require_program(about)
+    return pickle.loads(packed)
+
+
+def _require_program(about: dict[str, str]) -> None:
+    """A worker may have joined after the others were compared."""
     if other := differences(about, program()):
         raise InputError(f"--scheduler: a worker is another program: {other}; install the same on both sides")
-    return pickle.loads(packed)
 
 
 def _done(function: Callable[[Any, Any], Any], shared: Any, task: bytes) -> tuple[bytes, int, float]:
@@ -193,7 +241,7 @@ def _done(function: Callable[[Any, Any], Any], shared: Any, task: bytes) -> tupl
     begin_s = time.thread_time()
     answer: tuple[bool, object]
     try:
-        answer = True, function(shared, pickle.loads(task))
+        answer = True, function(_read(shared) if isinstance(shared, InFile) else shared, pickle.loads(task))
     except Exception as error:
         answer = False, error
     return pickle.dumps(answer, protocol=5), len(task), time.thread_time() - begin_s

@@ -8,6 +8,7 @@ parts decides what is planned: the same limit gives the same plan.
 from dataclasses import dataclass
 
 from uavcover.errors import InputError
+from uavcover.run.shared_file import can_share_files
 from uavcover.scenario.site import Site
 from uavcover.sensing.block_map import is_large
 
@@ -16,8 +17,8 @@ MIB = 2**20
 _PROCESS = 330 * MIB
 """The program with its libraries and compiled code, in the command and in each worker process."""
 _NODE = 24
-_SENT_NODE = 60
-"""Bytes for each pixel of elevation data as it is read, or as a worker unpacks it; and in a command that sends it to workers."""
+_SHARED_NODE = 8
+"""Bytes for each pixel of elevation data as it is read, or as a worker unpacks it; and in a file that all workers map."""
 _OF_COMMAND = 420
 """Bytes for each cell of the whole area, in the command: the cells, what routes see of them, and judging side by side."""
 _OF_LARGE_COMMAND = 60
@@ -65,9 +66,10 @@ def memory_need(site: Site, *, processes: bool) -> MemoryNeed:
     cells = site.area.area / site.scenario.area.cell_size_m**2
     nodes = site.ground.surface.up_m.size
     of_cells = _OF_BLOCKS + cells * _OF_LARGE_COMMAND if is_large(site) else cells * _OF_COMMAND
+    mapped = processes and can_share_files()
     return MemoryNeed(
-        command=_PROCESS + nodes * (_SENT_NODE if processes else _NODE) + of_cells,
-        worker=_PROCESS + nodes * _NODE if processes else 0.0,
+        command=_PROCESS + nodes * (_NODE + (_SHARED_NODE if mapped else 0)) + of_cells,
+        worker=_PROCESS + nodes * (0 if mapped else _NODE) if processes else 0.0,
         cells=cells,
     )
 
