@@ -12,7 +12,7 @@ from uavcover.errors import ScenarioError
 from uavcover.planning.bounds import are_quick, farthest_looks_m, least_path_length_m
 from uavcover.scenario.site import Site
 from uavcover.sensing import block_map
-from uavcover.sensing.block_map import BlockMap, judge_by_blocks, look_at_all, look_at_block
+from uavcover.sensing.block_map import BlockMap, judge_by_blocks, look_at_all, look_at_block, one_after_the_other
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
 
 
@@ -107,6 +107,26 @@ def test_whoever_looks_at_a_block_gives_the_same_once(of_blocks: Site, whole: Co
     assert not calls
     look_at_all(whole, routes, elsewhere)
     assert not calls
+
+
+def test_a_short_route_is_looked_at_where_it_is(of_blocks: Site, whole: CoverageMap) -> None:
+    asked = []
+
+    def here(site: Site, tasks):
+        asked.append([len(task.routes_m) for task in tasks])
+        yield from one_after_the_other(site, tasks)
+
+    made = judging_map(of_blocks)
+    look_at_all(made, (), here)
+    all_blocks = len(asked.pop())
+    long, short, far = lines(of_blocks)
+    north = long + np.array([0.0, 250.0, 0.0])
+    look_at_all(made, [north, far], here)
+    assert 0 < len(asked.pop()) < all_blocks
+    look_at_all(made, [far + np.array([0.0, 900.0, 0.0])], here)
+    assert asked == [[]]
+    for route in (north, far, short, long):
+        assert np.array_equal(made.seen(route), whole.seen(route))
 
 
 def test_small_areas_and_those_with_too_many_cells_are_looked_at_in_one_piece(monkeypatch: pytest.MonkeyPatch) -> None:

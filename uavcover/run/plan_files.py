@@ -31,8 +31,12 @@ from uavcover.run.provenance import obstacles_sha256, run_document, sha256_of_co
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_site import vehicle_sites
+from uavcover.sensing.block_map import look_at_all, one_after_the_other
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
 from uavcover.sensing.fleet_map import map_for
+
+_LOOKED_AT_TOGETHER = 8
+"""So many sorties over a large area are looked at while a block of its cells is there."""
 
 
 def save_plan(
@@ -84,9 +88,12 @@ def save_plan(
     about = _run_document(site, asked_sha256, seed=seed, command=command, plan_wall_s=result.wall_s)
     own_sites = vehicle_sites(site) if sorties else ()
     of_any_plan = {name: limit for name, limit in limits.items() if not isinstance(limit, dict)}
-    for row, sortie in zip(rows, sorties, strict=True):
+    for number, (row, sortie) in enumerate(zip(rows, sorties, strict=True)):
         own_site = own_sites[sortie.vehicle - 1] if own_sites else site
         judged = map_for(site, own_site) if own_sites else judging_map(site)
+        if number % _LOOKED_AT_TOGETHER == 0:
+            some = sorties[number : number + _LOOKED_AT_TOGETHER]
+            look_at_all(judged, [each.route.waypoints_m for each in some], one_after_the_other)
         plan = _plan_of_sortie(judged, result, sortie)
         own_name = own_site.scenario.vehicle.autopilot if own_sites else autopilot
         own = {"scenario.toml": dump_scenario(own_site.scenario) if own_sites else scenario, **_set_texts(plan)}

@@ -123,6 +123,7 @@ class BlockMap(CoverageMap):
         self.site = site
         self.sight = sight_of(site.scenario.sensor)
         self._recent = RecentlySeen()
+        self._counts: list[int] = []
         self._rows = [(rows.start, rows.stop) for rows in row_blocks(site, cells=_BLOCK_CELLS)]
 
     @cached_property
@@ -174,10 +175,16 @@ class BlockMap(CoverageMap):
     def _found(self, routes_m: tuple[FloatArray, ...], by: RunBlocks) -> list[Bits]:
         """For each route (cells,) whether it sees them, packed."""
         about_cells = "grid" not in self.__dict__
-        tasks = [BlockTask(rows, about_cells, routes_m) for rows in self._rows]
+        near = {rows: tuple(k for k, route in enumerate(routes_m) if self._may_see(route, rows)) for rows in self._rows}
+        tasks = [
+            BlockTask(rows, about_cells, tuple(routes_m[k] for k in numbers))
+            for rows, numbers in near.items()
+            if numbers or about_cells
+        ]
         found = {task.rows: look for task, look in by(self.site, tasks)}
-        looks = [found[rows] for rows in self._rows]
         if about_cells:
+            looks = [found[rows] for rows in self._rows]
+            self._counts = [look.count for look in looks]
             weight_m2 = np.concatenate([look.weight_m2 for look in looks])
             if not weight_m2.size:
                 # There is nothing to see: who makes the map in one piece says why.
@@ -187,9 +194,21 @@ class BlockMap(CoverageMap):
             self.__dict__["grid"] = _GridOfBlocks(self.site, weight_m2, hidden_m2)
             self.__dict__["coverable"] = np.concatenate([_unpacked(look.coverable, look.count) for look in looks])
         return [
-            np.packbits(np.concatenate([_unpacked(look.seen[k], look.count) for look in looks]))
+            np.packbits(np.concatenate([
+                _unpacked(found[rows].seen[numbers.index(k)], count) if k in numbers else np.zeros(count, dtype=bool)
+                for (rows, numbers), count in zip(near.items(), self._counts, strict=True)
+            ]))
             for k in range(len(routes_m))
-        ]
+        ]  # fmt: skip
+
+    def _may_see(self, route_m: FloatArray, rows: tuple[int, int]) -> bool:
+        """Whether a route comes as near to a block as the sensor sees; a row of cells is as wide as the area."""
+        south, side_m = self.site.area.bounds[1], self.site.scenario.area.cell_size_m
+        halo_m = farthest_m(self.site.scenario.sensor) + 1.0
+        norths = np.asarray(route_m, dtype=float).reshape(-1, 3)[:, 1]
+        return bool(
+            norths.max() >= south + rows[0] * side_m - halo_m and norths.min() <= south + rows[1] * side_m + halo_m
+        )
 
 
 def _unpacked(bits: Bits, count: int) -> BoolArray:
