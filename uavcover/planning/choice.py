@@ -10,6 +10,7 @@ from uavcover.model.scenario import PlannerSettings
 from uavcover.planning.front import NamedRoute, judge_members, pareto_members, thinned, why_infeasible
 from uavcover.planning.search.simplify import simplified
 from uavcover.planning.selection import Rule, select, without_flukes
+from uavcover.planning.sortie_order.reorder import OrderEffort, has_several_sorties, reordered
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
 
@@ -22,7 +23,7 @@ class ChosenRoute:
         route: the chosen one.
         pareto: the Pareto set that it is in.
         rule_met: whether it is what the rule asks for.
-        simpler: routes that were made of it with fewer waypoints, whether chosen or not.
+        simpler: routes that were made of it with fewer waypoints, or in another order, whether chosen or not.
     """
 
     route: RouteMember
@@ -32,7 +33,6 @@ class ChosenRoute:
 
 
 def choose(
-    site: Site,
     fine: CoverageMap,
     settings: PlannerSettings,
     rule: Rule,
@@ -41,11 +41,11 @@ def choose(
     executor: Executor | None,
     interrupted: bool,
     is_over: Callable[[], bool] | None,
+    order: OrderEffort | None = None,
 ) -> ChosenRoute:
     """Choose by the rule among judged routes.
 
     Args:
-        site: the scenario on its ground.
         fine: the cells on which they were judged.
         settings: how many waypoints a route may have.
         rule: what is asked for.
@@ -53,11 +53,12 @@ def choose(
         executor: judges routes side by side.
         interrupted: the search was; an error says so.
         is_over: whether there is no time left to give up waypoints; none: they are all kept.
+        order: how long to search for an order in which the sorties of what is chosen take less; none: it stays.
 
     Raises:
         InfeasibleError: none of them keeps the hard limits; says which, where and by how much.
     """
-    feasible = [member for member in judged if member.violation <= 0.0]
+    site, feasible = fine.site, [member for member in judged if member.violation <= 0.0]
     if not feasible:
         early = "interrupted: so far " if interrupted else ""
         raise InfeasibleError(early + why_infeasible(site, judged))
@@ -65,11 +66,19 @@ def choose(
     simpler: list[NamedRoute] = []
     if is_over is not None:
         simpler = _simplified(site, confirmed, rule, is_over)
-        confirmed += [member for member in judge_members(fine, simpler, executor) if member.violation <= 0.0]
+        confirmed += _feasible(fine, simpler, executor)
+    if order is not None:
+        others = _in_other_order(site, confirmed, rule, order, is_over)
+        confirmed += [member for member in _feasible(fine, others, executor) if _is_few_enough(member, settings)]
+        simpler += others
     pareto = thinned(pareto_members(confirmed), rule)
     choice = select(pareto, rule)
     route = pareto[choice.index]
     return ChosenRoute(route, tuple(pareto), choice.met and _is_few_enough(route, settings), tuple(simpler))
+
+
+def _feasible(fine: CoverageMap, routes: Sequence[NamedRoute], executor: Executor | None) -> list[RouteMember]:
+    return [member for member in judge_members(fine, routes, executor) if member.violation <= 0.0]
 
 
 def _is_few_enough(member: RouteMember, settings: PlannerSettings) -> bool:
@@ -98,9 +107,35 @@ def _simplified(
     site: Site, feasible: Sequence[RouteMember], rule: Rule, is_over: Callable[[], bool]
 ) -> list[NamedRoute]:
     """What the rule chooses among the members, without the waypoints that it can do without; none when it needs them all."""
-    if rule.kind == "index":
+    chosen = _chosen_so_far(feasible, rule)
+    if chosen is None:
         return []
-    pareto = pareto_members(feasible)
-    chosen = pareto[select(pareto, rule).index]
     simpler = simplified(judging_maps(site), chosen.route, asked=rule.required_coverage, is_over=is_over)
     return [] if simpler is None else [(simpler, chosen.origin)]
+
+
+def _in_other_order(
+    site: Site,
+    feasible: Sequence[RouteMember],
+    rule: Rule,
+    order: OrderEffort,
+    is_over: Callable[[], bool] | None,
+) -> list[NamedRoute]:
+    """What the rule chooses among the members, in an order in which its sorties take less, and that without spare waypoints."""
+    chosen = _chosen_so_far(feasible, rule)
+    if chosen is None or not has_several_sorties(site, chosen.route):
+        return []
+    judges, asked = judging_maps(site), rule.required_coverage
+    other = reordered(site, judges, chosen.route, order, asked=asked)
+    if other is None:
+        return []
+    simpler = None if is_over is None else simplified(judges, other, asked=asked, is_over=is_over)
+    return [(route, chosen.origin) for route in (other, simpler) if route is not None]
+
+
+def _chosen_so_far(feasible: Sequence[RouteMember], rule: Rule) -> RouteMember | None:
+    """What the rule chooses among members; none where it names a number in the set of all."""
+    if rule.kind == "index":
+        return None
+    pareto = pareto_members(feasible)
+    return pareto[select(pareto, rule).index]

@@ -88,7 +88,7 @@ def plan_lines(
     begun_elsewhere = [replace(layout, start=start) for layout in _best(found) for start in range(1, 4)]
     judged = [lines.member for lines in (*found, *_judged(site, fine, begun_elsewhere, executor))]
     # No waypoint is given up: between the ends of two lines that would turn a line.
-    chosen = choose(site, fine, settings, rule, judged, executor=executor, interrupted=interrupted, is_over=None)
+    chosen = choose(fine, settings, rule, judged, executor=executor, interrupted=interrupted, is_over=None)
     return Plan(
         chosen=chosen.route,
         members=chosen.pareto,

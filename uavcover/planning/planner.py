@@ -41,6 +41,7 @@ from uavcover.planning.search.optimizer_search import (
 )
 from uavcover.planning.selection import parse_rule
 from uavcover.planning.set_cover.solvers import SolverEffort
+from uavcover.planning.sortie_order.reorder import ORDER_SHARE, OrderEffort, has_several_sorties, tries_of
 from uavcover.routes.way_cost import way_cost_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map, planning_map
@@ -205,6 +206,7 @@ def plan_routes(
     fine = judging_map(site)
     optimized = _candidates(optimizer, encoding, searched.scale, name)
     evaluations, interrupted = optimizer.evaluations, searched.interrupted
+    in_several = False
     if share == 1.0:
         reference = judge_members(fine, [each.route for each in constructed], executor)
         made = [candidate.route for candidate in optimized]
@@ -216,6 +218,10 @@ def plan_routes(
             until = effort.now() + _LINES_SHARE * (math.inf if effort.budget_s is None else effort.budget_s)
             lines = _other_lines(site, angle, executor, lambda: should_stop() or effort.now() > until)
         late_s = 0.0 if tuned is None or effort.budget_s is None else _LATE_SHARE * effort.budget_s
+        # What takes several sorties gets a search for their order at the end.
+        best = _by_merit(baselines, goal)[:1]
+        in_several = any(has_several_sorties(site, each.route) for each in best)
+        order_s = ORDER_SHARE * effort.budget_s if in_several and effort.budget_s is not None else 0.0
         finish = Finish(
             coarse, fine, constructed, optimized, lines, evaluating_s=each_s, effort=effort, started=started,
             executor=executor,
@@ -223,7 +229,7 @@ def plan_routes(
         found: list[NamedRoute] = []
         if not interrupted:
             improved = improve(
-                coarse, fine, finish.known, dataclasses.replace(run, effort=finish.search_effort(late_s)),
+                coarse, fine, finish.known, dataclasses.replace(run, effort=finish.search_effort(late_s + order_s)),
                 settings=settings, rule=rule, evaluations_done=evaluations,
                 look=lambda routes: look(
                     lambda: finish.worth_judging([(route, settings.algorithm) for route in routes()])
@@ -233,15 +239,16 @@ def plan_routes(
             evaluations += improved.evaluations
             interrupted = improved.interrupted
         if tuned is not None and effort.budget_s is not None and not interrupted:
-            until = min(effort.now() + late_s, started + effort.budget_s)
+            until = min(effort.now() + late_s, started + effort.budget_s - order_s)
             baselines += taken(tuned, lambda: should_stop() or effort.now() > until)
             constructed = _named(_worth_showing(baselines, goal))
         reference = finish.judged_baselines(constructed)
         made = finish.worth_judging(found)
     members = judge_members(fine, made, executor)
     chosen = choose(
-        site, fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted,
+        fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted,
         is_over=(lambda: effort.is_over(started)) if share < 1.0 else None,
+        order=_order_effort(effort, started, settings.seed, should_stop) if in_several and not interrupted else None,
     )  # fmt: skip
     kept.close([*(each.route for each in constructed), *made, *chosen.simpler])
     return Plan(
@@ -324,6 +331,16 @@ def _shared(effort: Effort, share: float, started: float) -> Effort:
     if budget_s is not None:
         budget_s = effort.now() - started + share * budget_s
     return dataclasses.replace(effort, evaluations=int(share * effort.evaluations), budget_s=budget_s)
+
+
+def _order_effort(effort: Effort, started: float, seed: int, should_stop: Callable[[], bool]) -> OrderEffort:
+    """What there is for the order of several sorties: of a time budget what is left, else so much for each evaluation."""
+    tries = tries_of(effort.evaluations)
+    if effort.budget_s is None:
+        return OrderEffort(tries, seed, should_stop=should_stop)
+    begin, until = effort.now(), started + effort.budget_s
+    length_s = max(until - begin, 1e-9)
+    return OrderEffort(tries, seed, lambda: (effort.now() - begin) / length_s if until > begin else 1.0, should_stop)
 
 
 def _encoding(

@@ -180,7 +180,7 @@ def mission_cost(site: Site, route: Route) -> MissionCost:
         # The ground between home and the route is not known all the way: the mission is refused when it is compiled.
         surface, of_energy = site.ground.surface, straight._replace(unit=ENERGY)
         return MissionCost(float(route_cost(surface, straight, points)), float(route_cost(surface, of_energy, points)))
-    longest_s, most_items = limits = _limits(site, vehicle.autopilot)
+    longest_s, most_items = _limits(site, vehicle.autopilot)
     each = items_per_waypoint(site.scenario.sensor)
     one = len(way) + len(way_back) + each * len(route) + 1 <= most_items and time_s <= longest_s
     energy = FlightEnergy(site)
@@ -188,22 +188,33 @@ def mission_cost(site: Site, route: Route) -> MissionCost:
     in_one = MissionCost(time_s, float(used_s[0]))
     if one and float(used_s.max()) <= usable_s(vehicle):
         return in_one
-    items = np.full(len(route), round(0.5 * (len(way) + len(way_back))) - 1, dtype=np.int64)
-    costs = _flight_costs(
-        site,
-        points,
-        pace,
-        ends=straight_ends(straight, points),
-        items=(items + 2, items + 1),
-        limits=limits,
-        energies=energy.straight_flights(straight, points),
-    )
+    costs = straight_flight_costs(site, points, way_items=round(0.5 * (len(way) + len(way_back))) - 1)
     split_s, begun = split(costs)
     if not math.isfinite(split_s):
         return in_one
     flights = flights_of_split(begun, costs.shared)
     used = [_straight_flight_s(energy, straight, points[first : last + 1]) for first, last in flights]
     return MissionCost(float(split_s), math.fsum(used))
+
+
+def straight_flight_costs(site: Site, route_m: FloatArray, *, way_items: int) -> FlightCosts:
+    """Costs of the flights of an (n, 3) route whose ways there and home are straight lines from and to above home.
+
+    Args:
+        site: the scenario on its ground, with a home.
+        route_m: two waypoints at least.
+        way_items: mission items of a way between home and the route, without home and take-off, or landing.
+    """
+    straight, items = mission_cost_of(site), np.full(len(route_m), way_items, dtype=np.int64)
+    return _flight_costs(
+        site,
+        route_m,
+        pace_of(site),
+        ends=straight_ends(straight, route_m),
+        items=(items + 2, items + 1),
+        limits=_limits(site, site.scenario.vehicle.autopilot),
+        energies=FlightEnergy(site).straight_flights(straight, route_m),
+    )
 
 
 def _straight_flight_s(energy: FlightEnergy, way: WayCost, points_m: FloatArray) -> float:

@@ -185,7 +185,7 @@ def plan_by_parts(
     reference = judge_members(fine, baselines, executor)
     members = judge_members(fine, [(route, "parts") for route in found], executor)
     chosen = choose(
-        site, fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted, is_over=None
+        fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted, is_over=None
     )
     return Plan(
         chosen=chosen.route,

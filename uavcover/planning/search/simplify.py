@@ -51,7 +51,7 @@ def simplified(
         is_over: whether there is no time for more than two attempts.
     """
     before = [_seen(each, route) for each in judges]
-    least = [_least(seen, asked, finer=number > 0) for number, seen in enumerate(before)]
+    least = [least_seen(seen, asked, finer=number > 0) for number, seen in enumerate(before)]
     attempts = 0
     # What loses nothing on the judging cells may do so on finer ones, and is then counted there.
     for judge, had, wanted in zip(judges, before, least, strict=True):
@@ -90,8 +90,14 @@ def _seen(judge: CoverageMap, route: Route) -> float:
     return judge.share_of_coverable(judge.seen(route.waypoints_m))
 
 
-def _least(seen: float, asked: float | None, *, finer: bool) -> float:
-    """What must be seen afterwards, of what is seen now."""
+def least_seen(seen: float, asked: float | None, *, finer: bool) -> float:
+    """What a changed route must see, as a share of what can be covered.
+
+    Args:
+        seen: by the route as it is.
+        asked: by the selection rule, if it does.
+        finer: whether it is not the cells that routes are judged on, but finer ones.
+    """
     if finer:
         return asked if asked is not None and seen >= asked else seen - SAFETY
     return min(seen, asked + SAFETY) if asked is not None and seen >= asked else seen

@@ -1,0 +1,1 @@
+"""The order in which a route of several sorties visits its stretches."""
