@@ -106,7 +106,11 @@ def merged(block: dict[str, Any]) -> str:
     for key, value in block.items():
         replaces = not isinstance(value, dict) or "kind" in value or key in ("area", "home")
         scenario[key] = value if replaces else scenario.get(key, {}) | value
-    tables = {name: scenario.pop(name) for name in ("no_fly", "vehicle", "launch_point") if isinstance(scenario.get(name), list)}
+    tables = {
+        name: scenario.pop(name)
+        for name in ("no_fly", "vehicle", "launch_point")
+        if isinstance(scenario.get(name), list)
+    }
     top = [f"{key} = {json.dumps(value)}" for key, value in scenario.items() if not isinstance(value, dict)]
     for section, keys in scenario.items():
         if isinstance(keys, dict):

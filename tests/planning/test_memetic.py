@@ -310,6 +310,19 @@ def test_gaps_are_closed_while_there_is_time_for_it_and_not_afterwards():
     assert len(told) == 2
 
 
+def test_where_nearly_all_is_to_be_seen_the_search_keeps_the_gaps_closed() -> None:
+    """Of a field like a U: the search ends short of 99.9 %, its gaps are closed, and from there it must not fall back."""
+    ring = ((0, 0), (500, 0), (500, 440), (340, 440), (340, 160), (160, 160), (160, 440), (0, 440))
+    site = make_site(
+        flat, ring=tuple((float(e), float(n)) for e, n in ring), cell_m=5.0, planner={"objective": "flight-time"},
+        limits={"min_height_agl_m": 59.0, "max_height_agl_m": 61.0, "height_margin_m": 0.9},
+    )  # fmt: skip
+    plan = make_plan(site, rule="coverage>=0.999", evaluations=1500, seed=2)
+    lines = [each.metrics.cost for each in plan.baselines if each.metrics.coverage_of_coverable >= 0.999]
+    assert plan.rule_met
+    assert plan.chosen.metrics.cost < 0.92 * min(lines)
+
+
 def test_finer_cells_are_asked_only_about_what_reaches_the_goal_on_the_first() -> None:
     asked = list[str]()
 

@@ -87,7 +87,7 @@ def search_goals(
             judge.found(closed.route)
             main += tuned.closing_share
             end, after = begin + main * (until - begin), end
-            known += search_goal(work, [closed], asked, capacity, (after, end), tuned.stages, judge)
+            known += search_goal(work, [closed], asked, capacity, (after, end), tuned.stages, judge, closed=True)
     ladder = (1.0 - main) * (until - begin)
     goals = _thinned(goals, _most_goals(work, ladder))
     each = ladder / len(goals)
@@ -124,6 +124,7 @@ def search_goal(
     judge: RouteJudge,
     *,
     waypoint_price: float | None = None,
+    closed: bool = False,
 ) -> list[SearchStart]:
     """Search for one goal in stages; each corrects the goal, and after the first both chains continue from the better route.
 
@@ -136,6 +137,8 @@ def search_goal(
         stages: shares of this search's work after which the goal is corrected, the last is 1.
         judge: judges what is found.
         waypoint_price: in radii of the sensor; beginnings are ranked by it too. By default next to nothing.
+        closed: the beginning is a route whose gaps were closed, because a search ended short of the goal: it is to get shorter,
+            and where nearly everything is to be seen, not to open them again.
 
     Returns:
         What the stages ended with: beginnings for other goals.
@@ -151,6 +154,9 @@ def search_goal(
     before = work.pace.fraction
     chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m) for k in range(CHAINS)]
     for chain in chains:
+        if closed and goal > tuned.nearly_all and not work.problem.free_order:
+            chain.hottest *= tuned.closed_heat
+            chain.prices = chain.prices._replace(coverage=tuned.closed_dearer * chain.prices.coverage)
         aim = _corrected(goal, chain.seen, judge.coverage(chain.route, goal))
         chain.prices = chain.prices._replace(goal=aim)
     # Two routes were judged; a correction judges one.
@@ -165,8 +171,7 @@ def search_goal(
             judge.found(chain.route)
     price = max(chain.prices.coverage for chain in chains)
     out: list[SearchStart] = []
-    reached = False
-    warm = 0.0
+    reached, warm = closed, 0.0
     for stage, steps in _long_stages(stages, least):
         for k, chain in enumerate(chains):
             # The second of two chains from the same beginning is cooler: from a good one heat only leads away.
