@@ -31,8 +31,8 @@ class GoalTuning:
         closed: the gaps are closed of so many times the ground that is lacking, one after the other: pictures by distance fall
             elsewhere behind a route than behind home, so it may take more.
         nearly_all: a search that begins with closed gaps opens them again, and mostly closes them better. For more coverage than
-            this it did not come back to its goal, in either field that was tried (scripts/bench_fields.py, U and L, 99.9 %); for 98 %
-            a search that may not open them ended up to 6 % later (jacksboro, seed 4).
+            this it did not come back to its goal, in either field that was tried (scripts/bench_fields.py, U and L, 99.9 %); for
+            98 % a search that may not open them ended up to 6 % later (jacksboro, seed 4).
         closed_dearer: factor of the price of coverage there: 10 is too little in both fields.
         closed_heat: factor of the temperature at its beginning; 0.05 and 0.2 do as well.
         coverage_price: of all coverage, in lengths of the route. Along a path a share more costs one to two such shares of the
