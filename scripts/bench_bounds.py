@@ -18,7 +18,7 @@ import numpy as np
 from uavcover.kernels.route import path_length
 from uavcover.kernels.tours import short_tour
 from uavcover.planning.bounds import least_path_length_m
-from uavcover.planning.ground_prices import coverable_weight_m2, lattice_step_m, price_ground
+from uavcover.planning.ground_prices import lattice_parts, price_ground
 from uavcover.planning.selection import parse_rule
 from uavcover.planning.set_cover.candidates import Candidates, Reduced, lattice_candidates, reduce
 from uavcover.planning.set_cover.solvers import CoverProgram, SolverEffort, greedy_cover, searched_cover
@@ -106,18 +106,19 @@ def path_row(name: str, time_s: float) -> str:
     """Both bounds on path length of a scenario, in Markdown."""
     site = load_site(name)
     coverage, share = judging_map(site), parse_rule(site.scenario.select).required_coverage
-    weight = coverable_weight_m2(coverage)
-    quick_m, step_m = least_path_length_m(coverage, share), lattice_step_m(coverage, time_s)
+    quick_m, parts = least_path_length_m(coverage, share), lattice_parts(coverage, time_s)
     began = time.process_time()
-    ground = None if step_m is None else price_ground(coverage, share, step_m=step_m)
+    ground = None if parts is None else price_ground(coverage, share, parts=parts)
     cpu_s = time.process_time() - began
-    priced_m = 0.0 if ground is None else ground.least_length_m(weight, share)
+    priced_m = 0.0 if ground is None else ground.least_length_m(share)
     found_m = SHORTEST_FOUND_M[name]
     gaps = " | ".join(
         f"{100.0 * (found_m / limit - 1.0):.1f} %" if limit > 0.0 else "" for limit in (quick_m, priced_m)
     )
-    lattice = "" if step_m is None else f"{step_m:g} m"
-    return f"| {name} | {100.0 * share:g} % | {found_m:.0f} | {quick_m:.0f} | {priced_m:.0f} | {gaps} | {lattice} | {cpu_s:.0f} |"
+    lattice = "" if parts is None else f"{coverage.grid.cells.size_m / parts:g} m"
+    look = "" if ground is None else f"{ground.first_look_m:.0f} m"
+    limits = f"{quick_m:.0f} | {priced_m:.0f} | {gaps}"
+    return f"| {name} | {100.0 * share:g} % | {found_m:.0f} | {limits} | {lattice} | {look} | {cpu_s:.0f} |"
 
 
 def table(rows: list[dict[str, object]]) -> str:
@@ -141,8 +142,10 @@ def main() -> None:
     parser.add_argument("--paths", nargs="*", metavar="SCENARIO", help="bounds on path length instead: print them")
     arguments = parser.parse_args()
     if arguments.paths is not None:
-        print("| scenario | coverage | found m | by area | by prices | gap by area | gap by prices | lattice | CPU s |")
-        print("|---|---|---|---|---|---|---|---|---|")
+        print(
+            "| scenario | coverage | found m | by area | by prices | gap by area | gap by prices | lattice | first look | CPU s |"
+        )
+        print("|---|---|---|---|---|---|---|---|---|---|")
         for name in arguments.paths or SHORTEST_FOUND_M:
             print(path_row(name, arguments.time), flush=True)
         return

@@ -8,15 +8,17 @@ import math
 import numpy as np
 import pytest
 
+from tests.naive.ground_prices import gain, height
 from tests.planning.sites import flat, hills, make_site
-from uavcover.kernels.ground_prices import HEADINGS, credit, direction_bin, largest_rate, rates_in_tiles
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, SphereSensor
+from uavcover.planning import ground_prices
 from uavcover.planning.bounds import least_path_length_m
-from uavcover.planning.ground_prices import coverable_weight_m2, lattice_step_m, places_over, price_ground
+from uavcover.planning.ground_prices import PricedGround, coverable_weight_m2, lattice_parts, price_ground
+from uavcover.planning.price_program import PriceProgram
+from uavcover.planning.relief import margin_cells, relief_over
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, sees_each
 
 LOW = {"min_height_agl_m": 10.0, "max_height_agl_m": 30.0}
-TILE = 8
 SENSORS = {
     "cone": NadirCamera(kind="nadir-camera", fov_deg=70.0, range_m=200.0),
     "short cone": NadirCamera(kind="nadir-camera", fov_deg=90.0, range_m=28.0),
@@ -44,7 +46,7 @@ def covered(kind, seed):
 def priced(kind, seed):
     """Likewise, with its prices."""
     coverage = covered(kind, seed)
-    return coverage, price_ground(coverage, 0.95, step_m=3.0)
+    return coverage, price_ground(coverage, 0.95, parts=2)
 
 
 def random_path(coverage, rng, waypoints):
@@ -69,102 +71,133 @@ def random_path(coverage, rng, waypoints):
 )
 @pytest.mark.no_cover
 def test_no_path_gains_more_than_its_length_and_one_look(kind, seed):
+    """Cells are worth their price where all of their corners and middles of sides are seen, by the sensor itself."""
     coverage, ground = priced(kind, seed)
     rng = np.random.default_rng(seed)
+    cells = coverage.grid.cells
+    priced_cells = np.flatnonzero(coverable_weight_m2(coverage))
+    # In the order of the prices: by rows of the lattice.
+    order = cells.lattice[cells.lattice >= 0]
+    order = order[np.isin(order, priced_cells)]
     gained = 0.0
-    for _ in range(60):
+    for _ in range(40):
         path = random_path(coverage, rng, int(rng.integers(2, 12)))
         length_m = float(np.linalg.norm(np.diff(path[:, :2], axis=0), axis=1).sum())
-        worth_m = float(ground.prices_m[coverage.seen(path)].sum())
+        whole = wholly_seen(coverage, path, order)
+        worth_m = float(ground.prices_m[whole].sum())
         assert worth_m <= ground.first_look_m + length_m
         gained = max(gained, worth_m)
-    assert gained > 0.5 * ground.first_look_m
+    # Little of what a frame camera sees is the same for all headings.
+    assert gained > (0.05 if kind == "frame" else 0.5) * ground.first_look_m
+
+
+def wholly_seen(coverage, path, numbers):
+    """Of cells, those of which nine places are seen: with a sensor that looks far enough, by distance and angle alone."""
+    site, sensor, cells = coverage.site, coverage.site.scenario.sensor, coverage.grid.cells
+    whole = np.ones(len(numbers), dtype=bool)
+    rows, columns = np.nonzero(cells.lattice >= 0)
+    at = {int(number): (i, j) for number, i, j in zip(cells.lattice[rows, columns], rows, columns, strict=True)}
+    corners = np.array([at[int(number)] for number in numbers])
+    for di in (-0.5, 0.0, 0.5):
+        for dj in (-0.5, 0.0, 0.5):
+            e = cells.east0_m + (corners[:, 1] + dj) * cells.size_m
+            n = cells.north0_m + (corners[:, 0] + di) * cells.size_m
+            place = np.column_stack([e, n])
+            up = site.ground.heights_m(place)
+            flat_m = np.hypot(e[:, None] - path[:, 0], n[:, None] - path[:, 1])
+            above_m = path[:, 2] - up[:, None]
+            if sensor.kind == "disc":
+                seen = flat_m <= sensor.radius_m
+            elif sensor.kind == "sphere":
+                seen = np.hypot(flat_m, above_m) <= sensor.range_m
+            elif sensor.kind == "nadir-camera":
+                wide = math.tan(math.radians(0.5 * sensor.fov_deg))
+                seen = (flat_m <= wide * above_m) & (np.hypot(flat_m, above_m) <= sensor.range_m)
+            else:
+                seen = flat_m <= 0.2 * above_m  # well inside the picture of the frame camera, whatever its heading
+            whole &= seen.any(axis=1)
+    return whole
 
 
 @pytest.mark.parametrize("kind", SENSORS)
 @pytest.mark.parametrize("seed", [0, 5])
-def test_a_cell_that_is_seen_has_all_of_its_credit(kind, seed):
+def test_what_a_sensor_sees_is_in_view_in_the_relief(kind, seed):
     coverage = covered(kind, seed)
-    places = places_over(coverage, 3.0)
+    relief = relief_over(coverage, 2)
     rng = np.random.default_rng(seed)
+    cells = coverage.grid.cells
     numbers = rng.integers(0, coverage.grid.count, 3000)
-    eyes = coverage.grid.cells.centre_m[numbers, :2] + rng.uniform(-40.0, 40.0, (3000, 2))
+    eyes = cells.centre_m[numbers, :2] + rng.uniform(-40.0, 40.0, (3000, 2))
     up = coverage.site.ground.heights_m(eyes) + rng.uniform(10.0, 30.0, 3000)
     turned = rng.uniform(0.0, 360.0, 3000)
     looks = LevelObservations.by_yaw(np.column_stack([eyes, up]), turned)
     seen = np.flatnonzero(sees_each(coverage, looks, numbers, coverage.sight))
     assert len(seen) > 100
-    for k in seen:
-        row, column = int((eyes[k, 1] - places.north0) // 3.0), int((eyes[k, 0] - places.east0) // 3.0)
-        centre = coverage.grid.cells.centre_m[numbers[k]]
-        assert places.allowed[row, column]
-        for i in (0, 1):
-            for j in (0, 1):
-                assert credit(places, row + i, column + j, *centre, 6.0) == 1.0
-
-
-def certified(coverage, prices_m, step_m=3.0):
-    places = places_over(coverage, step_m)
-    shape = tuple((count - 2) // TILE + 1 for count in places.tops.shape)
-    rates, worst = np.zeros(shape), np.zeros((*shape, 4), dtype=np.int64)
-    rates_in_tiles(places, coverage.grid.cells, prices_m, TILE, 1, rates, worst)
-    return places, rates, worst
-
-
-@pytest.mark.parametrize("kind", ["cone", "disc"])
-def test_the_prices_pass_the_proof_and_dearer_ones_are_refuted(kind):
-    coverage, ground = priced(kind, 3)
-    _, rates, _ = certified(coverage, ground.prices_m)
-    assert 0.5 < rates.max() <= 1.0
-    tight = ground.prices_m / rates.max()
-    assert certified(coverage, tight * 0.9999)[1].max() <= 1.0
-    assert certified(coverage, tight * 1.02)[1].max() > 1.019
-    # Dearer only around one place, where it is tight: refuted there.
-    places, rates, worst = certified(coverage, tight)
-    row, column, _, _ = worst[np.unravel_index(rates.argmax(), rates.shape)]
-    place = np.array([places.east0 + column * places.step, places.north0 + row * places.step])
-    near = np.hypot(*(coverage.grid.cells.centre_m[:, :2] - place).T) < 2.0 * places.reach
-    assert certified(coverage, np.where(near, 1.02 * tight, tight))[1].max() > 1.01
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_a_naive_twin_finds_no_larger_rate(seed):
-    coverage = covered("cone", 3)
-    rng = np.random.default_rng(seed)
-    prices_m = rng.uniform(0.0, 1.0, coverage.grid.count)
-    places, rates, _ = certified(coverage, prices_m)
-    found = np.zeros_like(rates)
-    centres = coverage.grid.cells.centre_m
-    for _ in range(40):
-        i, j = (int(rng.integers(0, count - 1)) for count in places.tops.shape)
-        # Credits at the corners, and their gradients in both triangles.
-        sw, se, nw, ne = (
-            np.array([credit(places, i + a, j + b, *centre, 6.0) for centre in centres])
-            for a, b in ((0, 0), (0, 1), (1, 0), (1, 1))
+    corner = np.array([cells.east0_m, cells.north0_m]) - (margin_cells(coverage) + 0.5) * cells.size_m
+    eye, target = (eyes[seen] - corner).T, (cells.centre_m[numbers[seen], :2] - corner).T
+    assert relief.allowed[(eye[1] // relief.side).astype(int), (eye[0] // relief.side).astype(int)].all()
+    far = np.hypot(*(eye - target))
+    assert (far <= relief.reach).all()
+    if relief.tangent > 0.0:
+        fall = height(relief.top_m, relief.side, *eye) - height(relief.ground_m, relief.side, *target)
+        assert (far <= relief.tangent * fall).all()
+        # Ground and places between the nodes: on the right side of what the relief has, and not far from it.
+        over = height(relief.top_m, relief.side, *eye) - coverage.site.ground.heights_m(eyes[seen]) - 30.0
+        under = coverage.site.ground.heights_m(cells.centre_m[numbers[seen], :2]) - height(
+            relief.ground_m, relief.side, *target
         )
-        for ge, gn in ((se - sw, ne - se), (ne - nw, nw - sw)):
-            for angle in rng.uniform(0.0, 2.0 * math.pi, 20):
-                along = np.maximum(0.0, ge * math.cos(angle) + gn * math.sin(angle))
-                tile = (i // TILE, j // TILE)
-                found[tile] = max(found[tile], float(prices_m @ along) / places.step)
-    assert (found <= rates + 1e-9).all()
-    assert found.max() > 0.5 * rates.max()
+        assert (over >= 0.0).all()
+        assert (under >= 0.0).all()
+        assert over.max() < 2.0
 
 
-@pytest.mark.parametrize("seed", range(5))
-def test_rates_between_the_headings_are_bounded_closely(seed):
+@functools.cache
+def proved(kind, seed):
+    """Prices that no program made, what is proved about them, and what the proof leaves of them, as functions of the place."""
+    coverage = covered(kind, 3)
+    relief = relief_over(coverage, 2)
+    program = PriceProgram(coverage, coverable_weight_m2(coverage), relief, 1.0)
     rng = np.random.default_rng(seed)
-    vectors = rng.normal(0.0, 1.0, (int(rng.integers(1, 60)), 2)) * rng.choice([1.0, 100.0])
-    sums = np.zeros((HEADINGS, 2))
-    for vector in vectors:
-        sector = direction_bin(*vector)
-        angle = math.atan2(vector[1], vector[0]) % (2.0 * math.pi)
-        assert sector == int(angle / (2.0 * math.pi) * HEADINGS) % HEADINGS
-        sums[sector] += vector
-    angles = np.linspace(0.0, 2.0 * math.pi, 20_001)
-    exact = np.maximum(0.0, vectors @ np.stack([np.cos(angles), np.sin(angles)])).sum(axis=0).max()
-    bound, _ = largest_rate(sums)
-    assert exact * (1.0 - 1e-6) <= bound <= exact / math.cos(math.pi / HEADINGS) * (1.0 + 1e-9)
+    program.per_m2 = rng.uniform(0.5, 1.0, program.per_m2.shape) / 40.0
+    rates, largest = ground_prices._rates(relief, program, 1)
+    nodes, side = program.at_nodes(), relief.side
+
+    def price_m2(e, n):
+        j, i = np.floor(e / side).astype(int), np.floor(n / side).astype(int)
+        x, y = e / side - j, n / side - i
+        south, north = (
+            nodes[i, j] + x * (nodes[i, j + 1] - nodes[i, j]),
+            nodes[i + 1, j] * (1.0 - x) + nodes[i + 1, j + 1] * x,
+        )
+        return np.where(program.priced[i, j], south + y * (north - south), 0.0)
+
+    def left_m2(e, n):
+        divisor = largest[np.floor(n / side).astype(int) // 2, np.floor(e / side).astype(int) // 2]
+        return np.divide(price_m2(e, n), divisor, out=np.zeros_like(divisor), where=divisor > 0.0)
+
+    return relief, rates, price_m2, left_m2
+
+
+@pytest.mark.parametrize("kind", ["cone", "short cone", "disc"])
+@pytest.mark.parametrize("seed", range(2))
+def test_a_naive_twin_finds_no_larger_rate(kind, seed):
+    relief, rates, price_m2, left_m2 = proved(kind, seed)
+    rng = np.random.default_rng(seed)
+    squares = np.argwhere(rates > 0.3 * rates.max())
+    nearest, most = 0.0, 0.0
+    for i, j in squares[rng.integers(0, len(squares), 120)]:
+        # Anywhere in the square, corners included.
+        e, n = (np.array([j, i]) + np.clip(rng.uniform(-0.2, 1.2, 2), 1e-3, 1.0 - 1e-3)) * relief.side
+        heading = rng.uniform(0.0, 2.0 * math.pi)
+        found = gain(relief, price_m2, (e, n), heading)
+        assert found <= rates[i, j] * 1.002
+        nearest = max(nearest, found / rates[i, j])
+        left = gain(relief, left_m2, (e, n), heading)
+        assert left <= 1.002
+        most = max(most, left)
+    # Where both reach and angle may end the view, the proof takes the larger.
+    assert nearest > (0.75 if kind == "short cone" else 0.9)
+    assert most > (0.6 if kind == "short cone" else 0.8)
 
 
 def lawnmower(width_m, height_m, lanes, up_m):
@@ -183,8 +216,8 @@ def test_a_strip_needs_its_length_less_one_look():
     ring = ((0.0, 0.0), (40.0, 0.0), (40.0, 900.0), (0.0, 900.0))
     sensor = DiscSensor(kind="disc", radius_m=30.0, sensing="along-path")
     coverage = CoverageMap(make_site(ring=ring, sensor=sensor, limits=LOW, cell_m=5.0), cell_size_m=5.0)
-    ground = price_ground(coverage, 1.0, step_m=2.5)
-    bound_m = ground.least_length_m(coverable_weight_m2(coverage), 1.0)
+    ground = price_ground(coverage, 1.0, parts=2)
+    bound_m = ground.least_length_m(1.0)
     line = np.array([[20.0, 22.0, 20.0], [20.0, 878.0, 20.0]])
     assert coverage.seen(line).all()
     assert 0.3 * 856.0 < bound_m <= 856.0
@@ -197,15 +230,17 @@ def test_lines_that_see_enough_are_not_shorter(lanes):
     dense = np.vstack([np.linspace(a, b, 60) for a, b in itertools.pairwise(path)])
     dense[:, 2] = coverage.site.ground.heights_m(dense[:, :2]) + 30.0
     share = coverage.share_of_coverable(coverage.seen(dense))
-    ground = price_ground(coverage, share, step_m=2.5)
-    bound_m = ground.least_length_m(coverable_weight_m2(coverage), share - 1e-9)
+    ground = price_ground(coverage, share, parts=2)
+    bound_m = ground.least_length_m(share - 1e-9)
     assert 0.0 < bound_m <= float(np.linalg.norm(np.diff(dense[:, :2], axis=0), axis=1).sum())
 
 
 def shortest_on_graph(reaches, targets, nodes, neighbours, share):
-    """Shortest path over a graph from whose nodes a share of the targets is seen: Dijkstra over (node, set of targets)."""
+    """Shortest path over a graph that sees a share of the targets, all corners of each from one node: Dijkstra over pairs of a
+    node and a set of targets."""
     sees = [
-        sum(1 << t for t, place in enumerate(targets) if math.hypot(*(place - node)) <= reaches[t]) for node in nodes
+        sum(1 << t for t, corners in enumerate(targets) if (np.hypot(*(corners - node).T) <= reaches[t]).all())
+        for node in nodes
     ]
     queue = [(0.0, k, mask) for k, mask in enumerate(sees)]
     heapq.heapify(queue)
@@ -235,7 +270,10 @@ def test_no_bound_exceeds_the_optimum_of_a_small_problem(seed):
     sensor = DiscSensor(kind="disc", radius_m=radius, sensing="along-path")
     coverage = CoverageMap(make_site(ring=ring, sensor=sensor, limits=LOW, cell_m=side), cell_size_m=side)
     assert coverage.coverable.all()
-    targets = coverage.grid.cells.centre_m[:, :2]
+    # All of a cell is seen from one place: what a path sees is worth at least as much.
+    corners = 0.5 * side * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
+    middles = np.stack(np.meshgrid((np.arange(columns) + 0.5) * side, (np.arange(rows) + 0.5) * side), axis=-1)
+    targets = middles.reshape(-1, 1, 2) + corners
     step = 10.0
     axes = [np.arange(0.0, count * side + 0.1, step) for count in (columns, rows)]
     nodes = np.stack(np.meshgrid(*axes), axis=-1).reshape(-1, 2)
@@ -243,35 +281,36 @@ def test_no_bound_exceeds_the_optimum_of_a_small_problem(seed):
         [(b, float(d)) for b, d in enumerate(np.hypot(*(nodes - node).T)) if 0.0 < d < 1.5 * step] for node in nodes
     ]
     optimum_m = shortest_on_graph([radius] * len(targets), targets, nodes, legs, share)
-    ground = price_ground(coverage, share, step_m=5.0)
-    assert ground.least_length_m(coverable_weight_m2(coverage), share - 1e-9) <= optimum_m + 1e-6
+    ground = price_ground(coverage, share, parts=4)
+    assert ground.least_length_m(share - 1e-9) <= optimum_m + 1e-6
     assert least_path_length_m(coverage, share) <= optimum_m + 1e-6
 
 
 def test_what_may_stay_unseen_is_what_saves_most():
-    _, ground = priced("cone", 3)
-    weight = np.full(len(ground.prices_m), 2.0)
-    whole = ground.least_length_m(weight, 1.0)
-    assert whole == pytest.approx(max(0.0, ground.prices_m.sum() - ground.first_look_m))
-    dearest = np.sort(ground.prices_m)[::-1]
-    count = len(dearest)
-    left = ground.prices_m.sum() - dearest[:2].sum() - 0.5 * dearest[2]
-    assert ground.least_length_m(weight, 1.0 - 2.5 / count) == pytest.approx(max(0.0, left - ground.first_look_m))
-    assert ground.least_length_m(weight, 0.0) == 0.0
+    prices, dearest, weight = (
+        np.array([5.0, 9.0, 1.0, 6.0]),
+        np.array([6.0, 9.0, 1.5, 8.0]),
+        np.array([1.0, 3.0, 1.0, 1.0]),
+    )
+    ground = PricedGround(prices, dearest, weight, 2.0, np.zeros((1, 1)), 1.0)
+    assert ground.least_length_m(1.0) == pytest.approx(19.0)
+    # Of 6 square metres one and a half may stay unseen: all of the fourth cell, and the dearest half of the first.
+    assert ground.least_length_m(0.75) == pytest.approx(19.0 - 6.0 - 3.0)
+    assert ground.least_length_m(0.0) == 0.0
 
 
 def test_the_lattice_is_as_fine_as_the_time_allows():
     coverage = covered("cone", 3)
-    steps = [lattice_step_m(coverage, time_s) for time_s in (0.0, 0.01, 10.0, 1e6)]
-    assert steps[0] is None
-    assert steps[1] is None
-    assert steps[3] == 6.0 / 8.0
-    assert steps[2] >= steps[3]
+    parts = [lattice_parts(coverage, time_s) for time_s in (0.0, 0.01, 10.0, 1e6)]
+    assert parts[0] is None
+    assert parts[1] is None
+    assert parts[3] == 8
+    assert parts[2] <= parts[3]
 
 
 def test_where_limits_apply_to_waypoints_alone_the_legs_may_be_at_any_height():
     limits = {**LOW, "applies_to": "waypoints"}
     coverage = CoverageMap(make_site(hills, limits=limits, cell_m=20.0), cell_size_m=20.0)
-    places = places_over(coverage, 10.0)
-    assert places.allowed.all()
-    assert np.isposinf(places.tops).all()
+    relief = relief_over(coverage, 2)
+    assert relief.allowed.all()
+    assert relief.tangent == 0.0

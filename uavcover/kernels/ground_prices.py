@@ -1,14 +1,8 @@
-"""How much newly seen ground a move is worth at most, when every cell has a price; docs/explanation/bounds.md has the proof.
+"""How much newly seen ground a move is worth at most, when every square metre has a price: the proof for whole squares of places.
 
-Places are the nodes of a square lattice, each square cut into two triangles along the diagonal from south-west to north-east.
-A cell's credit is a number for each node, 0 to 1, and linear in each triangle. It is 1 in every triangle from which the cell
-may be seen, so a path that sees the cell has gained all of its credit. In a triangle shares have constant gradients; what a
-move in a direction gains per metre is the sum of price times the gradient's part along it, where that is positive. For all
-directions together these sums are the support function of a convex polygon (a sum of segments), so its values in 32
-directions bound those between them, and no move of any direction at any place is left out.
-
-Around a cell its credit falls as the share of the cell's own square that a straight edge has not yet passed: sums over a
-lattice of cells are then free of the beat between the edge and the rows of cells.
+docs/explanation/bounds.md has the reasoning. As a place moves, ground passes the ends of what is seen along each direction
+(:mod:`uavcover.kernels.relief`); half of what passes in either sense, times its price, is the rate. It is bounded for all places
+of a square of the lattice together, for all directions of a bin, and for all headings.
 """
 
 import math
@@ -17,384 +11,326 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.coverage import Cells
 from uavcover.kernels.jit import kernel
+from uavcover.kernels.relief import EXACT_M, LEAST_GROWTH, Relief, farthest_seen, height
 
-HEADINGS = 32
-_QUARTER = HEADINGS // 4
-_STEP_COS, _STEP_SIN = math.cos(2.0 * math.pi / HEADINGS), math.sin(2.0 * math.pi / HEADINGS)
-BEYOND, AT_THE_EDGE, WITHIN = 0, 1, 2
-_COS = np.cos(2.0 * math.pi / HEADINGS * np.arange(HEADINGS))
-_SIN = np.sin(2.0 * math.pi / HEADINGS * np.arange(HEADINGS))
-_TANGENTS = np.tan(2.0 * math.pi / HEADINGS * np.arange(HEADINGS // 8 + 1))
-_WIDEST = math.sqrt(2.0)
-"""Diagonal of a square of side 1."""
+E_LOW, E_HIGH, N_LOW, N_HIGH, DEAREST, PE_LOW, PE_HIGH, PN_LOW, PN_HIGH, PRICED = range(10)
+"""What is known of a window of squares: slopes of the ground towards east and north, the highest price, slopes of the price
+likewise, and whether all of it is priced."""
+WINDOW_FIELDS = 10
+WORTH, BY_E, BY_N, MOST, BENT, LEAST_R, MOST_R = range(7)
+"""Of the end of view in a bin of directions: what it is worth at most from the middle of the square; what it grows by towards
+the square's eastern and northern sides; what it is worth anywhere; what is gained where changes, and how much a direction
+counts, grow to the same side of the bin; the smallest and the largest distance."""
+PASSED_FIELDS = 7
 
 
-class Places(NamedTuple):
-    """Where a path may be, and how far it sees from there.
+class Prices(NamedTuple):
+    """Prices of ground on the squares of a relief.
 
     Attributes:
-        tops: (rows, columns) up that no allowed place in the squares around each node exceeds, -inf where none is allowed.
-        allowed: (rows - 1, columns - 1) whether a place in each square may be allowed.
-        east0: of the first node.
-        north0: likewise.
-        step: between nodes, metres.
-        tangent: a cell is seen from no further on the map than this times the height above it.
-        reach: nor from further than this, metres.
+        per_m2: (rows + 1, columns + 1) at the nodes, bilinear between them where a square is priced.
+        windows: (rows, columns, WINDOW_FIELDS) of the squares from each on towards north-east.
+        around: half the width of what a window covers for certain, metres.
+        slack: part of it that is for changes of distance.
     """
 
-    tops: NDArray[np.float64]
-    allowed: NDArray[np.bool_]
-    east0: float
-    north0: float
-    step: float
-    tangent: float
-    reach: float
+    per_m2: NDArray[np.float64]
+    windows: NDArray[np.float64]
+    around: float
+    slack: float
 
 
 @kernel
-def credit(places: Places, row: int, column: int, ce: float, cn: float, cu: float, side: float) -> float:
-    """Credit of a cell at a node: 1 when a place in the squares around the node may see it, falling to 0 further away."""
-    top = places.tops[row, column]
-    if not top > -math.inf:
-        return 0.0
-    de = abs(ce - places.east0 - column * places.step)
-    dn = abs(cn - places.north0 - row * places.step)
-    near_e, near_n = max(0.0, de - places.step), max(0.0, dn - places.step)
-    beyond = math.sqrt(near_e * near_e + near_n * near_n) - min(places.reach, places.tangent * (top - cu))
-    if beyond <= 0.0:
-        return 1.0
-    if beyond >= _WIDEST * side:
-        return 0.0
-    distance = math.sqrt(de * de + dn * dn)
-    if distance == 0.0:
-        return 0.0
-    # The square as a straight edge passes it: first its corner, then its whole width, then the corner across.
-    long, short = side * max(de, dn) / distance, side * min(de, dn) / distance
-    if beyond >= long + short:
-        return 0.0
-    if beyond < short:
-        return float(1.0 - beyond * beyond / (2.0 * long * short))
-    if beyond < long:
-        return float(1.0 - (beyond - 0.5 * short) / long)
-    rest = long + short - beyond
-    return float(rest * rest / (2.0 * long * short))
+def _along(ue: float, un: float, box: NDArray[np.float64], first: int) -> tuple[float, float]:
+    """Smallest and largest product of a direction and a vector of a box: four numbers from ``first`` on."""
+    e0, e1, n0, n1 = box[first], box[first + 1], box[first + 2], box[first + 3]
+    low = (ue * e0 if ue > 0.0 else ue * e1) + (un * n0 if un > 0.0 else un * n1)
+    high = (ue * e1 if ue > 0.0 else ue * e0) + (un * n1 if un > 0.0 else un * n0)
+    return low, high
 
 
 @kernel
-def direction_bin(e: float, n: float) -> int:
-    """Which of the sectors between neighbouring headings a vector points into; the first begins in the east."""
-    steep, flat = abs(n), abs(e)
-    low, high = min(steep, flat), max(steep, flat)
-    octant = 0
-    for k in range(1, HEADINGS // 8):
-        if low >= _TANGENTS[k] * high:
-            octant = k
-    quadrant = octant if flat >= steep else _QUARTER - 1 - octant
-    if e >= 0.0:
-        return quadrant if n >= 0.0 else HEADINGS - 1 - quadrant
-    return 2 * _QUARTER - 1 - quadrant if n >= 0.0 else 2 * _QUARTER + quadrant
+def _steepest(box: NDArray[np.float64], first: int) -> float:
+    return float(max(abs(box[first]), abs(box[first + 1])) + max(abs(box[first + 2]), abs(box[first + 3])))
 
 
 @kernel
-def largest_rate(sums: NDArray[np.float64]) -> tuple[float, int]:
-    """What is gained per metre in any direction at most, and near which heading.
+def _look_around(
+    prices: Prices, side: float, e: float, n: float, ue: float, un: float, first: float, last: float,
+    box: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Write to ``box`` what windows between two distances from a place say together."""
+    box[E_LOW], box[N_LOW], box[PE_LOW], box[PN_LOW], box[PRICED] = math.inf, math.inf, math.inf, math.inf, 1.0
+    box[E_HIGH], box[N_HIGH], box[PE_HIGH], box[PN_HIGH], box[DEAREST] = -math.inf, -math.inf, -math.inf, -math.inf, 0.0
+    at = min(first + prices.slack, max(last - prices.slack, first))
+    while True:
+        window = prices.windows[
+            int((n + at * un - prices.around) / side), int((e + at * ue - prices.around) / side)
+        ]  # fmt: skip
+        for f in (E_LOW, N_LOW, PE_LOW, PN_LOW, PRICED):
+            box[f] = min(box[f], window[f])
+        for f in (E_HIGH, N_HIGH, PE_HIGH, PN_HIGH, DEAREST):
+            box[f] = max(box[f], window[f])
+        if at + prices.slack >= last - 1e-9:
+            return
+        at = min(at + 2.0 * prices.slack, last - prices.slack)
+
+
+@kernel
+def _quotients(low: float, high: float, least: float, most: float) -> tuple[float, float]:
+    """The smallest and the largest quotient of a number between two and a positive one between two."""
+    return (low / least if low < 0.0 else low / most), (high / least if high > 0.0 else high / most)
+
+
+@kernel
+def _products(a0: float, a1: float, b0: float, b1: float) -> tuple[float, float]:
+    """The smallest and the largest product of two numbers, each between two."""
+    p, q, r, s = a0 * b0, a0 * b1, a1 * b0, a1 * b1
+    return min(min(p, q), min(r, s)), max(max(p, q), max(r, s))
+
+
+@kernel
+def _passed(
+    relief: Relief, prices: Prices, place: tuple[float, float], direction: tuple[float, float], r: float, wide: float,
+    slopes: NDArray[np.float64], box: NDArray[np.float64], out: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """What lies at the end of view in a bin of directions, for all places of a square: price times distance over growth.
+
+    Where a price, a distance or the growth changes with the place or with the direction, the change in the middle of what is
+    possible is kept with its sign: over the whole circle such changes nearly cancel. The rest is added.
 
     Args:
-        sums: (HEADINGS, 2) sums of price times gradient, by the sector that the gradient points into.
+        relief: heights.
+        prices: of the ground.
+        place: the middle of the square, metres east and north of the first node.
+        direction: the middle of the bin.
+        r: how far ground is seen there.
+        wide: of the bin, radians.
+        slopes: (2, 2) of the top in both triangles of the square.
+        box: (WINDOW_FIELDS,) is written.
+        out: (PASSED_FIELDS,) is written. WORTH is 0 where nothing there is priced.
     """
-    # Exact along the headings, because no sector lies on both sides of the normal to one of them.
-    east = sums[:_QUARTER, 0].sum() + sums[-_QUARTER:, 0].sum()
-    north = sums[:_QUARTER, 1].sum() + sums[-_QUARTER:, 1].sum()
-    before = east
-    best, at = 0.0, 0
-    for k in range(1, HEADINGS + 1):
-        out, into = (k - 1 - _QUARTER) % HEADINGS, (k - 1 + _QUARTER) % HEADINGS
-        east += sums[into, 0] - sums[out, 0]
-        north += sums[into, 1] - sums[out, 1]
-        after = east * _COS[k % HEADINGS] + north * _SIN[k % HEADINGS]
-        # Where the tangents of both headings meet the polygon's outline can be; it is nowhere further out between them.
-        beside = (after - before * _STEP_COS) / _STEP_SIN
-        other = (before - after * _STEP_COS) / _STEP_SIN
-        value = before if beside < 0.0 else after if other < 0.0 else math.sqrt(before * before + beside * beside)
-        if value > best:
-            best, at = value, (k - 1) % HEADINGS
-        before = after
-    return best, at
+    ue, un = direction
+    tangent, reach, half, h = relief.tangent, relief.reach, 0.5 * wide, 0.5 * relief.side
+    aside, growth, fastest, off, least, most = prices.slack, 1.0, 1.0, 0.0, 0.0, 0.0
+    re0, re1, rn0, rn1 = 0.0, 0.0, 0.0, 0.0
+    first, last = r, r
+    while True:
+        first, last = max(r - aside, 0.0), min(r + aside, reach)
+        _look_around(prices, relief.side, place[0], place[1], ue, un, first, last, box)
+        if tangent == 0.0:
+            break
+        steep = half * _steepest(box, E_LOW)
+        low, high = _along(ue, un, box, E_LOW)
+        growth = max(1.0 + tangent * (low - steep), LEAST_GROWTH)
+        fastest = max(1.0 + tangent * (high + steep), growth)
+        # With the place, distance changes at between these rates,
+        low, high = min(slopes[0, 0], slopes[1, 0]) - box[E_HIGH], max(slopes[0, 0], slopes[1, 0]) - box[E_LOW]
+        re0, re1 = _quotients(tangent * low, tangent * high, growth, fastest)
+        low, high = min(slopes[0, 1], slopes[1, 1]) - box[N_HIGH], max(slopes[0, 1], slopes[1, 1]) - box[N_LOW]
+        rn0, rn1 = _quotients(tangent * low, tangent * high, growth, fastest)
+        off = h * (max(abs(re0), abs(re1)) + max(abs(rn0), abs(rn1))) + 2.0 * EXACT_M
+        # and with the direction at between these.
+        low, high = _along(un, -ue, box, E_LOW)
+        low, high = _quotients(tangent * (low - steep), tangent * (high + steep), growth, fastest)
+        least, most = min(low * first, low * last), max(high * first, high * last)
+        if off + half * max(abs(least), abs(most)) <= aside or (first == 0.0 and last == reach):
+            break
+        aside *= 2.0
+    moved = off + half * max(abs(least), abs(most))
+    out[LEAST_R], out[MOST_R] = r - moved, r + moved
+    price = box[DEAREST]
+    out[WORTH] = 0.0
+    if not price > 0.0:
+        return
+    ends = tangent == 0.0 or r - moved >= reach - 2.0 * EXACT_M
+    if ends:
+        re0, re1, rn0, rn1, least, most, growth, r = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, reach
+    least_growth = growth
+    # Growth within the bin: what it is at least in the middle, and what changes to the one side and to the other.
+    turning = 0.0
+    if not ends:
+        low, high = _along(ue, un, box, E_LOW)
+        c0, c1 = _along(-un, ue, box, E_LOW)
+        turning = 0.5 * tangent * abs(c0 + c1)
+        level = 1.0 + tangent * (low - 0.5 * half * (c1 - c0) - half * half * _steepest(box, E_LOW))
+        if level - half * turning > growth:
+            growth = level
+        else:
+            turning = 0.0
+    turning /= growth
+    pe, pn, ps, pv = 0.0, 0.0, 0.0, 0.0
+    if box[PRICED] > 0.0:
+        # The price here, and how it changes with the place and with the direction.
+        e, n = (place[0] + r * ue) / relief.side, (place[1] + r * un) / relief.side
+        j, i = int(e), int(n)
+        e, n = e - j, n - i
+        p = prices.per_m2
+        here = (1.0 - n) * ((1.0 - e) * p[i, j] + e * p[i, j + 1]) + n * ((1.0 - e) * p[i + 1, j] + e * p[i + 1, j + 1])
+        steep = half * _steepest(box, PE_LOW)
+        q0, q1 = _along(ue, un, box, PE_LOW)
+        q0, q1 = q0 - steep, q1 + steep
+        low, high = _products(q0, q1, re0, re1)
+        e0, e1 = box[PE_LOW] + low, box[PE_HIGH] + high
+        low, high = _products(q0, q1, rn0, rn1)
+        n0, n1 = box[PN_LOW] + low, box[PN_HIGH] + high
+        c0, c1 = _along(-un, ue, box, PE_LOW)
+        far, near = min(r + moved, reach), max(r - moved, 0.0)
+        c0, c1 = c0 - steep, c1 + steep
+        c0, c1 = min(c0 * near, c0 * far), max(c1 * near, c1 * far)
+        low, high = _products(q0, q1, least, most)
+        s0, s1 = c0 + low, c1 + high
+        here += 0.5 * h * (e1 - e0 + n1 - n0) + _steepest(box, PE_LOW) * 2.0 * EXACT_M
+        if here + 0.25 * half * (s1 - s0) < price:
+            price, pe, pn, ps, pv = here, 0.5 * (e0 + e1), 0.5 * (n0 + n1), 0.5 * (s0 + s1), 0.5 * (s1 - s0)
+    r += 0.5 * h * (re1 - re0 + rn1 - rn0) + (0.0 if ends else 2.0 * EXACT_M)
+    be, bn, bs, bv = 0.5 * (re0 + re1), 0.5 * (rn0 + rn1), 0.5 * (least + most), 0.5 * (most - least)
+    second = (h * (abs(pe) + abs(pn)) + half * (abs(ps) + pv)) * (h * (abs(be) + abs(bn)) + half * (abs(bs) + bv))
+    askew = price * bv + r * pv
+    odd, bend = abs(price * bs + r * ps), half * turning
+    # 1 / (1 + z) <= 1 - z + z^2 / (1 - |z|)
+    more = bend * bend / (1.0 - bend)
+    out[WORTH] = (
+        (price * r + second + 0.5 * half * askew) * (1.0 + more) + half * (odd + askew) * (bend + more)
+    ) / growth
+    out[BY_E] = (price * be + r * pe) * h / growth
+    out[BY_N] = (price * bn + r * pn) * h / growth
+    out[MOST] = box[DEAREST] * reach / least_growth
+    shifted = h * (abs(price * be + r * pe) + abs(price * bn + r * pn))
+    out[WORTH] += shifted * more / growth
+    out[BENT] = half * (half * (odd + askew) + (price * r + shifted + second) * bend) / growth
 
 
 @kernel
-def _cells_near(
-    cells: Cells, west: float, south: float, east: float, north: float, far: float
-) -> tuple[int, int, int, int]:
-    """First row, last row, first column and last column of the cells within ``far`` of a box."""
-    far += cells.scatter_m
-    first_row = max(0, math.floor((south - far - cells.north0_m) / cells.size_m))
-    last_row = min(cells.lattice.shape[0] - 1, math.ceil((north + far - cells.north0_m) / cells.size_m))
-    first_column = max(0, math.floor((west - far - cells.east0_m) / cells.size_m))
-    last_column = min(cells.lattice.shape[1] - 1, math.ceil((east + far - cells.east0_m) / cells.size_m))
-    return first_row, last_row, first_column, last_column
-
-
-@kernel
-def _tile(places: Places, across: int, i0: int, j0: int) -> tuple[int, int, float, float, bool]:
-    """Rows and columns of squares in a tile, its lowest and highest top, and whether any of its squares is allowed."""
-    rows = min(across, places.tops.shape[0] - 1 - i0)
-    columns = min(across, places.tops.shape[1] - 1 - j0)
-    low, high, any_allowed = math.inf, -math.inf, False
-    for i in range(i0, i0 + rows + 1):
-        for j in range(j0, j0 + columns + 1):
-            low, high = min(low, places.tops[i, j]), max(high, places.tops[i, j])
-            any_allowed = any_allowed or (i < i0 + rows and j < j0 + columns and places.allowed[i, j])
-    return rows, columns, low, high, any_allowed
-
-
-@kernel
-def _standing(
-    places: Places,
-    box: tuple[float, float, float, float],
-    low: float,
-    high: float,
-    ce: float,
-    cn: float,
-    cu: float,
-    side: float,
-) -> int:
-    """Whether a cell's credit is 0 at all nodes of a box, 1 at all of them, or neither for certain."""
-    west, south, east, north = box
-    near_e, near_n = max(0.0, west - ce, ce - east), max(0.0, south - cn, cn - north)
-    farthest_look = min(places.reach, places.tangent * (high - cu))
-    if math.sqrt(near_e * near_e + near_n * near_n) - _WIDEST * (places.step + side) >= farthest_look:
-        return BEYOND
-    far_e, far_n = max(abs(west - ce), abs(east - ce)), max(abs(south - cn), abs(north - cn))
-    if low > -math.inf and math.sqrt(far_e * far_e + far_n * far_n) <= min(places.reach, places.tangent * (low - cu)):
-        return WITHIN
-    return AT_THE_EDGE
-
-
-@kernel
-def rates_in_tiles(
-    places: Places,
-    cells: Cells,
-    price: NDArray[np.float64],
-    across: int,
-    stride: int,
-    rates: NDArray[np.float64],
-    worst: NDArray[np.int64],
-) -> None:
-    """Write what a metre of path gains at most anywhere in each tile of the places.
+def rates_in_squares(
+    relief: Relief, prices: Prices, directions: NDArray[np.float64], group: int, headings: NDArray[np.float64], stride: int,
+    parts: int, rates: NDArray[np.float64], largest: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Write what a metre of path gains at most at any place of each square, along any heading.
 
     Args:
-        places: the lattice.
-        cells: of the area.
-        price: (n,) of each cell, metres, at least 0.
-        across: squares along the side of a tile.
-        stride: 1 for a proof; further on only every so many rows and columns of squares are looked at.
-        rates: (tile rows, tile columns) is written.
-        worst: (tile rows, tile columns, 4) is written: row and column of the square, triangle and heading of the largest.
+        relief: heights; nothing within ``reach`` and a few squares of its edges is allowed.
+        prices: of the ground.
+        directions: (bins, 2) middles of equal bins all around.
+        group: bins that are added up before headings are looked at; a divisor of their number.
+        headings: (m, 2) unit vectors, evenly over half a turn.
+        stride: 1 for a proof; otherwise only every so many rows and columns of squares are looked at.
+        parts: squares along the side of a cell.
+        rates: (rows, columns) is written where looked at.
+        largest: (rows // parts, columns // parts) the largest rate of the places to whose gain the ground of each cell may add,
+            is written where it is larger.
     """
-    sums = np.empty((across, across, 2, HEADINGS, 2))
-    for tile_row in range(rates.shape[0]):
-        for tile_column in range(rates.shape[1]):
-            i0, j0 = tile_row * across, tile_column * across
-            rates[tile_row, tile_column] = 0.0
-            rows, columns, low, high, any_allowed = _tile(places, across, i0, j0)
-            if not any_allowed:
+    bins, side, tangent, reach = len(directions), relief.side, relief.tangent, relief.reach
+    wide = 2.0 * math.pi / bins
+    chord = 2.0 * math.sin(0.5 * wide)
+    groups = bins // group
+    sums_of, corner, sums = np.empty((3, groups, 5)), np.empty((groups, 5)), np.empty(len(headings))
+    unsure, slopes, box = np.empty((bins, 4)), np.empty((2, 2)), np.empty(WINDOW_FIELDS)
+    passed = np.empty((bins, PASSED_FIELDS))
+    far = stride * (int((reach / side + 4.0) / stride) + 1)
+    rows, columns = relief.allowed.shape
+    size = parts * side
+    for i in range(far, rows - far, stride):
+        for j in range(far, columns - far, stride):
+            rates[i, j] = 0.0
+            if not relief.allowed[i, j]:
                 continue
-            _sum_gradients(places, cells, price, (i0, j0, rows, columns), (low, high), stride, sums)
-            for i in range(0, rows, stride):
-                for j in range(0, columns, stride):
-                    if not places.allowed[i0 + i, j0 + j]:
-                        continue
-                    for triangle in range(2):
-                        rate, heading = largest_rate(sums[i, j, triangle])
-                        if rate > rates[tile_row, tile_column]:
-                            rates[tile_row, tile_column] = rate
-                            place = worst[tile_row, tile_column]
-                            place[0], place[1], place[2], place[3] = i0 + i, j0 + j, triangle, heading
-
-
-@kernel
-def _box_of(places: Places, tile: tuple[int, int, int, int]) -> tuple[float, float, float, float]:
-    """West, south, east and north of the first so many rows and columns of squares from a node on."""
-    i0, j0, rows, columns = tile
-    west, south = places.east0 + j0 * places.step, places.north0 + i0 * places.step
-    return west, south, west + columns * places.step, south + rows * places.step
-
-
-@kernel
-def _sum_gradients(
-    places: Places,
-    cells: Cells,
-    price: NDArray[np.float64],
-    tile: tuple[int, int, int, int],
-    tops: tuple[float, float],
-    stride: int,
-    sums: NDArray[np.float64],
-) -> None:
-    """Write the sums of price times gradient in the triangles of a tile: (across, across, 2, HEADINGS, 2)."""
-    i0, j0, rows, columns = tile
-    box = _box_of(places, tile)
-    shares = np.empty((rows + 1, columns + 1))
-    sums[:] = 0.0
-    far = places.reach + _WIDEST * (cells.size_m + places.step)
-    first_row, last_row, first, last = _cells_near(cells, box[0], box[1], box[2], box[3], far)
-    for r in range(first_row, last_row + 1):
-        for s in range(first, last + 1):
-            k = cells.lattice[r, s]
-            if k < 0 or not price[k] > 0.0:
-                continue
-            ce, cn, cu = cells.centre_m[k, 0], cells.centre_m[k, 1], cells.centre_m[k, 2]
-            if _standing(places, box, tops[0], tops[1], ce, cn, cu, cells.size_m) != AT_THE_EDGE:
-                continue
-            for i in range(rows + 1):
-                for j in range(columns + 1):
-                    shares[i, j] = credit(places, i0 + i, j0 + j, ce, cn, cu, cells.size_m)
-            by = price[k] / places.step
-            for i in range(0, rows, stride):
-                for j in range(0, columns, stride):
-                    sw, se, nw, ne = shares[i, j], shares[i, j + 1], shares[i + 1, j], shares[i + 1, j + 1]
-                    _add(sums[i, j, 0], by * (se - sw), by * (ne - se))
-                    _add(sums[i, j, 1], by * (ne - nw), by * (nw - sw))
-
-
-@kernel
-def _add(sums: NDArray[np.float64], e: float, n: float) -> None:
-    if e != 0.0 or n != 0.0:
-        sector = direction_bin(e, n)
-        sums[sector, 0] += e
-        sums[sector, 1] += n
-
-
-@kernel
-def largest_rates_of_cells(
-    places: Places, cells: Cells, across: int, rates: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """(n,) the largest rate of all tiles in which each cell's credit may change."""
-    out = np.zeros(cells.centre_m.shape[0])
-    far = places.reach + _WIDEST * (cells.size_m + places.step)
-    for tile_row in range(rates.shape[0]):
-        for tile_column in range(rates.shape[1]):
-            i0, j0 = tile_row * across, tile_column * across
-            rows, columns, low, high, any_allowed = _tile(places, across, i0, j0)
-            box = _box_of(places, (i0, j0, rows, columns))
-            if not any_allowed:
-                continue
-            first_row, last_row, first, last = _cells_near(cells, box[0], box[1], box[2], box[3], far)
-            for r in range(first_row, last_row + 1):
-                for s in range(first, last + 1):
-                    k = cells.lattice[r, s]
-                    if k < 0 or out[k] >= rates[tile_row, tile_column]:
-                        continue
-                    centre = cells.centre_m[k]
-                    if _standing(places, box, low, high, centre[0], centre[1], centre[2], cells.size_m) == AT_THE_EDGE:
-                        out[k] = rates[tile_row, tile_column]
-    return out
-
-
-@kernel
-def largest_first_look(places: Places, cells: Cells, price: NDArray[np.float64], across: int) -> float:
-    """What all shares together are worth at most at any one place."""
-    best = 0.0
-    far = places.reach + _WIDEST * (cells.size_m + places.step)
-    for i0 in range(0, places.tops.shape[0] - 1, across):
-        for j0 in range(0, places.tops.shape[1] - 1, across):
-            rows, columns, low, high, any_allowed = _tile(places, across, i0, j0)
-            if not any_allowed:
-                continue
-            box = _box_of(places, (i0, j0, rows, columns))
-            worth = 0.0
-            first_row, last_row, first, last = _cells_near(cells, box[0], box[1], box[2], box[3], far)
-            for r in range(first_row, last_row + 1):
-                for s in range(first, last + 1):
-                    k = cells.lattice[r, s]
-                    if k < 0 or not price[k] > 0.0:
-                        continue
-                    ce, cn, cu = cells.centre_m[k, 0], cells.centre_m[k, 1], cells.centre_m[k, 2]
-                    standing = _standing(places, box, low, high, ce, cn, cu, cells.size_m)
-                    if standing == WITHIN:
-                        worth += price[k]
-                    elif standing == AT_THE_EDGE:
-                        most = 0.0
-                        for i in range(i0, i0 + rows + 1):
-                            for j in range(j0, j0 + columns + 1):
-                                most = max(most, credit(places, i, j, ce, cn, cu, cells.size_m))
-                        worth += price[k] * most
-            best = max(best, worth)
-    return best
-
-
-@kernel
-def rates_by_node(
-    places: Places,
-    cells: Cells,
-    weight: NDArray[np.float64],
-    nodes: NDArray[np.int64],
-    parts: NDArray[np.float64],
-    where: NDArray[np.int64],
-    room: int,
-) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]]:
-    """What a metre of path gains along each heading for each price, where a cell's price is interpolated among four.
-
-    Args:
-        places: the lattice.
-        cells: of the area.
-        weight: (n,) of each cell, at least 0.
-        nodes: (n, 4) prices that count for each cell, all numbers below n.
-        parts: (n, 4) how much each of them counts.
-        where: (p, 3) row and column of a square, and which of its triangles.
-        room: for how many pairs of a place and a price.
-
-    Returns:
-        In compressed rows, one a place: their beginnings (p + 1,), -1 first with too little room; the prices (m,); and
-        (m, HEADINGS + 1) the rates, and last the weight that is credited at the square's first node.
-    """
-    starts = np.zeros(len(where) + 1, np.int64)
-    columns = np.empty(room, np.int32)
-    data = np.empty((room, HEADINGS + 1))
-    seen_at, slot = np.full(nodes.max() + 1, -1), np.zeros(nodes.max() + 1, np.int64)
-    gains = np.empty(HEADINGS + 1)
-    far = places.reach + _WIDEST * (cells.size_m + places.step)
-    filled = 0
-    for p in range(len(where)):
-        west, south, east, north = _box_of(places, (where[p, 0], where[p, 1], 1, 1))
-        first_row, last_row, first, last = _cells_near(cells, west, south, east, north, far)
-        for r in range(first_row, last_row + 1):
-            for s in range(first, last + 1):
-                k = cells.lattice[r, s]
-                if k < 0 or not weight[k] > 0.0 or not _write_gains(places, cells, k, where[p], gains):
+            place = ((j + 0.5) * side, (i + 0.5) * side)
+            top, _, _ = height(relief, relief.top_m, place[0], place[1])
+            sw, se = relief.top_m[i, j], relief.top_m[i, j + 1]
+            nw, ne = relief.top_m[i + 1, j], relief.top_m[i + 1, j + 1]
+            slopes[0, 0], slopes[0, 1] = (se - sw) / side, (ne - se) / side
+            slopes[1, 0], slopes[1, 1] = (ne - nw) / side, (nw - sw) / side
+            sums_of[:] = 0.0
+            count, dearest, aslant, r = 0, 0.0, 0.0, 0.5 * reach
+            for k in range(bins):
+                ue, un = directions[k, 0], directions[k, 1]
+                r = farthest_seen(relief, place[0], place[1], top, ue, un, r)
+                out = passed[k]
+                _passed(relief, prices, place, (ue, un), r, wide, slopes, box, out)
+                if not out[WORTH] > 0.0:
                     continue
-                for c in range(4):
-                    b = nodes[k, c]
-                    if seen_at[b] != p:
-                        if filled == room:
-                            starts[0] = -1
-                            return starts, columns, data
-                        seen_at[b], slot[b] = p, filled
-                        columns[filled] = b
-                        data[filled] = 0.0
-                        filled += 1
-                    for m in range(HEADINGS + 1):
-                        data[slot[b], m] += parts[k, c] * weight[k] * gains[m]
-        starts[p + 1] = filled
-    return starts, columns[:filled], data[:filled]
+                aslant += wide * out[BENT]
+                g = k // group
+                if tangent == 0.0 or out[LEAST_R] >= reach - 2.0 * EXACT_M:
+                    for a in range(3):
+                        sums_of[a, g, 3] += out[a] * chord * ue
+                        sums_of[a, g, 4] += out[a] * chord * un
+                    dearest = max(dearest, out[WORTH] + abs(out[BY_E]) + abs(out[BY_N]))
+                elif out[MOST_R] >= reach:
+                    unsure[count, 0], unsure[count, 1], unsure[count, 2], unsure[count, 3] = (
+                        out[MOST],
+                        box[DEAREST] * reach,
+                        ue,
+                        un,
+                    )
+                    count += 1
+                    dearest = max(dearest, max(out[MOST], box[DEAREST] * reach))
+                else:
+                    for a in range(3):
+                        sums_of[a, g, 0] += out[a] * chord * ue
+                        sums_of[a, g, 1] += out[a] * chord * un
+                        sums_of[a, g, 2] += out[a] * wide * tangent
+                    dearest = max(dearest, out[WORTH] + abs(out[BY_E]) + abs(out[BY_N]))
+            if not dearest > 0.0:
+                continue
+            most = 0.0
+            for c in range(4):
+                east, north = (1.0 if c % 2 else -1.0), (1.0 if c // 2 else -1.0)
+                for g in range(groups):
+                    for f in range(5):
+                        corner[g, f] = sums_of[0, g, f] + east * sums_of[1, g, f] + north * sums_of[2, g, f]
+                for s in range(2):
+                    most = max(most, _largest_sum(corner, unsure[:count], headings, slopes[s], tangent, wide, sums))
+            rates[i, j] = 0.5 * most / math.cos(0.5 * math.pi / len(headings)) + 0.5 * (
+                dearest * (group * wide) ** 2 + aslant * (1.0 + tangent * np.abs(slopes).sum())
+            )
+            _tell_ground(prices, place, directions, reach, size, passed, rates[i, j], largest)
 
 
 @kernel
-def _write_gains(places: Places, cells: Cells, k: int, where: NDArray[np.int64], gains: NDArray[np.float64]) -> bool:
-    """Write what a metre along each heading gains of a cell's credit, and its credit; False when all of it is 0."""
-    i, j, triangle = where
-    ce, cn, cu = cells.centre_m[k, 0], cells.centre_m[k, 1], cells.centre_m[k, 2]
-    sw = credit(places, i, j, ce, cn, cu, cells.size_m)
-    ne = credit(places, i + 1, j + 1, ce, cn, cu, cells.size_m)
-    if triangle == 0:
-        corner = credit(places, i, j + 1, ce, cn, cu, cells.size_m)
-        ge, gn = corner - sw, ne - corner
-    else:
-        corner = credit(places, i + 1, j, ce, cn, cu, cells.size_m)
-        ge, gn = ne - corner, corner - sw
-    for m in range(HEADINGS):
-        gains[m] = max(0.0, ge * _COS[m] + gn * _SIN[m]) / places.step
-    gains[HEADINGS] = sw
-    return bool(sw != 0.0 or ge != 0.0 or gn != 0.0)
+def _tell_ground(
+    prices: Prices, place: tuple[float, float], directions: NDArray[np.float64], reach: float, size: float,
+    passed: NDArray[np.float64], rate: float, largest: NDArray[np.float64],
+) -> None:  # fmt: skip
+    """Write a rate to all cells whose ground may be at the end of view from a square: the windows that its bound looked at."""
+    for k in range(len(directions)):
+        if not passed[k, WORTH] > 0.0:
+            continue
+        first, last = max(passed[k, LEAST_R], 0.0), min(passed[k, MOST_R], reach)
+        at = min(first + prices.slack, max(last - prices.slack, first))
+        while True:
+            e, n = place[0] + at * directions[k, 0], place[1] + at * directions[k, 1]
+            for i in range(int((n - prices.around) / size), int((n + prices.around) / size) + 1):
+                for j in range(int((e - prices.around) / size), int((e + prices.around) / size) + 1):
+                    largest[i, j] = max(largest[i, j], rate)
+            if at + prices.slack >= last - 1e-9:
+                break
+            at = min(at + 2.0 * prices.slack, last - prices.slack)
+
+
+@kernel
+def _largest_sum(
+    parts: NDArray[np.float64], unsure: NDArray[np.float64], headings: NDArray[np.float64], slope: NDArray[np.float64],
+    tangent: float, wide: float, sums: NDArray[np.float64],
+) -> float:  # fmt: skip
+    """What passes the end of view in both senses, for the heading for which that is most."""
+    for m in range(len(headings)):
+        he, hn = headings[m, 0], headings[m, 1]
+        sums[m] = 0.0
+        for b in range(len(unsure)):
+            flat = he * unsure[b, 2] + hn * unsure[b, 3]
+            lifted = flat + tangent * (he * slope[0] + hn * slope[1])
+            # Within the bin each changes by no more than half its width.
+            sums[m] += wide * max(unsure[b, 0] * (abs(lifted) + 0.5 * wide), unsure[b, 1] * (abs(flat) + 0.5 * wide))
+    for g in range(len(parts)):
+        ve, vn = parts[g, 0] + parts[g, 2] * slope[0], parts[g, 1] + parts[g, 2] * slope[1]
+        if ve != 0.0 or vn != 0.0:
+            for m in range(len(headings)):
+                sums[m] += abs(headings[m, 0] * ve + headings[m, 1] * vn)
+        ve, vn = parts[g, 3], parts[g, 4]
+        if ve != 0.0 or vn != 0.0:
+            for m in range(len(headings)):
+                sums[m] += abs(headings[m, 0] * ve + headings[m, 1] * vn)
+    return float(sums.max())

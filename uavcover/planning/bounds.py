@@ -17,7 +17,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.sight import CONE, farthest_looks, highest_in_squares, horizontal_reach
 from uavcover.kernels.surface import GRID
 from uavcover.model.route import Bound, Plan, RouteMember
-from uavcover.planning.ground_prices import coverable_weight_m2, lattice_step_m, price_ground
+from uavcover.planning.ground_prices import lattice_parts, price_ground
 from uavcover.planning.selection import parse_rule
 from uavcover.planning.set_cover.candidates import finest_lattice_candidates, reduce
 from uavcover.planning.set_cover.solvers import CoverProgram, SolverEffort
@@ -107,10 +107,10 @@ def path_bounds(coverage: CoverageMap, plan: Plan, *, time_s: float = 0.0) -> li
     share = _asked(plan)
     lengths = [m.metrics.path_length_m for m in _feasible(plan) if m.metrics.coverage_of_coverable >= share - _MET]
     proofs = [(least_path_length_m(coverage, share), "area within reach of a curve")]
-    step_m = lattice_step_m(coverage, time_s)
-    priced = None if step_m is None else price_ground(coverage, share, step_m=step_m)
+    parts = lattice_parts(coverage, time_s)
+    priced = None if parts is None else price_ground(coverage, share, parts=parts)
     if priced is not None:
-        proofs.append((priced.least_length_m(coverable_weight_m2(coverage), share - _MET), "prices on the ground"))
+        proofs.append((priced.least_length_m(share - _MET), "prices on the ground"))
     limit, method = max(proofs, key=lambda proof: proof[0])
     anywhere = "any path" if coverage.site.scenario.limits.applies_to == "waypoints" else _ANYWHERE
     return [Bound("shortest_path_m", share, limit, min(lengths, default=None), anywhere, method)]

@@ -1,0 +1,139 @@
+"""What single places see of priced ground, and what a move from them gains."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.kernels.jit import kernel
+from uavcover.kernels.relief import Relief, farthest_seen, height
+
+_RINGS = 12
+
+
+@kernel
+def _worth_in_view(
+    relief: Relief, per_m2: NDArray[np.float64], south: float, west: float, north: float, east: float, top: float
+) -> float:
+    """What is in view at most from any one place of a rectangle, not above ``top``; sides in squares from the first node."""
+    rows, columns = per_m2.shape
+    side, around = relief.side, int(relief.reach / relief.side) + 2
+    worth = 0.0
+    for i in range(max(0, int(south) - around), min(rows, int(north) + around + 1)):
+        dn = max(0.0, max(south - i - 1, i - north)) * side
+        for j in range(max(0, int(west) - around), min(columns, int(east) + around + 1)):
+            if not per_m2[i, j] > 0.0:
+                continue
+            de = max(0.0, max(west - j - 1, j - east)) * side
+            farthest = relief.reach
+            if relief.tangent > 0.0:
+                g = relief.ground_m
+                lowest = min(min(g[i, j], g[i, j + 1]), min(g[i + 1, j], g[i + 1, j + 1]))
+                farthest = min(farthest, relief.tangent * (top - lowest))
+            if farthest >= 0.0 and de * de + dn * dn <= farthest * farthest:
+                worth += per_m2[i, j]
+    return worth * side * side
+
+
+@kernel
+def looks_from_tiles(
+    relief: Relief, per_m2: NDArray[np.float64], tile: int, wanted: NDArray[np.bool_], looks: NDArray[np.float64]
+) -> None:
+    """Write what is in view at most from any one place of each tile of squares; for a tile of 0 from the middle of each square.
+
+    Args:
+        relief: heights.
+        per_m2: (rows, columns) mean price in each square.
+        tile: squares along the side of a tile, or 0.
+        wanted: (tile rows, tile columns) the tiles to be looked at; squares for a tile of 0.
+        looks: likewise, is written; 0 elsewhere.
+    """
+    rows, columns = relief.allowed.shape
+    each = max(tile, 1)
+    for a in range(wanted.shape[0]):
+        for b in range(wanted.shape[1]):
+            looks[a, b] = 0.0
+            i0, j0 = a * each, b * each
+            i1, j1 = min(i0 + each, rows), min(j0 + each, columns)
+            if not wanted[a, b] or not relief.allowed[i0:i1, j0:j1].any():
+                continue
+            if tile > 0:
+                top = relief.top_m[i0 : i1 + 1, j0 : j1 + 1].max()
+                looks[a, b] = _worth_in_view(relief, per_m2, float(i0), float(j0), float(i1), float(j1), top)
+            else:
+                top, _, _ = height(relief, relief.top_m, (j0 + 0.5) * relief.side, (i0 + 0.5) * relief.side)
+                looks[a, b] = _worth_in_view(relief, per_m2, i0 + 0.5, j0 + 0.5, i0 + 0.5, j0 + 0.5, top)
+
+
+@kernel
+def rates_by_node(
+    relief: Relief, priced: NDArray[np.bool_], where: NDArray[np.int64], directions: NDArray[np.float64],
+    headings: NDArray[np.float64], corner: tuple[float, float], block: float, across: int, room: int,
+) -> tuple[NDArray[np.int64], NDArray[np.int32], NDArray[np.float64]]:  # fmt: skip
+    """What a metre of path gains along each heading for each price of a node of blocks, at the middles of squares.
+
+    Args:
+        relief: heights.
+        priced: (rows, columns) whether the ground of each square has a price.
+        where: (p, 2) row and column of squares.
+        directions: (bins, 2) as in :func:`rates_in_squares`.
+        headings: (m, 2) likewise.
+        corner: of the first block, metres east and north of the relief's.
+        block: side of the blocks, metres.
+        across: nodes in a row of blocks.
+        room: for how many pairs of a place and a price.
+
+    Returns:
+        In compressed rows, one a place: their beginnings (p + 1,), -1 first with too little room; the prices (k,); and
+        (k, m + 1) the rates, and last the square metres that are seen from there.
+    """
+    bins, count = len(directions), len(headings)
+    wide = 2.0 * math.pi / bins
+    starts, columns, data = np.zeros(len(where) + 1, np.int64), np.empty(room, np.int32), np.zeros((room, count + 1))
+    seen_at, slot = np.full(across * across, -1), np.zeros(across * across, np.int64)
+    gains = np.empty(count + 1)
+    filled = 0
+    for p in range(len(where)):
+        e, n = (where[p, 1] + 0.5) * relief.side, (where[p, 0] + 0.5) * relief.side
+        # Just beside the diagonal, on both sides of it.
+        top, e0, n0 = height(relief, relief.top_m, e + 0.1 * relief.side, n)
+        top, e1, n1 = height(relief, relief.top_m, e, n + 0.1 * relief.side)
+        top, _, _ = height(relief, relief.top_m, e, n)
+        r = 0.5 * relief.reach
+        for k in range(bins):
+            ue, un = directions[k, 0], directions[k, 1]
+            r = farthest_seen(relief, e, n, top, ue, un, r)
+            growth, lift = 1.0, 0.0
+            if relief.tangent > 0.0 and r < relief.reach:
+                _, ge, gn = height(relief, relief.ground_m, e + r * ue, n + r * un)
+                growth, lift = 1.0 + relief.tangent * (ge * ue + gn * un), 0.5 * relief.tangent
+            for ring in range(_RINGS + 1):
+                at = r * min(1.0, (ring + 0.5) / _RINGS)
+                pe, pn = e + at * ue, n + at * un
+                if not priced[int(pn / relief.side), int(pe / relief.side)]:
+                    continue
+                gains[:] = 0.0
+                if ring < _RINGS:
+                    gains[count] = at * (r / _RINGS) * wide
+                else:
+                    for m in range(count):
+                        he, hn = headings[m, 0], headings[m, 1]
+                        toward = he * (ue + lift * (e0 + e1)) + hn * (un + lift * (n0 + n1))
+                        gains[m] = 0.5 * r / growth * wide * abs(toward)
+                along, up = (pe - corner[0]) / block, (pn - corner[1]) / block
+                j, i = int(along), int(up)
+                along, up = along - j, up - i
+                for c in range(4):
+                    node = (i + c // 2) * across + j + c % 2
+                    if seen_at[node] != p:
+                        if filled == room:
+                            starts[0] = -1
+                            return starts, columns, data
+                        seen_at[node], slot[node] = p, filled
+                        columns[filled] = node
+                        filled += 1
+                    part = (up if c // 2 else 1.0 - up) * (along if c % 2 else 1.0 - along)
+                    for m in range(count + 1):
+                        data[slot[node], m] += part * gains[m]
+        starts[p + 1] = filled
+    return starts, columns[:filled], data[:filled]

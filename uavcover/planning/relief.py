@@ -1,0 +1,125 @@
+"""Heights for the bound on path length: ground that is nowhere too high, highest places that are nowhere too low."""
+
+import math
+
+import numpy as np
+import scipy.ndimage
+import shapely
+
+from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.relief import LEAST_GROWTH, Relief
+from uavcover.kernels.sight import CONE, highest_in_squares, horizontal_reach
+from uavcover.kernels.surface import GRID
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import whatever_heading
+
+_PARTS = 8
+"""Of a square's side, at which heights between its nodes are tried."""
+_ROWS_AT_ONCE = 64
+_LEEWAY_M = 0.01
+"""Against rounding in the tests of sensor and height band."""
+
+
+def margin_cells(coverage: CoverageMap) -> int:
+    """Cells around the area: places from which it can be seen, and what else can be seen from there."""
+    return math.ceil(2.0 * horizontal_reach(whatever_heading(coverage.sight)) / coverage.grid.cells.size_m) + 5
+
+
+def relief_over(coverage: CoverageMap, parts: int) -> Relief:
+    """Heights on a lattice of so many squares a cell's side; its first node is ``margin_cells`` south-west of the area."""
+    site, cells = coverage.site, coverage.grid.cells
+    sight, limits = whatever_heading(coverage.sight), site.scenario.limits
+    side, margin = cells.size_m / parts, margin_cells(coverage)
+    # Where limits apply to waypoints alone, legs may be at any height.
+    cone = sight.kind == CONE and limits.applies_to == "legs"
+    east0 = cells.east0_m - (margin + 0.5) * cells.size_m
+    north0 = cells.north0_m - (margin + 0.5) * cells.size_m
+    rows, columns = ((count + 2 * margin) * parts for count in cells.lattice.shape)
+    east, north = east0 + side * np.arange(columns + 1), north0 + side * np.arange(rows + 1)
+    ground = np.zeros((rows + 1, columns + 1))
+    known: BoolArray = np.ones((rows, columns), dtype=bool)
+    allowed = known
+    if limits.applies_to == "legs":
+        # A square that touches the fence has its centre within 0.71 sides of it; mitred corners reach further.
+        near = site.fence.buffer(0.75 * side, join_style="mitre")
+        shapely.prepare(near)
+        middle_e, middle_n = np.meshgrid(east[:-1] + 0.5 * side, north[:-1] + 0.5 * side)
+        allowed = np.asarray(shapely.contains_xy(near, middle_e, middle_n), dtype=bool)
+    if not cone:
+        return Relief(ground, ground, allowed, side, 0.0, horizontal_reach(sight) + _LEEWAY_M)
+    ground = site.ground.heights_m(np.column_stack([a.ravel() for a in np.meshgrid(east, north)])).reshape(ground.shape)
+    missing = ~np.isfinite(ground)
+    if missing.any():
+        nearest = scipy.ndimage.distance_transform_edt(missing, return_distances=False, return_indices=True)
+        ground = ground[tuple(nearest)]
+    above_m, below_m = _departures_m(coverage, ground, east0, north0, side)
+    highest_agl_m = limits.max_height_agl_m - limits.height_margin_m
+    top = ground + (highest_agl_m + site.ground.cut_error_m + _LEEWAY_M + above_m)
+    low = _no_steeper(ground - below_m, (1.0 - LEAST_GROWTH) / (math.sqrt(2.0) * sight.tan_half_fov) * side)
+    return Relief(low, top, allowed, side, sight.tan_half_fov, horizontal_reach(sight) + _LEEWAY_M)
+
+
+def _no_steeper(up: FloatArray, most_m: float) -> FloatArray:
+    """Heights that are nowhere above these and change by at most so much from node to node."""
+    for axis in (0, 1):
+        ramp = most_m * np.arange(up.shape[axis])
+        ramp = ramp[:, None] if axis == 0 else ramp
+        ahead = np.minimum.accumulate(up - ramp, axis=axis) + ramp
+        behind = np.flip(np.minimum.accumulate(np.flip(up + ramp, axis=axis), axis=axis), axis=axis) - ramp
+        up = np.minimum(ahead, behind)
+    return up
+
+
+def _departures_m(
+    coverage: CoverageMap, ground: FloatArray, east0: float, north0: float, side: float
+) -> tuple[float, float]:
+    """How much the ground rises above what lies between the nodes at most, and how much it falls below."""
+    surface = coverage.site.ground.surface
+    lean = surface.grid.lean if surface.kind == GRID else 0.0
+    # Plumb lines lean: above its ground a place of the band may stand a little aside of it, and so a little higher.
+    aside_m = lean * coverage.site.scenario.limits.max_height_agl_m
+    part = side / _PARTS
+    above = below = 0.0
+    if not math.isfinite(surface.steepest):
+        return _departures_by_squares(coverage, ground, east0, north0, side, aside_m)
+    for first in range(0, ground.shape[0] - 1, _ROWS_AT_ONCE):
+        nodes = ground[first : first + _ROWS_AT_ONCE + 1]
+        between = _between(nodes, _PARTS)
+        e, n = np.meshgrid(
+            east0 + part * np.arange(between.shape[1]), north0 + first * side + part * np.arange(between.shape[0])
+        )
+        off = coverage.site.ground.heights_m(np.column_stack([e.ravel(), n.ravel()])).reshape(e.shape) - between
+        above, below = max(above, float(np.nanmax(off))), max(below, float(-np.nanmin(off)))
+    # In a triangle with legs of one part a surface is that near to the plane through its corners.
+    between_m = math.sqrt(0.5) * surface.steepest * part
+    return above + between_m + surface.steepest * aside_m, below + between_m
+
+
+def _between(nodes: FloatArray, parts: int) -> FloatArray:
+    """Heights of the triangles at so many places along the sides of squares."""
+    rows, columns = (count - 1 for count in nodes.shape)
+    n, e = np.arange(rows * parts + 1), np.arange(columns * parts + 1)
+    i, j = np.minimum(n // parts, rows - 1), np.minimum(e // parts, columns - 1)
+    across, along = ((n - i * parts) / parts)[:, None], (e - j * parts) / parts
+    sw, se = nodes[np.ix_(i, j)], nodes[np.ix_(i, j + 1)]
+    nw, ne = nodes[np.ix_(i + 1, j)], nodes[np.ix_(i + 1, j + 1)]
+    lower = sw + along * (se - sw) + across * (ne - se)
+    upper = sw + along * (ne - nw) + across * (nw - sw)
+    heights: FloatArray = np.where(along >= across, lower, upper)
+    return heights
+
+
+def _departures_by_squares(
+    coverage: CoverageMap, ground: FloatArray, east0: float, north0: float, side: float, aside_m: float
+) -> tuple[float, float]:
+    """The same where no steepest slope is known, on a grid: from the highest and lowest ground in parts of squares."""
+    surface = coverage.site.ground.surface
+    rows, columns = ((count - 1) * _PARTS for count in ground.shape)
+    count, part = max(rows, columns), side / _PARTS
+    between = _between(ground, _PARTS)
+    corners = np.stack([between[:-1, :-1], between[1:, :-1], between[:-1, 1:], between[1:, 1:]])
+    highest = highest_in_squares(surface, east0, north0, part, count, aside_m)[:rows, :columns]
+    mirrored = surface._replace(up_m=-surface.up_m)
+    lowest = -highest_in_squares(mirrored, east0, north0, part, count, 0.0)[:rows, :columns]
+    above, below = np.nanmax(highest - corners.min(axis=0)), np.nanmax(corners.max(axis=0) - lowest)
+    return max(0.0, float(above)), max(0.0, float(below))
