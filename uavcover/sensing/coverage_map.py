@@ -345,6 +345,17 @@ def planning_map(site: Site) -> CoverageMap:
     return _map_of(site, site.scenario.planning_cell_size_m)
 
 
+def sampling_map(site: Site, *, most_cells: int) -> CoverageMap:
+    """:func:`planning_map`, or where it has more than so many cells one of larger cells; then not kept.
+
+    Each cell is looked at in one place, so larger ones are a thinner sample of the ground.
+    """
+    cell_size_m = (site.area.area / most_cells) ** 0.5
+    if cell_size_m <= site.scenario.planning_cell_size_m:
+        return planning_map(site)
+    return CoverageMap(site, cell_size_m=cell_size_m, cut=_cut_for(site))
+
+
 _MOST_FINER_CELLS = 600_000
 """Where there would be more, the own cells are so many that luck hardly matters: on 25 km² finer ones took 4 s before a search
 could begin."""

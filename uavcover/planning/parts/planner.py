@@ -31,7 +31,7 @@ from uavcover.planning.selection import parse_rule
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import Piece
 from uavcover.sensing.block_map import RunBlocks, judge_by_blocks, look_at_all, one_after_the_other
-from uavcover.sensing.coverage_map import CoverageMap, judging_map, planning_map
+from uavcover.sensing.coverage_map import CoverageMap, judging_map, sampling_map
 from uavcover.sensing.sensors import reach_at_height_m, sight_of
 
 RunTasks = Callable[[Site, Sequence[PartTask]], Iterator[tuple[PartTask, FloatArray]]]
@@ -53,8 +53,7 @@ _PART_CELLS = 260_000
 ``scripts/bench_large.py`` (docs/results/large.md): many seams cost more than they save."""
 
 _MOST_COMPARED_CELLS = 300_000
-"""Of the planner's; a larger area is compared with the plain boustrophedon alone. Finding the fewest lines for 10,000 km² takes
-minutes that no worker shares, and nothing else begins with them."""
+"""The tuned boustrophedon of a larger area is found on a sample of so many larger cells: no worker shares that work."""
 
 _SEARCHED = 0.85
 """Of a time budget; the rest is for dividing, joining and judging."""
@@ -264,16 +263,15 @@ def tasks_of(
 
 
 def _baselines(site: Site, fine: CoverageMap, goal: float, run_blocks: RunBlocks) -> list[NamedRoute]:
-    """The plain boustrophedon; and the best of those with the fewest lines along the long side, where that is quick."""
+    """The plain boustrophedon, and the best of those with the fewest lines along the long side."""
     plain = fly_layout(site, plain_boustrophedon(site))
     look_at_all(fine, [plain.waypoints_m], run_blocks)
-    cells = site.area.area / site.scenario.planning_cell_size_m**2
-    tuned: list[Baseline] = []
-    if cells <= _MOST_COMPARED_CELLS:
-        coarse = planning_map(site)
-        share = goal * coarse.share(coarse.coverable)
-        tuned = sorted(
-            fewest_lines(coarse, share, turns=1),
-            key=lambda b: (b.violation, max(0.0, share + float(b.objectives[0])), float(b.objectives[2])),
-        )
-    return [(plain, BOUSTROPHEDON), *((each.route, each.name) for each in tuned[:1])]
+    coarse = sampling_map(site, most_cells=_MOST_COMPARED_CELLS)
+    share = goal * coarse.share(coarse.coverable)
+
+    def merit(tuned: Baseline) -> tuple[float, float, float]:
+        return tuned.violation, max(0.0, share + float(tuned.objectives[0])), float(tuned.objectives[2])
+
+    best = sorted(fewest_lines(coarse, share, turns=1), key=merit)[:1]
+    look_at_all(fine, [each.route.waypoints_m for each in best], run_blocks)
+    return [(plain, BOUSTROPHEDON), *((each.route, each.name) for each in best)]
