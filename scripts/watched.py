@@ -18,14 +18,21 @@ class Watch:
         peak_mib: the largest sum so far.
         peak_first_mib: the largest of the process itself.
         first_cpu_s: processor time of the process itself, at the last sample.
+        cpu_s: of each process at the last sample of it, together.
     """
 
     def __init__(self, pid: int, *, every_s: float = 0.25) -> None:
         self.peak_mib = self.peak_first_mib = self.first_cpu_s = 0.0
         self._pid, self._every_s = pid, every_s
         self._over = threading.Event()
+        self._cpu_s: dict[int, float] = {}
         self._thread = threading.Thread(target=self._sample, daemon=True)
         self._thread.start()
+
+    @property
+    def cpu_s(self) -> float:
+        """See above."""
+        return sum(self._cpu_s.values())
 
     def end(self) -> None:
         """No more samples."""
@@ -38,7 +45,9 @@ class Watch:
             sizes = [_mib(each) for each in family]
             self.peak_mib = max(self.peak_mib, sum(own for own, _ in sizes) + max(of_files for _, of_files in sizes))
             self.peak_first_mib = max(self.peak_first_mib, sum(sizes[0]))
-            self.first_cpu_s = _cpu_s(family[0]) or self.first_cpu_s
+            for each in family:
+                self._cpu_s[each] = _cpu_s(each) or self._cpu_s.get(each, 0.0)
+            self.first_cpu_s = self._cpu_s[family[0]]
 
 
 def _mib(pid: int) -> tuple[float, float]:
