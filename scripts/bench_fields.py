@@ -232,7 +232,7 @@ def main() -> int:
             rows.append({key: str(value) for key, value in values.items()})
             print(rows[-1], flush=True)
             write_rows(file, COLUMNS, rows)
-            chosen.out.write_text(page(rows, chosen.evaluations), encoding="utf-8")
+    chosen.out.write_text(page(rows, chosen.evaluations), encoding="utf-8")
     return 0
 
 
