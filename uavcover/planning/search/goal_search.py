@@ -87,7 +87,13 @@ def search_goals(
             judge.found(closed.route)
             main += tuned.closing_share
             end, after = begin + main * (until - begin), end
-            known += search_goal(work, [closed], asked, capacity, (after, end), tuned.stages, judge, closed=True)
+            again = search_goal(work, [closed], asked, capacity, (after, end), tuned.stages, judge, closed=True)
+            known += again
+            # Cells of the search may see all where those that judge lack a few.
+            last = _closed(work, again, asked, judge, until=end + tuned.closing_share * (until - begin))
+            if last is not None and len(last.route) <= capacity:
+                judge.found(last.route)
+                known.append(last)
     ladder = (1.0 - main) * (until - begin)
     goals = _thinned(goals, _most_goals(work, ladder))
     each = ladder / len(goals)
@@ -101,17 +107,28 @@ def search_goals(
 def _closed(
     work: Work, found: Sequence[SearchStart], goal: float, judge: RouteJudge, *, until: float
 ) -> SearchStart | None:
-    """What a search ended with and its gaps closed, where it ends short of its goal and some of the work is left for it."""
+    """What a search ended with and its gaps closed, where it ends short of its goal and some of the work is left for it.
+
+    Where nearly everything is to be seen, gaps are dear: then the ends of all its stages are tried, and the cheapest counts.
+    """
 
     def is_over() -> bool:
         return work.pace.fraction >= until
 
     if not found or work.stopped or is_over():
         return None
-    best = found[-1]
-    short = goal - judge.coverage(best.route, goal)
-    closed = judge.closed(best.route, goal + SAFETY, is_over) if 0.0 < short <= work.tuning.goal.most_short else None
-    return None if closed is None else SearchStart(closed, best.seen + short)
+    tuned = work.tuning.goal
+    ends: list[SearchStart] = []
+    for each in reversed(found if goal > tuned.nearly_all else found[-1:]):
+        if ends and is_over():
+            break
+        short = goal - judge.coverage(each.route, goal)
+        if short <= 0.0:
+            return None
+        closed = judge.closed(each.route, goal + SAFETY, is_over) if short <= tuned.most_short else None
+        if closed is not None:
+            ends.append(SearchStart(closed, each.seen + short))
+    return min(ends, key=lambda end: work.problem.cost(end.route), default=None)
 
 
 def search_goal(
@@ -146,13 +163,14 @@ def search_goal(
     begin, end = share
     tuned, free_order = work.tuning.goal, work.tuning.free_order
     aim = min(1.0, goal + SAFETY)
+    dear = tuned.nearly_all_price if goal > tuned.nearly_all else tuned.coverage_price
     waypoint_m = (tuned.waypoint_price if waypoint_price is None else waypoint_price) * work.problem.reach_m
     ranked_by_m = 0.0 if waypoint_price is None else waypoint_m
     ranked = best_starts(work.problem, starts, goal, ranked_by_m, tuned)
     if work.stopped or work.pace.fraction >= end:
         return []
     before = work.pace.fraction
-    chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m) for k in range(CHAINS)]
+    chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m, dear) for k in range(CHAINS)]
     for chain in chains:
         if closed and goal > tuned.nearly_all and not work.problem.free_order:
             chain.hottest *= tuned.closed_heat
@@ -193,7 +211,7 @@ def search_goal(
             break
         aim = _corrected(goal, best.seen, judged)
         if warm == 0.0:
-            chains = [_chain(work, best.route, aim, capacity, waypoint_m) for _ in chains]
+            chains = [_chain(work, best.route, aim, capacity, waypoint_m, dear) for _ in chains]
         # Where coverage is dearer than its price, the price rises until the goal is worth reaching.
         price *= 1.0 if judged >= goal else tuned.dearer**steps
         for chain in chains:
@@ -298,7 +316,7 @@ def _merit(
     )
 
 
-def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: float) -> Chain:
+def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: float, coverage_price: float) -> Chain:
     tuned, free_order = work.tuning.goal, work.tuning.free_order
     metres = work.problem.metres_per_cost(route)
     way_m = max(metres * work.problem.cost(route), work.problem.reach_m)
@@ -314,7 +332,7 @@ def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: flo
             waypoint_m,
             free_order.tour_coverage_price * work.problem.reach_m * cells
             if free
-            else tuned.coverage_price * (way_m + tuned.dear_waypoints * waypoint_m * len(route)),
+            else coverage_price * (way_m + tuned.dear_waypoints * waypoint_m * len(route)),
             goal,
         ),
         hottest=(free_order.tour_hottest if free else tuned.hottest) * work.problem.reach_m

@@ -37,6 +37,8 @@ class GoalTuning:
         closed_heat: factor of the temperature at its beginning; 0.05 and 0.2 do as well.
         coverage_price: of all coverage, in lengths of the route. Along a path a share more costs one to two such shares of the
             length; at a price far above that no single change may lose a cell, and nothing can be traded.
+        nearly_all_price: the same for more than ``nearly_all``, where the last of the ground is the dearest: at 2 triangle and
+            pentagon often end short of 99.9 % and up to 17 % later, at 12 the square does (scripts/bench_fields.py).
         dearer: factor of that price when a stage ends below its goal.
         start_price: the same price when beginnings are compared: lower missing coverage is cheap in a beginning, for fewer
             lines are hard to come by, and gaps between lines are closed.
@@ -68,6 +70,7 @@ class GoalTuning:
     closed_dearer: float = 40.0
     closed_heat: float = 0.2
     coverage_price: float = 2.0
+    nearly_all_price: float = 6.0
     dearer: float = 1.6
     start_price: float = 3.0
     stage_per_correction: float = 4.0
