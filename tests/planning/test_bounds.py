@@ -13,7 +13,7 @@ from uavcover.planning.bounds import are_quick, farthest_looks_m, least_path_len
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.run.bounds import bounds as bounds_of
-from uavcover.run.documents import bounds_in_words
+from uavcover.run.documents import bound_document, bounds_in_words
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, judging_map, sees_each
 
 
@@ -63,6 +63,27 @@ def test_the_larger_of_both_path_bounds_is_reported():
     assert quick.method == "area within reach of a curve"
     assert quick.limit <= slow.limit <= slow.found
     assert (slow.method == "prices on the ground") == (slow.limit > quick.limit)
+
+
+def test_prices_are_said_to_hold_for_the_ground_and_the_quick_bound_for_what_is_counted(monkeypatch):
+    """A path may see the counted places of enough cells, and less of the ground: then it may be shorter than prices say."""
+
+    class Dear:
+        def least_length_m(self, share):
+            return 1e4 * share
+
+    site = make_site(hills, cell_m=20.0)
+    coverage, plan = judging_map(site), planned(site, "coverage>=0.9")
+    monkeypatch.setattr("uavcover.planning.bounds.lattice_parts", lambda _, time_s: 1 if time_s else None)
+    monkeypatch.setattr("uavcover.planning.bounds.price_ground", lambda *_, **__: Dear())
+    (quick,) = path_bounds(coverage, plan)
+    (priced,) = path_bounds(coverage, plan, time_s=1.0)
+    assert (quick.counted, quick.proved_on) == ("cells", "any path inside the height band")
+    assert (priced.counted, priced.limit) == ("ground", pytest.approx(9e3))
+    document = bound_document(priced)
+    assert document["counted"] == "ground"
+    (line,) = bounds_in_words({"shortest_path_m": document})
+    assert "that sees this share of the ground itself (found: of the cells, one place in each), by prices" in line
 
 
 def test_legs_without_limits_may_see_from_any_height():

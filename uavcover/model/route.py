@@ -176,6 +176,8 @@ class Bound:
         found: the best of the plan's routes, none when no route achieves what was asked.
         proved_on: the positions considered: a route through others may beat a bound that was proved on a lattice.
         method: how it was proved.
+        counted: what the limit's share is a share of: "cells", which are seen where one place in each is, as ``found`` is
+            counted; or "ground", all of it between those places too.
     """
 
     question: Question
@@ -184,6 +186,7 @@ class Bound:
     found: float | None
     proved_on: str
     method: str
+    counted: Literal["cells", "ground"] = "cells"
 
     @property
     def gap(self) -> float | None:

@@ -92,10 +92,14 @@ QUICK_PAIRS = 500_000
 
 _MET = 1e-9
 _ANYWHERE = "any path inside the height band"
+_OF_GROUND = "that sees this share of the ground itself (found: of the cells, one place in each)"
+"""A path may see the counted places of 98 % of the cells and less of the ground: prices say nothing about that one."""
 
 
 def path_bounds(coverage: CoverageMap, plan: Plan, *, time_s: float = 0.0) -> list[Bound]:
     """The shortest path that sees what is asked; for sensors that look along the path.
+
+    The quick bound holds for what is counted: cells, each by one place in it. Prices hold for the ground itself.
 
     Args:
         coverage: on the cells by which routes are judged.
@@ -106,14 +110,15 @@ def path_bounds(coverage: CoverageMap, plan: Plan, *, time_s: float = 0.0) -> li
         return []
     share = _asked(plan)
     lengths = [m.metrics.path_length_m for m in _feasible(plan) if m.metrics.coverage_of_coverable >= share - _MET]
-    proofs = [(least_path_length_m(coverage, share), "area within reach of a curve")]
+    anywhere = "any path" if coverage.site.scenario.limits.applies_to == "waypoints" else _ANYWHERE
+    found, quick_m = min(lengths, default=None), least_path_length_m(coverage, share)
     parts = lattice_parts(coverage, time_s)
     priced = None if parts is None else price_ground(coverage, share, parts=parts)
-    if priced is not None:
-        proofs.append((priced.least_length_m(share - _MET), "prices on the ground"))
-    limit, method = max(proofs, key=lambda proof: proof[0])
-    anywhere = "any path" if coverage.site.scenario.limits.applies_to == "waypoints" else _ANYWHERE
-    return [Bound("shortest_path_m", share, limit, min(lengths, default=None), anywhere, method)]
+    priced_m = 0.0 if priced is None else priced.least_length_m(share - _MET)
+    if priced_m > quick_m:
+        proved_on = f"{anywhere} {_OF_GROUND}"
+        return [Bound("shortest_path_m", share, priced_m, found, proved_on, "prices on the ground", "ground")]
+    return [Bound("shortest_path_m", share, quick_m, found, anywhere, "area within reach of a curve")]
 
 
 def are_quick(coverage: CoverageMap) -> bool:

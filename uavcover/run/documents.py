@@ -123,7 +123,7 @@ def bound_document(bound: Bound) -> dict[str, Any]:
     limit = "at_most" if bound.question == "most_coverage" else "at_least"
     return {
         **asked, limit: bound.limit, "found": bound.found, "gap": bound.gap,
-        "proved_on": bound.proved_on, "method": bound.method,
+        "proved_on": bound.proved_on, "method": bound.method, "counted": bound.counted,
     }  # fmt: skip
 
 
