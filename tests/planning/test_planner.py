@@ -14,8 +14,9 @@ from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.sensor import SphereSensor
 from uavcover.planning.baselines.boustrophedon import Baseline
+from uavcover.planning.beginning_lines import any_reaches, first_lines, one_line_more
 from uavcover.planning.encodings import WaypointEncoding
-from uavcover.planning.planner import Effort, SearchProgress, _other_lines, _takes_too_long, plan_routes
+from uavcover.planning.planner import Effort, SearchProgress, _takes_too_long, plan_routes
 from uavcover.planning.search.optimizer_search import rounds_of
 from uavcover.routes.leg_checks import find_problems, measure_violations
 from uavcover.routes.objectives import judge
@@ -201,8 +202,25 @@ def test_a_local_search_does_not_wait_for_a_round_that_takes_longer_than_its_sha
 @pytest.mark.parametrize(("objective", "kind"), [("length", "balanced-lines"), ("mission-time", "simple-lines")])
 def test_where_there_is_no_time_the_best_beginnings_are_laid_out(objective: str, kind: str) -> None:
     site = make_site(hills, planner={"objective": objective})
-    assert {made for _, made in _other_lines(site, 0.0, None, lambda: True)} == {kind}
-    assert {made for _, made in _other_lines(site, 0.0, None, lambda: False)} == {"balanced-lines", "simple-lines"}
+    assert {made for _, made in first_lines(site, 0.0, None, lambda: True)} == {kind}
+    assert {made for _, made in first_lines(site, 0.0, None, lambda: False)} == {"balanced-lines", "simple-lines"}
+
+
+@pytest.mark.parametrize("objective", ["length", "flight-time"])
+def test_where_the_first_lines_leave_gaps_there_is_one_line_more(objective: str) -> None:
+    site = make_site(flat, cell_m=5.0, planner={"objective": objective})
+    coarse = CoverageMap(site, cell_size_m=5.0)
+    first = first_lines(site, 0.0, None, lambda: True)
+    more = one_line_more(site, 0.0)
+    share = [max(coarse.share_of_coverable(coarse.seen(r.waypoints_m)) for r, _ in lines) for lines in (first, more)]
+    assert share[0] < share[1]
+    between = 0.5 * (share[0] + share[1])
+    assert [any_reaches(coarse, lines, between) for lines in (first, more)] == [False, True]
+    # Nothing is asked for, or there are no lines to add to.
+    assert any_reaches(coarse, first, None)
+    assert any_reaches(coarse, [], between)
+    for route, _ in more:
+        assert measure_violations(site, route.waypoints_m, margin_m=site.scenario.limits.height_margin_m).total == 0.0
 
 
 def test_the_budget_is_honoured() -> None:

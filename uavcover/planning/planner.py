@@ -9,16 +9,15 @@ import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.dominance import least_crowded, non_dominated_mask
-from uavcover.kernels.way_cost import LENGTH, route_cost
-from uavcover.model.route import Plan, Route
+from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import make_optimizer, optimizer_class, optimizer_name
 from uavcover.optimizers.interface import AskAndTell
-from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted, simple_lines
 from uavcover.planning.baselines.boustrophedon import TUNED, Baseline, fewest_lines, taken
 from uavcover.planning.baselines.contour_lines import TUNED as TUNED_CONTOURS
 from uavcover.planning.baselines.initial_routes import constructed_routes, initial_names
 from uavcover.planning.baselines.swaths import long_side_angle_rad
+from uavcover.planning.beginning_lines import any_reaches, first_lines, one_line_more
 from uavcover.planning.choice import choose
 from uavcover.planning.encodings import SwathEncoding, WaypointEncoding
 from uavcover.planning.front import (
@@ -42,7 +41,6 @@ from uavcover.planning.search.optimizer_search import (
 from uavcover.planning.selection import parse_rule
 from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.planning.sortie_order.reorder import ORDER_SHARE, OrderEffort, has_several_sorties, tries_of
-from uavcover.routes.way_cost import way_cost_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map, planning_map
 
@@ -216,7 +214,9 @@ def plan_routes(
             straight = [b.layout for b in _by_merit(baselines, goal) if b.layout is not None]
             angle = straight[0].angle_rad if straight else long_side_angle_rad(site.area)
             until = effort.now() + _LINES_SHARE * (math.inf if effort.budget_s is None else effort.budget_s)
-            lines = _other_lines(site, angle, executor, lambda: should_stop() or effort.now() > until)
+            lines = first_lines(site, angle, executor, lambda: should_stop() or effort.now() > until)
+            if effort.budget_s is not None and not any_reaches(coarse, lines, rule.required_coverage):
+                lines += one_line_more(site, angle)
         late_s = 0.0 if tuned is None or effort.budget_s is None else _LATE_SHARE * effort.budget_s
         # What takes several sorties gets a search for their order at the end.
         best = _by_merit(baselines, goal)[:1]
@@ -272,39 +272,6 @@ def _takes_too_long(round_s: float, baselines: Sequence[Baseline], effort: Effor
     """Whether a local search that has a beginning would wait for one round of the optimizer longer than for all that it gets."""
     feasible = any(each.violation <= 0.0 for each in baselines)
     return feasible and effort.budget_s is not None and round_s > share * effort.budget_s
-
-
-def _other_lines(
-    site: Site, angle_rad: float, executor: Executor | None, should_stop: Callable[[], bool]
-) -> list[NamedRoute]:
-    """Balanced and simple lines; what the search begins with best comes first, and the rest is left out when time is over."""
-
-    def balanced() -> list[Route]:
-        if not can_be_adapted(site):
-            return []
-        return adaptive_swaths(site, angle_rad, executor=executor, should_stop=should_stop)
-
-    def simple() -> list[Route]:
-        return simple_lines(site, angle_rad, executor=executor, should_stop=should_stop)
-
-    # Balanced lines are the shortest, but they have a waypoint wherever the ground asks for one, and each costs time: on 25 km²
-    # simple ones take a third less of it.
-    by_time = way_cost_of(site).unit != LENGTH
-    makers = [("simple-lines", simple), ("balanced-lines", balanced)]
-    kinds: list[tuple[str, list[Route]]] = []
-    for kind, make in makers if by_time else reversed(makers):
-        if not any(routes for _, routes in kinds) or not should_stop():
-            kinds.append((kind, make()))
-    return [(_cheaper_way_round(site, route), kind) for kind, routes in kinds for route in routes]
-
-
-def _cheaper_way_round(site: Site, route: Route) -> Route:
-    """The route or its reverse, whichever costs less: in wind they differ, and no single move reverses a whole route."""
-    way, surface = way_cost_of(site), site.ground.surface
-    back = Route(np.ascontiguousarray(route.waypoints_m[::-1]))
-    there_cost, back_cost = (float(route_cost(surface, way, each.waypoints_m)) for each in (route, back))
-    # Where both ways are as good, rounding must not choose.
-    return back if back_cost < there_cost * (1.0 - 1e-9) else route
 
 
 def _candidates(optimizer: AskAndTell, encoding: Encoding, scale: FloatArray | None, name: str) -> list[Candidate]:

@@ -14,6 +14,7 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeVar
 
 import numpy as np
@@ -89,12 +90,8 @@ def adaptive_swaths(
             )
             ranked.append((rank, layout))
 
-    def with_insets(layout: SwathLayout) -> list[Route]:
-        bent = bend_lines(site, layout)
-        return [fly_bent(site, dataclasses.replace(layout, inset=inset), bent) for inset in _INSETS]
-
     layouts = [layout for _, layout in sorted(ranked, key=lambda item: item[0])]
-    return [route for routes in _each(with_insets, layouts, executor, should_stop) for route in routes]
+    return [route for routes in _each(partial(_balanced, site), layouts, executor, should_stop) for route in routes]
 
 
 _Given = TypeVar("_Given")
@@ -212,6 +209,27 @@ def tight_lines(site: Site, angle_rad: float) -> list[Route]:
         angle_rad: direction of the lines, counter-clockwise from east.
     """
     return _laid_out(site, _tight(site, angle_rad), None, lambda: False)
+
+
+def ample_lines(site: Site, angle_rad: float, *, shortest: bool) -> list[Route]:
+    """Bent lines in one direction, one more than fit beside each other: as many as fit leave gaps where nearly all is asked for.
+
+    On 25 km² 29 lines that fit see 99.17 to 99.44 % in 149 km, 30 lines 99.60 to 99.85 % in 154 km.
+
+    Args:
+        site: with a sensor for which :func:`can_be_adapted` holds.
+        angle_rad: direction of the lines, counter-clockwise from east.
+        shortest: balanced lines, with a waypoint wherever the ground asks for one; otherwise simple ones.
+    """
+    if not shortest:
+        items = [(_regular(site, angle_rad, share, TIGHT_INSETS[0], fewer=-1), True, TIGHT_INSETS) for share in TIGHT]
+        return _laid_out(site, items, None, lambda: False)
+    return _balanced(site, _regular(site, angle_rad, _TOLERANCE_SHARE, 0.0, fewer=-1))
+
+
+def _balanced(site: Site, layout: SwathLayout) -> list[Route]:
+    bent = bend_lines(site, layout)
+    return [fly_bent(site, dataclasses.replace(layout, inset=inset), bent) for inset in _INSETS]
 
 
 def simple_lines(
