@@ -24,6 +24,7 @@ from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.home import Home
 from uavcover.model.no_fly import NoFly
 from uavcover.model.route import Route
+from uavcover.planning.sortie_order.reorder import _done_s
 from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.run.export import ExportRequest, export_mission
 from uavcover.run.fleet import fleet_document, say_fleet
@@ -134,6 +135,9 @@ def test_one_vehicle_flies_one_flight_at_a_time_from_its_launch_points(tmp_path:
     for flight in flights:
         home = vehicle_sites(site)[flight.vehicle - 1].home_m
         assert flight.compiled.path_m[[0, -1], :2] == pytest.approx(np.tile(home[:2], (2, 1)), abs=0.01)
+    # Another order of the legs is held against all flights one after the other, too.
+    done_s = max(flight.start_s + flight.compiled.flight_time_s for flight in ordered if flight.start_s is not None)
+    assert _done_s(site, route) == pytest.approx((done_s, flown_s))
     # It is one vehicle: it has one link, and the words are those of places.
     run, user = plan_for(tmp_path / "run", site, route), Listener()
     for refuse in (lambda: first_sorties(run, 2), lambda: planned_jobs(run, 2)):

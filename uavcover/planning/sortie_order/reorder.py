@@ -136,7 +136,8 @@ def _done_s(site: Site, route: Route) -> tuple[float, float]:
         return time_s, time_s
     try:
         if scenario.vehicles:
-            sorties = compile_unlike_sorties(vehicle_sites(site), route)
+            one_at_a_time = scenario.fleet.one_at_a_time
+            sorties = compile_unlike_sorties(vehicle_sites(site), route, one_at_a_time=one_at_a_time)
         else:
             autopilot, count = scenario.vehicle.autopilot, scenario.fleet.vehicles
             sorties = compile_sorties(site, route, autopilot=autopilot, vehicles=count)
@@ -144,6 +145,8 @@ def _done_s(site: Site, route: Route) -> tuple[float, float]:
         return math.inf, math.inf
     times_s = [sortie.compiled.flight_time_s for sortie in sorties]
     turnaround_s = scenario.fleet.turnaround_s
+    if scenario.fleet.one_at_a_time:
+        return math.fsum(times_s) + turnaround_s * (len(times_s) - 1), math.fsum(times_s)
     if scenario.vehicles:
         busy_s = dict.fromkeys((sortie.vehicle for sortie in sorties), -turnaround_s)
         for sortie, time_s in zip(sorties, times_s, strict=True):
