@@ -9,8 +9,8 @@ import time
 
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
+from uavcover.routes.flights import compile_flights
 from uavcover.run.fleet import fleet_document
-from uavcover.run.mission import compile_flights
 from uavcover.scenario.site import load_site
 
 

@@ -34,6 +34,7 @@ from uavcover.model.fleet import Fleet
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.vehicle import Wind
 from uavcover.planning.terrain_following import lay_over_terrain
+from uavcover.routes.flights import compile_flights
 from uavcover.routes.objectives import judge
 from uavcover.run.fleet import fleet_document
 from uavcover.run.fleet_jobs import planned_jobs
@@ -41,7 +42,6 @@ from uavcover.run.fly import FlightOptions
 from uavcover.run.fly_fleet import FleetFailedError, FleetOptions, fly_fleet
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import verify_run
-from uavcover.run.mission import compile_flights
 from uavcover.run.plan_files import save_plan
 from uavcover.run.session import home_of
 from uavcover.run.user import Unattended

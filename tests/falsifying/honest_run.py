@@ -21,12 +21,13 @@ from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Plan, Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planning.baselines.boustrophedon import fly_layout, regular_layout
+from uavcover.routes.flights import compile_flights
 from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.routes.objectives import judge_member
 from uavcover.run.fly import FlightOptions, record_flight
 from uavcover.run.folder import RunFolder
 from uavcover.run.geotiff import Band, geotiff
-from uavcover.run.mission import compile_flights, compile_plan
+from uavcover.run.mission import compile_plan
 from uavcover.run.plan_files import save_plan
 from uavcover.run.planned import read_planned
 from uavcover.run.resume import find_unfinished, save_rest

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from uavcover.errors import InputError
-from uavcover.run.documents import read_pareto
 from uavcover.run.folder import RunFolder
+from uavcover.run.pareto_file import read_pareto
 
 
 def test_members_come_back(run: RunFolder) -> None:

@@ -20,6 +20,7 @@ from uavcover.model.sensor import SphereSensor
 from uavcover.model.vehicle import Wind
 from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.routes.flight_costs import mission_cost, mission_time_s
+from uavcover.routes.flights import compile_flights
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import compile_mission
 from uavcover.routes.objectives import judge
@@ -27,7 +28,6 @@ from uavcover.routes.sorties import Sortie, compile_sorties
 from uavcover.run.flights import flown_tracks
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import judge_tracks, planned_for
-from uavcover.run.mission import compile_flights
 from uavcover.run.plan_files import save_plan
 from uavcover.run.planned import read_planned
 from uavcover.scenario.scenario_file import load_scenario

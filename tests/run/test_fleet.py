@@ -13,11 +13,11 @@ from tests.planning.sites import hills, make_site
 from tests.routes.test_sorties import there_and_back
 from uavcover.model.fleet import Fleet
 from uavcover.model.route import Plan, RouteMember
+from uavcover.routes.flights import compile_flights
 from uavcover.routes.objectives import judge
 from uavcover.run.documents import read_plan_document
 from uavcover.run.fleet import fleet_document, say_fleet
 from uavcover.run.folder import RunFolder
-from uavcover.run.mission import compile_flights
 from uavcover.run.plan_files import save_plan
 from uavcover.run.user import Unattended
 from uavcover.scenario.site import Site

@@ -21,11 +21,11 @@ from uavcover.model.route import Route
 from uavcover.planning.fleet_parts import part_sites
 from uavcover.report.content import read_run
 from uavcover.routes.flight_costs import mission_cost
-from uavcover.run.documents import pareto_routes_csv, read_pareto_routes
+from uavcover.routes.flights import compile_flights
 from uavcover.run.fleet_jobs import planned_jobs
 from uavcover.run.fly_fleet import FleetFailedError
 from uavcover.run.folder import RunFolder
-from uavcover.run.mission import compile_flights
+from uavcover.run.pareto_file import pareto_routes_csv, read_pareto_routes
 from uavcover.run.plan import PlanRequest, plan_into
 from uavcover.run.select import choose, read_members
 from uavcover.scenario.scenario_file import load_scenario

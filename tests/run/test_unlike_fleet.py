@@ -26,13 +26,14 @@ from uavcover.model.no_fly import NoFly
 from uavcover.model.route import Route
 from uavcover.planning.sortie_order.reorder import _done_s
 from uavcover.planning.terrain_following import lay_over_terrain
+from uavcover.routes.flights import compile_flights
 from uavcover.run.export import ExportRequest, export_mission
 from uavcover.run.fleet import fleet_document, say_fleet
 from uavcover.run.fleet_jobs import OnLoss, planned_jobs
 from uavcover.run.fly_fleet import FleetFailedError
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import verify_run
-from uavcover.run.mission import compile_flights, compile_plan
+from uavcover.run.mission import compile_plan
 from uavcover.run.planned import read_planned
 from uavcover.run.session import home_of
 from uavcover.run.upload_fleet import first_sorties

@@ -16,11 +16,11 @@ from uavcover.errors import InputError, VehicleError
 from uavcover.model.fleet import Fleet
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.planning.terrain_following import lay_over_terrain
+from uavcover.routes.flights import compile_flights
 from uavcover.routes.objectives import judge
 from uavcover.run import upload_fleet as module
 from uavcover.run.fleet import fleet_document
 from uavcover.run.folder import RunFolder
-from uavcover.run.mission import compile_flights
 from uavcover.run.plan_files import save_plan
 from uavcover.run.session import Connected, VehicleLink, connect
 from uavcover.run.upload_fleet import first_sorties, require_different, upload_fleet

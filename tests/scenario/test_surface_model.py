@@ -18,7 +18,7 @@ from tests.scenario.surface_files import (
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
-from uavcover.run.mission import compile_flights
+from uavcover.routes.flights import compile_flights
 from uavcover.run.vehicle_terrain import heights_of_site
 from uavcover.scenario.elevation_file import read_heights_amsl_m
 from uavcover.scenario.scenario_file import dump_scenario, parse_scenario

@@ -40,7 +40,7 @@ def select(
     from uavcover.planning.selection import parse_rule
     from uavcover.run.fleet import say_fleet
     from uavcover.run.folder import RunFolder, flown_in
-    from uavcover.run.plan_words import figures_header, figures_in_words, say_missions, say_older
+    from uavcover.run.plan_words import figures_header, figures_in_words, say_missions, say_older, say_size
     from uavcover.run.planned import read_planned
     from uavcover.run.select import choose
     from uavcover.run.user import to_paste
@@ -61,6 +61,7 @@ def select(
     sorties = flights if len(flights) > 1 else ()
     say_missions(console, folder, flights[0].compiled if len(flights) == 1 else None, sorties)
     say_fleet(console, folder.read_json("plan.json", made_by="uavcover plan")["fleet"])
+    say_size(console, plan)
     if not plan.rule_met:
         console.warn(f"no route meets {plan.rule}; the best there is has been written")
     if flights:
@@ -69,6 +70,7 @@ def select(
         {
             "run": str(run), "index": index, "rule": plan.rule, "rule_met": plan.rule_met,
             "metrics": dataclasses.asdict(plan.chosen.metrics), "mission_files": bool(flights), "sorties": len(sorties),
+            "mission": None if plan.chosen.mission is None else dataclasses.asdict(plan.chosen.mission),
         }
     )  # fmt: skip
     return 0 if plan.rule_met else 1

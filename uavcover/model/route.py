@@ -103,6 +103,21 @@ class Route:
 
 
 @dataclass(frozen=True, slots=True)
+class MissionSize:
+    """What the mission of a route comes to, cut into flights, shared out among vehicles and timed as it would be flown.
+
+    Attributes:
+        sorties: number of flights.
+        vehicles: how many fly them.
+        makespan_s: from the first take-off to the last landing, with changes of battery and the order of starts.
+    """
+
+    sorties: int
+    vehicles: int
+    makespan_s: float
+
+
+@dataclass(frozen=True, slots=True)
 class RouteMember:
     """A route of the Pareto set with its metrics.
 
@@ -111,12 +126,14 @@ class RouteMember:
         metrics: its metrics on the cells of the area.
         violation: total violation of the hard limits, 0 for a feasible route.
         origin: the algorithm or baseline that made it; for a part of a route, PART_OF and the origin of the whole.
+        mission: what its mission comes to; none where it cannot be flown, or was not cut into flights.
     """
 
     route: Route
     metrics: RouteMetrics
     violation: float
     origin: str
+    mission: MissionSize | None = None
 
     @property
     def is_part(self) -> bool:
@@ -138,6 +155,7 @@ class Plan:
         evaluations: full route evaluations spent.
         wall_s: time spent.
         interrupted: whether the search was ended early by the user.
+        by_vehicles: what the mission of the chosen route comes to with fewer vehicles, and with all.
     """
 
     chosen: RouteMember
@@ -149,6 +167,7 @@ class Plan:
     evaluations: int
     wall_s: float
     interrupted: bool = False
+    by_vehicles: tuple[MissionSize, ...] = ()
 
     def __repr__(self) -> str:
         m = self.chosen.metrics

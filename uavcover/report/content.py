@@ -14,11 +14,12 @@ from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.model.verdict import PictureStatistics
-from uavcover.run.documents import ParetoRow, PlannedDocument, read_pareto, read_plan_document
+from uavcover.run.documents import PlannedDocument, read_plan_document
 from uavcover.run.flown_by import site_for
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import judge_tracks, planned_for, read_log
 from uavcover.run.judged_inputs import judged_logs, was_flown
+from uavcover.run.pareto_file import ParetoRow, read_pareto
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicle_parts import groups_of, own_sensors
 from uavcover.scenario.vehicle_site import vehicle_sites

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from uavcover.judging.verify import Verdict
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.route import Route
+from uavcover.model.route import MissionSize, Route
 from uavcover.report.charts import Chart, Key, Plot
 from uavcover.report.content import Flight, ReportContent
-from uavcover.run.documents import trade_off_axis
+from uavcover.run.pareto_file import trade_off_axis
 
 _ALONG_STEPS = 1200
 
@@ -183,7 +183,7 @@ def _trade_off(content: ReportContent, floor: float) -> Chart:
             title=_words(
                 name, member.coverage_of_coverable, member.path_length_m, member.mission_time_s,
                 member.mission_energy_hover_s, member.waypoint_count,
-            ),
+            ) + _size(member.mission),
         )  # fmt: skip
     keys += [Key("chosen", "chosen", is_mark=True)] if any(m.chosen for m, _ in shown_members) else []
     keys += [Key("baseline", "baselines", is_mark=True)] if shown_baselines else []
@@ -200,6 +200,14 @@ def _words(
     time = "" if mission_s is None else f", {mission_s:.0f} s"
     energy = "" if hover_s is None else f", energy of {hover_s:.0f} s of hovering"
     return f"{name}: {100.0 * share:.2f} %, {length_m:.0f} m{time}{energy}, {waypoints} waypoints"
+
+
+def _size(mission: MissionSize | None) -> str:
+    """Sorties, vehicles and when they are done, where that says more than the time of the mission."""
+    if mission is None or mission.sorties == 1:
+        return ""
+    vehicles = f" of {mission.vehicles} vehicles" if mission.vehicles > 1 else ""
+    return f", {mission.sorties} sorties{vehicles}, done after {mission.makespan_s:.0f} s"
 
 
 def _largest(values: FloatArray) -> float:

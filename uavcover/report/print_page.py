@@ -16,10 +16,10 @@ from uavcover.errors import InputError
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.model.vehicle import AutopilotName
 from uavcover.report.print_drawings import map_svg, place_text, profile_svg, style_of
+from uavcover.routes.flights import compile_flights
 from uavcover.routes.sorties import Sortie, compile_sorties
 from uavcover.run.export import ExportRequest, refuse_unlike, time_with_stops_s, write_exported
 from uavcover.run.folder import RunFolder
-from uavcover.run.mission import compile_flights
 from uavcover.run.planned import read_planned
 from uavcover.run.provenance import sha256_of_content
 from uavcover.scenario.site import Site

@@ -31,9 +31,14 @@ def flight_costs_along_transits(
     stops = trigger_distance_m(site.scenario) is not None
     there, back, alone, items = np.empty(n), np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
     energy = FlightEnergy(site, autopilot)
+    # Routes of one Pareto set share many waypoints.
+    ways: dict[bytes, FloatArray] = site.derived.setdefault("transits by their far end", {})
     used_there, used_back, used_alone = np.empty((3, len(energy.winds_m_s), n))
     for k, point in enumerate(points):
-        way = transit(site, home[:2], point, ground_end_height_m=vehicle.takeoff_height_m)
+        end = point.tobytes()
+        if end not in ways:
+            ways[end] = transit(site, home[:2], point, ground_end_height_m=vehicle.takeoff_height_m)
+        way = ways[end]
         # With the turn onto the leg behind it, and off the leg before it.
         onto, off = points[k + 1 : k + 1] if stops else points[k + 1 : k + 2], points[max(k - 1, 0) : k]
         there[k] = _there_s(pace, home, way, onto)

@@ -276,22 +276,19 @@ def check_straight_return(site: Site, path_m: FloatArray, *, first_waypoint: int
     _, home = frame_and_home(site)
     height = site.scenario.vehicle.return_height_m
     clearance = site.scenario.limits.transit_clearance_m
-    spacing = min(_SAMPLE_SPACING_M, site.ground.surface.step_m)
-    lowest, through = np.full(len(path_m), np.inf), np.zeros(len(path_m), dtype=bool)
-    highest_ground = -math.inf
-    entered: set[str] = set()
+    # Routes of one Pareto set share many legs.
+    known_legs: dict[bytes, _ReturnFromLeg] = site.derived.setdefault("returns from legs", {})
+    legs = []
     for row in range(len(path_m)):
-        starts = sample_path(np.ascontiguousarray(path_m[max(row - 1, 0) : row + 1]), spacing)
-        ups = np.maximum(starts[:, 2], home[2] + height)
-        clear = np.minimum(
-            _lowest_on_the_way_home_m(site, starts, ups, home), _clear_of_tops_m(site, starts, ups, home) + clearance
-        )
-        lowest[row] = np.min(clear, initial=np.inf)
-        names = _zones_on_the_way_home(site, starts, ups, home)
-        entered |= names
-        through[row] = bool(names)
-        # On a level line, the lowest height above ground is over the highest ground.
-        highest_ground = float(np.maximum(highest_ground, np.max(ups - clear, initial=-np.inf)))
+        leg_m = np.ascontiguousarray(path_m[max(row - 1, 0) : row + 1])
+        key = leg_m.tobytes()
+        if key not in known_legs:
+            known_legs[key] = _return_from(site, leg_m, home)
+        legs.append(known_legs[key])
+    lowest = np.array([leg.lowest_m for leg in legs])
+    through = np.array([bool(leg.zones) for leg in legs])
+    entered = set[str]().union(*(leg.zones for leg in legs))
+    highest_ground = float(np.max([leg.highest_ground_m for leg in legs], initial=-np.inf))
 
     def waypoints(rows: BoolArray) -> tuple[int, ...]:
         numbers = np.unique(np.clip(np.flatnonzero(rows) - first_waypoint, 0, waypoint_count - 1))
@@ -309,6 +306,29 @@ def check_straight_return(site: Site, path_m: FloatArray, *, first_waypoint: int
         no_fly=tuple(sorted(entered)),
         no_fly_waypoints=waypoints(through),
     )
+
+
+@dataclass(frozen=True, slots=True)
+class _ReturnFromLeg:
+    """Of the straight returns from everywhere on a leg: lowest height above ground, highest ground, zones they enter."""
+
+    lowest_m: float
+    highest_ground_m: float
+    zones: frozenset[str]
+
+
+def _return_from(site: Site, leg_m: FloatArray, home_m: FloatArray) -> _ReturnFromLeg:
+    """The straight returns from a (2, 3) leg, or from a (1, 3) point."""
+    clearance = site.scenario.limits.transit_clearance_m
+    starts = sample_path(leg_m, min(_SAMPLE_SPACING_M, site.ground.surface.step_m))
+    ups = np.maximum(starts[:, 2], home_m[2] + site.scenario.vehicle.return_height_m)
+    clear = np.minimum(
+        _lowest_on_the_way_home_m(site, starts, ups, home_m), _clear_of_tops_m(site, starts, ups, home_m) + clearance
+    )
+    # On a level line, the lowest height above ground is over the highest ground.
+    highest_ground_m = float(np.max(ups - clear, initial=-np.inf))
+    lowest_m = float(np.min(clear, initial=np.inf))
+    return _ReturnFromLeg(lowest_m, highest_ground_m, frozenset(_zones_on_the_way_home(site, starts, ups, home_m)))
 
 
 def _zones_on_the_way_home(site: Site, starts_m: FloatArray, ups_m: FloatArray, home_m: FloatArray) -> set[str]:

@@ -16,8 +16,8 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.planning.gap_route import plan_closing_route
+from uavcover.routes.flights import compile_flights
 from uavcover.run.bounds import bounds
-from uavcover.run.mission import compile_flights
 from uavcover.run.search import SearchRequest, plan
 from uavcover.run.user import User
 from uavcover.scenario.site import Site, load_site

@@ -1,15 +1,8 @@
-"""The JSON and CSV documents of a run folder, from the objects they describe and back.
+"""The JSON documents of a run folder, from the objects they describe and back."""
 
-Reading ``pareto.csv``.
-"""
-
-import csv
 import dataclasses
-import io
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any, get_args
 
 import numpy as np
@@ -17,31 +10,10 @@ import numpy as np
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.fleet import Fleet
-from uavcover.model.route import Bound, Plan, Question, Route, RouteMember
+from uavcover.model.route import Bound, Plan, Question, Route
 from uavcover.model.verdict import VerificationReport
 from uavcover.run.folder import SCHEMA_VERSION
 from uavcover.scenario.site import Site
-
-PARETO_COLUMNS = (
-    "index",
-    "coverage_fraction",
-    "coverage_of_coverable",
-    "waypoint_count",
-    "path_length_m",
-    "flight_time_s",
-    "mission_time_s",
-    "mission_energy_hover_s",
-    "min_height_agl_m",
-    "max_height_agl_m",
-    "violation",
-    "made_by",
-    "chosen",
-)
-
-ROUTE_COLUMNS = ("index", "waypoint", "east_m", "north_m", "up_m")
-"""Of ``pareto_routes.csv``."""
-PART_COLUMN = "part"
-"""Its last column where vehicles have parts of the area: the number of the part, from 1."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,6 +76,7 @@ def plan_document(
         "waypoints": _waypoints(site, plan.chosen.route.waypoints_m),
         **({"part_begins": list(plan.chosen.route.begins)} if plan.chosen.route.begins else {}),
         "metrics": dataclasses.asdict(plan.chosen.metrics),
+        "mission": _mission(plan),
         "sorties": list(sorties),
         "fleet": fleet,
         "bounds": bounds,
@@ -113,6 +86,14 @@ def plan_document(
         if baselines is None
         else list(baselines),
     }
+
+
+def _mission(plan: Plan) -> dict[str, Any] | None:
+    """What the mission comes to, and what it would with fewer vehicles; none where it was not cut into flights."""
+    if plan.chosen.mission is None:
+        return None
+    others = [dataclasses.asdict(size) for size in plan.by_vehicles]
+    return {**dataclasses.asdict(plan.chosen.mission), **({"by_vehicles": others} if others else {})}
 
 
 def bound_document(bound: Bound) -> dict[str, Any]:
@@ -214,188 +195,6 @@ def _vehicles(fleet: Any) -> int:
     return 1 if fleet is None else Fleet(vehicles=int(fleet["vehicles"])).vehicles
 
 
-def pareto_csv(plan: Plan) -> str:
-    """``pareto.csv``: one row a member, numbers unrounded."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow(PARETO_COLUMNS)
-    for index, member in enumerate(plan.members):
-        writer.writerow([index, *_pareto_values(member), int(member is plan.chosen)])
-    return out.getvalue()
-
-
-def _pareto_values(member: RouteMember) -> list[Any]:
-    m = member.metrics
-    return [
-        repr(m.coverage_fraction), repr(m.coverage_of_coverable), m.waypoint_count, repr(m.path_length_m),
-        repr(m.flight_time_s), *("" if v is None else repr(v) for v in (m.mission_time_s, m.mission_energy_hover_s)),
-        repr(m.min_height_agl_m), repr(m.max_height_agl_m), repr(member.violation), member.origin,
-    ]  # fmt: skip
-
-
-def pareto_routes_csv(plan: Plan) -> str:
-    """``pareto_routes.csv``: the waypoints of every member in flying order, numbers unrounded."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    in_parts = any(member.route.begins for member in plan.members)
-    writer.writerow([*ROUTE_COLUMNS, PART_COLUMN] if in_parts else ROUTE_COLUMNS)
-    for index, member in enumerate(plan.members):
-        for number, point in enumerate(member.route.waypoints_m.tolist()):
-            part = [1 + sum(number >= begin for begin in member.route.begins)] if in_parts else []
-            writer.writerow([index, number, *map(repr, point), *part])
-    return out.getvalue()
-
-
-def read_pareto_routes(text: str, *, source: str) -> list[Route]:
-    """The routes of a Pareto set, by their index.
-
-    Raises:
-        InputError: a column is missing, a number is none, or the rows are not in their order; says in which line.
-    """
-    routes: list[list[list[float]]] = []
-    begins: list[list[int]] = []
-    rows = csv.DictReader(io.StringIO(text))
-    if tuple(rows.fieldnames or ()) not in (ROUTE_COLUMNS, (*ROUTE_COLUMNS, PART_COLUMN)):
-        raise InputError(
-            f"{source}: line 1: the columns are not {', '.join(ROUTE_COLUMNS)}; make it again with: uavcover plan"
-        )
-    for line, row in enumerate(rows, start=2):
-        try:
-            index, number = int(row["index"]), int(row["waypoint"])
-            point = [float(row[name]) for name in ROUTE_COLUMNS[2:]]
-            part = int(row.get(PART_COLUMN, 1))
-        except (TypeError, ValueError) as error:
-            raise InputError(f"{source}: line {line}: {error}; make it again with: uavcover plan") from error
-        if number == 0:
-            routes.append([])
-            begins.append([])
-        if part == len(begins[-1]) + 2 and number > 0:
-            begins[-1].append(number)
-        in_order = part == len(begins[-1]) + 1
-        if not (in_order and index == len(routes) - 1 and number == len(routes[-1]) and np.isfinite(point).all()):
-            raise InputError(f"{source}: line {line}: is not the next waypoint; make it again with: uavcover plan")
-        routes[-1].append(point)
-    return [Route(np.array(points), tuple(begin)) for points, begin in zip(routes, begins, strict=True)]
-
-
 def verification_document(report: VerificationReport, *, source: str) -> dict[str, Any]:
     """``verification.json``."""
     return {"schema_version": SCHEMA_VERSION, "track": source, **dataclasses.asdict(report)}
-
-
-@dataclass(frozen=True, slots=True)
-class ParetoRow:
-    """A member of the Pareto set as its file has it.
-
-    Attributes:
-        index: its number, for ``select RUN index:N``.
-        coverage_of_coverable: share of what can be seen, 0..1.
-        waypoint_count: how many waypoints.
-        path_length_m: length of the open path in three dimensions.
-        flight_time_s: of the route alone.
-        mission_time_s: of the whole mission from home; none without a home, or in the file of an older version.
-        mission_energy_hover_s: what it takes from the batteries, likewise.
-        violation: of the hard limits, 0 when they hold.
-        made_by: the algorithm or baseline that found it.
-        chosen: whether it is the one in ``plan.json``.
-    """
-
-    index: int
-    coverage_of_coverable: float
-    waypoint_count: int
-    path_length_m: float
-    flight_time_s: float
-    mission_time_s: float | None
-    mission_energy_hover_s: float | None
-    violation: float
-    made_by: str
-    chosen: bool
-
-    @property
-    def time_s(self) -> float:
-        """As of :class:`~uavcover.model.route.RouteMetrics`."""
-        return self.flight_time_s if self.mission_time_s is None else self.mission_time_s
-
-
-@dataclass(frozen=True, slots=True)
-class TradeOffAxis:
-    """What coverage is drawn against.
-
-    Attributes:
-        label: with its unit.
-        is_time: minutes of the whole mission, or minutes of hovering for its energy; otherwise kilometres of the route.
-        members: of the Pareto set.
-        baselines: likewise.
-    """
-
-    label: str
-    is_time: bool
-    members: tuple[float, ...]
-    baselines: tuple[float, ...]
-
-
-def trade_off_axis(
-    members: Sequence[ParetoRow], baselines: Sequence[dict[str, Any]], objective: object = None
-) -> TradeOffAxis:
-    """The time of the mission where every route has one, otherwise the length of the route; its energy where that is made small.
-
-    Args:
-        members: of the Pareto set.
-        baselines: as ``plan.json`` has them.
-        objective: of ``plan.json``; plans of older versions have none.
-    """
-    label, key = "time of the mission, minutes", "mission_time_s"
-    if objective == "energy":
-        label, key = "energy of the mission, minutes of hovering", "mission_energy_hover_s"
-    times_s = [getattr(m, key) for m in members], [b.get(key) for b in baselines]
-    if any(time_s is None for part in times_s for time_s in part):
-        return TradeOffAxis(
-            "length of the route, km", False, tuple(m.path_length_m / 1000.0 for m in members),
-            tuple(float(b["path_length_m"]) / 1000.0 for b in baselines),
-        )  # fmt: skip
-    minutes = [tuple(float(time_s or 0.0) / 60.0 for time_s in part) for part in times_s]
-    return TradeOffAxis(label, True, minutes[0], minutes[1])
-
-
-def read_pareto(path: Path) -> tuple[ParetoRow, ...]:
-    """The members in the order of the file.
-
-    Raises:
-        InputError: the file cannot be read, or a row is not one of a Pareto set; says which.
-    """
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            rows = csv.DictReader(file)
-            missing = {*PARETO_COLUMNS} - {"mission_time_s", "mission_energy_hover_s"} - set(rows.fieldnames or ())
-            if missing:
-                raise InputError(f"{path}: has no column {sorted(missing)[0]!r}; make it again with: uavcover plan")
-            return tuple(_row(row, where=f"{path}, line {rows.line_num}") for row in rows)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise InputError(f"{path}: cannot be read ({error}); make it again with: uavcover plan") from error
-
-
-def _float_or_none(text: str | None) -> float | None:
-    return float(text) if text else None
-
-
-def _row(row: dict[str, str], *, where: str) -> ParetoRow:
-    try:
-        member = ParetoRow(
-            index=int(row["index"]),
-            coverage_of_coverable=float(row["coverage_of_coverable"]),
-            waypoint_count=int(row["waypoint_count"]),
-            path_length_m=float(row["path_length_m"]),
-            flight_time_s=float(row["flight_time_s"]),
-            mission_time_s=_float_or_none(row.get("mission_time_s")),
-            mission_energy_hover_s=_float_or_none(row.get("mission_energy_hover_s")),
-            violation=float(row["violation"]),
-            made_by=str(row["made_by"]),
-            chosen=row["chosen"] == "1",
-        )
-    except (TypeError, ValueError) as error:
-        raise InputError(
-            f"{where}: is not a member of a Pareto set ({error}); make it again with: uavcover plan"
-        ) from error
-    if not (math.isfinite(member.coverage_of_coverable) and math.isfinite(member.path_length_m)):
-        raise InputError(f"{where}: a figure is not a finite number; make it again with: uavcover plan")
-    return member

@@ -1,58 +1,16 @@
 """A fleet's plan: its flights with their vehicles and take-off times, and what it says of them."""
 
-import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any
 
-from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.fleet_cuts import share_out
-from uavcover.routes.fleet_schedule import schedule
+from uavcover.routes.flights import makespan_s
 from uavcover.routes.sorties import Sortie
-from uavcover.routes.timeline import timeline_of
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
-
-
-def scheduled(site: Site, flights: Sequence[Sortie], *, autopilot: AutopilotName) -> tuple[Sortie, ...]:
-    """The flights with the vehicle that flies each and its take-off, so that all keep apart (``routes/fleet_schedule.py``)."""
-    timelines = [timeline_of(site, flight, autopilot=autopilot) for flight in flights]
-    starts = schedule(timelines, site.scenario.fleet)
-    return tuple(
-        dataclasses.replace(flight, vehicle=start.vehicle + 1, start_s=start.start_s)
-        for flight, start in zip(flights, starts, strict=True)
-    )
-
-
-def scheduled_unlike(site: Site, flights: Sequence[Sortie]) -> tuple[Sortie, ...]:
-    """The flights of vehicles that differ, each with its vehicle already, with take-offs at which all keep apart."""
-    fleet, sites = site.scenario.fleet, vehicle_sites(site)
-    if fleet.one_at_a_time:
-        return _one_after_the_other(flights, fleet.turnaround_s)
-    timelines = []
-    for flight in flights:
-        own = sites[flight.vehicle - 1]
-        timelines.append(timeline_of(own, flight, autopilot=own.scenario.vehicle.autopilot))
-    starts = schedule(timelines, fleet, vehicle_of=[flight.vehicle - 1 for flight in flights])
-    return tuple(
-        dataclasses.replace(flight, start_s=start.start_s) for flight, start in zip(flights, starts, strict=True)
-    )
-
-
-def _one_after_the_other(flights: Sequence[Sortie], turnaround_s: float) -> tuple[Sortie, ...]:
-    """With take-offs so long after the landing before; all flights from one home come before those from the next one."""
-    start_s, found = 0.0, {}
-    for k in sorted(range(len(flights)), key=lambda k: (flights[k].vehicle, k)):
-        found[k] = dataclasses.replace(flights[k], start_s=start_s)
-        start_s += flights[k].compiled.flight_time_s + turnaround_s
-    return tuple(found[k] for k in range(len(flights)))
-
-
-def makespan_s(flights: Sequence[Sortie]) -> float:
-    """From the first take-off to the last landing, as planned."""
-    return max(_start_s(flight) + flight.compiled.flight_time_s for flight in flights)
 
 
 def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | None:
@@ -60,7 +18,7 @@ def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | No
 
     Args:
         site: the scenario on its ground.
-        flights: as :func:`scheduled`; none when there is no mission.
+        flights: as :func:`uavcover.routes.flights.compile_flights`; none when there is no mission.
     """
     fleet = site.scenario.fleet
     if fleet.vehicles == 1:
@@ -71,7 +29,7 @@ def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | No
     if not flights:
         return document
     times_s = [flight.compiled.flight_time_s for flight in flights]
-    done_s = makespan_s(flights)
+    done_s = makespan_s(site, flights)
     one_s = math.fsum(times_s) + fleet.turnaround_s * (len(flights) - 1)
     if fleet.one_at_a_time:
         together_s = done_s

@@ -1,5 +1,6 @@
 """Planning into a run folder, as ``plan``, ``plan-upload`` and ``demo`` do it."""
 
+import dataclasses
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,13 +13,14 @@ from uavcover.model.vehicle import autopilot_name
 from uavcover.planning.fleet_parts import part_sites
 from uavcover.planning.planner import SearchProgress
 from uavcover.planning.selection import parse_rule
+from uavcover.routes.flights import compile_flights
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie
 from uavcover.run.bounds import bounds, least_length_m
 from uavcover.run.fleet import fleet_document, say_fleet
 from uavcover.run.folder import OF_A_PLAN, PARTS, PLAN_FILES, RunFolder
 from uavcover.run.kept_parts import KeptParts
-from uavcover.run.mission import compile_flights, one_or_several
+from uavcover.run.mission import one_or_several
 from uavcover.run.plan_files import save_plan
 from uavcover.run.plan_words import (
     progress_in_words,
@@ -27,6 +29,7 @@ from uavcover.run.plan_words import (
     say_missions,
     say_older,
     say_plan,
+    say_size,
     say_window,
     say_zones,
 )
@@ -51,7 +54,6 @@ class PlanRequest(SearchRequest):
         folder: the run folder.
         command: how it was asked for, for ``run.json``.
         force: whether a plan that is there may be replaced, with all that belongs to it.
-        autopilot: for whom the mission files are.
         bounds_s: prove bounds for so long, after the search.
         waypoint_price: cost of every waypoint, in metres of path or in seconds, as the objective is.
         vehicles: how many fly at the same time.
@@ -61,7 +63,6 @@ class PlanRequest(SearchRequest):
     folder: Path
     command: Sequence[str]
     force: bool
-    autopilot: str | None = None
     bounds_s: float | None = None
     waypoint_price: float | None = None
     vehicles: int | None = None
@@ -149,6 +150,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         user.warn(warning)
     say_missions(user, run, compiled, sorties)
     say_fleet(user, fleet)
+    say_size(user, result)
     say_window(user, site, flights)
     interrupted = result.interrupted or stops.any()
     if interrupted and not result.interrupted:
@@ -172,6 +174,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         "bounds": bounds,
         "mission_files": bool(flights),
         "sorties": len(sorties),
+        "mission": None if result.chosen.mission is None else dataclasses.asdict(result.chosen.mission),
         "fleet": fleet,
     }
     return PlanOutcome(site, result, compiled, sorties, document, code)

@@ -13,11 +13,7 @@ from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.objectives import judge_member
 from uavcover.routes.sorties import Sortie
 from uavcover.run.bounds import bounds
-from uavcover.run.documents import (
-    pareto_csv,
-    pareto_routes_csv,
-    plan_document,
-)
+from uavcover.run.documents import plan_document
 from uavcover.run.folder import (
     SCHEMA_VERSION,
     RunFolder,
@@ -27,6 +23,7 @@ from uavcover.run.folder import (
     stale_files,
 )
 from uavcover.run.mission import mission_texts
+from uavcover.run.pareto_file import pareto_csv, pareto_routes_csv
 from uavcover.run.provenance import obstacles_sha256, run_document, sha256_of_content, version, with_entry
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
@@ -147,7 +144,7 @@ def _sortie_row(number: int, sortie: Sortie) -> dict[str, Any]:
 def _plan_of_sortie(judged: CoverageMap, whole: Plan, sortie: Sortie) -> Plan:
     """A plan with the part of the chosen route that a sortie flies, judged by itself, from the home of its vehicle."""
     member = judge_member(judged, sortie.route, whole.chosen.origin, margin_m=0.0)
-    return dataclasses.replace(whole, chosen=member, members=(member,), baselines=())
+    return dataclasses.replace(whole, chosen=member, members=(member,), baselines=(), by_vehicles=())
 
 
 def _run_document(

@@ -1,5 +1,6 @@
 """What ``plan`` and ``select`` tell of a plan: its figures, its missions, and what to beware of."""
 
+import dataclasses
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -10,10 +11,10 @@ from uavcover.model.route import Plan, RouteMember, RouteMetrics
 from uavcover.model.scenario import Objective
 from uavcover.planning.planner import SearchProgress
 from uavcover.planning.selection import parse_rule, select
+from uavcover.routes.flights import makespan_s
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie
 from uavcover.run.documents import bounds_in_words
-from uavcover.run.fleet import makespan_s
 from uavcover.run.folder import RunFolder
 from uavcover.run.user import User, metres, percent
 from uavcover.scenario.airspace.flyable import flyable_area
@@ -111,6 +112,21 @@ def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, s
         )
 
 
+def say_size(user: User, plan: Plan) -> None:
+    """Say when one vehicle has flown several sorties, and when other numbers of vehicles would be done."""
+    size = plan.chosen.mission
+    if size is not None and size.vehicles == 1 and size.sorties > 1:
+        user.say(f"one vehicle, with the changes of battery: done after {size.makespan_s:.0f} s")
+    if line := sizes_by_vehicles_in_words([dataclasses.asdict(each) for each in plan.by_vehicles]):
+        user.say(line)
+
+
+def sizes_by_vehicles_in_words(sizes: Sequence[dict[str, Any]]) -> str:
+    """The same route by fewer vehicles and by all, as ``mission.by_vehicles`` of ``plan.json`` has it; empty for one number."""
+    each = [f"{size['vehicles']} in {size['makespan_s']:.0f} s (sorties: {size['sorties']})" for size in sizes]
+    return f"the same route by so many vehicles: {', '.join(each)}" if len(each) > 1 else ""
+
+
 def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
     """Say what no-fly zones keep from the route."""
     scenario, area = site.scenario, flyable_area(site)
@@ -144,12 +160,10 @@ def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
 
 def say_window(user: User, site: Site, flights: Sequence[Sortie]) -> None:
     """Warn of flights that do not fit into the time for which the no-fly zones were looked at."""
-    window, fleet = site.scenario.flight_window, site.scenario.fleet
+    window = site.scenario.flight_window
     if window is None or not flights or not (site.zones or site.other_zones):
         return
-    times_s = [flight.compiled.flight_time_s for flight in flights]
-    one_after_the_other_s = math.fsum(times_s) + fleet.turnaround_s * (len(flights) - 1)
-    lasts_s = makespan_s(flights) if fleet.vehicles > 1 else one_after_the_other_s
+    lasts_s = makespan_s(site, flights)
     has_s = (window[1] - window[0]).total_seconds()
     if lasts_s > has_s:
         user.warn(

@@ -12,6 +12,7 @@ from typing import Any, Literal, get_args
 from uavcover.errors import InputError
 from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
+from uavcover.model.vehicle import autopilot_name
 from uavcover.optimizers.by_name import ALGORITHMS
 from uavcover.planning.fleet_parts import plan_parts
 from uavcover.planning.parts.planner import most_parts, part_count, plan_by_parts, require_parts
@@ -19,6 +20,7 @@ from uavcover.planning.planner import Effort, SearchProgress, plan_routes
 from uavcover.planning.search.optimizer_search import SearchRun
 from uavcover.run.kept_parts import KeptParts
 from uavcover.run.memory import at_a_time_within, in_words, memory_need, parts_within
+from uavcover.run.mission_sizes import with_sizes
 from uavcover.run.part_workers import part_searchers
 from uavcover.run.scheduling import local_count
 from uavcover.scenario.site import Site
@@ -46,6 +48,7 @@ class SearchRequest:
             None: threads.
         memory_bytes: what planning may take here, in all processes together: a large area is divided into more parts, and fewer
             are searched at a time, as far as that needs it. None: no limit.
+        autopilot: for whom the missions are.
     """
 
     seed: int | None = None
@@ -58,6 +61,7 @@ class SearchRequest:
     workers: int | None = None
     scheduler: str | None = None
     memory_bytes: int | None = None
+    autopilot: str | None = None
 
 
 def plan(
@@ -82,6 +86,19 @@ def plan(
         InputError: a value of the request is out of range.
         OptimizerError: the optimizer cannot be found, is none, or fails.
     """
+    found = _search(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)
+    return with_sizes(site, found, autopilot=autopilot_name(request.autopilot, site.scenario.vehicle.autopilot))
+
+
+def _search(
+    site: Site,
+    request: SearchRequest,
+    *,
+    should_stop: Callable[[], bool],
+    on_progress: Callable[[SearchProgress], None],
+    kept: KeptParts | None,
+) -> Plan:
+    """The Pareto set and the choice."""
     if not groups_of(site.scenario):
         return _plan_one(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)
     settings = site.scenario.planner

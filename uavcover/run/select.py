@@ -6,12 +6,15 @@ from uavcover.errors import InfeasibleError, InputError
 from uavcover.model.route import Plan, RouteMember
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planning.selection import parse_rule, select
+from uavcover.routes.flights import compile_flights
 from uavcover.routes.part_routes import judge_route
 from uavcover.routes.sorties import Sortie
-from uavcover.run.documents import read_pareto, read_pareto_routes, read_plan_document
+from uavcover.run.documents import read_plan_document
 from uavcover.run.fleet import fleet_document
 from uavcover.run.folder import RunFolder
-from uavcover.run.mission import compile_flights, one_or_several
+from uavcover.run.mission import one_or_several
+from uavcover.run.mission_sizes import with_sizes
+from uavcover.run.pareto_file import read_pareto, read_pareto_routes
 from uavcover.run.plan_files import save_plan
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import groups_of
@@ -75,10 +78,11 @@ def choose(
             f"{run.file('plan.json')}: is not a plan ({type(error).__name__}: {error}); make it again with: uavcover plan"
         ) from error
     vehicles = read_plan_document(document, source=str(run.file("plan.json"))).vehicles
+    result = with_sizes(site, result, autopilot=autopilot, vehicles=vehicles)
     flights: tuple[Sortie, ...] = ()
     if site.frame is not None and site.home_m is not None:
         try:
-            flights = compile_flights(site, chosen.route, autopilot=autopilot, vehicles=vehicles)
+            flights = compile_flights(site, result.chosen.route, autopilot=autopilot, vehicles=vehicles)
         except InfeasibleError as error:
             raise InfeasibleError(f"member {choice.index}: {error}; {run} is as it was") from error
     compiled, sorties = one_or_several(site, flights)
