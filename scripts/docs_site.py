@@ -55,6 +55,7 @@ _RANGES = {
 """Of keys whose check is not in one plain line of their class."""
 _EXAMPLES = {
     "vehicle.link": '"udpin://127.0.0.1:14550"',
+    "vehicle.system_id": "2",
     "vehicle.sensor": '{ kind = "nadir-camera", fov_deg = 40.0, range_m = 200.0 }',
     "vehicle.area": '{ file = "west.kml" }',
     "vehicle.home.lat_deg": "36.4785",

@@ -13,15 +13,20 @@ from mission_io.wire.messages import Heartbeat, Message, Received
 
 
 class VehiclePeer:
-    """A vehicle of system 1, component 1. ``answers`` are sent as they are; ``heard`` keeps what arrived."""
+    """A vehicle, component 1 of its system. ``answers`` are sent as they are; ``heard`` keeps what arrived."""
 
     def __init__(
-        self, autopilot: Autopilot = ARDUPILOT, *, capacity: int | None = None, booted_at: float = -100.0
+        self,
+        autopilot: Autopilot = ARDUPILOT,
+        *,
+        capacity: int | None = None,
+        booted_at: float = -100.0,
+        system_id: int = 1,
     ) -> None:
         self.autopilot = autopilot
         self.autopilot_number = int(autopilot.mav_autopilot)
-        self.codec = Codec(system_id=1, component_id=1)
-        self.server = MissionServer(autopilot, local=Address(1, 1), capacity=capacity, booted_at=booted_at)
+        self.codec = Codec(system_id=system_id, component_id=1)
+        self.server = MissionServer(autopilot, local=Address(system_id, 1), capacity=capacity, booted_at=booted_at)
         self.vehicle_type = 2
         self.base_mode = 0
         self.custom_mode = 0

@@ -10,11 +10,12 @@ from tests.planning.sites import make_site
 from tests.scenario.scenario_texts import GOOD, parse, refused
 from uavcover.errors import InputError
 from uavcover.run.folder import RunFolder
-from uavcover.run.own_links import links_of_run, links_of_scenario
+from uavcover.run.own_links import VehiclePlace, given_places, links_of_run, links_of_scenario, require_different
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.vehicle_site import vehicle_scenario
 
 ONE, OTHER = 'link = "udpin://127.0.0.1:14550"\n', 'link = "udpin://127.0.0.1:14560"\n'
+MOCK = VehiclePlace("mock:")
 VEHICLE = "[vehicle]\ncruise_speed_m_s = 10.0\n"
 
 
@@ -34,29 +35,26 @@ def run_of(folder: Path, text: str, *, fleet: object) -> RunFolder:
 
 def test_links_of_all_vehicles_in_their_order(tmp_path: Path) -> None:
     source = scenario_file(tmp_path, f"[[vehicle]]\n{ONE}[[vehicle]]\n{OTHER}")
-    own = ["udpin://127.0.0.1:14550", "udpin://127.0.0.1:14560"]
-    assert links_of_scenario(source, None, sortie=None) == own
-    assert links_of_scenario(source, [], sortie=None) == own  # as the command line says none
-    assert links_of_scenario(source, ["mock:", "mock:"], sortie=None) == ["mock:", "mock:"]
-    assert links_of_scenario(source, ["mock:"], sortie=2) == ["mock:"]
-    for given in (["mock:"], ["mock:"] * 3):
-        with pytest.raises(
-            InputError, match=rf"--to: is given {len(given)} times, and .* lists 2 vehicles that differ"
-        ):
+    own = [VehiclePlace("udpin://127.0.0.1:14550"), VehiclePlace("udpin://127.0.0.1:14560")]
+    assert links_of_scenario(source, [], sortie=None) == own
+    assert links_of_scenario(source, [MOCK, MOCK], sortie=None) == [MOCK, MOCK]
+    assert links_of_scenario(source, [MOCK], sortie=2) == [MOCK]
+    for given in ([MOCK], [MOCK] * 3):
+        with pytest.raises(InputError, match=rf"--to: names {len(given)} vehicles?, and .* lists 2 that differ"):
             links_of_scenario(source, given, sortie=None)
     one = scenario_file(tmp_path, VEHICLE + ONE)
-    assert links_of_scenario(one, None, sortie=None) == own[:1]
+    assert links_of_scenario(one, [], sortie=None) == own[:1]
 
 
 def test_a_missing_link_is_named(tmp_path: Path) -> None:
     source = scenario_file(tmp_path, f"[[vehicle]]\n{ONE}[[vehicle]]\n")
     with pytest.raises(InputError, match=r"--to: is missing, and \[\[vehicle\]\] number 2 has no link; give --to for"):
-        links_of_scenario(source, None, sortie=None)
+        links_of_scenario(source, [], sortie=None)
     with pytest.raises(InputError, match=r"--to: is missing, and \[vehicle\] has no link"):
-        links_of_scenario(scenario_file(tmp_path, VEHICLE), None, sortie=None)
+        links_of_scenario(scenario_file(tmp_path, VEHICLE), [], sortie=None)
     alike = VEHICLE + ONE + "[fleet]\nvehicles = 2\n"
     with pytest.raises(InputError, match=r"\[vehicle\] has one link for 2 vehicles"):
-        links_of_scenario(scenario_file(tmp_path, alike), None, sortie=None)
+        links_of_scenario(scenario_file(tmp_path, alike), [], sortie=None)
 
 
 def test_a_flight_is_at_the_link_of_its_vehicle(tmp_path: Path) -> None:
@@ -66,12 +64,49 @@ def test_a_flight_is_at_the_link_of_its_vehicle(tmp_path: Path) -> None:
     site = dataclasses.replace(site, scenario=fleet)
     for number in (1, 2):
         run_of(run.path / f"sortie-{number}", dump_scenario(vehicle_scenario(site, number)), fleet=None)
-    assert len(links_of_run(run, None, sortie=None)) == 2
-    assert links_of_run(run, ["mock:"], sortie=None) == ["mock:"]
-    assert links_of_run(run, None, sortie=2) == ["udpin://127.0.0.1:14560"]
-    assert links_of_run(RunFolder(run.path / "sortie-1"), None, sortie=None) == ["udpin://127.0.0.1:14550"]
+    assert len(links_of_run(run, [], sortie=None)) == 2
+    assert links_of_run(run, [MOCK], sortie=None) == [MOCK]
+    assert links_of_run(run, [], sortie=2) == [VehiclePlace("udpin://127.0.0.1:14560")]
+    assert links_of_run(RunFolder(run.path / "sortie-1"), [], sortie=None) == [VehiclePlace("udpin://127.0.0.1:14550")]
     gaps = run_of(run.path / "gaps", dump_scenario(fleet), fleet=None)
-    assert links_of_run(gaps, None, sortie=None) == ["udpin://127.0.0.1:14550"]
+    assert links_of_run(gaps, [], sortie=None) == [VehiclePlace("udpin://127.0.0.1:14550")]
+
+
+def test_one_link_with_a_system_for_each_vehicle(tmp_path: Path) -> None:
+    source = scenario_file(tmp_path, f"[[vehicle]]\n{ONE}system_id = 4\n[[vehicle]]\n{ONE}system_id = 7\n")
+    radio = "udpin://127.0.0.1:14550"
+    assert links_of_scenario(source, [], sortie=None) == [VehiclePlace(radio, 4), VehiclePlace(radio, 7)]
+    assert given_places([radio], [4, 7]) == [VehiclePlace(radio, 4), VehiclePlace(radio, 7)]
+    assert given_places([radio, radio, "mock:"], [4, 7, 1])[1:] == [VehiclePlace(radio, 7), VehiclePlace("mock:", 1)]
+    assert given_places(["udp:127.0.0.1:1", "udp:127.0.0.1:2"], [5]) == [
+        VehiclePlace("udp:127.0.0.1:1", 5), VehiclePlace("udp:127.0.0.1:2", 5),
+    ]  # fmt: skip
+    assert given_places([radio], None) == [VehiclePlace(radio)]
+    assert given_places(None, None) == given_places([], [5]) == []
+
+
+@pytest.mark.parametrize(
+    ("urls", "systems", "words"),
+    [
+        (["udp::1", "udp::2"], [1, 2, 3], "--system: is given 3 times, and --to 2 times"),
+        ([], [1, 2], "--system: says which vehicles are on one link; give that link with --to"),
+        (["udp::1"], [4, 4], "--system: 4 at udp::1 is given twice"),
+        (["udp::1", "udp::1"], [], "--to: udp::1 is given 2 times; each vehicle needs a link of its own, or its --system"),
+        (["udp::1", "udp::1"], [3], "--system: 3 at udp::1 is given twice"),
+    ],
+)  # fmt: skip
+def test_places_that_do_not_fit(urls: list[str], systems: list[int], words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        given_places(urls, systems)
+
+
+def test_vehicles_at_one_place() -> None:
+    udp = VehiclePlace("udp:127.0.0.1:1")
+    require_different([MOCK, MOCK, udp])
+    with pytest.raises(InputError, match=r"--to: udp:127.0.0.1:1 is given 2 times"):
+        require_different([udp, MOCK, udp])
+    with pytest.raises(InputError, match=r"--to: udp:127.0.0.1:1 is given 2 times"):
+        require_different([udp, udp._replace(system_id=2)])
 
 
 @pytest.mark.parametrize(
@@ -81,6 +116,15 @@ def test_a_flight_is_at_the_link_of_its_vehicle(tmp_path: Path) -> None:
             f"[[vehicle]]\n{ONE}[[vehicle]]\n{OTHER}[[vehicle]]\n{ONE}",
             "is that of vehicle.0; each vehicle needs a link of its own",
         ),
+        (
+            f"[[vehicle]]\n{ONE}system_id = 3\n[[vehicle]]\n{ONE}",
+            "vehicle.1.link: udpin://127.0.0.1:14550 is that of vehicle.0; each vehicle needs a link of its own, or a system_id",
+        ),
+        (
+            f"[[vehicle]]\n{ONE}system_id = 3\n[[vehicle]]\n{ONE}system_id = 3\nendurance_s = 900.0\n",
+            "vehicle.1.system_id: 3 at udpin://127.0.0.1:14550 is vehicle.0",
+        ),
+        ("[vehicle]\nsystem_id = 256\n", "system_id: 256 is outside 1..255"),
         (f"[[vehicle]]\nlink = 3\n[[vehicle]]\n{OTHER}", "vehicle.0.link: must be text in quotes, not 3"),
         ('[[vehicle]]\n[[vehicle]]\nlink = "udpin:/127"\n', "vehicle.1.link: 'udpin:/127' has no port"),
         ('[[vehicle]]\n[[vehicle]]\nlink = ""\n', "vehicle.1.link: "),

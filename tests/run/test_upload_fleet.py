@@ -23,7 +23,7 @@ from uavcover.run.fleet import fleet_document
 from uavcover.run.folder import RunFolder
 from uavcover.run.plan_files import save_plan
 from uavcover.run.session import Connected, VehicleLink, connect
-from uavcover.run.upload_fleet import first_sorties, require_different, upload_fleet
+from uavcover.run.upload_fleet import first_sorties, upload_fleet
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import judging_map
@@ -134,9 +134,3 @@ def test_fewer_vehicles_fly_than_the_plan_has(folder: Path, tmp_path: Path) -> N
         InputError, match=r"is flown by 2 vehicles, .*; more would not be done sooner; give --to 2 times"
     ):
         first_sorties(RunFolder(tmp_path), 3)
-
-
-def test_two_vehicles_at_one_address() -> None:
-    require_different(["mock:", "mock:", "udp:127.0.0.1:1"])
-    with pytest.raises(InputError, match=r"--to: udp:127.0.0.1:1 is given 2 times"):
-        require_different(["udp:127.0.0.1:1", "mock:", "udp:127.0.0.1:1"])

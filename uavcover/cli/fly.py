@@ -24,8 +24,8 @@ OLD_LIMITS = "limits_before.json"
 
 
 @dataclass(frozen=True, slots=True)
-class FlyingVehicle(options.VehicleOptions):
-    """Which vehicle flies."""
+class FlyingVehicle(options.EachVehicleOptions):
+    """Which vehicles fly."""
 
     client: options.ClientKind = "native"
     mock_speed: Annotated[
@@ -102,8 +102,8 @@ def fly(
 
     if older.resume and not to and sortie is None and RunFolder(run).sorties():
         RunFolder(run).flight(sortie)  # one of several, and nobody says which
-    urls = links_of_run(RunFolder(run), to, sortie=sortie)
-    links = [replace(vehicle.link_to(url, client=vehicle.client), mock_speed=vehicle.mock_speed) for url in urls]
+    places = links_of_run(RunFolder(run), vehicle.places(to), sortie=sortie)
+    links = [replace(link, mock_speed=vehicle.mock_speed) for link in vehicle.links_at(places, client=vehicle.client)]
     link = links[0]
     console = output.console()
     if len(links) > 1 and (sortie is not None or older.resume):

@@ -3,7 +3,7 @@
 import dataclasses
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -41,6 +41,7 @@ class Overview(TyperGroup):
 if TYPE_CHECKING:
     from mission_io import SigningKey
     from uavcover.cli.console import Console
+    from uavcover.run.own_links import VehiclePlace
     from uavcover.run.session import ClientName, VehicleLink
     from uavcover.vehicle.precautions import OnBreach
 
@@ -117,6 +118,16 @@ Timeout = Annotated[
 System = Annotated[
     int | None,
     typer.Option("--system", help="Which vehicle is meant, where several share the link.", metavar="N", min=1, max=255),
+]
+SystemEach = Annotated[
+    list[int] | None,
+    typer.Option(
+        "--system",
+        help="Which vehicle is meant, where several share the link. Again for more: vehicle 2, 3, ... on one --to.",
+        metavar="N",
+        min=1,
+        max=255,
+    ),
 ]
 Component = Annotated[
     int | None,
@@ -207,16 +218,15 @@ class Output:
 
 
 @dataclass(frozen=True, slots=True)
-class VehicleOptions:
-    """Which vehicle is meant, and how long to wait for it."""
+class LinkOptions:
+    """How to find a vehicle on its link, and how long to wait for it."""
 
     timeout_s: Timeout = 10.0
-    system: System = None
     component: Component = None
     signing_key: SigningKeyFile = None
 
-    def link_to(self, url: str, *, client: str = "native", link: str = "default") -> "VehicleLink":
-        """The vehicle at ``url``.
+    def link_at(self, place: "VehiclePlace", *, client: str = "native", link: str = "default") -> "VehicleLink":
+        """The vehicle at a place.
 
         Raises:
             InputError: the client is not known, or cannot do what the other options ask for.
@@ -227,9 +237,52 @@ class VehicleOptions:
 
         name = client_name(client, link=link, signed=self.signing_key is not None)
         return VehicleLink(
-            url=url, timeout_s=self.timeout_s, timing=link_preset(link).timing, signing_key=signing_key(self.signing_key),
-            client_name=name, system_id=self.system, component_id=self.component,
+            url=place.url, timeout_s=self.timeout_s, timing=link_preset(link).timing,
+            signing_key=signing_key(self.signing_key), client_name=name, system_id=place.system_id,
+            component_id=self.component,
         )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleOptions(LinkOptions):
+    """Which vehicle is meant, and how long to wait for it."""
+
+    system: System = None
+
+    def link_to(self, url: str, *, client: str = "native", link: str = "default") -> "VehicleLink":
+        """The vehicle at ``url``; see :meth:`LinkOptions.link_at`."""
+        from uavcover.run.own_links import VehiclePlace
+
+        return self.link_at(VehiclePlace(url, self.system), client=client, link=link)
+
+
+@dataclass(frozen=True, slots=True)
+class EachVehicleOptions(LinkOptions):
+    """Which vehicles are meant, and how long to wait for each."""
+
+    system: SystemEach = None
+
+    def places(self, urls: Sequence[str] | None) -> "list[VehiclePlace]":
+        """Where the vehicles are that ``--to`` and ``--system`` name; none where no ``--to`` is given.
+
+        Raises:
+            InputError: they do not fit each other.
+        """
+        from uavcover.run.own_links import given_places
+
+        return given_places(urls, self.system)
+
+    def links_at(
+        self, places: "Sequence[VehiclePlace]", *, client: str = "native", link: str = "default"
+    ) -> "list[VehicleLink]":
+        """The vehicles at these places, vehicle 1 first; what is on one link shares it. See :meth:`LinkOptions.link_at`."""
+        from uavcover.run.session import sharing_links
+
+        return sharing_links([self.link_at(self._one(place), client=client, link=link) for place in places])
+
+    def _one(self, place: "VehiclePlace") -> "VehiclePlace":
+        """A place with the system that is asked for, where the link is the scenario's."""
+        return place._replace(system_id=self.system[0]) if self.system and len(self.system) == 1 else place
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,7 +293,7 @@ class TransferOptions(VehicleOptions):
     link: LinkKind = "default"
 
     def transfer_link(self, url: str) -> "VehicleLink":
-        """The vehicle at ``url``; see :meth:`VehicleOptions.link_to`."""
+        """The vehicle at ``url``; see :meth:`LinkOptions.link_at`."""
         return self.link_to(url, client=self.client, link=self.link)
 
 

@@ -1,6 +1,7 @@
 """``uavcover plan-upload``: plan if needed, check, upload, read back, compare."""
 
 import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -13,6 +14,14 @@ if TYPE_CHECKING:
     from uavcover.cli.console import Console
     from uavcover.run.folder import RunFolder
     from uavcover.run.session import VehicleLink
+
+
+@dataclass(frozen=True, slots=True)
+class EachTransfer(options.EachVehicleOptions):
+    """Which vehicles the missions are sent to, by which client, over what kind of link."""
+
+    client: options.ClientKind = "native"
+    link: options.LinkKind = "default"
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +51,7 @@ def plan_upload(
     *,
     sortie: options.Sortie = None,
     planning: Planning,
-    vehicle: options.TransferOptions,
+    vehicle: EachTransfer,
     in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload to a vehicle that is armed.")] = False,
     force: options.ForcePlan = False,
     output: options.Output,
@@ -59,17 +68,18 @@ def plan_upload(
     from uavcover.run.planned import read_planned
     from uavcover.run.session import require_home
     from uavcover.run.upload import upload_run
-    from uavcover.run.upload_fleet import require_different
     from uavcover.run.user import to_paste
 
     # A bad link or key is known before an hour of planning.
     is_run = Path(source).is_dir()
-    urls = (
-        links_of_run(RunFolder(source), to, sortie=sortie) if is_run else links_of_scenario(source, to, sortie=sortie)
+    given = vehicle.places(to)
+    places = (
+        links_of_run(RunFolder(source), given, sortie=sortie)
+        if is_run
+        else links_of_scenario(source, given, sortie=sortie)
     )
-    links = [vehicle.transfer_link(url) for url in urls]
-    require_different(urls)
-    if len(urls) > 1 and sortie is not None:
+    links = vehicle.links_at(places, client=vehicle.client, link=vehicle.link)
+    if len(links) > 1 and sortie is not None:
         raise InputError("--sortie: with several --to each vehicle gets its own first sortie; leave it out")
     console = output.console()
     if is_run:
@@ -83,7 +93,7 @@ def plan_upload(
         request = PlanRequest(
             scenario=source, folder=folder.path, command=sys.argv, force=force, seed=planning.seed,
             evaluations=planning.evaluations, budget_s=options.seconds(planning.budget), select=planning.select,
-            vehicles=len(urls) if len(urls) > 1 else None,
+            vehicles=len(links) if len(links) > 1 else None,
         )  # fmt: skip
         outcome = plan_into(request, console, check_site=require_home)
         if outcome.exit_code:
@@ -97,9 +107,17 @@ def plan_upload(
     document = upload_run(folder, site, planned.route, links[0], console, in_flight=in_flight)
     console.say(f"written: {folder.file('upload.json')}")
     if document["passed"]:
-        console.suggest(to_paste("fly", folder, "--to", urls[0]))
+        console.suggest(to_paste("fly", folder, *_said(links)))
     console.result({"run": str(folder), **document})
     return 0 if document["passed"] else 1
+
+
+def _said(links: "Sequence[VehicleLink]") -> list[object]:
+    """The options that say where these vehicles are."""
+    systems = [link.system_id for link in links if link.system_id is not None]
+    urls = [link.url for link in links]
+    to = [urls[0]] if len(systems) == len(urls) and len(set(urls)) == 1 else urls
+    return [word for url in to for word in ("--to", url)] + [word for each in systems for word in ("--system", each)]
 
 
 def _upload_each(run: "RunFolder", links: "list[VehicleLink]", console: "Console", *, in_flight: bool) -> int:
@@ -109,6 +127,6 @@ def _upload_each(run: "RunFolder", links: "list[VehicleLink]", console: "Console
     documents = upload_fleet(run, links, console, in_flight=in_flight)
     passed = all(document["passed"] for document in documents)
     if passed:
-        console.suggest(*(to_paste("fly", document["run"], "--to", document["url"]) for document in documents))
+        console.suggest(to_paste("fly", run, *_said(links)))
     console.result({"run": str(run), "passed": passed, "vehicles": documents})
     return 0 if passed else 1

@@ -291,12 +291,20 @@ class Scenario:
             self.requirements.min_overlap_fraction is None or all(v.sensor is None for v in self.vehicles),
             "requirements.min_overlap_fraction: is that of one camera; leave it out where vehicles have sensors of their own",
         )
-        links = [vehicle.link for vehicle in self.vehicles]
-        for number, link in enumerate(links):
-            require(
-                link is None or link.startswith("mock:") or link not in links[:number] or self.has_launch_points,
-                f"vehicle.{number}.link: {link} is that of vehicle.{links.index(link)}; each vehicle needs a link of its own",
-            )
+        for number, vehicle in enumerate(self.vehicles):
+            link, system_id = vehicle.link, vehicle.system_id
+            if link is None or link.startswith("mock:") or self.has_launch_points:
+                continue
+            for other, before in enumerate(self.vehicles[:number]):
+                require(
+                    before.link != link or None not in (system_id, before.system_id),
+                    f"vehicle.{number}.link: {link} is that of vehicle.{other}; each vehicle needs a link of its own, or a "
+                    "system_id",
+                )
+                require(
+                    before.link != link or system_id != before.system_id,
+                    f"vehicle.{number}.system_id: {system_id} at {link} is vehicle.{other}",
+                )
         self._require_fits(self.sensor, "sensor")
         for number, vehicle in enumerate(self.vehicles):
             if vehicle.sensor is not None:

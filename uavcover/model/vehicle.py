@@ -153,6 +153,7 @@ class Vehicle:
         sensor: of one of several vehicles, its own; default: [sensor]. Vehicles with different ones see different parts, and the
             planner divides what ``area`` gives to none, so that all are done soon.
         link: where it is, as ``--to`` says it, for commands that are given no ``--to``.
+        system_id: its MAVLink system, as ``--system`` says it; needed where several vehicles are on one link.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -175,6 +176,7 @@ class Vehicle:
     area: Outline | None = None
     sensor: Sensor | None = None
     link: str | None = None
+    system_id: int | None = None
 
     def __post_init__(self) -> None:
         require_positive(
@@ -197,6 +199,7 @@ class Vehicle:
         require(acceleration is None or acceleration > 0.0, "acceleration_m_s2: must be above 0")
         require(self.jerk_m_s3 is None or self.jerk_m_s3 > 0.0, "jerk_m_s3: must be above 0")
         require(self.endurance_s is None or self.endurance_s > 0.0, "endurance_s: must be above 0")
+        require(self.system_id is None or 1 <= self.system_id <= 255, f"system_id: {self.system_id} is outside 1..255")
         require(0.0 <= self.reserve_fraction < 1.0, f"reserve_fraction: {self.reserve_fraction} is outside 0..1")
         require(
             self.max_mission_items is None or self.max_mission_items >= 8,

@@ -15,9 +15,9 @@ from uavcover.run.fleet_orders import FleetOrders, Opening
 from uavcover.run.fleet_recording import FLEET_RECORDING, write_fleet_recording
 from uavcover.run.fly import ENDED_BY_USER, FlightOptions, refuse_older_flight
 from uavcover.run.folder import RunFolder
+from uavcover.run.own_links import VehiclePlace, require_different
 from uavcover.run.provenance import note_files
 from uavcover.run.session import VehicleLink, connect
-from uavcover.run.upload_fleet import require_different
 from uavcover.run.user import User, to_paste
 
 _LOOK_S = 0.2
@@ -77,7 +77,7 @@ def fly_fleet(
         InfeasibleError: a leg breaks a limit.
         FleetFailedError: a vehicle failed, or was lost.
     """
-    require_different([link.url for link in links])
+    require_different([VehiclePlace(link.url, link.system_id) for link in links])
     clocks = [RealClock(_speed(links))] * len(links) if options.clocks is None else options.clocks
     jobs = planned_jobs(run, len(links))
     for job in jobs:

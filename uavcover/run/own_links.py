@@ -1,6 +1,7 @@
-"""Where the vehicles of a scenario are, when a command is not told."""
+"""Where the vehicles are that a command speaks to: as it is told, or as their scenario says."""
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from uavcover.errors import InputError
 from uavcover.model.scenario import Scenario
@@ -8,12 +9,66 @@ from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 
 
-def links_of_run(run: RunFolder, given: Sequence[str] | None, *, sortie: int | None) -> list[str]:
-    """The links that were given, or those that the scenario of a run names.
+class VehiclePlace(NamedTuple):
+    """Where a vehicle is.
+
+    Attributes:
+        url: its link.
+        system_id: which one on it; none where it is the only one.
+    """
+
+    url: str
+    system_id: int | None = None
+
+
+def given_places(urls: Sequence[str] | None, systems: Sequence[int] | None) -> list[VehiclePlace]:
+    """The vehicles that ``--to`` and ``--system`` name, vehicle 1 first; none where no ``--to`` is given.
+
+    One link with several systems is that of all of them; one system is that of each link.
+
+    Raises:
+        InputError: there are other numbers of both, or one vehicle is named twice.
+    """
+    urls, systems = urls or (), systems or ()
+    if urls and len(urls) != len(systems) and 1 not in (len(urls), len(systems)) and systems:
+        raise InputError(
+            f"--system: is given {len(systems)} times, and --to {len(urls)} times; give one --system for each --to, or one --to "
+            "for all"
+        )
+    if systems and not urls:
+        if len(systems) > 1:
+            raise InputError("--system: says which vehicles are on one link; give that link with --to")
+        return []
+    count = max(len(urls), len(systems))
+    all_urls = [*urls] if len(urls) == count else [*urls] * count
+    all_systems = [*systems] if len(systems) == count else [*systems, None][:1] * count
+    places = [VehiclePlace(url, system) for url, system in zip(all_urls, all_systems, strict=True)]
+    require_different(places)
+    return places
+
+
+def require_different(places: Sequence[VehiclePlace]) -> None:
+    """Refuse two vehicles at one place; each ``mock:`` is a vehicle of its own.
+
+    Raises:
+        InputError: two are at the same place, or on one link and not told apart.
+    """
+    for number, (url, system_id) in enumerate(places):
+        on_it = [] if url.startswith("mock:") else [place for place in places[:number] if place.url == url]
+        if any(None in (system_id, place.system_id) for place in on_it):
+            raise InputError(
+                f"--to: {url} is given {1 + len(on_it)} times; each vehicle needs a link of its own, or its --system on that one"
+            )
+        if VehiclePlace(url, system_id) in on_it:
+            raise InputError(f"--system: {system_id} at {url} is given twice; each vehicle has a system id of its own")
+
+
+def links_of_run(run: RunFolder, given: Sequence[VehiclePlace], *, sortie: int | None) -> list[VehiclePlace]:
+    """The places that were given, or those that the scenario of a run names.
 
     Args:
         run: with a plan.
-        given: by ``--to``, vehicle 1 first.
+        given: by :func:`given_places`.
         sortie: number of the one that is meant; none: all of the run.
 
     Raises:
@@ -26,13 +81,13 @@ def links_of_run(run: RunFolder, given: Sequence[str] | None, *, sortie: int | N
     if folder.read_json("plan.json", made_by="uavcover plan").get("fleet") is not None:
         return _links_of(scenario)
     # One flight of a fleet: a sortie's scenario has its own vehicle, and what closes gaps is flown by vehicle 1.
-    link = (scenario.vehicles or (scenario.vehicle,))[0].link
-    if link is None:
+    vehicle = (scenario.vehicles or (scenario.vehicle,))[0]
+    if vehicle.link is None:
         raise InputError(f"--to: is missing, and the vehicle of {folder} has no link in its scenario; give --to")
-    return [link]
+    return [VehiclePlace(vehicle.link, vehicle.system_id)]
 
 
-def links_of_scenario(source: str, given: Sequence[str] | None, *, sortie: int | None) -> list[str]:
+def links_of_scenario(source: str, given: Sequence[VehiclePlace], *, sortie: int | None) -> list[VehiclePlace]:
     """The same for a scenario that is not planned yet, a file or a bundled one.
 
     Raises:
@@ -43,13 +98,13 @@ def links_of_scenario(source: str, given: Sequence[str] | None, *, sortie: int |
         return _links_of(scenario)
     if scenario.vehicles and len(given) != len(scenario.vehicles) and not (len(given) == 1 and sortie is not None):
         raise InputError(
-            f"--to: is given {len(given)} times, and {source} lists {len(scenario.vehicles)} vehicles that differ; give the link "
-            "of each, vehicle 1 first"
+            f"--to: names {len(given)} vehicle{'s' if len(given) > 1 else ''}, and {source} lists {len(scenario.vehicles)} that "
+            "differ; give the link of each, vehicle 1 first"
         )
     return list(given)
 
 
-def _links_of(scenario: Scenario) -> list[str]:
+def _links_of(scenario: Scenario) -> list[VehiclePlace]:
     """The links of the vehicles of a scenario, vehicle 1 first.
 
     Raises:
@@ -63,11 +118,11 @@ def _links_of(scenario: Scenario) -> list[str]:
                 f"--to: is missing, and [vehicle] has one link for {scenario.fleet.vehicles} vehicles; give --to for each, or a "
                 "[[vehicle]] with its own link for each"
             )
-        return [scenario.vehicle.link]
+        return [VehiclePlace(scenario.vehicle.link, scenario.vehicle.system_id)]
     missing = [number for number, vehicle in enumerate(scenario.vehicles, start=1) if vehicle.link is None]
     if missing:
         raise InputError(
             f"--to: is missing, and [[vehicle]] number {missing[0]} has no link; give --to for each vehicle, or a link in each "
             "[[vehicle]]"
         )
-    return [vehicle.link for vehicle in scenario.vehicles if vehicle.link is not None]
+    return [VehiclePlace(vehicle.link, vehicle.system_id) for vehicle in scenario.vehicles if vehicle.link is not None]

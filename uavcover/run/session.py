@@ -1,8 +1,9 @@
 """A site's vehicle: find it, check that it stands where the plan starts, fly the compiled mission."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -13,6 +14,7 @@ from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.client.client import Client
 from mission_io.links.opening import Link, open_link
+from mission_io.links.shared import SharedLink
 from mission_io.links.telemetry_log import LoggedLink
 from mission_io.model.items import GeoPoint, MissionType
 from mission_io.protocol.timing import Timing
@@ -83,6 +85,7 @@ class VehicleLink:
         client_name: which client speaks to it; MAVSDK's takes no ``timing`` and no ``signing_key``.
         system_id: which vehicle is meant, where several are on the link.
         component_id: which of its components is the autopilot, where that is not component 1.
+        shared: the link, where several vehicles are on it at the same time; ``system_id`` is that of one of them.
     """
 
     url: str
@@ -93,6 +96,17 @@ class VehicleLink:
     client_name: ClientName = "native"
     system_id: int | None = None
     component_id: int | None = None
+    shared: SharedLink | None = None
+
+
+def sharing_links(links: Sequence[VehicleLink]) -> list[VehicleLink]:
+    """The same vehicles; those on one link share it, so that it is opened once."""
+    systems: dict[str, list[int]] = {}
+    for link in links:
+        if link.system_id is not None and not link.url.startswith("mock:"):
+            systems.setdefault(link.url, []).append(link.system_id)
+    shared = {url: SharedLink(partial(open_link, url), ids) for url, ids in systems.items() if len(ids) > 1}
+    return [replace(link, shared=shared.get(link.url)) for link in links]
 
 
 @contextmanager
@@ -126,11 +140,13 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
         ),
         speed=at.mock_speed,
     )
-    link = LoggedLink(open_link(at.url, schemes={"mock": endpoint}))
+    share = None if at.shared is None or at.system_id is None else at.shared.share(at.system_id)
+    link = LoggedLink(open_link(at.url, schemes={"mock": endpoint}) if share is None else share)
     client, monitor = _open_mavsdk(link) if at.client_name == "mavsdk" else open_vehicle(link, timing=at.timing)
     with client:
         if at.signing_key is not None:
-            client.sign_with(at.signing_key)
+            # Who receives them keeps the time of the last message for each link id: clients side by side need their own.
+            client.sign_with(at.signing_key, link_id=0 if share is None or at.system_id is None else at.system_id)
         vehicle = client.wait_for_vehicle(at.timeout_s, system_id=at.system_id, component_id=at.component_id)
         if site is not None:
             require_multirotor(client)

@@ -91,17 +91,6 @@ def require_at_once(fleet: object, run: RunFolder) -> None:
         )
 
 
-def require_different(urls: Sequence[str]) -> None:
-    """Refuse several vehicles at one address; each ``mock:`` is a vehicle of its own.
-
-    Raises:
-        InputError: two addresses are the same.
-    """
-    for url in urls:
-        if urls.count(url) > 1 and not url.startswith("mock:"):
-            raise InputError(f"--to: {url} is given {urls.count(url)} times; each vehicle needs a link of its own")
-
-
 def upload_fleet(
     run: RunFolder, links: Sequence[VehicleLink], user: User, *, in_flight: bool = False
 ) -> list[dict[str, Any]]:

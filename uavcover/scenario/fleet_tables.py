@@ -56,7 +56,7 @@ def with_fleet(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
     if home is not None and home not in homes:
         raise ScenarioError(f"{source}: home: every [[vehicle]] has a home of its own; leave [home] out")
     own = [{**table, "home": place} for table, place in zip(listed, homes, strict=True)]
-    alike = {key: value for key, value in first.items() if key not in _OF_SEVERAL and key != "link"}
+    alike = {key: value for key, value in first.items() if key not in (*_OF_SEVERAL, "link", "system_id")}
     return raw | {"vehicle": alike, "vehicles": own, "home": homes[0], "fleet": fleet}
 
 
