@@ -1,9 +1,11 @@
+import dataclasses
+
 import numpy as np
 import pytest
 
 from uavcover.errors import InputError
-from uavcover.model.route import Route, RouteMember, RouteMetrics
-from uavcover.planning.selection import Choice, parse_rule, select, without_flukes
+from uavcover.model.route import MissionSize, Route, RouteMember, RouteMetrics
+from uavcover.planning.selection import Choice, Condition, parse_rule, select, select_flown, without_flukes
 
 
 def member(coverage: float, waypoints: int, length_m: float, origin: str = "test") -> RouteMember:
@@ -157,3 +159,75 @@ def test_of_few_cells_two_say_nothing():
     rule = parse_rule("coverage>=0.98")
     assert without_flukes(members, rule, lambda _: 0.965, cells=100) == members
     assert without_flukes(members, rule, lambda _: 0.965, cells=1000) != members
+
+
+def flown(member: RouteMember, sorties: int, vehicles: int, makespan_s: float) -> RouteMember:
+    return dataclasses.replace(member, mission=MissionSize(sorties=sorties, vehicles=vehicles, makespan_s=makespan_s))
+
+
+FLOWN = [
+    flown(MEMBERS[0], 1, 1, 600.0),
+    flown(MEMBERS[1], 2, 2, 500.0),
+    flown(MEMBERS[2], 3, 2, 900.0),
+    flown(MEMBERS[3], 4, 3, 800.0),
+]
+
+
+@pytest.mark.parametrize(
+    ("rule", "index", "met"),
+    [
+        ("max-coverage,sorties<=3", 2, True),
+        ("sorties<=2", 1, True),
+        ("done<=10m", 1, True),
+        ("done<=800s", 3, True),
+        ("coverage>=0.8,done<=0.25h", 1, True),
+        ("coverage>=0.8, vehicles <= 1", 0, False),  # what keeps the conditions, and then the most coverage
+        ("coverage>=0.95,sorties<=3,done<=15m", 2, False),
+        ("done<=100s", 1, False),  # none does: the one that is nearest
+        ("weighted:1,0,0,vehicles<=2", 2, True),
+        ("knee,sorties<=1", 0, True),
+    ],
+)
+def test_conditions_on_how_a_route_is_flown(rule: str, index: int, met: bool) -> None:
+    assert select_flown(FLOWN, parse_rule(rule), soonest=False) == Choice(index, met=met)
+
+
+def test_what_cannot_be_flown_keeps_no_condition() -> None:
+    members = [MEMBERS[3], FLOWN[0]]
+    assert select_flown(members, parse_rule("max-coverage,sorties<=9"), soonest=False) == Choice(1, met=True)
+    assert select_flown(members[:1], parse_rule("sorties<=9"), soonest=False) == Choice(0, met=False)
+    assert select_flown(members, parse_rule("coverage>=0.4"), soonest=True) == Choice(1, met=True)
+
+
+def test_several_vehicles_take_what_they_are_done_with_soonest() -> None:
+    assert select_flown(FLOWN, parse_rule("coverage>=0.85"), soonest=True) == Choice(3, met=True)
+    assert select_flown(FLOWN, parse_rule("coverage>=0.85"), soonest=False) == Choice(2, met=True)
+
+
+def test_conditions_are_read_from_the_end() -> None:
+    rule = parse_rule(" weighted:3,0,4 , sorties<=2,done <= 1.5h ")
+    assert (rule.kind, rule.numbers) == ("weighted", (3.0, 0.0, 4.0))
+    assert rule.conditions == (Condition("sorties", 2.0), Condition("done", 5400.0))
+    assert parse_rule(rule.text) == rule
+    assert parse_rule("coverage>=0.9,sorties<=2").required_coverage == 0.9
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("index:3,sorties<=1", "names one route"),
+        ("coverage>=0.9,speed<=3", "'speed' is no condition; there are sorties<=N"),
+        ("done<=soon", "done<= needs a time such as 40m"),
+        ("done<=0m", "done<= needs a time"),
+        ("done<=nan", "done<= needs a time"),
+        ("sorties<=0", "sorties<= needs a whole number from 1"),
+        ("sorties<=1.5", "sorties<= needs a whole number from 1"),
+        ("vehicles<=", "vehicles<= needs a whole number"),
+        ("sorties<=2,sorties<=3", "two conditions of one kind"),
+        ("nearest,sorties<=2", "is not a rule"),
+        ("coverage>=0.9,", "is not a rule"),
+    ],
+)
+def test_conditions_that_make_no_sense(text: str, words: str) -> None:
+    with pytest.raises(InputError, match=words):
+        parse_rule(text)

@@ -13,6 +13,7 @@ import uavcover
 from tests.cli.conftest import corner_of_the_demo
 from tests.planning.sites import hills, make_site
 from tests.routes.test_sorties import there_and_back
+from uavcover.errors import InputError
 from uavcover.model.fleet import Fleet
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.routes.flights import mission_size
@@ -133,3 +134,45 @@ def test_more_vehicles_than_help_are_listed_once() -> None:
     assert len(set(sizes)) == len(sizes)
     assert sizes[0].vehicles == 1
     assert [size.makespan_s for size in sizes] == sorted((size.makespan_s for size in sizes), reverse=True)
+
+
+def several(site: Site, rule: str, *lines: int) -> Plan:
+    """A plan whose members are there-and-back lines, the first one chosen."""
+    plan = plan_of(site, [there_and_back(site, lines=count) for count in lines])
+    return dataclasses.replace(plan, chosen=plan.members[0], rule=rule)
+
+
+def test_vehicles_fly_what_they_are_done_with_soonest() -> None:
+    site = make_site(hills, vehicle={"endurance_s": 300.0})
+    pair = dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, fleet=Fleet(vehicles=2)))
+    least = min(member.metrics.coverage_of_coverable for member in several(pair, "knee", 8, 4).members)
+    for sight, soonest in ((pair, True), (site, False)):
+        found = with_sizes(sight, several(sight, f"coverage>={least}", 8, 4))
+        spans = [member.mission.makespan_s for member in found.members if member.mission is not None]
+        assert (found.chosen is found.members[spans.index(min(spans))]) is soonest
+        assert spans[0] > spans[1]
+        assert found.rule_met
+
+
+def test_conditions_choose_among_all_members(monkeypatch: pytest.MonkeyPatch) -> None:
+    site = make_site(hills, vehicle={"endurance_s": 300.0})
+    monkeypatch.setattr(mission_sizes, "_MOST_S", 0.0)  # beside what the rule asks for none is cut
+    assert (
+        sum(member.mission is not None for member in with_sizes(site, several(site, "knee", 8, 6, 4, 2)).members) == 2
+    )
+    found = with_sizes(site, several(site, "max-coverage,sorties<=1", 8, 6, 4, 2))
+    sizes = [member.mission.sorties for member in found.members if member.mission is not None]
+    assert len(sizes) == 4
+    assert sizes[0] > sizes[-1] == 1
+    assert found.chosen.mission is not None
+    assert (found.chosen.mission.sorties, found.rule_met) == (1, True)
+    short = with_sizes(site, several(site, "done<=30s", 8, 2))
+    assert (short.chosen is short.members[1], short.rule_met) == (True, False)
+
+
+def test_conditions_need_a_mission() -> None:
+    for site in (make_site(on_earth=False), make_site(home=None)):
+        with pytest.raises(
+            InputError, match=r"'sorties<=2' limits missions, and .* has no place on Earth or no \[home\]"
+        ):
+            with_sizes(site, several(site, "sorties<=2", 2))

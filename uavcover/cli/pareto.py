@@ -50,7 +50,9 @@ def pareto(
         f"{'; done: from the first take-off to the last landing' if sized else ''}"
     )
     if sized and any(member.mission is None for member in members):
-        console.say("-: no flights found, or not looked for in a large set; a rule such as sorties<=3 looks at all")
+        console.say(
+            "-: no flights found, or not looked for in a large set; a rule such as max-coverage,sorties<=3 looks at all"
+        )
     if line := sizes_by_vehicles_in_words((plan.get("mission") or {}).get("by_vehicles", [])):
         console.say(line)
     for line in bounds_in_words(plan.get("bounds", {})):

@@ -51,7 +51,11 @@ class Search:
     ] = None
     select: Annotated[
         str | None,
-        typer.Option(help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N.", metavar="RULE"),
+        typer.Option(
+            help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N; conditions behind it: ,sorties<=N "
+            ",vehicles<=N ,done<=40m.",
+            metavar="RULE",
+        ),
     ] = None
     bounds: Annotated[
         str | None,
@@ -95,7 +99,9 @@ def plan(
     Ctrl-C writes the best route so far and ends with 130.
     """
     from uavcover.intake.quantities import memory_bytes
+    from uavcover.run.folder import RunFolder
     from uavcover.run.plan import PlanRequest, plan_into
+    from uavcover.run.plan_words import upload_in_words
     from uavcover.run.user import to_paste
 
     console = output.console()
@@ -110,8 +116,8 @@ def plan(
     )  # fmt: skip
     outcome = plan_into(request, console, check_site=lambda _: None)
     if outcome.document["mission_files"]:
-        flight = ("--sortie", 1) if outcome.sorties else ()
-        console.suggest(to_paste("plan-upload", run, "--to", "URL", *flight), to_paste("pareto", run))
+        upload = upload_in_words(RunFolder(run), outcome.document["fleet"], len(outcome.sorties))
+        console.suggest(upload, to_paste("pareto", run))
     else:
         console.suggest(to_paste("pareto", run))
     console.result(outcome.document)

@@ -14,7 +14,8 @@ def select(
     rule: Annotated[
         str,
         typer.Argument(
-            help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=0.95 or index:N (as `uavcover pareto` numbers them).",
+            help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=0.95 or index:N (as `uavcover pareto` numbers them); "
+            "conditions behind it: ,sorties<=N ,vehicles<=N ,done<=40m.",
             metavar="RULE",
         ),
     ],
@@ -40,10 +41,16 @@ def select(
     from uavcover.planning.selection import parse_rule
     from uavcover.run.fleet import say_fleet
     from uavcover.run.folder import RunFolder, flown_in
-    from uavcover.run.plan_words import figures_header, figures_in_words, say_missions, say_older, say_size
+    from uavcover.run.plan_words import (
+        figures_header,
+        figures_in_words,
+        say_missions,
+        say_older,
+        say_size,
+        upload_in_words,
+    )
     from uavcover.run.planned import read_planned
     from uavcover.run.select import choose
-    from uavcover.run.user import to_paste
 
     console = output.console()
     parse_rule(rule)
@@ -60,12 +67,13 @@ def select(
     console.say(figures_in_words(f"index:{index}", plan.chosen, site.scenario.objective))
     sorties = flights if len(flights) > 1 else ()
     say_missions(console, folder, flights[0].compiled if len(flights) == 1 else None, sorties)
-    say_fleet(console, folder.read_json("plan.json", made_by="uavcover plan")["fleet"])
+    fleet = folder.read_json("plan.json", made_by="uavcover plan")["fleet"]
+    say_fleet(console, fleet)
     say_size(console, plan)
     if not plan.rule_met:
         console.warn(f"no route meets {plan.rule}; the best there is has been written")
     if flights:
-        console.suggest(to_paste("plan-upload", run, "--to", "URL", *(("--sortie", 1) if sorties else ())))
+        console.suggest(upload_in_words(folder, fleet, len(sorties)))
     console.result(
         {
             "run": str(run), "index": index, "rule": plan.rule, "rule_met": plan.rule_met,

@@ -1,21 +1,24 @@
-"""Selection of one route from a Pareto set by a named rule."""
+"""Selection of one route from a Pareto set by a named rule, with conditions on how it would be flown."""
 
+import math
 import re
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.dominance import non_dominated_mask
-from uavcover.model.route import Route, RouteMember
+from uavcover.model.route import MissionSize, Route, RouteMember
 
 PAPER_WEIGHTS = (0.6, 0.2, 0.2)
 
 _WEIGHTED = re.compile(r"weighted(?::(?P<weights>[^:]+))?")
 _COVERAGE = re.compile(r"coverage\s*>=\s*(?P<share>[0-9.eE+-]+)")
 _INDEX = re.compile(r"index:(?P<index>\d+)")
+_CONDITION = re.compile(r",?\s*(?P<what>[a-z-]+)\s*<=\s*(?P<limit>[^,<>]*)$")
+_SECONDS = {"s": 1.0, "m": 60.0, "h": 3600.0}
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,18 +35,40 @@ class Choice:
 
 
 @dataclass(frozen=True, slots=True)
+class Condition:
+    """What the mission of a route may come to at most: ``sorties<=N``, ``vehicles<=N`` or ``done<=TIME``.
+
+    Attributes:
+        what: sorties, vehicles or done (from the first take-off to the last landing).
+        most: a number, or seconds.
+    """
+
+    what: str
+    most: float
+
+    def excess(self, size: MissionSize | None) -> float:
+        """By how much a mission has more, as a share of what it may; infinite where there is none."""
+        if size is None:
+            return math.inf
+        value = {"sorties": size.sorties, "vehicles": size.vehicles, "done": size.makespan_s}[self.what]
+        return max(0.0, value / self.most - 1.0)
+
+
+@dataclass(frozen=True, slots=True)
 class Rule:
-    """A parsed rule: ``weighted[:w1,w2,w3]``, ``knee``, ``max-coverage``, ``coverage>=X`` or ``index:N``.
+    """A parsed rule: ``weighted[:w1,w2,w3]``, ``knee``, ``max-coverage``, ``coverage>=X`` or ``index:N``, and conditions.
 
     Attributes:
         text: as it was written.
         kind: the word before the parameters.
         numbers: the parameters.
+        conditions: on how the route would be flown; known once it is cut into sorties.
     """
 
     text: str
     kind: str
     numbers: tuple[float, ...] = ()
+    conditions: tuple[Condition, ...] = ()
 
     @property
     def required_coverage(self) -> float | None:
@@ -52,11 +77,44 @@ class Rule:
 
 
 def parse_rule(text: str) -> Rule:
-    """Parse a selection rule.
+    """Parse a selection rule, such as ``coverage>=0.98,sorties<=3,done<=40m``; conditions alone are those of ``max-coverage``.
 
     Raises:
         InputError: it is none of the rules, or its numbers are out of range.
     """
+    rest, conditions = text.strip(), list[Condition]()
+    while match := _CONDITION.search(rest):
+        conditions.insert(0, _condition(match["what"], match["limit"].strip(), text))
+        rest = rest[: match.start()].rstrip()
+    if not conditions:
+        return _parse_choice(rest)
+    names = [condition.what for condition in conditions]
+    if len(set(names)) < len(names):
+        raise InputError(f"select: {text!r} has two conditions of one kind; give the smaller one")
+    choice = _parse_choice(rest or "max-coverage")
+    if choice.kind == "index":
+        raise InputError(f"select: {text!r} names one route; leave the conditions out")
+    return replace(choice, text=text.strip(), conditions=tuple(conditions))
+
+
+def _condition(what: str, limit: str, text: str) -> Condition:
+    if what not in {"sorties", "vehicles", "done"}:
+        raise InputError(
+            f"select: {text!r}: {what!r} is no condition; there are sorties<=N, vehicles<=N and done<=TIME"
+        )
+    number, unit = (limit[:-1], limit[-1]) if what == "done" and limit[-1:] in _SECONDS else (limit, "s")
+    try:
+        most = float(number) * _SECONDS[unit]
+    except ValueError:
+        most = -1.0
+    if not 0.0 < most < math.inf or (what != "done" and not most.is_integer()):
+        example = "a time such as 40m, 1200s or 1.5h" if what == "done" else "a whole number from 1"
+        raise InputError(f"select: {text!r}: {what}<= needs {example}")
+    return Condition(what, most)
+
+
+def _parse_choice(text: str) -> Rule:
+    """A rule without its conditions."""
     rule = text.strip()
     if rule in {"knee", "max-coverage"}:
         return Rule(rule, rule)
@@ -79,7 +137,8 @@ def parse_rule(text: str) -> Rule:
     if match := _INDEX.fullmatch(rule):
         return Rule(rule, "index", (float(match["index"]),))
     raise InputError(
-        f"select: {text!r} is not a rule; use weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N"
+        f"select: {text!r} is not a rule; use weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N, and conditions "
+        "behind it (,sorties<=N ,vehicles<=N ,done<=TIME)"
     )
 
 
@@ -90,15 +149,43 @@ def select(members: Sequence[RouteMember], rule: Rule) -> Choice:
     ``knee``: nearest to the ideal point after the same scaling. Both look at whole routes: parts of them lie on a straight line
     to nothing, and would make a knee of what sees half. ``max-coverage``: most coverage, then least cost.
     ``coverage>=X``: the one of least cost (by default: the shortest) that reaches X of what is coverable; when none does, as
-    ``max-coverage`` and not met.
+    ``max-coverage`` and not met. Conditions are not looked at: :func:`select_flown` does.
 
     Raises:
         InputError: ``index`` outside the set, or an empty set.
     """
+    return _select(members, rule, [member.metrics.cost for member in members])
+
+
+def select_flown(members: Sequence[RouteMember], rule: Rule, *, soonest: bool) -> Choice:
+    """Choose by a rule with its conditions among members whose missions are known.
+
+    Only members that keep all conditions are looked at; when none does, the one that exceeds them least, and not met.
+
+    Args:
+        members: one without a mission keeps no condition.
+        rule: as :func:`select` takes it.
+        soonest: whether the cost of a route is when all vehicles are done with it.
+
+    Raises:
+        InputError: ``index`` outside the set, or an empty set.
+    """
+    excess = [math.fsum(each.excess(member.mission) for each in rule.conditions) for member in members]
+    fewest = min(excess, default=0.0)
+    kept = [k for k, more in enumerate(excess) if more <= fewest]
+    cost = [members[k].metrics.cost for k in kept]
+    if soonest:
+        sizes = [members[k].mission for k in kept]
+        cost = [math.inf if size is None else size.makespan_s for size in sizes]
+    choice = _select([members[k] for k in kept], rule, cost)
+    return Choice(kept[choice.index], met=choice.met and fewest == 0.0)
+
+
+def _select(members: Sequence[RouteMember], rule: Rule, costs: Sequence[float]) -> Choice:
     if not members:
         raise InputError("select: the Pareto set is empty")
     coverage = np.array([member.metrics.coverage_of_coverable for member in members])
-    cost = np.array([member.metrics.cost for member in members])
+    cost = np.array(costs)
     if rule.kind == "index":
         index = int(rule.numbers[0])
         if index >= len(members):

@@ -1,13 +1,18 @@
-"""Sorties, vehicles and makespan of the routes of a plan, cut into flights and shared out as they would be flown."""
+"""Sorties, vehicles and makespan of the routes of a plan, cut into flights and shared out as they would be flown.
+
+They have a say in the choice: several vehicles are to be done soon, and a rule may limit them.
+"""
 
 import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
 
+from uavcover.errors import InputError
 from uavcover.kernels.dominance import least_crowded
 from uavcover.model.route import MissionSize, Plan, RouteMember
 from uavcover.model.vehicle import AutopilotName
+from uavcover.planning.selection import Rule, parse_rule, select_flown
 from uavcover.routes.flights import mission_size
 from uavcover.scenario.site import Site
 
@@ -21,25 +26,53 @@ _MOST_COUNTS = 6
 def with_sizes(site: Site, plan: Plan, *, autopilot: AutopilotName | None = None, vehicles: int | None = None) -> Plan:
     """A plan whose members know what their missions come to: all, or where that takes long the chosen and the least crowded.
 
+    Another member may be chosen then: where several vehicles fly, the one with which they are done soonest is the cheapest, and
+    conditions of the rule are of missions. All members that this may concern are cut into flights, however long that takes.
+
     Args:
         site: the scenario on its ground.
         plan: as it was found.
         autopilot: for whom; default: the scenario's.
         vehicles: how many may fly, where they are alike; default: the scenario's.
     """
+    rule = parse_rule(plan.rule)
     if site.frame is None or site.home_m is None:
+        if rule.conditions:
+            raise InputError(
+                f"select: {plan.rule!r} limits missions, and {site.scenario.name} has no place on Earth or no [home]; leave the "
+                "conditions out"
+            )
         return plan
     count = site.scenario.fleet.vehicles if vehicles is None else vehicles
-    chosen = next(k for k, member in enumerate(plan.members) if member is plan.chosen)
-    sized = _worth_sizing(plan.members, chosen, count)
-    members = tuple(
+    before = next(k for k, member in enumerate(plan.members) if member is plan.chosen)
+    in_question = _in_question(plan.members, rule, count)
+    sized = {before, *in_question, *_worth_sizing(plan.members, before, count)}
+    members = [
         dataclasses.replace(member, mission=mission_size(site, member.route, autopilot=autopilot, vehicles=count))
         if k in sized and member.violation <= 0.0
         else member
         for k, member in enumerate(plan.members)
-    )
+    ]
+    chosen, rule_met = before, plan.rule_met
+    if in_question:
+        candidates = sorted({before, *in_question})
+        choice = select_flown([members[k] for k in candidates], rule, soonest=count > 1)
+        chosen, rule_met = candidates[choice.index], rule_met and choice.met
     others = _by_vehicles(site, members[chosen], autopilot, count)
-    return dataclasses.replace(plan, members=members, chosen=members[chosen], by_vehicles=others)
+    return dataclasses.replace(
+        plan, members=tuple(members), chosen=members[chosen], rule_met=rule_met, by_vehicles=others
+    )
+
+
+def _in_question(members: Sequence[RouteMember], rule: Rule, vehicles: int) -> list[int]:
+    """Numbers of the members that may be chosen for what their missions come to; none where that has no say."""
+    feasible = [k for k, member in enumerate(members) if member.violation <= 0.0]
+    if rule.conditions:
+        return feasible
+    least = rule.required_coverage
+    if vehicles == 1 or least is None:
+        return []
+    return [k for k in feasible if members[k].metrics.coverage_of_coverable >= least]
 
 
 def _by_vehicles(

@@ -16,7 +16,7 @@ from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie
 from uavcover.run.documents import bounds_in_words
 from uavcover.run.folder import RunFolder
-from uavcover.run.user import User, metres, percent
+from uavcover.run.user import User, metres, percent, to_paste
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map
@@ -110,6 +110,23 @@ def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, s
             f"{why}{count}, {total_s:.0f} s in all, in {run.file('sortie-1')} and so on; "
             "each is uploaded and flown with --sortie N"
         )
+
+
+def upload_in_words(run: RunFolder, fleet: dict[str, Any] | None, sorties: int) -> str:
+    """The command that uploads a plan: to all vehicles that fly at once, or its first flight.
+
+    Args:
+        run: its folder.
+        fleet: of ``plan.json``.
+        sorties: how many flights there are, 0 or 1 for one.
+    """
+    count = 1
+    if fleet is not None and not fleet.get("one_at_a_time", False):
+        rows = len(fleet.get("by_vehicle", []))
+        count = rows if fleet.get("alike", True) else int(fleet["vehicles"])
+    if count > 1:
+        return to_paste("plan-upload", run, *(word for k in range(count) for word in ("--to", f"URL{k + 1}")))
+    return to_paste("plan-upload", run, "--to", "URL", *(("--sortie", 1) if sorties > 1 else ()))
 
 
 def say_size(user: User, plan: Plan) -> None:

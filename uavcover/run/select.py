@@ -84,7 +84,8 @@ def choose(
         try:
             flights = compile_flights(site, result.chosen.route, autopilot=autopilot, vehicles=vehicles)
         except InfeasibleError as error:
-            raise InfeasibleError(f"member {choice.index}: {error}; {run} is as it was") from error
+            index = result.members.index(result.chosen)
+            raise InfeasibleError(f"member {index}: {error}; {run} is as it was") from error
     compiled, sorties = one_or_several(site, flights)
     older = save_plan(
         run, site, result, compiled=compiled, autopilot=autopilot, seed=seed,
