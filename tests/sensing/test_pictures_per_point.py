@@ -178,7 +178,7 @@ def test_the_margin_is_no_part_of_the_drawn_area():
     assert site.area.area == pytest.approx((600.0 + 120.0) * (400.0 + 120.0) - 1e4)
     coverage = judging_map(site)
     inside = pictures.drawn_cells(coverage)
-    assert inside.sum() * 400.0 == pytest.approx(drawn.area, rel=0.05)
+    assert inside.sum() * coverage.grid.size_m**2 == pytest.approx(drawn.area, rel=0.05)
     assert inside.sum() < coverage.grid.count
 
 

@@ -94,7 +94,9 @@ class Area(Outline):
     """The area to cover, as the scenario gives it.
 
     Attributes:
-        cell_size_m: side of the square cells on which results are judged. A cell is seen when its centre is.
+        cell_size_m: side of the square cells on which results are judged, at most. A cell is seen when a certain point in it is.
+        fewest_places: an area of fewer cells is judged on smaller ones, so that there are so many; more where a part of the
+            ground weighs more than the rest, as cliffs do. 0: on cells of ``cell_size_m`` as they are.
         margin_m: the area is grown outwards by this before it is planned and judged, so that pictures overlap up to the edge of
             what was drawn. Holes stay as they are.
     """
@@ -103,9 +105,10 @@ class Area(Outline):
 
     cell_size_m: float
     margin_m: float = 0.0
+    fewest_places: int = 25_000
 
     def __post_init__(self) -> None:
         require_positive(cell_size_m=self.cell_size_m)
-        require_not_negative(margin_m=self.margin_m)
+        require_not_negative(margin_m=self.margin_m, fewest_places=self.fewest_places)
         # Named: a class with slots is made anew, and super() without arguments looks for the one before.
         Outline.__post_init__(self)

@@ -117,11 +117,11 @@ def _refly(
 def missing_site(verdict: PhotoVerdict) -> Site:
     """The survey again, its area only what could be seen and is in too few pictures; its margin is that of the survey."""
     site = verdict.site
-    frame, cells = frame_of(site), verdict.coverage.grid.cells
+    frame, own = frame_of(site), site.scenario.area
     stairs = cells_outline(verdict.coverage, np.flatnonzero(verdict.lacking))
     # The outline of cells is stairs: one step around it is flown as well.
-    region = shapely.simplify(stairs.buffer(cells.size_m), 0.5 * cells.size_m)
-    level_m = float(cells.centre_m[:, 2].mean())
+    region = shapely.simplify(stairs.buffer(own.cell_size_m), 0.5 * own.cell_size_m)
+    level_m = float(verdict.coverage.grid.cells.centre_m[:, 2].mean())
 
     def ring(line: shapely.LinearRing) -> tuple[tuple[float, float], ...]:
         places = shapely.get_coordinates(line)[:-1]
@@ -129,8 +129,9 @@ def missing_site(verdict: PhotoVerdict) -> Site:
         return tuple((round(float(x), 8), round(float(y), 8)) for x, y in zip(lon, lat, strict=True))
 
     parts = tuple((ring(part.exterior), *(ring(hole) for hole in part.interiors)) for part in shapely.get_parts(region))
-    own = site.scenario.area
-    area = Area(cell_size_m=own.cell_size_m, polygons_lon_lat_deg=parts, margin_m=own.margin_m)
+    area = Area(
+        cell_size_m=own.cell_size_m, fewest_places=own.fewest_places, polygons_lon_lat_deg=parts, margin_m=own.margin_m
+    )
     name = f"{site.scenario.name}-missing"
     return load_site(replace(site.scenario, name=name, description="what pictures do not show", area=area))
 

@@ -153,7 +153,7 @@ def _map(
     )  # fmt: skip
     scenario = Scenario(
         name="area",
-        area=Area(cell_size_m=cell_m, polygons_lon_lat_deg=parts),
+        area=Area(cell_size_m=cell_m, fewest_places=0, polygons_lon_lat_deg=parts),
         terrain=RasterTerrain(kind="raster", file="-", vertical_datum="EGM96"),
         sensor=sensor,
         limits=FlightLimits(min_height_agl_m=0.0, max_height_agl_m=sensor.range_m),

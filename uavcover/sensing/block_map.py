@@ -17,6 +17,7 @@ from uavcover.kernels.coverage import Cells
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import MAX_CELLS, CellGrid, lattice_shape
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, judging_block, keep_judging_map, row_blocks
+from uavcover.sensing.judged_cells import judged_cell_size_m
 from uavcover.sensing.recently_seen import RecentlySeen
 from uavcover.sensing.sensors import farthest_m, sight_of
 
@@ -108,12 +109,12 @@ class _GridOfBlocks(CellGrid):
 
     @cached_property
     def cells(self) -> Cells:
-        rows, _ = lattice_shape(self._site, self._site.scenario.area.cell_size_m)
+        rows, _ = lattice_shape(self._site, judged_cell_size_m(self._site))
         return judging_block(self._site, range(rows)).grid.cells
 
     @property
     def size_m(self) -> float:
-        return self._site.scenario.area.cell_size_m
+        return judged_cell_size_m(self._site)
 
 
 class BlockMap(CoverageMap):
@@ -188,7 +189,7 @@ class BlockMap(CoverageMap):
             weight_m2 = np.concatenate([look.weight_m2 for look in looks])
             if not weight_m2.size:
                 # There is nothing to see: who makes the map in one piece says why.
-                CoverageMap(self.site, cell_size_m=self.site.scenario.area.cell_size_m)
+                CoverageMap(self.site, cell_size_m=judged_cell_size_m(self.site))
             weight_m2.flags.writeable = False
             hidden_m2 = math.fsum(look.hidden_m2 for look in looks)
             self.__dict__["grid"] = _GridOfBlocks(self.site, weight_m2, hidden_m2)
@@ -203,7 +204,7 @@ class BlockMap(CoverageMap):
 
     def _may_see(self, route_m: FloatArray, rows: tuple[int, int]) -> bool:
         """Whether a route comes as near to a block as the sensor sees; a row of cells is as wide as the area."""
-        south, side_m = self.site.area.bounds[1], self.site.scenario.area.cell_size_m
+        south, side_m = self.site.area.bounds[1], judged_cell_size_m(self.site)
         halo_m = farthest_m(self.site.scenario.sensor) + 1.0
         norths = np.asarray(route_m, dtype=float).reshape(-1, 3)[:, 1]
         return bool(
@@ -217,7 +218,7 @@ def _unpacked(bits: Bits, count: int) -> BoolArray:
 
 def is_large(site: Site) -> bool:
     """Whether the area has so many cells that it is looked at block by block."""
-    rows, columns = lattice_shape(site, site.scenario.area.cell_size_m)
+    rows, columns = lattice_shape(site, judged_cell_size_m(site))
     return _MOST_AT_ONCE < rows * columns <= MAX_CELLS
 
 

@@ -24,8 +24,10 @@ _MOST_RISES = 4_000_000
 
 _SCATTERED = 0.5 * (math.sqrt(5.0) - 1.0), math.sqrt(2.0) - 1.0
 _SAMPLED = math.sqrt(3.0) - 1.0, math.sqrt(7.0) - 2.0
+_OTHER = math.sqrt(11.0) - 3.0, math.sqrt(13.0) - 3.0
 """From row to row and from column to column, in cells. Two different steps: with equal ones, many places would be aligned at
-45 degrees. Who judges samples elsewhere than who searches."""
+45 degrees. Who judges samples elsewhere than who searches, and who tries
+once more elsewhere than both."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,6 +110,11 @@ def make_sampled_cells(site: Site, cell_size_m: float, *, rows: range | None = N
     at the foot of a wall, or all on top of it. On terraces that alone made a coverage wrong by two points.
     """
     return _cut(site, cell_size_m, steps=_SAMPLED, rows=rows)
+
+
+def make_other_cells(site: Site, cell_size_m: float) -> CellGrid:
+    """As :func:`make_sampled_cells`, with other places."""
+    return _cut(site, cell_size_m, steps=_OTHER)
 
 
 def make_scattered_cells(site: Site, cell_size_m: float) -> CellGrid:

@@ -25,7 +25,8 @@ from uavcover.model.terrain import SineCosineTerrain
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.obstacles import waypoint_breaches
 from uavcover.scenario.site import Site
-from uavcover.sensing.cells import CellGrid, lattice_shape, make_cells, make_sampled_cells
+from uavcover.sensing.cells import CellGrid, lattice_shape, make_cells, make_other_cells, make_sampled_cells
+from uavcover.sensing.judged_cells import is_judged_on_smaller_cells, judged_cell_size_m
 from uavcover.sensing.recently_seen import RecentlySeen
 from uavcover.sensing.sensors import flat_picture, reach_at_height_m, sight_of, trigger_distance_m, turns_with_legs
 
@@ -323,20 +324,25 @@ def sees_each(
 
 
 def judging_map(site: Site) -> CoverageMap:
-    """The area's own cells, which results are judged on; built once for a site."""
-    return _map_of(site, site.scenario.area.cell_size_m)
+    """The cells that results are judged on; built once for a site."""
+    return _map_of(site, judged_cell_size_m(site))
 
 
 def keep_judging_map(site: Site, make: Callable[[], CoverageMap]) -> None:
     """Have another map stand for :func:`judging_map`, unless it was built already."""
-    key = (CoverageMap, site.scenario.area.cell_size_m)
+    key = (CoverageMap, judged_cell_size_m(site))
     if key not in site.derived:
         site.derived[key] = make()
 
 
 def judging_maps(site: Site) -> list[CoverageMap]:
-    """The area's own cells, and finer ones for a sensor that looks along the path, where memory allows; built once for a site."""
-    finer = finer_map(site) if site.scenario.sensor.sensing == "along-path" else None
+    """What a search asks about a route: :func:`judging_map`; where its cells are as large as the scenario says, finer ones, too.
+
+    These only for a sensor that looks along the path, and where memory allows. Built once for a site.
+    """
+    if site.scenario.sensor.sensing != "along-path" or is_judged_on_smaller_cells(site):
+        return [judging_map(site)]
+    finer = finer_map(site)
     return [judging_map(site)] if finer is None else [judging_map(site), finer]
 
 
@@ -362,22 +368,32 @@ could begin."""
 
 
 def finer_map(site: Site) -> CoverageMap | None:
-    """Cells of half the size, on which what is found is tried once more; none where memory, or limits of waypoints, forbid."""
-    if site.scenario.limits.applies_to == "waypoints" or judging_map(site).grid.count * 4 > _MOST_FINER_CELLS:
+    """Other places, on which what is found is tried once more; none where memory, or limits of waypoints, forbid.
+
+    Cells of half the size; or other places in cells that are smaller than the scenario's already.
+    """
+    if site.scenario.limits.applies_to == "waypoints":
         return None
-    return _map_of(site, 0.5 * site.scenario.area.cell_size_m)
+    size_m = judged_cell_size_m(site)
+    if is_judged_on_smaller_cells(site):
+        key = "other places"
+        if key not in site.derived:
+            site.derived[key] = CoverageMap(site, cell_size_m=size_m, cut=make_other_cells)
+        made: CoverageMap = site.derived[key]
+        return made
+    if judging_map(site).grid.count * 4 > _MOST_FINER_CELLS:
+        return None
+    return _map_of(site, 0.5 * size_m)
 
 
 def judging_block(site: Site, rows: range) -> CoverageMap:
     """Some rows of the lattice of :func:`judging_map`, which each see the same as among all; not kept."""
-    return CoverageMap(
-        site, cell_size_m=site.scenario.area.cell_size_m, cut=functools.partial(_cut_for(site), rows=rows)
-    )
+    return CoverageMap(site, cell_size_m=judged_cell_size_m(site), cut=functools.partial(_cut_for(site), rows=rows))
 
 
 def row_blocks(site: Site, *, cells: int) -> list[range]:
     """The rows of the lattice of :func:`judging_map`, in blocks of at most so many places, or of one row."""
-    rows, columns = lattice_shape(site, site.scenario.area.cell_size_m)
+    rows, columns = lattice_shape(site, judged_cell_size_m(site))
     step = max(1, cells // columns)
     return [range(first, min(first + step, rows)) for first in range(0, rows, step)]
 
