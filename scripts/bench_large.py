@@ -33,9 +33,10 @@ from uavcover.sensing.coverage_map import judging_map, planning_map
 ASKED = 0.98
 CELL_M = 10.0
 WAYS = {
+    1000.0: ("1", "boustrophedon"),
     2500.0: ("1", "boustrophedon"),
-    5000.0: ("1", "2", "3", "4", "9", "boustrophedon"),
-    10000.0: ("2", "4", "8", "boustrophedon"),
+    5000.0: ("1", "auto", "2", "3", "4", "9", "boustrophedon"),
+    10000.0: ("auto", "4", "boustrophedon"),
 }
 """For each side of a square, into how many parts it is divided."""
 COLUMNS = (
@@ -103,7 +104,9 @@ def page(rows: list[Row], per_km2: int) -> str:
     rivals = {row["side_m"]: float(row["mission_s"]) for row in rows if row["way"] == "boustrophedon"}
     for row in rows:
         km2 = (float(row["side_m"]) / 1000.0) ** 2
-        way = {"1": "one piece", "boustrophedon": "tuned boustrophedon"}.get(row["way"], f"{row['way']} parts")
+        way = {"1": "one piece", "boustrophedon": "tuned boustrophedon", "auto": "auto"}.get(
+            row["way"], f"{row['way']} parts"
+        )
         mission_s = float(row["mission_s"])
         rival = rivals.get(row["side_m"])
         against = (

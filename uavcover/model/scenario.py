@@ -105,8 +105,8 @@ class PlannerSettings:
             "contour-lines" as well.
         seed: seed of the random numbers.
         parts: into how many parts the area is divided, each searched by itself and then along its seams with the others;
-            "auto": as many as there are flights to make, and more where the cells are too many for one search. Goes with
-            encoding = "swaths" and a local search. Default: 1, the area in one piece.
+            "auto": one for a small area; more where the cells are too many for one search, or one for each flight where
+            that is shorter. Goes with encoding = "swaths" and a local search. Default: 1, the area in one piece.
         objective: the cost minimised beside coverage and the number of waypoints. "mission-time": from the ground at home to
             the ground at home, of all flights. "energy": what these take from the batteries by [vehicle.power], in seconds of
             hovering. "flight-time": of the route alone, with wind, climbs and turns. "length" of the route. Default:

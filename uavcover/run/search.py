@@ -174,6 +174,7 @@ def _plan_one(
                     run_tasks=search if kept is None else kept.before(search, is_whole=lambda: not should_stop()),
                     run_blocks=look,
                     workers=at_a_time,
+                    or_sorties=settings.parts in (1, "auto"),
                 )
         if request.scheduler is not None:
             _log.warning("--scheduler: the area is small and planned in one piece, in this process")

@@ -69,6 +69,7 @@ class PartTask:
         budget_s: or so long.
         route_m: (n, 3) the route so far; none in the first round.
         neighbours: the routes that see some of the part.
+        begin_m: (n, 3) what the first round begins with; none: lines are laid out for the part.
     """
 
     number: int
@@ -80,6 +81,7 @@ class PartTask:
     budget_s: float | None = None
     route_m: FloatArray | None = None
     neighbours: tuple[Neighbour, ...] = ()
+    begin_m: FloatArray | None = None
 
     @property
     def area(self) -> Piece:
@@ -136,7 +138,7 @@ def _search(part: Site, task: PartTask, *, now: Callable[[], float], should_stop
     scattered = cells.asked(CoverageMap(part, cell_size_m=part.scenario.area.cell_size_m, cut=make_scattered_cells))
     problem = scattered_problem(scattered)
     judges = [cells.asked(each) for each in judging_maps(part)]
-    lines = _constructed(part, task.goal) if task.route_m is None else [Route(task.route_m)]
+    lines = _beginnings(part, task)
     starts = starts_worth_looking_at(
         problem, lines, task.goal, lambda route: scattered.share_of_coverable(scattered.seen(route.waypoints_m))
     )
@@ -178,6 +180,12 @@ def _looked_at(site: Site, task: PartTask) -> Piece:
     reach_m = horizontal_reach(sight_of(site.scenario.sensor)) + site.scenario.area.cell_size_m
     seen = shapely.union(task.area, shapely.LineString(task.route_m[:, :2]).buffer(reach_m))
     return polygons_of(shapely.intersection(seen, site.area))
+
+
+def _beginnings(part: Site, task: PartTask) -> list[Route]:
+    """The route so far; before there is one, what the task begins with, or lines."""
+    begin_m = task.begin_m if task.route_m is None else task.route_m
+    return _constructed(part, task.goal) if begin_m is None else [Route(begin_m)]
 
 
 def _constructed(part: Site, goal: float) -> list[Route]:
