@@ -10,14 +10,15 @@ sum of what the command and its workers have of their own, and of the files that
 plan that somebody kills (SIGKILL) is begun again here, and goes on from its folder under --keep; its figures are of all attempts.
 
 Simulated: the times of the tasks of each round as measured, given to so many workers, the next one to who is free first; plus
-the processor time of the command itself, which nobody shares. That is too much: Dask's own loops take some 4 % of a core in it
-while it waits, and on a machine with other work it waits long. What is measured already is not measured again.
+the processor time of the command's main thread, which nobody shares. Its other threads do what goes on beside the search: Dask's
+loops, and lines to compare with. What is measured already is not measured again.
 """
 
 import argparse
 import datetime
 import heapq
 import json
+import os
 import re
 import signal
 import subprocess
@@ -43,8 +44,9 @@ WORKERS = (2, 1)
 SIMULATED = (1, 2, 4, 8, 16, 32, 64)
 ASKED = 0.98
 COLUMNS = (
-    "area", "workers", "parts", "evaluations", "coverage", "length_m", "waypoints", "kills", "wall_s", "cpu_s", "command_cpu_s",
-    "task_cpu_s", "search_cpu_s", "peak_mib", "peak_command_mib", "task_bytes", "answer_bytes", "shared_bytes", "date",
+    "area", "workers", "parts", "evaluations", "coverage", "length_m", "time_s", "waypoints", "lines_coverage", "lines_length_m",
+    "lines_time_s", "kills", "wall_s", "cpu_s", "command_cpu_s", "main_cpu_s", "task_cpu_s", "search_cpu_s", "peak_mib",
+    "peak_command_mib", "task_bytes", "answer_bytes", "shared_bytes", "load", "date",
 )  # fmt: skip
 _PIXEL_M = 90.0
 _TASK = re.compile(r"\w+: task of (\d+) bytes, answer of (\d+), ([0-9.]+) s of processor time")
@@ -121,7 +123,9 @@ def planned(area: str, workers: int, keep: Path) -> tuple[Row, list[list[float]]
     command = [sys.executable, "-m", "uavcover", "plan", str(scenario), "-o", str(folder / "run"), "-v", "--force"]
     command += ["--parts", str(parts), "--evaluations", str(evaluations), "--select", f"coverage>={ASKED}"]
     command += ["--scheduler", f"local:{workers}", "--memory", "4GiB"]
-    total: dict[str, float] = dict.fromkeys(("wall_s", "cpu_s", "command_cpu_s", "peak_mib", "peak_command_mib"), 0.0)
+    total: dict[str, float] = dict.fromkeys(
+        ("wall_s", "cpu_s", "command_cpu_s", "main_cpu_s", "peak_mib", "peak_command_mib"), 0.0
+    )
     kills, began = 0, folder / "began.json"
     if began.exists():
         total, kills = json.loads(began.read_text(encoding="utf-8"))
@@ -136,6 +140,7 @@ def planned(area: str, workers: int, keep: Path) -> tuple[Row, list[list[float]]
             ("wall_s", time.monotonic() - begin),
             ("cpu_s", watch.cpu_s),
             ("command_cpu_s", watch.first_cpu_s),
+            ("main_cpu_s", watch.first_main_cpu_s),
         ):
             total[key] += value
         for key, value in (("peak_mib", watch.peak_mib), ("peak_command_mib", watch.peak_first_mib)):
@@ -146,13 +151,19 @@ def planned(area: str, workers: int, keep: Path) -> tuple[Row, list[list[float]]
         began.write_text(json.dumps([total, kills]), encoding="utf-8")
     if process.returncode not in (0, 1):
         raise SystemExit(f"{area}, {workers} workers: plan ended with exit code {process.returncode}; see {log}")
-    found = json.loads((folder / "run" / "plan.json").read_text(encoding="utf-8"))["metrics"]
+    document = json.loads((folder / "run" / "plan.json").read_text(encoding="utf-8"))
+    found, lines = (
+        document["metrics"],
+        next(each for each in document["baselines"] if each["name"] == "boustrophedon-tuned"),
+    )
     rounds = read_rounds(log.read_text(encoding="utf-8"))
     searched = [task for round_ in rounds if round_.what == "search" for task in round_.tasks]
     every = [task for round_ in rounds for task in round_.tasks]
     values = {
         "parts": parts, "evaluations": evaluations, "coverage": found["coverage_of_coverable"],
-        "length_m": found["path_length_m"], "waypoints": found["waypoint_count"], "kills": kills, **total,
+        "length_m": found["path_length_m"], "time_s": found["flight_time_s"], "waypoints": found["waypoint_count"],
+        "lines_coverage": lines["coverage_of_coverable"], "lines_length_m": lines["path_length_m"],
+        "lines_time_s": lines["flight_time_s"], "kills": kills, **total, "load": os.getloadavg()[2],
         "task_cpu_s": sum(task.cpu_s for task in every), "search_cpu_s": sum(task.cpu_s for task in searched),
         "task_bytes": max(task.sent for task in every), "answer_bytes": max(task.answered for task in every),
         "shared_bytes": max(round_.shared for round_ in rounds),
@@ -212,23 +223,39 @@ def page(rows: list[Row], tasks: dict[str, list[list[float]]]) -> str:
         f"{metadata.version('uavcover')}, Dask {metadata.version('distributed')}, 2 cores with much other work: wall time says "
         "little, processor time more. What is measured is said at the top of the script.",
         "",
-        "| area | workers | parts | kills | coverage | length | waypoints | wall time | processor time | of it tasks "
-        "| of it the command | memory | of it the command |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
+        "| area | workers | parts | evaluations | kills | coverage | length | time | waypoints | wall time | processor time "
+        "| of it tasks | of it the command | its main thread | memory | of it the command |",
+        "|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
     for row in rows:
+        times = (f"{float(row[key]):.0f} s" for key in ("wall_s", "cpu_s", "task_cpu_s", "command_cpu_s", "main_cpu_s"))
         lines.append(
-            f"| {row['area']} | {row['workers']} | {row['parts']} | {row['kills']} | {100.0 * float(row['coverage']):.2f} % "
-            f"| {float(row['length_m']) / 1000.0:.0f} km | {row['waypoints']} "
-            f"| {float(row['wall_s']):.0f} s | {float(row['cpu_s']):.0f} s | {float(row['task_cpu_s']):.0f} s "
-            f"| {float(row['command_cpu_s']):.0f} s | {float(row['peak_mib']):.0f} MiB "
+            f"| {row['area']} | {row['workers']} | {row['parts']} | {row['evaluations']} | {row['kills']} "
+            f"| {100.0 * float(row['coverage']):.2f} % | {float(row['length_m']) / 1000.0:.0f} km | {float(row['time_s']):.0f} s "
+            f"| {row['waypoints']} | {' | '.join(times)} | {float(row['peak_mib']):.0f} MiB "
             f"| {float(row['peak_command_mib']):.0f} MiB |"
         )
+    lines += ["", "The tuned boustrophedon (the fewest lines along one side) on the same ground:", ""]
+    lines += ["| area | coverage | length | time | our length | our time |", "|---|---:|---:|---:|---:|---:|"]
+    for row in rows:
+        if row["workers"] == "2":
+            ratios = (100.0 * (float(row[key]) / float(row[f"lines_{key}"]) - 1.0) for key in ("length_m", "time_s"))
+            lines.append(
+                f"| {row['area']} | {100.0 * float(row['lines_coverage']):.2f} % "
+                f"| {float(row['lines_length_m']) / 1000.0:.0f} km | {float(row['lines_time_s']):.0f} s | "
+                + " | ".join(f"{each:+.1f} %" for each in ratios)
+                + " |"
+            )
     walls = {(row["area"], row["workers"]): float(row["wall_s"]) for row in rows}
     for area, workers in walls:
         if workers == "2" and (area, "1") in walls:
             ratio = walls[area, "1"] / walls[area, "2"]
-            lines += ["", f"Measured for {area}: two workers were {ratio:.2f} times as fast as one, by the wall."]
+            loads = " and ".join(f"{float(row['load']):.1f}" for row in rows if row["area"] == area)
+            lines += [
+                "",
+                f"Measured for {area}: two workers were {ratio:.2f} times as fast as one, by the wall, on two cores with other "
+                f"work (load average {loads}).",
+            ]
     lines += ["", "What a worker is given (here in a file that they share), and what each task sends, at most:", ""]
     lines += ["| area | for each worker, once | a task | its answer |", "|---|---:|---:|---:|"]
     for row in rows:
@@ -245,7 +272,7 @@ def page(rows: list[Row], tasks: dict[str, list[list[float]]]) -> str:
     ]
     for row in rows:
         if (rounds := tasks.get(f"{row['area']}:{row['workers']}")) and row["workers"] == "2":
-            alone_s = float(row["command_cpu_s"])
+            alone_s = float(row["main_cpu_s"])
             all_s = [alone_s + sum(makespan_s(each, count) for each in rounds) for count in SIMULATED]
             lines.append(
                 f"| {row['area']} | " + " | ".join(f"{each:.0f} s ({all_s[0] / each:.1f})" for each in all_s) + " |"

@@ -6,7 +6,9 @@ Squares of the bundled heights around the middle of ridge-25km2, cells of 10 m, 
 middle, 98 % of what can be seen. Each plan is made by `uavcover plan` in a process of its own, in so many evaluations for each
 square kilometre, with two threads. Its processor time and its largest resident memory are those of that process, compiled code
 loaded. The tuned boustrophedon is the quickest mission of a scan over six directions, two heights, eight distances and two
-insets that sees as much. What is missing in the .csv beside the page is measured; run again after a stop, it goes on.
+insets that sees as much; a plan has another one, with the fewest lines along the long side, and plans are compared with the
+quicker one. The bound on length is that of `plan --bounds`. What is missing in the .csv beside the page is measured; run again
+after a stop, it goes on.
 """
 
 import argparse
@@ -17,6 +19,7 @@ import os
 import subprocess
 import sys
 import tempfile
+import time
 from importlib import metadata
 from pathlib import Path
 
@@ -25,6 +28,8 @@ if __name__ == "__main__":
 
 from scripts.bench_planner import window
 from uavcover.planning.baselines.boustrophedon import boustrophedons
+from uavcover.planning.bounds import least_path_length_m
+from uavcover.planning.ground_prices import lattice_parts, price_ground
 from uavcover.routes.objectives import judge_member
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import load_site
@@ -33,16 +38,18 @@ from uavcover.sensing.coverage_map import judging_map, planning_map
 ASKED = 0.98
 CELL_M = 10.0
 WAYS = {
-    1000.0: ("1", "boustrophedon"),
-    2500.0: ("1", "boustrophedon"),
-    5000.0: ("1", "auto", "2", "3", "4", "9", "boustrophedon"),
-    10000.0: ("auto", "4", "boustrophedon"),
+    1000.0: ("1", "boustrophedon", "bound"),
+    2500.0: ("1", "boustrophedon", "bound"),
+    5000.0: ("1", "auto", "2", "3", "4", "9", "boustrophedon", "bound"),
+    10000.0: ("auto", "4", "boustrophedon", "bound"),
 }
 """For each side of a square, into how many parts it is divided."""
 COLUMNS = (
     "side_m", "way", "coverage", "mission_s", "route_s", "length_m", "waypoints", "sorties", "evaluations", "cpu_s", "peak_mib",
-    "date",
+    "rival_s", "date",
 )  # fmt: skip
+_BOUND_S = 1200.0
+"""About so long a bound may take."""
 _TRIED = 12
 """So many boustrophedons of the scan are judged on the area's own cells, the quickest on the planner's first."""
 
@@ -63,10 +70,15 @@ def planned(side_m: float, parts: str, evaluations: int) -> Row:
             raise SystemExit(f"{side_m:g} m, {parts}: plan ended with exit code {process.returncode}")
         document = json.loads((run / "plan.json").read_text(encoding="utf-8"))
     found = document["metrics"]
+    lines = [each for each in document["baselines"] if each["name"] == "boustrophedon-tuned"]
+    rivals = [
+        each["mission_time_s"] for each in lines if each["coverage_of_coverable"] >= ASKED and each["violation"] <= 0.0
+    ]
     values = {
         "coverage": found["coverage_of_coverable"], "mission_s": found["mission_time_s"], "route_s": found["flight_time_s"],
         "length_m": found["path_length_m"], "waypoints": found["waypoint_count"], "sorties": len(document["sorties"]),
         "evaluations": evaluations, "cpu_s": usage.ru_utime + usage.ru_stime, "peak_mib": usage.ru_maxrss / 1024,
+        "rival_s": min(rivals, default=""),
     }  # fmt: skip
     return {key: str(value) for key, value in values.items()}
 
@@ -88,6 +100,17 @@ def boustrophedon(side_m: float) -> Row:
     return {key: str(value) for key, value in values.items()}
 
 
+def bound(side_m: float) -> Row:
+    """The length that no path is shorter than which sees as much."""
+    coverage = judging_map(load_site(window(side_m, CELL_M)))
+    begin_s = time.process_time()
+    least_m, parts = least_path_length_m(coverage, ASKED), lattice_parts(coverage, _BOUND_S)
+    priced = None if parts is None else price_ground(coverage, ASKED, parts=parts)
+    if priced is not None:
+        least_m = max(least_m, priced.least_length_m(ASKED))
+    return {"length_m": str(least_m), "cpu_s": str(time.process_time() - begin_s)}
+
+
 def page(rows: list[Row], per_km2: int) -> str:
     """The table."""
     lines = [
@@ -97,32 +120,45 @@ def page(rows: list[Row], per_km2: int) -> str:
         f"{metadata.version('uavcover')}. What is measured is said at the top of the script; times are of a machine with "
         "other work.",
         "",
-        "| area | way | coverage | mission | against the boustrophedon | route | waypoints | sorties | evaluations "
-        "| processor time | memory |",
-        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
+        "| area | way | coverage | mission | against the boustrophedon | route | length | over the bound | waypoints | sorties "
+        "| evaluations | processor time | memory |",
+        "|---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
     ]
-    rivals = {row["side_m"]: float(row["mission_s"]) for row in rows if row["way"] == "boustrophedon"}
+    rivals: dict[str, float] = {}
+    for row in rows:
+        known = row["mission_s"] if row["way"] == "boustrophedon" else row["rival_s"]
+        if known:
+            rivals[row["side_m"]] = min(float(known), rivals.get(row["side_m"], float(known)))
+    bounds = {row["side_m"]: float(row["length_m"]) for row in rows if row["way"] == "bound"}
     for row in rows:
         km2 = (float(row["side_m"]) / 1000.0) ** 2
         way = {"1": "one piece", "boustrophedon": "tuned boustrophedon", "auto": "auto"}.get(
             row["way"], f"{row['way']} parts"
         )
+        length_m, work = float(row["length_m"]), f"{float(row['cpu_s']):.0f} s" if row["cpu_s"] else ""
+        if row["way"] == "bound":
+            lines.append(
+                f"| {km2:g} km² | no path is shorter | {100.0 * ASKED:g} % | | | | {length_m / 1e3:.1f} km | | | | | {work} | |"
+            )
+            continue
+        over = f"+{100.0 * (length_m / bounds[row['side_m']] - 1.0):.1f} %" if row["side_m"] in bounds else ""
         mission_s = float(row["mission_s"])
         rival = rivals.get(row["side_m"])
         against = (
             "" if rival is None or row["way"] == "boustrophedon" else f"{100.0 * (mission_s / rival - 1.0):+.1f} %"
         )
-        work = f"{float(row['cpu_s']):.0f} s" if row["cpu_s"] else ""
         memory = f"{float(row['peak_mib']):.0f} MiB" if row["peak_mib"] else ""
         lines.append(
             f"| {km2:g} km² | {way} | {100.0 * float(row['coverage']):.2f} % | {mission_s:.0f} s | {against} "
-            f"| {float(row['route_s']):.0f} s | {row['waypoints']} | {row['sorties']} | {row['evaluations']} "
-            f"| {work} | {memory} |"
+            f"| {float(row['route_s']):.0f} s | {length_m / 1e3:.1f} km | {over} | {row['waypoints']} | {row['sorties']} "
+            f"| {row['evaluations']} | {work} | {memory} |"
         )
     lines += [
         "",
-        "One seed each. The scan of the boustrophedon has steps: it sees more than is asked for, and a finer one would be a "
-        "little shorter. Route is the time along the lines; mission adds the ways from home and back of every sortie.",
+        "One seed each. Route is the time along the lines; mission adds the ways from home and back of every sortie. "
+        + "; ".join(f"{(float(side) / 1000.0) ** 2:g} km² are compared with {rivals[side]:.0f} s" for side in rivals)
+        + ". No path that sees as much is shorter than the bound, as one flight without ways from home and back: flights that "
+        "see something on their ways have longer routes and shorter missions.",
     ]
     return "\n".join(lines) + "\n"
 
@@ -147,10 +183,11 @@ def main() -> None:
         for way in ways:
             name = f"{side_m:g}", way
             evaluations = max(1000, round(arguments.per_km2 * side_m * side_m / 1e6))
-            key = *name, "" if way == "boustrophedon" else str(evaluations)
+            key = *name, "" if way in ("boustrophedon", "bound") else str(evaluations)
             if key in done or arguments.only not in ("", name[0], ":".join(name)):
                 continue
-            found = boustrophedon(side_m) if way == "boustrophedon" else planned(side_m, way, evaluations)
+            makers = {"boustrophedon": boustrophedon, "bound": bound}
+            found = makers[way](side_m) if way in makers else planned(side_m, way, evaluations)
             head = {"side_m": name[0], "way": way, "date": datetime.date.today().isoformat()}
             rows.append({**dict.fromkeys(COLUMNS, ""), **head, **found})
             rows.sort(key=in_order)

@@ -18,11 +18,12 @@ class Watch:
         peak_mib: the largest sum so far.
         peak_first_mib: the largest of the process itself.
         first_cpu_s: processor time of the process itself, at the last sample.
+        first_main_cpu_s: of it that of its main thread.
         cpu_s: of each process at the last sample of it, together.
     """
 
     def __init__(self, pid: int, *, every_s: float = 0.25) -> None:
-        self.peak_mib = self.peak_first_mib = self.first_cpu_s = 0.0
+        self.peak_mib = self.peak_first_mib = self.first_cpu_s = self.first_main_cpu_s = 0.0
         self._pid, self._every_s = pid, every_s
         self._over = threading.Event()
         self._cpu_s: dict[int, float] = {}
@@ -48,6 +49,7 @@ class Watch:
             for each in family:
                 self._cpu_s[each] = _cpu_s(each) or self._cpu_s.get(each, 0.0)
             self.first_cpu_s = self._cpu_s[family[0]]
+            self.first_main_cpu_s = _cpu_s(f"{family[0]}/task/{family[0]}") or self.first_main_cpu_s
 
 
 def _mib(pid: int) -> tuple[float, float]:
@@ -62,7 +64,7 @@ def _mib(pid: int) -> tuple[float, float]:
     return pages.get("Anon", 0.0) + pages.get("Shmem", 0.0), pages.get("File", 0.0)
 
 
-def _cpu_s(pid: int) -> float:
+def _cpu_s(pid: int | str) -> float:
     try:
         fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
     except OSError:

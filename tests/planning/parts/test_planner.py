@@ -10,7 +10,7 @@ import shapely
 
 from tests.planning.sites import hills, make_site
 from uavcover.errors import InputError
-from uavcover.model.route import Plan
+from uavcover.model.route import Plan, Route
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.planning.parts.part_search import PartCells, search_part
@@ -21,6 +21,7 @@ from uavcover.planning.parts.planner import (
     search_parts_with,
     tasks_of,
 )
+from uavcover.planning.search.goal_search import best_starts
 from uavcover.planning.search.optimizer_search import Effort, SearchRun
 from uavcover.run.search import SearchRequest, plan
 from uavcover.scenario.site import Site
@@ -113,6 +114,35 @@ def test_the_tuned_boustrophedon_of_a_larger_area_is_found_on_a_sample(monkeypat
     # Judged on the area's own cells, it keeps about what the sample promised.
     assert tuned.metrics.coverage_of_coverable > 0.93
     assert tuned.metrics.path_length_m < plain.metrics.path_length_m
+
+
+def test_lines_to_compare_with_are_laid_out_beside_the_search(plan_of_large: Plan) -> None:
+    site = large()
+    with ThreadPoolExecutor(2) as threads:
+        run = dataclasses.replace(search_run(), executor=threads)
+        search = search_parts_with(threads, now=lambda: 0.0, should_stop=lambda: False)
+        settings = dataclasses.replace(site.scenario.planner, seed=1)
+        plan = plan_by_parts(
+            site, parts=3, settings=settings, select_rule="coverage>=0.95", run=run, run_tasks=search
+        )  # fmt: skip
+    assert np.array_equal(plan.chosen.route.waypoints_m, plan_of_large.chosen.route.waypoints_m)
+    assert [each.metrics for each in plan.baselines] == [each.metrics for each in plan_of_large.baselines]
+
+
+def test_a_short_search_in_a_part_is_never_worse_than_its_beginning(monkeypatch: pytest.MonkeyPatch) -> None:
+    begun: list[Route] = []
+
+    def makes_it_longer(work, starts, goal, *others):
+        start = best_starts(work.problem, starts, goal)[0].route
+        there_and_back = Route(np.vstack([start.waypoints_m, start.waypoints_m[-2::-1]]))
+        begun.append(start)
+        others[-1].found(there_and_back)
+
+    monkeypatch.setattr("uavcover.planning.parts.part_search.search_goal", makes_it_longer)
+    site = large()
+    task = tasks_of(site, [site.area], None, 0.5, round_number=0, seed=1, evaluations=1, budget_s=None)[0]
+    found = search_part(site, task, now=lambda: 0.0, should_stop=lambda: False)
+    assert np.array_equal(found.waypoints_m, begun[0].waypoints_m)
 
 
 def test_another_seed_gives_another_plan(plan_of_large: Plan) -> None:

@@ -18,7 +18,7 @@ from uavcover.model.route import Route
 from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted, tight_lines
 from uavcover.planning.baselines.boustrophedon import Baseline, boustrophedons
 from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad
-from uavcover.planning.search.goal_search import RouteJudge, search_goal, starts_worth_looking_at
+from uavcover.planning.search.goal_search import RouteJudge, best_starts, search_goal, starts_worth_looking_at
 from uavcover.planning.search.local_search import (
     CHAINS,
     PROPOSALS_PER_EVALUATION,
@@ -156,7 +156,8 @@ def _search(part: Site, task: PartTask, *, now: Callable[[], float], should_stop
             known[key] = min(each.share_of_coverable(each.seen(route.waypoints_m)) for each in judges)
         return known[key]
 
-    found: list[Route] = [] if task.route_m is None else [Route(task.route_m)]
+    # A short search may end with worse than what it began with.
+    found = [best_starts(problem, starts, task.goal)[0].route]
     seeds = np.random.SeedSequence([task.seed, task.round, task.number]).spawn(CHAINS)
     work = Work(problem, pace, [np.random.default_rng(seed) for seed in seeds], None, should_stop, lambda _: None)
     tuned = TUNED.goal
@@ -170,7 +171,7 @@ def _search(part: Site, task: PartTask, *, now: Callable[[], float], should_stop
         short = max(0.0, task.goal - judged(route))
         return measure_violations(part, route.waypoints_m, margin_m=margin_m).total > 0.0, short, problem.cost(route)
 
-    return min(found or lines, key=merit)
+    return min(found, key=merit)
 
 
 def _looked_at(site: Site, task: PartTask) -> Piece:

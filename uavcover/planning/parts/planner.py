@@ -152,8 +152,7 @@ def plan_by_parts(
         )
     judge_by_blocks(site)
     fine = judging_map(site)
-    baselines, areas, begins_m = _divided(site, parts, goal, or_sorties=or_sorties)
-    look_at_all(fine, [route.waypoints_m for route, _ in baselines], run_blocks)
+    areas, begins_m, comparison = _divided(site, parts, goal, executor, or_sorties=or_sorties)
     found: list[Route] = []
     routes: list[FloatArray] | None = None
     aim = goal
@@ -191,6 +190,8 @@ def plan_by_parts(
         done = min(effort.evaluations, round(sum(_ROUNDS[: number + 1]) * effort.evaluations))
         run.on_progress(SearchProgress(done, effort.evaluations, seen, None))
     interrupted = len(found) < len(_ROUNDS) or run.should_stop()
+    baselines = comparison()
+    look_at_all(fine, [route.waypoints_m for route, _ in baselines], run_blocks)
     reference = judge_members(fine, baselines, executor)
     members = judge_members(fine, [(route, "parts") for route in found], executor)
     chosen = choose(
@@ -277,18 +278,23 @@ def tasks_of(
 
 
 def _divided(
-    site: Site, parts: int, goal: float, *, or_sorties: bool
-) -> tuple[list[NamedRoute], list[Piece], list[FloatArray] | None]:
-    """The baselines; and the parts, with what each begins with where that is known already."""
-    coarse = sampling_map(site, most_cells=_MOST_COMPARED_CELLS)
-    baselines = _baselines(coarse, goal)
+    site: Site, parts: int, goal: float, executor: Executor | None, *, or_sorties: bool
+) -> tuple[list[Piece], list[FloatArray] | None, Callable[[], list[NamedRoute]]]:
+    """The parts, with what each begins with where that is known already; and the baselines, when somebody asks for them."""
+
+    def compared() -> list[NamedRoute]:
+        return _baselines(sampling_map(site, most_cells=_MOST_COMPARED_CELLS), goal)
+
     if or_sorties and may_have_sorties(site):
-        flights = sortie_parts(site, coarse, goal)
-        if len(flights) >= parts and math.fsum(flight.cost for flight in flights) < _WORTH * _least_cost(
-            site, baselines
-        ):
-            return baselines, [flight.area for flight in flights], [flight.begin_m for flight in flights]
-    return baselines, divide(site.area, parts, flight_work(site)), None
+        coarse = sampling_map(site, most_cells=_MOST_COMPARED_CELLS)
+        baselines, flights = _baselines(coarse, goal), sortie_parts(site, coarse, goal)
+        together = math.fsum(flight.cost for flight in flights)
+        if len(flights) >= parts and together < _WORTH * _least_cost(site, baselines):
+            return [each.area for each in flights], [each.begin_m for each in flights], lambda: baselines
+        return divide(site.area, parts, flight_work(site)), None, lambda: baselines
+    # Lines over a large area take as long as the search in a part, which others may do meanwhile.
+    later = compared if executor is None else executor.submit(compared).result
+    return divide(site.area, parts, flight_work(site)), None, later
 
 
 def _baselines(coarse: CoverageMap, goal: float) -> list[NamedRoute]:
