@@ -15,7 +15,7 @@ from uavcover.planning import ground_prices
 from uavcover.planning.bounds import least_path_length_m
 from uavcover.planning.ground_prices import PricedGround, coverable_weight_m2, lattice_parts, price_ground
 from uavcover.planning.price_program import PriceProgram
-from uavcover.planning.relief import margin_cells, relief_over
+from uavcover.planning.relief import margin_cells, over_tiles, relief_over
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, sees_each
 
 LOW = {"min_height_agl_m": 10.0, "max_height_agl_m": 30.0}
@@ -149,6 +149,23 @@ def test_what_a_sensor_sees_is_in_view_in_the_relief(kind, seed):
         assert (over >= 0.0).all()
         assert (under >= 0.0).all()
         assert over.max() < 2.0
+
+
+def test_numbers_over_tiles_are_nowhere_below_those_of_squares():
+    squares = np.random.default_rng(4).uniform(0.0, 1.0, (11, 18)) ** 8
+    nodes = over_tiles(squares, tile=4)
+    assert nodes.shape == (12, 19)
+    # Linear in the triangles of a square, they are nowhere below its smallest corner.
+    corners = np.stack([nodes[:-1, :-1], nodes[1:, :-1], nodes[:-1, 1:], nodes[1:, 1:]])
+    assert (corners.min(axis=0) >= squares).all()
+    assert nodes.max() == squares.max()
+    assert np.abs(np.diff(nodes, axis=0)).max() <= squares.max() / 4.0 + 1e-12
+    # A square matters to its own tile and to those around it.
+    single = np.zeros((20, 20))
+    single[9, 9] = 1.0
+    far = np.ones((21, 21), dtype=bool)
+    far[4:17, 4:17] = False
+    assert (over_tiles(single, tile=4)[far] == 0.0).all()
 
 
 @functools.cache

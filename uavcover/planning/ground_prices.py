@@ -28,8 +28,8 @@ _GROUP = 2
 _HEADINGS = 48
 _SLACK = 0.4
 """Of a square's side: by so much distances may change without another look."""
-_SAMPLES_ACROSS = 60
-_LOOKS = 4
+_SAMPLES_ACROSS = 120
+_LOOKS = 6
 _STRIDE_CELLS = 2
 """Between places that are looked at in passing."""
 _NEARLY = 1.005
@@ -108,9 +108,10 @@ def price_ground(coverage: CoverageMap, share: float, *, parts: int) -> PricedGr
     stride = _STRIDE_CELLS * parts
     for _ in range(_LOOKS):
         # Where rates come out largest, of places that are looked at in passing, prices are tried next, with what the proof
-        # adds there for all that it does not know exactly.
+        # adds there for all that it does not know exactly: the largest around, and all in the upper half of the excess.
         rates = _rates(relief, program, stride)[0][::stride, ::stride]
-        worst = (rates >= scipy.ndimage.maximum_filter(rates, 3)) & (rates > _NEARLY)
+        peaks = (rates >= scipy.ndimage.maximum_filter(rates, 3)) & (rates > _NEARLY)
+        worst = peaks | (rates > max(_NEARLY, 0.5 * (1.0 + float(rates.max()))))
         where = (np.argwhere(worst) * stride).astype(np.int64)
         if not len(where):
             break

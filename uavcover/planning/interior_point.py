@@ -46,38 +46,58 @@ def _room(values: FloatArray, changes: FloatArray) -> float:
 
 
 class _Newton:
-    """The linear system at a point, factored once for the predictor and the corrector."""
+    """The linear system at a point, factored once for the predictor and the corrector: a band, and variables beside it."""
 
-    def __init__(self, worth: FloatArray, matrix: scipy.sparse.csr_array, limits: FloatArray, at: _Point) -> None:
+    def __init__(
+        self, worth: FloatArray, matrix: scipy.sparse.csr_array, limits: FloatArray, common: int, at: _Point
+    ) -> None:
         self._matrix, self._at = matrix, at
         self._across = scipy.sparse.csr_array(matrix.T)
         self.dual_gap = worth + at.reduced - self._across @ at.dual
         self.primal_gap = limits - matrix @ at.x - at.slack
-        normal = (self._across @ scipy.sparse.diags_array(at.dual / at.slack) @ matrix).toarray()
-        normal[np.diag_indices(len(worth))] += at.reduced / at.x
-        self._factor = scipy.linalg.cho_factor(normal, overwrite_a=True)
+        self._banded = banded = len(worth) - common
+        normal = scipy.sparse.csr_array(self._across @ scipy.sparse.diags_array(at.dual / at.slack) @ matrix)
+        entries = scipy.sparse.coo_array(normal[:banded, :banded])
+        below = entries.row - entries.col
+        band = np.zeros((int(below.max(initial=0)) + 1, banded))
+        lower = below >= 0
+        band[below[lower], entries.col[lower]] = entries.data[lower]
+        band[0] += (at.reduced / at.x)[:banded]
+        self._factor = scipy.linalg.cholesky_banded(band, overwrite_ab=True, lower=True)
+        self._beside = normal[:banded, banded:].toarray()
+        self._from_beside = self._in_band(self._beside)
+        corner = normal[banded:, banded:].toarray() + np.diag((at.reduced / at.x)[banded:])
+        self._corner = scipy.linalg.cho_factor(corner - self._beside.T @ self._from_beside)
+
+    def _in_band(self, right: FloatArray) -> FloatArray:
+        found: FloatArray = scipy.linalg.cho_solve_banded((self._factor, True), right)
+        return found
 
     def change(self, to_reduced: FloatArray, to_dual: FloatArray) -> _Point:
         """The change that closes both gaps, and changes the products of variables, and of rows, by these."""
         at = self._at
         right = self.dual_gap + to_reduced / at.x - self._across @ ((to_dual - at.dual * self.primal_gap) / at.slack)
-        x = scipy.linalg.cho_solve(self._factor, right)
+        first = self._in_band(right[: self._banded])
+        last = scipy.linalg.cho_solve(self._corner, right[self._banded :] - self._beside.T @ first)
+        x = np.concatenate([first - self._from_beside @ last, last])
         slack = self.primal_gap - self._matrix @ x
         return _Point(x, slack, (to_dual - at.dual * slack) / at.slack, (to_reduced - at.reduced * x) / at.x)
 
 
-def most_worth(worth: FloatArray, matrix: scipy.sparse.csr_array, limits: FloatArray) -> FloatArray:
+def most_worth(worth: FloatArray, matrix: scipy.sparse.csr_array, limits: FloatArray, *, common: int) -> FloatArray:
     """Nearly the x >= 0 of most worth @ x with matrix @ x <= limits, to about a thousandth; all numbers should be near 1.
 
     Args:
         worth: (n,) of each variable.
         matrix: (m, n).
         limits: (m,) at least 0.
+        common: how many of the last variables, 1 or more, may stand in a row with any other. It takes little time if the others
+            stand with near ones alone.
     """
     m, n = matrix.shape
     at = _Point(np.ones(n), np.ones(m), np.ones(m), np.ones(n))
     for _ in range(_MOST_STEPS):
-        newton = _Newton(worth, matrix, limits, at)
+        newton = _Newton(worth, matrix, limits, common, at)
         value = float(worth @ at.x)
         gap = max(np.abs(newton.primal_gap).max(), np.abs(newton.dual_gap).max())
         if gap < _EXACT and abs(value - float(limits @ at.dual)) < _EXACT * (1.0 + abs(value)):

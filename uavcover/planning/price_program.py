@@ -13,10 +13,10 @@ from uavcover.planning.interior_point import most_worth
 from uavcover.planning.relief import margin_cells
 from uavcover.sensing.coverage_map import CoverageMap
 
-_BLOCKS_ACROSS = 32
+_BLOCKS_ACROSS = 64
 """At most."""
-_BLOCKS_A_REACH = 2.2
-"""Smaller blocks gain a per cent in the program, and lose several in the proof: their prices are rougher."""
+_BLOCKS_A_REACH = 3.2
+"""Smaller blocks gain in the program, and lose as much in the proof: their prices are rougher."""
 _FEWEST_CELLS = 3
 """Along the side of a block."""
 _HEADINGS = 16
@@ -219,5 +219,5 @@ class PriceProgram:
         by[moves.shape[0] : moves.shape[0] + looks.shape[0]] = 1.0 / width_m
         scaled = scipy.sparse.csr_array(scipy.sparse.diags_array(by) @ matrix @ scipy.sparse.diags_array(unit))
         scale = float(self._worth[:-2].sum()) / width_m
-        found: FloatArray = most_worth(self._worth * unit / scale, scaled, limits) * unit
+        found: FloatArray = most_worth(self._worth * unit / scale, scaled, limits, common=2) * unit
         return found

@@ -16,6 +16,9 @@ from uavcover.sensing.sensors import whatever_heading
 _PARTS = 8
 """Of a square's side, at which heights between its nodes are tried."""
 _ROWS_AT_ONCE = 64
+_TILE = 16
+"""Squares along the side of a tile, within which departures of the ground from its nodes are taken together: what is added to
+the heights changes little from square to square, so that slopes stay as they are."""
 _LEEWAY_M = 0.01
 """Against rounding in the tests of sensor and height band."""
 
@@ -72,16 +75,16 @@ def _no_steeper(up: FloatArray, most_m: float) -> FloatArray:
 
 def _departures_m(
     coverage: CoverageMap, ground: FloatArray, east0: float, north0: float, side: float
-) -> tuple[float, float]:
-    """How much the ground rises above what lies between the nodes at most, and how much it falls below."""
+) -> tuple[FloatArray, FloatArray]:
+    """At the nodes, numbers between which the ground rises above what lies between the nodes at most, and falls below it."""
     surface = coverage.site.ground.surface
     lean = surface.grid.lean if surface.kind == GRID else 0.0
     # Plumb lines lean: above its ground a place of the band may stand a little aside of it, and so a little higher.
     aside_m = lean * coverage.site.scenario.limits.max_height_agl_m
     part = side / _PARTS
-    above = below = 0.0
     if not math.isfinite(surface.steepest):
         return _departures_by_squares(coverage, ground, east0, north0, side, aside_m)
+    above, below = np.zeros((2, ground.shape[0] - 1, ground.shape[1] - 1))
     for first in range(0, ground.shape[0] - 1, _ROWS_AT_ONCE):
         nodes = ground[first : first + _ROWS_AT_ONCE + 1]
         between = _between(nodes, _PARTS)
@@ -89,10 +92,40 @@ def _departures_m(
             east0 + part * np.arange(between.shape[1]), north0 + first * side + part * np.arange(between.shape[0])
         )
         off = coverage.site.ground.heights_m(np.column_stack([e.ravel(), n.ravel()])).reshape(e.shape) - between
-        above, below = max(above, float(np.nanmax(off))), max(below, float(-np.nanmin(off)))
+        above[first : first + _ROWS_AT_ONCE] = _largest_in_squares(off)
+        below[first : first + _ROWS_AT_ONCE] = _largest_in_squares(-off)
     # In a triangle with legs of one part a surface is that near to the plane through its corners.
     between_m = math.sqrt(0.5) * surface.steepest * part
-    return above + between_m + surface.steepest * aside_m, below + between_m
+    return over_tiles(above) + (between_m + surface.steepest * aside_m), over_tiles(below) + between_m
+
+
+def _largest_in_squares(values: FloatArray) -> FloatArray:
+    """(rows, columns) the largest of the parts' corners in each square, 0 at least; NaN is none."""
+    rows, columns = (count // _PARTS for count in values.shape)
+    largest = np.zeros((rows, columns))
+    for i in range(_PARTS + 1):
+        for j in range(_PARTS + 1):
+            corners = values[i : i + (rows - 1) * _PARTS + 1 : _PARTS, j : j + (columns - 1) * _PARTS + 1 : _PARTS]
+            np.fmax(largest, corners, out=largest)
+    return largest
+
+
+def over_tiles(squares: FloatArray, tile: int = _TILE) -> FloatArray:
+    """(rows + 1, columns + 1) numbers at the nodes that are nowhere below those of the squares (rows, columns) around them.
+
+    Bilinear over tiles of squares. Each corner of a tile has the largest number of the tiles that meet there.
+    """
+    rows, columns = (math.ceil(count / tile) for count in squares.shape)
+    padded = np.pad(squares, [(0, rows * tile - squares.shape[0]), (0, columns * tile - squares.shape[1])])
+    tiles = np.pad(padded.reshape(rows, tile, columns, tile).max(axis=(1, 3)), 1)
+    corners = np.stack([tiles[:-1, :-1], tiles[1:, :-1], tiles[:-1, 1:], tiles[1:, 1:]]).max(axis=0)
+    i, j = np.arange(squares.shape[0] + 1) / tile, np.arange(squares.shape[1] + 1) / tile
+    south, west = np.minimum(i.astype(np.int64), rows - 1), np.minimum(j.astype(np.int64), columns - 1)
+    up, along = (i - south)[:, None], j - west
+    lower = (1.0 - along) * corners[np.ix_(south, west)] + along * corners[np.ix_(south, west + 1)]
+    upper = (1.0 - along) * corners[np.ix_(south + 1, west)] + along * corners[np.ix_(south + 1, west + 1)]
+    numbers: FloatArray = (1.0 - up) * lower + up * upper
+    return numbers
 
 
 def _between(nodes: FloatArray, parts: int) -> FloatArray:
@@ -111,7 +144,7 @@ def _between(nodes: FloatArray, parts: int) -> FloatArray:
 
 def _departures_by_squares(
     coverage: CoverageMap, ground: FloatArray, east0: float, north0: float, side: float, aside_m: float
-) -> tuple[float, float]:
+) -> tuple[FloatArray, FloatArray]:
     """The same where no steepest slope is known, on a grid: from the highest and lowest ground in parts of squares."""
     surface = coverage.site.ground.surface
     rows, columns = ((count - 1) * _PARTS for count in ground.shape)
@@ -121,5 +154,7 @@ def _departures_by_squares(
     highest = highest_in_squares(surface, east0, north0, part, count, aside_m)[:rows, :columns]
     mirrored = surface._replace(up_m=-surface.up_m)
     lowest = -highest_in_squares(mirrored, east0, north0, part, count, 0.0)[:rows, :columns]
-    above, below = np.nanmax(highest - corners.min(axis=0)), np.nanmax(corners.max(axis=0) - lowest)
-    return max(0.0, float(above)), max(0.0, float(below))
+    above, below = highest - corners.min(axis=0), corners.max(axis=0) - lowest
+    shape = (ground.shape[0] - 1, _PARTS, ground.shape[1] - 1, _PARTS)
+    in_squares = [np.fmax(0.0, values).reshape(shape).max(axis=(1, 3)) for values in (above, below)]
+    return over_tiles(in_squares[0]), over_tiles(in_squares[1])
