@@ -1,7 +1,7 @@
 """Coverage of grids by several robots: our walks against those of LS-MCPP and TMSTC*, by the costs of their authors.
 
 Usage: .venv/bin/python scripts/bench_mcpp.py [--ls-mcpp FOLDER] [--tmstc FOLDER] [--theirs FOLDER] [-o docs/results/mcpp.md]
-       [--only NAME] [--steps 300 1500] [--seed 1]
+       [--only NAME] [--steps 300 1500] [--same-time] [--seed 1]
 
 ``--ls-mcpp`` is a copy of ``reso1/LS-MCPP`` (it has ``data/instances/*.mcpp`` and ``data/gridmaps/*.map``), ``--tmstc`` one of
 ``CourierLo/TMSTC-Star`` (``map/*.png``, ``map/*.pgm`` and the folders in it). Nothing of these repositories is in this one.
@@ -16,11 +16,13 @@ neighbours, moves and turns cost what their authors say (``scripts/mcpp/publishe
 Walks of either side are judged by code that the search does not use (``scripts/mcpp/problems.py``). TMSTC* leaves the ways
 between a robot's place and its part of the tour to the robots: the cheapest ways are counted. The search is
 ``scripts/mcpp/annealing.py``; nothing in it depends on the instance, and its effort is a number of steps for each cell.
-Compiling it takes half a minute, once for all instances, and is not counted. Rows are kept in the .csv beside the page; run
-again after a stop, it goes on.
+Compiling it takes half a minute, once for all instances, and is not counted. With ``--same-time`` the search also gets as many
+steps as fit into the processor time of the best of theirs, by the speed of a short run before. Rows are kept in the .csv beside
+the page; run again after a stop, it goes on.
 """
 
 import argparse
+import dataclasses
 import datetime
 import heapq
 import itertools
@@ -44,6 +46,11 @@ from scripts.mcpp.published import LS_MCPP, read_ls_mcpp, read_tmstc
 COLUMNS = ("of", "name", "cells", "robots", "bound", "by", "makespan", "total", "cpu_s", "seed", "date")
 _STATED = 0.01
 """What a makespan that a program tells may differ by: it may be rounded."""
+_SAME_TIME = "ours, same time"
+_PILOT_STEPS = 20
+"""For each cell, of the run that tells how fast the search is."""
+_SHARE_OF_TIME = 0.9
+"""That is planned with: the search is slower where it is hot, and the short run is hot for as long as the long one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -130,6 +137,20 @@ def ours(problem: Problem, steps: int, seed: int) -> Found:
     return Found(f"ours, {steps}", took_s, [[places[cell] for cell in walk] for walk in walks], None)
 
 
+def ours_in_time(problem: Problem, seconds: float, seed: int) -> Found:
+    """Our walks, with as many steps for each cell as so much processor time has room for; one at least."""
+    begun_s, pilot_s = (ours(problem, steps, seed).seconds for steps in (1, _PILOT_STEPS))
+    each_s = max(pilot_s - begun_s, 1e-9) / (_PILOT_STEPS - 1)
+    found = ours(problem, max(1, int((_SHARE_OF_TIME * seconds - begun_s) / each_s)), seed)
+    return dataclasses.replace(found, by=_SAME_TIME)
+
+
+def best_of(rows: Sequence[Row]) -> Row | None:
+    """Of all rows of other programs the cheapest makespan; of equal ones the fastest."""
+    theirs = [row for row in rows if not row["by"].startswith("ours")]
+    return min(theirs, key=lambda row: (float(row["makespan"]), float(row["cpu_s"])), default=None)
+
+
 def judged(of: str, problem: Problem, found: Found, seed: int) -> Row:
     """A row of the table.
 
@@ -184,13 +205,14 @@ def page(rows: Sequence[Row], command: str) -> str:
         some = [row for row in rows if row["of"] == of]
         efforts = list(dict.fromkeys(row["by"] for row in some if row["by"].startswith("ours")))
         lines += [f"## {of}", ""]
-        head = " | ".join(f"{effort.replace(', ', ', with ')} steps a cell" for effort in efforts)
+        head = " | ".join(
+            effort if effort == _SAME_TIME else f"{effort.replace(', ', ', with ')} steps a cell" for effort in efforts
+        )
         lines += [f"| instance | cells | robots | no less than | theirs | by | took | {head} |"]
         lines += ["|---|---:|---:|---:|---:|---|---:|" + "---:|" * len(efforts)]
         for name in dict.fromkeys(row["name"] for row in some):
             of_name = {row["by"]: row for row in some if row["name"] == name}
-            other = [row for by, row in of_name.items() if not by.startswith("ours")]
-            best = min(other, key=lambda row: float(row["makespan"]), default=None)
+            best = best_of(list(of_name.values()))
             any_row = next(iter(of_name.values()))
             cells = [name, any_row["cells"], any_row["robots"], f"{float(any_row['bound']):.1f}"]
             cells += (
@@ -217,7 +239,8 @@ def main() -> None:
     parser.add_argument("--problems", type=Path)
     parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/mcpp.md"))
     parser.add_argument("--only")
-    parser.add_argument("--steps", type=int, nargs="+", default=[300, 1500])
+    parser.add_argument("--steps", type=int, nargs="*", default=[300, 1500])
+    parser.add_argument("--same-time", action="store_true")
     parser.add_argument("--seed", type=int, default=1)
     args = parser.parse_args()
     kept = args.out.with_suffix(".csv")
@@ -238,6 +261,10 @@ def main() -> None:
         new += [ours(problem, steps, args.seed) for steps in args.steps if (problem.name, f"ours, {steps}") not in done]
         for found in new:
             rows.append(judged(of, problem, found, args.seed))
+            print(*(rows[-1][key] for key in ("name", "bound", "by", "makespan", "cpu_s")), flush=True)
+        best = best_of([row for row in rows if row["name"] == problem.name])
+        if args.same_time and best is not None and (problem.name, _SAME_TIME) not in done:
+            rows.append(judged(of, problem, ours_in_time(problem, float(best["cpu_s"]), args.seed), args.seed))
             print(*(rows[-1][key] for key in ("name", "bound", "by", "makespan", "cpu_s")), flush=True)
         write_rows(kept, COLUMNS, rows)
     if rows:

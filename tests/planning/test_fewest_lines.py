@@ -1,6 +1,7 @@
 """The guided scan of the tuned boustrophedon: as good as all spacings, and much less work."""
 
 import itertools
+import math
 
 import pytest
 
@@ -13,7 +14,7 @@ from uavcover.planning.baselines.boustrophedon import (
     fewest_lines,
     taken,
 )
-from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout
+from uavcover.planning.baselines.swaths import fly_layout, is_same_direction, long_side_angle_rad, regular_layout
 from uavcover.sensing.coverage_map import planning_map
 
 WIDE = ((0.0, 0.0), (900.0, 100.0), (800.0, 700.0), (100.0, 600.0))
@@ -63,3 +64,13 @@ def test_what_is_not_taken_is_left_for_later() -> None:
     whole = list(fewest_lines(coverage, 0.95))
     assert len(early) - 1 + len(late) == len(whole)
     assert late[-1].objectives == pytest.approx(whole[-1].objectives)
+
+
+def test_lines_along_an_edge_are_tried_besides_turns_of_the_long_side() -> None:
+    # A wedge: the long side of the box around it is one edge, the other slanted one is no turn of it by 30 degrees.
+    site = make_site(flat, ring=((0.0, 0.0), (900.0, 0.0), (900.0, 100.0), (100.0, 400.0)), cell_m=20.0)
+    coverage = planning_map(site)
+    edge = math.atan2(-300.0, 800.0)
+    for found in (boustrophedons(coverage), list(fewest_lines(coverage, 0.95))):
+        angles = [each.layout.angle_rad for each in found if each.layout is not None]
+        assert any(is_same_direction(angle, edge) for angle in angles)

@@ -8,6 +8,7 @@ from tests.planning.sites import hills, make_site
 from uavcover.planning.baselines.boustrophedon import best_height_agl_m, boustrophedons, plain_boustrophedon
 from uavcover.planning.baselines.swaths import (
     SwathLayout,
+    edge_angles_rad,
     fly_layout,
     long_side_angle_rad,
     regular_layout,
@@ -215,3 +216,15 @@ def test_the_scan_starts_with_the_plain_one_and_stops_when_told() -> None:
     assert {b.name for b in everything} == {"boustrophedon", "boustrophedon-tuned"}
     assert all(b.violation == 0.0 for b in everything)
     np.testing.assert_array_equal(everything[0].objectives, stopped[0].objectives)
+
+
+def test_directions_of_edges_come_by_metres_of_border_and_parallel_ones_count_together() -> None:
+    # 100 m and 160 m nearly along x, 125 m slanted, 112 m across.
+    site = make_site(ring=((0.0, 0.0), (100.0, 0.0), (160.0, 110.0), (0.0, 112.0)))
+    first, second, third = edge_angles_rad(site.area)
+    assert math.tan(first) == pytest.approx(-2.0 / 160.0)
+    assert math.tan(second) == pytest.approx(110.0 / 60.0)
+    assert abs(third) == pytest.approx(math.pi / 2.0)
+    hole = ((40.0, 40.0), (50.0, 50.0), (40.0, 50.0))
+    holed = make_site(ring=((0.0, 0.0), (100.0, 0.0), (100.0, 80.0), (0.0, 80.0)), holes=(hole,)).area
+    assert [abs(each) for each in edge_angles_rad(holed)] == pytest.approx([0.0, math.pi / 2.0, math.pi / 4.0])

@@ -15,7 +15,9 @@ import numpy as np
 from uavcover.model.route import Route
 from uavcover.planning.baselines.swaths import (
     SwathLayout,
+    edge_angles_rad,
     fly_layout,
+    is_same_direction,
     long_side_angle_rad,
     regular_layout,
     width_across_m,
@@ -89,6 +91,8 @@ BOUSTROPHEDON = "boustrophedon"
 TUNED = "boustrophedon-tuned"
 PLAIN_TOLERANCE_M = 10.0
 _TUNED_ANGLES = 6
+_TUNED_EDGES = 4
+"""Directions of edges that are tried besides, those with the most metres of border: lines along it leave no wedge beside it."""
 _TUNED_INSETS = (0.0, 0.5)
 _TUNED_LINES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.35, 1.5, 1.75)
 
@@ -172,7 +176,9 @@ def taken(tuned: Iterator[Baseline], should_stop: Callable[[], bool]) -> list[Ba
     return found
 
 
-def fewest_lines(coverage: CoverageMap, goal: float, *, turns: int = _TUNED_ANGLES) -> Iterator[Baseline]:
+def fewest_lines(
+    coverage: CoverageMap, goal: float, *, turns: int = _TUNED_ANGLES + _TUNED_EDGES
+) -> Iterator[Baseline]:
     """The tuned boustrophedon for one coverage: of every direction, height and inset the fewest lines that reach it.
 
     What cannot cost less than the best so far is left early, so the scan takes a fifth of what all spacings take, and single
@@ -181,7 +187,7 @@ def fewest_lines(coverage: CoverageMap, goal: float, *, turns: int = _TUNED_ANGL
     Args:
         coverage: on the planner's cells.
         goal: share of the area, 0..1.
-        turns: of how many directions, the one along the long side first.
+        turns: of how many directions, the one along the long side first; 1: along it alone.
     """
     site = coverage.site
     least, per_strip = math.inf, 1.0
@@ -216,12 +222,23 @@ def fewest_lines(coverage: CoverageMap, goal: float, *, turns: int = _TUNED_ANGL
 
 def _ways(site: Site, most: int) -> Iterator[tuple[float, float, float]]:
     """Heights above ground, insets and directions of tuned lines: along the long side and across it first."""
-    base = long_side_angle_rad(site.area)
-    half = _TUNED_ANGLES // 2
-    turns = [k for first in range(half) for k in (first, first + half)][:most]
     for height, inset in itertools.product(_tuned_heights(site), reversed(_TUNED_INSETS)):
-        for turn in turns:
-            yield height, inset, base + turn * math.pi / _TUNED_ANGLES
+        for angle in _directions_rad(site)[:most]:
+            yield height, inset, angle
+
+
+def _directions_rad(site: Site) -> list[float]:
+    """Of tuned lines: along the long side and across it first, then along edges, then the turns between."""
+    base, half = long_side_angle_rad(site.area), _TUNED_ANGLES // 2
+    along, across, *between = (
+        base + k * math.pi / _TUNED_ANGLES for first in range(half) for k in (first, first + half)
+    )
+    edges = [
+        each
+        for each in edge_angles_rad(site.area)
+        if not any(is_same_direction(each, other) for other in (along, across, *between))
+    ]
+    return [along, across, *edges[:_TUNED_EDGES], *between]
 
 
 def _tuned_heights(site: Site) -> list[float]:
@@ -233,10 +250,8 @@ def _tuned_heights(site: Site) -> list[float]:
 
 
 def _scan(site: Site) -> Iterator[list[SwathLayout]]:
-    base = long_side_angle_rad(site.area)
     heights = _tuned_heights(site)
-    for k in range(_TUNED_ANGLES):
-        angle = base + k * math.pi / _TUNED_ANGLES
+    for angle in _directions_rad(site):
         layouts: dict[tuple[int, float, float], SwathLayout] = {}
         for height in heights:
             for factor in _TUNED_LINES:

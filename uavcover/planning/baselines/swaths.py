@@ -12,6 +12,9 @@ from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import reach_at_height_m
 
+SAME_DIRECTION_RAD = math.radians(3.0)
+"""Lines that differ by less are tried once."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SwathLayout:
@@ -61,6 +64,34 @@ def long_side_angle_rad(area: shapely.Polygon | shapely.MultiPolygon) -> float:
     sides = np.diff(rectangle, axis=0)[:2]
     east, north = sides[int(np.argmax(np.hypot(sides[:, 0], sides[:, 1])))]
     return math.remainder(math.atan2(north, east), math.pi)
+
+
+def edge_angles_rad(area: shapely.Polygon | shapely.MultiPolygon) -> list[float]:
+    """Directions of the edges of an area, -pi/2..pi/2, those with the most metres of border first.
+
+    Edges whose directions differ by less than :data:`SAME_DIRECTION_RAD` count together, as the longest of them.
+    """
+    rings = [
+        shapely.get_coordinates(ring) for part in shapely.get_parts(area) for ring in (part.exterior, *part.interiors)
+    ]
+    sides = np.vstack([np.diff(ring, axis=0) for ring in rings])
+    lengths = np.hypot(sides[:, 0], sides[:, 1])
+    angles: list[float] = []
+    metres: list[float] = []
+    for side in np.argsort(-lengths, kind="stable").tolist():
+        angle = math.remainder(math.atan2(sides[side, 1], sides[side, 0]), math.pi)
+        near = [k for k, each in enumerate(angles) if is_same_direction(each, angle)]
+        if near:
+            metres[near[0]] += float(lengths[side])
+        else:
+            angles.append(angle)
+            metres.append(float(lengths[side]))
+    return [angles[k] for k in np.argsort(-np.array(metres), kind="stable").tolist()]
+
+
+def is_same_direction(one_rad: float, other_rad: float) -> bool:
+    """Whether two directions of lines, which have no front and back, nearly agree."""
+    return abs(math.remainder(one_rad - other_rad, math.pi)) < SAME_DIRECTION_RAD
 
 
 def width_across_m(site: Site, angle_rad: float) -> float:
