@@ -14,7 +14,7 @@ from tests.planning.sites import Ups, flat, hills, make_site, with_scenario
 from tests.planning.test_planner import Clock, frozen, same, values
 from uavcover.kernels.sight import CONE, DISC, Sight
 from uavcover.model.route import Plan, Route
-from uavcover.model.sensor import DiscSensor, SphereSensor
+from uavcover.model.sensor import DiscSensor, FrameCamera, SphereSensor
 from uavcover.model.vehicle import Wind
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
@@ -288,6 +288,26 @@ def test_gaps_of_a_route_are_closed_behind_it(ups: Ups) -> None:
         assert measure_violations(site, closed.waypoints_m, margin_m=0.0).total == 0.0
     assert _closed(judging, Route(whole), 0.5, TUNED.goal.closed, lambda: False) is None
     assert _closed(judging, cut, 1.5, TUNED.goal.closed, lambda: False) is None
+
+
+def canyon(east: np.ndarray, north: np.ndarray) -> np.ndarray:
+    away = np.abs(north - 150.0 - 40.0 * np.sin(east / 60.0))
+    return np.where(away < 35.0, 0.0, 85.0) + 0.02 * east
+
+
+def test_a_canyon_is_seen_as_far_as_is_asked_for() -> None:
+    """Its walls are dear: a search from short lines ended at 91 %, and links from routes to gaps were too steep."""
+    survey = FrameCamera(
+        kind="frame-camera", fov_across_deg=73.0, fov_along_deg=53.0, range_m=250.0, mount="stabilised",
+        forward_overlap=0.75, side_overlap=0.6,
+    )  # fmt: skip
+    ring = ((0.0, 0.0), (300.0, 0.0), (300.0, 300.0), (0.0, 300.0))
+    band = {"min_height_agl_m": 40.0, "max_height_agl_m": 150.0, "height_margin_m": 5.0}
+    plan = make_plan(
+        make_site(canyon, ring=ring, cell_m=5.0, sensor=survey, limits=band), rule="coverage>=0.98", evaluations=60
+    )
+    assert plan.rule_met
+    assert plan.chosen.violation == 0.0
 
 
 def test_gaps_are_closed_while_there_is_time_for_it_and_not_afterwards():

@@ -151,7 +151,14 @@ HAIR_M = 1e-6
 """So much of the band is left free at both ends, so that rounding does not break it."""
 
 
-def lay_over_terrain(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArray, *, tolerance_m: float) -> FloatArray:
+def lay_over_terrain(
+    site: Site,
+    polyline_m: FloatArray,
+    wanted_agl_m: FloatArray,
+    *,
+    tolerance_m: float,
+    spacing_m: float = SAMPLE_SPACING_M,
+) -> FloatArray:
     """Waypoints over the terrain along a line on the map, inside the scenario's band and climb limit where that is possible.
 
     They lead over obstacles, around those that the band does not reach over, and around no-fly zones that meet the band.
@@ -161,6 +168,8 @@ def lay_over_terrain(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArra
         polyline_m: (n, 2) east, north corners.
         wanted_agl_m: (n,) wanted height above ground at the corners.
         tolerance_m: how far the straight chords may leave the wanted height.
+        spacing_m: of the samples of the ground. At a cliff close ones leave more of the band: each gives up what the ground
+            between it and the next one rises or falls beside their chord.
 
     Returns:
         (m, 3) ENU waypoints, corners among them. Where the ground has no data their height is read from the neighbours:
@@ -181,7 +190,7 @@ def lay_over_terrain(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatArra
         # A hair below the limit, so that rounding does not break it.
         math.tan(math.radians(limits.max_climb_angle_deg)) * (1.0 - 1e-9),
         max(tolerance_m, 0.0),
-        SAMPLE_SPACING_M,
+        spacing_m,
         site.scenario.obstacles.clearance_beside_m,
         site.scenario.obstacles.clearance_above_m,
     )

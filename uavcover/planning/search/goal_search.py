@@ -21,6 +21,8 @@ LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
 SAFETY = 0.0003
 """Share of the coverage by which a route is to reach more than its goal on the finest cells: other cells see less."""
 
+_ROUNDING = 1e-9
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SearchStart:
@@ -80,20 +82,31 @@ def search_goals(
     known = list(starts)
     if asked is not None:
         end = begin + main * (until - begin)
-        found = search_goal(work, known, asked, capacity, (begin, end), tuned.main_stages, judge)
+        found = search_goal(
+            work, known, asked, capacity, (begin, end), tuned.main_stages, judge, most_short=tuned.most_short_at_first
+        )
+        price, with_closing = None, min(work.pace.fraction, end) + tuned.closing_share * (until - begin)
+        closed = _closed(work, found, asked, judge, until=with_closing)
+        if closed is None:
+            closed = _closed_beginning(work, starts, found, asked, judge, until=with_closing)
+            price = None if closed is None else tuned.dear_ground * _price_between(work.problem, found[-1], closed)
         known += found
-        closed = _closed(work, found, asked, judge, until=end + tuned.closing_share * (until - begin))
         if closed is not None and len(closed.route) <= capacity:
             judge.found(closed.route)
             main += tuned.closing_share
-            end, after = begin + main * (until - begin), end
-            again = search_goal(work, [closed], asked, capacity, (after, end), tuned.stages, judge, closed=True)
+            after, end = min(work.pace.fraction, end), begin + main * (until - begin)
+            stages = tuned.stages if price is None else tuned.main_stages
+            again = search_goal(
+                work, [closed], asked, capacity, (after, end), stages, judge, closed=True, coverage_price=price
+            )
             known += again
             # Cells of the search may see all where those that judge lack a few.
             last = _closed(work, again, asked, judge, until=end + tuned.closing_share * (until - begin))
             if last is not None and len(last.route) <= capacity:
                 judge.found(last.route)
                 known.append(last)
+        elif end - work.pace.fraction > _ROUNDING:
+            known += search_goal(work, known, asked, capacity, (work.pace.fraction, end), tuned.main_stages, judge)
     ladder = (1.0 - main) * (until - begin)
     goals = _thinned(goals, _most_goals(work, ladder))
     each = ladder / len(goals)
@@ -131,6 +144,48 @@ def _closed(
     return min(ends, key=lambda end: work.problem.cost(end.route), default=None)
 
 
+def _closed_beginning(
+    work: Work,
+    starts: Sequence[SearchStart],
+    found: Sequence[SearchStart],
+    goal: float,
+    judge: RouteJudge,
+    *,
+    until: float,
+) -> SearchStart | None:
+    """The cheapest of the beginnings that see most, their gaps closed; none where a search did not end far from its goal.
+
+    On ground whose last part is dear, such as the walls of a canyon, a search from a short beginning loses what it sees there,
+    and long lines are the better beginning.
+    """
+
+    def is_over() -> bool:
+        return work.pace.fraction >= until
+
+    if not found or work.stopped or is_over() or work.problem.free_order:
+        return None
+    tuned, before = work.tuning.goal, judge.coverage(found[-1].route, goal)
+    if goal - before <= tuned.most_short:
+        return None
+    most = sorted({each.route.length_m: each for each in starts}.values(), key=lambda each: -each.seen)
+    judged = [(judge.coverage(each.route, goal), each) for each in most[: tuned.most_beginnings]]
+    judged = [one for one in judged if one[0] >= goal - tuned.most_short_beginning] or [(before, found[-1])]
+    ends: list[SearchStart] = []
+    for tried, (seen, each) in enumerate(sorted(judged, key=lambda item: -item[0])):
+        if ends and (tried >= tuned.most_closed or is_over()):
+            break
+        route = each.route if seen >= goal else judge.closed(each.route, goal + SAFETY, is_over)
+        if route is not None:
+            ends.append(SearchStart(route, min(1.0, each.seen + max(0.0, goal - seen))))
+    return min(ends, key=lambda end: work.problem.cost(end.route), default=None)
+
+
+def _price_between(problem: RouteProblem, less: SearchStart, more: SearchStart) -> float:
+    """What all coverage costs at the rate between two routes, in lengths of the one that sees more."""
+    cost = problem.cost(more.route)
+    return max(0.0, cost - problem.cost(less.route)) / (max(cost, 1e-12) * max(more.seen - less.seen, 1e-3))
+
+
 def search_goal(
     work: Work,
     starts: Sequence[SearchStart],
@@ -142,6 +197,8 @@ def search_goal(
     *,
     waypoint_price: float | None = None,
     closed: bool = False,
+    coverage_price: float | None = None,
+    most_short: float = 1.0,
 ) -> list[SearchStart]:
     """Search for one goal in stages; each corrects the goal, and after the first both chains continue from the better route.
 
@@ -156,6 +213,8 @@ def search_goal(
         waypoint_price: in radii of the sensor; beginnings are ranked by it too. By default next to nothing.
         closed: the beginning is a route whose gaps were closed, because a search ended short of the goal: it is to get shorter,
             and where nearly everything is to be seen, not to open them again.
+        coverage_price: of all coverage, in lengths of the route, where it is dearer than by default.
+        most_short: by so much the first stage may miss the goal; by more, and the search ends there.
 
     Returns:
         What the stages ended with: beginnings for other goals.
@@ -164,6 +223,7 @@ def search_goal(
     tuned, free_order = work.tuning.goal, work.tuning.free_order
     aim = min(1.0, goal + SAFETY)
     dear = tuned.nearly_all_price if goal > tuned.nearly_all else tuned.coverage_price
+    dear = max(dear, 0.0 if coverage_price is None else coverage_price)
     waypoint_m = (tuned.waypoint_price if waypoint_price is None else waypoint_price) * work.problem.reach_m
     ranked_by_m = 0.0 if waypoint_price is None else waypoint_m
     ranked = best_starts(work.problem, starts, goal, ranked_by_m, tuned)
@@ -203,6 +263,9 @@ def search_goal(
         # The first time all cells were made ready for judging: later corrections are cheaper.
         work.correction = work.pace.fraction - before
         out.append(SearchStart(best.route, best.seen))
+        if goal - judged > most_short and len(out) == 1 and not work.problem.free_order:
+            judge.found(best.route)
+            break
         if judged >= goal or not more or stage == stages[-1]:
             reached = reached or judged >= goal
             if judged >= goal or not reached:

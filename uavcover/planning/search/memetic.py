@@ -7,11 +7,11 @@ from functools import partial
 import numpy as np
 
 from uavcover.errors import InfeasibleError
-from uavcover.kernels.arrays import BoolArray
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.tours import short_tour
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
-from uavcover.planning.baselines.boustrophedon import best_height_agl_m
+from uavcover.planning.baselines.boustrophedon import PLAIN_TOLERANCE_M, best_height_agl_m
 from uavcover.planning.front import Candidate
 from uavcover.planning.gap_route import plan_closing_route
 from uavcover.planning.joining import joined
@@ -38,6 +38,7 @@ from uavcover.planning.search.simplify import thinned_out
 from uavcover.planning.search.tour_with_neighbourhoods import search_free_order
 from uavcover.planning.search.tuning import TUNED, GoalTuning, SearchTuning
 from uavcover.planning.selection import Rule
+from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import make_scattered_cells
@@ -55,6 +56,12 @@ _FLOWN = 0.98
 
 _MOST_MISSING = 10_000
 """Cells; to close the gaps of more takes seconds."""
+
+_NEARLY_CLOSED = 0.1
+"""Where so much of what was lacking is left, the rest is closed behind what closed it."""
+
+_CLOSE_SAMPLES_M = 1.0
+"""Of the ground, where routes are laid over it that break a limit when they are joined."""
 
 _LOCAL_SEARCH_STREAM = 1
 
@@ -201,15 +208,21 @@ def _closed(
     lacking = goal - judging.share_of_coverable(seen)
     if lacking <= 0.0 or np.count_nonzero(missing) > _MOST_MISSING:
         return None
-    needed_m2 = lacking * float(judging.grid.weight_m2[judging.coverable].sum())
+    whole_m2 = float(judging.grid.weight_m2[judging.coverable].sum())
+    missing_m2 = float(judging.grid.weight_m2[missing].sum())
     for more in more_ground:
-        whole = _with_closing(judging, route, missing, more * needed_m2, is_over)
+        whole = _with_closing(judging, route, missing, more * lacking * whole_m2, is_over)
         if whole is None:
             return None
         # Pictures by distance fall elsewhere behind a route than behind home: it may take more.
-        if judging.share_of_coverable(judging.seen(whole.waypoints_m)) >= goal:
+        still_lacking = goal - _seen(whole, judging)
+        if still_lacking <= 0.0:
             return whole
         if is_over():
+            return None
+        if still_lacking <= _NEARLY_CLOSED * lacking:
+            return _closed(judging, whole, goal, more_ground, is_over)
+        if more * lacking * whole_m2 >= missing_m2:
             return None
     return None
 
@@ -227,8 +240,17 @@ def _with_closing(
     except InfeasibleError:
         return None
     whole = joined(site, [points, closing.route.waypoints_m])
-    margin_m = site.scenario.limits.height_margin_m
-    return Route(whole) if measure_violations(site, whole, margin_m=margin_m).total <= 0.0 else None
+    if _breaks_a_limit(site, whole):
+        # At a cliff the way from one to the other may be too steep: the heights of both have to give.
+        heights_agl_m = site.ground.heights_agl_m(whole)
+        whole = lay_over_terrain(
+            site, whole[:, :2], heights_agl_m, tolerance_m=PLAIN_TOLERANCE_M, spacing_m=_CLOSE_SAMPLES_M
+        )
+    return None if _breaks_a_limit(site, whole) else Route(whole)
+
+
+def _breaks_a_limit(site: Site, points_m: FloatArray) -> bool:
+    return measure_violations(site, points_m, margin_m=site.scenario.limits.height_margin_m).total > 0.0
 
 
 def _fewer_waypoints(

@@ -35,6 +35,13 @@ class GoalTuning:
             98 % a search that may not open them ended up to 6 % later (jacksboro, seed 4).
         closed_dearer: factor of the price of coverage there: 10 is too little in both fields.
         closed_heat: factor of the temperature at its beginning; 0.05 and 0.2 do as well.
+        most_short_at_first: a search that misses its goal by more after its first stage ends there, and goes on from long lines
+            with the gaps closed: in a canyon it was 0.09 to 0.1 short, on other ground (scripts/bench_kinds.py) less than 0.05.
+        most_short_beginning: such lines lack no more than this, ...
+        most_beginnings: ... so many of those that see most on the planner's cells are judged, ...
+        most_closed: ... and the gaps of so many are closed, of more until one succeeds.
+        dear_ground: the price of coverage is then so many times what it costs between what the search ended with and the lines
+            with their gaps closed: at that rate itself both would be worth as much.
         coverage_price: of all coverage, in lengths of the route. Along a path a share more costs one to two such shares of the
             length; at a price far above that no single change may lose a cell, and nothing can be traded.
         nearly_all_price: the same for more than ``nearly_all``, where the last of the ground is the dearest: at 2 triangle and
@@ -69,6 +76,11 @@ class GoalTuning:
     nearly_all: float = 0.995
     closed_dearer: float = 40.0
     closed_heat: float = 0.2
+    most_short_at_first: float = 0.06
+    most_short_beginning: float = 0.1
+    most_beginnings: int = 8
+    most_closed: int = 2
+    dear_ground: float = 1.6
     coverage_price: float = 2.0
     nearly_all_price: float = 6.0
     dearer: float = 1.6
