@@ -18,6 +18,7 @@ from uavcover.model.route import Route
 from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted, tight_lines
 from uavcover.planning.baselines.boustrophedon import Baseline, boustrophedons
 from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad
+from uavcover.planning.parts.chain import ChainedLines
 from uavcover.planning.search.goal_search import RouteJudge, best_starts, search_goal, starts_worth_looking_at
 from uavcover.planning.search.local_search import (
     CHAINS,
@@ -70,6 +71,7 @@ class PartTask:
         route_m: (n, 3) the route so far; none in the first round.
         neighbours: the routes that see some of the part.
         begin_m: (n, 3) what the first round begins with; none: lines are laid out for the part.
+        lines: which way these lines run, and where they begin and end; none: as they are best for the part by itself.
     """
 
     number: int
@@ -82,6 +84,7 @@ class PartTask:
     route_m: FloatArray | None = None
     neighbours: tuple[Neighbour, ...] = ()
     begin_m: FloatArray | None = None
+    lines: ChainedLines | None = None
 
     @property
     def area(self) -> Piece:
@@ -186,14 +189,14 @@ def _looked_at(site: Site, task: PartTask) -> Piece:
 def _beginnings(part: Site, task: PartTask) -> list[Route]:
     """The route so far; before there is one, what the task begins with, or lines."""
     begin_m = task.begin_m if task.route_m is None else task.route_m
-    return _constructed(part, task.goal) if begin_m is None else [Route(begin_m)]
+    return _constructed(part, task.goal, task.lines) if begin_m is None else [Route(begin_m)]
 
 
-def _constructed(part: Site, goal: float) -> list[Route]:
+def _constructed(part: Site, goal: float, lines: ChainedLines | None) -> list[Route]:
     """Lines over a part that keep the limits; where none does, what is nearest to it.
 
-    Lines that bend, in two directions; straight ones, begun at either end, for a sensor whose strip cannot be measured, or where
-    no line that bends keeps the limits.
+    Lines that bend, in two directions or, where others begin beside them, as the chain of parts wants them; straight ones, begun
+    at either end, for a sensor whose strip cannot be measured, or where no line that bends keeps the limits.
     """
     margin_m = part.scenario.limits.height_margin_m
 
@@ -201,7 +204,11 @@ def _constructed(part: Site, goal: float) -> list[Route]:
         return measure_violations(part, route.waypoints_m, margin_m=margin_m).total
 
     made: list[tuple[Route, float]] = []
-    if can_be_adapted(part):
+    if can_be_adapted(part) and lines is not None:
+        bent = adaptive_swaths(part, lines.angle_rad, across=False, start=lines.start)
+        bent += tight_lines(part, lines.angle_rad, start=lines.start)
+        made = [(route, broken(route)) for route in bent if lines.ends_alike(route)]
+    if can_be_adapted(part) and not made:
         angle_rad = long_side_angle_rad(part.area)
         tight = tight_lines(part, angle_rad) + tight_lines(part, angle_rad + 0.5 * math.pi)
         made = [(route, broken(route)) for route in adaptive_swaths(part, angle_rad) + tight]

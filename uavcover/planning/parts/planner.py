@@ -14,6 +14,7 @@ from uavcover.kernels.sight import horizontal_reach
 from uavcover.kernels.way_cost import ENERGY
 from uavcover.model.route import Plan, Route
 from uavcover.model.scenario import PlannerSettings
+from uavcover.planning.baselines.adaptive_swaths import can_be_adapted
 from uavcover.planning.baselines.boustrophedon import (
     BOUSTROPHEDON,
     Baseline,
@@ -25,6 +26,7 @@ from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.planning.choice import choose
 from uavcover.planning.front import NamedRoute, judge_members
 from uavcover.planning.joining import in_good_order, joined
+from uavcover.planning.parts.chain import ChainedLines, chained
 from uavcover.planning.parts.division import FlightWork, divide
 from uavcover.planning.parts.part_search import Neighbour, PartTask, search_part
 from uavcover.planning.parts.sortie_parts import may_have_sorties, sortie_parts
@@ -153,6 +155,9 @@ def plan_by_parts(
     judge_by_blocks(site)
     fine = judging_map(site)
     areas, begins_m, comparison = _divided(site, parts, goal, executor, or_sorties=or_sorties)
+    lines = None
+    if site.home_m is None and can_be_adapted(site):
+        lines = chained([dataclasses.replace(site, area=area) for area in areas], goal)
     found: list[Route] = []
     routes: list[FloatArray] | None = None
     aim = goal
@@ -172,6 +177,7 @@ def plan_by_parts(
             evaluations=evaluations,
             budget_s=budget_s,
             begins_m=begins_m,
+            lines=lines,
         )
         done_m: dict[int, FloatArray] = {}
         for task, route_m in run_tasks(site, tasks):
@@ -239,6 +245,7 @@ def tasks_of(
     evaluations: int,
     budget_s: float | None,
     begins_m: Sequence[FloatArray] | None = None,
+    lines: Sequence[ChainedLines] | None = None,
 ) -> list[PartTask]:
     """The tasks of a round, one for each part.
 
@@ -252,22 +259,25 @@ def tasks_of(
         evaluations: of each part.
         budget_s: of each part, instead.
         begins_m: (n, 3) ENU what each part begins with; none: with lines of its own.
+        lines: which way these run; none: as they are best for the part by itself.
     """
     tasks = [
         PartTask(k, round_number, shapely.to_wkb(area), goal, seed, evaluations, budget_s)
         for k, area in enumerate(areas)
     ]
     if routes is None:
+        if lines is not None:
+            return [dataclasses.replace(task, lines=each) for task, each in zip(tasks, lines, strict=True)]
         if begins_m is None:
             return tasks
         return [dataclasses.replace(task, begin_m=begin_m) for task, begin_m in zip(tasks, begins_m, strict=True)]
     reach_m = horizontal_reach(sight_of(site.scenario.sensor)) + site.scenario.area.cell_size_m
-    lines = [shapely.LineString(route[:, :2]) for route in routes]
-    tree = shapely.STRtree([line.buffer(reach_m) for line in lines])
+    ways = [shapely.LineString(route[:, :2]) for route in routes]
+    tree = shapely.STRtree([way.buffer(reach_m) for way in ways])
     with_routes = []
-    for task, area, route, line in zip(tasks, areas, routes, lines, strict=True):
+    for task, area, route, way in zip(tasks, areas, routes, ways, strict=True):
         # Who sees some of what this part is asked about: its own ground, and what its route sees.
-        near = tree.query(shapely.union(area, line.buffer(reach_m)), predicate="intersects")
+        near = tree.query(shapely.union(area, way.buffer(reach_m)), predicate="intersects")
         neighbours = tuple(
             Neighbour(routes[k], first=(k < task.number) == (round_number % 2 == 1))
             for k in sorted(near.tolist())
