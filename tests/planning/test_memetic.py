@@ -331,6 +331,37 @@ def test_gaps_are_closed_while_there_is_time_for_it_and_not_afterwards():
     assert len(told) == 2
 
 
+@pytest.mark.parametrize(
+    ("judging", "closing", "judged", "closed"),
+    [(0.0, 0.1, 5, 2), (0.0, 0.2, 5, 1), (0.06, 0.0, 4, 0)],
+    ids=["time for two", "over after one that fails", "over while beginnings are judged"],
+)
+def test_beginnings_are_closed_while_there_is_time_for_it(
+    judging: float, closing: float, judged: int, closed: int
+) -> None:
+    """By a clock that each judgement and each closing moves on, from 0.5 to 0.7."""
+    pace = SimpleNamespace(fraction=0.5)
+    problem = SimpleNamespace(cost=lambda route: route.length_m, free_order=False)
+    work: Any = SimpleNamespace(stopped=False, pace=pace, tuning=TUNED, problem=problem)
+    starts = [
+        SearchStart(Route(np.array([[0.0, 0.0, 80.0], [100.0 + k, 0.0, 80.0]])), 0.95 - 0.01 * k) for k in range(4)
+    ]
+    calls = list[str]()
+
+    def judge_coverage(route: Route, _goal: float) -> float:
+        calls.append("judged")
+        pace.fraction += judging
+        return 0.9 + 0.001 * len(route)
+
+    def close(_route: Route, _goal: float, _is_over: Callable[[], bool]) -> None:
+        calls.append("closed")
+        pace.fraction += closing
+
+    judge = RouteJudge(judge_coverage, lambda _: None, close)
+    assert goal_search._closed_beginning(work, starts, starts[-1:], 0.98, judge, until=0.7) is None
+    assert (calls.count("judged"), calls.count("closed")) == (judged, closed)
+
+
 @pytest.mark.parametrize(("goal", "tried", "best_m"), [(0.98, [100.0], 300.0), (0.999, [100.0, 90.0, 80.0], 150.0)])
 def test_where_nearly_all_is_to_be_seen_the_end_of_every_stage_is_closed(
     goal: float, tried: list[float], best_m: float

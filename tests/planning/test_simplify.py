@@ -48,6 +48,23 @@ def test_a_line_over_flat_ground_keeps_its_ends_alone() -> None:
     assert simpler.length_m <= route.length_m
 
 
+def test_where_there_is_no_time_one_sweep_is_made() -> None:
+    """Of a route that keeps coverage beyond what is asked for, which takes many sweeps to give up."""
+    site = make_site(hills, limits=LIMITS)
+    route, maps, asked = lines(site, every_m=5.0), judging_maps(site), []
+
+    def is_over() -> bool:
+        asked.append(True)
+        return True
+
+    hurried = simplified(maps, route, asked=0.5, is_over=is_over)
+    patient = simplified(maps, route, asked=0.5)
+    assert len(asked) == 1
+    assert hurried is not None
+    assert patient is not None
+    assert len(patient) < len(hurried) < len(route)
+
+
 @pytest.mark.parametrize("ups", [hills, ridge(150.0, 60.0)], ids=["hills", "ridge"])
 @pytest.mark.parametrize("sensor", [None, PICTURES, dataclasses.replace(SPHERE, sensing="at-waypoints")])
 @pytest.mark.parametrize("asked", [None, 0.5, 0.9, 1.0])

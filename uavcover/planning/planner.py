@@ -63,6 +63,9 @@ _LINES_SHARE = 0.01
 """Share of a time budget for lines that bend and lines of few waypoints; the best ones come first. On 25 square kilometres
 all of them take 6 s of processor time, which a search of 10 s had to wait for."""
 
+_SIMPLIFIED_UNTIL = 1.03
+"""So many time budgets after the beginning no more waypoints are given up: a little late, for most routes need only a moment."""
+
 _SOLVER_SHARE = 0.3
 _SOLVER_NODES = 1
 """What an exact set cover may use: a share of the time budget, or so many nodes of branch and bound, whatever they take."""
@@ -247,7 +250,7 @@ def plan_routes(
     members = judge_members(fine, made, executor)
     chosen = choose(
         fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted,
-        is_over=(lambda: effort.is_over(started)) if share < 1.0 else None,
+        is_over=(lambda: effort.is_over(started, share=_SIMPLIFIED_UNTIL)) if share < 1.0 else None,
         order=_order_effort(effort, started, settings.seed, should_stop) if in_several and not interrupted else None,
     )  # fmt: skip
     kept.close([*(each.route for each in constructed), *made, *chosen.simpler])

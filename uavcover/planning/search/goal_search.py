@@ -133,7 +133,7 @@ def _closed(
     tuned = work.tuning.goal
     ends: list[SearchStart] = []
     for each in reversed(found if goal > tuned.nearly_all else found[-1:]):
-        if ends and is_over():
+        if is_over():
             break
         short = goal - judge.coverage(each.route, goal)
         if short <= 0.0:
@@ -168,11 +168,15 @@ def _closed_beginning(
     if goal - before <= tuned.most_short:
         return None
     most = sorted({each.route.length_m: each for each in starts}.values(), key=lambda each: -each.seen)
-    judged = [(judge.coverage(each.route, goal), each) for each in most[: tuned.most_beginnings]]
+    judged: list[tuple[float, SearchStart]] = []
+    for each in most[: tuned.most_beginnings]:
+        if is_over():
+            return None
+        judged.append((judge.coverage(each.route, goal), each))
     judged = [one for one in judged if one[0] >= goal - tuned.most_short_beginning] or [(before, found[-1])]
     ends: list[SearchStart] = []
     for tried, (seen, each) in enumerate(sorted(judged, key=lambda item: -item[0])):
-        if ends and (tried >= tuned.most_closed or is_over()):
+        if is_over() or (ends and tried >= tuned.most_closed):
             break
         route = each.route if seen >= goal else judge.closed(each.route, goal + SAFETY, is_over)
         if route is not None:

@@ -42,7 +42,7 @@ from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import make_scattered_cells
-from uavcover.sensing.coverage_map import CoverageMap, judging_maps
+from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
 from uavcover.sensing.sensors import reach_at_height_m
 
 MARGIN_CELLS = 0.45
@@ -169,6 +169,10 @@ def improve(
         known = search_goals(
             work, starts, asked=asked, capacity=capacity, until=1.0 - tuned.waypoint_share, judge=judge
         )
+        finer = finer_map(site)
+        if finer is not None:
+            # The choice asks these cells: they are made ready while there is time for it.
+            _ = finer.coverable
         on_these_cells = RouteJudge(lambda route, _: _seen(route, judging), found)
         search_waypoints(work, known, goal=goal, capacity=capacity, until=1.0, judge=on_these_cells)
     return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)

@@ -48,7 +48,7 @@ def simplified(
         judges: the cells that routes are judged on, and finer ones, where as much must be seen too.
         route: keeps the limits.
         asked: share of what can be covered that the selection rule asks for, if it does.
-        is_over: whether there is no time for more than two attempts.
+        is_over: whether there is no time left: asked between attempts and between sweeps. The first sweep is made all the same.
     """
     before = [_seen(each, route) for each in judges]
     least = [least_seen(seen, asked, finer=number > 0) for number, seen in enumerate(before)]
@@ -57,11 +57,11 @@ def simplified(
     for judge, had, wanted in zip(judges, before, least, strict=True):
         problem, slack = _problem(judge), had - wanted
         for _ in range(_ATTEMPTS):
-            if attempts > 1 and is_over():
+            if attempts > 0 and is_over():
                 return None
             attempts += 1
             state = state_of(problem, route, capacity=len(route))
-            _sweep(problem, state, slack)
+            _sweep(problem, state, slack, is_over)
             simpler = Route(snapshot(state))
             if len(simpler) >= len(route):
                 return None
@@ -75,15 +75,18 @@ def simplified(
     return None
 
 
-def _sweep(problem: RouteProblem, state: RouteState, slack: float) -> None:
-    """Take out and merge waypoints until none can go, losing no more coverage than ``slack``."""
+def _sweep(problem: RouteProblem, state: RouteState, slack: float, is_over: Callable[[], bool] = lambda: False) -> None:
+    """Take out and merge waypoints until none can go or time is over, losing no more coverage than ``slack``."""
     fewest = 1 if problem.numbers.limits.legs == 0 else 2
     least = float(state.seen[0]) - slack - _ROUNDING
     for share in _SHARES:
         take_out(problem.numbers, state, fewest, least, share * slack + _ROUNDING)
+        if is_over():
+            return
     for change in (take_out, merge):
         while change(problem.numbers, state, fewest, least, slack + _ROUNDING) > 0:
-            pass
+            if is_over():
+                return
 
 
 def _seen(judge: CoverageMap, route: Route) -> float:

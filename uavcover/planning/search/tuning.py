@@ -36,7 +36,8 @@ class GoalTuning:
         closed_dearer: factor of the price of coverage there: 10 is too little in both fields.
         closed_heat: factor of the temperature at its beginning; 0.05 and 0.2 do as well.
         most_short_at_first: a search that misses its goal by more after its first stage ends there, and goes on from long lines
-            with the gaps closed: in a canyon it was 0.09 to 0.1 short, on other ground (scripts/bench_kinds.py) less than 0.05.
+            with the gaps closed: in a canyon it was 0.09 to 0.1 short, in six cases on other ground (scripts/bench_kinds.py) at
+            most 0.047 (terraces, tilted).
         most_short_beginning: such lines lack no more than this, ...
         most_beginnings: ... so many of those that see most on the planner's cells are judged, ...
         most_closed: ... and the gaps of so many are closed, of more until one succeeds.
