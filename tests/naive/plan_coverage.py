@@ -2,7 +2,8 @@
 
 Nothing of the package is used. Places come from latitude, longitude and height in ``plan.json`` through pyproj into the elevation
 file's own system, which has to be metric there and true to scale; the camera trigger is flown in small steps; cells are half as
-large as the scenario's and moved against them.
+large as the scenario's and moved against them. Where a camera looks
+from waypoints, and over small areas, the line is the one that ArduCopter flies beside them.
 """
 
 import itertools
@@ -17,8 +18,13 @@ import shapely
 from pyproj import Transformer
 from scipy.spatial import cKDTree
 
+from tests.naive.flown_line import arducopter, passed_corners
+
 _STEP_M = 0.01
 _SAMPLES = 80
+_SMALL_M = 200.0
+"""Side of an area on which corners matter to a line."""
+
 _GRAZING_M = 0.02
 """A ray may dip this far below the ground: it is sampled, and ends on a surface of triangles and saddles."""
 
@@ -82,6 +88,22 @@ def picture_distance_m(scenario):
     tilt, half = math.radians(90.0 + sensor.get("pitch_deg", -90.0)), math.radians(sensor["fov_along_deg"] / 2)
     height = scenario["limits"]["min_height_agl_m"]
     return (1.0 - sensor["forward_overlap"]) * height * (math.tan(tilt + half) - math.tan(tilt - half))
+
+
+def flown_looks(scenario, route, top):
+    """As :func:`looks`, along the line that ArduCopter flies from above home, round the waypoints and back."""
+    corners = passed_corners([top, *route, top], arducopter(scenario["vehicle"]))
+    if scenario["sensor"].get("sensing", "along-path") == "at-waypoints":
+        return looks(scenario, corners[:, corners.shape[1] // 2])
+    triggered = picture_distance_m(scenario) is not None
+    if triggered:
+        corners[0] = route[0]  # it stops where its pictures begin
+    half = corners.shape[1] // 2
+    places, headings = looks(scenario, corners.reshape(-1, 3)[half : -half or None])
+    if triggered and "heading_deg" not in scenario["sensor"]:
+        way = np.asarray(route[0])[:2] - top[:2]
+        headings[0] = way / np.linalg.norm(way)
+    return places, headings
 
 
 def looks(scenario, route):
@@ -221,7 +243,15 @@ def coverage_of(scenario, folder, waypoints):
         (*to_file.transform(point["lon_deg"], point["lat_deg"]), point["alt_amsl_m"]) for point in waypoints
     ])  # fmt: skip
     centres, normals, areas = cells(dem, ground, prisms, scenario["area"]["cell_size_m"])
-    places, headings = looks(scenario, route)
+    home = scenario.get("home")
+    sensor = scenario["sensor"]
+    at_waypoints = sensor.get("sensing") == "at-waypoints" and "camera" in sensor["kind"]
+    if home is None or not (at_waypoints or math.sqrt(ground.area) <= _SMALL_M):
+        places, headings = looks(scenario, route)
+    else:
+        east, north = to_file.transform(home["lon_deg"], home["lat_deg"])
+        top = np.array([east, north, float(dem.at(east, north)) + scenario["vehicle"]["takeoff_height_m"]])
+        places, headings = flown_looks(scenario, route, top)
     shown = seen(dem, prisms, scenario["sensor"], centres, normals, places, headings)
     return float(areas[shown].sum() / areas.sum()), len(places)
 

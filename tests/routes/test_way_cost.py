@@ -14,7 +14,8 @@ from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
 from uavcover.model.vehicle import Vehicle, Wind
 from uavcover.routes.mission_compiler import compile_mission
-from uavcover.routes.way_cost import mission_cost_of, pace_of, power_of, way_cost_of
+from uavcover.routes.way_cost import mission_cost_of, power_of, way_cost_of
+from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import load_site
 
 AT_ONCE = {"max_airspeed_m_s": 12.0, "acceleration_m_s2": math.inf}

@@ -13,7 +13,7 @@ from uavcover.checking.world import World
 from uavcover.kernels import flight_time as kernels
 from uavcover.kernels.flight_time import Pace
 from uavcover.model.vehicle import MOTIONS
-from uavcover.routes.way_cost import moving_pace
+from uavcover.scenario.pace import moving_pace
 
 _DIRECTIONS = 12
 _LEAST_SPEED_M_S = 0.5

@@ -8,7 +8,8 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.energy import column_energies, path_energies, star_energies
 from uavcover.kernels.way_cost import NO_ENERGIES, FlightEnergies, WayCost
 from uavcover.model.vehicle import AutopilotName, Vehicle, Wind
-from uavcover.routes.way_cost import pace_of, power_of
+from uavcover.routes.way_cost import power_of
+from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 
 _DIRECTIONS = 12

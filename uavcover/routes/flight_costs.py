@@ -14,7 +14,8 @@ from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.energy import FlightEnergy, usable_s
 from uavcover.routes.mission_compiler import AUTOPILOTS, items_per_waypoint
 from uavcover.routes.transit import check_way_home, check_way_there, transit
-from uavcover.routes.way_cost import mission_cost_of, pace_of
+from uavcover.routes.way_cost import mission_cost_of
+from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m
 

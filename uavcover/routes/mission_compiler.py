@@ -53,9 +53,9 @@ from uavcover.routes.transit import (
     refuse,
     transit,
 )
-from uavcover.routes.way_cost import pace_of
 from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m
 

@@ -13,7 +13,8 @@ from uavcover.kernels.way_cost import ENERGY, route_cost
 from uavcover.model.route import Route, RouteMember, RouteMetrics
 from uavcover.routes.flight_costs import MissionCost, mission_cost
 from uavcover.routes.leg_checks import measure_violations, route_height_range_m
-from uavcover.routes.way_cost import pace_of, way_cost_of
+from uavcover.routes.way_cost import way_cost_of
+from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 

@@ -22,7 +22,7 @@ from uavcover.routes.flight_costs import (
 )
 from uavcover.routes.mission_compiler import CompiledMission, MissionTooLongError, compile_mission
 from uavcover.routes.unlike_cuts import FlightsOfVehicles, unlike_cuts
-from uavcover.routes.way_cost import pace_of
+from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 
 _ROUNDS = 200

@@ -9,7 +9,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import Pace, landing_time, leg_times, takeoff_time, turn_times
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.sorties import Sortie
-from uavcover.routes.way_cost import pace_of
+from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m
 

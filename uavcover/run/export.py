@@ -22,11 +22,11 @@ from uavcover.routes.energy import longest_flight_in_words
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie, compile_sorties
 from uavcover.routes.transit import ReturnAdvice
-from uavcover.routes.way_cost import pace_of
 from uavcover.run.file_group import settle
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan, export_text
 from uavcover.run.planned import read_planned
+from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 from uavcover.scenario.vertical import Undulation
 

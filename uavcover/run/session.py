@@ -28,9 +28,9 @@ from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compile_continuation, compile_return
-from uavcover.routes.way_cost import pace_of
 from uavcover.run.mission import compile_plan
 from uavcover.run.vehicle_terrain import answer_from_site
+from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts, OperatingVolume, PlanNeeds
 from uavcover.vehicle.fly import Continuation, FlightOutcome, Orders, PlanContinuation

@@ -78,7 +78,7 @@ def look_at_block(site: Site, task: BlockTask) -> BlockLook:
 
 def seen_nearby(block: CoverageMap, route_m: FloatArray) -> BoolArray:
     """As :meth:`CoverageMap.seen`, of a route most of which is too far away to see any of the cells."""
-    looks = block.observations(route_m)
+    looks = block.flown_observations(route_m)
     near = np.zeros(len(looks), dtype=bool)
     if block.grid.count:
         centre_m, halo_m = block.grid.cells.centre_m, farthest_m(block.site.scenario.sensor) + 1.0
@@ -205,7 +205,7 @@ class BlockMap(CoverageMap):
     def _may_see(self, route_m: FloatArray, rows: tuple[int, int]) -> bool:
         """Whether a route comes as near to a block as the sensor sees; a row of cells is as wide as the area."""
         south, side_m = self.site.area.bounds[1], judged_cell_size_m(self.site)
-        halo_m = farthest_m(self.site.scenario.sensor) + 1.0
+        halo_m = farthest_m(self.site.scenario.sensor) + self.site.scenario.vehicle.motion().corner_radius_m + 1.0
         norths = np.asarray(route_m, dtype=float).reshape(-1, 3)[:, 1]
         return bool(
             norths.max() >= south + rows[0] * side_m - halo_m and norths.min() <= south + rows[1] * side_m + halo_m

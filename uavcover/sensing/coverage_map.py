@@ -26,6 +26,7 @@ from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.obstacles import waypoint_breaches
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import CellGrid, lattice_shape, make_cells, make_other_cells, make_sampled_cells
+from uavcover.sensing.flown_line import corners_matter, heading_there, line_flown_m, places_passed_m
 from uavcover.sensing.judged_cells import is_judged_on_smaller_cells, judged_cell_size_m
 from uavcover.sensing.recently_seen import RecentlySeen
 from uavcover.sensing.sensors import flat_picture, reach_at_height_m, sight_of, trigger_distance_m, turns_with_legs
@@ -189,6 +190,19 @@ class CoverageMap:
             np.ascontiguousarray(route[legs] + shares[:, None] * ways), np.ascontiguousarray(ways[:, :2])
         )
 
+    def flown_observations(self, route_m: FloatArray) -> LevelObservations:
+        """As :meth:`observations`, where corners are flown as the autopilot flies them, if what is seen depends on that."""
+        route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
+        if not corners_matter(self.site):
+            return self.observations(route)
+        if self.site.scenario.sensor.sensing == "at-waypoints":
+            return self.observations(places_passed_m(self.site, route))
+        looks = self.observations(line_flown_m(self.site, route))
+        if trigger_distance_m(self.site.scenario) is not None:
+            # The first picture is taken where it stops, before it turns onto its first leg.
+            looks.headings[0] = heading_there(self.site, route[0])
+        return looks
+
     def observed_legs(self, route_m: FloatArray) -> IntArray:
         """(k,) number of the leg of an (n, 3) ENU route, n >= 2, on which each of its :meth:`observations` is made."""
         route = np.ascontiguousarray(route_m, dtype=float)
@@ -202,8 +216,8 @@ class CoverageMap:
         return np.clip(leg, 0, len(way_m) - 2)
 
     def seen(self, route_m: FloatArray) -> BoolArray:
-        """(cells,) whether each cell is seen from an (n, 3) ENU route, by the sensing rule of the scenario; read-only."""
-        return self._recent.get(route_m, lambda: self.seen_by(self.observations(route_m)))
+        """(cells,) whether each cell is seen from an (n, 3) ENU route as it is flown, by the sensing rule; read-only."""
+        return self._recent.get(route_m, lambda: self.seen_by(self.flown_observations(route_m)))
 
     def blocks(self) -> Iterator["CoverageMap"]:
         """Maps whose cells, in this order, are its cells: itself, or several that are made one after the other."""
@@ -285,7 +299,7 @@ class CoverageMap:
     def flown_from(self, site: Site) -> "CoverageMap":
         """This map for another vehicle of a fleet: the same cells and sensor, with its home and settings."""
         other = copy.copy(self)
-        other.site = site
+        other.site, other._recent = site, RecentlySeen()
         return other
 
     def _allowed_places(self, east_north_m: FloatArray, share: float) -> FloatArray:

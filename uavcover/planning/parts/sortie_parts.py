@@ -19,7 +19,8 @@ from uavcover.planning.parts.sectors import Sector, Swath, rays_rad
 from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.routes.flight_costs import straight_flight_costs
 from uavcover.routes.leg_checks import measure_violations
-from uavcover.routes.way_cost import pace_of, way_cost_of
+from uavcover.routes.way_cost import way_cost_of
+from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import Piece, polygons_of
 from uavcover.sensing.coverage_map import CoverageMap

@@ -14,7 +14,8 @@ from uavcover.kernels.flight_time import leg_times, turn_times
 from uavcover.kernels.way_cost import NO_ENERGIES, FlightCosts, FlightEnergies, split, straight_ends
 from uavcover.planning.sortie_order.stretches import Stretches, first_place, last_place
 from uavcover.routes.energy import FlightEnergy
-from uavcover.routes.way_cost import mission_cost_of, pace_of
+from uavcover.routes.way_cost import mission_cost_of
+from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 
 NO_LINK_S = 1e7

@@ -1,0 +1,23 @@
+"""Tracks of the mock vehicle's legs, flown without a delay."""
+
+import numpy as np
+
+from uavcover.mock.guidance import Speeds
+from uavcover.mock.legs import _STEP_S, _VELOCITY_GAIN_1_S, BlendedLegs, Leg
+from uavcover.model.vehicle import AutopilotMotion
+
+
+def track_of_legs(
+    motion: AutopilotMotion, points: np.ndarray, *, cruise_m_s: float, climb_m_s: float, descent_m_s: float
+) -> np.ndarray:
+    """(k, 3) places of a mass with the mock's controller and no limits, from rest at the first point to the last."""
+    speeds = Speeds(cruise_m_s, climb_m_s, descent_m_s)
+    start, *ends = (tuple(map(float, point)) for point in points)
+    legs = BlendedLegs(motion, start, [Leg(end, speeds) for end in ends])
+    place, velocity, track = np.array(start), np.zeros(3), [np.array(start)]
+    while legs.passed < len(ends):
+        wanted = np.array(legs.wanted_velocity(tuple(place)))
+        velocity = velocity + _STEP_S * _VELOCITY_GAIN_1_S * (wanted - velocity)
+        place = place + _STEP_S * velocity
+        track.append(place)
+    return np.array(track)

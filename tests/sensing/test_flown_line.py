@@ -1,0 +1,124 @@
+"""The line that is flown through waypoints, against the legs of the mock vehicle, small steps of time, and flights."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from scripts.bench_kinds import measure
+from tests.naive.flown_line import arducopter, passed_corners
+from tests.sensing.flown_lines import track_of_legs
+from tests.terrain_kinds import write_scenario
+from uavcover.model.vehicle import MOTIONS
+from uavcover.scenario.pace import moving_pace
+from uavcover.scenario.site import Site, load_site
+from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.flown_line import corners_matter, line_flown_m, places_passed_m, rounded_corners
+
+PACE = moving_pace(
+    MOTIONS["ardupilot"], cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0, airspeed_m_s=None, wind_m_s=(0.0, 0.0)
+)
+
+ROUTES = {
+    "lines of a survey": [(0, 0, 60), (200, 0, 60), (200, 40, 60), (0, 40, 60), (0, 80, 60), (200, 80, 60)],
+    "a small area": [(-80, -50, 60), (-10, -4, 55), (12, 3, 58), (-80, -50, 60)],
+    "sharp and flat turns": [(0, 0, 50), (120, 0, 70), (20, 15, 60), (90, 40, 60), (180, 70, 80)],
+    "short legs": [(0, 0, 50), (9, 0, 50), (9, 9, 50), (20, 9, 56), (20, 30, 50)],
+    "nearly straight": [(0, 0, 50), (100, 0, 50), (200, 8, 50), (300, 0, 50)],
+}  # fmt: skip
+
+
+_CLOSE_M = 0.12
+
+
+@pytest.mark.parametrize("name", ROUTES)
+def test_corners_are_flown_as_the_mock_vehicle_flies_them(name: str) -> None:
+    points = np.array(ROUTES[name], dtype=float)
+    track = track_of_legs(MOTIONS["ardupilot"], points, cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0)
+    corners = rounded_corners(PACE, points)
+    middles = corners[:, corners.shape[1] // 2]
+    for corner in corners:
+        assert max(float(np.linalg.norm(track - place, axis=1).min()) for place in corner) < _CLOSE_M
+    for middle, point in zip(middles, points[1:-1], strict=True):
+        nearest = float(np.linalg.norm(track - point, axis=1).min())
+        assert np.linalg.norm(middle - point) == pytest.approx(nearest, abs=_CLOSE_M)
+    assert np.linalg.norm(middles - points[1:-1], axis=1).max() > 0.5
+
+
+@pytest.mark.parametrize("name", ROUTES)
+def test_corners_are_those_of_small_steps_of_time(name: str) -> None:
+    points = ROUTES[name]
+    vehicle = {"cruise_speed_m_s": 10.0, "max_climb_m_s": 4.0, "max_descent_m_s": 3.0}
+    slowly = passed_corners(points, arducopter(vehicle), steps=200)
+    corners = rounded_corners(PACE, np.array(points, dtype=float))
+    np.testing.assert_allclose(corners[:, corners.shape[1] // 2], slowly[:, 100], atol=0.15)
+    # Where on the straight leg a corner begins depends on the step of time; the line does not.
+    for k, corner in enumerate(corners):
+        before = np.linspace(points[k], slowly[k, 0], 2_000)
+        line = np.vstack([before, slowly[k], np.linspace(slowly[k, -1], points[k + 2], 2_000)])
+        assert max(float(np.linalg.norm(line - place, axis=1).min()) for place in corner) < 0.15
+
+
+def small_site(tmp_path: Path, sensor: str, terrain: str = "40 m") -> Site:
+    return load_site(str(write_scenario(tmp_path, terrain, sensor)))
+
+
+def test_the_line_begins_and_ends_where_its_ends_are_passed(tmp_path: Path) -> None:
+    site = small_site(tmp_path, "nadir")
+    route = np.array([[62.0, 40.0, 84.0], [80.0, 55.0, 84.0], [98.0, 40.0, 84.0]])
+    line, passed = line_flown_m(site, route), places_passed_m(site, route)
+    np.testing.assert_array_equal(line[[0, -1]], passed[[0, -1]])
+    off = np.linalg.norm(passed - route, axis=1)
+    assert (off > 0.2).all()
+    assert (off <= 2.0).all()
+    assert np.linalg.norm(line - passed[1], axis=1).min() == 0.0
+    # A single waypoint is passed on the way home.
+    assert len(line_flown_m(site, route[:1])) == 1
+    assert 0.2 < np.linalg.norm(places_passed_m(site, route[:1]) - route[:1]) <= 2.0
+
+
+def test_pictures_by_distance_begin_at_a_stop_with_the_heading_of_the_way_there(tmp_path: Path) -> None:
+    site = small_site(tmp_path, "survey")
+    route = np.array([[62.0, 40.0, 84.0], [40.0, 90.0, 84.0]])
+    looks = judging_map(site).flown_observations(route)
+    np.testing.assert_array_equal(looks.places_m[0], route[0])
+    np.testing.assert_array_equal(looks.headings[0], route[0, :2] - site.home_m[:2])
+    np.testing.assert_allclose(looks.headings[1], route[1, :2] - route[0, :2], rtol=0.2)
+
+
+def test_lines_over_large_areas_and_of_vehicles_that_brake_stay_as_they_are(tmp_path: Path) -> None:
+    large = small_site(tmp_path, "nadir", "flat")
+    route = np.array([[100.0, 100.0, 84.0], [200.0, 100.0, 84.0], [200.0, 150.0, 84.0]])
+    assert not corners_matter(large)
+    fine = judging_map(large)
+    np.testing.assert_array_equal(fine.flown_observations(route).places_m, fine.observations(route).places_m)
+    small = small_site(tmp_path, "nadir")
+    assert corners_matter(small)
+    braked = dataclasses.replace(small.scenario.vehicle, autopilot="px4")
+    waypoints_only = dataclasses.replace(small.scenario.limits, applies_to="waypoints")
+    assert not corners_matter(
+        dataclasses.replace(small, scenario=dataclasses.replace(small.scenario, limits=waypoints_only))
+    )
+    for other in (
+        dataclasses.replace(small, scenario=dataclasses.replace(small.scenario, vehicle=braked)),
+        dataclasses.replace(small, home_m=None),
+    ):
+        assert not corners_matter(other)
+        np.testing.assert_array_equal(line_flown_m(other, route), route)
+
+
+def test_vehicles_of_a_fleet_pass_their_ends_each_from_its_own_home(tmp_path: Path) -> None:
+    site = small_site(tmp_path, "nadir")
+    route = np.array([[62.0, 20.0, 60.0], [70.0, 28.0, 60.0]])
+    away = dataclasses.replace(site, home_m=site.home_m + np.array([160.0, 0.0, 0.0]))
+    fine = judging_map(site)
+    assert (fine.seen(route) != fine.flown_from(away).seen(route)).any()
+
+
+@pytest.mark.parametrize("sensor", ["nadir", "survey"])
+def test_a_flight_over_a_small_area_sees_what_is_planned(sensor: str, tmp_path: Path) -> None:
+    row = measure(tmp_path, "40 m", sensor, 1, evaluations=60, flown=True)
+    assert row.met
+    assert row.flown >= row.claimed - 0.003
+    assert row.recomputed == pytest.approx(row.claimed, abs=0.003)

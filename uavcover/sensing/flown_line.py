@@ -1,0 +1,152 @@
+"""The line that an autopilot flies through waypoints: ArduCopter's legs go over into each other beside them.
+
+Each leg is a motion from rest to rest, and the next one begins before the last one ends: in a corner the two add up, and the
+vehicle passes inside of it, within ``corner_radius_m`` (:mod:`uavcover.kernels.flight_time`, BLENDED; AC_WPNav and SCurve of
+ArduPilot). What brakes for its corners, and a scenario without a home, has the straight line.
+"""
+
+import math
+
+import numpy as np
+
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.flight_time import BLENDED, Pace, speed_over_ground, turn_times
+from uavcover.model.sensor import FrameCamera, NadirCamera
+from uavcover.scenario.pace import pace_of
+from uavcover.scenario.site import Site
+from uavcover.sensing.sensors import trigger_distance_m
+
+_CORNER_POINTS = 17
+"""Of a rounded corner; the middle one is where the waypoint counts as passed. With seven a camera is turned by 10° less there
+than it is in flight."""
+
+_LEAST_OFF_M = 0.02
+"""What passes its waypoint as near goes through it."""
+
+_SMALL_SIDES = 100.0
+"""An area is small where a square of its size is no wider than so many radii of a corner. Flights over 460 m saw at most 0.3
+points less than the straight lines of their plans, flights over 40 m up to 3.1 (docs/results/kinds.md)."""
+
+_LEAST_M = 1e-6
+
+
+def line_flown_m(site: Site, route_m: FloatArray) -> FloatArray:
+    """(k, 3) the line that is flown along an (n, 3) ENU route, with the corners onto it from home and off it to home."""
+    corners = _corners(site, route_m)
+    if corners is None or len(route_m) == 1:
+        return route_m
+    middle = _CORNER_POINTS // 2
+    parts = [corner if np.linalg.norm(corner[middle] - point) > _LEAST_OFF_M else point[None]
+             for corner, point in zip(corners, route_m, strict=True)]  # fmt: skip
+    parts[0], parts[-1] = parts[0][len(parts[0]) // 2 :], parts[-1][: len(parts[-1]) // 2 + 1]
+    return np.ascontiguousarray(np.vstack(parts))
+
+
+def places_passed_m(site: Site, route_m: FloatArray) -> FloatArray:
+    """(n, 3) where a vehicle is when each waypoint of an (n, 3) ENU route counts as passed."""
+    corners = _corners(site, route_m)
+    return route_m if corners is None else np.ascontiguousarray(corners[:, _CORNER_POINTS // 2])
+
+
+def heading_there(site: Site, first_m: FloatArray) -> FloatArray:
+    """(2,) the direction east and north from home in which the (3,) first waypoint is reached; (0, 0) without a home."""
+    return np.zeros(2) if site.home_m is None else np.asarray(first_m[:2] - site.home_m[:2])
+
+
+def corners_matter(site: Site) -> bool:
+    """Whether what is seen depends on how corners are flown, and they are not flown exactly.
+
+    It does over a small area, and where a camera takes its pictures at the waypoints; not where nothing but waypoints is held to
+    the limits, as in the paper.
+    """
+    pace, sensor = pace_of(site), site.scenario.sensor
+    if not _is_blended(site, pace) or site.scenario.limits.applies_to == "waypoints":
+        return False
+    at_waypoints = sensor.sensing == "at-waypoints" and isinstance(sensor, NadirCamera | FrameCamera)
+    return at_waypoints or math.sqrt(site.area.area) <= _SMALL_SIDES * pace.corner_radius_m
+
+
+def _is_blended(site: Site, pace: Pace) -> bool:
+    return site.home_m is not None and pace.corner == BLENDED and math.isfinite(pace.acceleration_m_s2)
+
+
+def _corners(site: Site, route_m: FloatArray) -> FloatArray | None:
+    """(n, points, 3) how each waypoint of an (n, 3) route is passed; none where that is exactly.
+
+    The ways from home and to home are straight, from the top of the column above it.
+    """
+    home_m, pace = site.home_m, pace_of(site)
+    if home_m is None or not _is_blended(site, pace) or len(route_m) == 0:
+        return None
+    top = np.array([[home_m[0], home_m[1], home_m[2] + site.scenario.vehicle.takeoff_height_m]])
+    corners = rounded_corners(pace, np.vstack([top, route_m, top]))
+    if trigger_distance_m(site.scenario) is not None:
+        corners[0] = route_m[0]  # the waypoint at which pictures begin stands twice in the mission and is a stop
+    return corners
+
+
+def rounded_corners(pace: Pace, points_m: FloatArray) -> FloatArray:
+    """(n - 2, points, 3) how the inner ones of (n, 3) points are passed by blended legs, each from leg to leg.
+
+    Args:
+        pace: of the vehicle, BLENDED.
+        points_m: ENU.
+    """
+    ways = np.diff(points_m, axis=0)
+    length = np.linalg.norm(ways, axis=1)
+    unit = ways / np.maximum(length, _LEAST_M)[:, None]
+    ramp = _Ramps(pace, unit, length)
+    # How long before its end a leg may let the next one begin; it is asked for when the time of smoothing has passed.
+    begins_s = -turn_times(pace, np.ascontiguousarray(points_m))[1:-1]
+    slower = np.sqrt(ramp.slower[:-1] * ramp.slower[1:])
+    blend_s = np.maximum(0.0, begins_s / slower - pace.smoothing_s)
+    shares = np.linspace(0.0, 1.0, _CORNER_POINTS)
+    corners = np.empty((len(points_m) - 2, _CORNER_POINTS, 3))
+    for k, share in enumerate(shares):
+        short_m = ramp.way_m(slice(None, -1), blend_s * (1.0 - share))
+        onward_m = ramp.way_m(slice(1, None), blend_s * share)
+        corners[:, k] = points_m[1:-1] - short_m[:, None] * unit[:-1] + onward_m[:, None] * unit[1:]
+    return corners
+
+
+class _Ramps:
+    """The motions of legs from rest.
+
+    Attributes:
+        slower: (n,) by which each is slower than its jerk allows.
+    """
+
+    def __init__(self, pace: Pace, unit: FloatArray, length_m: FloatArray) -> None:
+        level, steep = np.hypot(unit[:, 0], unit[:, 1]), np.abs(unit[:, 2])
+        level_least, steep_least = np.maximum(level, _LEAST_M), np.maximum(steep, _LEAST_M)
+        over_ground = np.array(
+            [speed_over_ground(pace, e, n) for e, n in unit[:, :2] / level_least[:, None]]
+        )  # fmt: skip
+        vertical = np.where(unit[:, 2] > 0.0, pace.climb_m_s, pace.descent_m_s)
+        speed = np.minimum(over_ground / level_least, vertical / steep_least)
+        most = np.minimum(pace.acceleration_m_s2 / level_least, pace.vertical_acceleration_m_s2 / steep_least)
+        self._jerk = pace.jerk_m_s3
+        # The largest speed from which a leg comes to rest at its end, with and without a time of constant acceleration.
+        late = most / self._jerk
+        longer = 0.5 * most * (np.sqrt(late * late + 4.0 * length_m / most) - late)
+        shorter = (0.5 * length_m * math.sqrt(self._jerk)) ** (2.0 / 3.0)
+        reached = np.where(length_m < 2.0 * most * late * late, shorter, longer)
+        self._peak = np.maximum(np.minimum(speed, reached), _LEAST_M)
+        self._most = np.minimum(most, np.sqrt(self._peak * self._jerk))
+        self._rise_s = self._most / self._jerk
+        self._ramp_s = self._peak / self._most + self._rise_s
+        quickest_s = length_m / self._peak + self._ramp_s
+        self.slower = quickest_s / (quickest_s + pace.smoothing_s)
+
+    def way_m(self, legs: slice, seconds: FloatArray) -> FloatArray:
+        """(k,) metres of some legs, so many (k,) seconds from rest."""
+        ramp_s, peak = self._ramp_s[legs], self._peak[legs]
+        time = np.minimum(seconds * self.slower[legs], ramp_s)
+        first = self._first_half_m(legs, np.minimum(time, ramp_s - time))
+        return np.where(time <= 0.5 * ramp_s, first, peak * (time - 0.5 * ramp_s) + first)
+
+    def _first_half_m(self, legs: slice, time: FloatArray) -> FloatArray:
+        rise, most = self._rise_s[legs], self._most[legs]
+        rest = time - rise
+        steady = most * (rise * rise / 6.0 + 0.5 * rise * rest + 0.5 * rest * rest)
+        return np.where(rest < 0.0, self._jerk * time**3 / 6.0, steady)
