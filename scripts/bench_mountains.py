@@ -74,7 +74,7 @@ _BEND = 0.8
 Direction = tuple[float, ...]
 """Of lines: counter-clockwise from east; of contour lines: how smoothed and how straightened the contours are."""
 
-EVALUATIONS = {"jacksboro": 4000, "davosdorf": 4000, "ridge-25km2": 8000}
+EVALUATIONS = {"jacksboro": 4000, "davosdorf": 4000, "ridge-25km2": 13000}
 _TRIED = 60
 """So many of a scan are judged on the area's own cells at most."""
 
