@@ -38,6 +38,25 @@ def test_the_order_is_the_best_of_all(home, seed) -> None:
     assert cost(found, home) == pytest.approx(best, rel=0.01)
 
 
+def steepest_deg(routes) -> float:
+    links = np.array([behind[0] - before[-1] for before, behind in itertools.pairwise(routes)])
+    return float(np.degrees(np.arctan2(np.abs(links[:, 2]), np.hypot(links[:, 0], links[:, 1]))).max())
+
+
+def test_flights_that_begin_and_end_around_home_are_joined_without_steep_links() -> None:
+    rng = np.random.default_rng(4)
+    home, routes = np.zeros(3), []
+    for k in range(9):
+        ends = np.column_stack([rng.uniform(-50.0, 50.0, (2, 2)), rng.uniform(40.0, 90.0, 2)])
+        far = 900.0 * np.array([np.cos(k), np.sin(k), 0.1])
+        routes.append(np.vstack([ends[:1], far[None], ends[1:]]))
+    short = in_good_order(routes, home)
+    gentle = in_good_order(routes, home, max_climb_angle_deg=30.0)
+    assert steepest_deg(short) > 45.0
+    assert steepest_deg(gentle) <= 30.0
+    assert cost(gentle, home) < 1.1 * cost(short, home)
+
+
 def test_one_route_stays_as_it_is() -> None:
     route = np.arange(9.0).reshape(3, 3)
     (found,) = in_good_order([route], None)

@@ -1,6 +1,7 @@
 """Routes one behind the other as one route: in which order, which way round, and with what between them."""
 
 import itertools
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -13,6 +14,8 @@ from uavcover.scenario.site import Site
 
 _KICKS_PER_END = 40
 _NEAR = 20
+_STEEP = 4.0
+"""A link that is too steep costs so many times the longest one more."""
 
 
 def joined(site: Site, routes_m: Sequence[FloatArray]) -> FloatArray:
@@ -30,16 +33,20 @@ def joined(site: Site, routes_m: Sequence[FloatArray]) -> FloatArray:
     return np.vstack(out)
 
 
-def in_good_order(routes_m: Sequence[FloatArray], home_m: FloatArray | None) -> list[FloatArray]:
+def in_good_order(
+    routes_m: Sequence[FloatArray], home_m: FloatArray | None, *, max_climb_angle_deg: float = 90.0
+) -> list[FloatArray]:
     """The routes in an order, and each in a direction, that makes the links between them short.
 
     Where there is a home a flight may end between two routes and another begin: then a link costs itself and the way home and
     back from the nearer of its ends. The open tour through all ends, with each route as a link that must stay, is shortened by
-    :func:`uavcover.kernels.tours.shorten`.
+    :func:`uavcover.kernels.tours.shorten`. Flights begin and end close together around home, at different heights: a link that
+    is steeper than legs may be is taken where there is no other.
 
     Args:
         routes_m: each (k, 3) ENU.
         home_m: (3,) take-off position; none without one.
+        max_climb_angle_deg: steepest link.
     """
     count = len(routes_m)
     if count == 1:
@@ -49,6 +56,10 @@ def in_good_order(routes_m: Sequence[FloatArray], home_m: FloatArray | None) -> 
     if home_m is not None:
         away = np.linalg.norm(ends - home_m, axis=1)
         distance = distance + 2.0 * np.minimum(away[:, None], away[None])
+    level_m = np.linalg.norm(ends[:, None, :2] - ends[None, :, :2], axis=2)
+    climb_m = np.abs(ends[:, None, 2] - ends[None, :, 2])
+    steep = climb_m > level_m * math.tan(math.radians(max_climb_angle_deg))
+    distance[steep] += _STEEP * (1.0 + float(distance.max()))
     free = 2 * count  # a place that is near to all: where the tour is open
     links = np.zeros((free + 1, free + 1))
     links[:free, :free] = distance

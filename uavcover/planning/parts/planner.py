@@ -61,9 +61,9 @@ _PART_CELLS = 260_000
 _MOST_COMPARED_CELLS = 300_000
 """The tuned boustrophedon of a larger area is found on a sample of so many larger cells: no worker shares that work."""
 
-_WORTH = 0.95
+_WORTH = 0.99
 """A flight for each part is worth it where they begin with so much of what the tuned boustrophedon costs: a search in few large
-parts ends with 0.88 of it on 25 km² and with 0.92 on 100 km², and one in flights with 0.93 of what they begin with."""
+parts ends with 0.88 of it on 25 km², 0.92 on 49 and 0.92 on 100 km², and one in flights with 0.91 of what they begin with."""
 
 _SEARCHED = 0.85
 """Of a time budget; the rest is for dividing, joining and judging."""
@@ -186,7 +186,8 @@ def plan_by_parts(
             done = min(effort.evaluations, round(searched * effort.evaluations))
             run.on_progress(SearchProgress(done, effort.evaluations, seen, None))
         routes = [done_m[task.number] for task in tasks]
-        whole = Route(joined(site, in_good_order(routes, site.home_m)))
+        steepest_deg = site.scenario.limits.max_climb_angle_deg
+        whole = Route(joined(site, in_good_order(routes, site.home_m, max_climb_angle_deg=steepest_deg)))
         found.append(whole)
         look_at_all(fine, [whole.waypoints_m], run_blocks)
         seen = fine.share_of_coverable(fine.seen(whole.waypoints_m))
