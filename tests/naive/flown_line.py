@@ -19,9 +19,12 @@ def arducopter(vehicle):
 
 
 def passed_corners(points, pace, steps=20):
-    """For each inner point the places, in even steps of time, from where the next leg begins to where the last one ends."""
+    """For each inner point the places, in even steps of time, from where the next leg begins to where the last one ends.
+
+    And the seconds of one step, of each.
+    """
     motions = [_motion(pace, a, b) for a, b in itertools.pairwise(points)]
-    corners = []
+    corners, steps_s = [], []
     for point, (one, ways_a, slow_a), (two, ways_b, slow_b) in zip(points[1:], motions, motions[1:], strict=False):
         blend = max(0.0, blended_saving(pace, one, two) / math.sqrt(slow_a * slow_b) - pace.smoothing_s)
         places = []
@@ -30,7 +33,26 @@ def passed_corners(points, pace, steps=20):
             short, onward = np.interp((blend - since) * slow_a, *ways_a), np.interp(since * slow_b, *ways_b)
             places.append([p - short * a + onward * b for p, a, b in zip(point, one[0], two[0], strict=True)])
         corners.append(places)
-    return np.array(corners)
+        steps_s.append(blend / steps)
+    return np.array(corners), np.array(steps_s)
+
+
+def nose(line, steps_s, cruise_m_s, before):
+    """Where the nose points on each piece of a line: along it, but below 5 % of the cruise speed where it pointed before.
+
+    Args:
+        line: its points.
+        steps_s: seconds of each piece; 0 where that is a leg.
+        cruise_m_s: of the vehicle.
+        before: heading before the line begins.
+    """
+    headings = []
+    for a, b, seconds in zip(line, line[1:], steps_s, strict=False):
+        over_ground = math.dist(a[:2], b[:2])
+        if over_ground > 0.0 and over_ground >= 0.05 * cruise_m_s * seconds:
+            before = ((b[0] - a[0]) / over_ground, (b[1] - a[1]) / over_ground)
+        headings.append(before)
+    return headings
 
 
 def _motion(pace, a, b):

@@ -3,7 +3,7 @@
 Nothing of the package is used. Places come from latitude, longitude and height in ``plan.json`` through pyproj into the elevation
 file's own system, which has to be metric there and true to scale; the camera trigger is flown in small steps; cells are half as
 large as the scenario's and moved against them. Where a camera looks
-from waypoints, and over small areas, the line is the one that ArduCopter flies beside them.
+from waypoints or by distance, and over small areas, the line is the one that ArduCopter flies beside them.
 """
 
 import itertools
@@ -18,7 +18,7 @@ import shapely
 from pyproj import Transformer
 from scipy.spatial import cKDTree
 
-from tests.naive.flown_line import arducopter, passed_corners
+from tests.naive.flown_line import arducopter, nose, passed_corners
 
 _STEP_M = 0.01
 _SAMPLES = 80
@@ -47,14 +47,14 @@ class Dem:
         return (z[i, j] * (1 - t) + z[i, j + 1] * t) * (1 - s) + (z[i + 1, j] * (1 - t) + z[i + 1, j + 1] * t) * s
 
 
-def trigger(route, distance_m, step_m=_STEP_M):
+def trigger(route, distance_m, step_m=_STEP_M, noses=None):
     """Places of pictures and headings (east, north): fly on in small steps, shoot when the last picture is far enough away."""
     places, headings = [], []
-    for a, b in itertools.pairwise([tuple(map(float, point)) for point in route]):
+    for leg, (a, b) in enumerate(itertools.pairwise([tuple(map(float, point)) for point in route])):
         over_ground = math.dist(a[:2], b[:2])
         if over_ground == 0.0:
             continue
-        heading = ((b[0] - a[0]) / over_ground, (b[1] - a[1]) / over_ground)
+        heading = ((b[0] - a[0]) / over_ground, (b[1] - a[1]) / over_ground) if noses is None else noses[leg]
         if not places:
             places, headings = [a], [heading]
         steps = max(1, math.ceil(over_ground / step_m))
@@ -66,12 +66,14 @@ def trigger(route, distance_m, step_m=_STEP_M):
     return np.array(places), np.array(headings)
 
 
-def along(route, spacing_m):
+def along(route, spacing_m, noses=None):
     """Places and headings all along the legs, both ends of each included: at a waypoint a sensor looks along both legs."""
     places, headings = [], []
-    for a, b in itertools.pairwise(np.asarray(route, dtype=float)):
+    for leg, (a, b) in enumerate(itertools.pairwise(np.asarray(route, dtype=float))):
         over_ground = math.dist(a[:2], b[:2])
         heading = (b - a)[:2] / over_ground if over_ground > 0.0 else np.zeros(2)
+        if noses is not None:
+            heading = noses[leg]
         for t in np.linspace(0.0, 1.0, max(1, math.ceil(math.dist(a, b) / spacing_m - 1e-9)) + 1):
             places.append(a + t * (b - a))
             headings.append(heading)
@@ -92,30 +94,35 @@ def picture_distance_m(scenario):
 
 def flown_looks(scenario, route, top):
     """As :func:`looks`, along the line that ArduCopter flies from above home, round the waypoints and back."""
-    corners = passed_corners([top, *route, top], arducopter(scenario["vehicle"]))
+    pace = arducopter(scenario["vehicle"])
+    corners, steps_s = passed_corners([top, *route, top], pace)
     if scenario["sensor"].get("sensing", "along-path") == "at-waypoints":
         return looks(scenario, corners[:, corners.shape[1] // 2])
     triggered = picture_distance_m(scenario) is not None
     if triggered:
         corners[0] = route[0]  # it stops where its pictures begin
     half = corners.shape[1] // 2
-    places, headings = looks(scenario, corners.reshape(-1, 3)[half : -half or None])
+    line = corners.reshape(-1, 3)
+    pieces_s = np.column_stack([np.tile(steps_s[:, None], 2 * half), np.zeros(len(steps_s))]).ravel()
+    there = np.asarray(route[0])[:2] - top[:2]
+    there = there / np.linalg.norm(there)
+    noses = nose(line, pieces_s, pace.cruise_m_s, there)
+    places, headings = looks(scenario, line[half : -half or None], noses[half : len(line) - 1 - half])
     if triggered and "heading_deg" not in scenario["sensor"]:
-        way = np.asarray(route[0])[:2] - top[:2]
-        headings[0] = way / np.linalg.norm(way)
+        headings[0] = there
     return places, headings
 
 
-def looks(scenario, route):
-    """Where the sensor looks from, and its headings."""
+def looks(scenario, route, noses=None):
+    """Where the sensor looks from, and its headings: along each leg, or as it is said of each."""
     sensor = scenario["sensor"]
     distance_m = picture_distance_m(scenario)
     if sensor.get("sensing", "along-path") == "at-waypoints":
         places, headings = np.asarray(route, dtype=float), np.full((len(route), 2), np.nan)
     elif distance_m is not None:
-        places, headings = trigger(route, distance_m)
+        places, headings = trigger(route, distance_m, noses=noses)
     else:
-        places, headings = along(route, sensor.get("sample_spacing_m", 10.0))
+        places, headings = along(route, sensor.get("sample_spacing_m", 10.0), noses)
     if "heading_deg" in sensor:
         way = math.radians(sensor["heading_deg"])
         headings = np.tile([math.sin(way), math.cos(way)], (len(places), 1))
@@ -245,8 +252,10 @@ def coverage_of(scenario, folder, waypoints):
     centres, normals, areas = cells(dem, ground, prisms, scenario["area"]["cell_size_m"])
     home = scenario.get("home")
     sensor = scenario["sensor"]
-    at_waypoints = sensor.get("sensing") == "at-waypoints" and "camera" in sensor["kind"]
-    if home is None or not (at_waypoints or math.sqrt(ground.area) <= _SMALL_M):
+    pictures = picture_distance_m(scenario) is not None or (
+        sensor.get("sensing") == "at-waypoints" and "camera" in sensor["kind"]
+    )
+    if home is None or not (pictures or math.sqrt(ground.area) <= _SMALL_M):
         places, headings = looks(scenario, route)
     else:
         east, north = to_file.transform(home["lon_deg"], home["lat_deg"])

@@ -14,7 +14,7 @@ from uavcover.model.vehicle import MOTIONS
 from uavcover.scenario.pace import moving_pace
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map
-from uavcover.sensing.flown_line import corners_matter, line_flown_m, places_passed_m, rounded_corners
+from uavcover.sensing.flown_line import corners_matter, line_flown, places_passed_m, rounded_corners
 
 PACE = moving_pace(
     MOTIONS["ardupilot"], cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0, airspeed_m_s=None, wind_m_s=(0.0, 0.0)
@@ -36,7 +36,7 @@ _CLOSE_M = 0.12
 def test_corners_are_flown_as_the_mock_vehicle_flies_them(name: str) -> None:
     points = np.array(ROUTES[name], dtype=float)
     track = track_of_legs(MOTIONS["ardupilot"], points, cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0)
-    corners = rounded_corners(PACE, points)
+    corners = rounded_corners(PACE, points).places_m
     middles = corners[:, corners.shape[1] // 2]
     for corner in corners:
         assert max(float(np.linalg.norm(track - place, axis=1).min()) for place in corner) < _CLOSE_M
@@ -50,9 +50,10 @@ def test_corners_are_flown_as_the_mock_vehicle_flies_them(name: str) -> None:
 def test_corners_are_those_of_small_steps_of_time(name: str) -> None:
     points = ROUTES[name]
     vehicle = {"cruise_speed_m_s": 10.0, "max_climb_m_s": 4.0, "max_descent_m_s": 3.0}
-    slowly = passed_corners(points, arducopter(vehicle), steps=200)
-    corners = rounded_corners(PACE, np.array(points, dtype=float))
+    slowly, steps_s = passed_corners(points, arducopter(vehicle), steps=200)
+    corners, each_s = rounded_corners(PACE, np.array(points, dtype=float))
     np.testing.assert_allclose(corners[:, corners.shape[1] // 2], slowly[:, 100], atol=0.15)
+    np.testing.assert_allclose((corners.shape[1] - 1) * each_s, 200 * steps_s, rtol=0.06)
     # Where on the straight leg a corner begins depends on the step of time; the line does not.
     for k, corner in enumerate(corners):
         before = np.linspace(points[k], slowly[k, 0], 2_000)
@@ -67,14 +68,14 @@ def small_site(tmp_path: Path, sensor: str, terrain: str = "40 m") -> Site:
 def test_the_line_begins_and_ends_where_its_ends_are_passed(tmp_path: Path) -> None:
     site = small_site(tmp_path, "nadir")
     route = np.array([[62.0, 40.0, 84.0], [80.0, 55.0, 84.0], [98.0, 40.0, 84.0]])
-    line, passed = line_flown_m(site, route), places_passed_m(site, route)
+    line, passed = line_flown(site, route).places_m, places_passed_m(site, route)
     np.testing.assert_array_equal(line[[0, -1]], passed[[0, -1]])
     off = np.linalg.norm(passed - route, axis=1)
     assert (off > 0.2).all()
     assert (off <= 2.0).all()
     assert np.linalg.norm(line - passed[1], axis=1).min() == 0.0
     # A single waypoint is passed on the way home.
-    assert len(line_flown_m(site, route[:1])) == 1
+    assert len(line_flown(site, route[:1]).places_m) == 1
     assert 0.2 < np.linalg.norm(places_passed_m(site, route[:1]) - route[:1]) <= 2.0
 
 
@@ -85,6 +86,40 @@ def test_pictures_by_distance_begin_at_a_stop_with_the_heading_of_the_way_there(
     np.testing.assert_array_equal(looks.places_m[0], route[0])
     np.testing.assert_array_equal(looks.headings[0], route[0, :2] - site.home_m[:2])
     np.testing.assert_allclose(looks.headings[1], route[1, :2] - route[0, :2], rtol=0.2)
+
+
+def test_the_nose_stays_where_it_is_while_the_vehicle_hardly_moves(tmp_path: Path) -> None:
+    site = small_site(tmp_path, "tilted")
+    # At the second waypoint it nearly turns back, and its nose swings around in the last centimetres of the line.
+    route = np.array([[62.0, 40.0, 84.0], [80.0, 55.0, 84.0], [40.0, 28.0, 84.0]])
+    line = line_flown(site, route)
+    ways = np.diff(line.places_m[:, :2], axis=0)
+    off = _turned_deg(line.headings, ways)
+    size_m = np.hypot(ways[:, 0], ways[:, 1])
+    assert off[size_m > 0.25].max() < 1e-3
+    assert off.max() > 20.0
+    assert size_m[off > 20.0].max() < 0.15
+    looks = judging_map(site).flown_observations(route)
+    np.testing.assert_array_equal(looks.headings[-1], line.headings[-1])
+
+
+def _turned_deg(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    across = one[:, 0] * other[:, 1] - one[:, 1] * other[:, 0]
+    return np.abs(np.degrees(np.arctan2(across, (one * other).sum(axis=1))))
+
+
+def test_pictures_by_distance_are_counted_along_the_line_that_is_flown_over_any_area(tmp_path: Path) -> None:
+    site = small_site(tmp_path, "sparse", "flat")
+    assert corners_matter(site)
+    east, north = np.array([100.0, 410.0]), 100.0 + 29.0 * np.arange(6)
+    route = np.array([[e, n, 200.0] for k, n in enumerate(north) for e in (east if k % 2 == 0 else east[::-1])])
+    fine = judging_map(site)
+    flown, straight = fine.flown_observations(route), fine.observations(route)
+    # Through the waypoints a picture is due in each bend. The vehicle passes on the inside, and all later ones come later.
+    assert len(flown) < len(straight)
+    late_m = np.linalg.norm(flown.places_m - straight.places_m[: len(flown)], axis=1)
+    assert late_m[:7].max() < 0.01
+    assert late_m[-1] > 100.0
 
 
 def test_lines_over_large_areas_and_of_vehicles_that_brake_stay_as_they_are(tmp_path: Path) -> None:
@@ -105,7 +140,7 @@ def test_lines_over_large_areas_and_of_vehicles_that_brake_stay_as_they_are(tmp_
         dataclasses.replace(small, home_m=None),
     ):
         assert not corners_matter(other)
-        np.testing.assert_array_equal(line_flown_m(other, route), route)
+        np.testing.assert_array_equal(line_flown(other, route).places_m, route)
 
 
 def test_vehicles_of_a_fleet_pass_their_ends_each_from_its_own_home(tmp_path: Path) -> None:

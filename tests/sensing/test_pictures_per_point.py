@@ -61,7 +61,7 @@ def test_every_picture_counts_as_by_brute_force(sensor, ground):
     site = make_site(GROUNDS[ground], sensor=camera, cell_m=12.0)
     coverage, route = judging_map(site), lines()
     counted = count_pictures(coverage, planned_poses(coverage, [route]))
-    looks = coverage.observations(route)
+    looks = coverage.flown_observations(route)
     yaws = np.degrees(np.arctan2(looks.headings[:, 0], looks.headings[:, 1]))
     axis = np.arange(LOW_M, HIGH_M + STEP_M / 2, STEP_M)
     between = RegularGridInterpolator((axis, axis), GROUNDS[ground](axis[None, :], axis[:, None]))
@@ -195,8 +195,8 @@ def test_a_flight_is_judged_by_its_own_pictures(spacing_m, holds):
     flown, planned = verdict.pictures, count_pictures(coverage, planned_poses(coverage, [route]))
     assert flown.taken == verdict.report.pictures.taken == len(verdict.observations)
     assert abs(flown.taken - planned.taken) <= 0.02 * planned.taken
-    # Flown pictures are a little further on: counts differ by a picture here and there.
-    assert abs(flown.pictures.mean() - planned.pictures.mean()) < 0.3
+    # This track goes through every waypoint, planned pictures pass on the inside: counts differ by a picture here and there.
+    assert abs(flown.pictures.mean() - planned.pictures.mean()) < 0.5
     assert verdict.report.pictures.overlap_holds is holds
     assert any("the overlap asked for, 6 pictures of every point" in line for line in verdict.report.findings) != holds
     # Of a camera whose direction is not known nothing is counted.

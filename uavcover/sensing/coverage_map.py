@@ -26,7 +26,7 @@ from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.obstacles import waypoint_breaches
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import CellGrid, lattice_shape, make_cells, make_other_cells, make_sampled_cells
-from uavcover.sensing.flown_line import corners_matter, heading_there, line_flown_m, places_passed_m
+from uavcover.sensing.flown_line import corners_matter, heading_there, line_flown, places_passed_m
 from uavcover.sensing.judged_cells import is_judged_on_smaller_cells, judged_cell_size_m
 from uavcover.sensing.recently_seen import RecentlySeen
 from uavcover.sensing.sensors import flat_picture, reach_at_height_m, sight_of, trigger_distance_m, turns_with_legs
@@ -168,26 +168,31 @@ class CoverageMap:
         distance is taken there at most, on the leg that ends.
         """
         route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
+        return self._observations(route, np.diff(route[:, :2], axis=0))
+
+    def _observations(self, route: FloatArray, ways: FloatArray) -> LevelObservations:
+        """Observations on an (n, 3) ENU route; the vehicle points along (n - 1, 2) ways on its legs."""
         if self.site.scenario.sensor.sensing == "at-waypoints":
             return LevelObservations.towards_north(route)
         trigger_m = trigger_distance_m(self.site.scenario)
         if trigger_m is not None:
-            return self._pictures(route, trigger_m)
+            return self._pictures(route, ways, trigger_m)
         spacing_m = self.site.scenario.sensor.sample_spacing_m
         if not turns_with_legs(self.sight):
             return LevelObservations.towards_north(kernels.sample_path(route, spacing_m))
         legs = [kernels.sample_path(np.ascontiguousarray(route[k : k + 2]), spacing_m) for k in range(len(route) - 1)]
-        headings = [np.tile(leg[-1, :2] - leg[0, :2], (len(leg), 1)) for leg in legs]
+        headings = [np.tile(way, (len(leg), 1)) for leg, way in zip(legs, ways, strict=True)]
         if not legs:
             return LevelObservations(route, np.zeros((len(route), 2)))
         return LevelObservations(np.vstack(legs), np.vstack(headings))
 
-    def _pictures(self, route: FloatArray, trigger_m: float) -> LevelObservations:
-        """Pictures by distance on an (n, 3) ENU route, each turned along its leg."""
+    def _pictures(self, route: FloatArray, ways: FloatArray, trigger_m: float) -> LevelObservations:
+        """Pictures by distance on an (n, 3) ENU route, each turned along the (n - 1, 2) way of its leg."""
         legs, shares = kernels.picture_places(route, trigger_m)
-        ways = route[np.minimum(legs + 1, len(route) - 1)] - route[legs]
+        onward_m = route[np.minimum(legs + 1, len(route) - 1)] - route[legs]
+        headings = np.vstack([ways, np.zeros(2)])[legs]  # a single waypoint has no way
         return LevelObservations(
-            np.ascontiguousarray(route[legs] + shares[:, None] * ways), np.ascontiguousarray(ways[:, :2])
+            np.ascontiguousarray(route[legs] + shares[:, None] * onward_m), np.ascontiguousarray(headings)
         )
 
     def flown_observations(self, route_m: FloatArray) -> LevelObservations:
@@ -197,7 +202,8 @@ class CoverageMap:
             return self.observations(route)
         if self.site.scenario.sensor.sensing == "at-waypoints":
             return self.observations(places_passed_m(self.site, route))
-        looks = self.observations(line_flown_m(self.site, route))
+        line = line_flown(self.site, route)
+        looks = self._observations(line.places_m, line.headings)
         if trigger_distance_m(self.site.scenario) is not None:
             # The first picture is taken where it stops, before it turns onto its first leg.
             looks.headings[0] = heading_there(self.site, route[0])

@@ -6,10 +6,12 @@ ArduPilot). What brakes for its corners, and a scenario without a home, has the 
 """
 
 import math
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.flight_time import BLENDED, Pace, speed_over_ground, turn_times
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.scenario.pace import pace_of
@@ -25,28 +27,70 @@ _LEAST_OFF_M = 0.02
 
 _SMALL_SIDES = 100.0
 """An area is small where a square of its size is no wider than so many radii of a corner. Flights over 40 m saw up to 3.1 points
-less than the straight lines of their plans; over 460 m it is 0.3 at most for most, and up to 0.8 with pictures by distance
-(docs/results/kinds.md)."""
+less than the straight lines of their plans; over 460 m it is 0.3 at most (docs/results/kinds.md)."""
+
+_TURNING_SHARE = 0.05
+"""Of the cruise speed: the nose stays where it is while the vehicle is slower (AC_PosControl::calculate_yaw_and_rate_yaw)."""
 
 _LEAST_M = 1e-6
 
 
-def line_flown_m(site: Site, route_m: FloatArray) -> FloatArray:
-    """(k, 3) the line that is flown along an (n, 3) ENU route, with the corners onto it from home and off it to home."""
+class RoundedCorners(NamedTuple):
+    """How waypoints are passed.
+
+    Attributes:
+        places_m: (n, points, 3) ENU, from leg to leg, in even steps of time.
+        step_s: (n,) seconds between two of them.
+    """
+
+    places_m: FloatArray
+    step_s: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlownLine:
+    """A line that is flown.
+
+    Attributes:
+        places_m: (k, 3) ENU.
+        headings: (k - 1, 2) where the nose points on each of its pieces, east and north, of any length.
+    """
+
+    places_m: FloatArray
+    headings: FloatArray
+
+
+def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
+    """The line that is flown along an (n, 3) ENU route, with the corners onto it from home and off it to home."""
     corners = _corners(site, route_m)
     if corners is None or len(route_m) == 1:
-        return route_m
+        return FlownLine(route_m, np.diff(route_m[:, :2], axis=0))
     middle = _CORNER_POINTS // 2
-    parts = [corner if np.linalg.norm(corner[middle] - point) > _LEAST_OFF_M else point[None]
-             for corner, point in zip(corners, route_m, strict=True)]  # fmt: skip
-    parts[0], parts[-1] = parts[0][len(parts[0]) // 2 :], parts[-1][: len(parts[-1]) // 2 + 1]
-    return np.ascontiguousarray(np.vstack(parts))
+    rounded = np.linalg.norm(corners.places_m[:, middle] - route_m, axis=1) > _LEAST_OFF_M
+    parts = [corner if is_round else point[None]
+             for corner, point, is_round in zip(corners.places_m, route_m, rounded, strict=True)]  # fmt: skip
+    places = np.vstack(parts)
+    ways = np.diff(places[:, :2], axis=0)
+    # Of each piece of the line; a leg, behind a corner, takes as long as it needs.
+    steps_s = np.concatenate([
+        np.append(np.full(len(part) - 1, step_s), 0.0) for part, step_s in zip(parts, corners.step_s, strict=True)
+    ])[:-1]  # fmt: skip
+    slow = np.hypot(ways[:, 0], ways[:, 1]) < _TURNING_SHARE * pace_of(site).cruise_m_s * steps_s
+    headings = _kept(np.vstack([heading_there(site, route_m[0]), ways]), np.append(False, slow))[1:]
+    first, last = len(parts[0]) // 2, len(places) - (len(parts[-1]) - 1) // 2
+    return FlownLine(np.ascontiguousarray(places[first:last]), headings[first : last - 1])
+
+
+def _kept(values: FloatArray, missing: BoolArray) -> FloatArray:
+    """(k, 2) values, the last one that is not missing in place of each that is; the first one is not."""
+    before = np.maximum.accumulate(np.where(missing, 0, np.arange(len(values))))
+    return np.ascontiguousarray(values[before])
 
 
 def places_passed_m(site: Site, route_m: FloatArray) -> FloatArray:
     """(n, 3) where a vehicle is when each waypoint of an (n, 3) ENU route counts as passed."""
     corners = _corners(site, route_m)
-    return route_m if corners is None else np.ascontiguousarray(corners[:, _CORNER_POINTS // 2])
+    return route_m if corners is None else np.ascontiguousarray(corners.places_m[:, _CORNER_POINTS // 2])
 
 
 def heading_there(site: Site, first_m: FloatArray) -> FloatArray:
@@ -57,22 +101,24 @@ def heading_there(site: Site, first_m: FloatArray) -> FloatArray:
 def corners_matter(site: Site) -> bool:
     """Whether what is seen depends on how corners are flown, and they are not flown exactly.
 
-    It does over a small area, and where a camera takes its pictures at the waypoints; not where nothing but waypoints is held to
-    the limits, as in the paper.
+    It does over a small area, and where a camera takes its pictures at the waypoints or by distance: on the inside of a bend the
+    way is shorter, and all later pictures come later. Not where nothing but waypoints is held to the limits, as in the paper.
     """
     pace, sensor = pace_of(site), site.scenario.sensor
     if not _is_blended(site, pace) or site.scenario.limits.applies_to == "waypoints":
         return False
     at_waypoints = sensor.sensing == "at-waypoints" and isinstance(sensor, NadirCamera | FrameCamera)
-    return at_waypoints or math.sqrt(site.area.area) <= _SMALL_SIDES * pace.corner_radius_m
+    if at_waypoints or trigger_distance_m(site.scenario) is not None:
+        return True
+    return math.sqrt(site.area.area) <= _SMALL_SIDES * pace.corner_radius_m
 
 
 def _is_blended(site: Site, pace: Pace) -> bool:
     return site.home_m is not None and pace.corner == BLENDED and math.isfinite(pace.acceleration_m_s2)
 
 
-def _corners(site: Site, route_m: FloatArray) -> FloatArray | None:
-    """(n, points, 3) how each waypoint of an (n, 3) route is passed; none where that is exactly.
+def _corners(site: Site, route_m: FloatArray) -> RoundedCorners | None:
+    """How each waypoint of an (n, 3) route is passed; none where that is exactly.
 
     The ways from home and to home are straight, from the top of the column above it.
     """
@@ -82,12 +128,14 @@ def _corners(site: Site, route_m: FloatArray) -> FloatArray | None:
     top = np.array([[home_m[0], home_m[1], home_m[2] + site.scenario.vehicle.takeoff_height_m]])
     corners = rounded_corners(pace, np.vstack([top, route_m, top]))
     if trigger_distance_m(site.scenario) is not None:
-        corners[0] = route_m[0]  # the waypoint at which pictures begin stands twice in the mission and is a stop
+        corners.places_m[0] = route_m[
+            0
+        ]  # the waypoint at which pictures begin stands twice in the mission and is a stop
     return corners
 
 
-def rounded_corners(pace: Pace, points_m: FloatArray) -> FloatArray:
-    """(n - 2, points, 3) how the inner ones of (n, 3) points are passed by blended legs, each from leg to leg.
+def rounded_corners(pace: Pace, points_m: FloatArray) -> RoundedCorners:
+    """How the n - 2 inner ones of (n, 3) points are passed by blended legs.
 
     Args:
         pace: of the vehicle, BLENDED.
@@ -107,7 +155,7 @@ def rounded_corners(pace: Pace, points_m: FloatArray) -> FloatArray:
         short_m = ramp.way_m(slice(None, -1), blend_s * (1.0 - share))
         onward_m = ramp.way_m(slice(1, None), blend_s * share)
         corners[:, k] = points_m[1:-1] - short_m[:, None] * unit[:-1] + onward_m[:, None] * unit[1:]
-    return corners
+    return RoundedCorners(corners, blend_s / (_CORNER_POINTS - 1))
 
 
 class _Ramps:

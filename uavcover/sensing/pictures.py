@@ -109,8 +109,8 @@ def whole_picture(sensor: Sensor) -> Sight:
 
 
 def planned_poses(coverage: CoverageMap, routes_m: Sequence[FloatArray]) -> SensorPoses:
-    """Where a level vehicle observes from on (n, 3) ENU routes, one for each flight, and how its camera is turned."""
-    parts = [coverage.observations(route) for route in routes_m]
+    """Where a level vehicle observes from on (n, 3) ENU routes as they are flown, and how its camera is turned."""
+    parts = [coverage.flown_observations(route) for route in routes_m]
     places = np.vstack([np.empty((0, 3)), *(part.places_m for part in parts)])
     headings = np.vstack([np.empty((0, 2)), *(part.headings for part in parts)])
     yaw_deg = np.degrees(np.arctan2(headings[:, 0], headings[:, 1]))
