@@ -61,8 +61,6 @@ def adaptive_swaths(
     site: Site,
     angle_rad: float,
     *,
-    across: bool = True,
-    start: int = 0,
     executor: Executor | None = None,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> list[Route]:
@@ -73,8 +71,6 @@ def adaptive_swaths(
     Args:
         site: with a sensor for which :func:`can_be_adapted` holds.
         angle_rad: direction of the lines, counter-clockwise from east.
-        across: whether there are lines across that direction, too.
-        start: which of the four ways to fly them, as in a layout.
         executor: lays out several at once; the routes do not depend on it.
         should_stop: asked before each number of lines; the first is always laid out.
     """
@@ -84,13 +80,13 @@ def adaptive_swaths(
     height = best_height_agl_m(site, tolerance_m=tolerance)
     swath = 2.0 * max(reach_at_height_m(site.scenario.sensor, height), site.scenario.area.cell_size_m)
     ranked = []
-    for angle in (angle_rad, angle_rad + 0.5 * math.pi) if across else (angle_rad,):
+    for angle in (angle_rad, angle_rad + 0.5 * math.pi):
         fitting = math.floor(width_across_m(site, angle) / swath)
         more = math.ceil(width_across_m(site, angle) / swath) - fitting
         numbers = (fitting, fitting - 1, *range(fitting + 1, fitting + more + 2))
         for rank, number in enumerate(number for number in numbers if number >= 1):
             layout = regular_layout(
-                angle_rad=angle, lines=number, height_agl_m=height, inset=0.0, tolerance_m=tolerance, start=start
+                angle_rad=angle, lines=number, height_agl_m=height, inset=0.0, tolerance_m=tolerance
             )
             ranked.append((rank, layout))
 
@@ -133,6 +129,14 @@ class BentLines:
     east_m: FloatArray
     heights_agl_m: FloatArray
     reach_m: float
+
+    def between(self, first: int, end: int) -> "BentLines":
+        """The lines from ``first`` to before ``end``."""
+        some = slice(first, end)
+        return dataclasses.replace(
+            self, across_m=self.across_m[some], west_m=self.west_m[some], east_m=self.east_m[some],
+            heights_agl_m=self.heights_agl_m[some],
+        )  # fmt: skip
 
 
 def bend_lines(site: Site, layout: SwathLayout) -> BentLines:
@@ -205,27 +209,29 @@ TIGHT_INSETS = (0.96, 0.8)
 fit beside each other, and insets. On 25 km² 31 such lines see 99.5 % in 14,800 s, where 33 up to the ends took 15,530 s."""
 
 
-def enough_lines(site: Site, angle_rad: float, share: float, *, start: int = 0) -> SwathLayout:
-    """As many lines at the best height as it takes for strips as wide as a share of the area, over flat ground.
-
-    Args:
-        site: of any sensor.
-        angle_rad: direction of the lines, counter-clockwise from east.
-        share: of the width of the area, 0..1.
-        start: which of the four ways to fly them.
-    """
-    return _regular(site, angle_rad, _TOLERANCE_SHARE, 0.0, widths=share, start=start)
-
-
-def tight_lines(site: Site, angle_rad: float, *, start: int = 0) -> list[Route]:
+def tight_lines(site: Site, angle_rad: float) -> list[Route]:
     """Bent lines in one direction with nothing to spare: as many as fit beside each other, or one fewer.
 
     Args:
         site: with a sensor for which :func:`can_be_adapted` holds.
         angle_rad: direction of the lines, counter-clockwise from east.
-        start: which of the four ways to fly them, as in a layout.
     """
-    return _laid_out(site, _tight(site, angle_rad, start), None, lambda: False)
+    return _laid_out(site, _tight(site, angle_rad), None, lambda: False)
+
+
+def tight_layouts(site: Site, angle_rad: float) -> list[SwathLayout]:
+    """Of bent lines with nothing to spare in one direction: as many as fit beside each other, and one more."""
+    return [
+        dataclasses.replace(_regular(site, angle_rad, share, TIGHT_INSETS[0], fewer=fewer), inset=inset)
+        for fewer in (0, -1)
+        for share in TIGHT
+        for inset in TIGHT_INSETS
+    ]
+
+
+def fly_tight(site: Site, layout: SwathLayout, bent: BentLines) -> Route:
+    """The route of such a layout: its lines as straight as its legs may leave their height."""
+    return fly_bent(site, layout, bent, straight_m=_BEND * layout.tolerance_m)
 
 
 def ample_lines(site: Site, angle_rad: float, *, shortest: bool) -> list[Route]:
@@ -280,14 +286,7 @@ def simple_lines(
 
 
 def _regular(
-    site: Site,
-    angle_rad: float,
-    share: float,
-    inset: float,
-    *,
-    widths: float = 1.0,
-    fewer: int | None = None,
-    start: int = 0,
+    site: Site, angle_rad: float, share: float, inset: float, *, widths: float = 1.0, fewer: int | None = None
 ) -> SwathLayout:
     """Lines side by side, whose legs may leave their height by a share of the band.
 
@@ -298,7 +297,6 @@ def _regular(
         inset: of their ends, as a share of the sensor's reach.
         widths: at least so many times as many as fit beside each other.
         fewer: or so many fewer than fit.
-        start: which of the four ways to fly them.
     """
     limits = site.scenario.limits
     tolerance_m = share * (limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m)
@@ -306,21 +304,15 @@ def _regular(
     swath_m = 2.0 * max(reach_at_height_m(site.scenario.sensor, height_m), site.scenario.area.cell_size_m)
     wanted = widths * width_across_m(site, angle_rad) / swath_m
     lines = math.ceil(wanted) if fewer is None else max(1, math.floor(wanted) - fewer)
-    return regular_layout(
-        angle_rad=angle_rad, lines=lines, height_agl_m=height_m, inset=inset, tolerance_m=tolerance_m, start=start
-    )
+    return regular_layout(angle_rad=angle_rad, lines=lines, height_agl_m=height_m, inset=inset, tolerance_m=tolerance_m)
 
 
 _Item = tuple[SwathLayout, bool, tuple[float, ...]]
 """Lines, whether they bend, and the insets with which they are flown."""
 
 
-def _tight(site: Site, angle_rad: float, start: int = 0) -> list[_Item]:
-    layouts = [
-        _regular(site, angle_rad, share, TIGHT_INSETS[0], fewer=fewer, start=start)
-        for fewer in _FEWER
-        for share in TIGHT
-    ]
+def _tight(site: Site, angle_rad: float) -> list[_Item]:
+    layouts = [_regular(site, angle_rad, share, TIGHT_INSETS[0], fewer=fewer) for fewer in _FEWER for share in TIGHT]
     return [(layout, True, TIGHT_INSETS) for layout in layouts]
 
 
@@ -331,9 +323,7 @@ def _laid_out(
         layout, bent, insets = item
         if not bent:
             return [fly_layout(site, layout)]
-        lines, straight_m = bend_lines(site, layout), _BEND * layout.tolerance_m
-        return [
-            fly_bent(site, dataclasses.replace(layout, inset=inset), lines, straight_m=straight_m) for inset in insets
-        ]
+        lines = bend_lines(site, layout)
+        return [fly_tight(site, dataclasses.replace(layout, inset=inset), lines) for inset in insets]
 
     return [route for some in _each(routes, items, executor, should_stop) for route in some]

@@ -106,17 +106,7 @@ def fly_layout(site: Site, layout: SwathLayout) -> Route:
     Each line runs over the whole extent of the area inside its strip. Concave areas and holes are flown across; a strip
     between two parts of an area that nothing lies in has no line.
     """
-    corners_en, wanted = _corners(site, layout)
-    return Route(lay_over_terrain(site, corners_en, wanted, tolerance_m=layout.tolerance_m))
-
-
-def line_corners(site: Site, layout: SwathLayout) -> FloatArray:
-    """(n, 2) where the lines of a layout begin and end, east and north metres, in the order of flight."""
-    return _corners(site, layout)[0]
-
-
-def _corners(site: Site, layout: SwathLayout) -> tuple[FloatArray, FloatArray]:
-    """(n, 2) ends of the lines in the order of flight, and (n,) their wanted heights above ground."""
+    to_lines = to_lines_frame(layout.angle_rad)
     borders, west_ends, east_ends = line_extents(site, layout)
     polyline: list[tuple[float, float]] = []
     wanted: list[float] = []
@@ -138,7 +128,7 @@ def _corners(site: Site, layout: SwathLayout) -> tuple[FloatArray, FloatArray]:
         points = points.reshape(-1, 2, 2)[:, ::-1].reshape(-1, 2)
     if layout.start & 2:
         points, heights = points[::-1], heights[::-1]
-    return points @ to_lines_frame(layout.angle_rad) + layout.shift_m, heights
+    return Route(lay_over_terrain(site, points @ to_lines + layout.shift_m, heights, tolerance_m=layout.tolerance_m))
 
 
 def to_lines_frame(angle_rad: float) -> FloatArray:

@@ -18,7 +18,6 @@ from uavcover.model.route import Route
 from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted, tight_lines
 from uavcover.planning.baselines.boustrophedon import Baseline, boustrophedons
 from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad
-from uavcover.planning.parts.chain import ChainedLines
 from uavcover.planning.search.goal_search import RouteJudge, best_starts, search_goal, starts_worth_looking_at
 from uavcover.planning.search.local_search import (
     CHAINS,
@@ -68,10 +67,8 @@ class PartTask:
         seed: of the whole search.
         evaluations: of the local search, PROPOSALS_PER_EVALUATION proposals each.
         budget_s: or so long.
-        route_m: (n, 3) the route so far; none in the first round.
+        route_m: (n, 3) the route so far; none in the first round where lines are to be laid out for the part.
         neighbours: the routes that see some of the part.
-        begin_m: (n, 3) what the first round begins with; none: lines are laid out for the part.
-        lines: which way these lines run, and where they begin and end; none: as they are best for the part by itself.
     """
 
     number: int
@@ -83,8 +80,6 @@ class PartTask:
     budget_s: float | None = None
     route_m: FloatArray | None = None
     neighbours: tuple[Neighbour, ...] = ()
-    begin_m: FloatArray | None = None
-    lines: ChainedLines | None = None
 
     @property
     def area(self) -> Piece:
@@ -187,16 +182,15 @@ def _looked_at(site: Site, task: PartTask) -> Piece:
 
 
 def _beginnings(part: Site, task: PartTask) -> list[Route]:
-    """The route so far; before there is one, what the task begins with, or lines."""
-    begin_m = task.begin_m if task.route_m is None else task.route_m
-    return _constructed(part, task.goal, task.lines) if begin_m is None else [Route(begin_m)]
+    """The route so far; before there is one, lines."""
+    return _constructed(part, task.goal) if task.route_m is None else [Route(task.route_m)]
 
 
-def _constructed(part: Site, goal: float, lines: ChainedLines | None) -> list[Route]:
+def _constructed(part: Site, goal: float) -> list[Route]:
     """Lines over a part that keep the limits; where none does, what is nearest to it.
 
-    Lines that bend, in two directions or, where others begin beside them, as the chain of parts wants them; straight ones, begun
-    at either end, for a sensor whose strip cannot be measured, or where no line that bends keeps the limits.
+    Lines that bend, in two directions; straight ones, begun at either end, for a sensor whose strip cannot be measured, or where
+    no line that bends keeps the limits.
     """
     margin_m = part.scenario.limits.height_margin_m
 
@@ -204,11 +198,7 @@ def _constructed(part: Site, goal: float, lines: ChainedLines | None) -> list[Ro
         return measure_violations(part, route.waypoints_m, margin_m=margin_m).total
 
     made: list[tuple[Route, float]] = []
-    if can_be_adapted(part) and lines is not None:
-        bent = adaptive_swaths(part, lines.angle_rad, across=False, start=lines.start)
-        bent += tight_lines(part, lines.angle_rad, start=lines.start)
-        made = [(route, broken(route)) for route in bent if lines.ends_alike(route)]
-    if can_be_adapted(part) and not made:
+    if can_be_adapted(part):
         angle_rad = long_side_angle_rad(part.area)
         tight = tight_lines(part, angle_rad) + tight_lines(part, angle_rad + 0.5 * math.pi)
         made = [(route, broken(route)) for route in adaptive_swaths(part, angle_rad) + tight]

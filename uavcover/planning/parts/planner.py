@@ -14,7 +14,6 @@ from uavcover.kernels.sight import horizontal_reach
 from uavcover.kernels.way_cost import ENERGY
 from uavcover.model.route import Plan, Route
 from uavcover.model.scenario import PlannerSettings
-from uavcover.planning.baselines.adaptive_swaths import can_be_adapted
 from uavcover.planning.baselines.boustrophedon import (
     BOUSTROPHEDON,
     Baseline,
@@ -26,10 +25,10 @@ from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.planning.choice import choose
 from uavcover.planning.front import NamedRoute, judge_members
 from uavcover.planning.joining import in_good_order, joined
-from uavcover.planning.parts.chain import ChainedLines, chained
 from uavcover.planning.parts.division import FlightWork, divide
 from uavcover.planning.parts.part_search import Neighbour, PartTask, search_part
-from uavcover.planning.parts.sortie_parts import may_have_sorties, sortie_parts
+from uavcover.planning.parts.slices import Slice, sliced
+from uavcover.planning.parts.sortie_parts import SortiePart, may_have_sorties, sortie_parts
 from uavcover.planning.search.optimizer_search import SearchProgress, SearchRun
 from uavcover.planning.selection import parse_rule
 from uavcover.routes.flight_costs import mission_cost
@@ -154,12 +153,8 @@ def plan_by_parts(
         )
     judge_by_blocks(site)
     fine = judging_map(site)
-    areas, begins_m, comparison = _divided(site, parts, goal, executor, or_sorties=or_sorties)
-    lines = None
-    if site.home_m is None and can_be_adapted(site):
-        lines = chained([dataclasses.replace(site, area=area) for area in areas], goal)
+    areas, routes, comparison = _divided(site, parts, goal, executor, or_sorties=or_sorties)
     found: list[Route] = []
-    routes: list[FloatArray] | None = None
     aim = goal
     seen = 0.0
     for number, share in enumerate((*_ROUNDS, *_ROUNDS[-1:] * _MORE_ROUNDS)):
@@ -176,9 +171,8 @@ def plan_by_parts(
             seed=settings.seed,
             evaluations=evaluations,
             budget_s=budget_s,
-            begins_m=begins_m,
-            lines=lines,
         )
+        know_each_other = routes is not None
         done_m: dict[int, FloatArray] = {}
         for task, route_m in run_tasks(site, tasks):
             done_m[task.number] = route_m
@@ -191,7 +185,7 @@ def plan_by_parts(
         found.append(whole)
         look_at_all(fine, [whole.waypoints_m], run_blocks)
         seen = fine.share_of_coverable(fine.seen(whole.waypoints_m))
-        if number > 0:  # before that, parts do not know of each other, and what they see twice is no sign
+        if know_each_other:  # before that, what they see twice is no sign
             missing = goal + _SAFETY - seen
             aim = min(1.0, aim + float(np.clip(missing, -_LARGEST_CORRECTION, _LARGEST_CORRECTION)))
         done = min(effort.evaluations, round(sum(_ROUNDS[: number + 1]) * effort.evaluations))
@@ -245,33 +239,25 @@ def tasks_of(
     seed: int,
     evaluations: int,
     budget_s: float | None,
-    begins_m: Sequence[FloatArray] | None = None,
-    lines: Sequence[ChainedLines] | None = None,
 ) -> list[PartTask]:
     """The tasks of a round, one for each part.
 
     Args:
         site: the scenario on its ground.
         areas: the parts.
-        routes: their routes so far, each (n, 3) ENU; none in the first round.
+        routes: their routes so far, each (n, 3) ENU; none before the first round where each is to have lines of its own.
         goal: share of the coverable ground.
         round_number: from 0; in odd ones the lower number of two neighbours keeps what both see, in even ones the higher.
         seed: of the whole search.
         evaluations: of each part.
         budget_s: of each part, instead.
-        begins_m: (n, 3) ENU what each part begins with; none: with lines of its own.
-        lines: which way these run; none: as they are best for the part by itself.
     """
     tasks = [
-        PartTask(k, round_number, shapely.to_wkb(area), goal, seed, evaluations, budget_s)
-        for k, area in enumerate(areas)
+        PartTask(number, round_number, shapely.to_wkb(area), goal, seed, evaluations, budget_s)
+        for number, area in enumerate(areas)
     ]
     if routes is None:
-        if lines is not None:
-            return [dataclasses.replace(task, lines=each) for task, each in zip(tasks, lines, strict=True)]
-        if begins_m is None:
-            return tasks
-        return [dataclasses.replace(task, begin_m=begin_m) for task, begin_m in zip(tasks, begins_m, strict=True)]
+        return tasks
     reach_m = horizontal_reach(sight_of(site.scenario.sensor)) + site.scenario.area.cell_size_m
     ways = [shapely.LineString(route[:, :2]) for route in routes]
     tree = shapely.STRtree([way.buffer(reach_m) for way in ways])
@@ -292,20 +278,23 @@ def _divided(
     site: Site, parts: int, goal: float, executor: Executor | None, *, or_sorties: bool
 ) -> tuple[list[Piece], list[FloatArray] | None, Callable[[], list[NamedRoute]]]:
     """The parts, with what each begins with where that is known already; and the baselines, when somebody asks for them."""
+    coarse = sampling_map(site, most_cells=_MOST_COMPARED_CELLS)
+    known: list[NamedRoute] | None = None
+    begun: Sequence[SortiePart | Slice] = []
+    if or_sorties and may_have_sorties(site):
+        known, flights = _baselines(coarse, goal), sortie_parts(site, coarse, goal)
+        together = math.fsum(flight.cost for flight in flights)
+        if len(flights) >= parts and together < _WORTH * _least_cost(site, known):
+            begun = flights
+    begun = begun or sliced(site, coarse, goal, parts)
 
     def compared() -> list[NamedRoute]:
-        return _baselines(sampling_map(site, most_cells=_MOST_COMPARED_CELLS), goal)
+        return _baselines(coarse, goal) if known is None else known
 
-    if or_sorties and may_have_sorties(site):
-        coarse = sampling_map(site, most_cells=_MOST_COMPARED_CELLS)
-        baselines, flights = _baselines(coarse, goal), sortie_parts(site, coarse, goal)
-        together = math.fsum(flight.cost for flight in flights)
-        if len(flights) >= parts and together < _WORTH * _least_cost(site, baselines):
-            return [each.area for each in flights], [each.begin_m for each in flights], lambda: baselines
-        return divide(site.area, parts, flight_work(site)), None, lambda: baselines
     # Lines over a large area take as long as the search in a part, which others may do meanwhile.
     later = compared if executor is None else executor.submit(compared).result
-    return divide(site.area, parts, flight_work(site)), None, later
+    areas = [each.area for each in begun] or divide(site.area, parts, flight_work(site))
+    return areas, [each.begin_m for each in begun] or None, later
 
 
 def _baselines(coarse: CoverageMap, goal: float) -> list[NamedRoute]:
