@@ -11,8 +11,12 @@ from uavcover.planning.front import NamedRoute, judge_members, pareto_members, t
 from uavcover.planning.search.simplify import simplified
 from uavcover.planning.selection import Rule, select, without_flukes
 from uavcover.planning.sortie_order.reorder import OrderEffort, has_several_sorties, reordered
+from uavcover.planning.sure_pictures import surely
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
+
+_MOST_UNSURE = 5
+"""So many choices with unsure pictures are given up for the next one before the first of them is taken after all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,6 +75,7 @@ def choose(
         others = _in_other_order(site, confirmed, rule, order, is_over)
         confirmed += [member for member in _feasible(fine, others, executor) if _is_few_enough(member, settings)]
         simpler += others
+    confirmed = _with_sure_pictures(fine, confirmed, rule, executor)
     pareto = thinned(pareto_members(confirmed), rule)
     choice = select(pareto, rule)
     route = pareto[choice.index]
@@ -131,6 +136,26 @@ def _in_other_order(
         return []
     simpler = None if is_over is None else simplified(judges, other, asked=asked, is_over=is_over)
     return [(route, chosen.origin) for route in (other, simpler) if route is not None]
+
+
+def _with_sure_pictures(
+    fine: CoverageMap, members: list[RouteMember], rule: Rule, executor: Executor | None
+) -> list[RouteMember]:
+    """The members; what the rule chooses among them is one whose pictures are sure, if one of few keeps the rule as well."""
+    before = members
+    for _ in range(_MOST_UNSURE):
+        chosen = _chosen_so_far(members, rule)
+        if chosen is None:
+            return before
+        route = surely(fine.site, chosen.route)
+        if route is chosen.route:
+            return members if select(pareto_members(members), rule).met else before
+        others = [member for member in members if member is not chosen]
+        others += _feasible(fine, [(route, chosen.origin)], executor)
+        if not others:
+            return before
+        members = _confirmed(fine.site, others, rule, cells=fine.grid.count)
+    return before
 
 
 def _chosen_so_far(feasible: Sequence[RouteMember], rule: Rule) -> RouteMember | None:

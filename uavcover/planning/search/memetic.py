@@ -38,6 +38,7 @@ from uavcover.planning.search.simplify import thinned_out
 from uavcover.planning.search.tour_with_neighbourhoods import search_free_order
 from uavcover.planning.search.tuning import TUNED, GoalTuning, SearchTuning
 from uavcover.planning.selection import Rule
+from uavcover.planning.sure_pictures import surely
 from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
@@ -127,7 +128,7 @@ def improve(
     kept: list[Route] = []
 
     def found(route: Route) -> None:
-        kept.append(_shortened(problem, route))
+        kept.append(surely(site, _shortened(problem, route)))
 
     show = _progress(coverage, starts, pace, effort, evaluations_done, rule, run.on_progress)
     seeds = np.random.SeedSequence([settings.seed, _LOCAL_SEARCH_STREAM]).spawn(CHAINS)
@@ -157,10 +158,11 @@ def improve(
     capacity = _capacity(problem, settings, starts, tuned)
 
     def closed(route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
-        return _closed(judging, route, goal, tuned.closed, is_over)
+        return _closed(judging, surely(site, route), goal, tuned.closed, is_over)
 
     # Where time is paid for, finer cells are asked only about what the own cells confirm.
-    judge = RouteJudge(on_each if effort.budget_s is None else OneAfterTheOther(judges), found, closed)
+    exactly = on_each if effort.budget_s is None else OneAfterTheOther(judges)
+    judge = RouteJudge(lambda route, goal: exactly(surely(site, route), goal), found, closed)
     if problem.free_order:
         search_free_order(work, starts, asked=asked, capacity=capacity, judge=judge)
     else:
@@ -173,7 +175,7 @@ def improve(
         if finer is not None:
             # The choice asks these cells: they are made ready while there is time for it.
             _ = finer.coverable
-        on_these_cells = RouteJudge(lambda route, _: _seen(route, judging), found)
+        on_these_cells = RouteJudge(lambda route, _: _seen(surely(site, route), judging), found)
         search_waypoints(work, known, goal=goal, capacity=capacity, until=1.0, judge=on_these_cells)
     return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
 
@@ -250,7 +252,7 @@ def _with_closing(
         whole = lay_over_terrain(
             site, whole[:, :2], heights_agl_m, tolerance_m=PLAIN_TOLERANCE_M, spacing_m=_CLOSE_SAMPLES_M
         )
-    return None if _breaks_a_limit(site, whole) else Route(whole)
+    return None if _breaks_a_limit(site, whole) else surely(site, Route(whole))
 
 
 def _breaks_a_limit(site: Site, points_m: FloatArray) -> bool:

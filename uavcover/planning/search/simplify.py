@@ -8,6 +8,7 @@ from uavcover.kernels.simplification import merge, take_out
 from uavcover.model.route import Route
 from uavcover.planning.search.goal_search import SAFETY
 from uavcover.planning.search.route_problem import RouteProblem, route_problem, state_of
+from uavcover.planning.sure_pictures import surely
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import reach_at_height_m
 
@@ -62,7 +63,7 @@ def simplified(
             attempts += 1
             state = state_of(problem, route, capacity=len(route))
             _sweep(problem, state, slack, is_over)
-            simpler = Route(snapshot(state))
+            simpler = surely(judge.site, Route(snapshot(state)))
             if len(simpler) >= len(route):
                 return None
             # Kernels count pictures by distance as if every leg had them everywhere.
