@@ -4,8 +4,12 @@
     .venv/bin/python scripts/bench_bounds.py --paths --time 60
 
 Proofs on lattices of two spacings, by branch and bound for so many seconds a question; covers that take no solver; their tours
-beside LKH's, where elkai is installed.
+beside LKH's, where elkai is installed. One BLAS thread.
 """
+
+import os
+
+os.environ |= dict.fromkeys(("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
 import argparse
 import csv

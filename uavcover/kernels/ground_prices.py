@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.relief import EXACT_M, LEAST_GROWTH, Relief, farthest_seen, height
 
-E_LOW, E_HIGH, N_LOW, N_HIGH, DEAREST, PE_LOW, PE_HIGH, PN_LOW, PN_HIGH, PRICED = range(10)
-"""What is known of a window of squares: slopes of the ground towards east and north, the highest price, slopes of the price
-likewise, and whether all of it is priced."""
-WINDOW_FIELDS = 10
+E_LOW, E_HIGH, N_LOW, N_HIGH, DEAREST, PE_LOW, PE_HIGH, PN_LOW, PN_HIGH = range(9)
+"""What is known of a window of squares: slopes of the ground towards east and north, the highest price, and slopes of the price
+likewise, as if all of it were priced."""
+WINDOW_FIELDS = 9
 WORTH, BY_E, BY_N, MOST, BENT, LEAST_R, MOST_R = range(7)
 """Of the end of view in a bin of directions: what it is worth at most from the middle of the square; what it grows by towards
 the square's eastern and northern sides; what it is worth anywhere; what is gained where changes, and how much a direction
@@ -61,14 +61,14 @@ def _look_around(
     box: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Write to ``box`` what windows between two distances from a place say together."""
-    box[E_LOW], box[N_LOW], box[PE_LOW], box[PN_LOW], box[PRICED] = math.inf, math.inf, math.inf, math.inf, 1.0
+    box[E_LOW], box[N_LOW], box[PE_LOW], box[PN_LOW] = math.inf, math.inf, math.inf, math.inf
     box[E_HIGH], box[N_HIGH], box[PE_HIGH], box[PN_HIGH], box[DEAREST] = -math.inf, -math.inf, -math.inf, -math.inf, 0.0
     at = min(first + prices.slack, max(last - prices.slack, first))
     while True:
         window = prices.windows[
             int((n + at * un - prices.around) / side), int((e + at * ue - prices.around) / side)
         ]  # fmt: skip
-        for f in (E_LOW, N_LOW, PE_LOW, PN_LOW, PRICED):
+        for f in (E_LOW, N_LOW, PE_LOW, PN_LOW):
             box[f] = min(box[f], window[f])
         for f in (E_HIGH, N_HIGH, PE_HIGH, PN_HIGH, DEAREST):
             box[f] = max(box[f], window[f])
@@ -116,6 +116,12 @@ def _passed(
     aside, growth, fastest, off, least, most = prices.slack, 1.0, 1.0, 0.0, 0.0, 0.0
     re0, re1, rn0, rn1 = 0.0, 0.0, 0.0, 0.0
     first, last = r, r
+    # How much further than the reach the cone sees there, times its growth.
+    ends, spare = tangent == 0.0, 0.0
+    if not ends and r >= reach:
+        top, _, _ = height(relief, relief.top_m, place[0], place[1])
+        up, _, _ = height(relief, relief.ground_m, place[0] + reach * ue, place[1] + reach * un)
+        spare = tangent * (top - up) - reach
     while True:
         first, last = max(r - aside, 0.0), min(r + aside, reach)
         _look_around(prices, relief.side, place[0], place[1], ue, un, first, last, box)
@@ -127,26 +133,34 @@ def _passed(
         fastest = max(1.0 + tangent * (high + steep), growth)
         # With the place, distance changes at between these rates,
         low, high = min(slopes[0, 0], slopes[1, 0]) - box[E_HIGH], max(slopes[0, 0], slopes[1, 0]) - box[E_LOW]
+        spared = h * max(abs(low), abs(high))
         re0, re1 = _quotients(tangent * low, tangent * high, growth, fastest)
         low, high = min(slopes[0, 1], slopes[1, 1]) - box[N_HIGH], max(slopes[0, 1], slopes[1, 1]) - box[N_LOW]
+        spared += h * max(abs(low), abs(high))
         rn0, rn1 = _quotients(tangent * low, tangent * high, growth, fastest)
         off = h * (max(abs(re0), abs(re1)) + max(abs(rn0), abs(rn1))) + 2.0 * EXACT_M
         # and with the direction at between these.
         low, high = _along(un, -ue, box, E_LOW)
-        low, high = _quotients(tangent * (low - steep), tangent * (high + steep), growth, fastest)
+        low, high = low - steep, high + steep
+        if spare > tangent * (spared + half * reach * max(abs(low), abs(high))) + EXACT_M:
+            # No place and no direction has less to spare than that.
+            ends = True
+            break
+        low, high = _quotients(tangent * low, tangent * high, growth, fastest)
         least, most = min(low * first, low * last), max(high * first, high * last)
         if off + half * max(abs(least), abs(most)) <= aside or (first == 0.0 and last == reach):
             break
         aside *= 2.0
+    if ends:
+        off, least, most, r = 0.0, 0.0, 0.0, reach
     moved = off + half * max(abs(least), abs(most))
     out[LEAST_R], out[MOST_R] = r - moved, r + moved
     price = box[DEAREST]
     out[WORTH] = 0.0
     if not price > 0.0:
         return
-    ends = tangent == 0.0 or r - moved >= reach - 2.0 * EXACT_M
     if ends:
-        re0, re1, rn0, rn1, least, most, growth, r = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, reach
+        re0, re1, rn0, rn1, growth = 0.0, 0.0, 0.0, 0.0, 1.0
     least_growth = growth
     # Growth within the bin: what it is at least in the middle, and what changes to the one side and to the other.
     turning = 0.0
@@ -161,29 +175,28 @@ def _passed(
             turning = 0.0
     turning /= growth
     pe, pn, ps, pv = 0.0, 0.0, 0.0, 0.0
-    if box[PRICED] > 0.0:
-        # The price here, and how it changes with the place and with the direction.
-        e, n = (place[0] + r * ue) / relief.side, (place[1] + r * un) / relief.side
-        j, i = int(e), int(n)
-        e, n = e - j, n - i
-        p = prices.per_m2
-        here = (1.0 - n) * ((1.0 - e) * p[i, j] + e * p[i, j + 1]) + n * ((1.0 - e) * p[i + 1, j] + e * p[i + 1, j + 1])
-        steep = half * _steepest(box, PE_LOW)
-        q0, q1 = _along(ue, un, box, PE_LOW)
-        q0, q1 = q0 - steep, q1 + steep
-        low, high = _products(q0, q1, re0, re1)
-        e0, e1 = box[PE_LOW] + low, box[PE_HIGH] + high
-        low, high = _products(q0, q1, rn0, rn1)
-        n0, n1 = box[PN_LOW] + low, box[PN_HIGH] + high
-        c0, c1 = _along(-un, ue, box, PE_LOW)
-        far, near = min(r + moved, reach), max(r - moved, 0.0)
-        c0, c1 = c0 - steep, c1 + steep
-        c0, c1 = min(c0 * near, c0 * far), max(c1 * near, c1 * far)
-        low, high = _products(q0, q1, least, most)
-        s0, s1 = c0 + low, c1 + high
-        here += 0.5 * h * (e1 - e0 + n1 - n0) + _steepest(box, PE_LOW) * 2.0 * EXACT_M
-        if here + 0.25 * half * (s1 - s0) < price:
-            price, pe, pn, ps, pv = here, 0.5 * (e0 + e1), 0.5 * (n0 + n1), 0.5 * (s0 + s1), 0.5 * (s1 - s0)
+    # The price here as if all ground around were priced, and how it changes with the place and with the direction.
+    e, n = (place[0] + r * ue) / relief.side, (place[1] + r * un) / relief.side
+    j, i = int(e), int(n)
+    e, n = e - j, n - i
+    p = prices.per_m2
+    here = (1.0 - n) * ((1.0 - e) * p[i, j] + e * p[i, j + 1]) + n * ((1.0 - e) * p[i + 1, j] + e * p[i + 1, j + 1])
+    steep = half * _steepest(box, PE_LOW)
+    q0, q1 = _along(ue, un, box, PE_LOW)
+    q0, q1 = q0 - steep, q1 + steep
+    low, high = _products(q0, q1, re0, re1)
+    e0, e1 = box[PE_LOW] + low, box[PE_HIGH] + high
+    low, high = _products(q0, q1, rn0, rn1)
+    n0, n1 = box[PN_LOW] + low, box[PN_HIGH] + high
+    c0, c1 = _along(-un, ue, box, PE_LOW)
+    far, near = min(r + moved, reach), max(r - moved, 0.0)
+    c0, c1 = c0 - steep, c1 + steep
+    c0, c1 = min(c0 * near, c0 * far), max(c1 * near, c1 * far)
+    low, high = _products(q0, q1, least, most)
+    s0, s1 = c0 + low, c1 + high
+    here += 0.5 * h * (e1 - e0 + n1 - n0) + _steepest(box, PE_LOW) * 2.0 * EXACT_M
+    if here + 0.25 * half * (s1 - s0) < price:
+        price, pe, pn, ps, pv = here, 0.5 * (e0 + e1), 0.5 * (n0 + n1), 0.5 * (s0 + s1), 0.5 * (s1 - s0)
     r += 0.5 * h * (re1 - re0 + rn1 - rn0) + (0.0 if ends else 2.0 * EXACT_M)
     be, bn, bs, bv = 0.5 * (re0 + re1), 0.5 * (rn0 + rn1), 0.5 * (least + most), 0.5 * (most - least)
     second = (h * (abs(pe) + abs(pn)) + half * (abs(ps) + pv)) * (h * (abs(be) + abs(bn)) + half * (abs(bs) + bv))

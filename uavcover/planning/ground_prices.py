@@ -172,7 +172,6 @@ def _prices(relief: Relief, program: PriceProgram, bins: int) -> Prices:
                 np.where(program.priced, _corners(per_m2).max(axis=0), 0.0), squares, least=False
             )
             field += 1
-    windows[:, :, field] = _over_windows(program.priced.astype(float), squares, least=True)
     return Prices(per_m2, windows, around, slack)
 
 
