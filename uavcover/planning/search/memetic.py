@@ -44,6 +44,7 @@ from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import make_scattered_cells
 from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
+from uavcover.sensing.judged_cells import is_judged_on_smaller_cells
 from uavcover.sensing.sensors import reach_at_height_m
 
 MARGIN_CELLS = 0.45
@@ -112,14 +113,8 @@ def improve(
     starts = _starts(coverage, candidates, settings)
     if not starts or left == 0 or effort.is_over(run.started):
         return Improved((), 0, interrupted=False)
-    if site.scenario.sensor.sensing == "along-path":
-        problem = scattered_problem(
-            CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m, cut=make_scattered_cells)
-        )
-        judges = judging_maps(site)
-    else:
-        problem = _problem(site, coverage, margin_cells=0.0 if judging is coverage else MARGIN_CELLS)
-        judges = [judging]
+    problem = _search_problem(coverage, judging)
+    judges = judging_maps(site) if site.scenario.sensor.sensing == "along-path" else [judging]
     pace: SearchPace
     if effort.budget_s is None:
         pace = PaceByNumber(left * PROPOSALS_PER_EVALUATION)
@@ -281,8 +276,22 @@ def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: Planner
     ]
 
 
+def _search_problem(coverage: CoverageMap, judging: CoverageMap) -> RouteProblem:
+    """The problem of a search: on scattered cells, or at waypoints on the planner's.
+
+    Where routes are judged on smaller cells, these see other ground than the planner's do: on the walls of a canyon a search saw
+    98.6 % where 93.7 % were judged, and its goal, corrected up to 100 %, told it no more.
+    """
+    site = coverage.site
+    if site.scenario.sensor.sensing == "along-path" or is_judged_on_smaller_cells(site):
+        return scattered_problem(
+            CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m, cut=make_scattered_cells)
+        )
+    return _problem(site, coverage, margin_cells=0.0 if judging is coverage else MARGIN_CELLS)
+
+
 def scattered_problem(scattered: CoverageMap) -> RouteProblem:
-    """The problem of a search along the path, on scattered cells."""
+    """The problem of a search on scattered cells."""
     return _problem(scattered.site, scattered, margin_cells=SCATTERED_MARGIN_CELLS)
 
 
