@@ -8,7 +8,7 @@ import shapely
 
 from tests.planning.sites import hills, make_site
 from uavcover.kernels.route import path_length
-from uavcover.planning.baselines.adaptive_swaths import bend_lines, fly_tight, tight_layouts
+from uavcover.planning.baselines.adaptive_swaths import TIGHT, bend_lines, fly_tight, tight_layouts
 from uavcover.planning.baselines.swaths import long_side_angle_rad
 from uavcover.planning.parts.planner import tasks_of
 from uavcover.planning.parts.slices import Slice, sliced
@@ -46,7 +46,9 @@ def slices(site: Site) -> list[Slice]:
 
 def whole_routes(site: Site) -> list[np.ndarray]:
     """All that slices can be cut from."""
-    layouts = tight_layouts(site, long_side_angle_rad(site.area))
+    first = long_side_angle_rad(site.area)
+    ways = itertools.product((first, first + 0.5 * math.pi), TIGHT, (-1, 0, 1))
+    layouts = [layout for angle, share, more in ways for layout in tight_layouts(site, angle, share=share, more=more)]
     return [fly_tight(site, layout, bend_lines(site, layout)).waypoints_m for layout in layouts]
 
 

@@ -219,14 +219,17 @@ def tight_lines(site: Site, angle_rad: float) -> list[Route]:
     return _laid_out(site, _tight(site, angle_rad), None, lambda: False)
 
 
-def tight_layouts(site: Site, angle_rad: float) -> list[SwathLayout]:
-    """Of bent lines with nothing to spare in one direction: as many as fit beside each other, and one more."""
-    return [
-        dataclasses.replace(_regular(site, angle_rad, share, TIGHT_INSETS[0], fewer=fewer), inset=inset)
-        for fewer in (0, -1)
-        for share in TIGHT
-        for inset in TIGHT_INSETS
-    ]
+def tight_layouts(site: Site, angle_rad: float, *, share: float, more: int) -> list[SwathLayout]:
+    """Of bent lines side by side in one direction, by their inset.
+
+    Args:
+        site: with a sensor for which :func:`can_be_adapted` holds.
+        angle_rad: direction of the lines, counter-clockwise from east.
+        share: of the band, how far legs may leave their height: one of TIGHT.
+        more: lines than fit beside each other.
+    """
+    layout = _regular(site, angle_rad, share, TIGHT_INSETS[0], fewer=-more)
+    return [dataclasses.replace(layout, inset=inset) for inset in TIGHT_INSETS]
 
 
 def fly_tight(site: Site, layout: SwathLayout, bent: BentLines) -> Route:

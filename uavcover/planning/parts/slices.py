@@ -6,7 +6,10 @@ has a few lines of a route that bends over the whole area; one behind the other 
 
 import dataclasses
 import itertools
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import shapely
@@ -14,6 +17,7 @@ import shapely
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.way_cost import route_cost
 from uavcover.planning.baselines.adaptive_swaths import (
+    TIGHT,
     BentLines,
     bend_lines,
     can_be_adapted,
@@ -49,7 +53,7 @@ class Slice:
 
 
 def sliced(site: Site, coarse: CoverageMap, goal: float, count: int) -> list[Slice]:
-    """Slices of lines along the long side, in the order of the route.
+    """Slices of lines along or across the long side, in the order of the route.
 
     Args:
         site: the scenario on its ground.
@@ -81,21 +85,38 @@ def sliced(site: Site, coarse: CoverageMap, goal: float, count: int) -> list[Sli
 
 def _best_lines(site: Site, coarse: CoverageMap, goal: float) -> tuple[SwathLayout, BentLines] | None:
     """Of least cost among lines that keep the limits, with what they miss at its price; none where none does."""
+    along_rad = long_side_angle_rad(site.area)
+    found: list[_Lines] = []
+    for angle_rad, share in itertools.product((along_rad, along_rad + 0.5 * math.pi), TIGHT):
+        fitting = _lines(site, coarse, goal, tight_layouts(site, angle_rad, share=share, more=0))
+        enough = max(each.seen for each in fitting) >= goal
+        others = tight_layouts(site, angle_rad, share=share, more=-1 if enough else 1)
+        found += fitting + _lines(site, coarse, goal, others)
+    best = min(found, key=lambda each: each.merit)
+    return None if math.isinf(best.merit) else (best.layout, best.bent)
+
+
+class _Lines(NamedTuple):
+    """Lines over the whole area, the share of what can be covered that they see, and what they cost; infinite outside limits."""
+
+    layout: SwathLayout
+    bent: BentLines
+    seen: float
+    merit: float
+
+
+def _lines(site: Site, coarse: CoverageMap, goal: float, layouts: Sequence[SwathLayout]) -> list[_Lines]:
+    """Of layouts that differ by their inset."""
     way, surface, margin_m = way_cost_of(site), site.ground.surface, site.scenario.limits.height_margin_m
-    best: tuple[float, SwathLayout, BentLines] | None = None
-    bent_as: dict[tuple[int, float], BentLines] = {}
-    for layout in tight_layouts(site, long_side_angle_rad(site.area)):
-        key = layout.heights_agl_m.size, layout.tolerance_m
-        if key not in bent_as:
-            bent_as[key] = bend_lines(site, layout)
-        route_m = fly_tight(site, layout, bent_as[key]).waypoints_m
-        if measure_violations(site, route_m, margin_m=margin_m).total > 0.0:
-            continue
-        missing = max(0.0, goal - coarse.share_of_coverable(coarse.seen(route_m)))
-        merit = float(route_cost(surface, way, route_m)) * (1.0 + TUNED.goal.start_price * missing)
-        if best is None or merit < best[0]:
-            best = merit, layout, bent_as[key]
-    return None if best is None else best[1:]
+    bent = bend_lines(site, layouts[0])
+    found = []
+    for layout in layouts:
+        route_m = fly_tight(site, layout, bent).waypoints_m
+        seen = coarse.share_of_coverable(coarse.seen(route_m))
+        merit = float(route_cost(surface, way, route_m)) * (1.0 + TUNED.goal.start_price * max(0.0, goal - seen))
+        broken = measure_violations(site, route_m, margin_m=margin_m).total > 0.0
+        found.append(_Lines(layout, bent, seen, math.inf if broken else merit))
+    return found
 
 
 def _cuts(long_m: FloatArray, count: int) -> IntArray:
