@@ -177,7 +177,7 @@ def proved(kind, seed):
     program = PriceProgram(coverage, coverable_weight_m2(coverage), relief, 1.0)
     rng = np.random.default_rng(seed)
     program.per_m2 = rng.uniform(0.5, 1.0, program.per_m2.shape) / 40.0
-    rates, largest = ground_prices._rates(relief, program, 1)
+    rates, largest = ground_prices._rates(relief, program, 1, (0, 0))
     nodes, side = program.at_nodes(), relief.side
 
     def price_m2(e, n):

@@ -150,7 +150,7 @@ def _passed(
         least, most = min(low * first, low * last), max(high * first, high * last)
         if off + half * max(abs(least), abs(most)) <= aside or (first == 0.0 and last == reach):
             break
-        aside *= 2.0
+        aside = max(1.2 * aside, 1.02 * (off + half * max(abs(least), abs(most))))
     if ends:
         off, least, most, r = 0.0, 0.0, 0.0, reach
     moved = off + half * max(abs(least), abs(most))
@@ -218,7 +218,7 @@ def _passed(
 @kernel
 def rates_in_squares(
     relief: Relief, prices: Prices, directions: NDArray[np.float64], group: int, headings: NDArray[np.float64], stride: int,
-    parts: int, rates: NDArray[np.float64], largest: NDArray[np.float64],
+    offset: tuple[int, int], parts: int, rates: NDArray[np.float64], largest: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Write what a metre of path gains at most at any place of each square, along any heading.
 
@@ -229,6 +229,7 @@ def rates_in_squares(
         group: bins that are added up before headings are looked at; a divisor of their number.
         headings: (m, 2) unit vectors, evenly over half a turn.
         stride: 1 for a proof; otherwise only every so many rows and columns of squares are looked at.
+        offset: of these, rows and columns less than ``stride``.
         parts: squares along the side of a cell.
         rates: (rows, columns) is written where looked at.
         largest: (rows // parts, columns // parts) the largest rate of the places to whose gain the ground of each cell may add,
@@ -244,8 +245,8 @@ def rates_in_squares(
     far = stride * (int((reach / side + 4.0) / stride) + 1)
     rows, columns = relief.allowed.shape
     size = parts * side
-    for i in range(far, rows - far, stride):
-        for j in range(far, columns - far, stride):
+    for i in range(far + offset[0], rows - far, stride):
+        for j in range(far + offset[1], columns - far, stride):
             rates[i, j] = 0.0
             if not relief.allowed[i, j]:
                 continue

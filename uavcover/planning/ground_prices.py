@@ -22,16 +22,20 @@ from uavcover.sensing.sensors import whatever_heading
 
 _SQUARES_A_CELL = (8, 6, 4, 3, 2, 1)
 """Squares of the lattice along the side of a cell: the finer, the higher the bound, and the longer the proof takes."""
-_BINS_A_SECOND = 8e5
+_BINS_A_SECOND = 1.28e6
 """Of directions, from all squares together: of the whole proof, on one core."""
 _GROUP = 2
 _HEADINGS = 48
-_SLACK = 0.4
-"""Of a square's side: by so much distances may change without another look."""
+_BINS_A_SIDE = 1.6
+"""Of directions, at the end of view."""
+_SLACK = 0.19
+"""Of a square's side: by so much distances may change without another look. With so many bins a window has three squares."""
 _SAMPLES_ACROSS = 120
 _LOOKS = 6
 _STRIDE_CELLS = 2
 """Between places that are looked at in passing."""
+_OFFSETS = ((0, 0), (1, 1), (0, 1), (1, 0))
+"""Of these places, in halves of their distance: other ones each time."""
 _NEARLY = 1.005
 """A rate that is not worth another look."""
 _TILES = (16, 4, 1, 0)
@@ -83,8 +87,8 @@ def lattice_parts(coverage: CoverageMap, time_s: float) -> int | None:
 
 
 def _bins(reach: float, side: float) -> int:
-    """Of directions: at the end of view about as wide as a square."""
-    return 8 * max(8, math.ceil(2.0 * math.pi * reach / (8.0 * side)))
+    """Of directions: at the end of view somewhat narrower than a square."""
+    return 8 * max(8, math.ceil(2.0 * math.pi * reach * _BINS_A_SIDE / (8.0 * side)))
 
 
 def price_ground(coverage: CoverageMap, share: float, *, parts: int) -> PricedGround | None:
@@ -106,18 +110,20 @@ def price_ground(coverage: CoverageMap, share: float, *, parts: int) -> PricedGr
     program.look_at(where, np.ones(len(where)))
     program.solve()
     stride = _STRIDE_CELLS * parts
-    for _ in range(_LOOKS):
+    for look in range(_LOOKS):
         # Where rates come out largest, of places that are looked at in passing, prices are tried next, with what the proof
         # adds there for all that it does not know exactly: the largest around, and all in the upper half of the excess.
-        rates = _rates(relief, program, stride)[0][::stride, ::stride]
+        down, along = _OFFSETS[look % len(_OFFSETS)]
+        offset = (down * stride // 2, along * stride // 2)
+        rates = _rates(relief, program, stride, offset)[0][offset[0] :: stride, offset[1] :: stride]
         peaks = (rates >= scipy.ndimage.maximum_filter(rates, 3)) & (rates > _NEARLY)
         worst = peaks | (rates > max(_NEARLY, 0.5 * (1.0 + float(rates.max()))))
-        where = (np.argwhere(worst) * stride).astype(np.int64)
+        where = (np.argwhere(worst) * stride + offset).astype(np.int64)
         if not len(where):
             break
         program.look_at(where, _overhead(program, where, rates[worst]))
         program.solve()
-    rates, largest = _rates(relief, program, 1)
+    rates, largest = _rates(relief, program, 1, (0, 0))
     divisor = program.of_cells(largest) * (1.0 + 1e-9)
     # Ground that no place gains has no price.
     by = np.divide(1.0, divisor, out=np.zeros_like(divisor), where=divisor > 0.0)
@@ -132,14 +138,16 @@ def coverable_weight_m2(coverage: CoverageMap) -> FloatArray:
     return weight
 
 
-def _rates(relief: Relief, program: PriceProgram, stride: int) -> tuple[FloatArray, FloatArray]:
+def _rates(
+    relief: Relief, program: PriceProgram, stride: int, offset: tuple[int, int]
+) -> tuple[FloatArray, FloatArray]:
     """(rows, columns) bounds of rates, 0 where none is looked at; and the largest to which each cell adds, 0 where to none."""
     bins = _bins(relief.reach, relief.side)
     rows, columns = relief.allowed.shape
     rates, largest = np.zeros((rows, columns)), np.zeros((rows // program.parts, columns // program.parts))
     rates_in_squares(
         relief, _prices(relief, program, bins), middles_of_bins(bins), _GROUP, headings_over_half_a_turn(_HEADINGS), stride,
-        program.parts, rates, largest,
+        offset, program.parts, rates, largest,
     )  # fmt: skip
     return rates, largest
 
