@@ -38,7 +38,7 @@ from scripts.kept_rows import Row, read_rows, write_rows
 from scripts.watched import Watch
 from uavcover.scenario.scenario_file import dump_scenario
 
-CASES = {"100km2-10m": (4, 40_000), "1000km2-30m": (8, 8_000), "10000km2-30m": (60, 40_000)}
+CASES = {"100km2-10m": (4, 40_000), "1000km2-30m": (8, 8_000), "10000km2-30m": (40, 40_000)}
 """Parts and evaluations of each area."""
 WORKERS = (2, 1)
 SIMULATED = (1, 2, 4, 8, 16, 32, 64)

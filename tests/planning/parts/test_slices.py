@@ -47,7 +47,7 @@ def slices(site: Site) -> list[Slice]:
 def whole_routes(site: Site) -> list[np.ndarray]:
     """All that slices can be cut from."""
     first = long_side_angle_rad(site.area)
-    ways = itertools.product((first, first + 0.5 * math.pi), TIGHT, (-1, 0, 1))
+    ways = itertools.product((first, first + 0.5 * math.pi), (1 / 32, *TIGHT), (-1, 0, 1))
     layouts = [layout for angle, share, more in ways for layout in tight_layouts(site, angle, share=share, more=more)]
     return [fly_tight(site, layout, bend_lines(site, layout)).waypoints_m for layout in layouts]
 

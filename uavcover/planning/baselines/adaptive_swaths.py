@@ -225,7 +225,7 @@ def tight_layouts(site: Site, angle_rad: float, *, share: float, more: int) -> l
     Args:
         site: with a sensor for which :func:`can_be_adapted` holds.
         angle_rad: direction of the lines, counter-clockwise from east.
-        share: of the band, how far legs may leave their height: one of TIGHT.
+        share: of the band, how far legs may leave their height.
         more: lines than fit beside each other.
     """
     layout = _regular(site, angle_rad, share, TIGHT_INSETS[0], fewer=-more)

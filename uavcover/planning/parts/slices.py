@@ -32,6 +32,9 @@ from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import Piece, polygons_of
 from uavcover.sensing.coverage_map import CoverageMap
 
+_SHARES = (1 / 32, *TIGHT)
+"""How far legs may leave their height, as shares of the band. On 10,000 km² with relief of 900 m the least is best: 119 lines in
+11,875 km, where 1/16 takes 121 in 12,075."""
 _FEWEST_LINES = 2
 """Of a slice: the search moves lines, and those of other slices stay."""
 _OVER_AREA = 0.8
@@ -87,7 +90,7 @@ def _best_lines(site: Site, coarse: CoverageMap, goal: float) -> tuple[SwathLayo
     """Of least cost among lines that keep the limits, with what they miss at its price; none where none does."""
     along_rad = long_side_angle_rad(site.area)
     found: list[_Lines] = []
-    for angle_rad, share in itertools.product((along_rad, along_rad + 0.5 * math.pi), TIGHT):
+    for angle_rad, share in itertools.product((along_rad, along_rad + 0.5 * math.pi), _SHARES):
         fitting = _lines(site, coarse, goal, tight_layouts(site, angle_rad, share=share, more=0))
         enough = max(each.seen for each in fitting) >= goal
         others = tight_layouts(site, angle_rad, share=share, more=-1 if enough else 1)
