@@ -39,7 +39,7 @@ ASKED = 0.98
 CELL_M = 10.0
 WAYS = {
     1000.0: ("1", "boustrophedon", "bound"),
-    2500.0: ("1", "boustrophedon", "bound"),
+    3160.0: ("1", "boustrophedon", "bound"),
     5000.0: ("1", "auto", "2", "3", "4", "9", "boustrophedon", "bound"),
     10000.0: ("auto", "4", "boustrophedon", "bound"),
 }
