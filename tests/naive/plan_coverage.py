@@ -61,6 +61,14 @@ def trigger(route, distance_m, step_m=_STEP_M, noses=None):
         for k in range(1, steps + 1):
             here = tuple(p + k / steps * (q - p) for p, q in zip(a, b, strict=True))
             if math.dist(here[:2], places[-1][:2]) >= distance_m - 1e-9:
+                # A step too far each time would be metres in the end: halve it until the place is known.
+                near, far = (k - 1) / steps, k / steps
+                for _ in range(30):
+                    middle = 0.5 * (near + far)
+                    here = tuple(p + middle * (q - p) for p, q in zip(a, b, strict=True))
+                    is_due = math.dist(here[:2], places[-1][:2]) >= distance_m - 1e-9
+                    near, far = (near, middle) if is_due else (middle, far)
+                here = tuple(p + far * (q - p) for p, q in zip(a, b, strict=True))
                 places.append(here)
                 headings.append(heading)
     return np.array(places), np.array(headings)
