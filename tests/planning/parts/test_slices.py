@@ -66,7 +66,7 @@ def test_one_behind_the_other_they_are_a_route_over_the_whole_area(site: Site, s
 def test_they_see_about_what_is_asked_for_and_keep_the_limits(site: Site, slices: list[Slice]) -> None:
     cells = coarse(site)
     seen = np.logical_or.reduce([cells.seen(each.begin_m) for each in slices])
-    assert cells.share_of_coverable(seen) > GOAL - 0.02
+    assert cells.share_of_coverable(seen) > GOAL - 0.04  # what they miss has a price, as have lines
     for each in slices:
         assert measure_violations(site, each.begin_m, margin_m=0.0).total == 0.0
 
