@@ -128,9 +128,8 @@ def _corners(site: Site, route_m: FloatArray) -> RoundedCorners | None:
     top = np.array([[home_m[0], home_m[1], home_m[2] + site.scenario.vehicle.takeoff_height_m]])
     corners = rounded_corners(pace, np.vstack([top, route_m, top]))
     if trigger_distance_m(site.scenario) is not None:
-        corners.places_m[0] = route_m[
-            0
-        ]  # the waypoint at which pictures begin stands twice in the mission and is a stop
+        # The waypoint at which pictures begin stands twice in the mission and is a stop.
+        corners.places_m[0] = route_m[0]
     return corners
 
 
