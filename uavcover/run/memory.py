@@ -22,7 +22,7 @@ _SHARED_NODE = 8
 _OF_COMMAND = 420
 """Bytes for each cell of the whole area, in the command: the cells, what routes see of them, and judging side by side."""
 _OF_LARGE_COMMAND = 60
-_OF_BLOCKS = 200 * MIB
+_OF_BLOCKS = 500 * MIB
 """The same for an area so large that it is judged block by block, and all blocks that are looked at meanwhile."""
 _OF_PART = 850
 _OF_LARGE_PART = 420

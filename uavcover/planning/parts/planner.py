@@ -289,7 +289,8 @@ def _divided(
     begun = begun or sliced(site, coarse, goal, parts)
 
     def compared() -> list[NamedRoute]:
-        return _baselines(coarse, goal) if known is None else known
+        # On a map of its own: the one that slices were found on would be kept until the end of the search.
+        return _baselines(sampling_map(site, most_cells=_MOST_COMPARED_CELLS), goal) if known is None else known
 
     # Lines over a large area take as long as the search in a part, which others may do meanwhile.
     later = compared if executor is None else executor.submit(compared).result
