@@ -24,6 +24,9 @@ _OF_COMMAND = 420
 _OF_LARGE_COMMAND = 60
 _OF_BLOCKS = 500 * MIB
 """The same for an area so large that it is judged block by block, and all blocks that are looked at meanwhile."""
+_OF_SAMPLE = 600
+_SAMPLE_CELLS = 300_000
+"""In its place where it is more: bytes for each cell on which lines over the whole area are looked at, and the most of them."""
 _OF_PART = 850
 _OF_LARGE_PART = 420
 """Bytes for each cell of a part while it is searched; in a large one there are no finer cells."""
@@ -65,7 +68,8 @@ def memory_need(site: Site, *, processes: bool) -> MemoryNeed:
     """
     cells = site.area.area / site.scenario.area.cell_size_m**2
     nodes = site.ground.surface.up_m.size
-    of_cells = _OF_BLOCKS + cells * _OF_LARGE_COMMAND if is_large(site) else cells * _OF_COMMAND
+    whole = max(cells * _OF_COMMAND, min(cells, _SAMPLE_CELLS) * _OF_SAMPLE)
+    of_cells = _OF_BLOCKS + cells * _OF_LARGE_COMMAND if is_large(site) else whole
     mapped = processes and can_share_files()
     return MemoryNeed(
         command=_PROCESS + nodes * (_NODE + (_SHARED_NODE if mapped else 0)) + of_cells,
