@@ -4,7 +4,6 @@ import dataclasses
 import functools
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
@@ -13,7 +12,6 @@ import pytest
 
 from tests.planning.sites import Ups, flat, hills, make_site, with_scenario
 from tests.planning.test_planner import Clock, frozen, same, values
-from tests.terrain_kinds import write_scenario
 from uavcover.kernels.sight import CONE, DISC, Sight
 from uavcover.model.route import Plan, Route
 from uavcover.model.sensor import DiscSensor, FrameCamera, SphereSensor
@@ -33,12 +31,12 @@ from uavcover.planning.search.goal_search import (
     starts_worth_looking_at,
 )
 from uavcover.planning.search.local_search import CHAINS, PaceByClock, PaceByNumber
-from uavcover.planning.search.memetic import OneAfterTheOther, _closed, _search_problem
+from uavcover.planning.search.memetic import OneAfterTheOther, _closed
 from uavcover.planning.search.route_problem import narrowed, route_problem, state_of
 from uavcover.planning.search.tuning import TUNED
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map, planning_map
+from uavcover.sensing.coverage_map import CoverageMap, judging_map
 
 LIMITS = {"height_margin_m": 5.0}
 SPHERE = SphereSensor(kind="sphere", range_m=110.0)
@@ -439,14 +437,3 @@ def test_beginnings_that_are_too_dear_whatever_they_see_are_not_looked_at(seed: 
     free = route_problem(judging_map(SITES["free-order"]), margin_m=0.0, reach_m=50.0)
     assert free.free_order
     assert len(starts_worth_looking_at(free, routes, 0.9, lambda _: 0.5)) == len(routes)
-
-
-@pytest.mark.parametrize("fewest_places", [0, 25_000])
-def test_at_waypoints_a_search_sees_what_judges_see_where_these_have_smaller_cells(
-    fewest_places: int, tmp_path: Path
-) -> None:
-    site = load_site(str(write_scenario(tmp_path, "canyon", "sphere")))
-    site = with_scenario(site, area=dataclasses.replace(site.scenario.area, fewest_places=fewest_places))
-    planning = planning_map(site)
-    cells = _search_problem(planning, judging_map(site)).numbers.cells
-    assert np.array_equal(cells.centre_m, planning.grid.cells.centre_m) is (fewest_places == 0)
