@@ -41,6 +41,7 @@ WAYS = {
     1000.0: ("1", "boustrophedon", "bound"),
     3160.0: ("1", "boustrophedon", "bound"),
     5000.0: ("1", "auto", "2", "3", "4", "9", "boustrophedon", "bound"),
+    7000.0: ("auto", "2"),
     10000.0: ("auto", "4", "boustrophedon", "bound"),
 }
 """For each side of a square, into how many parts it is divided."""

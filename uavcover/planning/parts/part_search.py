@@ -224,6 +224,4 @@ def _straight(part: Site, goal: float) -> list[Route]:
 
 def _merit(baseline: Baseline, asked: float) -> float:
     """Its cost, dearer for what it misses."""
-    return float(baseline.objectives[2]) * (
-        1.0 + TUNED.goal.start_price * max(0.0, asked + float(baseline.objectives[0]))
-    )
+    return TUNED.goal.start_cost(float(baseline.objectives[2]), asked + float(baseline.objectives[0]))

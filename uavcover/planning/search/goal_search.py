@@ -348,7 +348,7 @@ def starts_worth_looking_at(
         if not problem.free_order and len(merits) >= CHAINS and costs[k] > merits[CHAINS - 1]:
             break
         looked[k] = SearchStart(routes[k], share_seen(routes[k]))
-        bisect.insort(merits, _merit(problem, looked[k], goal, 0.0, tuned.start_price)[1])
+        bisect.insort(merits, _merit(problem, looked[k], goal, 0.0, tuned)[1])
     return [looked[k] for k in sorted(looked)]
 
 
@@ -368,19 +368,16 @@ def best_starts(
         waypoint_m: a price of waypoints beside that of the cost.
         tuned: has the price of what is missing.
     """
-    price = tuned.start_price
-    return sorted(starts, key=lambda start: _merit(problem, start, goal, waypoint_m, price))
+    return sorted(starts, key=lambda start: _merit(problem, start, goal, waypoint_m, tuned))
 
 
 def _merit(
-    problem: RouteProblem, start: SearchStart, goal: float, waypoint_m: float, start_price: float
+    problem: RouteProblem, start: SearchStart, goal: float, waypoint_m: float, tuned: GoalTuning
 ) -> tuple[bool, float]:
     """Smallest for the best start; where the order is free, any route that reaches the goal ranks before those that do not."""
-    missing = max(0.0, goal - start.seen)
     with_waypoints = 1.0 + waypoint_m * len(start.route) / max(start.route.length_m, problem.reach_m)
-    return problem.free_order and missing > 0.0, problem.cost(start.route) * with_waypoints * (
-        1.0 + start_price * missing
-    )
+    cost = problem.cost(start.route) * with_waypoints
+    return problem.free_order and start.seen < goal, tuned.start_cost(cost, goal - start.seen)
 
 
 def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: float, coverage_price: float) -> Chain:

@@ -101,6 +101,15 @@ class GoalTuning:
     path_capacity: int = 3
     spare_waypoints: int = 100
 
+    def start_cost(self, cost: float, missing: float) -> float:
+        """Cost of a beginning with that of what it misses.
+
+        Args:
+            cost: of its route.
+            missing: coverage that is asked for and not seen, as a share; less than 0 where it sees more.
+        """
+        return cost * (1.0 + self.start_price * max(0.0, missing))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FreeOrderTuning:
