@@ -23,6 +23,9 @@ _FILLED_M = 1e9
 
 _MOST_SQUARES = 4_000_000
 
+_OCTANT_RAD = 0.25 * math.pi
+_ROUNDING = 1e-12
+
 
 @kernel
 def octant_of(east: float, north: float) -> int:
@@ -97,12 +100,15 @@ def _raise(
     half = 0.5 * side
     around = half * math.sqrt(2.0)
     rows, columns = tops.shape
+    octants = np.array([octant_of(math.cos(way), math.sin(way)) for way in (np.arange(OCTANTS) + 0.5) * _OCTANT_RAD])
+    begin2, end2 = begin * begin * (1.0 - _ROUNDING), end * end * (1.0 + _ROUNDING)
     for k in range(centre.shape[0]):
         e, n, u = centre[k, 0] - east0, centre[k, 1] - north0, centre[k, 2]
         least = rise[k].min()
         first_row, last_row = max(0, int((n - end) / side)), min(rows - 1, int((n + end) / side))
         for i in range(first_row, last_row + 1):
             dn = (i + 0.5) * side - n
+            away_n = max(0.0, abs(dn) - half)
             first, last = max(0, int((e - end) / side)), min(columns - 1, int((e + end) / side))
             for j in range(first, last + 1):
                 higher = tops[i, j] - u
@@ -110,22 +116,43 @@ def _raise(
                 if not higher > least * begin:
                     continue
                 de = (j + 0.5) * side - e
-                away_e, away_n = max(0.0, abs(de) - half), max(0.0, abs(dn) - half)
-                near = math.hypot(away_e, away_n)
-                if near > end or math.hypot(abs(de) + half, abs(dn) + half) < begin:
+                away_e = max(0.0, abs(de) - half)
+                if away_e * away_e + away_n * away_n > end2 or (abs(de) + half) ** 2 + (abs(dn) + half) ** 2 < begin2:
                     continue
+                near = math.hypot(away_e, away_n)
                 tangent = higher / max(near, begin)
                 if tangent <= least:
                     continue
                 if near <= 0.0:
                     for octant in range(OCTANTS):
                         rise[k, octant] = max(rise[k, octant], tangent)
-                else:
-                    middle, distance = math.atan2(dn, de), math.hypot(de, dn)
-                    width = math.asin(min(1.0, around / distance)) + 1e-9
-                    step = 0.25 * math.pi
-                    for number in range(math.floor((middle - width) / step), math.floor((middle + width) / step) + 1):
-                        way = (number + 0.5) * step
-                        octant = octant_of(math.cos(way), math.sin(way))
-                        rise[k, octant] = max(rise[k, octant], tangent)
+                    least = rise[k].min()
+                    continue
+                number = _number_of(de, dn)
+                if (
+                    near >= side
+                    and tangent <= rise[k, octants[number]]
+                    and tangent <= rise[k, octants[(number + 1) % OCTANTS]]
+                    and tangent <= rise[k, octants[(number + 7) % OCTANTS]]
+                ):
+                    # From so far away a square reaches into the octants beside its middle's at most.
+                    continue
+                middle, distance = math.atan2(dn, de), math.hypot(de, dn)
+                width = math.asin(min(1.0, around / distance)) + 1e-9
+                first_number = math.floor((middle - width) / _OCTANT_RAD)
+                for number in range(first_number, math.floor((middle + width) / _OCTANT_RAD) + 1):
+                    octant = octants[number % OCTANTS]
+                    rise[k, octant] = max(rise[k, octant], tangent)
                 least = rise[k].min()
+
+
+@kernel
+def _number_of(east: float, north: float) -> int:
+    """Number of the octant of a direction, counted counter-clockwise from east."""
+    if north >= 0.0:
+        if east > 0.0:
+            return 0 if north < east else 1
+        return 2 if north > -east else 3
+    if east < 0.0:
+        return 4 if north > east else 5
+    return 6 if -north > east else 7

@@ -306,23 +306,55 @@ def farthest_looks(
     """
     rows, columns = tops.shape
     out = np.zeros(centres.shape[0])
+    offsets, farthest = _squares_around(int(reach / side) + 2, side)
+    highest = np.nanmax(tops) if np.isfinite(tops).any() else -math.inf
     for k in range(centres.shape[0]):
         e, n, u = centres[k, 0] - east0, centres[k, 1] - north0, centres[k, 2]
-        for i in range(max(0, int((n - reach) / side)), min(rows - 1, int((n + reach) / side)) + 1):
-            dn_near = max(0.0, i * side - n, n - (i + 1) * side)
-            dn_far = max(abs(n - i * side), abs(n - (i + 1) * side))
-            for j in range(max(0, int((e - reach) / side)), min(columns - 1, int((e + reach) / side)) + 1):
-                if math.isnan(tops[i, j]):
+        row, column = math.floor(n / side), math.floor(e / side)
+        # What is further away than the highest place could see is passed over; from there inwards, until the rest is nearer.
+        most = min(reach, tan_half_fov * (highest - u)) + 3.0 * side
+        for at in range(np.searchsorted(-farthest, -most), len(farthest)):
+            if farthest[at] <= out[k]:
+                break
+            for quadrant in range(4):
+                i = row + (offsets[at, 0] if quadrant % 2 else -offsets[at, 0])
+                j = column + (offsets[at, 1] if quadrant // 2 else -offsets[at, 1])
+                if i < 0 or j < 0 or i >= rows or j >= columns or math.isnan(tops[i, j]):
                     continue
                 radius = min(reach, tan_half_fov * (tops[i, j] - u))
                 if radius <= out[k]:
                     continue
-                de_near = max(0.0, j * side - e, e - (j + 1) * side)
+                de_near, dn_near = (
+                    max(0.0, j * side - e, e - (j + 1) * side),
+                    max(0.0, i * side - n, n - (i + 1) * side),
+                )
                 if math.hypot(de_near, dn_near) > radius:
                     continue
-                de_far = max(abs(e - j * side), abs(e - (j + 1) * side))
+                de_far, dn_far = (
+                    max(abs(e - j * side), abs(e - (j + 1) * side)),
+                    max(abs(n - i * side), abs(n - (i + 1) * side)),
+                )
                 out[k] = max(out[k], min(radius, math.hypot(de_far, dn_far)))
     return out
+
+
+@kernel
+def _squares_around(count: int, side: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Squares of a lattice up to so many rows and columns away from one, those first that may reach furthest away.
+
+    Returns:
+        (m, 2) rows and columns away, of one quadrant, and (m,) no place of the square is further away from any place of the one.
+    """
+    size = count + 1
+    far = np.empty(size * size)
+    for i in range(size):
+        for j in range(size):
+            far[i * size + j] = side * math.hypot(i + 1.0, j + 1.0)
+    order = np.argsort(-far)
+    offsets = np.empty((size * size, 2), dtype=np.int64)
+    for at in range(size * size):
+        offsets[at, 0], offsets[at, 1] = order[at] // size, order[at] % size
+    return offsets, far[order]
 
 
 @kernel
