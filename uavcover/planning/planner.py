@@ -13,7 +13,7 @@ from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import make_optimizer, optimizer_class, optimizer_name
 from uavcover.optimizers.interface import AskAndTell
-from uavcover.planning.baselines.boustrophedon import TUNED, Baseline, fewest_lines, taken
+from uavcover.planning.baselines.boustrophedon import TUNED, Baseline, fewest_lines, taken, taken_until_near
 from uavcover.planning.baselines.contour_lines import TUNED as TUNED_CONTOURS
 from uavcover.planning.baselines.initial_routes import constructed_routes, initial_names
 from uavcover.planning.baselines.swaths import long_side_angle_rad
@@ -155,6 +155,10 @@ def plan_routes(
         coarse, settings, asked=rule.required_coverage, solver=_solver(effort), executor=executor,
         should_stop=lambda: should_stop() or effort.is_over(started, share=baseline_share), tuned=tuned,
     )  # fmt: skip
+    if tuned is not None and goal is not None:
+        baselines += taken_until_near(
+            tuned, baselines, goal, lambda: should_stop() or effort.is_over(started, share=_BASELINE_SHARE_OF_LINES)
+        )
     each_s = (effort.now() - before) / max(len(baselines), 1)
     constructed = _named(_worth_showing(baselines, goal))
     kept = Snapshots(()) if snapshots is None else snapshots
