@@ -5,12 +5,13 @@ import pytest
 
 from tests.planning.sites import flat, hills, make_site
 from uavcover.errors import InfeasibleError
-from uavcover.model.sensor import SphereSensor
-from uavcover.planning.gap_route import MissingCells, plan_closing_route
+from uavcover.model.sensor import FrameCamera, SphereSensor
+from uavcover.planning.gap_route import MissingCells, _for_every_heading, plan_closing_route
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import compile_mission
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
+from uavcover.sensing.sensors import sight_of
 
 
 def missing_in(coverage: CoverageMap, *boxes: tuple[float, float, float, float]) -> np.ndarray:
@@ -152,3 +153,27 @@ def test_where_there_is_no_time_the_first_route_is_given_that_keeps_the_limits()
     assert hurried.seen_m2 > 0.5 * hurried.wanted_m2
     patient = closing(site, coverage, missing)
     assert way_m(site, patient.route.waypoints_m) < way_m(site, hurried.route.waypoints_m)
+
+
+def test_a_route_that_sees_too_little_to_be_of_use_is_none() -> None:
+    site = make_site(flat)
+    coverage = CoverageMap(site, cell_size_m=5.0)
+    missing = missing_in(coverage, (0, 80, 300, 130))
+    all_m2 = closing(site, coverage, missing).seen_m2
+    assert closing(site, coverage, missing, useful_m2=all_m2 - 1.0).seen_m2 == all_m2
+    with pytest.raises(InfeasibleError, match="cannot be closed"):
+        closing(site, coverage, missing, useful_m2=all_m2 + 1.0)
+
+
+def test_what_a_frame_camera_sees_for_every_heading_is_the_cone_inside_its_picture() -> None:
+    def camera(pitch_deg: float) -> FrameCamera:
+        return FrameCamera(
+            kind="frame-camera", fov_across_deg=60.0, fov_along_deg=40.0, range_m=250.0, mount="stabilised",
+            pitch_deg=pitch_deg,
+        )  # fmt: skip
+
+    sight = sight_of(camera(-90.0))
+    (cone,) = _for_every_heading(sight)
+    assert cone.tan_half_fov == sight.tan_half_along < sight.tan_half_fov
+    assert _for_every_heading(sight_of(camera(-50.0))) == []
+    assert _for_every_heading(cone) == []

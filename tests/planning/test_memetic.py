@@ -363,6 +363,37 @@ def test_beginnings_are_closed_while_there_is_time_for_it(
     assert (calls.count("judged"), calls.count("closed")) == (judged, closed)
 
 
+def test_the_cheapest_beginning_that_sees_enough_needs_no_closing() -> None:
+    """Of lines of 100, 200 and 300 m, of which the first sees enough on the planner's cells only."""
+    work: Any = SimpleNamespace(
+        stopped=False, pace=SimpleNamespace(fraction=0.5), tuning=TUNED,
+        problem=SimpleNamespace(cost=lambda route: route.length_m, free_order=False),
+    )  # fmt: skip
+    judged = {100.0: 0.97, 200.0: 0.985, 300.0: 0.999}
+    starts = [SearchStart(Route(np.array([[0.0, 0.0, 80.0], [m, 0.0, 80.0]])), 0.981) for m in (300.0, 100.0, 200.0)]
+    ended = SearchStart(Route(np.array([[0.0, 0.0, 80.0], [50.0, 0.0, 80.0]])), 0.9)
+    judge = RouteJudge(lambda route, _: judged.get(route.length_m, 0.8), lambda _: None)
+    assert goal_search._closed_beginning(work, starts, [ended], 0.98, judge, until=0.7) is starts[2]
+
+
+@pytest.mark.parametrize(("least_short", "tried"), [(0, [100.0]), (1, [90.0, 100.0]), (2, [90.0, 80.0, 100.0])])
+def test_the_ends_that_are_the_least_short_are_closed_beside_the_last(least_short: int, tried: list[float]) -> None:
+    judged, asked = {80.0: 0.965, 90.0: 0.975, 100.0: 0.96}, []
+
+    def closed(route: Route, _goal: float, _is_over: Callable[[], bool]) -> Route:
+        asked.append(route.length_m)
+        return route
+
+    work: Any = SimpleNamespace(
+        stopped=False, pace=SimpleNamespace(fraction=0.5), tuning=TUNED,
+        problem=SimpleNamespace(cost=lambda route: route.length_m),
+    )  # fmt: skip
+    found = [SearchStart(Route(np.array([[0.0, 0.0, 80.0], [m, 0.0, 80.0]])), 0.97) for m in (80.0, 90.0, 100.0)]
+    judge = RouteJudge(lambda route, _: judged[route.length_m], lambda _: None, closed)
+    assert goal_search._closed(work, found, 0.98, judge, until=0.9, least_short=least_short) is not None
+    assert asked == tried
+
+
 @pytest.mark.parametrize(("goal", "tried", "best_m"), [(0.98, [100.0], 300.0), (0.999, [100.0, 90.0, 80.0], 150.0)])
 def test_where_nearly_all_is_to_be_seen_the_end_of_every_stage_is_closed(
     goal: float, tried: list[float], best_m: float

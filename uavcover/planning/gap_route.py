@@ -164,6 +164,8 @@ _DIRECTIONS = 8
 _LEAST_GAIN_M = 0.5
 """A move that saves less is not worth its evaluation."""
 _MARGIN = 1e-9
+_LEVEL = 1e-9
+"""Cosine of the pitch of a camera that looks straight down."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -188,6 +190,7 @@ def plan_closing_route(
     start_m: FloatArray,
     end_m: FloatArray,
     needed_m2: float | None = None,
+    useful_m2: float = 0.0,
     is_over: Callable[[], bool] = lambda: False,
 ) -> ClosingRoute:
     """A short route from a start to an end that sees the missing cells.
@@ -201,16 +204,21 @@ def plan_closing_route(
         start_m: (3,) ENU, where the vehicle comes from: home, or where it is.
         end_m: (3,) ENU, where it goes to afterwards.
         needed_m2: ground area of the missing cells that is enough, the costliest parts left out; default: all that can be seen.
+        useful_m2: ground area of the missing cells below which a route is of no use, and is not made shorter.
         is_over: whether there is no time to see more, or to see it on a shorter way: asked between trials.
 
     Raises:
-        InfeasibleError: nothing is missing, or no allowed route sees any of it.
+        InfeasibleError: nothing is missing, or no allowed route sees any of it, or enough to be of use.
     """
     if not missing.any():
         raise InfeasibleError("there are no gaps to close: everything that can be seen was seen")
     site = coverage.site
     builder = _Builder(site, MissingCells.of(coverage, missing), start_m, end_m, is_over)
     builder.add_viewpoints(math.inf if needed_m2 is None else needed_m2)
+    if builder.seen_m2 < useful_m2:
+        raise InfeasibleError(
+            f"the gaps cannot be closed: {builder.seen_m2:.0f} of {useful_m2:.0f} m² were seen at most"
+        )
     if needed_m2 is not None:
         builder.drop_costly(needed_m2)
     builder.shorten()
@@ -236,22 +244,31 @@ class _Builder:
         """(m,) cells seen by the unreduced sensor."""
         return np.asarray(self.views[1])
 
+    @property
+    def seen_m2(self) -> float:
+        """Ground area of these."""
+        return self._area_m2(self.seen)
+
     def add_viewpoints(self, needed_m2: float = math.inf) -> None:
         """Add corners until the laid route sees enough, or all: with the narrowed sensor first, then the unreduced one."""
         wanted = np.ones(len(self.missing.weight_m2), dtype=bool)
         grid = grid_places(self.site, self.missing)
         self._take(np.vstack([self.corners, cover(self.missing, grid, self.narrow, wanted)]))
+        sights = [self.sight, *_for_every_heading(self.sight)]
         for _ in range(_ROUNDS):
             if self.seen.all() or self._area_m2(self.seen) >= needed_m2 or self.is_over():
                 return
             around = places_around(self.site, self._some_unseen())
-            more = cover(self.missing, around, self.sight, ~self.seen)
-            if len(more) == 0:
-                return
-            before = self.seen.sum()
-            self._take(np.vstack([self.corners, more]))
-            if self.seen.sum() <= before:
-                return
+            more = cover(self.missing, around, sights[0], ~self.seen)
+            before = self.corners, self.views
+            if len(more) > 0:
+                self._take(np.vstack([self.corners, more]))
+            if self.seen.sum() <= before[1][1].sum():
+                # The camera was turned away there: next come places from which it sees the ground however it is turned.
+                self.corners, self.views = before
+                sights = sights[1:]
+                if not sights:
+                    return
 
     def drop_costly(self, needed_m2: float) -> None:
         """Remove the corners that save the most distance for the ground they cover, while enough is seen.
@@ -386,6 +403,13 @@ class _Builder:
 
     def _area_m2(self, seen: BoolArray) -> float:
         return float(self.missing.weight_m2[seen].sum())
+
+
+def _for_every_heading(sight: Sight) -> list[Sight]:
+    """Of a frame camera that looks straight down, the view that it has however it is turned; of others nothing."""
+    if sight.kind != FRUSTUM or sight.cos_pitch > _LEVEL:
+        return []
+    return [sight._replace(kind=CONE, tan_half_fov=min(sight.tan_half_fov, sight.tan_half_along))]
 
 
 def _narrower(site: Site, sight: Sight) -> Sight:

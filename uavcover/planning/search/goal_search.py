@@ -88,11 +88,13 @@ def search_goals(
         price, with_closing = None, min(work.pace.fraction, end) + tuned.closing_share * (until - begin)
         closed = _closed(work, found, asked, judge, until=with_closing)
         if closed is None:
+            with_closing += (tuned.closing_share_far - tuned.closing_share) * (until - begin)
             closed = _closed_beginning(work, starts, found, asked, judge, until=with_closing)
             price = None if closed is None else tuned.dear_ground * _price_between(work.problem, found[-1], closed)
         known += found
-        if closed is not None and len(closed.route) <= capacity:
+        if closed is not None:
             judge.found(closed.route)
+        if closed is not None and len(closed.route) <= capacity:
             main += tuned.closing_share
             after, end = min(work.pace.fraction, end), begin + main * (until - begin)
             stages = tuned.stages if price is None else tuned.main_stages
@@ -101,9 +103,13 @@ def search_goals(
             )
             known += again
             # Cells of the search may see all where those that judge lack a few.
-            last = _closed(work, again, asked, judge, until=end + tuned.closing_share * (until - begin))
-            if last is not None and len(last.route) <= capacity:
+            last = _closed(
+                work, again, asked, judge, until=end + tuned.closing_share * (until - begin),
+                least_short=0 if price is None else tuned.most_closed_after,
+            )  # fmt: skip
+            if last is not None:
                 judge.found(last.route)
+            if last is not None and len(last.route) <= capacity:
                 known.append(last)
         elif end - work.pace.fraction > _ROUNDING:
             known += search_goal(work, known, asked, capacity, (work.pace.fraction, end), tuned.main_stages, judge)
@@ -118,11 +124,18 @@ def search_goals(
 
 
 def _closed(
-    work: Work, found: Sequence[SearchStart], goal: float, judge: RouteJudge, *, until: float
+    work: Work,
+    found: Sequence[SearchStart],
+    goal: float,
+    judge: RouteJudge,
+    *,
+    until: float,
+    least_short: int = 0,
 ) -> SearchStart | None:
     """What a search ended with and its gaps closed, where it ends short of its goal and some of the work is left for it.
 
-    Where nearly everything is to be seen, gaps are dear: then the ends of all its stages are tried, and the cheapest counts.
+    Where nearly everything is to be seen, gaps are dear: then the ends of all its stages are tried, and the cheapest counts; and
+    in any case so many of them as are said that are the least short of the goal.
     """
 
     def is_over() -> bool:
@@ -132,7 +145,9 @@ def _closed(
         return None
     tuned = work.tuning.goal
     ends: list[SearchStart] = []
-    for each in reversed(found if goal > tuned.nearly_all else found[-1:]):
+    ends_of_stages = list(reversed(found if goal > tuned.nearly_all else found[-1:]))
+    near = sorted(found, key=lambda each: -judge.coverage(each.route, goal))[:least_short] if least_short else []
+    for each in dict.fromkeys([*near, *ends_of_stages]):
         if is_over():
             break
         short = goal - judge.coverage(each.route, goal)
@@ -153,7 +168,9 @@ def _closed_beginning(
     *,
     until: float,
 ) -> SearchStart | None:
-    """The cheapest of the beginnings that see most, their gaps closed; none where a search did not end far from its goal.
+    """A beginning that sees enough, or the cheapest of those that see most, their gaps closed.
+
+    None where a search did not end far from its goal.
 
     On ground whose last part is dear, such as the walls of a canyon, a search from a short beginning loses what it sees there,
     and long lines are the better beginning.
@@ -167,18 +184,23 @@ def _closed_beginning(
     tuned, before = work.tuning.goal, judge.coverage(found[-1].route, goal)
     if goal - before <= tuned.most_short:
         return None
-    most = sorted({each.route.length_m: each for each in starts}.values(), key=lambda each: -each.seen)
+    different = {each.route.length_m: each for each in starts}.values()
+    most = sorted(different, key=lambda each: -each.seen)[: tuned.most_beginnings]
+    # Those that may see enough by themselves come first, the cheapest of them before the others.
+    cheapest = sorted((each for each in different if each.seen >= goal), key=lambda each: work.problem.cost(each.route))
     judged: list[tuple[float, SearchStart]] = []
-    for each in most[: tuned.most_beginnings]:
+    for each in dict.fromkeys([*cheapest[: tuned.most_beginnings], *most]):
         if is_over():
             return None
         judged.append((judge.coverage(each.route, goal), each))
+        if judged[-1][0] >= goal:
+            return each
     judged = [one for one in judged if one[0] >= goal - tuned.most_short_beginning] or [(before, found[-1])]
     ends: list[SearchStart] = []
     for tried, (seen, each) in enumerate(sorted(judged, key=lambda item: -item[0])):
         if is_over() or (ends and tried >= tuned.most_closed):
             break
-        route = each.route if seen >= goal else judge.closed(each.route, goal + SAFETY, is_over)
+        route = judge.closed(each.route, goal + SAFETY, is_over)
         if route is not None:
             ends.append(SearchStart(route, min(1.0, each.seen + max(0.0, goal - seen))))
     return min(ends, key=lambda end: work.problem.cost(end.route), default=None)

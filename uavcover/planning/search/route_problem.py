@@ -1,7 +1,7 @@
 """The problem of the local search: a site as numbers for the kernels, and routes as incremental state."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import shapely
@@ -22,6 +22,8 @@ from uavcover.sensing.sensors import trigger_distance_m
 
 _MOST_WAYPOINTS = 60_000
 """A cell is counted in 16 bits."""
+
+_LIKELY = 0.5
 
 _RUNS_OF_A_ROW = 3
 """Of cells that a leg sees, on average over the rows that it passes: there is room for so many on a leg across the whole area."""
@@ -57,6 +59,14 @@ class RouteProblem:
             return 1.0
         cost = self.cost(route)
         return route.length_m / cost if cost > 0.0 and route.length_m > 0.0 else 1.0
+
+    def with_likely_pictures(self) -> "RouteProblem":
+        """The problem where what is in view along half of the way between two pictures counts as seen, and not along all of it.
+
+        That is shown by every second picture or more. On cliffs hardly any ground is in view all the way: on terraces, with a
+        picture every 40 m, lines that see 98 % were counted as 79 %.
+        """
+        return replace(self, numbers=self.numbers._replace(trigger_m=_LIKELY * self.numbers.trigger_m))
 
     @property
     def free_order(self) -> bool:

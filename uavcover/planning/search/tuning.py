@@ -27,9 +27,12 @@ class GoalTuning:
         stages: the same for a coverage of the ladder, and for a route whose gaps were closed.
         closing_share: of the work: a search that ends a little short of its goal goes on for so long from its route with the
             gaps closed, for beside zones and obstacles no small move sees the last of the ground.
+        closing_share_far: the same where it ended far from its goal, and the gaps of long lines are closed: there nothing else
+            leads to it.
         most_short: that little, as a share of the coverage.
         closed: the gaps are closed of so many times the ground that is lacking, one after the other: pictures by distance fall
             elsewhere behind a route than behind home, so it may take more.
+        most_trials: to make what closes them shorter: with a number of evaluations for the search, nothing else ends that.
         nearly_all: a search that begins with closed gaps opens them again, and mostly closes them better. For more coverage than
             this it did not come back to its goal, in either field that was tried (scripts/bench_fields.py, U and L, 99.9 %); for
             98 % a search that may not open them ended up to 6 % later (jacksboro, seed 4).
@@ -41,6 +44,7 @@ class GoalTuning:
         most_short_beginning: such lines lack no more than this, ...
         most_beginnings: ... so many of those that see most on the planner's cells are judged, ...
         most_closed: ... and the gaps of so many are closed, of more until one succeeds.
+        most_closed_after: a search from there may end short of its goal again: the gaps of so many of its stages are closed.
         dear_ground: the price of coverage is then so many times what it costs between what the search ended with and the lines
             with their gaps closed: at that rate itself both would be worth as much.
         coverage_price: of all coverage, in lengths of the route. Along a path a share more costs one to two such shares of the
@@ -72,8 +76,10 @@ class GoalTuning:
     main_stages: tuple[float, ...] = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
     stages: tuple[float, ...] = (0.5, 0.85, 1.0)
     closing_share: float = 0.15
+    closing_share_far: float = 0.3
     most_short: float = 0.03
     closed: tuple[float, ...] = (1.0, 1.5, 2.5)
+    most_trials: int = 4_000
     nearly_all: float = 0.995
     closed_dearer: float = 40.0
     closed_heat: float = 0.2
@@ -81,6 +87,7 @@ class GoalTuning:
     most_short_beginning: float = 0.1
     most_beginnings: int = 8
     most_closed: int = 2
+    most_closed_after: int = 1
     dear_ground: float = 1.6
     coverage_price: float = 2.0
     nearly_all_price: float = 6.0
