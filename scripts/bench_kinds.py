@@ -1,18 +1,19 @@
 """Plan terrains of many kinds for many sensors, and check what the plans claim by code that shares nothing with them.
 
 Usage: .venv/bin/python scripts/bench_kinds.py [-o docs/results/kinds.md] [--seeds 3] [--evaluations 400]
-       [--only TERRAIN[:SENSOR]] [--fly 20] [--runs DIR]
+       [--only TERRAIN[:SENSOR]] [--fly 20] [--runs DIR [--recompute]]
 
 The terrains and sensors are those of tests/terrain_kinds.py. Of every plan
-- the coverage is recomputed from plan.json, the scenario and the elevation file alone (tests/naive/plan_coverage.py), on cells of
-  half the size, moved against the planner's;
+- the coverage is recomputed from plan.json, the scenario and the elevation file alone (tests/naive/plan_coverage.py), on 100,000
+  cells at least, of half the size or smaller, moved against the planner's;
 - the heights above ground are recomputed along every leg (tests/naive/file_ground.py);
 - the time of the mission, from the ground at home to the ground at home, is compared with that of the best simple lines: every
   direction in steps of 15 degrees, three heights, ten distances between lines and three insets, and the planner's own baselines,
   of those that see as much on cells of half the size.
 
 With --fly that many plans of the first seed, spread evenly, are flown by a mock vehicle on a simulated clock, and the flown track
-is judged. Each finished plan is a row of the .csv beside the page; run again after a stop, it goes on with what is missing.
+is judged. Each finished plan is a row of the .csv beside the page; run again after a stop, it goes on with what is missing. With
+--recompute no plan is made: the coverage of those that are kept in DIR is recomputed.
 """
 
 import argparse
@@ -27,7 +28,7 @@ import tempfile
 import time
 import tomllib
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from importlib import metadata
 from pathlib import Path
 
@@ -56,6 +57,7 @@ _EQUAL = 0.0005
 """Coverages that differ by no more are equal."""
 
 _MOST_NODES = 40
+_FEWEST_CELLS = 100_000
 _HEIGHT_TOLERANCE_M = 0.05
 
 
@@ -161,6 +163,19 @@ def fly(site: Site, run: Path) -> tuple[float, str]:
     return uc.verify(run).report.coverage_fraction, str(outcome.ending.key)
 
 
+def folder_of(runs: Path, terrain: str, sensor: str) -> Path:
+    """Where the files and plans of a case are kept."""
+    return runs / f"{terrain} {sensor}".replace(" ", "_")
+
+
+def recomputed_coverage(folder: Path, run: Path) -> float:
+    """What a plan covers, by the check."""
+    scenario = tomllib.loads((folder / "scenario.toml").read_text())
+    waypoints = json.loads((run / "plan.json").read_text())["waypoints"]
+    share, _ = coverage_of(scenario, folder, waypoints, fewest_cells=_FEWEST_CELLS)
+    return float(share)
+
+
 def measure(folder: Path, terrain: str, sensor: str, seed: int, *, evaluations: int, flown: bool) -> Row:
     """One plan as a row."""
     folder.mkdir(parents=True, exist_ok=True)
@@ -178,7 +193,7 @@ def measure(folder: Path, terrain: str, sensor: str, seed: int, *, evaluations: 
                    time.process_time() - begin)  # fmt: skip
     cpu_s = time.process_time() - begin
     metrics = plan.chosen.metrics
-    recomputed, _ = coverage_of(scenario, folder, json.loads((run / "plan.json").read_text())["waypoints"])
+    recomputed = recomputed_coverage(folder, run)
     flight = fly(site, run) if flown else (math.nan, "")
     return Row(
         terrain=terrain, sensor=sensor, seed=seed, asked=asked, claimed=metrics.coverage_fraction, recomputed=recomputed,
@@ -262,11 +277,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--only", default="", metavar="TERRAIN[:SENSOR]")
     parser.add_argument("--fly", type=int, default=20, metavar="N")
     parser.add_argument("--runs", type=Path, metavar="DIR", help="keep the run folders here")
+    parser.add_argument("--recompute", action="store_true")
     chosen = parser.parse_args(arguments)
     wanted_terrain, _, wanted_sensor = chosen.only.partition(":")
     cases = [(t, s) for t in KINDS for s in SENSORS]
     to_fly = {cases[round(k)] for k in np.linspace(0, len(cases) - 1, chosen.fly)} if chosen.fly else set()
     rows = read_rows(chosen.out.with_suffix(".csv"))
+    if chosen.recompute:
+        for number, row in enumerate(rows):
+            folder = folder_of(chosen.runs, row.terrain, row.sensor)
+            rows[number] = replace(row, recomputed=recomputed_coverage(folder, folder / f"run-{row.seed}"))
+            write(chosen.out, rows, seeds=chosen.seeds, evaluations=chosen.evaluations, flights=chosen.fly)
+        return 0
     done = {(row.terrain, row.sensor, row.seed) for row in rows}
     with tempfile.TemporaryDirectory() as temporary:
         runs = chosen.runs or Path(temporary)
@@ -279,7 +301,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 ):
                     continue
                 row = measure(
-                    runs / f"{terrain} {sensor}".replace(" ", "_"), terrain, sensor, seed, evaluations=chosen.evaluations,
+                    folder_of(runs, terrain, sensor), terrain, sensor, seed, evaluations=chosen.evaluations,
                     flown=seed == 1 and (terrain, sensor) in to_fly,
                 )  # fmt: skip
                 print(row, flush=True)

@@ -137,10 +137,14 @@ def looks(scenario, route, noses=None):
     return places, headings
 
 
-def cells(dem, area, prisms, size_m):
-    """Centres (n, 3), upward unit normals and areas of cells of half the size, moved by a third of it; roofs are flat."""
-    half = size_m / 2
+def cells(dem, area, prisms, size_m, fewest=0):
+    """Centres (n, 3), upward unit normals and areas of cells of half the size, moved by a third of it; roofs are flat.
+
+    They are smaller where there would be fewer than are wanted: near the edge of a small area a lattice that was moved is no
+    fair sample.
+    """
     west, south, east, north = area.bounds
+    half = min(size_m / 2, math.sqrt(area.area / fewest)) if fewest else size_m / 2
     x, y = np.meshgrid(np.arange(west + half / 3, east, half), np.arange(south + half / 3, north, half))
     x, y = x.ravel(), y.ravel()
     inside = shapely.contains_xy(area, x, y)
@@ -245,19 +249,20 @@ def _lattice(shape, step_m=1.0):
     return itertools.product(np.arange(west, east, step_m), np.arange(south, north, step_m))
 
 
-def coverage_of(scenario, folder, waypoints):
+def coverage_of(scenario, folder, waypoints, fewest_cells=0):
     """Share of the area's ground that waypoints see, and the number of looks.
 
     Args:
         scenario: a scenario file as a dictionary.
         folder: its files lie there.
         waypoints: with ``lat_deg``, ``lon_deg`` and ``alt_amsl_m``.
+        fewest_cells: they are of half the scenario's size, or smaller.
     """
     dem, ground, prisms, to_file = _ground_of(scenario, folder)
     route = np.array([
         (*to_file.transform(point["lon_deg"], point["lat_deg"]), point["alt_amsl_m"]) for point in waypoints
     ])  # fmt: skip
-    centres, normals, areas = cells(dem, ground, prisms, scenario["area"]["cell_size_m"])
+    centres, normals, areas = cells(dem, ground, prisms, scenario["area"]["cell_size_m"], fewest_cells)
     home = scenario.get("home")
     sensor = scenario["sensor"]
     pictures = picture_distance_m(scenario) is not None or (
