@@ -5,7 +5,7 @@ Usage: .venv/bin/python scripts/bench_kinds.py [-o docs/results/kinds.md] [--see
 
 The terrains and sensors are those of tests/terrain_kinds.py. Of every plan
 - the coverage is recomputed from plan.json, the scenario and the elevation file alone (tests/naive/plan_coverage.py), on 100,000
-  cells at least, of half the size or smaller, moved against the planner's;
+  cells at least, of half the size or smaller, each at a random place of its square;
 - the heights above ground are recomputed along every leg (tests/naive/file_ground.py);
 - the time of the mission, from the ground at home to the ground at home, is compared with that of the best simple lines: every
   direction in steps of 15 degrees, three heights, ten distances between lines and three insets, and the planner's own baselines,

@@ -140,12 +140,14 @@ def looks(scenario, route, noses=None):
 def cells(dem, area, prisms, size_m, fewest=0):
     """Centres (n, 3), upward unit normals and areas of cells of half the size, moved by a third of it; roofs are flat.
 
-    They are smaller where there would be fewer than are wanted: near the edge of a small area a lattice that was moved is no
-    fair sample.
+    Where a number of them is wanted, so many at least, each at a random place of its square: the pixels of the elevation file are
+    a lattice too, and one cell in five or ten at the same place of its pixel is no fair sample of a cliff one pixel wide.
     """
     west, south, east, north = area.bounds
     half = min(size_m / 2, math.sqrt(area.area / fewest)) if fewest else size_m / 2
-    x, y = np.meshgrid(np.arange(west + half / 3, east, half), np.arange(south + half / 3, north, half))
+    x, y = np.meshgrid(np.arange(west + half / 3, east + half, half), np.arange(south + half / 3, north + half, half))
+    if fewest:
+        x, y = np.array([x, y]) + half / 3 + np.random.default_rng(1).uniform(-half, 0.0, (2, *x.shape))
     x, y = x.ravel(), y.ravel()
     inside = shapely.contains_xy(area, x, y)
     x, y = x[inside], y[inside]
@@ -256,7 +258,7 @@ def coverage_of(scenario, folder, waypoints, fewest_cells=0):
         scenario: a scenario file as a dictionary.
         folder: its files lie there.
         waypoints: with ``lat_deg``, ``lon_deg`` and ``alt_amsl_m``.
-        fewest_cells: they are of half the scenario's size, or smaller.
+        fewest_cells: none: a lattice of half the scenario's cell size; else so many at least, at random places.
     """
     dem, ground, prisms, to_file = _ground_of(scenario, folder)
     route = np.array([
