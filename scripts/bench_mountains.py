@@ -309,12 +309,7 @@ def page(rows: Sequence[Row]) -> str:
         "|---|---|---:|---:|---:|---:|---:|---:|---|",
         *table,
         "",
-        "Ours had "
-        + ", ".join(
-            f"{int(row['evaluations']):,} evaluations over {row['place']}" for row in rows if row["way"] == OURS
-        )
-        + ".",
-        "The vehicles have the default power model: a quadcopter of about 2 kg, calm air. Processor times are in "
+        "The vehicles have the default power model: a quadcopter of about 2 kg, calm air. Evaluations and processor times are in "
         "[mountains.csv](mountains.csv).",
     ]
     return "\n".join(lines) + "\n"
