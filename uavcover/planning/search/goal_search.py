@@ -134,8 +134,8 @@ def _closed(
 ) -> SearchStart | None:
     """What a search ended with and its gaps closed, where it ends short of its goal and some of the work is left for it.
 
-    Where nearly everything is to be seen, gaps are dear: then the ends of all its stages are tried, and the cheapest counts; and
-    in any case so many of them as are said that are the least short of the goal.
+    Where nearly everything is to be seen, gaps are dear: then the ends of all its stages are tried, and the cheapest counts. The
+    ``least_short`` ends that lack least are tried in any case.
     """
 
     def is_over() -> bool:
