@@ -75,14 +75,15 @@ def test_the_gaps_as_geojson_are_where_the_verdict_says(cli: Cli, torn: Path) ->
     assert cli("gaps", torn).code == 0
     features = json.loads((torn / "gaps.geojson").read_text())["features"]
     assert len(features) == len(verdict["gaps"])
+    size_m = judging_map(route_of(torn)[0]).grid.size_m
     for feature, gap in zip(features, verdict["gaps"], strict=True):
         assert feature["properties"]["reason"] == gap["reason"]
         shape = shapely.geometry.shape(feature["geometry"])
         assert shape.is_valid
         assert shape.convex_hull.buffer(1e-6).contains(shapely.Point(gap["lon_deg"], gap["lat_deg"]))
-        # 5 m cells: map area against the number of cells, a degree of latitude being 111 km.
+        # Map area against the number of cells, a degree of latitude being 111 km.
         area_m2 = shape.area * 111.0e3 * 111.32e3 * np.cos(np.radians(gap["lat_deg"]))
-        assert area_m2 == pytest.approx(25.0 * gap["cells"], rel=0.005)
+        assert area_m2 == pytest.approx(size_m**2 * gap["cells"], rel=0.005)
 
 
 def test_the_raster_lies_on_the_cells_and_says_what_the_verdict_says(cli: Cli, torn: Path) -> None:
@@ -106,8 +107,8 @@ def test_the_raster_lies_on_the_cells_and_says_what_the_verdict_says(cli: Cli, t
         x, y = transform("EPSG:4326", raster.crs, lon, lat)
         rows, columns = rasterio.transform.rowcol(raster.transform, x, y, op=lambda value: value)
         lattice = coverage.grid.cells
-        np.testing.assert_allclose(columns, (centres[:, 0] - lattice.east0_m) / 5.0 + 0.5, atol=0.01)
-        from_north = lattice.lattice.shape[0] - 1 - (centres[:, 1] - lattice.north0_m) / 5.0
+        np.testing.assert_allclose(columns, (centres[:, 0] - lattice.east0_m) / lattice.size_m + 0.5, atol=0.01)
+        from_north = lattice.lattice.shape[0] - 1 - (centres[:, 1] - lattice.north0_m) / lattice.size_m
         np.testing.assert_allclose(rows, from_north + 0.5, atol=0.01)
 
 

@@ -149,12 +149,13 @@ def cells_outline(coverage: CoverageMap, chosen: NDArray[np.int64]) -> shapely.M
     rows, columns = rows[order], columns[order]
     starts = np.flatnonzero(np.append(True, (np.diff(rows) != 0) | (np.diff(columns) != 1)))
     ends = np.append(starts[1:], len(rows)) - 1
+    # In whole rows and columns: metres are rounded, and rectangles that overlap by a rounding make an invalid outline.
+    united = shapely.union_all(shapely.box(columns[starts], rows[starts], columns[ends] + 1, rows[starts] + 1))
     cells = coverage.grid.cells
-    west = cells.east0_m + (columns[starts] - 0.5) * cells.size_m
-    east = cells.east0_m + (columns[ends] + 0.5) * cells.size_m
-    south = cells.north0_m + (rows[starts] - 0.5) * cells.size_m
-    united = shapely.union_all(shapely.box(west, south, east, south + cells.size_m))
-    return shapely.MultiPolygon(list(shapely.get_parts(united)))
+    corner = np.array([cells.east0_m, cells.north0_m]) - 0.5 * cells.size_m
+    outline = shapely.MultiPolygon(list(shapely.get_parts(united)))
+    found: shapely.MultiPolygon = shapely.transform(outline, lambda places: corner + cells.size_m * places)
+    return found
 
 
 def _geometry(coverage: CoverageMap, frame: LocalFrame, outline: shapely.MultiPolygon) -> dict[str, Any]:
