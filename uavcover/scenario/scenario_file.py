@@ -15,7 +15,6 @@ from pydantic import TypeAdapter, ValidationError
 from pydantic_core import ErrorDetails
 
 from mission_io.errors import MissionIoError
-from mission_io.links.opening import parse_link_url
 from uavcover.errors import InputError, ScenarioError
 from uavcover.model.area import Area
 from uavcover.model.no_fly import NoFly
@@ -332,6 +331,9 @@ def _link_mistakes(link: str | None, key: str) -> list[str]:
     """Why no vehicle can be at a link."""
     if link is None or link.startswith("mock:"):
         return []
+    # Links bring pymavlink with them, which commands without a vehicle need not wait for.
+    from mission_io.links.opening import parse_link_url
+
     try:
         parse_link_url(link)
     except MissionIoError as error:
