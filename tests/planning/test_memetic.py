@@ -10,30 +10,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.planning.sites import Ups, flat, hills, make_site, with_scenario
+from tests.planning.sites import hills, make_site, with_scenario
 from tests.planning.test_planner import Clock, frozen, same, values
 from uavcover.kernels.sight import CONE, DISC, Sight
 from uavcover.model.route import Plan, Route
-from uavcover.model.sensor import DiscSensor, FrameCamera, SphereSensor
+from uavcover.model.sensor import DiscSensor, SphereSensor
 from uavcover.model.vehicle import Wind
-from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.planning.planner import _SIMPLIFIED_UNTIL, Effort, SearchProgress, plan_routes
-from uavcover.planning.search import goal_search
-from uavcover.planning.search.goal_search import (
-    LADDER,
-    SAFETY,
-    RouteJudge,
-    SearchStart,
-    _long_stages,
-    _thinned,
-    best_starts,
-    starts_worth_looking_at,
-)
+from uavcover.planning.search.goal_search import LADDER, _long_stages, _thinned
 from uavcover.planning.search.local_search import CHAINS, PaceByClock, PaceByNumber
-from uavcover.planning.search.memetic import OneAfterTheOther, _closed
+from uavcover.planning.search.route_judge import OneAfterTheOther
 from uavcover.planning.search.route_problem import narrowed, route_problem, state_of
-from uavcover.planning.search.tuning import TUNED
+from uavcover.planning.search.starts import SearchStart, best_starts, starts_worth_looking_at
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
@@ -270,166 +258,6 @@ def test_fewer_waypoints_than_see_all_still_see_most_also_in_little_time() -> No
     for fewer in range(1, 6):
         reached = max(seen for n, seen in most.items() if n <= full - fewer)
         assert reached >= 1.0 - fewer / (full - fewer)
-
-
-@pytest.mark.parametrize("ups", [flat, hills], ids=["flat", "hills"])
-def test_gaps_of_a_route_are_closed_behind_it(ups: Ups) -> None:
-    """A search that ends short of its goal goes on from its route with the gaps closed, which keeps every limit."""
-    site = make_site(ups, cell_m=5.0)
-    judging = judging_map(site)
-    whole = fly_layout(site, plain_boustrophedon(site)).waypoints_m
-    for goal in (0.9, 0.97):
-        cut = Route(whole[: 2 * len(whole) // 3])
-        before = judging.share_of_coverable(judging.seen(cut.waypoints_m))
-        assert before < goal
-        closed = _closed(judging, cut, goal, TUNED.goal.closed, lambda: False)
-        assert closed is not None
-        np.testing.assert_array_equal(closed.waypoints_m[: len(cut)], cut.waypoints_m)
-        assert judging.share_of_coverable(judging.seen(closed.waypoints_m)) >= goal
-        assert measure_violations(site, closed.waypoints_m, margin_m=0.0).total == 0.0
-    assert _closed(judging, Route(whole), 0.5, TUNED.goal.closed, lambda: False) is None
-    assert _closed(judging, cut, 1.5, TUNED.goal.closed, lambda: False) is None
-
-
-def canyon(east: np.ndarray, north: np.ndarray) -> np.ndarray:
-    away = np.abs(north - 150.0 - 40.0 * np.sin(east / 60.0))
-    return np.where(away < 35.0, 0.0, 85.0) + 0.02 * east
-
-
-def test_a_canyon_is_seen_as_far_as_is_asked_for() -> None:
-    """Its walls are dear: a search from short lines ended at 91 %, and links from routes to gaps were too steep."""
-    survey = FrameCamera(
-        kind="frame-camera", fov_across_deg=73.0, fov_along_deg=53.0, range_m=250.0, mount="stabilised",
-        forward_overlap=0.75, side_overlap=0.6,
-    )  # fmt: skip
-    ring = ((0.0, 0.0), (300.0, 0.0), (300.0, 300.0), (0.0, 300.0))
-    band = {"min_height_agl_m": 40.0, "max_height_agl_m": 150.0, "height_margin_m": 5.0}
-    plan = make_plan(
-        make_site(canyon, ring=ring, cell_m=5.0, sensor=survey, limits=band), rule="coverage>=0.98", evaluations=60
-    )
-    assert plan.rule_met
-    assert plan.chosen.violation == 0.0
-
-
-def test_gaps_are_closed_while_there_is_time_for_it_and_not_afterwards():
-    pace = SimpleNamespace(fraction=0.7)
-    problem = SimpleNamespace(cost=lambda route: route.length_m)
-    work: Any = SimpleNamespace(stopped=False, pace=pace, tuning=TUNED, problem=problem)
-    route = Route(np.array([[0.0, 0.0, 80.0], [100.0, 0.0, 80.0]]))
-    told = []
-
-    def closed(whole: Route, goal: float, is_over: Callable[[], bool]) -> Route:
-        told.append((goal, is_over()))
-        pace.fraction = 0.86
-        told.append((goal, is_over()))
-        return whole
-
-    judge = RouteJudge(lambda _, __: 0.97, lambda _: None, closed)
-    found = [SearchStart(route, 0.97)]
-    assert goal_search._closed(work, found, 0.98, judge, until=0.85) is not None
-    assert told == [(0.98 + SAFETY, False), (0.98 + SAFETY, True)]
-    assert goal_search._closed(work, found, 0.98, judge, until=0.85) is None
-    assert len(told) == 2
-
-
-@pytest.mark.parametrize(
-    ("judging", "closing", "judged", "closed"),
-    [(0.0, 0.1, 5, 2), (0.0, 0.2, 5, 1), (0.06, 0.0, 4, 0)],
-    ids=["time for two", "over after one that fails", "over while beginnings are judged"],
-)
-def test_beginnings_are_closed_while_there_is_time_for_it(
-    judging: float, closing: float, judged: int, closed: int
-) -> None:
-    """By a clock that each judgement and each closing moves on, from 0.5 to 0.7."""
-    pace = SimpleNamespace(fraction=0.5)
-    problem = SimpleNamespace(cost=lambda route: route.length_m, free_order=False)
-    work: Any = SimpleNamespace(stopped=False, pace=pace, tuning=TUNED, problem=problem)
-    starts = [
-        SearchStart(Route(np.array([[0.0, 0.0, 80.0], [100.0 + k, 0.0, 80.0]])), 0.95 - 0.01 * k) for k in range(4)
-    ]
-    calls = list[str]()
-
-    def judge_coverage(route: Route, _goal: float) -> float:
-        calls.append("judged")
-        pace.fraction += judging
-        return 0.9 + 0.001 * len(route)
-
-    def close(_route: Route, _goal: float, _is_over: Callable[[], bool]) -> None:
-        calls.append("closed")
-        pace.fraction += closing
-
-    judge = RouteJudge(judge_coverage, lambda _: None, close)
-    assert goal_search._closed_beginning(work, starts, starts[-1:], 0.98, judge, until=0.7) is None
-    assert (calls.count("judged"), calls.count("closed")) == (judged, closed)
-
-
-def test_the_cheapest_beginning_that_sees_enough_needs_no_closing() -> None:
-    """Of lines of 100, 200 and 300 m, of which the first sees enough on the planner's cells only."""
-    work: Any = SimpleNamespace(
-        stopped=False, pace=SimpleNamespace(fraction=0.5), tuning=TUNED,
-        problem=SimpleNamespace(cost=lambda route: route.length_m, free_order=False),
-    )  # fmt: skip
-    judged = {100.0: 0.97, 200.0: 0.985, 300.0: 0.999}
-    starts = [SearchStart(Route(np.array([[0.0, 0.0, 80.0], [m, 0.0, 80.0]])), 0.981) for m in (300.0, 100.0, 200.0)]
-    ended = SearchStart(Route(np.array([[0.0, 0.0, 80.0], [50.0, 0.0, 80.0]])), 0.9)
-    judge = RouteJudge(lambda route, _: judged.get(route.length_m, 0.8), lambda _: None)
-    assert goal_search._closed_beginning(work, starts, [ended], 0.98, judge, until=0.7) is starts[2]
-
-
-@pytest.mark.parametrize(("least_short", "tried"), [(0, [100.0]), (1, [90.0, 100.0]), (2, [90.0, 80.0, 100.0])])
-def test_the_ends_that_are_the_least_short_are_closed_beside_the_last(least_short: int, tried: list[float]) -> None:
-    judged, asked = {80.0: 0.965, 90.0: 0.975, 100.0: 0.96}, []
-
-    def closed(route: Route, _goal: float, _is_over: Callable[[], bool]) -> Route:
-        asked.append(route.length_m)
-        return route
-
-    work: Any = SimpleNamespace(
-        stopped=False, pace=SimpleNamespace(fraction=0.5), tuning=TUNED,
-        problem=SimpleNamespace(cost=lambda route: route.length_m),
-    )  # fmt: skip
-    found = [SearchStart(Route(np.array([[0.0, 0.0, 80.0], [m, 0.0, 80.0]])), 0.97) for m in (80.0, 90.0, 100.0)]
-    judge = RouteJudge(lambda route, _: judged[route.length_m], lambda _: None, closed)
-    assert goal_search._closed(work, found, 0.98, judge, until=0.9, least_short=least_short) is not None
-    assert asked == tried
-
-
-@pytest.mark.parametrize(("goal", "tried", "best_m"), [(0.98, [100.0], 300.0), (0.999, [100.0, 90.0, 80.0], 150.0)])
-def test_where_nearly_all_is_to_be_seen_the_end_of_every_stage_is_closed(
-    goal: float, tried: list[float], best_m: float
-) -> None:
-    """Ends of 80, 90 and 100 m, which need 230, 60 and 200 m more."""
-
-    def line(length_m: float) -> Route:
-        return Route(np.array([[0.0, 0.0, 80.0], [length_m, 0.0, 80.0]]))
-
-    more_m, asked = {80.0: 230.0, 90.0: 60.0, 100.0: 200.0}, []
-
-    def closed(route: Route, _goal: float, _is_over: Callable[[], bool]) -> Route:
-        asked.append(route.length_m)
-        return line(route.length_m + more_m[route.length_m])
-
-    problem = SimpleNamespace(cost=lambda route: route.length_m)
-    work: Any = SimpleNamespace(stopped=False, pace=SimpleNamespace(fraction=0.5), tuning=TUNED, problem=problem)
-    found = [SearchStart(line(length_m), goal - 0.01) for length_m in (80.0, 90.0, 100.0)]
-    judge = RouteJudge(lambda _, goal: goal - 0.01, lambda _: None, closed)
-    end = goal_search._closed(work, found, goal, judge, until=0.9)
-    assert end is not None
-    assert asked == tried
-    assert end.route.length_m == best_m
-
-
-def test_where_nearly_all_is_to_be_seen_the_search_keeps_the_gaps_closed() -> None:
-    """Of a field like a U: the search ends short of 99.9 %, its gaps are closed, and from there it must not fall back."""
-    ring = ((0, 0), (500, 0), (500, 440), (340, 440), (340, 160), (160, 160), (160, 440), (0, 440))
-    site = make_site(
-        flat, ring=tuple((float(e), float(n)) for e, n in ring), cell_m=5.0, planner={"objective": "flight-time"},
-        limits={"min_height_agl_m": 59.0, "max_height_agl_m": 61.0, "height_margin_m": 0.9},
-    )  # fmt: skip
-    plan = make_plan(site, rule="coverage>=0.999", evaluations=1500, seed=2)
-    lines = [each.metrics.cost for each in plan.baselines if each.metrics.coverage_of_coverable >= 0.999]
-    assert plan.rule_met
-    assert plan.chosen.metrics.cost < 0.96 * min(lines)
 
 
 def test_finer_cells_are_asked_only_about_what_reaches_the_goal_on_the_first() -> None:

@@ -12,7 +12,7 @@ from uavcover.errors import ScenarioError
 from uavcover.kernels.way_cost import LENGTH, route_cost
 from uavcover.model.route import Route
 from uavcover.model.sensor import FrameCamera
-from uavcover.planning.search.goal_search import SAFETY
+from uavcover.planning.search.route_judge import SAFETY
 from uavcover.planning.search.route_problem import route_problem, state_of
 from uavcover.planning.search.simplify import simplified, thinned_out
 from uavcover.planning.terrain_following import lay_over_terrain

@@ -21,8 +21,8 @@ from uavcover.planning.parts.planner import (
     search_parts_with,
     tasks_of,
 )
-from uavcover.planning.search.goal_search import best_starts
 from uavcover.planning.search.optimizer_search import Effort, SearchRun
+from uavcover.planning.search.starts import best_starts
 from uavcover.run.search import SearchRequest, plan
 from uavcover.scenario.site import Site
 from uavcover.sensing import block_map

@@ -18,7 +18,7 @@ from uavcover.model.route import Route
 from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted, tight_lines
 from uavcover.planning.baselines.boustrophedon import Baseline, boustrophedons
 from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad
-from uavcover.planning.search.goal_search import RouteJudge, best_starts, search_goal, starts_worth_looking_at
+from uavcover.planning.search.goal_search import search_goal
 from uavcover.planning.search.local_search import (
     CHAINS,
     PROPOSALS_PER_EVALUATION,
@@ -28,6 +28,8 @@ from uavcover.planning.search.local_search import (
     Work,
 )
 from uavcover.planning.search.memetic import scattered_problem
+from uavcover.planning.search.route_judge import RouteJudge
+from uavcover.planning.search.starts import best_starts, starts_worth_looking_at
 from uavcover.planning.search.tuning import TUNED
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site

@@ -3,55 +3,22 @@
 For few waypoints, the price of a waypoint rises step by step, at the cost of a longer path.
 """
 
-import bisect
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 
 import numpy as np
 
 from uavcover.kernels.annealing import Prices
 from uavcover.model.route import Route
+from uavcover.planning.search.closing import closed_beginning, closed_end, price_between
 from uavcover.planning.search.local_search import CHAINS, Chain, Work
-from uavcover.planning.search.route_problem import RouteProblem, state_of
-from uavcover.planning.search.tuning import TUNED, GoalTuning
+from uavcover.planning.search.route_judge import SAFETY, RouteJudge
+from uavcover.planning.search.route_problem import state_of
+from uavcover.planning.search.starts import SearchStart, best_starts
 
 LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
 """Goals that are searched for besides the one that is asked for, so that there is something to choose from."""
 
-SAFETY = 0.0003
-"""Share of the coverage by which a route is to reach more than its goal on the finest cells: other cells see less."""
-
 _ROUNDING = 1e-9
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class SearchStart:
-    """A feasible route to start from.
-
-    Attributes:
-        route: its waypoints.
-        seen: share of what can be covered that it sees on the planner's cells.
-    """
-
-    route: Route
-    seen: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RouteJudge:
-    """Who judges the routes of a search.
-
-    Attributes:
-        coverage: share of what can be covered that a route sees, on the cells it is judged on; exact where it may reach the goal,
-            which it is given.
-        found: told every route worth judging.
-        closed: a route and what else has to be flown to reach a goal on those cells; none where that is too much to find out.
-            It is told how to ask whether there is no time left for it.
-    """
-
-    coverage: Callable[[Route, float], float]
-    found: Callable[[Route], None]
-    closed: Callable[[Route, float, Callable[[], bool]], Route | None] = lambda _route, _goal, _is_over: None
 
 
 def search_goals(
@@ -86,11 +53,11 @@ def search_goals(
             work, known, asked, capacity, (begin, end), tuned.main_stages, judge, most_short=tuned.most_short_at_first
         )
         price, with_closing = None, min(work.pace.fraction, end) + tuned.closing_share * (until - begin)
-        closed = _closed(work, found, asked, judge, until=with_closing)
+        closed = closed_end(work, found, asked, judge, until=with_closing)
         if closed is None:
             with_closing += (tuned.closing_share_far - tuned.closing_share) * (until - begin)
-            closed = _closed_beginning(work, starts, found, asked, judge, until=with_closing)
-            price = None if closed is None else tuned.dear_ground * _price_between(work.problem, found[-1], closed)
+            closed = closed_beginning(work, starts, found, asked, judge, until=with_closing)
+            price = None if closed is None else tuned.dear_ground * price_between(work.problem, found[-1], closed)
         known += found
         if closed is not None:
             judge.found(closed.route)
@@ -103,7 +70,7 @@ def search_goals(
             )
             known += again
             # Cells of the search may see all where those that judge lack a few.
-            last = _closed(
+            last = closed_end(
                 work, again, asked, judge, until=end + tuned.closing_share * (until - begin),
                 least_short=0 if price is None else tuned.most_closed_after,
             )  # fmt: skip
@@ -121,95 +88,6 @@ def search_goals(
         at = until - ladder + number * each
         known += search_goal(work, known, goal, capacity, (at, at + each), tuned.stages, judge)
     return known
-
-
-def _closed(
-    work: Work,
-    found: Sequence[SearchStart],
-    goal: float,
-    judge: RouteJudge,
-    *,
-    until: float,
-    least_short: int = 0,
-) -> SearchStart | None:
-    """What a search ended with and its gaps closed, where it ends short of its goal and some of the work is left for it.
-
-    Where nearly everything is to be seen, gaps are dear: then the ends of all its stages are tried, and the cheapest counts. The
-    ``least_short`` ends that lack least are tried in any case.
-    """
-
-    def is_over() -> bool:
-        return work.pace.fraction >= until
-
-    if not found or work.stopped or is_over():
-        return None
-    tuned = work.tuning.goal
-    ends: list[SearchStart] = []
-    ends_of_stages = list(reversed(found if goal > tuned.nearly_all else found[-1:]))
-    near = sorted(found, key=lambda each: -judge.coverage(each.route, goal))[:least_short] if least_short else []
-    for each in dict.fromkeys([*near, *ends_of_stages]):
-        if is_over():
-            break
-        short = goal - judge.coverage(each.route, goal)
-        if short <= 0.0:
-            return None
-        closed = judge.closed(each.route, goal + SAFETY, is_over) if short <= tuned.most_short else None
-        if closed is not None:
-            ends.append(SearchStart(closed, each.seen + short))
-    return min(ends, key=lambda end: work.problem.cost(end.route), default=None)
-
-
-def _closed_beginning(
-    work: Work,
-    starts: Sequence[SearchStart],
-    found: Sequence[SearchStart],
-    goal: float,
-    judge: RouteJudge,
-    *,
-    until: float,
-) -> SearchStart | None:
-    """A beginning that sees enough, or the cheapest of those that see most, their gaps closed.
-
-    None where a search did not end far from its goal.
-
-    On ground whose last part is dear, such as the walls of a canyon, a search from a short beginning loses what it sees there,
-    and long lines are the better beginning.
-    """
-
-    def is_over() -> bool:
-        return work.pace.fraction >= until
-
-    if not found or work.stopped or is_over() or work.problem.free_order:
-        return None
-    tuned, before = work.tuning.goal, judge.coverage(found[-1].route, goal)
-    if goal - before <= tuned.most_short:
-        return None
-    different = {each.route.length_m: each for each in starts}.values()
-    most = sorted(different, key=lambda each: -each.seen)[: tuned.most_beginnings]
-    # Those that may see enough by themselves come first, the cheapest of them before the others.
-    cheapest = sorted((each for each in different if each.seen >= goal), key=lambda each: work.problem.cost(each.route))
-    judged: list[tuple[float, SearchStart]] = []
-    for each in dict.fromkeys([*cheapest[: tuned.most_beginnings], *most]):
-        if is_over():
-            return None
-        judged.append((judge.coverage(each.route, goal), each))
-        if judged[-1][0] >= goal:
-            return each
-    judged = [one for one in judged if one[0] >= goal - tuned.most_short_beginning] or [(before, found[-1])]
-    ends: list[SearchStart] = []
-    for tried, (seen, each) in enumerate(sorted(judged, key=lambda item: -item[0])):
-        if is_over() or (ends and tried >= tuned.most_closed):
-            break
-        route = judge.closed(each.route, goal + SAFETY, is_over)
-        if route is not None:
-            ends.append(SearchStart(route, min(1.0, each.seen + max(0.0, goal - seen))))
-    return min(ends, key=lambda end: work.problem.cost(end.route), default=None)
-
-
-def _price_between(problem: RouteProblem, less: SearchStart, more: SearchStart) -> float:
-    """What all coverage costs at the rate between two routes, in lengths of the one that sees more."""
-    cost = problem.cost(more.route)
-    return max(0.0, cost - problem.cost(less.route)) / (max(cost, 1e-12) * max(more.seen - less.seen, 1e-3))
 
 
 def search_goal(
@@ -339,67 +217,6 @@ def _long_stages(stages: Sequence[float], least: float) -> list[tuple[float, int
 def _corrected(goal: float, seen: float, judged: float) -> float:
     """The goal on the search's cells, corrected by how a route's coverage there differs from its judged coverage."""
     return min(1.0, max(0.0, seen + goal + SAFETY - judged))
-
-
-def starts_worth_looking_at(
-    problem: RouteProblem,
-    routes: Sequence[Route],
-    goal: float,
-    share_seen: Callable[[Route], float],
-    tuned: GoalTuning = TUNED.goal,
-) -> list[SearchStart]:
-    """Routes as beginnings for a goal, without those that are too dear for :func:`best_starts` whatever they see.
-
-    Finding out what a route sees takes long on many cells. Missing coverage only adds to its cost: routes are looked at from the
-    cheapest on, until the next one costs more than the best come to, as many as there are chains.
-
-    Args:
-        problem: what is looked at.
-        routes: of any coverage.
-        goal: share of what can be covered.
-        share_seen: share of what can be covered that a route sees.
-        tuned: has the price of what is missing.
-
-    Returns:
-        Beginnings in the order of the routes; the best CHAINS of all are among them.
-    """
-    costs = [problem.cost(route) for route in routes]
-    looked: dict[int, SearchStart] = {}
-    merits: list[float] = []
-    for k in sorted(range(len(routes)), key=costs.__getitem__):
-        if not problem.free_order and len(merits) >= CHAINS and costs[k] > merits[CHAINS - 1]:
-            break
-        looked[k] = SearchStart(routes[k], share_seen(routes[k]))
-        bisect.insort(merits, _merit(problem, looked[k], goal, 0.0, tuned)[1])
-    return [looked[k] for k in sorted(looked)]
-
-
-def best_starts(
-    problem: RouteProblem,
-    starts: Sequence[SearchStart],
-    goal: float,
-    waypoint_m: float = 0.0,
-    tuned: GoalTuning = TUNED.goal,
-) -> list[SearchStart]:
-    """The beginnings for a goal, the best first.
-
-    Args:
-        problem: what is looked at.
-        starts: of any coverage.
-        goal: share of what can be covered.
-        waypoint_m: a price of waypoints beside that of the cost.
-        tuned: has the price of what is missing.
-    """
-    return sorted(starts, key=lambda start: _merit(problem, start, goal, waypoint_m, tuned))
-
-
-def _merit(
-    problem: RouteProblem, start: SearchStart, goal: float, waypoint_m: float, tuned: GoalTuning
-) -> tuple[bool, float]:
-    """Smallest for the best start; where the order is free, any route that reaches the goal ranks before those that do not."""
-    with_waypoints = 1.0 + waypoint_m * len(start.route) / max(start.route.length_m, problem.reach_m)
-    cost = problem.cost(start.route) * with_waypoints
-    return problem.free_order and start.seen < goal, tuned.start_cost(cost, goal - start.seen)
 
 
 def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: float, coverage_price: float) -> Chain:

@@ -7,23 +7,13 @@ from functools import partial
 
 import numpy as np
 
-from uavcover.errors import InfeasibleError
-from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.tours import short_tour
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
-from uavcover.planning.baselines.boustrophedon import PLAIN_TOLERANCE_M, best_height_agl_m
+from uavcover.planning.baselines.boustrophedon import best_height_agl_m
 from uavcover.planning.front import Candidate
-from uavcover.planning.gap_route import plan_closing_route
-from uavcover.planning.joining import joined
-from uavcover.planning.search.goal_search import (
-    SAFETY,
-    RouteJudge,
-    SearchStart,
-    best_starts,
-    search_goals,
-    search_waypoints,
-)
+from uavcover.planning.search.closing import with_gaps_closed
+from uavcover.planning.search.goal_search import search_goals, search_waypoints
 from uavcover.planning.search.local_search import (
     CHAINS,
     PROPOSALS_PER_EVALUATION,
@@ -34,14 +24,14 @@ from uavcover.planning.search.local_search import (
     Work,
 )
 from uavcover.planning.search.optimizer_search import Effort, SearchProgress, SearchRun
+from uavcover.planning.search.route_judge import SAFETY, OneAfterTheOther, RouteJudge, share_seen
 from uavcover.planning.search.route_problem import RouteProblem, route_problem, state_of
 from uavcover.planning.search.simplify import thinned_out
+from uavcover.planning.search.starts import SearchStart, best_starts
 from uavcover.planning.search.tour_with_neighbourhoods import search_free_order
 from uavcover.planning.search.tuning import TUNED, GoalTuning, SearchTuning
 from uavcover.planning.selection import Rule
 from uavcover.planning.sure_pictures import surely
-from uavcover.planning.terrain_following import lay_over_terrain
-from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import make_scattered_cells
 from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
@@ -56,15 +46,6 @@ SCATTERED_MARGIN_CELLS = 0.1
 
 _FLOWN = 0.98
 """The coverage that it goes for when the rule asks for none."""
-
-_MOST_MISSING = 10_000
-"""Cells; to close the gaps of more takes seconds."""
-
-_NEARLY_CLOSED = 0.1
-"""Where so much of what was lacking is left, the rest is closed behind what closed it."""
-
-_CLOSE_SAMPLES_M = 1.0
-"""Of the ground, where routes are laid over it that break a limit when they are joined."""
 
 _FAR_LESS = 0.04
 """A share of coverage: of scripts/bench_kinds.py, pictures every 40 m over cliffs are counted 0.05 to 0.2 less than they are
@@ -148,9 +129,9 @@ def improve(
 
     def on_each(route: Route, _goal: float) -> float:
         return min(
-            map(partial(_seen, route), judges)
+            map(partial(share_seen, route), judges)
             if run.executor is None
-            else run.executor.map(partial(_seen, route), judges)
+            else run.executor.map(partial(share_seen, route), judges)
         )
 
     asked = rule.required_coverage
@@ -159,7 +140,7 @@ def improve(
 
     def closed(route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
         trials = itertools.count()
-        return _closed(
+        return with_gaps_closed(
             judging, surely(site, route), goal, tuned.closed, lambda: is_over() or next(trials) > tuned.most_trials
         )
 
@@ -178,94 +159,9 @@ def improve(
         if finer is not None:
             # The choice asks these cells: they are made ready while there is time for it.
             _ = finer.coverable
-        on_these_cells = RouteJudge(lambda route, _: _seen(surely(site, route), judging), found)
+        on_these_cells = RouteJudge(lambda route, _: share_seen(surely(site, route), judging), found)
         search_waypoints(work, known, goal=goal, capacity=capacity, until=1.0, judge=on_these_cells)
     return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
-
-
-def _seen(route: Route, cells: CoverageMap) -> float:
-    """Share of what can be covered that a route sees."""
-    return cells.share_of_coverable(cells.seen(route.waypoints_m))
-
-
-class OneAfterTheOther:
-    """The least coverage of a route on several maps, the first one first; what misses its goal there is not looked at on others.
-
-    On those as much less is taken to be seen of it as was of the last route that reached its goal.
-    """
-
-    def __init__(self, judges: Sequence[CoverageMap]) -> None:
-        self._judges = judges
-        self._less = 0.0
-
-    def __call__(self, route: Route, goal: float) -> float:
-        """Share of what can be covered, exact where it reaches the goal."""
-        first = _seen(route, self._judges[0])
-        if first < goal:
-            return first - self._less
-        least = min([first, *(_seen(route, judge) for judge in self._judges[1:])])
-        self._less = first - least
-        return least
-
-
-def _closed(
-    judging: CoverageMap, route: Route, goal: float, more_ground: Sequence[float], is_over: Callable[[], bool]
-) -> Route | None:
-    """The route, and behind it what sees enough of the ground that it misses; none where that is too much to find out."""
-    seen = judging.seen(route.waypoints_m)
-    missing = judging.coverable & ~seen
-    lacking = goal - judging.share_of_coverable(seen)
-    if lacking <= 0.0 or np.count_nonzero(missing) > _MOST_MISSING:
-        return None
-    whole_m2 = float(judging.grid.weight_m2[judging.coverable].sum())
-    missing_m2 = float(judging.grid.weight_m2[missing].sum())
-    useful_m2 = (1.0 - _NEARLY_CLOSED) * lacking * whole_m2
-    for more in more_ground:
-        whole = _with_closing(judging, route, missing, more * lacking * whole_m2, useful_m2, is_over)
-        if whole is None:
-            return None
-        # Pictures by distance fall elsewhere behind a route than behind home: it may take more.
-        still_lacking = goal - _seen(whole, judging)
-        if still_lacking <= 0.0:
-            return whole
-        if is_over():
-            return None
-        if still_lacking <= _NEARLY_CLOSED * lacking:
-            return _closed(judging, whole, goal, more_ground, is_over)
-        if more * lacking * whole_m2 >= missing_m2:
-            return None
-    return None
-
-
-def _with_closing(
-    judging: CoverageMap,
-    route: Route,
-    missing: BoolArray,
-    needed_m2: float,
-    useful_m2: float,
-    is_over: Callable[[], bool],
-) -> Route | None:
-    """The route, and behind it one for so much of the missing ground; none where that is of no use, or breaks a limit."""
-    site, points = judging.site, route.waypoints_m
-    end_m = points[-1] if site.home_m is None else site.home_m
-    try:
-        closing = plan_closing_route(
-            judging, missing, start_m=points[-1], end_m=end_m, needed_m2=needed_m2, useful_m2=useful_m2, is_over=is_over
-        )
-    except InfeasibleError:
-        return None
-    whole = joined(site, [points, closing.route.waypoints_m])
-    if _breaks_a_limit(site, whole):
-        # At a cliff the way from one to the other may be too steep: the heights of both have to give.
-        heights_agl_m = site.ground.heights_agl_m(whole)
-        whole = lay_over_terrain(
-            site, whole[:, :2], heights_agl_m, tolerance_m=PLAIN_TOLERANCE_M, spacing_m=_CLOSE_SAMPLES_M
-        )
-    return None if _breaks_a_limit(site, whole) else surely(site, Route(whole))
-
-
-def _breaks_a_limit(site: Site, points_m: FloatArray) -> bool:
-    return measure_violations(site, points_m, margin_m=site.scenario.limits.height_margin_m).total > 0.0
 
 
 def _fewer_waypoints(
@@ -310,7 +206,7 @@ def _counted_as_judged(problem: RouteProblem, judging: CoverageMap, starts: Sequ
         return problem
     most = max(starts, key=lambda start: start.seen).route
     counted = float(state_of(problem, most, capacity=len(most)).seen[0])
-    return problem.with_likely_pictures() if counted < _seen(most, judging) - _FAR_LESS else problem
+    return problem.with_likely_pictures() if counted < share_seen(most, judging) - _FAR_LESS else problem
 
 
 def scattered_problem(scattered: CoverageMap) -> RouteProblem:

@@ -6,7 +6,7 @@ from uavcover.kernels.annealing import snapshot
 from uavcover.kernels.route_state import RouteState
 from uavcover.kernels.simplification import merge, take_out
 from uavcover.model.route import Route
-from uavcover.planning.search.goal_search import SAFETY
+from uavcover.planning.search.route_judge import SAFETY
 from uavcover.planning.search.route_problem import RouteProblem, route_problem, state_of
 from uavcover.planning.sure_pictures import surely
 from uavcover.sensing.coverage_map import CoverageMap

@@ -12,9 +12,11 @@ import numpy as np
 from uavcover.kernels.annealing import Prices
 from uavcover.kernels.route_state import recount, seen_alone
 from uavcover.model.route import Route
-from uavcover.planning.search.goal_search import RouteJudge, SearchStart, search_goals
+from uavcover.planning.search.goal_search import search_goals
 from uavcover.planning.search.local_search import CHAINS, Chain, Work
+from uavcover.planning.search.route_judge import RouteJudge
 from uavcover.planning.search.route_problem import state_of
+from uavcover.planning.search.starts import SearchStart
 from uavcover.planning.search.tuning import FreeOrderTuning
 
 FULL = 1.0 - 1e-9

@@ -1,0 +1,52 @@
+"""Who judges the routes of a search: what a route sees on the cells by which it is judged."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from uavcover.model.route import Route
+from uavcover.sensing.coverage_map import CoverageMap
+
+SAFETY = 0.0003
+"""Share of the coverage by which a route is to reach more than its goal on the finest cells: other cells see less."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RouteJudge:
+    """Who judges the routes of a search.
+
+    Attributes:
+        coverage: share of what can be covered that a route sees, on the cells it is judged on; exact where it may reach the goal,
+            which it is given.
+        found: told every route worth judging.
+        closed: a route and what else has to be flown to reach a goal on those cells; none where that is too much to find out.
+            It is told how to ask whether there is no time left for it.
+    """
+
+    coverage: Callable[[Route, float], float]
+    found: Callable[[Route], None]
+    closed: Callable[[Route, float, Callable[[], bool]], Route | None] = lambda _route, _goal, _is_over: None
+
+
+def share_seen(route: Route, cells: CoverageMap) -> float:
+    """Share of what can be covered that a route sees."""
+    return cells.share_of_coverable(cells.seen(route.waypoints_m))
+
+
+class OneAfterTheOther:
+    """The least coverage of a route on several maps, the first one first; what misses its goal there is not looked at on others.
+
+    On those as much less is taken to be seen of it as was of the last route that reached its goal.
+    """
+
+    def __init__(self, judges: Sequence[CoverageMap]) -> None:
+        self._judges = judges
+        self._less = 0.0
+
+    def __call__(self, route: Route, goal: float) -> float:
+        """Share of what can be covered, exact where it reaches the goal."""
+        first = share_seen(route, self._judges[0])
+        if first < goal:
+            return first - self._less
+        least = min([first, *(share_seen(route, judge) for judge in self._judges[1:])])
+        self._less = first - least
+        return least
