@@ -14,6 +14,7 @@ import statistics
 from collections.abc import Iterator
 from pathlib import Path
 
+from scripts.options import file_to_write
 from uavcover.benchmarks.mmf.problems import PROBLEMS, MmfProblem
 from uavcover.benchmarks.mmf.reference_sets import reference_sets
 from uavcover.benchmarks.mmf.summary import CONSTANT_VARIABLES, cover_rate, pareto_sets_proximity
@@ -98,14 +99,22 @@ def table(rows: list[Row]) -> list[str]:
     return [*lines, "| geometric mean of PSP | | " + " | ".join(means) + " |"]
 
 
+def part_of(text: str) -> tuple[int, int]:
+    """PART/PARTS, the first part is 0; of 0/0 nothing is run, and the page is written."""
+    part, _, parts = text.partition("/")
+    if not (part.isdecimal() and parts.isdecimal()) or int(part) >= max(1, int(parts)):
+        raise argparse.ArgumentTypeError(f"{text}: give PART/PARTS, from 0/PARTS on, such as 1/4")
+    return int(part), int(parts)
+
+
 def main() -> None:
     """Do what is missing, write the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("-o", "--output", type=Path, default=Path("docs/results/niching_ablation.md"))
+    parser.add_argument("-o", "--output", type=file_to_write, default=Path("docs/results/niching_ablation.md"))
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--part", default="0/1", help="which share of the cases, of how many")
+    parser.add_argument("--part", type=part_of, default="0/1", help="which share of the cases, of how many")
     arguments = parser.parse_args()
-    part, parts = map(int, arguments.part.split("/"))
+    part, parts = arguments.part
     path: Path = arguments.output.with_suffix(".csv")
     rows = list(csv.DictReader(path.read_text().splitlines())) if path.exists() else []
     cases = [(problem, seed) for seed in range(arguments.seeds) for problem in PROBLEMS.values()]

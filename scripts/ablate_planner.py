@@ -31,6 +31,7 @@ if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
 from scripts.kept_rows import Row, read_rows, write_rows
+from scripts.options import file_to_write
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.tours import short_tour
 from uavcover.model.route import Route
@@ -268,7 +269,7 @@ def summarise(rows: list[Row]) -> list[str]:
 def main() -> None:
     """Run what is missing, then write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/planner_ablation.md"))
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/planner_ablation.md"))
     parser.add_argument("--seeds", type=int, default=5)
     parser.add_argument("--budget", type=float, default=10.0)
     parser.add_argument("--only", choices=[case[0] for case in CASES])

@@ -15,10 +15,10 @@ import argparse
 import csv
 import importlib.util
 import time
-from pathlib import Path
 
 import numpy as np
 
+from scripts.options import existing_folder, one_of
 from uavcover.kernels.route import path_length
 from uavcover.kernels.tours import short_tour
 from uavcover.planning.bounds import least_path_length_m
@@ -142,8 +142,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--time", type=float, default=120.0, help="seconds of branch and bound for each question")
     parser.add_argument("--lattices", type=float, nargs="+", default=[0.25, 0.125])
-    parser.add_argument("--out", type=Path, help="folder of the table and its CSV; not for --paths")
-    parser.add_argument("--paths", nargs="*", metavar="SCENARIO", help="bounds on path length instead: print them")
+    parser.add_argument("--out", type=existing_folder, help="folder of the table and its CSV; not for --paths")
+    known = one_of(SHORTEST_FOUND_M)
+    parser.add_argument(
+        "--paths", nargs="*", type=known, metavar="SCENARIO", help="bounds on path length instead: print them"
+    )
     arguments = parser.parse_args()
     if arguments.paths is not None:
         print(

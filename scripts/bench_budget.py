@@ -18,6 +18,7 @@ from typing import Any
 if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
+from scripts.options import numbers, scenario_name
 from uavcover.kernels import annealing
 from uavcover.model.route import Route
 from uavcover.planning.baselines.boustrophedon import fewest_lines
@@ -101,8 +102,8 @@ def measured(name: str, budget_s: float, seed: int) -> str:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("scenarios", nargs="*", default=["ridge-25km2"])
-    parser.add_argument("--budgets", default="10,30,60", help="seconds, with commas")
+    parser.add_argument("scenarios", nargs="*", type=scenario_name, default=["ridge-25km2"])
+    parser.add_argument("--budgets", type=numbers, default="10,30,60", help="seconds, with commas")
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--boustrophedon", action="store_true", help="scan for the tuned boustrophedon as well")
     options = parser.parse_args()
@@ -113,9 +114,9 @@ def main() -> None:
     print("| scenario | budget | seed | used | begins | searching | coverage | other cells | mission | waypoints |")
     print("|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|")
     for name in options.scenarios:
-        for budget in options.budgets.split(","):
+        for budget in options.budgets:
             for seed in range(1, options.seeds + 1):
-                print(measured(name, float(budget), seed), flush=True)
+                print(measured(name, budget, seed), flush=True)
         if options.boustrophedon:
             site = load_site(load_scenario(name))
             for mission_s, seen in tuned_boustrophedons(

@@ -27,6 +27,7 @@ from mission_io.autopilots.autopilot import PX4, wire_items
 from mission_io.client.client import Client
 from mission_io.links.opening import open_link
 from mission_io.model.items import Frame, GeoPoint, Mission, MissionType, waypoint
+from scripts.options import file_to_write
 from uavcover.mock.server import start_in_background
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
@@ -170,7 +171,7 @@ def _resident_mib(pid: int) -> float:
 def main() -> None:
     """Measure, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--out", type=Path, help="Markdown file to write; a .csv goes beside it")
+    parser.add_argument("-o", "--out", type=file_to_write, help="Markdown file to write; a .csv goes beside it")
     out = parser.parse_args().out
     rows = coverage_rows() + upload_rows()
     with tempfile.TemporaryDirectory() as folder:

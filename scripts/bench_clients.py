@@ -16,6 +16,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
 from typing import Any
 
+from scripts.options import file_to_write
 from uavcover.benchmarks.link.peers import Transferred, outcome_of, run_real
 from uavcover.benchmarks.link.runs import Vehicles
 from uavcover.benchmarks.link.trials import COLUMNS, DIRECTIONS, TransferOutcome, Trial, items_on, mission_items
@@ -136,7 +137,7 @@ def wanted(seeds: int) -> list[Trial]:
 def main() -> int:
     """Run what is missing and print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--output", type=Path, required=True, help="outcomes, one line each")
+    parser.add_argument("-o", "--output", type=file_to_write, required=True, help="outcomes, one line each")
     parser.add_argument("--seeds", type=int, default=8)
     parser.add_argument("--loss", type=float, action="append", choices=LOSSES, help="only this share; may be repeated")
     parser.add_argument("--at-a-time", type=int, default=8)

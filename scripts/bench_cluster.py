@@ -35,6 +35,7 @@ if __name__ == "__main__":
 
 from scripts.bench_planner import window
 from scripts.kept_rows import Row, read_rows, write_rows
+from scripts.options import file_to_write, one_of
 from scripts.watched import Watch
 from uavcover.scenario.scenario_file import dump_scenario
 
@@ -282,9 +283,10 @@ def page(rows: list[Row], tasks: dict[str, list[list[float]]]) -> str:
 
 def main() -> None:
     """Measure what is missing."""
+    names = [*CASES, *(f"{area}:{workers}" for area in CASES for workers in WORKERS)]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/cluster.md"))
-    parser.add_argument("--only", help="AREA or AREA:WORKERS", default="")
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/cluster.md"))
+    parser.add_argument("--only", type=one_of(names), help="AREA or AREA:WORKERS")
     parser.add_argument("--keep", type=Path, default=Path("build/bench_cluster"))
     arguments = parser.parse_args()
     table, times = arguments.out.with_suffix(".csv"), arguments.out.with_suffix(".tasks.json")
@@ -294,7 +296,7 @@ def main() -> None:
     for area in CASES:
         for workers in WORKERS:
             name = f"{area}:{workers}"
-            if (area, str(workers)) in done or arguments.only not in ("", area, name):
+            if (area, str(workers)) in done or arguments.only not in (None, area, name):
                 continue
             found, tasks[name] = planned(area, workers, arguments.keep)
             head = {"area": area, "workers": str(workers), "date": datetime.date.today().isoformat()}

@@ -18,6 +18,7 @@ from random import Random
 import numpy as np
 
 from mission_io.links.simulated import Conditions, SimulatedLink
+from scripts.options import file_to_write
 from tests.cli.conftest import corner_of_the_demo
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData, WindModel
@@ -144,7 +145,7 @@ def rows() -> Iterator[str]:
 def main() -> None:
     """Fly all, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("out", type=Path)
+    parser.add_argument("out", type=file_to_write)
     out = parser.parse_args().out
     lines = []
     for row in rows():

@@ -38,6 +38,7 @@ if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
 from scripts.kept_rows import Row, read_rows, write_rows
+from scripts.options import existing_folder, file_to_write
 
 M_PER_DEG = 111319.5
 """Of their map: a degree of latitude, and of longitude at the equator."""
@@ -353,16 +354,19 @@ def table(rows: Sequence[Row], evaluations: int) -> str:
 def main() -> None:
     """Compare what is not in the .csv, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/energy_aware.md"))
+    parser.add_argument("folder", type=existing_folder)
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/energy_aware.md"))
     parser.add_argument("--only")
     parser.add_argument("--evaluations", type=int, default=2000)
     args = parser.parse_args()
     file = args.out.with_suffix(".csv")
     rows = read_rows(file)
     done = {(row["case"], row["evaluations"]) for row in rows}
-    for folder in sorted(path.parent for path in args.folder.glob("*/config.yaml")):
-        if (args.only and args.only != folder.name) or (folder.name, str(args.evaluations)) in done:
+    cases = sorted(path.parent for path in args.folder.glob("*/config.yaml") if args.only in (None, path.parent.name))
+    if not cases:
+        parser.error(f"{args.folder}: no {args.only or '*'}/config.yaml in it; see the top of the script")
+    for folder in cases:
+        if (folder.name, str(args.evaluations)) in done:
             continue
         rows.append(compare(read_case(folder), args.evaluations))
         print(rows[-1], file=sys.stderr)

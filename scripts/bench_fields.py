@@ -40,6 +40,7 @@ if __name__ == "__main__":
 
 import uavcover as uc
 from scripts.kept_rows import Row, read_rows, write_rows
+from scripts.options import file_to_write
 from tests.terrain_kinds import SENSORS, TRUE_TO_SCALE, Kind, flat, write_kind
 from uavcover.model.route import Route, RouteMetrics
 from uavcover.routes.objectives import judge
@@ -202,7 +203,7 @@ def page(rows: list[Row], evaluations: int) -> str:
 def main() -> int:
     """What is missing in the table is measured."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/fields.md"))
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/fields.md"))
     parser.add_argument("--only", choices=list(FIELDS))
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--evaluations", type=int, default=4000)

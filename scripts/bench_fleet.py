@@ -7,6 +7,7 @@ import argparse
 import math
 import time
 
+from scripts.options import scenario_name, whole_numbers
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.routes.flights import compile_flights
@@ -17,8 +18,8 @@ from uavcover.scenario.site import load_site
 def main() -> None:
     """Print a table in Markdown."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("scenario", nargs="?", default="ridge-25km2")
-    parser.add_argument("--vehicles", default="1,2,4,8")
+    parser.add_argument("scenario", nargs="?", type=scenario_name, default="ridge-25km2")
+    parser.add_argument("--vehicles", type=whole_numbers, default="1,2,4,8")
     arguments = parser.parse_args()
     alone = load_site(arguments.scenario)
     route = fly_layout(alone, plain_boustrophedon(alone))
@@ -27,7 +28,7 @@ def main() -> None:
         "| vehicles | sorties | in the air, s | done after, s | one vehicle, s | share of it | keeping apart, s | took, s |"
     )
     print("|---|---|---|---|---|---|---|---|")
-    for vehicles in map(int, arguments.vehicles.split(",")):
+    for vehicles in arguments.vehicles:
         site = alone.flown_by(vehicles)
         started = time.perf_counter()
         flights = compile_flights(site, route)

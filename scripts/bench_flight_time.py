@@ -33,6 +33,7 @@ import shapely
 
 from mission_io.client.client import Client
 from mission_io.links.opening import open_link
+from scripts.options import file_to_write, names_of
 from sitl_tests.errors import MissingSimulatorError
 from sitl_tests.simulators import ardupilot, px4
 from sitl_tests.simulators.running import RunningVehicle, Start, StartRequest
@@ -417,15 +418,15 @@ def page(known: Mapping[tuple[str, str], tuple[Flight, float]], command: str) ->
 def main(arguments: Sequence[str]) -> int:
     """Fly, and write table and page."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("-o", "--output", default="docs/results/flight_time.md")
+    parser.add_argument("-o", "--output", type=file_to_write, default="docs/results/flight_time.md")
     parser.add_argument("--logs", help="folder for plans and logs; by default a temporary one")
-    parser.add_argument("--vehicles", default=",".join(FLIERS))
-    parser.add_argument("--missions", default=",".join(MISSIONS))
+    parser.add_argument("--vehicles", type=names_of(FLIERS), default=",".join(FLIERS))
+    parser.add_argument("--missions", type=names_of(MISSIONS), default=",".join(MISSIONS))
     options = parser.parse_args(arguments)
-    output = Path(options.output)
+    output: Path = options.output
     notes = output.read_text(encoding="utf-8").partition(NOTES)[2] if output.exists() else ""
     logs = Path(options.logs or tempfile.mkdtemp(prefix="uavcover-flight-time-"))
-    known = fly_all(options.missions.split(","), options.vehicles.split(","), output.with_suffix(".csv"), logs)
+    known = fly_all(options.missions, options.vehicles, output.with_suffix(".csv"), logs)
     command = " ".join([".venv/bin/python scripts/bench_flight_time.py", *arguments])
     output.write_text(page(known, command) + (f"{NOTES}{notes}" if notes else ""), encoding="utf-8")
     return 0

@@ -24,6 +24,7 @@ from mission_io.links.opening import UdpLink
 from mission_io.model.items import Frame, MissionItem, waypoint
 from mission_io.wire.codec import Codec
 from mission_io.wire.messages import Attitude, Heartbeat
+from scripts.options import file_to_write
 
 HOST = "127.0.0.1"
 LONGEST_S = 600.0
@@ -114,7 +115,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--seconds", type=float, default=60.0, help=f"how long to flood, at most {LONGEST_S:g}")
     parser.add_argument("--rate", type=float, default=10.0, help="megabytes of garbage a second")
-    parser.add_argument("-o", "--output", type=Path, help="append the row to this file")
+    parser.add_argument("-o", "--output", type=file_to_write, help="append the row to this file")
     options = parser.parse_args()
     seconds = min(options.seconds, LONGEST_S)
     context = multiprocessing.get_context("spawn")

@@ -34,6 +34,7 @@ from mission_io.model.items import Frame, GeoPoint, Mission, MissionType, waypoi
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
 from mission_io.wire.mission_items import message_from_item
+from scripts.options import file_to_write
 
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT))
@@ -218,7 +219,7 @@ def rows_of(contests: Mapping[str, Contest], rounds: int, per_run: int | None) -
 def main() -> int:
     """Run all contests and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--output", type=Path, help="Markdown file")
+    parser.add_argument("-o", "--output", type=file_to_write, help="Markdown file")
     parser.add_argument("--items", type=int, default=50_000)
     parser.add_argument("--rounds", type=int, default=5)
     options = parser.parse_args()

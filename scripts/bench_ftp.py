@@ -20,6 +20,7 @@ from mission_io.protocol.ftp_server import FtpServer
 from mission_io.protocol.ftp_upload import FtpUpload, FtpUploadState
 from mission_io.wire.codec import Codec
 from mission_io.wire.messages import FileTransfer
+from scripts.options import fraction
 
 _DELAY_S = 0.01
 _BURST = 500
@@ -119,7 +120,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--direction", choices=("send", "get"), default="send")
     parser.add_argument("--megabytes", type=float, default=3.0)
-    parser.add_argument("--loss", type=float, action="append")
+    parser.add_argument("--loss", type=fraction, action="append")
     parser.add_argument("--window", type=int, default=256)
     parser.add_argument("--bytes-per-s", type=float, default=250_000.0)
     parser.add_argument("--seed", type=int, default=1)

@@ -38,6 +38,7 @@ if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
 import uavcover as uc
+from scripts.options import file_to_write, first_and_second
 from tests.falsifying.honest_run import Field
 from tests.naive.file_ground import FileGround, leg_ranges_m, plan_points
 from tests.naive.plan_coverage import coverage_of
@@ -271,19 +272,27 @@ def write(out: Path, rows: Sequence[Row], *, seeds: int, evaluations: int, fligh
 def main(arguments: Sequence[str] | None = None) -> int:
     """Plan, check, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/kinds.md"))
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/kinds.md"))
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--evaluations", type=int, default=400)
-    parser.add_argument("--only", default="", metavar="TERRAIN[:SENSOR]")
+    parser.add_argument("--only", type=first_and_second(KINDS, SENSORS), default="", metavar="TERRAIN[:SENSOR]")
     parser.add_argument("--fly", type=int, default=20, metavar="N")
     parser.add_argument("--runs", type=Path, metavar="DIR", help="keep the run folders here")
     parser.add_argument("--recompute", action="store_true")
     chosen = parser.parse_args(arguments)
-    wanted_terrain, _, wanted_sensor = chosen.only.partition(":")
+    wanted_terrain, wanted_sensor = chosen.only
     cases = [(t, s) for t in KINDS for s in SENSORS]
     to_fly = {cases[round(k)] for k in np.linspace(0, len(cases) - 1, chosen.fly)} if chosen.fly else set()
     rows = read_rows(chosen.out.with_suffix(".csv"))
     if chosen.recompute:
+        if chosen.runs is None:
+            parser.error("--recompute needs --runs DIR, the folder in which --runs kept the plans")
+        for row in rows:
+            plan = folder_of(chosen.runs, row.terrain, row.sensor) / f"run-{row.seed}" / "plan.json"
+            if not plan.is_file():
+                parser.error(
+                    f"--runs {chosen.runs}: no {plan.relative_to(chosen.runs)} in it; keep the plans with --runs first"
+                )
         for number, row in enumerate(rows):
             folder = folder_of(chosen.runs, row.terrain, row.sensor)
             rows[number] = replace(row, recomputed=recomputed_coverage(folder, folder / f"run-{row.seed}"))

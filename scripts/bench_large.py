@@ -27,6 +27,7 @@ if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
 from scripts.bench_planner import window
+from scripts.options import file_to_write, one_of
 from uavcover.planning.baselines.boustrophedon import boustrophedons
 from uavcover.planning.bounds import least_path_length_m
 from uavcover.planning.ground_prices import lattice_parts, price_ground
@@ -172,9 +173,10 @@ def in_order(row: Row) -> tuple[float, int, int]:
 
 def main() -> None:
     """Measure what is missing."""
+    names = [f"{side_m:g}{way}" for side_m, ways in WAYS.items() for way in ("", *(f":{each}" for each in ways))]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/large.md"))
-    parser.add_argument("--only", help="SIDE_M or SIDE_M:WAY", default="")
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/large.md"))
+    parser.add_argument("--only", type=one_of(names), help="SIDE_M or SIDE_M:WAY")
     parser.add_argument("--per-km2", type=int, default=400)
     arguments = parser.parse_args()
     table = arguments.out.with_suffix(".csv")
@@ -185,7 +187,7 @@ def main() -> None:
             name = f"{side_m:g}", way
             evaluations = max(1000, round(arguments.per_km2 * side_m * side_m / 1e6))
             key = *name, "" if way in ("boustrophedon", "bound") else str(evaluations)
-            if key in done or arguments.only not in ("", name[0], ":".join(name)):
+            if key in done or arguments.only not in (None, name[0], ":".join(name)):
                 continue
             makers = {"boustrophedon": boustrophedon, "bound": bound}
             found = makers[way](side_m) if way in makers else planned(side_m, way, evaluations)

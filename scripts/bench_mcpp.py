@@ -42,6 +42,7 @@ from scripts.kept_rows import Row, read_rows, write_rows
 from scripts.mcpp.annealing import shortest_walks
 from scripts.mcpp.problems import HEADINGS, Place, Problem, grid_of
 from scripts.mcpp.published import LS_MCPP, read_ls_mcpp, read_tmstc
+from scripts.options import existing_folder, file_to_write
 
 COLUMNS = ("of", "name", "cells", "robots", "bound", "by", "makespan", "total", "cpu_s", "seed", "date")
 _STATED = 0.01
@@ -233,11 +234,11 @@ def page(rows: Sequence[Row], command: str) -> str:
 def main() -> None:
     """Solve what is not in the .csv yet, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--ls-mcpp", type=Path)
-    parser.add_argument("--tmstc", type=Path)
-    parser.add_argument("--theirs", type=Path)
-    parser.add_argument("--problems", type=Path)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/mcpp.md"))
+    parser.add_argument("--ls-mcpp", type=existing_folder)
+    parser.add_argument("--tmstc", type=existing_folder)
+    parser.add_argument("--theirs", type=existing_folder)
+    parser.add_argument("--problems", type=existing_folder)
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/mcpp.md"))
     parser.add_argument("--only")
     parser.add_argument("--steps", type=int, nargs="*", default=[300, 1500])
     parser.add_argument("--same-time", action="store_true")
@@ -246,9 +247,12 @@ def main() -> None:
     kept = args.out.with_suffix(".csv")
     rows = read_rows(kept)
     done = {(row["name"], row["by"]) for row in rows}
-    if not args.problems:
+    problems = problems_of(args)
+    if args.only and not problems:
+        parser.error(f"--only {args.only}: no such instance; give --ls-mcpp or --tmstc the folder that it is in")
+    if problems and not args.problems:
         warm_up()
-    for of, problem in problems_of(args):
+    for of, problem in problems:
         if args.problems:
             told = {"robots": problem.robots, "places": sorted({place for move in problem.prices for place in move})}
             (args.problems / f"{file_name(problem.name)}.json").write_text(json.dumps(told), encoding="utf-8")

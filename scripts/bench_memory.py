@@ -25,6 +25,7 @@ if __name__ == "__main__":
 
 from scripts.bench_planner import window
 from scripts.kept_rows import Row, read_rows, write_rows
+from scripts.options import file_to_write
 from scripts.watched import Watch
 from uavcover.intake.quantities import memory_bytes
 from uavcover.model.scenario import Scenario
@@ -111,14 +112,14 @@ def page(rows: list[Row]) -> str:
 def main() -> None:
     """Measure what is missing."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/memory.md"))
-    parser.add_argument("--only", help="nadir or frame", default="")
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/memory.md"))
+    parser.add_argument("--only", choices=sorted({case[0] for case in CASES}))
     arguments = parser.parse_args()
     table = arguments.out.with_suffix(".csv")
     rows = read_rows(table)
     for case in CASES:
         names = dict(zip(COLUMNS, (case[0], f"{case[1]:g}", f"{case[2]:g}", *case[3:]), strict=False))
-        if arguments.only not in ("", case[0]) or any(names.items() <= row.items() for row in rows):
+        if arguments.only not in (None, case[0]) or any(names.items() <= row.items() for row in rows):
             continue
         rows.append({**names, **measured(*case), "date": datetime.date.today().isoformat()})
         write_rows(table, COLUMNS, rows)

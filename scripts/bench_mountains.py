@@ -37,6 +37,7 @@ if __name__ == "__main__":
 
 import uavcover as uc
 from scripts.kept_rows import Row, read_rows, write_rows
+from scripts.options import existing_folder, first_and_second
 from uavcover.model.area import Area
 from uavcover.model.home import Home
 from uavcover.model.route import Route, RouteMember
@@ -327,9 +328,9 @@ def commit_of() -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Measure what is missing, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("dem_folder", type=Path, nargs="?", metavar="DEM_FOLDER")
+    parser.add_argument("dem_folder", type=existing_folder, nargs="?", metavar="DEM_FOLDER")
     parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/mountains.md"))
-    parser.add_argument("--only", default="", metavar="PLACE[:WAY]")
+    parser.add_argument("--only", type=first_and_second(PLACES, [*LINES, OURS]), default="", metavar="PLACE[:WAY]")
     parser.add_argument("--seeds", type=int, default=1)
     parser.add_argument("--evaluations", type=int, help="of ours, for every place; default: EVALUATIONS")
     chosen = parser.parse_args(arguments)
@@ -337,7 +338,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     file.parent.mkdir(parents=True, exist_ok=True)
     rows = read_rows(file)
     done = {(row["place"], row["way"], row["seed"]) for row in rows}
-    only_place, _, only_way = chosen.only.partition(":")
+    only_place, only_way = chosen.only
     for place in PLACES:
         if only_place not in ("", place):
             continue

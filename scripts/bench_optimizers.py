@@ -32,6 +32,7 @@ from pymoo.algorithms.moo.nsga2 import NSGA2
 from pymoo.functions import is_compiled
 from pymoo.optimize import minimize
 
+from scripts.options import file_to_write, names_of
 from uavcover.benchmarks.mmf.problems import PROBLEMS
 from uavcover.benchmarks.mmf.pymoo_problems import MmfInPymoo
 from uavcover.optimizers import ALGORITHMS
@@ -168,20 +169,26 @@ def memory_lines(remembered: dict[str, list[tuple[float, float]]]) -> list[str]:
 def main() -> None:
     """Measure, print, and write the tables."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--algorithms", default=",".join(ALGORITHMS), help="names, by commas")
+    parser.add_argument(
+        "--algorithms", type=names_of(ALGORITHMS), default=",".join(ALGORITHMS), help="names, by commas"
+    )
     parser.add_argument("--rounds", type=int, default=500)
     parser.add_argument("--repeats", type=int, default=5)
-    parser.add_argument("--memory", help="names whose memory is measured, by commas; all of ours when left out")
-    parser.add_argument("-o", "--out", type=Path, help="Markdown file to write; a .csv goes beside it")
+    parser.add_argument(
+        "--memory",
+        type=names_of(["", *ALGORITHMS]),
+        help="names whose memory is measured, by commas; all of ours when left out",
+    )
+    parser.add_argument("-o", "--out", type=file_to_write, help="Markdown file to write; a .csv goes beside it")
     parser.add_argument("--report-memory", metavar="NAME", help=argparse.SUPPRESS)
     wanted = parser.parse_args()
     if wanted.report_memory:
         report_memory(wanted.report_memory)
         return
-    names = wanted.algorithms.split(",")
+    names = wanted.algorithms
     ours = [name for name in names if not issubclass(ALGORITHMS[name], PymooOptimizer)]
     if wanted.memory is not None:
-        ours = [name for name in wanted.memory.split(",") if name]
+        ours = [name for name in wanted.memory if name]
     with ThreadPool(2) as pool:
         remembered = dict(zip(ours, pool.map(memory, ours, chunksize=1), strict=True))
     table = time_table(times(names, wanted.rounds, wanted.repeats))

@@ -29,6 +29,7 @@ if __name__ == "__main__":
 from scripts.bench_cluster import generated
 from scripts.bench_planner import window
 from scripts.kept_rows import Row, read_rows, write_rows
+from scripts.options import file_to_write, one_of
 from uavcover.planning.parts.division import divide
 from uavcover.planning.parts.planner import flight_work, plan_by_parts, search_parts_with
 from uavcover.planning.search.optimizer_search import Effort, SearchRun
@@ -143,16 +144,17 @@ def page(rows: list[Row]) -> str:
 
 def main() -> None:
     """Measure what is missing."""
+    names = [*CASES, *(f"{area}:{parts}" for area, (_, numbers) in CASES.items() for parts in numbers)]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/part_seams.md"))
-    parser.add_argument("--only", help="AREA or AREA:PARTS", default="")
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/part_seams.md"))
+    parser.add_argument("--only", type=one_of(names), help="AREA or AREA:PARTS")
     arguments = parser.parse_args()
     table = arguments.out.with_suffix(".csv")
     rows = read_rows(table)
     done = {(row["area"], row["parts"]) for row in rows}
     for area, (_, numbers) in CASES.items():
         for parts in numbers:
-            if (area, str(parts)) in done or arguments.only not in ("", area, f"{area}:{parts}"):
+            if (area, str(parts)) in done or arguments.only not in (None, area, f"{area}:{parts}"):
                 continue
             head = {"area": area, "parts": str(parts), "date": datetime.date.today().isoformat()}
             rows.append({**head, **measured(area, parts)})

@@ -27,6 +27,7 @@ from typing import Any
 
 import numpy as np
 
+from scripts.options import file_to_write
 from uavcover.kernels.annealing import Prices, Schedule, anneal
 from uavcover.model.area import Area
 from uavcover.model.home import Home
@@ -345,7 +346,7 @@ def write(out: Path, rows: list[Row]) -> None:
 def main() -> None:
     """Measure what is missing; the tables are written after every case."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/planner.md"))
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/planner.md"))
     parser.add_argument("--part", choices=PARTS, help="measure this part anew, and no other")
     arguments = parser.parse_args()
     table = arguments.out.with_suffix(".csv")

@@ -14,6 +14,7 @@ import statistics
 from importlib import metadata
 from pathlib import Path
 
+from scripts.options import file_to_write
 from uavcover.model.route import RouteMember
 from uavcover.planning.selection import parse_rule, select
 from uavcover.run.search import SearchRequest
@@ -92,7 +93,7 @@ def _mean(rows: list[Row], column: str, factor: float, digits: int) -> str:
 def main() -> None:
     """Run what is missing, then write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/planning.md"))
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/planning.md"))
     parser.add_argument("--seeds", type=int, default=5)
     arguments = parser.parse_args()
     table = arguments.out.with_suffix(".csv")

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from scripts.options import file_to_write, one_of
 from uavcover.benchmarks.coverage.judging import HoldOut
 from uavcover.kernels.annealing import Prices, Schedule, anneal
 from uavcover.planning.baselines.boustrophedon import best_height_agl_m, plain_boustrophedon
@@ -148,9 +149,13 @@ def _line(case: str, most: str, algorithm: str, mine: list[Row]) -> str:
 def main() -> None:
     """Run what is missing, then write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/planning_limit.md"))
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/planning_limit.md"))
     parser.add_argument("--seeds", type=int, default=3)
-    parser.add_argument("--only", help="one scenario, or one of its numbers of waypoints")
+    parser.add_argument(
+        "--only",
+        type=one_of([name for case in CASES for name in (case[0], f"{case[0]}:{case[2]}")]),
+        help="one scenario, or one of its numbers of waypoints",
+    )
     arguments = parser.parse_args()
     table = arguments.out.with_suffix(".csv")
     rows = list(csv.DictReader(table.open())) if table.exists() else []

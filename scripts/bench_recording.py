@@ -3,11 +3,11 @@
 Usage: .venv/bin/python scripts/bench_recording.py [OUT_DIR]
 """
 
+import argparse
 import csv
 import dataclasses
 import datetime
 import platform
-import sys
 import tempfile
 import time
 from pathlib import Path
@@ -97,7 +97,9 @@ def measure(cell_size_m: float, flight_s: float, folder: Path) -> dict[str, obje
 
 def main() -> None:
     """Measure every case and write the tables."""
-    out = Path(sys.argv[1] if len(sys.argv) > 1 else "docs/results")
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("out", type=Path, nargs="?", metavar="OUT_DIR", default=Path("docs/results"))
+    out = parser.parse_args().out
     out.mkdir(parents=True, exist_ok=True)
     rows = []
     with tempfile.TemporaryDirectory() as folder:

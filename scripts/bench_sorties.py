@@ -27,6 +27,7 @@ import numpy as np
 import pyvrp
 from ortools.constraint_solver import pywrapcp, routing_enums_pb2
 
+from scripts.options import file_to_write
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.model.route import Route
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
@@ -259,9 +260,9 @@ def rows_of(name: str, endurance_s: float, seconds: float) -> list[str]:
 def main() -> None:
     """Write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/sorties.md"))
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/sorties.md"))
     parser.add_argument("--seconds", type=float, default=30.0)
-    parser.add_argument("--only")
+    parser.add_argument("--only", choices=[name for name, _ in CASES])
     args = parser.parse_args()
     lines = [
         "# Sorties against routing solvers",

@@ -12,6 +12,8 @@ import sys
 import tempfile
 from pathlib import Path
 
+from scripts.options import existing_folder
+
 COMMANDS = (
     "--version",
     "--help",
@@ -44,8 +46,8 @@ def processor_s(command: str, checkout: Path, run: Path, out: Path) -> float:
 def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path, help="a flown run folder, as uavcover demo makes it")
-    parser.add_argument("--before", type=Path, help="another checkout, with its kernels compiled")
+    parser.add_argument("run", type=existing_folder, help="a flown run folder, as uavcover demo makes it")
+    parser.add_argument("--before", type=existing_folder, help="another checkout, with its kernels compiled")
     parser.add_argument("--repeat", type=int, default=5)
     arguments = parser.parse_args()
     here = Path(__file__).resolve().parents[1]

@@ -18,6 +18,7 @@ import numpy as np
 ROOT = Path(__file__).parents[1]
 sys.path.insert(0, str(ROOT))
 
+from scripts.options import file_to_write  # noqa: E402
 from uavcover.kernels.grid import steepest_of_finite  # noqa: E402
 from uavcover.scenario.elevation_file import read_ground  # noqa: E402
 from uavcover.scenario.frames import LocalFrame  # noqa: E402
@@ -103,7 +104,7 @@ def measure_bundled(name: str) -> str:
 def main() -> None:
     """Measure and write the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").partition("\n")[0])
-    parser.add_argument("-o", "--out", type=Path, default=ROOT / "docs" / "results" / "terrain.md")
+    parser.add_argument("-o", "--out", type=file_to_write, default=ROOT / "docs" / "results" / "terrain.md")
     parser.add_argument("--quick", action="store_true", help="the smallest area of each pixel size only")
     arguments = parser.parse_args()
     rows = [measure_bundled(name) for name in BUNDLED]

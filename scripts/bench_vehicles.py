@@ -30,6 +30,7 @@ from mission_io.client.client import Client
 from mission_io.links.opening import UdpLink
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, takeoff, waypoint
 from mission_io.wire import messages as m
+from scripts.options import file_to_write, whole_numbers
 from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.vehicle.modes import Mode, custom_mode
 
@@ -183,14 +184,16 @@ def pss_mb(pid: int) -> float:
 def main() -> None:
     """Measure, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, help="Markdown file to write; a .csv goes beside it")
-    parser.add_argument("--vehicles", default="1,5,10,20,40", help="how many at once, one measurement each")
+    parser.add_argument("-o", "--out", type=file_to_write, help="Markdown file to write; a .csv goes beside it")
+    parser.add_argument(
+        "--vehicles", type=whole_numbers, default="1,5,10,20,40", help="how many at once, one measurement each"
+    )
     parser.add_argument("--speed", type=float, default=10.0, help="vehicle seconds per second")
     parser.add_argument("--seconds", type=float, default=20.0, help="how long to listen")
     parser.add_argument("--autopilot", choices=["ardupilot", "px4"], default="px4")
     given = parser.parse_args()
     rows: list[Row] = []
-    for count in (int(part) for part in given.vehicles.split(",")):
+    for count in given.vehicles:
         rows.append(measure(count, autopilot=given.autopilot, speed=given.speed, seconds=given.seconds))
         print(rows[-1], flush=True)
         if given.out is not None:

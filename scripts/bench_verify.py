@@ -28,6 +28,7 @@ import numpy as np
 import rasterio
 from rasterio.transform import from_origin
 
+from scripts.options import file_to_write
 from uavcover.model.track import Track, TrackSample
 from uavcover.run.judge import judge_tracks
 from uavcover.scenario.site import Site, load_site
@@ -158,7 +159,7 @@ def replace_samples(track: Track, count: int) -> Track:
 def main() -> None:
     """Measure, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--out", type=Path, help="Markdown file to write; a .csv goes beside it")
+    parser.add_argument("-o", "--out", type=file_to_write, help="Markdown file to write; a .csv goes beside it")
     out = parser.parse_args().out
     cases: list[dict[str, Any]] = [{"cell_m": 5.0, "samples": SAMPLES}]
     cases += [{"cell_m": cell_m, "samples": SAMPLES} for cell_m in (20.0, 10.0)]

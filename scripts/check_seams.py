@@ -29,6 +29,7 @@ if __name__ == "__main__":
 
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
+from scripts.options import file_to_write
 from uavcover.judging.flown_blocks import near_block
 from uavcover.judging.flown_coverage import FlownCoverage, count_observations
 from uavcover.judging.observations import Observations
@@ -157,7 +158,7 @@ def without_halo(site: Site, observations: Observations, step: int) -> list[tupl
 def main() -> None:
     """Count differences, square by square."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/seams.md"))
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/seams.md"))
     parser.add_argument("--squares", type=int, default=1)
     parser.add_argument("--side", type=float, default=5000.0)
     arguments = parser.parse_args()

@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from scripts.options import file_to_write
 from uavcover.errors import VehicleError
 from uavcover.judging.phases import PlannedRoute
 from uavcover.model.track import Track, TrackSample
@@ -145,7 +146,7 @@ def save_rows(out: Path | None, rows: list[tuple[str, ...]]) -> None:
 def main() -> None:
     """Measure, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--out", type=Path, help="Markdown file to write; a .csv goes beside it")
+    parser.add_argument("-o", "--out", type=file_to_write, help="Markdown file to write; a .csv goes beside it")
     parser.add_argument("--seeds", type=int, default=10)
     arguments = parser.parse_args()
     site = load_site(SCENARIO)

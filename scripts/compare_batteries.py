@@ -7,8 +7,8 @@ current is given as what it told: its percent, and how long it took to its lowes
 Usage: .venv/bin/python scripts/compare_batteries.py RUN
 """
 
+import argparse
 import json
-import sys
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from pymavlink import mavutil
 
+from scripts.options import run_folder
 from uavcover.scenario.scenario_file import load_scenario
 
 _SLOW_M_S, _LEVEL_M_S, _ALOFT_M = 1.0, 0.4, 5.0
@@ -40,8 +41,13 @@ class Told:
 
 def main() -> None:
     """Print a table in Markdown, a row for each sortie that was flown."""
-    run = Path(sys.argv[1])
-    rows = [row for row in json.loads((run / "plan.json").read_text())["sorties"] if row["battery_used"] is not None]
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("run", type=run_folder, help="of a plan with several sorties, flown")
+    run = parser.parse_args().run
+    sorties = json.loads((run / "plan.json").read_text()).get("sorties")
+    if not sorties:
+        parser.error(f"{run}: its plan has no sorties; name one with several that were flown")
+    rows = [row for row in sorties if row["battery_used"] is not None]
     vehicles = {row["folder"]: load_scenario(run / row["folder"] / "scenario.toml").vehicle for row in rows}
     told = {row["folder"]: read(run / row["folder"] / "flight.tlog") for row in rows}
     kinds = {name: vehicle.autopilot for name, vehicle in vehicles.items()}

@@ -11,6 +11,7 @@ import argparse
 import json
 import re
 import shlex
+import shutil
 import subprocess
 import tempfile
 import threading
@@ -26,6 +27,7 @@ from mission_io.conformance.samples import sample
 from mission_io.conformance.serving import serve
 from mission_io.links.opening import UdpLink
 from mission_io.model.items import MissionType
+from scripts.options import file_to_write, one_of
 
 _ITEMS: Final = 7
 _READY_S, _BEGIN_S, _POLL_S = 60.0, 20.0, 0.1
@@ -141,11 +143,13 @@ def main() -> None:
     """Judge the cases, and write them as they come."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--mavproxy", required=True)
-    parser.add_argument("-o", "--output", type=Path, required=True)
+    parser.add_argument("-o", "--output", type=file_to_write, required=True)
     parser.add_argument("--at-once", type=int, default=4)
-    parser.add_argument("case", nargs="*")
+    parser.add_argument("case", nargs="*", type=one_of([case.name for case in CLIENT_CASES]))
     parsed = parser.parse_args()
     command = shlex.split(parsed.mavproxy)
+    if not command or shutil.which(command[0]) is None:
+        parser.error(f"--mavproxy {parsed.mavproxy}: no such command; give the one that starts MAVProxy")
     cases = [case for case in CLIENT_CASES if not parsed.case or case.name in parsed.case]
     rows: list[dict[str, Any]] = []
     with ThreadPoolExecutor(parsed.at_once) as executor:

@@ -11,7 +11,6 @@ import json
 import threading
 import time
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any, Final
 
 import mavsdk
@@ -25,6 +24,7 @@ from mission_io.conformance.serving import serve
 from mission_io.links.opening import UdpLink
 from mission_io.model.items import MissionType
 from mission_io.wire.mission_items import message_from_item
+from scripts.options import file_to_write, one_of
 
 _SETTLE_S: Final = 0.5
 _CANCEL_AFTER_S: Final = 1.2
@@ -130,8 +130,8 @@ def judged(case: ClientCase) -> dict[str, Any]:
 def main() -> None:
     """Judge the cases, and write them as they come."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--output", type=Path, required=True)
-    parser.add_argument("case", nargs="*")
+    parser.add_argument("-o", "--output", type=file_to_write, required=True)
+    parser.add_argument("case", nargs="*", type=one_of([case.name for case in CLIENT_CASES]))
     parsed = parser.parse_args()
     mavsdk.log_subscribe(lambda *_: True)
     rows: list[dict[str, Any]] = []

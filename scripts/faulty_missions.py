@@ -16,6 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
+from scripts.options import file_to_write
 from tests.checking.made_faults import with_fault
 from tests.checking.made_missions import KINDS, Case, Terrain, good_mission, terrains
 from uavcover.cli.ending import run_app
@@ -63,7 +64,7 @@ def main() -> None:
     parser.add_argument("--missions", type=int, default=100)
     parser.add_argument("--faults", type=int, default=500)
     parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("-o", "--out", type=Path, default=None)
+    parser.add_argument("-o", "--out", type=file_to_write, default=None)
     given = parser.parse_args()
     began = time.process_time()
     with tempfile.TemporaryDirectory() as name:

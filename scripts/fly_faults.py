@@ -35,6 +35,7 @@ if __name__ == "__main__":
 from mission_io.clock import Clock
 from mission_io.links.simulated import Conditions, SimulatedLink
 from scripts.faulty_flights import Row, kept_rows, summary, write_csv, write_page
+from scripts.options import file_to_write
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import ARGUMENTS, FaultKind, parse_fault
@@ -328,7 +329,7 @@ def main() -> int:
     """Fly, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument(
-        "-o", "--out", type=Path, help="Markdown file to write; a .csv goes beside it, and is gone on with"
+        "-o", "--out", type=file_to_write, help="Markdown file to write; a .csv goes beside it, and is gone on with"
     )
     parser.add_argument("--flights", type=int, default=100)
     parser.add_argument("--seed", type=int, default=0)

@@ -23,6 +23,7 @@ import numpy as np
 
 import uavcover.run.fly
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from scripts.options import file_to_write
 from tests.cli.conftest import corner_of_the_demo
 from tests.run.lockstep import Hangar
 from uavcover.mock.behaviour import Settings, quick
@@ -86,7 +87,7 @@ MISSIONS = {
 def main() -> None:
     """Fly, and add one row for each flight as soon as it is over."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("out", type=Path)
+    parser.add_argument("out", type=file_to_write)
     parser.add_argument("--mission", choices=sorted(MISSIONS), default="lost")
     parser.add_argument("--flights", type=int, default=100)
     parser.add_argument("--first", type=int, default=1)

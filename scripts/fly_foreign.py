@@ -24,6 +24,7 @@ import numpy as np
 from mission_io.client.terrain import answer_terrain_requests
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem, delay, land, takeoff, waypoint
 from mission_io.protocol.terrain import TerrainAnswers
+from scripts.options import file_to_write, names_of
 from sitl_tests.case import Case
 from sitl_tests.errors import MissingSimulatorError
 from sitl_tests.flying import frame_at, take_off
@@ -258,14 +259,14 @@ def compared(name: str, flown_m: FloatArray, seconds: float, checked: Checked, t
 def main(arguments: Sequence[str]) -> int:
     """Fly all missions and write the table."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").split("\n")[0])
-    parser.add_argument("output", type=Path)
-    parser.add_argument("--missions", default=",".join(MISSIONS))
+    parser.add_argument("output", type=file_to_write)
+    parser.add_argument("--missions", type=names_of(MISSIONS), default=",".join(MISSIONS))
     parser.add_argument("--logs", help="folder for logs and tracks; a track that is there is not flown again")
     options = parser.parse_args(arguments)
     logs = Path(options.logs or tempfile.mkdtemp(prefix="uavcover-foreign-"))
     home, ground = ground_model()
     rows = []
-    for name in options.missions.split(","):
+    for name in options.missions:
         flier = FLIERS[name.split("-")[0]]
         mission = Mission(home, MISSIONS[name]())
         aircraft = replace(default_aircraft(flier.autopilot, flier.kind), **flier.own)

@@ -24,6 +24,8 @@ import pyogrio.raw
 import shapely
 from pyproj import Transformer
 
+from scripts.options import existing_folder, file_to_write
+
 PAGE = Path(__file__).parent.parent / "docs" / "results" / "foreign_inputs.md"
 _METRES_PER_DEGREE = 111_195.0
 
@@ -260,9 +262,9 @@ def page(rows: list[dict[str, str]], *, evaluations: int) -> str:
 def main() -> None:
     """Write the page, or say which files are missing."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=existing_folder)
     parser.add_argument("--evaluations", type=int, default=100)
-    parser.add_argument("-o", "--out", type=Path, default=PAGE)
+    parser.add_argument("-o", "--out", type=file_to_write, default=PAGE)
     chosen = parser.parse_args()
     missing = [
         f"{name} ({each.source})" for each in INPUTS for name in each.files if not (chosen.folder / name).is_file()

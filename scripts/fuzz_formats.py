@@ -72,6 +72,8 @@ def main() -> int:
     parser.add_argument("--keep", type=Path, default=Path("findings"), help="folder for inputs that break something")
     parser.add_argument("--child", choices=["atheris", "mutations"], help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.engine == "atheris" and not _ATHERIS:
+        parser.error("--engine atheris: the package is not here; pip install atheris, or take --engine mutations")
     if options.child:
         if options.child == "atheris":
             fuzz_by_coverage(TARGETS[options.target[0]], options.seconds, options.seed, options.keep)

@@ -35,6 +35,7 @@ if __name__ == "__main__":
 from importlib import metadata
 
 from mission_io.wire import messages as m
+from scripts.options import file_to_write
 from tests.falsify import command
 from tests.falsifying.flown import read_flown
 from tests.falsifying.honest_run import NADIR, STABILISED, WIDE_PICTURE, Base, Field, make_site, save_lines
@@ -349,7 +350,7 @@ def write(out: Path, rows: Sequence[Row], *, flights: int, seed: int) -> None:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Fly, judge, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, help="Markdown file to write; a .csv goes beside it")
+    parser.add_argument("-o", "--out", type=file_to_write, help="Markdown file to write; a .csv goes beside it")
     parser.add_argument("--flights", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument(

@@ -17,6 +17,7 @@ sys.path.insert(0, str(ROOT))
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4  # noqa: E402
 from mission_io.model.items import MissionType  # noqa: E402
+from scripts.options import file_to_write  # noqa: E402
 from tests.mission_io.protocol.attacks import CALLS, ITEMS, Attack, attack  # noqa: E402
 from tests.mission_io.protocol.hostile import TRICKS  # noqa: E402
 
@@ -68,7 +69,7 @@ def slowest(results: Sequence[Attack]) -> str:
 def main() -> int:
     """Run every call, and write the table."""
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    options.add_argument("-o", "--out", type=Path, help="write the table there, too")
+    options.add_argument("-o", "--out", type=file_to_write, help="write the table there, too")
     options.add_argument("--seeds", type=int, default=100)
     chosen = options.parse_args()
     results = [

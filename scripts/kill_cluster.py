@@ -31,6 +31,7 @@ if __name__ == "__main__":
 
 from scripts.bench_planner import window
 from scripts.kept_rows import Row, read_rows, write_rows
+from scripts.options import file_to_write
 from uavcover.scenario.scenario_file import dump_scenario
 
 SIDE_M, CELL_M, PARTS, EVALUATIONS = 2500.0, 20.0, 4, 1500
@@ -167,7 +168,7 @@ def page(rows: list[Row]) -> str:
 def main() -> None:
     """Make the trials that are missing."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/kills.md"))
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/kills.md"))
     parser.add_argument("--trials", type=int, default=20)
     parser.add_argument("--seed", type=int, default=1)
     arguments = parser.parse_args()

@@ -36,6 +36,7 @@ from typing import Self
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega
 
+from scripts.options import file_to_write, run_folder
 from uavcover.errors import UavcoverError
 from uavcover.model.track import ReadTrack
 from uavcover.recording.reader import read_recorded_track_with_warnings
@@ -289,11 +290,11 @@ def write_results(out: Path, rows: Sequence[Killed], *, kills: int, seed: int, s
 def main() -> int:
     """Kill, measure, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, help="Markdown file to write; a .csv goes beside it")
+    parser.add_argument("-o", "--out", type=file_to_write, help="Markdown file to write; a .csv goes beside it")
     parser.add_argument("--kills", type=int, default=20)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--speed", type=float, default=40.0, help="vehicle seconds per second")
-    parser.add_argument("--run", type=Path, help="run folder with a plan; default: it is planned")
+    parser.add_argument("--run", type=run_folder, help="run folder with a plan; default: it is planned")
     arguments = parser.parse_args()
     moments = np.random.default_rng(arguments.seed).uniform(0.0, 0.95, arguments.kills)
     with tempfile.TemporaryDirectory() as folder:

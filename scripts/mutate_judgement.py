@@ -37,6 +37,7 @@ if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
 from scripts.mutants import ROOT, Mutant, drawn, mutants_of, mutated, own_lines
+from scripts.options import file_to_write
 from scripts.reach import Reach, in_child, measured_reach, run_tests
 
 ENOUGH = 0.95
@@ -285,7 +286,7 @@ def summary(rows: Sequence[Row], among: int, command: str) -> str:
 def main(arguments: Sequence[str] | None = None) -> int:
     """Try them, print, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path)
+    parser.add_argument("-o", "--out", type=file_to_write)
     parser.add_argument("--sample", type=int, default=200, help="so many, drawn by the seed; 0 for all")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--module", action="append", default=[], help="only this file; may be repeated")
@@ -297,9 +298,13 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--reach", type=Path, help="keep here what the test files execute")
     parser.add_argument("--list", action="store_true", help="print all mutants and try none")
     chosen = parser.parse_args(arguments)
+    if chosen.survivors and (chosen.out is None or not chosen.out.with_suffix(".csv").is_file()):
+        parser.error("--survivors needs -o PAGE with its .csv beside it: that has the survivors")
     modules = sorted(
         str(path.relative_to(ROOT)) for pattern in TESTS for path in ROOT.glob(pattern) if path.name != "__init__.py"
     )
+    if unknown := [module for module in chosen.module if module not in modules]:
+        parser.error(f"--module {unknown[0]}: no such file, or none whose tests TESTS at the top of the script names")
     every = [mutant for module in chosen.module or modules for mutant in mutants_of(module)]
     every = [mutant for mutant in every if chosen.match in f"{mutant.module}:{mutant.line}: {mutant.change}"]
     if chosen.list:

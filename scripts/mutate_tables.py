@@ -13,6 +13,8 @@ import time
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
+from scripts.options import file_to_write
+
 ROOT = Path(__file__).resolve().parents[1]
 HEAD = """# Every row of the transition tables is needed
 
@@ -60,7 +62,7 @@ def main() -> int:
     """Try every row, and write what was found."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("-j", "--processes", type=int, default=len(os.sched_getaffinity(0)))
-    parser.add_argument("-o", "--out", type=Path)
+    parser.add_argument("-o", "--out", type=file_to_write)
     arguments = parser.parse_args()
     os.chdir(ROOT)
     sys.path.insert(0, str(ROOT))

@@ -3,6 +3,7 @@
 Usage: .venv/bin/python scripts/picture_report.py REPORT.html DIR [NAME=REPORT.html ...]
 """
 
+import argparse
 import base64
 import io
 import sys
@@ -10,6 +11,8 @@ import tempfile
 from pathlib import Path
 
 from PIL import Image
+
+from scripts.options import existing_file, existing_folder
 
 ROOT = Path(__file__).parents[1]
 SETTLE = "new Promise(done => setTimeout(done, 1500))"
@@ -26,12 +29,23 @@ SHOW = """(() => {{
 }})()"""
 
 
+def named_report(text: str) -> tuple[str, Path]:
+    """NAME=REPORT.html."""
+    name, _, report = text.partition("=")
+    return name, existing_file(report)
+
+
 def main() -> None:
     """Draw demo-report.png, demo-report-dark.png, demo-report-phone.png, and report-NAME-WIDTH.webp of the named reports."""
     sys.path.insert(0, str(ROOT))
     from tests.report.browser import chromium_page
 
-    page_file, out = Path(sys.argv[1]), Path(sys.argv[2])
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("report", type=existing_file, metavar="REPORT.html")
+    parser.add_argument("folder", type=existing_folder, metavar="DIR")
+    parser.add_argument("others", nargs="*", type=named_report, metavar="NAME=REPORT.html")
+    asked = parser.parse_args()
+    page_file, out = asked.report, asked.folder
     with tempfile.TemporaryDirectory() as profile, chromium_page(Path(profile)) as page:
         for name, colors, width, box in (
             ("demo-report", "light", 1200, TOP),
@@ -43,10 +57,9 @@ def main() -> None:
             png = page.screenshot(out / f"{name}.png")
             Image.open(png).crop(box).quantize(96).save(png, optimize=True)
             print(f"written: {png}")
-        for named in sys.argv[3:]:
-            name, _, report = named.partition("=")
+        for name, report in asked.others:
             for width, height, layer in SCREENS:
-                page.open(Path(report), width=width, height=height)
+                page.open(report, width=width, height=height)
                 page.run(SHOW.format(layer=layer))
                 page.run(SETTLE)
                 shown = Image.open(io.BytesIO(base64.b64decode(page.view())))

@@ -32,6 +32,7 @@ from mission_io.formats.files import read_file
 from mission_io.formats.text import text_from_bytes
 from mission_io.model.areas import Fence, RallyPoints, fence_from_items, items_from_fence
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
+from scripts.options import existing_folder, file_to_write
 
 _HOME = GeoPoint(-35.25, 149.125, 580.5)
 """Stands for the home that a file does not have, where the other format needs one."""
@@ -266,9 +267,9 @@ def reason(why: str) -> str:
 def main() -> int:
     """Judge every file of a folder."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("folder", type=Path)
+    parser.add_argument("folder", type=existing_folder)
     parser.add_argument("--list", action="store_true", help="name every file that did not pass")
-    parser.add_argument("--json", type=Path, help="write every outcome")
+    parser.add_argument("--json", type=file_to_write, help="write every outcome")
     options = parser.parse_args()
     seen: set[str] = set()
     counts: Counter[tuple[str, str, str]] = Counter()

@@ -23,6 +23,8 @@ from pathlib import Path
 import numba
 import pytest
 
+from scripts.options import existing_file
+
 SHOWN = 50
 LONG_S = 0.5
 LONG_TESTS = Path(__file__).parents[1] / "tests" / "long_tests.txt"
@@ -202,8 +204,10 @@ def totals(rows: list[Timed]) -> Iterator[str]:
 def main() -> None:
     """Print the tables, or put them into the page below its marks."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("times", nargs="+", type=Path)
-    parser.add_argument("-o", "--output", type=Path, help="a page with the marks <!-- totals --> and <!-- slowest -->")
+    parser.add_argument("times", nargs="+", type=existing_file)
+    parser.add_argument(
+        "-o", "--output", type=existing_file, help="a page with the marks <!-- totals --> and <!-- slowest -->"
+    )
     parser.add_argument("--long", action="store_true", help=f"write {LONG_TESTS.name} and nothing else")
     arguments = parser.parse_args()
     rows = read(arguments.times)

@@ -26,6 +26,7 @@ if __name__ == "__main__":
 
 from scripts.ablate_planner import Bench
 from scripts.kept_rows import Row, read_rows, write_rows
+from scripts.options import file_to_write, one_of
 from uavcover.kernels.annealing import Moves
 from uavcover.model.route import Route
 from uavcover.planning.front import Candidate, Snapshots, judge_members
@@ -161,12 +162,14 @@ def page(rows: Sequence[Row], command: str) -> str:
 
 def main() -> None:
     """Run what is missing, then write the page."""
+    parts = dict.fromkeys(part for _, _, parts in CASES.values() for part in parts)
+    names = [*parts, *dict.fromkeys(name for name, _, _ in variants([*parts]))]
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("-o", "--out", type=Path, default=Path("docs/results/tuning.md"))
+    parser.add_argument("-o", "--out", type=file_to_write, default=Path("docs/results/tuning.md"))
     parser.add_argument("--seeds", type=int, default=3)
     parser.add_argument("--evaluations", type=int, default=500)
     parser.add_argument("--scenario", choices=list(CASES))
-    parser.add_argument("--only", help="a part or a number, such as goal or goal.hottest")
+    parser.add_argument("--only", type=one_of(names), help="a part or a number, such as goal or goal.hottest")
     arguments = parser.parse_args()
     table = arguments.out.with_suffix(".csv")
     rows = read_rows(table)

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from scripts.options import run_folder
 from tests.naive import pictures as naive
 from uavcover.judging.photos.placing import Assumptions
 from uavcover.judging.photos.readers import read_pictures
@@ -41,7 +42,7 @@ def taken(run: Path) -> list[list[float]]:
 def main() -> None:
     """Print a table in Markdown."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("run", type=Path)
+    parser.add_argument("run", type=run_folder)
     parser.add_argument("--strips", type=int, default=20)
     arguments = parser.parse_args()
     site, rows = load_site(arguments.run / "scenario.toml"), taken(arguments.run)

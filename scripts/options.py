@@ -1,0 +1,105 @@
+"""Kinds of options for the scripts' parsers: what cannot be is told in one line, with exit code 2, before anything begins."""
+
+import argparse
+import math
+from collections.abc import Callable, Collection
+from pathlib import Path
+from typing import TypeVar
+
+Number = TypeVar("Number", int, float)
+
+
+def existing_folder(text: str) -> Path:
+    """A folder that is there."""
+    if not Path(text).is_dir():
+        raise argparse.ArgumentTypeError(f"{text}: no such folder; name one that is there")
+    return Path(text)
+
+
+def existing_file(text: str) -> Path:
+    """A file that is there."""
+    if not Path(text).is_file():
+        raise argparse.ArgumentTypeError(f"{text}: no such file; name one that is there")
+    return Path(text)
+
+
+def file_to_write(text: str) -> Path:
+    """A file in a folder that is there, so that hours of work do not end with nowhere to write to."""
+    if Path(text).is_dir():
+        raise argparse.ArgumentTypeError(f"{text}: is a folder; name a file")
+    if not Path(text).parent.is_dir():
+        raise argparse.ArgumentTypeError(f"{text}: its folder is not there; make it first")
+    return Path(text)
+
+
+def run_folder(text: str) -> Path:
+    """A folder with a plan."""
+    if not (Path(text) / "plan.json").is_file():
+        raise argparse.ArgumentTypeError(f"{text}: no plan.json in it; name a run folder, as uavcover plan makes it")
+    return Path(text)
+
+
+def scenario_name(text: str) -> str:
+    """A bundled scenario, or the file of one."""
+    from uavcover.errors import UavcoverError
+    from uavcover.scenario.scenario_file import load_scenario
+
+    try:
+        load_scenario(text)
+    except UavcoverError as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+    return text
+
+
+def fraction(text: str) -> float:
+    """A number from 0 to 1."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = math.nan
+    if not 0.0 <= number <= 1.0:
+        raise argparse.ArgumentTypeError(f"{text}: give a fraction from 0 to 1")
+    return number
+
+
+def numbers(text: str) -> list[float]:
+    """Numbers with commas between them."""
+    return _by_commas(text, float, "numbers, with commas between them")
+
+
+def whole_numbers(text: str) -> list[int]:
+    """Whole numbers with commas between them."""
+    return _by_commas(text, int, "whole numbers, with commas between them")
+
+
+def one_of(known: Collection[str]) -> Callable[[str], str]:
+    """One of the known names."""
+
+    def name(text: str) -> str:
+        if text not in known:
+            raise argparse.ArgumentTypeError(f"{text}: not known; choose from {', '.join(known)}")
+        return text
+
+    return name
+
+
+def names_of(known: Collection[str]) -> Callable[[str], list[str]]:
+    """Some of the known names, with commas between them."""
+    return lambda text: [one_of(known)(part) for part in text.split(",")]
+
+
+def first_and_second(first: Collection[str], second: Collection[str]) -> Callable[[str], tuple[str, str]]:
+    """FIRST, FIRST:SECOND or :SECOND of the known names; what is left out is empty."""
+
+    def pair(text: str) -> tuple[str, str]:
+        one, _, other = text.partition(":")
+        return one and one_of(first)(one), other and one_of(second)(other)
+
+    return pair
+
+
+def _by_commas(text: str, kind: Callable[[str], Number], what: str) -> list[Number]:
+    try:
+        return [kind(part) for part in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text}: give {what}") from None

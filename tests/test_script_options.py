@@ -1,0 +1,125 @@
+"""What the scripts say to options that cannot be: one line, with exit code 2, before anything is measured."""
+
+import argparse
+import importlib.util
+import os
+import runpy
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from unittest import mock
+
+import pytest
+
+from scripts.options import (
+    existing_file,
+    existing_folder,
+    file_to_write,
+    first_and_second,
+    fraction,
+    names_of,
+    numbers,
+    one_of,
+    run_folder,
+    scenario_name,
+    whole_numbers,
+)
+
+ROOT = Path(__file__).parents[1]
+
+BAD = {
+    "ablate_niching --part 3/2": "give PART/PARTS, from 0/PARTS on, such as 1/4",
+    "bench_bounds --paths nowhere": "argument --paths: nowhere: not known; choose from jacksboro, ",
+    "bench_budget nowhere": "argument scenarios: nowhere: neither a readable scenario file",
+    "bench_budget --budgets x": "argument --budgets: x: give numbers, with commas between them",
+    "bench_cluster --only zz": "argument --only: zz: not known; choose from 100km2-10m, ",
+    "bench_energy_aware {empty}": "no */config.yaml in it; see the top of the script",
+    "bench_fleet --vehicles 1,x": "argument --vehicles: 1,x: give whole numbers, with commas between them",
+    "bench_flight_time --vehicles zz": "argument --vehicles: zz: not known; choose from mock-ardupilot, ",
+    "bench_kinds --recompute": "--recompute needs --runs DIR, the folder in which --runs kept the plans",
+    "bench_kinds --recompute --runs {empty}": "/plan.json in it; keep the plans with --runs first",
+    "bench_kinds --only zz:nadir": "argument --only: zz: not known; choose from ",
+    "bench_kinds -o {empty}/none/page.md": "argument -o/--out: {empty}/none/page.md: its folder is not there; make it first",
+    "bench_large --only 1000:zz": "argument --only: 1000:zz: not known; choose from 1000, 1000:1, ",
+    "bench_mcpp --theirs {empty}/none": "argument --theirs: {empty}/none: no such folder; name one that is there",
+    "bench_mountains --only :zz": "argument --only: zz: not known; choose from boustrophedon, ",
+    "bench_optimizers --algorithms zz": "argument --algorithms: zz: not known; choose from imodbo, ",
+    "bench_part_seams --only zz": "argument --only: zz: not known; choose from 25km2-10m, ",
+    "bench_planning_limit --only zz": "argument --only: zz: not known; choose from jacksboro, ",
+    "compare_batteries {empty}": "argument run: {empty}: no plan.json in it; name a run folder, as uavcover plan makes it",
+    "conformance_mavproxy --mavproxy {empty}/none -o {empty}/out": "no such command; give the one that starts MAVProxy",
+    "fuzz_formats --engine atheris": "--engine atheris: the package is not here; pip install atheris, or take --engine",
+    "kill_fly --run {empty}": "argument --run: {empty}: no plan.json in it; name a run folder, as uavcover plan makes it",
+    "measure_architecture --root {empty}": "--root {empty}: no pyproject.toml in it; name a checkout",
+    "mutate_judgement --module zz.py": "--module zz.py: no such file, or none whose tests TESTS at the top of the script",
+    "mutate_judgement --survivors": "--survivors needs -o PAGE with its .csv beside it: that has the survivors",
+    "picture_report {empty}/none.html {empty}": "argument REPORT.html: {empty}/none.html: no such file; name one that is there",
+    "public_missions {empty}/none": "argument folder: {empty}/none: no such folder; name one that is there",
+    "slowest_tests {empty}": "argument times: {empty}: no such file; name one that is there",
+    "tune_search --only zz": "argument --only: zz: not known; choose from moves, goal, ",
+}
+"""Command lines, {empty} is a folder with nothing in it, and what is said."""
+
+
+@pytest.mark.parametrize("command", BAD)
+def test_a_script_says_in_one_line_what_is_wrong(
+    command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Among them bench_kinds --recompute without --runs, which ended in a traceback."""
+    if "atheris" in command and importlib.util.find_spec("atheris"):
+        pytest.skip("atheris is here")
+    name, *options = (word.format(empty=tmp_path) for word in command.split())
+    script = ROOT / "scripts" / f"{name}.py"
+    monkeypatch.setattr(sys, "argv", [str(script), *options])
+    monkeypatch.setattr(sys, "path", [str(script.parent), *sys.path])
+    monkeypatch.chdir(ROOT)
+    with mock.patch.dict(os.environ), pytest.raises(SystemExit) as ended:
+        runpy.run_path(str(script), run_name="__main__")
+    told = capsys.readouterr()
+    assert ended.value.code == 2
+    assert not told.out
+    last = told.err.splitlines()[-1]
+    assert last.startswith(f"{name}.py: error: ")
+    assert BAD[command].format(empty=tmp_path) in last
+
+
+@pytest.mark.parametrize(
+    ("kind", "text", "value"),
+    [
+        (numbers, "10,0.5", [10.0, 0.5]),
+        (whole_numbers, "1,2,40", [1, 2, 40]),
+        (fraction, "0.3", 0.3),
+        (one_of(["a", "b"]), "b", "b"),
+        (names_of(["a", "b"]), "b,a", ["b", "a"]),
+        (first_and_second(["a"], ["b"]), "", ("", "")),
+        (first_and_second(["a"], ["b"]), "a", ("a", "")),
+        (first_and_second(["a"], ["b"]), ":b", ("", "b")),
+        (first_and_second(["a"], ["b"]), "a:b", ("a", "b")),
+        (scenario_name, "jacksboro", "jacksboro"),
+    ],
+)
+def test_what_can_be_is_read(kind: Callable[[str], object], text: str, value: object) -> None:
+    assert kind(text) == value
+
+
+def test_paths_that_are_there(tmp_path: Path) -> None:
+    plan = tmp_path / "plan.json"
+    plan.touch()
+    assert existing_folder(str(tmp_path)) == run_folder(str(tmp_path)) == tmp_path
+    assert existing_file(str(plan)) == file_to_write(str(plan)) == plan
+    assert file_to_write("page.md") == Path("page.md")
+
+
+@pytest.mark.parametrize(
+    ("kind", "text"),
+    [
+        (fraction, "1.5"),
+        (fraction, "nan"),
+        (fraction, "x"),
+        (file_to_write, "/"),
+        (first_and_second(["a"], ["b"]), "b:a"),
+    ],
+)
+def test_what_cannot_be_is_refused(kind: Callable[[str], object], text: str) -> None:
+    with pytest.raises(argparse.ArgumentTypeError):
+        kind(text)
