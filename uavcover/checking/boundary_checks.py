@@ -96,11 +96,10 @@ def _in_zone(
     segment: Segment, world: World, surroundings: Surroundings, number: int, depth_m: float, place: FloatArray
 ) -> CheckFinding:
     zone = surroundings.zones[number]
-    lat, lon, alt = world.geodetic(place)
     return CheckFinding(
-        kind="no-fly", weight="breaks", items=segment.items, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt, by=depth_m, unit="m",
+        kind="no-fly", weight="breaks", items=segment.items, by=depth_m, unit="m",
         what=f"{depth_m:.1f} m into no-fly zone {zone.name} ({zone.heights_in_words()})", do="fly round it",
-    )  # fmt: skip
+    ).at(world.geodetic(place))  # fmt: skip
 
 
 def distance_findings(path: FlownPath, world: World, limits: Limits) -> list[CheckFinding]:
@@ -112,13 +111,12 @@ def distance_findings(path: FlownPath, world: World, limits: Limits) -> list[Che
         distances = np.hypot(segment.enu_m[:, 0], segment.enu_m[:, 1])
         k = int(np.argmax(distances))
         if distances[k] > limits.max_distance_m + TOLERANCE_M:
-            lat, lon, alt = world.geodetic(segment.enu_m[k])
             over_m = float(distances[k]) - limits.max_distance_m
             found.append(
                 CheckFinding(
-                    kind="distance", weight="breaks", items=segment.items, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt, by=over_m,
+                    kind="distance", weight="breaks", items=segment.items, by=over_m,
                     unit="m", what=f"{distances[k]:.0f} m from home, the most is {limits.max_distance_m:g} m",
                     do="take off nearer, or allow more with --max-distance",
-                )
+                ).at(world.geodetic(segment.enu_m[k]))
             )  # fmt: skip
     return joined(found, lambda one: one.kind)

@@ -181,21 +181,17 @@ def wing_findings(path: FlownPath, world: World, aircraft: Aircraft) -> list[Che
         rate = aircraft.max_climb_m_s if rise_m > 0.0 else aircraft.max_descent_m_s
         missing_m = abs(rise_m) - flat_m * rate / segment.speed_m_s
         if missing_m > 1.0:
-            lat, lon, alt = world.geodetic(segment.enu_m[-1])
             words = "climb" if rise_m > 0.0 else "descent"
             steep.append(
                 CheckFinding(
                     kind="climb",
                     weight="breaks" if rise_m > 0.0 else "look",
                     items=segment.items,
-                    lat_deg=lat,
-                    lon_deg=lon,
-                    alt_amsl_m=alt,
                     by=missing_m,
                     unit="m",
                     what=f"a {words} of {abs(rise_m):.0f} m on {flat_m:.0f} m: it is {missing_m:.0f} m short of it at the end",
                     do="make the leg longer, or circle to the height first (LOITER_TO_ALT)",
-                ),
+                ).at(world.geodetic(segment.enu_m[-1])),
             )
     for one, two in itertools.pairwise(legs):
         if one.items[1] == two.items[0] and one.phase == two.phase == "route":
@@ -214,19 +210,15 @@ def _tight_turn(one: Segment, two: Segment, world: World, aircraft: Aircraft) ->
     aside_m = radius_m * (1.0 - math.cos(angle))
     if needed_m <= min(length_a, length_b):
         return []
-    lat, lon, alt = world.geodetic(one.enu_m[-1])
     return [
         CheckFinding(
             kind="turn",
             weight="look",
             items=two.items,
-            lat_deg=lat,
-            lon_deg=lon,
-            alt_amsl_m=alt,
             by=aside_m,
             unit="m",
             what=f"a turn of {math.degrees(angle):.0f} degrees with legs shorter than its radius of "
             f"{radius_m:.0f} m takes: up to {aside_m:.0f} m aside of the next leg",
             do="move the waypoints apart",
-        ),
+        ).at(world.geodetic(one.enu_m[-1])),
     ]

@@ -37,6 +37,11 @@ class CheckFinding:
     by: float = 0.0
     unit: str = ""
 
+    def at(self, geodetic: tuple[float, float, float]) -> "CheckFinding":
+        """The same with the place where it is worst: latitude and longitude in degrees, metres above sea level."""
+        lat, lon, alt = geodetic
+        return replace(self, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
+
     def document(self) -> dict[str, Any]:
         """The same for programs."""
         return {

@@ -58,7 +58,6 @@ def _too_low(segment: Segment, world: World, limits: Limits, ranges: FloatArray)
     limit_m = limits.min_height_agl_m if segment.phase in ("route", "return") else -landed_m
     if lowest_m >= limit_m - TOLERANCE_M:
         return []
-    lat, lon, alt = world.geodetic(where)
     short_m = limit_m - lowest_m
     words = height_in_words(lowest_m, where, world)
     a, b = segment.items
@@ -68,14 +67,11 @@ def _too_low(segment: Segment, world: World, limits: Limits, ranges: FloatArray)
             kind="ground",
             weight="breaks",
             items=segment.items,
-            lat_deg=lat,
-            lon_deg=lon,
-            alt_amsl_m=alt,
             by=short_m,
             unit="m",
             what=f"{words}, the least is {max(limit_m, 0.0):g} m",
             do=_remedy(segment, world, points, short_m),
-        ),
+        ).at(world.geodetic(where)),
     ]
 
 
@@ -105,21 +101,17 @@ def _too_high(segment: Segment, world: World, limits: Limits, ranges: FloatArray
         return []
     if segment.phase in ("return", "landing"):
         return []  # the band is that of the route; an autopilot's own return is high on purpose
-    lat, lon, alt = world.geodetic(place_of(segment, piece, float(ranges[piece, 3])))
     over_m = highest_m - limits.max_height_agl_m
     return [
         CheckFinding(
             kind="height",
             weight="breaks",
             items=segment.items,
-            lat_deg=lat,
-            lon_deg=lon,
-            alt_amsl_m=alt,
             by=over_m,
             unit="m",
             what=f"{highest_m:.0f} m above the ground, the most is {limits.max_height_agl_m:g} m",
             do=f"fly {over_m:.0f} m lower there, or allow more with --max-height",
-        ),
+        ).at(world.geodetic(place_of(segment, piece, float(ranges[piece, 3])))),
     ]
 
 
@@ -133,34 +125,27 @@ def _above_home(segment: Segment, world: World, limits: Limits) -> list[CheckFin
     over_m = float(alts[k]) - world.home_alt_amsl_m - limits.max_above_home_m
     if over_m <= TOLERANCE_M:
         return []
-    lat, lon, alt = world.geodetic(segment.enu_m[k])
     return [
         CheckFinding(
             kind="above-home",
             weight="breaks",
             items=segment.items,
-            lat_deg=lat,
-            lon_deg=lon,
-            alt_amsl_m=alt,
             by=over_m,
             unit="m",
             what=f"{over_m + limits.max_above_home_m:.0f} m above home, the most is {limits.max_above_home_m:g} m",
             do=f"fly {over_m:.0f} m lower there",
-        ),
+        ).at(world.geodetic(segment.enu_m[k])),
     ]
 
 
 def _unknown(segment: Segment, world: World, ranges: FloatArray) -> CheckFinding:
     piece = int(np.argmin(np.isfinite(ranges).all(axis=1)))
     place = segment.enu_m[piece]
-    lat, lon, alt = world.geodetic(place) if np.isfinite(place).all() else (None, None, None)
-    return CheckFinding(
+    found = CheckFinding(
         kind="no-elevation",
         weight="unknown",
         items=segment.items,
-        lat_deg=lat,
-        lon_deg=lon,
-        alt_amsl_m=alt,
         what="the elevation data has no height here",
         do="give elevation data that reaches all of the flight",
     )
+    return found.at(world.geodetic(place)) if np.isfinite(place).all() else found

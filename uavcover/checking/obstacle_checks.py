@@ -68,7 +68,6 @@ def obstacle_findings(path: FlownPath, world: World, around: Surroundings) -> li
         if nearest is None:
             continue
         short_m, name, place = nearest
-        lat, lon, alt = world.geodetic(place)
         clearance_m = around.obstacle_clearance_m
         words = (
             f"through obstacle {name}"
@@ -77,10 +76,10 @@ def obstacle_findings(path: FlownPath, world: World, around: Surroundings) -> li
         )
         found.append(
             CheckFinding(
-                kind="obstacle", weight="breaks", items=segment.items, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt, by=short_m,
+                kind="obstacle", weight="breaks", items=segment.items, by=short_m,
                 unit="m", what=f"{words}, the least is {clearance_m:g} m",
                 do="fly round it or over it, or allow less with --obstacle-clearance",
-            )
+            ).at(world.geodetic(place))
         )  # fmt: skip
     return joined(found, _of_which)
 

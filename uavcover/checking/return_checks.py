@@ -51,17 +51,16 @@ def _too_low(segment: Segment, ways: ReturnWays, world: World, limits: Limits) -
     lowest, where, begin = lowest_of(world, ways.home)
     if lowest >= limits.min_height_agl_m - TOLERANCE_M:
         return []
-    lat, lon, alt = world.geodetic(where)
     short_m = limits.min_height_agl_m - lowest
     words = height_in_words(lowest, where, world)
     height_m = float(ways.heights_m[begin])
     enough_m = math.ceil(height_m + short_m)
     return [
         CheckFinding(
-            kind="return", weight="breaks", items=segment.items, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt, by=short_m, unit="m",
+            kind="return", weight="breaks", items=segment.items, by=short_m, unit="m",
             what=f"the straight return {height_m:.0f} m above home comes {words}",
             do=f"set the return altitude to {enough_m} m above home or more, and give it with --return-height",
-        )
+        ).at(world.geodetic(where))
     ]  # fmt: skip
 
 
@@ -113,13 +112,12 @@ def _near_obstacle(segment: Segment, ways: ReturnWays, world: World, around: Sur
     if found is None:
         return []
     short_m, name, place = found
-    lat, lon, alt = world.geodetic(place)
     return [
         CheckFinding(
-            kind="return-obstacle", weight="breaks", items=segment.items, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt, by=short_m,
+            kind="return-obstacle", weight="breaks", items=segment.items, by=short_m,
             unit="m", what=f"the straight return lacks {short_m:.1f} m of clearance from obstacle {name}",
             do="set a higher return altitude and give it with --return-height, or take off elsewhere",
-        )
+        ).at(world.geodetic(place))
     ]  # fmt: skip
 
 
@@ -139,12 +137,11 @@ def _into_zone(segment: Segment, ways: ReturnWays, world: World, zones: ZoneChec
     found = []
     for number, (depth_m, place) in sorted(worst.items()):
         zone = zones.zones[number]
-        lat, lon, alt = world.geodetic(place)
         found.append(
             CheckFinding(
-                kind="return-no-fly", weight="breaks", items=segment.items, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt, by=depth_m,
+                kind="return-no-fly", weight="breaks", items=segment.items, by=depth_m,
                 unit="m", do="take off elsewhere, choose another return altitude, or end with legs home",
                 what=f"the straight return comes {depth_m:.1f} m into no-fly zone {zone.name} ({zone.heights_in_words()})",
-            )
+            ).at(world.geodetic(place))
         )  # fmt: skip
     return found

@@ -19,13 +19,12 @@ def sight_findings(path: FlownPath, world: World, pilot_m: FloatArray) -> list[C
     """Segments that terrain, trees or roofs hide from the pilot, or from the radio beside him."""
     under_m = -float(world.clearances_m(pilot_m)[0])
     if under_m > HIDES_M:
-        lat, lon, alt = world.geodetic(pilot_m)
         return [
             CheckFinding(
-                kind="sight", weight="look", lat_deg=lat, lon_deg=lon, alt_amsl_m=alt, by=under_m, unit="m",
+                kind="sight", weight="look", by=under_m, unit="m",
                 what=f"the pilot stands under trees or a roof {under_m:.0f} m above his eyes and sees nothing of the flight",
                 do="stand in the open (--pilot)",
-            )
+            ).at(world.geodetic(pilot_m))
         ]  # fmt: skip
     hidden = []
     what_hides = "ground" if world.surface is None else "ground, trees or roofs"
@@ -35,20 +34,16 @@ def sight_findings(path: FlownPath, world: World, pilot_m: FloatArray) -> list[C
         places = places_along(segment)
         lowest, _, begin = lowest_of(world, _bent_lines(pilot_m, places))
         if lowest < -TOLERANCE_M:
-            lat, lon, alt = world.geodetic(places[begin])
             hidden.append(
                 CheckFinding(
                     kind="sight",
                     weight="look",
                     items=segment.items,
-                    lat_deg=lat,
-                    lon_deg=lon,
-                    alt_amsl_m=alt,
                     by=-lowest,
                     unit="m",
                     what=f"hidden from the pilot and the radio by {what_hides} {-lowest:.0f} m high in the line of sight",
                     do="stand elsewhere (--pilot), fly higher, or have a spotter",
-                ),
+                ).at(world.geodetic(places[begin])),
             )
     return joined(hidden, lambda one: one.kind)
 
