@@ -7,6 +7,7 @@ import pytest
 
 from uavcover.errors import InputError
 from uavcover.intake.cameras import all_cameras, camera_named
+from uavcover.intake.dji_aircraft import dji_aircraft_named
 from uavcover.intake.vehicles import all_vehicles, vehicle_named
 
 CAMERAS = {camera.name: camera for camera in all_cameras()}
@@ -112,7 +113,8 @@ def test_no_spelling_means_two():
         (camera_named, "", "is not known"),
         (camera_named, "nowhere.toml", "nowhere.toml cannot be read"),
         (vehicle_named, "m350 rtk", "dji-m350-rtk"),
-        (vehicle_named, "x", "--vehicle list shows all"),
+        (vehicle_named, "x", "(uavcover new --vehicle list shows all)"),
+        (dji_aircraft_named, "x", "(uavcover export --drone list shows all)"),  # it named a command without --drone
     ],
 )
 def test_a_name_that_is_not_known(find, wanted, words):

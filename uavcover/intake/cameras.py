@@ -2,11 +2,10 @@
 
 import math
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from uavcover.errors import InputError
-from uavcover.intake.catalog import checked_row, find_name, number_of, pair_of, read_catalog, read_own_row
+from uavcover.intake.catalog import checked_row, number_of, pair_of, read_catalog, read_row
 
 _REQUIRED = ("sensor_mm", "pixels", "focal_length_mm")
 _OPTIONAL = ("min_interval_s",)
@@ -69,11 +68,8 @@ def camera_named(name: str) -> CameraBody:
     Raises:
         InputError: it is not known, or the file's values are not a camera's.
     """
-    if name.lower().endswith(".toml"):
-        return _camera(Path(name).stem, read_own_row(Path(name), option="--camera"), where=f"--camera: {name}")
-    rows = read_catalog("cameras.toml")
-    found = find_name(name, rows, option="--camera")
-    return _camera(found, rows[found], where=f"cameras.toml: {found}")
+    found, row, where = read_row(name, table="cameras.toml", option="--camera")
+    return _camera(found, row, where=where)
 
 
 def _camera(name: str, row: dict[str, Any], *, where: str) -> CameraBody:

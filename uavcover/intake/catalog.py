@@ -20,6 +20,28 @@ def read_catalog(name: str) -> dict[str, dict[str, Any]]:
     return tomllib.loads(text)
 
 
+def read_row(name: str, *, table: str, option: str, command: str = "new") -> tuple[str, dict[str, Any], str]:
+    """A row of a table in ``uavcover/data``, or of a TOML file of people's own.
+
+    Args:
+        name: what the user wrote.
+        table: its file.
+        option: that takes the name.
+        command: whose ``list`` shows the table.
+
+    Returns:
+        Its name, its keys, and where it stands, for errors.
+
+    Raises:
+        InputError: it is not known, or the file cannot be read.
+    """
+    if name.lower().endswith(".toml"):
+        return Path(name).stem, read_own_row(Path(name), option=option), f"{option}: {name}"
+    rows = read_catalog(table)
+    found = find_name(name, rows, option=option, command=command)
+    return found, rows[found], f"{table}: {found}"
+
+
 def read_own_row(path: Path, *, option: str) -> dict[str, Any]:
     """A row of people's own: the keys of a TOML file, or of its only table.
 

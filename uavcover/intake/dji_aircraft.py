@@ -1,11 +1,10 @@
 """Aircraft that fly DJI's WPML, by name or from a file, with the numbers that the format has for them."""
 
-from pathlib import Path
 from typing import Any
 
 from mission_io.formats.wpml import IMAGE_FORMATS, DjiAircraft
 from uavcover.errors import InputError
-from uavcover.intake.catalog import checked_row, find_name, number_of, read_catalog, read_own_row
+from uavcover.intake.catalog import checked_row, number_of, read_catalog, read_row
 
 _TABLE = "dji.toml"
 _KEYS = ("drone", "payload", "payload_position", "image_format", "pitch_range_deg", "max_speed_m_s")
@@ -22,11 +21,8 @@ def dji_aircraft_named(name: str) -> DjiAircraft:
     Raises:
         InputError: it is not known, or the file's values are not an aircraft's.
     """
-    if name.lower().endswith(".toml"):
-        return _aircraft(read_own_row(Path(name), option="--drone"), where=f"--drone: {name}")
-    rows = read_catalog(_TABLE)
-    found = find_name(name, rows, option="--drone")
-    return _aircraft(rows[found], where=f"{_TABLE}: {found}")
+    _, row, where = read_row(name, table=_TABLE, option="--drone", command="export")
+    return _aircraft(row, where=where)
 
 
 def _aircraft(row: dict[str, Any], *, where: str) -> DjiAircraft:

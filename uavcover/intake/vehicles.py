@@ -1,11 +1,10 @@
 """Vehicles by name or from a file: speeds, acceleration and time in the air."""
 
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 from uavcover.errors import InputError
-from uavcover.intake.catalog import checked_row, find_name, number_of, read_catalog, read_own_row
+from uavcover.intake.catalog import checked_row, number_of, read_catalog, read_row
 from uavcover.model.vehicle import AutopilotName
 
 _NUMBERS = (
@@ -54,11 +53,8 @@ def vehicle_named(name: str) -> VehicleType:
     Raises:
         InputError: it is not known, or the file's values are not a vehicle's.
     """
-    if name.lower().endswith(".toml"):
-        return _vehicle(Path(name).stem, read_own_row(Path(name), option="--vehicle"), where=f"--vehicle: {name}")
-    rows = read_catalog("vehicles.toml")
-    found = find_name(name, rows, option="--vehicle")
-    return _vehicle(found, rows[found], where=f"vehicles.toml: {found}")
+    found, row, where = read_row(name, table="vehicles.toml", option="--vehicle")
+    return _vehicle(found, row, where=where)
 
 
 def _vehicle(name: str, row: dict[str, Any], *, where: str) -> VehicleType:
