@@ -28,6 +28,8 @@ from mission_io.wire.messages import (
 )
 from mission_io.wire.mission_items import float_message, item_from_message, message_from_item
 
+ChangeReason = Literal["uploaded", "upload failed", "cleared"]
+
 
 @dataclass(frozen=True, slots=True)
 class ListChanged:
@@ -41,7 +43,7 @@ class ListChanged:
 
     mission_type: MissionType
     items: tuple[MissionItem, ...]
-    reason: Literal["uploaded", "upload failed", "cleared"]
+    reason: ChangeReason
 
 
 class MissionServer:
@@ -412,7 +414,7 @@ class MissionServer:
         """The id of a list, which changes with its content; 0 for an empty one, and where lists have none."""
         return id_of_items(self.items(mission_type)) if self.autopilot.has_list_ids else 0
 
-    def _changed(self, mission_type: MissionType, reason: Literal["uploaded", "upload failed", "cleared"]) -> None:
+    def _changed(self, mission_type: MissionType, reason: ChangeReason) -> None:
         self._events.append(ListChanged(mission_type, self.items(mission_type), reason))
 
     def _upload(self) -> Incoming:

@@ -18,6 +18,11 @@ bench = typer.Typer(
     rich_markup_mode=None,
 )
 
+ResultsFolder = Annotated[
+    Path | None, typer.Option("-o", "--out", help="Folder of the results; runs in it are kept.", metavar="DIR")
+]
+Processes = Annotated[int | None, typer.Option(help="Runs at a time; default: one for each core.", min=1, metavar="N")]
+
 
 @dataclass(frozen=True, slots=True)
 class SeedsAndTimes:
@@ -43,12 +48,8 @@ def bench_coverage(
         str | None, typer.Option(help="Some of the contenders, as memetic,nsga2; default: all.", metavar="X,Y")
     ] = None,
     each: SeedsAndTimes,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder of the results; runs in it are kept.", metavar="DIR")
-    ] = None,
-    processes: Annotated[
-        int | None, typer.Option(help="Runs at a time; default: one for each core.", min=1, metavar="N")
-    ] = None,
+    out: ResultsFolder = None,
+    processes: Processes = None,
     scheduler: options.Scheduler = None,
     list_names: Annotated[bool, typer.Option("--list", help="Print the names and end.")] = False,
     output: options.Output,
@@ -142,9 +143,7 @@ def bench_link(
     at_a_time: Annotated[
         int, typer.Option("--at-a-time", help="Transfers over UDP at once, where datagrams get lost.", min=1)
     ] = 16,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder of the results; runs in it are kept.", metavar="DIR")
-    ] = None,
+    out: ResultsFolder = None,
     output: options.Output,
 ) -> int:
     """Upload and download 100 items with vehicles that time out as ArduPilot and PX4 do, and count what worked.
@@ -209,13 +208,9 @@ def bench_mmf(
         ),
     ] = None,
     runs: Annotated[int, typer.Option(help="Runs of each; their numbers, from 1, are their seeds.", min=1)] = 10,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder of the results; runs in it are kept.", metavar="DIR")
-    ] = None,
+    out: ResultsFolder = None,
     size: RunSize,
-    processes: Annotated[
-        int | None, typer.Option(help="Runs at a time; default: one for each core.", min=1, metavar="N")
-    ] = None,
+    processes: Processes = None,
     scheduler: options.Scheduler = None,
     list_names: Annotated[bool, typer.Option("--list", help="Print the names and end.")] = False,
     output: options.Output,
@@ -266,14 +261,10 @@ def bench_paper(
         str | None, typer.Option(help="Some of the readings, as R2-ray,planar; default: all.", metavar="A,B")
     ] = None,
     runs: Annotated[int, typer.Option(help="Runs of each; their numbers, from 1, are their seeds.", min=1)] = 5,
-    out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder of the results; runs in it are kept.", metavar="DIR")
-    ] = None,
+    out: ResultsFolder = None,
     population: Annotated[int, typer.Option(help="Beetles.", min=20)] = 50,
     iterations: Annotated[int, typer.Option(help="Iterations of each run.", min=1)] = 500,
-    processes: Annotated[
-        int | None, typer.Option(help="Runs at a time; default: one for each core.", min=1, metavar="N")
-    ] = None,
+    processes: Processes = None,
     list_names: Annotated[bool, typer.Option("--list", help="Print the readings and end.")] = False,
     output: options.Output,
 ) -> int:

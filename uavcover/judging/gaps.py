@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 import shapely
@@ -16,22 +16,14 @@ from uavcover.model.verdict import Gap, GapReason
 from uavcover.scenario.frames import LocalFrame
 from uavcover.sensing.coverage_map import CoverageMap
 
-REASONS: tuple[GapReason, ...] = (
-    "never-in-range",
-    "too-oblique",
-    "occluded",
-    "out-of-limits",
-    "too-coarse",
-    "too-few-looks",
-    "attitude-not-known",
-)
+REASONS: tuple[GapReason, ...] = get_args(GapReason)
 """In the order of their numbers in ``coverage.tif``."""
-_OUTCOMES = {
-    NOT_IN_RANGE: REASONS[0],
-    TOO_OBLIQUE: REASONS[1],
-    OCCLUDED: REASONS[2],
-    TOO_COARSE: REASONS[4],
-    SEEN: REASONS[5],
+_OUTCOMES: dict[int, GapReason] = {
+    NOT_IN_RANGE: "never-in-range",
+    TOO_OBLIQUE: "too-oblique",
+    OCCLUDED: "occluded",
+    TOO_COARSE: "too-coarse",
+    SEEN: "too-few-looks",
 }
 
 

@@ -34,7 +34,7 @@ GapReason = Literal[
 ]
 """Why a cell was not seen: never in range and field of view; too oblique; occluded by ground or an obstacle; not
 visible from any position within the limits; ground sample distance too large; seen by fewer observations than
-required; possibly seen, by observations of unknown direction."""
+required; possibly seen, by observations of unknown direction. In the order of their numbers in ``coverage.tif``."""
 
 UnobservedReason = Literal["no samples", "impossible motion", "before the first sample", "after the last sample"]
 

@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 import shapely
@@ -17,6 +17,7 @@ from uavcover.judging.photos.picture import Picture
 from uavcover.judging.photos.placing import Assumptions, PlacedPictures, place_pictures
 from uavcover.judging.photos.readers import PictureSet
 from uavcover.judging.photos.showing import shown_cells
+from uavcover.judging.requirements import Holds
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.detection import DetectionCurve
 from uavcover.model.sensor import FrameCamera, Sensor
@@ -34,8 +35,6 @@ _SAME_SHAPE = 0.03
 BLUR_PX = 1.0
 """Pictures in which the ground moves farther are told."""
 _FARTHEST_M = 5000.0
-
-Answer = Literal["yes", "no", "not proved"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -245,7 +244,7 @@ def _required(request: PhotoRequest, site: Site) -> tuple[float, float]:
     return request.coverage or asked.min_coverage_of_coverable, asked.min_overlap_fraction or OVERLAP_FRACTION
 
 
-def _answer(sure: float, possible: float, wanted: float) -> Answer:
+def _answer(sure: float, possible: float, wanted: float) -> Holds:
     return "yes" if sure >= wanted else "no" if possible < wanted else "not proved"
 
 
