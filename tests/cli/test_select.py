@@ -52,6 +52,16 @@ def test_a_rule_that_no_member_meets(cli: Cli, planned: Path) -> None:
     assert ended.document["metrics"]["coverage_of_coverable"] == float(best["coverage_of_coverable"])
 
 
+def test_the_report_of_a_plan_that_was_not_flown_goes_with_its_route(cli: Cli, planned: Path) -> None:
+    """It was taken for something flown, and --force was asked for."""
+    (planned / "report.html").write_text("of the route before")
+    assert cli("select", planned, "max-coverage").code == 0
+    assert not (planned / "report.html").exists()
+    (planned / "report.html").write_text("of a flight")
+    (planned / "verification.json").write_text("{}")
+    assert "report.html, verification.json would be overwritten" in cli("select", planned, "max-coverage").error
+
+
 def test_errors_change_nothing(cli: Cli, planned: Path, tmp_path: Path) -> None:
     kept = {path.name: path.read_bytes() for path in planned.iterdir()}
     assert "is not a rule" in cli("select", planned, "best").error

@@ -234,7 +234,8 @@ PLAN_FILES = ("scenario.toml", "run.json", "pareto.csv", "pareto_routes.csv", "p
 MISSION_FILES = ("mission.waypoints", "mission.plan", "fence.waypoints", "rally.waypoints", "mission.kml")
 UPLOAD_FILE = "upload.json"
 FLIGHT_FILES = ("track.csv", "flight.rrd", "flight.tlog")
-VERDICT_FILES = ("report.html", "gaps.geojson", "gap_mission.waypoints", "coverage.tif", "verification.json")
+REPORT_FILE = "report.html"
+VERDICT_FILES = (REPORT_FILE, "gaps.geojson", "gap_mission.waypoints", "coverage.tif", "verification.json")
 """What follows from a verdict, and the verdict."""
 
 AFTER_FLIGHT_FILES = (*FLIGHT_FILES, *VERDICT_FILES)
@@ -258,9 +259,13 @@ def has_a_flight(run: RunFolder) -> bool:
 
 
 def flown_in(run: RunFolder) -> list[str]:
-    """What there is of flights and verdicts: files of a run folder, and the folders inside that have been flown."""
-    files = [name for name in AFTER_FLIGHT_FILES if run.file(name).exists()]
-    return files + [folder.path.name for folder in run_folders_inside(run) if has_a_flight(folder)]
+    """What there is of flights and verdicts: files of a run folder, and the folders inside that have been flown.
+
+    The report of a plan alone is neither.
+    """
+    found = [name for name in AFTER_FLIGHT_FILES if run.file(name).exists()]
+    found += [folder.path.name for folder in run_folders_inside(run) if has_a_flight(folder)]
+    return [] if found == [REPORT_FILE] else found
 
 
 def moves_of_an_older_plan(run: RunFolder) -> dict[str, str]:
