@@ -1,1 +1,1 @@
-"""Benchmark problems for the optimizers: the CEC 2020 multimodal multi-objective suite with its reference sets."""
+"""The benchmarks behind ``uavcover bench``: planners, optimizers, the paper's simulation, and transfers over bad links."""

@@ -1,4 +1,4 @@
-"""Several vehicles of one kind that fly one plan."""
+"""Several vehicles that fly one plan: how many there are, and what keeps them apart."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -8,7 +8,9 @@ from uavcover.model.value_checks import STRICT, require, require_not_negative, r
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fleet:
-    """How many vehicles there are, and what keeps them apart. They are all alike ([vehicle]) and take off and land at [home].
+    """How many vehicles there are, and what keeps them apart.
+
+    They are all alike ([vehicle]) and take off and land at [home], unless there is a [[vehicle]] for each of them.
 
     Attributes:
         vehicles: how many fly at the same time.

@@ -1,1 +1,1 @@
-"""The HTML report of a run: what was required, planned, flown and seen, in one file that opens offline."""
+"""Pages that open offline: the report of a run, of pictures and of a checked mission, the print-out; figures, and MCAP files."""

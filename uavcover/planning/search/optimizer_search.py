@@ -1,4 +1,4 @@
-"""The search itself: an optimizer asks, routes are decoded and evaluated, the optimizer is told."""
+"""Search by an optimizer: it asks, routes are decoded and evaluated, it is told."""
 
 import math
 from collections.abc import Callable, Sequence
