@@ -16,6 +16,8 @@ from tests.routes.test_sorties import there_and_back
 from uavcover.errors import InputError
 from uavcover.model.fleet import Fleet
 from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.routes.flights import mission_size
 from uavcover.routes.objectives import judge
 from uavcover.run import mission_sizes
@@ -46,6 +48,18 @@ def planned(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
     folder = tmp_path_factory.mktemp("sizes")
     uavcover.plan(small_battery(folder), out=folder / "run", select="max-coverage")
     return RunFolder(folder / "run")
+
+
+def test_more_vehicles_are_not_done_later(tmp_path: Path) -> None:
+    """Cut for three, with landings apart, the lines were done 12 s later than cut for two."""
+    site = small_battery(tmp_path)
+    vehicle = dataclasses.replace(site.scenario.vehicle, endurance_s=None)
+    site = dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, vehicle=vehicle))
+    route = fly_layout(site, plain_boustrophedon(site))
+    sizes = [mission_size(site, route, vehicles=count) for count in (2, 3, 4)]
+    assert sizes[0] is not None
+    assert sizes == [sizes[0]] * 3
+    assert sizes[0].vehicles == 2
 
 
 def written(run: RunFolder) -> tuple[int, int, float]:

@@ -51,9 +51,23 @@ def compile_flights(
         return compile_sorties(site, route, autopilot=name)
     if count != site.scenario.fleet.vehicles:
         site = site.flown_by(count)
+    best = _cut_for(count, site, route, autopilot=name)
+    # Landings at one home are far apart: cut for fewer vehicles, a mission may be over sooner.
+    for fewer in range(count - 1, 1, -1):
+        found = _cut_for(fewer, site, route, autopilot=name)
+        if makespan_s(site, found) > makespan_s(site, best):
+            break
+        best = min(best, found, key=lambda flights: makespan_s(site, flights))
+    return best
+
+
+def _cut_for(vehicles: int, site: Site, route: Route, *, autopilot: AutopilotName) -> tuple[Sortie, ...]:
+    """The flights of a route that is cut for so many of a site's vehicles, which are alike."""
     tried = [
         scheduled(
-            site, compile_sorties(site, route, autopilot=name, vehicles=count, spacing_share=share), autopilot=name
+            site,
+            compile_sorties(site, route, autopilot=autopilot, vehicles=vehicles, spacing_share=share),
+            autopilot=autopilot,
         )
         for share in _SPACING_SHARES
     ]

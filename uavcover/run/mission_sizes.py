@@ -103,4 +103,7 @@ def _worth_sizing(members: Sequence[RouteMember], chosen: int, vehicles: int) ->
 def _seconds(member: RouteMember, vehicles: int) -> float:
     """About how long the flights of a route take to find."""
     n = len(member.route)
-    return 0.003 + 0.0008 * n if vehicles == 1 else 0.01 + 0.002 * n + 1e-5 * n**2
+    if vehicles == 1:
+        return 0.003 + 0.0008 * n
+    cuts = 1 if vehicles == 2 else 2  # for fewer vehicles too, until that is later
+    return cuts * (0.01 + 0.002 * n + 1e-5 * n**2)
