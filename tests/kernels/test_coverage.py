@@ -26,6 +26,7 @@ from uavcover.kernels.sight import (
     in_view,
     level_aim,
 )
+from uavcover.kernels.skyline import skylines
 from uavcover.kernels.surface import gradients, heights
 from uavcover.scenario.ground import grid_ground, sine_cosine_ground
 
@@ -95,10 +96,11 @@ def cells_on(surface, seed=0):
     normals = np.column_stack([-slopes, np.ones(len(places))])
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     horizon = horizons(surface.obstacles, lattice, places, east0, north0, size, 100.0)
+    skyline = skylines(surface.obstacles, places, horizon, reach_m=100.0, flattest=(seed % 4) / 4.0)
     scatter_m = scatter * math.sqrt(2.0)
     for array in (lattice, places, normals, horizon):
         array.setflags(write=False)
-    return Cells(east0, north0, size, lattice, places, normals, horizon, scatter_m)
+    return Cells(east0, north0, size, lattice, places, normals, horizon, scatter_m, skylines=skyline)
 
 
 def eyes_over(seed, count=3):

@@ -24,6 +24,7 @@ from uavcover.kernels.route import path_length
 from uavcover.kernels.route_state import WIDEST, RouteState, recount, seen_alone
 from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS, RouteLimits, SearchProblem, inside_fence
 from uavcover.kernels.sight import CONE, DISC, FRUSTUM, MIDPOINT, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight
+from uavcover.kernels.skyline import NO_SKYLINES
 from uavcover.kernels.surface import Surface, heights
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Route
@@ -301,7 +302,8 @@ def test_counts_after_10_000_changes_are_those_of_a_full_recount(kind, sensing, 
 def test_counts_among_obstacles_after_10_000_changes_are_those_of_a_full_recount(kind, sensing, legs):
     problem = small_problem(sensing, legs=legs, kind=kind, surface=town())
     state = small_state(problem, 14, 14)
-    bare = small_state(problem._replace(surface=problem.surface._replace(obstacles=NO_OBSTACLES)), 14, 14)
+    surface, cells = problem.surface._replace(obstacles=NO_OBSTACLES), problem.cells._replace(skylines=NO_SKYLINES)
+    bare = small_state(problem._replace(surface=surface, cells=cells), 14, 14)
     assert state.counts.tolist() != bare.counts.tolist()
     change_and_recount(problem)
 

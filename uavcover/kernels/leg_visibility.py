@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import Point
-from uavcover.kernels.coverage import Cells, nothing_between, rise_towards
+from uavcover.kernels.coverage import Cells, Surroundings, cell_in_line_of_sight, known_of_sight, surroundings
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.sight import (
     CONE,
@@ -31,6 +31,7 @@ from uavcover.kernels.sight import (
     level_aim,
     widest_tangent,
 )
+from uavcover.kernels.skyline import CLEAR, HIDDEN
 from uavcover.kernels.surface import Surface, has_node_cell
 
 _ROUNDING = 1e-7
@@ -88,13 +89,11 @@ def list_cells(
     # A ray inside a cone or a picture that is steeper than the ground ever is needs no test, unless an obstacle stands near its
     # cell.
     widest = widest_tangent(sight)
-    always_clear = surface.steepest * widest <= 1.0
     beyond = 0.5 * trigger * math.sqrt(per_length2)
-    if always_clear and not (
-        has_node_cell(surface, p[0] - beyond * de, p[1] - beyond * dn, p[2] - beyond * du)
-        and has_node_cell(surface, q[0] + beyond * de, q[1] + beyond * dn, q[2] + beyond * du)
-    ):
-        always_clear = False
+    over_nodes = has_node_cell(surface, p[0] - beyond * de, p[1] - beyond * dn, p[2] - beyond * du) and has_node_cell(
+        surface, q[0] + beyond * de, q[1] + beyond * dn, q[2] + beyond * du
+    )
+    steepest = surface.steepest if over_nodes else math.inf
     piece = 1.0 / max(pieces, 1)
     count = 0
     for i in range(first_row, last_row + 1):
@@ -134,11 +133,11 @@ def list_cells(
                 seen = in_round_view(
                     sight, e, n, u, cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2]
                 )
-            clear = always_clear and cells.horizon[cell] * widest <= 1.0
+            clear = max(steepest, cells.horizon[cell]) * widest <= 1.0
             if trigger > 0.0:
-                seen = leg_surely_shows(surface, sight, cells, cell, p, (de, dn, du), trigger, clear)
+                seen = leg_surely_shows(surface, sight, cells, cell, p, (de, dn, du), trigger, over_nodes)
             elif not (seen and clear) and (seen or pieces > 0 or picture):
-                seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, clear)
+                seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, over_nodes)
             if seen:
                 if count == out.size:
                     return -1
@@ -156,9 +155,12 @@ def leg_sees_cell(
     p: Point,
     d: Point,
     pieces: int,
-    always_clear: bool,
+    over_nodes: bool,
 ) -> bool:
-    """Whether any sample of the leg from p by d, cut in ``pieces``, sees the cell."""
+    """Whether any sample of the leg from p by d, cut in ``pieces``, sees the cell.
+
+    ``over_nodes``: whether both ends, and so all of the leg, are over the nodes of the ground.
+    """
     de, dn, du = d
     ce, cn, cu = cells.centre_m[cell, 0], cells.centre_m[cell, 1], cells.centre_m[cell, 2]
     ae, an, au = p[0] - ce, p[1] - cn, p[2] - cu
@@ -188,14 +190,23 @@ def leg_sees_cell(
     horizontal2 = de * de + dn * dn
     nearest = math.floor(-(ae * de + an * dn) / horizontal2 * pieces + 0.5) if horizontal2 > 0.0 else first
     middle = min(last, max(first, nearest))
+    aim = level_aim(sight, de, dn)
+    ne, nn, nu = cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2]
+    around = surroundings(surface, sight, cells, cell, over_nodes)
     for away in range(last - first + 1):
-        for k in (middle - away, middle + away):
-            if first <= k <= last and _sample_sees(
-                surface, sight, cells, cell, (ae, an, au), d, k / max(pieces, 1), always_clear
-            ):
-                return True
-            if away == 0:
-                break
+        for side in (-1, 1):
+            k = middle + side * away
+            if first <= k <= last and (away > 0 or side < 0):
+                t = k / max(pieces, 1)
+                e, n, u = ae + t * de, an + t * dn, au + t * du
+                # What is known decides most rays, here and in place: a call with the ground costs as much as ten of these.
+                known = known_of_sight(around, cells.skylines.bounds, cells.rise, cell, e, n, u)
+                if (
+                    known != HIDDEN
+                    and in_view(sight, aim, e, n, u, ne, nn, nu)
+                    and (known == CLEAR or cell_in_line_of_sight(surface, sight, cells, cell, (ce + e, cn + n, cu + u)))
+                ):
+                    return True
     return False
 
 
@@ -208,13 +219,15 @@ def leg_surely_shows(
     p: Point,
     d: Point,
     trigger: float,
-    always_clear: bool,
+    over_nodes: bool,
 ) -> bool:
     """Whether a picture has the cell in view all along a stretch as long as the trigger's distance, its middle on the leg p by d.
 
     Half of the stretch may lie beyond an end of the leg, as if the way went straight on: waypoints on a straight line change
     nothing, and behind the last picture of a line half the distance is missing on average. The places that have a cell in view
     are convex, so the ends decide; rays are traced from the ends and the middle. A leg straight up shows nothing.
+
+    ``over_nodes``: whether both ends, with half a stretch more, are over the nodes of the ground.
     """
     de, dn, du = d
     over_ground = math.hypot(de, dn)
@@ -240,46 +253,47 @@ def leg_surely_shows(
     # Clear of both ends, where rounding decides; from the nearest place outward: its rays are the steepest.
     room = _INWARD * (last - first)
     middle = min(last - room, max(first + room, -(ae * d[0] + an * d[1]) / horizontal2))
+    aim, a, around = level_aim(sight, de, dn), (ae, an, au), surroundings(surface, sight, cells, cell, over_nodes)
     for away in range(math.ceil((last - first) / half) + 1):
-        for centre in (middle - away * half, middle + away * half):
-            if (
-                first <= centre <= last
-                and _sample_sees(surface, sight, cells, cell, (ae, an, au), d, centre - half, always_clear)
-                and _sample_sees(surface, sight, cells, cell, (ae, an, au), d, centre + half, always_clear)
-                and _sample_sees(surface, sight, cells, cell, (ae, an, au), d, centre, always_clear)
-            ):
-                return True
-            if away == 0:
-                break
+        for side in (-1, 1):
+            centre = middle + side * away * half
+            if first <= centre <= last and (away > 0 or side < 0):
+                begin = _known_of_sample(sight, aim, cells, cell, around, a, d, centre - half)
+                end = (
+                    HIDDEN
+                    if begin == HIDDEN
+                    else _known_of_sample(sight, aim, cells, cell, around, a, d, centre + half)
+                )
+                if begin == HIDDEN or end == HIDDEN:
+                    continue
+                between = _known_of_sample(sight, aim, cells, cell, around, a, d, centre)
+                if (
+                    between != HIDDEN
+                    and (begin == CLEAR or _traced(surface, sight, cells, cell, a, d, centre - half))
+                    and (end == CLEAR or _traced(surface, sight, cells, cell, a, d, centre + half))
+                    and (between == CLEAR or _traced(surface, sight, cells, cell, a, d, centre))
+                ):
+                    return True
     return False
 
 
 @kernel
-def _sample_sees(
-    surface: Surface,
-    sight: Sight,
-    cells: Cells,
-    cell: int,
-    a: Point,
-    d: Point,
-    t: float,
-    always_clear: bool,
-) -> bool:
-    """Whether the cell is seen from its own centre plus a plus t d."""
-    (ae, an, au), (de, dn, du) = a, d
-    e, n, u = ae + t * de, an + t * dn, au + t * du
-    ne, nn, nu = cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2]
-    if sight.kind == FRUSTUM:
-        seen = in_view(sight, level_aim(sight, de, dn), e, n, u, ne, nn, nu)
-    else:
-        seen = in_round_view(sight, e, n, u, ne, nn, nu)
-    if not seen:
-        return False
-    if always_clear:
-        return True
+def _known_of_sample(
+    sight: Sight, aim: Aim, cells: Cells, cell: int, around: Surroundings, a: Point, d: Point, t: float
+) -> int:
+    """:func:`known_of_sight` to the cell's own centre plus a plus t d; HIDDEN where that is not in view."""
+    e, n, u = a[0] + t * d[0], a[1] + t * d[1], a[2] + t * d[2]
+    if not in_view(sight, aim, e, n, u, cells.normal[cell, 0], cells.normal[cell, 1], cells.normal[cell, 2]):
+        return HIDDEN
+    return known_of_sight(around, cells.skylines.bounds, cells.rise, cell, e, n, u)
+
+
+@kernel
+def _traced(surface: Surface, sight: Sight, cells: Cells, cell: int, a: Point, d: Point, t: float) -> bool:
+    """Whether nothing stands between the cell and its own centre plus a plus t d."""
+    e, n, u = a[0] + t * d[0], a[1] + t * d[1], a[2] + t * d[2]
     ce, cn, cu = cells.centre_m[cell, 0], cells.centre_m[cell, 1], cells.centre_m[cell, 2]
-    rise = rise_towards(cells, cell, e, n)
-    return nothing_between(surface, sight, cells.horizon[cell], rise, (ce + e, cn + n, cu + u), (ce, cn, cu))
+    return cell_in_line_of_sight(surface, sight, cells, cell, (ce + e, cn + n, cu + u))
 
 
 @kernel

@@ -282,8 +282,7 @@ def list_cone_runs(
             seen = row[j - first] == _INSIDE
             if row[j - first] == _TO_BE_TRIED:
                 cell = cells.lattice[i, j]
-                clear = max(surface.steepest, cells.horizon[cell]) * tan <= 1.0
-                seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, clear)
+                seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, True)
             if seen != inside:
                 if count == out.size:
                     return -1

@@ -203,9 +203,9 @@ def list_picture_runs(
             if row[j - first] == _TO_BE_TRIED:
                 cell = cells.lattice[i, j]
                 if trigger > 0.0:
-                    seen = leg_surely_shows(surface, sight, cells, cell, p, (de, dn, du), trigger, False)
+                    seen = leg_surely_shows(surface, sight, cells, cell, p, (de, dn, du), trigger, True)
                 else:
-                    seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, False)
+                    seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, True)
             if seen != inside:
                 if count == out.size:
                     return -1

@@ -13,6 +13,7 @@ from uavcover.kernels.coverage import NO_RISE, Cells
 from uavcover.kernels.horizon import rises
 from uavcover.kernels.obstacles import horizons
 from uavcover.kernels.sight import RAY, widest_tangent
+from uavcover.kernels.skyline import skylines
 from uavcover.model.terrain import RasterTerrain
 from uavcover.scenario.ground import Ground
 from uavcover.scenario.site import Site
@@ -172,14 +173,14 @@ def _cut(
     normal = np.column_stack([-slopes, np.ones(len(places))]) / steepness[:, None]
     weight = cell_size_m**2 * steepness
     scatter_m = 0.0 if steps is None else cell_size_m * math.sqrt(0.5)
-    horizon = horizons(
-        site.ground.surface.obstacles, index, centre, east0_m, north0_m, float(cell_size_m),
-        farthest_m(site.scenario.sensor) + scatter_m,
-    )  # fmt: skip
+    obstacles, reach_m = site.ground.surface.obstacles, farthest_m(site.scenario.sensor) + scatter_m
+    horizon = horizons(obstacles, index, centre, east0_m, north0_m, float(cell_size_m), reach_m)
+    flattest = 1.0 / widest_tangent(sight_of(site.scenario.sensor))
+    skyline = skylines(obstacles, centre, horizon, reach_m=reach_m, flattest=flattest)
     rise = _rises(site, centre, scatter_m)
     for array in (index, centre, normal, horizon, weight, rise):
         array.flags.writeable = False
-    cells = Cells(east0_m, north0_m, float(cell_size_m), index, centre, normal, horizon, scatter_m, rise)
+    cells = Cells(east0_m, north0_m, float(cell_size_m), index, centre, normal, horizon, scatter_m, rise, skyline)
     return CellGrid(cells, weight, hidden_m2)
 
 
