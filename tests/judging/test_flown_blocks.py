@@ -8,7 +8,7 @@ import pytest
 
 from tests.planning.sites import make_site, with_scenario
 from tests.sensing.test_blocks import hard_site
-from uavcover.judging.flown_blocks import Flight, count_block, joined_blocks, near_block
+from uavcover.judging.flown_blocks import CountedFlight, count_block, joined_blocks, near_block
 from uavcover.judging.flown_coverage import FlownCoverage, count_observations
 from uavcover.judging.observations import Observations
 from uavcover.model.scenario import Uncertainty
@@ -48,7 +48,7 @@ def same(one: FlownCoverage, other: FlownCoverage) -> bool:
 @pytest.mark.parametrize(("sensor", "known"), [(NARROW, 1.0), (FRAME, 0.8)], ids=["nadir", "frame"])
 def test_every_cell_is_judged_the_same_in_blocks(sensor, known, uncertainty) -> None:
     site = with_scenario(hard_site(sensor), uncertainty=uncertainty)
-    flight = Flight(site, wandering(site, known=known))
+    flight = CountedFlight(site, wandering(site, known=known))
     whole = count_observations(judging_map(site), flight.observations)
     assert 0.2 < whole.seen.mean() < 1.0
     for step in (1, 6):

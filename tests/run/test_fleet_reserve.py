@@ -9,7 +9,7 @@ import pytest
 
 from tests.run.scripted_fleet import SITE
 from uavcover.model.vehicle import Vehicle
-from uavcover.run.fleet_reserve import BatteryUse, ReserveWatch, Verdict
+from uavcover.run.fleet_reserve import BatteryAllows, BatteryUse, ReserveWatch
 
 VEHICLE = Vehicle(endurance_s=600.0, reserve_fraction=0.2)
 
@@ -28,7 +28,7 @@ def flown(use: float, *, use_home: float, mission_s: float) -> tuple[float, floa
         if second % 2 == 0:
             battery.take(math.floor(left), aloft_s=float(second))
             home_s = away_s + 15.0
-            if battery.verdict(rest_s=mission_s - second, home_s=home_s) is Verdict.GO_HOME:
+            if battery.allows(rest_s=mission_s - second, home_s=home_s) is BatteryAllows.GO_HOME:
                 return left - (20.0 * use + home_s * use_home) / 6.0, second / mission_s
         left -= use / 6.0
     return left, 1.0
@@ -56,8 +56,8 @@ def test_no_way_home_is_shorter_than_the_mission_itself() -> None:
     battery = BatteryUse(VEHICLE, 100.0 / 600.0)
     battery.take(95, aloft_s=30.0)
     battery.take(10, aloft_s=400.0)
-    assert battery.verdict(rest_s=60.0, home_s=50.0) is Verdict.GO_ON
-    assert battery.verdict(rest_s=160.0, home_s=50.0) is Verdict.GO_HOME
+    assert battery.allows(rest_s=60.0, home_s=50.0) is BatteryAllows.GO_ON
+    assert battery.allows(rest_s=160.0, home_s=50.0) is BatteryAllows.GO_HOME
 
 
 def watch(monkeypatch: pytest.MonkeyPatch, percent: int | None, *, free: bool = True) -> ReserveWatch:

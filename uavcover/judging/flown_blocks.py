@@ -16,7 +16,7 @@ from uavcover.sensing.coverage_map import CoverageMap, judging_block
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Flight:
+class CountedFlight:
     """What the tasks of a flight have in common.
 
     Attributes:
@@ -28,7 +28,7 @@ class Flight:
     observations: Observations
 
 
-def count_block(flight: Flight, rows: tuple[int, int]) -> FlownCoverage:
+def count_block(flight: CountedFlight, rows: tuple[int, int]) -> FlownCoverage:
     """Count every observation of the cells in some rows of the lattice: from the first number to before the second."""
     block = judging_block(flight.site, range(*rows))
     return count_observations(block, near_block(block, flight.observations))

@@ -16,7 +16,7 @@ from uavcover.optimizers.interface import AskAndTell
 from uavcover.planning.baselines.boustrophedon import TUNED, Baseline, fewest_lines, taken, taken_until_near
 from uavcover.planning.baselines.contour_lines import TUNED as TUNED_CONTOURS
 from uavcover.planning.baselines.initial_routes import constructed_routes, initial_names
-from uavcover.planning.baselines.swaths import long_side_angle_rad
+from uavcover.planning.baselines.swaths import SwathLayout, long_side_angle_rad
 from uavcover.planning.beginning_lines import any_reaches, first_lines, one_line_more
 from uavcover.planning.choice import choose
 from uavcover.planning.encodings import SwathEncoding, WaypointEncoding
@@ -42,7 +42,7 @@ from uavcover.planning.selection import parse_rule
 from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.planning.sortie_order.reorder import ORDER_SHARE, OrderEffort, has_several_sorties, tries_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map, planning_map
+from uavcover.sensing.coverage_map import CoverageMap, judging_map, planning_map
 
 __all__ = ["Effort", "SearchProgress", "plan_routes"]
 
@@ -218,12 +218,8 @@ def plan_routes(
     else:
         lines: list[NamedRoute] = []
         if settings.encoding == "swaths" and not interrupted:
-            straight = [b.layout for b in _by_merit(baselines, goal) if b.layout is not None]
-            angle = straight[0].angle_rad if straight else long_side_angle_rad(site.area)
-            until = effort.now() + _LINES_SHARE * (math.inf if effort.budget_s is None else effort.budget_s)
-            lines = first_lines(site, angle, executor, lambda: should_stop() or effort.now() > until)
-            if effort.budget_s is not None and not any_reaches(coarse, lines, rule.required_coverage):
-                lines += one_line_more(site, angle)
+            best_straight = next((b.layout for b in _by_merit(baselines, goal) if b.layout is not None), None)
+            lines = _lines(coarse, best_straight, rule.required_coverage, dataclasses.replace(run, effort=effort))
         late_s = 0.0 if tuned is None or effort.budget_s is None else _LATE_SHARE * effort.budget_s
         # What takes several sorties gets a search for their order at the end.
         best = _by_merit(baselines, goal)[:1]
@@ -269,6 +265,17 @@ def plan_routes(
         wall_s=effort.now() - started,
         interrupted=interrupted,
     )
+
+
+def _lines(coarse: CoverageMap, straight: SwathLayout | None, asked: float | None, run: SearchRun) -> list[NamedRoute]:
+    """Lines that the local search begins with, in the direction of the best straight ones, as many as there is time for."""
+    site, budget_s, now = coarse.site, run.effort.budget_s, run.effort.now
+    angle = long_side_angle_rad(site.area) if straight is None else straight.angle_rad
+    until = now() + _LINES_SHARE * (math.inf if budget_s is None else budget_s)
+    lines = first_lines(site, angle, run.executor, lambda: run.should_stop() or now() > until)
+    if budget_s is not None and not any_reaches(coarse, lines, asked):
+        lines += one_line_more(site, angle)
+    return lines
 
 
 def _named(baselines: Sequence[Baseline]) -> list[Candidate]:

@@ -23,7 +23,7 @@ _TO_TURN_S = 20.0
 _LOOK_EVERY_S = 2.0
 
 
-class Verdict(Enum):
+class BatteryAllows(Enum):
     """What a battery allows."""
 
     GO_ON = "it is enough to fly on"
@@ -80,11 +80,11 @@ class BatteryUse:
             return math.inf
         return self.spare / self.each_s - _USE_ON * seconds
 
-    def verdict(self, *, rest_s: float, home_s: float) -> Verdict:
+    def allows(self, *, rest_s: float, home_s: float) -> BatteryAllows:
         """What it allows of a mission that takes ``rest_s`` to the landing, where the straight way home takes ``home_s``."""
         if home_s + _TO_TURN_S >= rest_s or self.lasts_home(home_s) or self.lasts_on(rest_s):
-            return Verdict.GO_ON
-        return Verdict.GO_HOME
+            return BatteryAllows.GO_ON
+        return BatteryAllows.GO_HOME
 
 
 class ReserveWatch:
@@ -129,7 +129,7 @@ class ReserveWatch:
             way_m, home_s = way_home(self._job.site, self._traffic.place_m(self._job.name))
         except UavcoverError:  # the ground below the way is not known
             return None
-        if use.verdict(rest_s=rest_s, home_s=home_s) is Verdict.GO_ON:
+        if use.allows(rest_s=rest_s, home_s=home_s) is BatteryAllows.GO_ON:
             return None
         if not self._traffic.give_way_home(self._job.name, now, way_m, within_s=home_s + _TO_TURN_S):
             return None

@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from uavcover.judging.flown_blocks import Flight, count_block, joined_blocks
+from uavcover.judging.flown_blocks import CountedFlight, count_block, joined_blocks
 from uavcover.judging.flown_coverage import FlownCoverage, count_observations
 from uavcover.judging.observations import Observations
 from uavcover.judging.verify import CountObservations
@@ -29,7 +29,7 @@ def count_by(workers: Workers, *, block_cells: int = _BLOCK_CELLS) -> CountObser
 
     def count(coverage: CoverageMap, observations: Observations) -> FlownCoverage:
         # A copy of the site has nothing that can be computed again.
-        flight = Flight(dataclasses.replace(coverage.site), observations)
+        flight = CountedFlight(dataclasses.replace(coverage.site), observations)
         tasks = [(rows.start, rows.stop) for rows in row_blocks(coverage.site, cells=block_cells)]
         found = dict(workers.completed(count_block, flight, tasks))
         return joined_blocks([found[task] for task in tasks])

@@ -54,31 +54,7 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
     Raises:
         TrackError: nothing is there, or it cannot be read; names the file.
     """
-    files: list[Path] = []
-    of_folders: set[Path] = set()
-    lists: list[Path] = []
-    logs: list[Path] = []
-    for source in sources:
-        if source.is_dir():
-            inside = sorted(path for path in source.rglob("*") if path.is_file())
-            files += [path for path in inside if path.suffix.lower() in ENDINGS and not path.name.startswith("._")]
-            of_folders.update(files)
-            lists += [path for path in inside if path.name.lower() == GEO_TXT]
-        elif not source.is_file():
-            raise TrackError(f"{source}: no such file or folder; give a folder of pictures, or a list of them")
-        elif source.suffix.lower() in ENDINGS:
-            files.append(source)
-        elif source.suffix.lower() in LISTS:
-            lists.append(source)
-        elif source.suffix.lower() in LOGS:
-            logs.append(source)
-        else:
-            known = ", ".join((*ENDINGS, *LISTS, *LOGS))
-            raise TrackError(
-                f"{source}: {source.suffix or 'no ending'} is no picture and no list of pictures; use {known}"
-            )
-    if not files and not lists and not logs:
-        raise TrackError(f"{', '.join(map(str, sources))}: no pictures ({', '.join(ENDINGS)}) and no {GEO_TXT} in it")
+    files, of_folders, lists, logs = _by_kind(sources)
     notes: list[str] = []
     found: dict[str, Picture] = {}
     for number, path in enumerate(files, start=1):
@@ -112,6 +88,36 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
             f"times are of {len(clocks)} clocks ({', '.join(clocks[:_SHOWN_CLOCKS])}): order and speed are taken within each"
         )
     return PictureSet(tuple(once), tuple(notes))
+
+
+def _by_kind(sources: Sequence[Path]) -> tuple[list[Path], set[Path], list[Path], list[Path]]:
+    """Picture files, which of them a folder held, lists, and logs."""
+    files: list[Path] = []
+    of_folders: set[Path] = set()
+    lists: list[Path] = []
+    logs: list[Path] = []
+    for source in sources:
+        if source.is_dir():
+            inside = sorted(path for path in source.rglob("*") if path.is_file())
+            files += [path for path in inside if path.suffix.lower() in ENDINGS and not path.name.startswith("._")]
+            of_folders.update(files)
+            lists += [path for path in inside if path.name.lower() == GEO_TXT]
+        elif not source.is_file():
+            raise TrackError(f"{source}: no such file or folder; give a folder of pictures, or a list of them")
+        elif source.suffix.lower() in ENDINGS:
+            files.append(source)
+        elif source.suffix.lower() in LISTS:
+            lists.append(source)
+        elif source.suffix.lower() in LOGS:
+            logs.append(source)
+        else:
+            known = ", ".join((*ENDINGS, *LISTS, *LOGS))
+            raise TrackError(
+                f"{source}: {source.suffix or 'no ending'} is no picture and no list of pictures; use {known}"
+            )
+    if not files and not lists and not logs:
+        raise TrackError(f"{', '.join(map(str, sources))}: no pictures ({', '.join(ENDINGS)}) and no {GEO_TXT} in it")
+    return files, of_folders, lists, logs
 
 
 def _read(path: Path) -> Picture:

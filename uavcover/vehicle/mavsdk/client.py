@@ -37,7 +37,7 @@ from mission_io.wire.messages import (
     TimeSync,
 )
 from mission_io.wire.signing import SigningKey
-from uavcover.vehicle.mavsdk.session import Answer, Call, MavsdkSession, SharedLink, contents_of
+from uavcover.vehicle.mavsdk.session import Answer, Call, MavsdkSession, TappedLink, contents_of
 
 MessageT = TypeVar("MessageT", bound=Message)
 ResultT = TypeVar("ResultT")
@@ -94,7 +94,7 @@ class MavsdkClient(Client):
         self, link: Link, *, system_id: int = 255, listener: Callable[[Received, float], None] | None = None
     ) -> None:
         self._session = MavsdkSession(Address(system_id, 190))
-        super().__init__(SharedLink(link, self._session), system_id=system_id, listener=listener)
+        super().__init__(TappedLink(link, self._session), system_id=system_id, listener=listener)
 
     def sign_with(self, key: SigningKey, **_: object) -> NoReturn:
         """Refused: MAVSDK 4.1 does not sign."""

@@ -233,7 +233,7 @@ _SLICE_S = 0.002
 """How long what MAVSDK wants to be sent may wait."""
 
 
-class SharedLink(WrappingLink):
+class TappedLink(WrappingLink):
     """A :class:`~mission_io.links.opening.Link` that tells MAVSDK what arrives, and sends what MAVSDK says while it listens.
 
     MAVSDK hears the vehicle's autopilot alone, from ``keep_to`` on: what a companion computer says with the same system id must
