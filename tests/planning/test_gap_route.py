@@ -6,7 +6,8 @@ import pytest
 from tests.planning.sites import flat, hills, make_site
 from uavcover.errors import InfeasibleError
 from uavcover.model.sensor import FrameCamera, SphereSensor
-from uavcover.planning.gap_route import MissingCells, _for_every_heading, plan_closing_route
+from uavcover.planning.gap_route import _for_every_heading, plan_closing_route
+from uavcover.planning.viewpoints import MissingCells
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import compile_mission
 from uavcover.scenario.site import Site
