@@ -258,17 +258,22 @@ def test_stopping_early_above_the_analytic_surface():
 @given(seed=st.integers(0, 10**6), limit=st.sampled_from([-1e-6, 0.0, 0.3]), scale=st.sampled_from([1.0, 25.0]))
 def test_staying_above_is_the_answer_of_the_whole_range(seed, limit, scale):
     rng = np.random.default_rng(seed)
-    rough = grid_ground(
-        rng.uniform(-2.0, 2.0, (6, 6)), east0_m=0.0, north0_m=0.0, step_m=2.0, source="t", vertical_datum="local"
-    ).surface
-    for surface, size in ((sine_cosine_ground(scale).surface, scale), (rough, 1.0)):
+    nodes = rng.uniform(-2.0, 2.0, (6, 6))
+    rough = grid_ground(nodes, east0_m=0.0, north0_m=0.0, step_m=2.0, source="t", vertical_datum="local").surface
+    nodes[rng.integers(6), rng.integers(6)] = math.nan
+    gap = grid_ground(nodes, east0_m=0.0, north0_m=0.0, step_m=2.0, source="t", vertical_datum="local").surface
+    for surface, size in ((sine_cosine_ground(scale).surface, scale), (rough, 1.0), (gap, 1.0)):
         for _ in range(20):
-            p, q = (float(x) for x in rng.uniform(0.0, 9.0, 2)), (float(x) for x in rng.uniform(0.0, 9.0, 2))
-            pe, pn, qe, qn = (size * x for x in (*p, *q))
+            p, q = rng.uniform(0.0, 9.0, (2, 2))
+            if rng.random() < 0.3:
+                # Along lines of nodes, and from node to node.
+                p, q = np.round(p), np.where(rng.random(2) < 0.5, np.round(q), np.round(p))
+            (pe, pn), (qe, qn) = (size * p).tolist(), (size * q).tolist()
             # From a place above the ground down to the ground, as a ray to a cell; some begin under it.
             pu = kernels.height(surface, pe, pn) + size * float(rng.uniform(-0.2, 3.0))
-            qu = kernels.height(surface, qe, qn) + (limit if rng.random() < 0.5 else 0.0)
+            qu = kernels.height(surface, qe, qn) + limit + float(rng.choice([-limit, -1e-9, 1e-9]))
             lowest = kernels.height_range_between(surface, pe, pn, pu, qe, qn, qu, -math.inf)[0]
-            assert kernels.stays_above(surface, pe, pn, pu, qe, qn, qu, limit) == (lowest >= limit)
+            if abs(lowest - limit) > 1e-12:
+                assert kernels.stays_above(surface, pe, pn, pu, qe, qn, qu, limit) == (lowest >= limit)
     assert not kernels.stays_above(rough, 1.0, 1.0, 9.0, 99.0, 1.0, 9.0, 0.0)
     assert not kernels.stays_above(sine_cosine_ground(1.0).surface, math.nan, 1.0, 9.0, 2.0, 1.0, 9.0, 0.0)

@@ -21,6 +21,9 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.jit import kernel
 
+_ABOVE_M = 1e-6
+"""A line that is higher by this than all nodes of a cell is above it, whatever rounding does."""
+
 TERMS = 10
 """Of a polynomial of the third degree: 1, x, y, x^2, x y, y^2, x^3, x^2 y, x y^2, y^3."""
 
@@ -206,6 +209,48 @@ def range_on_nodes(
         while _next_crossing(v0, dv, line_v) <= t:
             line_v += step_v
     return lowest, lowest_at, highest, highest_at
+
+
+@kernel
+def stays_above_nodes(
+    z: NDArray[np.float64], u0: float, v0: float, pu: float, u1: float, v1: float, qu: float, limit: float
+) -> bool:
+    """Whether a line is nowhere lower than ``limit`` above the nodes; False where it leaves the data.
+
+    The answer of :func:`range_on_nodes`, found sooner: over cells whose nodes are all lower than the line, nothing else is asked.
+    """
+    rows, columns = z.shape
+    if not (among_nodes(z, u0, v0) and among_nodes(z, u1, v1)):
+        return False
+    du, dv, climb = u1 - u0, v1 - v0, qu - pu
+    j = min(max(math.floor(u0) if du >= 0.0 else math.ceil(u0) - 1, 0), columns - 2)
+    i = min(max(math.floor(v0) if dv >= 0.0 else math.ceil(v0) - 1, 0), rows - 2)
+    step_u, step_v = 1 if du > 0.0 else -1, 1 if dv > 0.0 else -1
+    # Where the line crosses the next line of nodes in each direction, 0..1, and how far apart they are.
+    next_u = _next_crossing(u0, du, j + 1 if du > 0.0 else j)
+    next_v = _next_crossing(v0, dv, i + 1 if dv > 0.0 else i)
+    apart_u = 1.0 / abs(du) if du != 0.0 else math.inf
+    apart_v = 1.0 / abs(dv) if dv != 0.0 else math.inf
+    beside = max(limit, 0.0) + _ABOVE_M
+    t = 0.0
+    while True:
+        end = min(1.0, next_u, next_v)
+        low = pu + (t if climb >= 0.0 else end) * climb - beside
+        # Asked for rather than against: a comparison with NaN is False.
+        if not (low >= z[i, j] and low >= z[i, j + 1] and low >= z[i + 1, j] and low >= z[i + 1, j + 1]):
+            middle = 0.5 * (t + end)
+            a = pu + t * climb - in_cell(z, i, j, u0 + t * du, v0 + t * dv)
+            m = pu + middle * climb - in_cell(z, i, j, u0 + middle * du, v0 + middle * dv)
+            b = pu + end * climb - in_cell(z, i, j, u0 + end * du, v0 + end * dv)
+            if not parabola_range(a, m, b)[0] >= limit:
+                return False
+        if end >= 1.0:
+            return True
+        if next_u <= next_v:
+            j, next_u = min(max(j + step_u, 0), columns - 2), next_u + apart_u
+        else:
+            i, next_v = min(max(i + step_v, 0), rows - 2), next_v + apart_v
+        t = end
 
 
 @kernel

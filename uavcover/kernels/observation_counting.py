@@ -30,7 +30,7 @@ from uavcover.kernels.sight import (
     steepest_between,
     view,
 )  # fmt: skip
-from uavcover.kernels.surface import Surface, height_above, height_range_between
+from uavcover.kernels.surface import Surface, height_above, stays_above
 
 
 class Camera(NamedTuple):
@@ -265,7 +265,7 @@ def _unhidden(
             return False
         if eu - cu >= steepest_between(surface, slopes, ee, en, ce, cn) * math.hypot(ee - ce, en - cn):
             return True
-        return bool(height_range_between(surface, ee, en, eu, ce, cn, cu, -GRAZING_M)[0] >= -GRAZING_M)
+        return stays_above(surface, ee, en, eu, ce, cn, cu, -GRAZING_M)
     if sight.line_of_sight == MIDPOINT:
         return bool(height_above(surface, 0.5 * (ee + ce), 0.5 * (en + cn), 0.5 * (eu + cu)) >= 0.0)
     return True

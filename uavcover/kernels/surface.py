@@ -27,6 +27,7 @@ from uavcover.kernels.grid import (
     on_nodes,
     parabola_range,
     range_on_nodes,
+    stays_above_nodes,
 )
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.obstacles import NO_OBSTACLES, ObstaclePrisms
@@ -272,19 +273,21 @@ def stays_above(
 ) -> bool:
     """Whether a segment is nowhere lower than ``limit`` above the surface; False where there is no data.
 
-    The answer of :func:`height_range_between`, found sooner above the analytic surface: from a place high above the
-    ground no piece can reach the limit before the segment has come down at the steepest slope there is.
+    The answer of :func:`height_range_between`, found sooner. Above the analytic surface: from a place high above the ground no
+    piece can reach the limit before the segment has come down at the steepest slope there is.
     """
-    if surface.kind != SINE_COSINE:
-        return bool(height_range_between(surface, pe, pn, pu, qe, qn, qu, limit)[0] >= limit)
     if not (math.isfinite(pe + pn + pu) and math.isfinite(qe + qn + qu)):
         return False
+    if surface.kind != SINE_COSINE:
+        return _stays_above_grid(surface, pe, pn, pu, qe, qn, qu, limit)
     horizontal = math.hypot(qe - pe, qn - pn)
     pieces = max(1, math.ceil(horizontal / (_ANALYTIC_PIECE * surface.step_m)))
     # How much of the height above ground one piece can take away at most.
     loss = (horizontal * surface.steepest - (qu - pu)) / pieces
     k = 0
     a = pu - height(surface, pe, pn)
+    if a < limit:
+        return False
     while k < pieces:
         if a - limit >= loss * (pieces - k):
             return True
@@ -301,6 +304,29 @@ def stays_above(
             return False
         a = b
         k += 1
+    return True
+
+
+@kernel
+def _stays_above_grid(
+    surface: Surface, pe: float, pn: float, pu: float, qe: float, qn: float, qu: float, limit: float
+) -> bool:
+    """:func:`stays_above` for GRID, from the lower end on: what stands in the way of a place is mostly near it."""
+    if pu > qu:
+        pe, pn, pu, qe, qn, qu = qe, qn, qu, pe, pn, pu
+    de, dn, du = qe - pe, qn - pn, qu - pu
+    pieces = max(1, math.ceil(math.sqrt(de * de + dn * dn + du * du) / surface.grid.piece_m))
+    up = pu
+    column, row = on_grid(surface.grid, pe, pn, pu)
+    for k in range(pieces):
+        next_e, next_n, next_up = qe, qn, qu
+        if k < pieces - 1:
+            t = (k + 1.0) / pieces
+            next_e, next_n, next_up = pe + t * de, pn + t * dn, pu + t * du
+        next_column, next_row = on_grid(surface.grid, next_e, next_n, next_up)
+        if not stays_above_nodes(surface.up_m, column, row, up, next_column, next_row, next_up, limit):
+            return False
+        column, row, up = next_column, next_row, next_up
     return True
 
 
