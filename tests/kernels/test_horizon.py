@@ -11,6 +11,8 @@ from uavcover.kernels.horizon import OCTANTS, octant_of, rises
 from uavcover.kernels.sight import RAY, SPHERE, Sight
 from uavcover.kernels.surface import Surface, heights
 from uavcover.scenario.ground import grid_ground, sine_cosine_ground
+from uavcover.scenario.scenario_file import load_scenario
+from uavcover.scenario.site import load_site
 
 REACH_M = 30.0
 
@@ -51,9 +53,29 @@ def test_no_ground_in_an_octant_rises_more(seed):
             octant = octant_of(east, north)
             assert tangents.max() <= rise[k, octant] + 1e-9
             found[octant] = max(found[octant], tangents.max())
-        tight += (found / rise[k])[found > 0.1].tolist()
+        tight += (found[found > 0.1] / rise[k, found > 0.1]).tolist()
     # On spiky ground it is a bound all the same, and not one that says nothing.
     assert np.median(tight) > 0.2 or len(centre) < 10
+
+
+def test_no_ground_of_an_elevation_file_rises_more_in_an_octant():
+    """On its own grid, whose columns and rows do not run along east and north."""
+    surface = load_site(load_scenario("jacksboro")).ground.surface
+    rng = np.random.default_rng(2)
+    where = rng.uniform(-350.0, 350.0, (cases(compiled=100, interpreted=5), 2))
+    centre = np.column_stack([where, heights(surface, *np.ascontiguousarray(where.T))])
+    rise = rises(surface, centre, reach_m=100.0)
+    away = np.concatenate([np.geomspace(1e-2, 40.0, 150), np.linspace(40.0, 100.0, 60)])
+    tight = []
+    for k, place in enumerate(centre):
+        for angle in [*rng.uniform(0.0, 2.0 * math.pi, 60), *np.arange(8) * 0.25 * math.pi]:
+            east, north = math.cos(angle), math.sin(angle)
+            ground = heights(surface, place[0] + away * east, place[1] + away * north)
+            # A step of 1 cm is known to 1e-10 m or so.
+            steepest = np.nanmax((ground - place[2]) / away)
+            assert steepest <= rise[k, octant_of(east, north)] + 1e-7
+            tight.append(steepest - rise[k, octant_of(east, north)])
+    assert np.median(tight) > -0.3
 
 
 def test_a_slope_rises_hardly_more_than_it_does():
@@ -62,9 +84,21 @@ def test_a_slope_rises_hardly_more_than_it_does():
     surface = grid_ground(nodes, east0_m=-40.0, north0_m=-35.0, step_m=2.0, source="t", vertical_datum="local").surface
     centre = places(surface, 30, 1)
     rise = rises(surface, centre[centre[:, 2] <= 0.5 * centre[:, 0] + 1e-9], reach_m=REACH_M)
-    assert ((rise >= 0.5) & (rise < 1.0)).all()
-    down = [octant_of(-1.0, 0.1), octant_of(-1.0, -0.1)]
-    assert rise[:, down].max() == pytest.approx(0.5)
+    up, down = [octant_of(1.0, by) for by in (0.1, -0.1)], [octant_of(-1.0, by) for by in (0.1, -0.1)]
+    assert ((rise[:, up] >= 0.5) & (rise[:, up] < 1.0)).all()
+    assert (rise[:, down] < 0.02).all()
+
+
+def test_a_step_beside_a_cell_rises_on_its_own_side_alone():
+    nodes = np.zeros((44, 49))
+    nodes[:, 25:] = 20.0
+    surface = grid_ground(nodes, east0_m=-40.0, north0_m=-35.0, step_m=2.0, source="t", vertical_datum="local").surface
+    # The step is between 8 and 10 m east.
+    rise = rises(surface, np.array([[7.0, 0.9, 0.0], [5.0, 0.9, 0.0]]), reach_m=REACH_M)
+    west = [octant_of(-1.0, by) for by in (0.1, -0.1)]
+    assert (rise[:, west] == 0.0).all()
+    assert rise[0, octant_of(1.0, 0.1)] == pytest.approx(10.0, rel=2e-3)
+    assert rise[1, octant_of(1.0, 0.1)] < 10.0
 
 
 def test_octants_are_eighths_of_a_turn():

@@ -1,9 +1,9 @@
 """How steeply the ground rises around a cell, by octants: which rays need no tracing.
 
 A ray from a cell that leaves it more steeply than everything in its octant rises above the cell is clear of the ground. What
-rises is bounded: around the cell by the slope of the cells of the grid that touch its own, further out by the highest ground in
-squares of the map, which grow with their distance so that each is seen under much the same angle. Bounds only save work: a
-ray that is not clear by them is traced.
+rises is bounded: around the cell by the gradients of the cells of the grid that touch its own, further out by the highest
+ground in squares of the map, which grow with their distance so that each is seen under much the same angle. Bounds only save
+work: a ray that is not clear by them is traced.
 """
 
 import math
@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.grid import on_grid, steepest_in_cell
+from uavcover.kernels.grid import growth_on_grid, on_grid
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.sight import highest_in_squares
 from uavcover.kernels.surface import GRID, Surface
@@ -25,6 +25,8 @@ _MOST_SQUARES = 4_000_000
 
 _OCTANT_RAD = 0.25 * math.pi
 _ROUNDING = 1e-12
+_BENT = 1e-3
+"""Share of a slope by which it may be steeper: over three cells a grid in geographic coordinates is not quite straight."""
 
 
 @kernel
@@ -59,7 +61,7 @@ def rises(surface: Surface, centre: NDArray[np.float64], *, reach_m: float) -> N
     beside = grid.lean * (high - low + reach_m)
     tops = np.nan_to_num(highest_in_squares(filled, east0, north0, side_m, count, beside), nan=-math.inf)
     near_m = (1.0 - 2.0 * grid.leeway) * pixel_m
-    out = np.repeat(_slopes_around(surface, centre)[:, None], OCTANTS, axis=1)
+    out = _slopes_around(surface, centre)
     begin_m = near_m
     while begin_m < reach_m:
         end_m = min(2.0 * begin_m, reach_m)
@@ -74,21 +76,95 @@ def rises(surface: Surface, centre: NDArray[np.float64], *, reach_m: float) -> N
 
 @kernel
 def _slopes_around(surface: Surface, centre: NDArray[np.float64]) -> NDArray[np.float64]:
-    """(n,) bound on the slope of the ground in the 3 x 3 cells of the grid around each centre; infinite without data."""
-    rows, columns = surface.up_m.shape
-    out = np.empty(centre.shape[0])
+    """(n, 8) how steeply the ground rises in the 3 x 3 cells of the grid around each centre, in each octant, and 0 at least.
+
+    A straight way over a bilinear cell is as steep as the gradient at one of its corners allows in that direction. Of the cells
+    around, those count that a way in the octant may enter. Infinite without data.
+    """
+    grid, nodes = surface.grid, surface.up_m
+    rows, columns = nodes.shape
+    out = np.full((centre.shape[0], OCTANTS), math.inf)
+    octants, ends = _octants()
+    east, north = np.empty((3, 3, 4)), np.empty((3, 3, 4))
     for k in range(centre.shape[0]):
-        u, v = on_grid(surface.grid, centre[k, 0], centre[k, 1], centre[k, 2])
+        u, v = on_grid(grid, centre[k, 0], centre[k, 1], centre[k, 2])
         i, j = math.floor(v), math.floor(u)
-        steepest = math.inf
-        if 1 <= i <= rows - 3 and 1 <= j <= columns - 3:
+        if not (1 <= i <= rows - 3 and 1 <= j <= columns - 3):
+            continue
+        growth = growth_on_grid(grid, centre[k, 0], centre[k, 1], centre[k, 2])
+        for di in range(3):
+            for dj in range(3):
+                _gradients_of_cell(nodes, i + di - 1, j + dj - 1, growth, east[di, dj], north[di, dj])
+        for number in range(OCTANTS):
+            (re, rn), (le, ln) = ends[number], ends[number + 1]
+            first_j, last_j = _entered(growth[0, 0] * re + growth[0, 1] * rn, growth[0, 0] * le + growth[0, 1] * ln)
+            first_i, last_i = _entered(growth[1, 0] * re + growth[1, 1] * rn, growth[1, 0] * le + growth[1, 1] * ln)
+            if u - j <= grid.leeway:
+                first_j = 0
+            if j + 1 - u <= grid.leeway:
+                last_j = 2
+            if v - i <= grid.leeway:
+                first_i = 0
+            if i + 1 - v <= grid.leeway:
+                last_i = 2
             steepest = 0.0
-            for row in range(i - 1, i + 2):
-                for column in range(j - 1, j + 2):
-                    slope = steepest_in_cell(surface.up_m, surface.grid, row, column)
-                    steepest = max(steepest, math.inf if math.isnan(slope) else slope)
-        out[k] = steepest
+            for di in range(first_i, last_i + 1):
+                for dj in range(first_j, last_j + 1):
+                    for corner in range(4):
+                        ge, gn = east[di, dj, corner], north[di, dj, corner]
+                        slope = math.hypot(ge, gn)
+                        rise = max(ge * re + gn * rn, ge * le + gn * ln)
+                        if re * gn - rn * ge >= 0.0 and ge * ln - gn * le >= 0.0:
+                            rise = slope
+                        # Without data a slope is infinite in all directions.
+                        rise = slope if slope == math.inf else rise + _BENT * slope
+                        steepest = max(steepest, rise)
+            out[k, octants[number]] = steepest
     return out
+
+
+@kernel
+def _gradients_of_cell(
+    nodes: NDArray[np.float64],
+    i: int,
+    j: int,
+    growth: NDArray[np.float64],
+    east: NDArray[np.float64],
+    north: NDArray[np.float64],
+) -> None:
+    """Write the gradients (4,) at the corners of a cell between nodes; infinite where one of these has no data.
+
+    ``growth`` is that of the grid there (:func:`uavcover.kernels.grid.growth_on_grid`).
+    """
+    south, far = nodes[i, j + 1] - nodes[i, j], nodes[i + 1, j + 1] - nodes[i + 1, j]
+    west, right = nodes[i + 1, j] - nodes[i, j], nodes[i + 1, j + 1] - nodes[i, j + 1]
+    if math.isnan(south + far):
+        east[:] = math.inf
+        north[:] = math.inf
+        return
+    for corner in range(4):
+        across, along = far if corner >= 2 else south, right if corner % 2 == 1 else west
+        left = 1.0 - (across * growth[0, 2] + along * growth[1, 2])
+        east[corner] = (across * growth[0, 0] + along * growth[1, 0]) / left if left > 0.0 else math.inf
+        north[corner] = (across * growth[0, 1] + along * growth[1, 1]) / left if left > 0.0 else math.inf
+
+
+@kernel
+def _entered(at_right: float, at_left: float) -> tuple[int, int]:
+    """First and last of three columns that ways from the middle one enter, if they go on so fast at both ends of an octant."""
+    return 0 if min(at_right, at_left) < 0.0 else 1, 2 if max(at_right, at_left) > 0.0 else 1
+
+
+@kernel
+def _octants() -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """(8,) numbers of the octants counter-clockwise from east, and (9, 2) the directions between them."""
+    ways = np.arange(OCTANTS + 1) * _OCTANT_RAD
+    ends = np.column_stack((np.cos(ways), np.sin(ways)))
+    octants = np.empty(OCTANTS, dtype=np.int64)
+    for number in range(OCTANTS):
+        way = (number + 0.5) * _OCTANT_RAD
+        octants[number] = octant_of(math.cos(way), math.sin(way))
+    return octants, ends
 
 
 @kernel
@@ -100,7 +176,7 @@ def _raise(
     half = 0.5 * side
     around = half * math.sqrt(2.0)
     rows, columns = tops.shape
-    octants = np.array([octant_of(math.cos(way), math.sin(way)) for way in (np.arange(OCTANTS) + 0.5) * _OCTANT_RAD])
+    octants, _ = _octants()
     begin2, end2 = begin * begin * (1.0 - _ROUNDING), end * end * (1.0 + _ROUNDING)
     for k in range(centre.shape[0]):
         e, n, u = centre[k, 0] - east0, centre[k, 1] - north0, centre[k, 2]
