@@ -132,6 +132,16 @@ def test_an_older_gap_mission_is_not_overwritten(cli: Cli, torn: Path) -> None:
     assert cli("gaps", torn, "--force").code == 0
 
 
+def test_what_to_run_next_is_a_suggestion_as_of_other_commands(cli: Cli, torn: Path) -> None:
+    """It was put behind the names of the written files."""
+    own = torn / "gaps"
+    *_, written, upload, fly, verify = cli("gaps", torn).out.splitlines()
+    assert written == f"written: {torn / 'gaps.geojson'}, {torn / 'gap_mission.waypoints'}"
+    assert upload == f"Next: uavcover plan-upload {own} --to URL"
+    assert fly == f"      uavcover fly {own} --to URL"
+    assert verify == f"      uavcover verify {torn} --log {torn / 'track.csv'} --log {own / 'track.csv'}"
+
+
 def broken_off(run: Path, share: float) -> dict[str, str]:
     """End the track after this share of its samples; the last row."""
     lines = (run / "track.csv").read_text().splitlines()

@@ -128,10 +128,13 @@ def fly(
         upload_first=link.url.startswith("mock:"),  # a vehicle that begins with this process holds nothing yet
     )  # fmt: skip
     if len(links) > 1:
+        from uavcover.run.close_gaps import GapRequest, commands_after_gaps
         from uavcover.run.fly_fleet import FleetOptions, fly_fleet
 
         ended, document = fly_fleet(folder, links, console, FleetOptions(flight=asked, on_loss=loss), command=sys.argv)
-        console.suggest(to_paste("verify", run))
+        gap_mission = (document["gaps"] or {}).get("mission")
+        following = [] if gap_mission is None else commands_after_gaps(folder, GapRequest())
+        console.suggest(to_paste("verify", run), *following)
         console.result(document)
         return INTERRUPTED if ended else int(bool(document["left"]))
     if older.resume:

@@ -38,7 +38,7 @@ def gaps(
     cannot reach what was asked for.
     """
     from uavcover.errors import InputError
-    from uavcover.run.close_gaps import GapRequest, GapStart, close_gaps
+    from uavcover.run.close_gaps import GapRequest, GapStart, close_gaps, commands_after_gaps
     from uavcover.run.folder import RunFolder
 
     if start not in list(GapStart):
@@ -48,6 +48,8 @@ def gaps(
         logs=logs or (), target=target, min_area_m2=min_area_m2, start=GapStart(start), force=force,
         accepted=accept_changed or (),
     )  # fmt: skip
-    _, document = close_gaps(RunFolder(run), console, request, command=sys.argv)
+    mission, document = close_gaps(RunFolder(run), console, request, command=sys.argv)
+    if mission is not None:
+        console.suggest(*commands_after_gaps(RunFolder(run), request))
     console.result(document)
     return 0 if document["target_met"] else 1

@@ -32,10 +32,10 @@ def report(
     """Write report.html: map, 3D view, heights, coverage, requirements, alternatives; one file, opens offline."""
     from uavcover.errors import OutputError
     from uavcover.report.page import draw_figures, save_report
-    from uavcover.run.folder import RunFolder
+    from uavcover.run.folder import REPORT_FILE, RunFolder
 
     console = output.console()
-    path = RunFolder(run).file("report.html") if page is None else page
+    path = RunFolder(run).file(REPORT_FILE) if page is None else page
     if page is not None and path.exists() and not force:
         raise OutputError(f"{path}: would be overwritten; use --force, or another name")
     content = save_report(RunFolder(run), path, console, logs=log or [], background=background)

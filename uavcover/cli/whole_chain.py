@@ -14,7 +14,7 @@ from uavcover.cli.console import Console
 from uavcover.errors import INTERRUPTED, InputError, VehicleError
 from uavcover.report.page import save_report
 from uavcover.run.fly import ENDED_BY_USER, FlightOptions, fly_run
-from uavcover.run.folder import RunFolder
+from uavcover.run.folder import REPORT_FILE, RunFolder
 from uavcover.run.judge import verify_run
 from uavcover.run.plan import PlanRequest, plan_into
 from uavcover.run.provenance import add_stage
@@ -65,7 +65,7 @@ def demonstrate(request: PlanRequest, scenario: str, console: Console, *, speed:
     at = time.monotonic()
     _, verdict = verify_run(run, console, command=request.command)
     _stage(run, "verify", at)
-    save_report(run, run.file("report.html"), console)
+    save_report(run, run.file(REPORT_FILE), console)
     console.say()
     _say_end(console, run, outcome.document, verdict, time.monotonic() - started)
     console.result({"run": str(run), "plan": outcome.document, "upload_passed": uploaded["passed"], "flight": flown,
@@ -88,7 +88,7 @@ def _say_end(console: Console, run: RunFolder, plan: dict[str, Any], verdict: di
     console.say(
         f"{verdict['verdict'] if verdict['passed'] else verdict['verdict'].upper()} in {wall_s:.0f} s. Open next:"
     )
-    console.say(f"  {run.file('report.html')}           map, 3D view, heights, coverage; opens in any browser")
+    console.say(f"  {run.file(REPORT_FILE)}           map, 3D view, heights, coverage; opens in any browser")
     console.say(f"  {to_paste('inspect', run)}              the flight in 3D ({run.file('flight.rrd')})")
     console.say(f"  {run.file('mission.waypoints')}     for Mission Planner; mission.plan for QGroundControl")
     console.say(f"  {run.file('verification.json')}     coverage, clearance and gaps of what was flown")

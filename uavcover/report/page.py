@@ -21,7 +21,7 @@ from uavcover.report.cell_layers import REASON_WORDS
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.map_data import bounds_m, drawn_every, map_data
 from uavcover.run.documents import bounds_in_words
-from uavcover.run.folder import RunFolder, write_text
+from uavcover.run.folder import REPORT_FILE, RunFolder, write_text
 from uavcover.run.judged_inputs import (
     accepted_in,
     inspect_inputs,
@@ -217,7 +217,7 @@ def _hash_source(script: str) -> str:
     return f"'sha256-{base64.b64encode(hashlib.sha256(script.encode()).digest()).decode()}'"
 
 
-REPORT, VERDICT = "report.html", "verification.json"
+VERDICT = "verification.json"
 
 
 def write_report(
@@ -239,7 +239,7 @@ def write_report(
         The file.
     """
     folder = RunFolder(run)
-    to = folder.file(REPORT) if path is None else Path(path)
+    to = folder.file(REPORT_FILE) if path is None else Path(path)
     behind = None if background is None else Path(background)
     save_report(folder, to, Unattended(), logs=[Path(log) for log in logs], background=behind)
     return to
@@ -254,9 +254,9 @@ def save_report(
         InputError: a file of the run is missing or broken.
         OutputError: the report cannot be written.
     """
-    of_run = path.resolve() == run.file(REPORT).resolve()
-    if of_run and run.file(REPORT).exists():
-        run.remove([REPORT])  # a report that is refused leaves no older one behind
+    of_run = path.resolve() == run.file(REPORT_FILE).resolve()
+    if of_run and run.file(REPORT_FILE).exists():
+        run.remove([REPORT_FILE])  # a report that is refused leaves no older one behind
     notices = standing(run, logs)
     with user.progress("reporting"):
         content = read_run(run, logs=logs, notices=notices)
@@ -266,7 +266,7 @@ def save_report(
         user.warn(warning)
     write_text(path, text)
     if of_run:
-        note_files(run, "report", [REPORT], command=sys.argv)
+        note_files(run, "report", [REPORT_FILE], command=sys.argv)
     user.say(f"written: {path} ({len(text.encode()) / 1e6:.1f} MB)")
     return content
 

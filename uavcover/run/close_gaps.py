@@ -155,19 +155,25 @@ def close_gaps(
         user.warn(f"{left_m2:.0f} square metres of the gaps stay open: no leg inside the limits was found for them")
     if not mission.plan.rule_met and target is not None:
         user.warn(f"the mission does not reach {percent(target)}; the best there is has been written")
-    user.say(f"written: {run.file('gaps.geojson')}, {run.file('gap_mission.waypoints')}. Next:")
-    if start is GapStart.LAST:
-        user.say(f"  {to_paste('fly', folder, '--resume', '--to', 'URL')}, from wherever the vehicle holds in the air;")
-        user.say(
-            "  or from a ground station: "
-            f"{to_paste('upload', run.file('gap_mission.waypoints'), '--to', 'URL', '--in-flight')},"
-        )
-        user.say("  started at its first item; it does not take off, and begins where the last log ends;")
-        user.say("  or from home, if the vehicle has landed:")
-    user.say(f"  {to_paste('plan-upload', folder, '--to', 'URL')}; {to_paste('fly', folder, '--to', 'URL')}")
-    own = (word for path in (*own_logs, folder.file("track.csv")) for word in ("--log", path))
-    user.say(f"  {to_paste('verify', run, *own)}")
+    user.say(f"written: {run.file('gaps.geojson')}, {run.file('gap_mission.waypoints')}")
     return mission, document
+
+
+def commands_after_gaps(run: RunFolder, request: GapRequest) -> list[str]:
+    """How the mission that :func:`close_gaps` has written is flown and judged, one command a line."""
+    folder = RunFolder(run.file(GAP_FOLDER))
+    commands = [to_paste("plan-upload", folder, "--to", "URL"), to_paste("fly", folder, "--to", "URL")]
+    if request.start is GapStart.LAST:
+        resume = to_paste("fly", folder, "--resume", "--to", "URL")
+        upload = to_paste("upload", run.file("gap_mission.waypoints"), "--to", "URL", "--in-flight")
+        commands = [
+            f"{resume}  # from wherever the vehicle holds in the air",
+            f"{upload}  # or by a ground station, started at its first item: begins where the last log ends",
+            f"{commands[0]}  # or from home, if the vehicle has landed",
+            commands[1],
+        ]
+    logs = (*(request.logs or flown_tracks(run)), folder.file("track.csv"))
+    return [*commands, to_paste("verify", run, *(word for path in logs for word in ("--log", path)))]
 
 
 def _say_gaps(user: User, report: VerificationReport) -> None:
