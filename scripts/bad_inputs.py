@@ -3,6 +3,7 @@
 .venv/bin/python scripts/bad_inputs.py            # writes docs/results/bad_inputs.md
 """
 
+import argparse
 import contextlib
 import io
 import os
@@ -79,6 +80,7 @@ def _error_of(arguments: list[str], folder: Path) -> str:
 
 def main() -> None:
     """Write the page."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     PAGE.write_text(page(), encoding="utf-8")
     print(f"written: {PAGE.relative_to(Path.cwd())}")
 

@@ -117,7 +117,9 @@ def main() -> int:
     parser.add_argument("--rate", type=float, default=10.0, help="megabytes of garbage a second")
     parser.add_argument("-o", "--output", type=file_to_write, help="append the row to this file")
     options = parser.parse_args()
-    seconds = min(options.seconds, LONGEST_S)
+    seconds: float = options.seconds
+    if not 0.0 < seconds <= LONGEST_S:
+        parser.error(f"--seconds {seconds:g}: give more than 0 and at most {LONGEST_S:g}")
     context = multiprocessing.get_context("spawn")
     port_told, started, sent = context.Value("i", 0), context.Value("i", 0), context.Value("q", 0)
     vehicle = context.Process(target=serve, args=(port_told, started, sent, options.rate, seconds), daemon=True)

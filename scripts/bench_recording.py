@@ -18,7 +18,8 @@ from uavcover.judging.verify import flown_coverage, verify_track
 from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.recording import describe_recording, read_recorded_track, write_recording
-from uavcover.recording.viewer import loading_time_s
+from uavcover.recording.layout import RecordingError
+from uavcover.recording.viewer import headless_viewer, loading_time_s
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
@@ -100,6 +101,11 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, nargs="?", metavar="OUT_DIR", default=Path("docs/results"))
     out = parser.parse_args().out
+    try:
+        with headless_viewer(Path("the viewer")):
+            pass
+    except RecordingError as error:
+        parser.error(str(error))
     out.mkdir(parents=True, exist_ok=True)
     rows = []
     with tempfile.TemporaryDirectory() as folder:

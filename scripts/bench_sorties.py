@@ -15,6 +15,7 @@ many seconds of processor time of one thread each.
 import argparse
 import dataclasses
 import datetime
+import importlib.util
 import itertools
 import math
 import time
@@ -24,8 +25,6 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import pyvrp
-from ortools.constraint_solver import pywrapcp, routing_enums_pb2
 
 from scripts.options import file_to_write
 from uavcover.kernels.arrays import FloatArray, IntArray
@@ -106,6 +105,8 @@ def ticks(seconds: FloatArray | float) -> IntArray:
 
 def by_pyvrp(parts: Parts, sorties: int, seconds: float) -> list[list[int]] | None:
     """The sorties that PyVRP finds."""
+    import pyvrp
+
     model = pyvrp.Model()
     home = model.add_location(0.0, 0.0)
     model.add_depot(home)
@@ -138,6 +139,8 @@ def by_pyvrp(parts: Parts, sorties: int, seconds: float) -> list[list[int]] | No
 
 def by_ortools(parts: Parts, sorties: int, seconds: float) -> list[list[int]] | None:
     """The sorties that OR-tools finds: savings, then guided local search."""
+    from ortools.constraint_solver import pywrapcp, routing_enums_pb2
+
     n, vehicles = len(parts.flown_s), sorties + _MORE_SORTIES
     costs = np.zeros((n + 1, n + 1), dtype=np.int64)
     costs[0, 1:] = ticks(parts.there_s)
@@ -264,6 +267,9 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=30.0)
     parser.add_argument("--only", choices=[name for name, _ in CASES])
     args = parser.parse_args()
+    for package in ("pyvrp", "ortools"):
+        if importlib.util.find_spec(package) is None:
+            parser.error(f"{package}: the package is not here; pip install pyvrp ortools")
     lines = [
         "# Sorties against routing solvers",
         "",

@@ -3,6 +3,7 @@
 .venv/bin/python scripts/make_obstacles.py
 """
 
+import argparse
 import csv
 import math
 from pathlib import Path
@@ -21,6 +22,7 @@ FROM_HOME_M = 60.0
 
 def main() -> None:
     """Draw places until sixty are far enough from each other and from the take-off place."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     rng = np.random.default_rng(60)
     middles: list[tuple[float, float]] = []
     reach = 0.5 * SIDE_M - INSET_M

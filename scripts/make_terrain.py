@@ -8,6 +8,7 @@ The sample is a 344 x 403 grid of int16 metres above EGM96, 3 arc seconds. Two t
 - its corners name the outer edges of the pixels, not their centres: only then is a pixel exactly 3 arc seconds.
 """
 
+import argparse
 from pathlib import Path
 
 import matplotlib.cbook
@@ -20,6 +21,7 @@ OUT = Path(__file__).resolve().parents[1] / "uavcover" / "data" / "jacksboro.tif
 
 def main() -> None:
     """Write the file and say what is in it."""
+    argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter).parse_args()
     sample = matplotlib.cbook.get_sample_data("jacksboro_fault_dem.npz")
     heights = np.asarray(sample["elevation"], dtype=np.int16)
     rows, columns = heights.shape

@@ -24,6 +24,7 @@ from scripts.options import (
     scenario_name,
     whole_numbers,
 )
+from uavcover.recording.layout import RecordingError
 
 ROOT = Path(__file__).parents[1]
 
@@ -36,6 +37,7 @@ BAD = {
     "bench_energy_aware {empty}": "no */config.yaml in it; see the top of the script",
     "bench_fleet --vehicles 1,x": "argument --vehicles: 1,x: give whole numbers, with commas between them",
     "bench_flight_time --vehicles zz": "argument --vehicles: zz: not known; choose from mock-ardupilot, ",
+    "bench_flood --seconds 900": "--seconds 900: give more than 0 and at most 600",
     "bench_kinds --recompute": "--recompute needs --runs DIR, the folder in which --runs kept the plans",
     "bench_kinds --recompute --runs {empty}": "/plan.json in it; keep the plans with --runs first",
     "bench_kinds --only zz:nadir": "argument --only: zz: not known; choose from ",
@@ -46,6 +48,7 @@ BAD = {
     "bench_optimizers --algorithms zz": "argument --algorithms: zz: not known; choose from imodbo, ",
     "bench_part_seams --only zz": "argument --only: zz: not known; choose from 25km2-10m, ",
     "bench_planning_limit --only zz": "argument --only: zz: not known; choose from jacksboro, ",
+    "bench_sorties": "the package is not here; pip install pyvrp ortools",
     "compare_batteries {empty}": "argument run: {empty}: no plan.json in it; name a run folder, as uavcover plan makes it",
     "conformance_mavproxy --mavproxy {empty}/none -o {empty}/out": "no such command; give the one that starts MAVProxy",
     "fuzz_formats --engine atheris": "--engine atheris: the package is not here; pip install atheris, or take --engine",
@@ -59,28 +62,61 @@ BAD = {
     "tune_search --only zz": "argument --only: zz: not known; choose from moves, goal, ",
 }
 """Command lines, {empty} is a folder with nothing in it, and what is said."""
+NEED = {"fuzz_formats": ["atheris"], "bench_sorties": ["pyvrp", "ortools"]}
+"""Where these can be imported, there is nothing wrong."""
 
 
 @pytest.mark.parametrize("command", BAD)
 def test_a_script_says_in_one_line_what_is_wrong(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Among them bench_kinds --recompute without --runs, which ended in a traceback."""
-    if "atheris" in command and importlib.util.find_spec("atheris"):
-        pytest.skip("atheris is here")
+    """Among them bench_kinds --recompute without --runs and bench_sorties without PyVRP, which ended in a traceback."""
+    for packages in [names for begins, names in NEED.items() if command.startswith(begins)]:
+        if all(map(importlib.util.find_spec, packages)):
+            pytest.skip(f"{' and '.join(packages)} can be imported")
     name, *options = (word.format(empty=tmp_path) for word in command.split())
+    code, out, err = run_script(name, *options, monkeypatch=monkeypatch, capsys=capsys)
+    assert code == 2
+    assert not out
+    last = err.splitlines()[-1]
+    assert last.startswith(f"{name}.py: error: ")
+    assert BAD[command].format(empty=tmp_path) in last
+
+
+def run_script(
+    name: str, *options: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> tuple[object, str, str]:
+    """Its exit code, and what it said on stdout and stderr."""
     script = ROOT / "scripts" / f"{name}.py"
     monkeypatch.setattr(sys, "argv", [str(script), *options])
     monkeypatch.setattr(sys, "path", [str(script.parent), *sys.path])
     monkeypatch.chdir(ROOT)
     with mock.patch.dict(os.environ), pytest.raises(SystemExit) as ended:
         runpy.run_path(str(script), run_name="__main__")
-    told = capsys.readouterr()
-    assert ended.value.code == 2
-    assert not told.out
-    last = told.err.splitlines()[-1]
-    assert last.startswith(f"{name}.py: error: ")
-    assert BAD[command].format(empty=tmp_path) in last
+    return (ended.value.code, *capsys.readouterr())
+
+
+def test_recordings_are_not_measured_where_no_viewer_runs(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    """Without a graphics driver it ended in a traceback, after the first case."""
+
+    def no_driver(path: Path) -> None:
+        raise RecordingError(f"{path}: no graphics driver")
+
+    monkeypatch.setattr("uavcover.recording.viewer.headless_viewer", no_driver)
+    code, out, err = run_script("bench_recording", str(tmp_path / "out"), monkeypatch=monkeypatch, capsys=capsys)
+    assert (code, out) == (2, "")
+    assert err.splitlines()[-1] == "bench_recording.py: error: the viewer: no graphics driver"
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.parametrize("name", ["bad_inputs", "make_obstacles", "make_terrain"])
+def test_help_is_no_run(name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
+    """These wrote their files, whatever stood behind the name."""
+    code, out, _ = run_script(name, "--help", monkeypatch=monkeypatch, capsys=capsys)
+    assert code == 0
+    assert out.startswith(f"usage: {name}.py")
 
 
 @pytest.mark.parametrize(
