@@ -7,7 +7,8 @@ import pytest
 
 from tests.judging.flights import Flight, changed, make_site, taken, track_of
 from tests.planning.sites import flat
-from uavcover.judging.verify import FlownTrack, Verdict, same_flight, verify_flight
+from uavcover.judging.same_flight import same_flight
+from uavcover.judging.verify import FlownTrack, Verdict, verify_flight
 from uavcover.model.track import Track
 
 RNG = np.random.default_rng(5)
