@@ -154,7 +154,8 @@ def test_bounds_in_words():
     assert bounds_in_words(bounds) == [
         "fewest waypoints for 100.00 %: at least 44, found 45, gap 2.27 %; proved for a lattice, by branch and bound",
         "most coverage with 40 waypoints: at most 98.00 %, found none; proved for a lattice, by branch and bound",
-        "shortest path for 90.00 %: at least 100 m, found 625 m, 6.2 times that; proved for a lattice, by branch and bound",
+        "shortest path for 90.00 %: at least 100 m, found 625 m (by the shortest of all routes), 6.2 times that; "
+        "proved for a lattice, by branch and bound",
     ]
     with pytest.raises(InputError, match=r"bounds.most_coverage is not a bound"):
         bounds_in_words({"most_coverage": {"found": 1.0}})

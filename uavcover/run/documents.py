@@ -122,7 +122,9 @@ def bound_in_words(question: str, entry: dict[str, Any]) -> str:
         else:
             name, unit = ("fewest waypoints", "") if question == "fewest_waypoints" else ("shortest path", " m")
             what = f"{name} for {_percent(entry['for_coverage_of_coverable'])}: at least {entry['at_least']:.0f}{unit}"
-            found_text = None if found is None else f"{found:.0f}{unit}"
+            # Another route than the chosen one where the planner makes something else small.
+            which = " (by the shortest of all routes)" if question == "shortest_path_m" else ""
+            found_text = None if found is None else f"{found:.0f}{unit}{which}"
         text = f"{what}, found {found_text or 'none'}"
         gap_text = "" if gap is None else f", {_gap_in_words(gap)}"
         return f"{text}{gap_text}; proved for {entry['proved_on']}, by {entry['method']}"
