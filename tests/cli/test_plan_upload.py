@@ -135,14 +135,36 @@ def test_several_vehicles_of_a_plan_for_one(cli: Cli, planned: Path) -> None:
 
 
 def test_several_vehicles_are_planned_for_and_uploaded_to(cli: Cli, tmp_path: Path) -> None:
-    run = tmp_path / "run"
+    run, scenario = tmp_path / "run", corner_of_the_demo(tmp_path)
+    text = scenario.read_text()
+    scenario.write_text(text.replace("[vehicle]\n", "[vehicle]\nendurance_s = 250.0\n"))
     ended = cli(
-        "plan-upload", corner_of_the_demo(tmp_path), "--to", "mock:", "--to", "mock:", "-o", run,
+        "plan-upload", scenario, "--to", "mock:", "--to", "mock:", "-o", run,
         "--evaluations", EVALUATIONS, "--json",
     )  # fmt: skip
     fleet = json.loads((run / "plan.json").read_text())["fleet"]
     assert fleet["vehicles"] == 2
     assert len(fleet["by_vehicle"]) == 2
-    assert ended.code == 0
+    assert ended.code == 0, ended.err
     assert [document["vehicle"] for document in ended.document["vehicles"]] == [1, 2]
     assert all((Path(document["run"]) / "upload.json").exists() for document in ended.document["vehicles"])
+
+
+def test_what_one_vehicle_does_as_soon_is_uploaded_to_one(cli: Cli, tmp_path: Path) -> None:
+    """Two were planned for a small area, with landings apart; with more than are needed nothing was uploaded to any."""
+    run = tmp_path / "run"
+    ended = cli(
+        "plan-upload", corner_of_the_demo(tmp_path), *("--to", "mock:") * 3, "-o", run, "--evaluations", EVALUATIONS,
+        "--json",
+    )  # fmt: skip
+    assert ended.code == 0, ended.err
+    fleet = json.loads((run / "plan.json").read_text())["fleet"]
+    assert (fleet["vehicles"], len(fleet["by_vehicle"])) == (3, 1)
+    assert "warning: nothing is uploaded to mock:, mock:: not needed" in ended.err
+    (told,) = ended.document["vehicles"]
+    assert (told["vehicle"], told["sortie"], Path(told["run"])) == (1, 1, run)
+    assert (run / "upload.json").exists()
+    assert f"Next: uavcover fly {run} --to mock:" in ended.err
+    again = cli("plan-upload", run, "--to", "mock:", "--to", "mock:")
+    assert again.code == 2
+    assert "more would not be done sooner; give --to once" in again.error

@@ -62,6 +62,18 @@ def test_more_vehicles_are_not_done_later(tmp_path: Path) -> None:
     assert sizes[0].vehicles == 2
 
 
+def test_one_vehicle_alone_may_be_done_soonest(tmp_path: Path) -> None:
+    """Two vehicles, whose landings are apart, took 335 s for some lines that one flies in 200 s."""
+    site = small_battery(tmp_path)
+    vehicle = dataclasses.replace(site.scenario.vehicle, endurance_s=None)
+    site = dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, vehicle=vehicle))
+    route = Route(fly_layout(site, plain_boustrophedon(site)).waypoints_m[:6])
+    sizes = [mission_size(site, route, vehicles=count) for count in (1, 2, 3)]
+    assert sizes[0] is not None
+    assert [size and size.makespan_s for size in sizes] == pytest.approx([sizes[0].makespan_s] * 3)
+    assert [size and size.vehicles for size in sizes] == [1, 1, 1]
+
+
 def written(run: RunFolder) -> tuple[int, int, float]:
     """Sorties, vehicles and makespan of the mission files of a run, by its plan.json."""
     plan: dict[str, Any] = json.loads(run.file("plan.json").read_text())

@@ -101,6 +101,9 @@ def plan_upload(
             console.result(outcome.document)
             return outcome.exit_code
     if len(links) > 1:
+        from uavcover.run.upload_fleet import links_that_fly
+
+        links = links if is_run else links_that_fly(folder, links, console)
         return _upload_each(folder, links, console, in_flight=in_flight)
     folder = folder.flight(sortie)
     site, planned = read_planned(folder)
@@ -127,6 +130,6 @@ def _upload_each(run: "RunFolder", links: "list[VehicleLink]", console: "Console
     documents = upload_fleet(run, links, console, in_flight=in_flight)
     passed = all(document["passed"] for document in documents)
     if passed:
-        console.suggest(to_paste("fly", run, *_said(links)))
+        console.suggest(to_paste("fly", run if len(links) > 1 else documents[0]["run"], *_said(links)))
     console.result({"run": str(run), "passed": passed, "vehicles": documents})
     return 0 if passed else 1

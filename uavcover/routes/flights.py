@@ -52,8 +52,8 @@ def compile_flights(
     if count != site.scenario.fleet.vehicles:
         site = site.flown_by(count)
     best = _cut_for(count, site, route, autopilot=name)
-    # Landings at one home are far apart: cut for fewer vehicles, a mission may be over sooner.
-    for fewer in range(count - 1, 1, -1):
+    # Landings at one home are far apart: cut for fewer vehicles, or flown by one, a mission may be over sooner.
+    for fewer in range(count - 1, 0, -1):
         found = _cut_for(fewer, site, route, autopilot=name)
         if makespan_s(site, found) > makespan_s(site, best):
             break
@@ -69,7 +69,7 @@ def _cut_for(vehicles: int, site: Site, route: Route, *, autopilot: AutopilotNam
             compile_sorties(site, route, autopilot=autopilot, vehicles=vehicles, spacing_share=share),
             autopilot=autopilot,
         )
-        for share in _SPACING_SHARES
+        for share in (_SPACING_SHARES if vehicles > 1 else _SPACING_SHARES[:1])
     ]
     return min(tried, key=lambda flights: makespan_s(site, flights))
 

@@ -78,8 +78,8 @@ def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
         flying = fleet["vehicles"]  # each has its own link, also one that stays on the ground
     if flying != vehicles or not isinstance(rows, list) or not rows:
         raise InputError(
-            f"{run}: is flown by {flying} vehicle{'' if flying == 1 else 's'}, and --to names {vehicles}; give --to {flying} "
-            f"times, or plan it with: uavcover plan SCENARIO --vehicles {vehicles}"
+            f"{run}: is flown by {flying} vehicle{'' if flying == 1 else 's'}, and --to names {vehicles}; give --to "
+            f"{'once' if flying == 1 else f'{flying} times'}, or plan it with: uavcover plan SCENARIO --vehicles {vehicles}"
         )
     try:
         asked = [(int(row["number"]), int(row["vehicle"]), float(row["takeoff_s"])) for row in rows]

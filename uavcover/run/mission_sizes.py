@@ -105,5 +105,5 @@ def _seconds(member: RouteMember, vehicles: int) -> float:
     n = len(member.route)
     if vehicles == 1:
         return 0.003 + 0.0008 * n
-    cuts = 1 if vehicles == 2 else 2  # for fewer vehicles too, until that is later
+    cuts = 1.5 if vehicles == 2 else 2.0  # for fewer vehicles too, until that is later
     return cuts * (0.01 + 0.002 * n + 1e-5 * n**2)

@@ -51,10 +51,12 @@ def first_sorties(run: RunFolder, count: int) -> tuple[FirstSortie, ...]:
             f"{run}: its {fleet.get('vehicles')} vehicles differ, and --to names {count}; give the link of each, vehicle 1 first"
         )
     unlike = isinstance(fleet, dict) and not fleet.get("alike", True)
+    if count == len(rows) == 1 and not folders:
+        return (FirstSortie(1, 1, 0.0, run),)
     if (len(rows) < count and not unlike) or not folders:
         flying = len(rows) if folders else 1
         if isinstance(fleet, dict) and fleet.get("vehicles", 0) >= count:
-            why = f"more would not be done sooner; give --to {flying} times"
+            why = f"more would not be done sooner; give --to {'once' if flying == 1 else f'{flying} times'}"
         else:
             why = f"plan it with: uavcover plan SCENARIO --vehicles {count}"
         planned = "one vehicle" if flying <= 1 else f"{flying} vehicles"
@@ -73,6 +75,22 @@ def first_sorties(run: RunFolder, count: int) -> tuple[FirstSortie, ...]:
         raise InputError(
             f"{run.file('plan.json')}: fleet is none ({type(error).__name__}: {error}); make it again with: uavcover plan"
         ) from error
+
+
+def links_that_fly(run: RunFolder, links: Sequence[VehicleLink], user: User) -> list[VehicleLink]:
+    """The links of the vehicles that a plan uses; the user is told of the others, which stay on the ground.
+
+    Args:
+        run: planned for the vehicles at these links.
+        links: vehicle 1 first.
+        user: who is told.
+    """
+    fleet = run.read_json("plan.json", made_by="uavcover plan").get("fleet")
+    rows = fleet.get("by_vehicle", []) if isinstance(fleet, dict) and fleet.get("alike", True) else []
+    flying = len(rows) or len(links)
+    if flying < len(links):
+        user.warn(f"nothing is uploaded to {', '.join(link.url for link in links[flying:])}: not needed")
+    return list(links[:flying])
 
 
 def require_at_once(fleet: object, run: RunFolder) -> None:
