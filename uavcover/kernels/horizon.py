@@ -172,20 +172,22 @@ def _raise(
     rise: NDArray[np.float64], centre: NDArray[np.float64], tops: NDArray[np.float64], east0: float, north0: float,
     side: float, begin: float, end: float,
 ) -> None:  # fmt: skip
-    """Raise the tangents by the squares that lie, in part at least, between two distances from each centre."""
+    """Raise the tangents, none below 0, by the squares that lie, in part at least, between two distances from each centre."""
     half = 0.5 * side
-    around = half * math.sqrt(2.0)
+    wider = half * (1.0 + 1e-9)
     rows, columns = tops.shape
     octants, _ = _octants()
     begin2, end2 = begin * begin * (1.0 - _ROUNDING), end * end * (1.0 + _ROUNDING)
+    # Counter-clockwise from east: the least of an octant's tangent and those beside it.
+    least_of_three = np.empty(OCTANTS)
     for k in range(centre.shape[0]):
         e, n, u = centre[k, 0] - east0, centre[k, 1] - north0, centre[k, 2]
-        least = rise[k].min()
+        least = _least_of_three(rise[k], octants, least_of_three)
         first_row, last_row = max(0, int((n - end) / side)), min(rows - 1, int((n + end) / side))
+        first, last = max(0, int((e - end) / side)), min(columns - 1, int((e + end) / side))
         for i in range(first_row, last_row + 1):
             dn = (i + 0.5) * side - n
             away_n = max(0.0, abs(dn) - half)
-            first, last = max(0, int((e - end) / side)), min(columns - 1, int((e + end) / side))
             for j in range(first, last + 1):
                 higher = tops[i, j] - u
                 # No square is nearer than it begins to count: skip what cannot raise any octant first.
@@ -193,33 +195,47 @@ def _raise(
                     continue
                 de = (j + 0.5) * side - e
                 away_e = max(0.0, abs(de) - half)
-                if away_e * away_e + away_n * away_n > end2 or (abs(de) + half) ** 2 + (abs(dn) + half) ** 2 < begin2:
+                near2 = away_e * away_e + away_n * away_n
+                number = _number_of(de, dn)
+                # From further away than its side a square reaches into the octants beside its middle's at most.
+                most = least_of_three[number]
+                if near2 >= side * side and higher * higher <= most * most * max(near2, begin2):
                     continue
-                near = math.hypot(away_e, away_n)
-                tangent = higher / max(near, begin)
-                if tangent <= least:
+                if near2 > end2 or (abs(de) + half) ** 2 + (abs(dn) + half) ** 2 < begin2:
                     continue
-                if near <= 0.0:
+                tangent = higher / max(math.sqrt(near2), begin)
+                if near2 <= 0.0:
                     for octant in range(OCTANTS):
                         rise[k, octant] = max(rise[k, octant], tangent)
-                    least = rise[k].min()
+                    least = _least_of_three(rise[k], octants, least_of_three)
                     continue
-                number = _number_of(de, dn)
-                if (
-                    near >= side
-                    and tangent <= rise[k, octants[number]]
-                    and tangent <= rise[k, octants[(number + 1) % OCTANTS]]
-                    and tangent <= rise[k, octants[(number + 7) % OCTANTS]]
-                ):
-                    # From so far away a square reaches into the octants beside its middle's at most.
-                    continue
-                middle, distance = math.atan2(dn, de), math.hypot(de, dn)
-                width = math.asin(min(1.0, around / distance)) + 1e-9
-                first_number = math.floor((middle - width) / _OCTANT_RAD)
-                for number in range(first_number, math.floor((middle + width) / _OCTANT_RAD) + 1):
-                    octant = octants[number % OCTANTS]
-                    rise[k, octant] = max(rise[k, octant], tangent)
-                least = rise[k].min()
+                # Its corners are less than half a turn apart.
+                right, left = 0, 0
+                for corner in range(4):
+                    beside = wider if corner % 2 == 1 else -wider
+                    other = _number_of(de + beside, dn + (wider if corner >= 2 else -wider)) - number
+                    other = (other + OCTANTS // 2) % OCTANTS - OCTANTS // 2
+                    right, left = min(right, other), max(left, other)
+                higher_anywhere = False
+                for other in range(number + right, number + left + 1):
+                    octant = octants[other % OCTANTS]
+                    if tangent > rise[k, octant]:
+                        rise[k, octant] = tangent
+                        higher_anywhere = True
+                if higher_anywhere:
+                    least = _least_of_three(rise[k], octants, least_of_three)
+
+
+@kernel
+def _least_of_three(rise: NDArray[np.float64], octants: NDArray[np.int64], out: NDArray[np.float64]) -> float:
+    """Write, counter-clockwise from east, the least of each octant's tangent and the two beside it; returns the least of all."""
+    least = math.inf
+    for number in range(OCTANTS):
+        own = rise[octants[number]]
+        before, behind = rise[octants[number - 1]], rise[octants[(number + 1) % OCTANTS]]
+        out[number] = min(own, before, behind)
+        least = min(least, own)
+    return least
 
 
 @kernel
