@@ -47,7 +47,9 @@ def unsure_pictures(site: Site, route_m: FloatArray) -> Iterator[UnsurePicture]:
     for number, (leg, place_m) in enumerate(zip(legs, places_m, strict=True)):
         is_last = number + 1 == len(legs)
         due = len(line_m) if is_last else int(legs[number + 1]) + 1
-        missed = _turned_back(line_m[leg + 1 : due], place_m, least_m=trigger_m - LEAST_SPARE_M)
+        # Between most pictures the line is straight.
+        turns = due - leg > 2
+        missed = _turned_back(line_m[leg + 1 : due], place_m, least_m=trigger_m - LEAST_SPARE_M) if turns else None
         if missed is not None:
             yield _unsure(missed, place_m, trigger_m)
         if not is_last:
