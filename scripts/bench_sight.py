@@ -19,7 +19,7 @@ if __name__ == "__main__":
 import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.coverage import NO_RISE, Cells
+from uavcover.kernels.cells import NO_RISE, Cells
 from uavcover.kernels.nadir_visibility import cone_cells
 from uavcover.kernels.picture_visibility import picture_cells
 from uavcover.kernels.route_state import RouteState, list_visible

@@ -11,7 +11,8 @@ from tests.kernels.test_obstacles import obstacles_of
 from tests.naive import coverage as naive
 from tests.naive import plan_coverage as naive_pictures
 from uavcover.kernels import coverage as kernels
-from uavcover.kernels.coverage import Cells
+from uavcover.kernels.cells import Cells
+from uavcover.kernels.line_of_sight import in_line_of_sight
 from uavcover.kernels.obstacles import horizons, roofs_m
 from uavcover.kernels.sight import (
     CONE,
@@ -165,7 +166,7 @@ def test_each_pair_equals_the_naive_twin(sight, seed):
         assert kernels.sees(surface, sight, aim, eyes[i], cells.centre_m[i], cells.normal[i]) == expected[i]
         view = in_view(sight, aim, *(eyes[i] - cells.centre_m[i]), *cells.normal[i])
         assert view == naive.in_view(sight, *(row[i] for row in rows))
-        clear = kernels.in_line_of_sight(surface, sight, eyes[i], cells.centre_m[i])
+        clear = in_line_of_sight(surface, sight, eyes[i], cells.centre_m[i])
         assert (view and clear) == expected[i]
 
 

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from tests.compiled_kernels import cases
-from uavcover.kernels.coverage import NO_RISE, Cells, first_seen, rise_towards
+from uavcover.kernels.cells import NO_RISE, Cells
+from uavcover.kernels.coverage import first_seen
 from uavcover.kernels.horizon import OCTANTS, octant_of, rises
+from uavcover.kernels.line_of_sight import rise_towards
 from uavcover.kernels.sight import RAY, SPHERE, Sight
 from uavcover.kernels.surface import Surface, heights
 from uavcover.scenario.ground import grid_ground, sine_cosine_ground

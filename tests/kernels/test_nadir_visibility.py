@@ -12,7 +12,7 @@ from tests.compiled_kernels import cases
 from tests.kernels.test_coverage import cells_on, rough_ground
 from tests.naive import route_state as naive
 from tests.naive import runs as naive_runs
-from uavcover.kernels.coverage import Cells
+from uavcover.kernels.cells import Cells
 from uavcover.kernels.nadir_visibility import NOT_SO, cone_cells, list_cone_runs
 from uavcover.kernels.search_problem import ALONG_PATH
 from uavcover.kernels.sight import CONE, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight

@@ -11,7 +11,7 @@ from tests.compiled_kernels import cases
 from tests.kernels.test_coverage import cells_on, deterministic, rough_ground, sights
 from tests.naive import observation_counting as naive
 from uavcover.kernels import observation_counting as kernels
-from uavcover.kernels.coverage import Cells
+from uavcover.kernels.cells import Cells
 from uavcover.kernels.observation_counting import Camera
 from uavcover.kernels.sight import (
     CONE,

@@ -1,78 +1,20 @@
-"""Coverage of a route: a loop over the observations, and within it one over the cells in reach.
-
-The cells lie on a square lattice; ``lattice`` maps its rows and columns to cell numbers, -1 where there is no cell.
-"""
+"""Coverage of a route: a loop over the observations, and within it one over the cells in reach."""
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import Point
-from uavcover.kernels.horizon import OCTANTS, octant_of
+from uavcover.kernels.cells import Cells
 from uavcover.kernels.jit import kernel
-from uavcover.kernels.obstacles import keeps_clear
-from uavcover.kernels.sight import MIDPOINT, NO_LINE_OF_SIGHT, RAY, Aim, Sight, horizontal_reach, in_view, level_aim
-from uavcover.kernels.skyline import CLEAR, HIDDEN, NO_SKYLINES, UNDECIDED, Skylines, beyond_skyline, skyline_row
-from uavcover.kernels.surface import Surface, has_node_cell, height_above, stays_above
-
-GRAZING_M = 1e-6
-"""A ray that dips below the ground by no more than this still sees: the target itself lies on the ground."""
+from uavcover.kernels.line_of_sight import cell_in_line_of_sight, in_line_of_sight, known_of_sight, surroundings
+from uavcover.kernels.sight import Aim, Sight, horizontal_reach, in_view, level_aim
+from uavcover.kernels.skyline import CLEAR, HIDDEN
+from uavcover.kernels.surface import Surface, has_node_cell
 
 _ROUNDING = 1e-9
 """A picture that is due no further behind the end of a leg than this, as a share of it, is taken at its end."""
-
-
-PAST_OBSTACLES = 3
-"""Beside UNDECIDED, CLEAR and HIDDEN of a skyline: the ground may be in the way."""
-
-NO_RISE = np.empty((0, OCTANTS))
-NO_RISE.flags.writeable = False
-
-
-class Cells(NamedTuple):
-    """The cells of an area.
-
-    Attributes:
-        east0_m: east of the centre of lattice column 0.
-        north0_m: north of the centre of lattice row 0.
-        size_m: side of a cell.
-        lattice: (rows, columns) int32, number of the cell or -1.
-        centre_m: (n, 3) centres on the ground, or on the roof of what stands there.
-        normal: (n, 3) unit normals of the ground, or of the roof.
-        horizon: (n,) tangent of the slope above which no obstacle in the sensor's reach can hide the cell; 0 where none is near.
-        scatter_m: no centre is farther than this from its place on the lattice, on the map.
-        rise: (n, 8) of :func:`uavcover.kernels.horizon.rises` within the sensor's reach; (0, 8) where it is not known.
-        skylines: of the cells that obstacles may hide.
-    """
-
-    east0_m: float
-    north0_m: float
-    size_m: float
-    lattice: NDArray[np.int32]
-    centre_m: NDArray[np.float64]
-    normal: NDArray[np.float64]
-    horizon: NDArray[np.float64]
-    scatter_m: float = 0.0
-    rise: NDArray[np.float64] = NO_RISE
-    skylines: Skylines = NO_SKYLINES
-
-
-class Surroundings(NamedTuple):
-    """What is known around a cell; tangents.
-
-    Attributes:
-        horizon: rays at least so steep pass over all obstacles.
-        row: of its skyline, -1 where it has none.
-        steepest: rays at least so steep are clear of the ground.
-        rises: whether they are also where they are as steep as the cell's ``rise`` in their octant.
-    """
-
-    horizon: float
-    row: int
-    steepest: float
-    rises: bool
 
 
 @kernel
@@ -96,94 +38,6 @@ def sees(
     if not in_view(sight, aim, de, dn, du, normal[0], normal[1], normal[2]):
         return False
     return in_line_of_sight(surface, sight, eye, centre)
-
-
-@kernel
-def in_line_of_sight(surface: Surface, sight: Sight, eye: NDArray[np.float64], centre: NDArray[np.float64]) -> bool:
-    """Whether neither ground nor an obstacle stands between ``eye`` (3,) and the centre (3,) of a cell."""
-    p, q = (eye[0], eye[1], eye[2]), (centre[0], centre[1], centre[2])
-    return _nothing_between(surface, sight, False, p, q)
-
-
-@kernel
-def rise_towards(cells: Cells, cell: int, east: float, north: float) -> float:
-    """How steeply the ground may rise around a cell in a direction of the map, tangent; infinite where it is not known."""
-    return float(cells.rise[cell, octant_of(east, north)]) if cells.rise.shape[0] > 0 else math.inf
-
-
-@kernel
-def surroundings(surface: Surface, sight: Sight, cells: Cells, cell: int, over_nodes: bool) -> Surroundings:
-    """What is known around a cell; ``over_nodes``: whether all places that are asked for are over the nodes of the ground."""
-    if sight.line_of_sight == RAY:
-        rises = over_nodes and cells.rise.shape[0] > 0
-        steepest = surface.steepest if over_nodes else math.inf
-        return Surroundings(cells.horizon[cell], skyline_row(cells.skylines, cell), steepest, rises)
-    if sight.line_of_sight == NO_LINE_OF_SIGHT:
-        return Surroundings(-math.inf, -1, -math.inf, False)
-    return Surroundings(math.inf, -1, math.inf, False)
-
-
-@kernel
-def known_of_sight(
-    around: Surroundings,
-    bounds: NDArray[np.float32],
-    rise: NDArray[np.float64],
-    cell: int,
-    east: float,
-    north: float,
-    up: float,
-) -> int:
-    """What is known of the line of sight to a place so far from a cell, without asking the ground or obstacles.
-
-    Args:
-        around: the cell's.
-        bounds: of the skylines.
-        rise: of the cells.
-        cell: its number.
-        east: from the cell to the place, metres.
-        north: likewise.
-        up: likewise.
-
-    Returns:
-        CLEAR; PAST_OBSTACLES where the ground alone may be in the way; HIDDEN; or UNDECIDED.
-    """
-    over_ground = math.sqrt(east * east + north * north)
-    if not up >= around.horizon * over_ground:
-        past = UNDECIDED if around.row < 0 else beyond_skyline(bounds, around.row, east, north, up)
-        if past != CLEAR:
-            return past
-    # A ray that leaves the cell more steeply than the ground can rise on its way: nothing stands there.
-    if up >= around.steepest * over_ground:
-        return CLEAR
-    if around.rises and up >= rise[cell, octant_of(east, north)] * over_ground:
-        return CLEAR
-    return PAST_OBSTACLES
-
-
-@kernel
-def cell_in_line_of_sight(surface: Surface, sight: Sight, cells: Cells, cell: int, eye: Point) -> bool:
-    """:func:`in_line_of_sight` of a cell, with what is known of its surroundings."""
-    ce, cn, cu = cells.centre_m[cell, 0], cells.centre_m[cell, 1], cells.centre_m[cell, 2]
-    around = surroundings(surface, sight, cells, cell, has_node_cell(surface, eye[0], eye[1], eye[2]))
-    known = known_of_sight(around, cells.skylines.bounds, cells.rise, cell, eye[0] - ce, eye[1] - cn, eye[2] - cu)
-    if known in (CLEAR, HIDDEN):
-        return known == CLEAR
-    return _nothing_between(surface, sight, known == PAST_OBSTACLES, eye, (ce, cn, cu))
-
-
-@kernel
-def _nothing_between(surface: Surface, sight: Sight, past_obstacles: bool, eye: Point, centre: Point) -> bool:
-    """:func:`in_line_of_sight` by coordinates; ``past_obstacles``: whether no obstacle is known to be in the way."""
-    (ee, en, eu), (ce, cn, cu) = eye, centre
-    if sight.line_of_sight == RAY:
-        if not past_obstacles and not keeps_clear(surface.obstacles, eye, centre, 0.0, 0.0):
-            return False
-        if eu - cu >= surface.steepest * math.hypot(ee - ce, en - cn) and has_node_cell(surface, ee, en, eu):
-            return True
-        return stays_above(surface, ee, en, eu, ce, cn, cu, -GRAZING_M)
-    if sight.line_of_sight == MIDPOINT:
-        return bool(height_above(surface, 0.5 * (ee + ce), 0.5 * (en + cn), 0.5 * (eu + cu)) >= 0.0)
-    return True
 
 
 @kernel

@@ -25,7 +25,7 @@ counts, grow to the same side of the bin; the smallest and the largest distance.
 PASSED_FIELDS = 7
 
 
-class Prices(NamedTuple):
+class NodePrices(NamedTuple):
     """Prices of ground on the squares of a relief.
 
     Attributes:
@@ -57,7 +57,7 @@ def _steepest(box: NDArray[np.float64], first: int) -> float:
 
 @kernel
 def _look_around(
-    prices: Prices, side: float, e: float, n: float, ue: float, un: float, first: float, last: float,
+    prices: NodePrices, side: float, e: float, n: float, ue: float, un: float, first: float, last: float,
     box: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Write to ``box`` what windows between two distances from a place say together."""
@@ -92,7 +92,7 @@ def _products(a0: float, a1: float, b0: float, b1: float) -> tuple[float, float]
 
 @kernel
 def _passed(
-    relief: Relief, prices: Prices, place: tuple[float, float], direction: tuple[float, float], r: float, wide: float,
+    relief: Relief, prices: NodePrices, place: tuple[float, float], direction: tuple[float, float], r: float, wide: float,
     slopes: NDArray[np.float64], box: NDArray[np.float64], out: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """What lies at the end of view in a bin of directions, for all places of a square: price times distance over growth.
@@ -217,7 +217,7 @@ def _passed(
 
 @kernel
 def rates_in_squares(
-    relief: Relief, prices: Prices, directions: NDArray[np.float64], group: int, headings: NDArray[np.float64], stride: int,
+    relief: Relief, prices: NodePrices, directions: NDArray[np.float64], group: int, headings: NDArray[np.float64], stride: int,
     offset: tuple[int, int], parts: int, rates: NDArray[np.float64], largest: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Write what a metre of path gains at most at any place of each square, along any heading.
@@ -305,7 +305,7 @@ def rates_in_squares(
 
 @kernel
 def _tell_ground(
-    prices: Prices, place: tuple[float, float], directions: NDArray[np.float64], reach: float, size: float,
+    prices: NodePrices, place: tuple[float, float], directions: NDArray[np.float64], reach: float, size: float,
     passed: NDArray[np.float64], rate: float, largest: NDArray[np.float64],
 ) -> None:  # fmt: skip
     """Write a rate to all cells whose ground may be at the end of view from a square: the windows that its bound looked at."""

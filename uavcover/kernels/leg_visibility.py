@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import Point
-from uavcover.kernels.coverage import Cells, Surroundings, cell_in_line_of_sight, known_of_sight, surroundings
+from uavcover.kernels.cells import Cells
 from uavcover.kernels.jit import kernel
+from uavcover.kernels.line_of_sight import Surroundings, cell_in_line_of_sight, known_of_sight, surroundings
 from uavcover.kernels.sight import (
     CONE,
     DISC,

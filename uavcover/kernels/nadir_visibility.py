@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.coverage import Cells
+from uavcover.kernels.cells import Cells
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.leg_visibility import leg_sees_cell, samples_of_leg
 from uavcover.kernels.sight import CONE, NO_LINE_OF_SIGHT, RAY, Sight, horizontal_reach

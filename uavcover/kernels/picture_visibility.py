@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import Point
-from uavcover.kernels.coverage import Cells
+from uavcover.kernels.cells import Cells
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.leg_visibility import leg_sees_cell, leg_surely_shows, samples_of_leg
 from uavcover.kernels.nadir_visibility import NOT_SO, columns_in_reach, laid_out, lowest_around, steepest_around

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.coverage import Cells
+from uavcover.kernels.cells import Cells
 from uavcover.kernels.jit import kernel
 from uavcover.kernels.nadir_visibility import ConeCells
 from uavcover.kernels.obstacles import keeps_clear

@@ -11,7 +11,7 @@ import numpy as np
 import scipy.ndimage
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.kernels.ground_prices import WINDOW_FIELDS, Prices, rates_in_squares
+from uavcover.kernels.ground_prices import WINDOW_FIELDS, NodePrices, rates_in_squares
 from uavcover.kernels.ground_samples import looks_from_tiles
 from uavcover.kernels.relief import Relief
 from uavcover.kernels.sight import horizontal_reach
@@ -163,7 +163,7 @@ def _corners(nodes: FloatArray) -> FloatArray:
     return np.stack([nodes[:-1, :-1], nodes[1:, :-1], nodes[:-1, 1:], nodes[1:, 1:]])
 
 
-def _prices(relief: Relief, program: PriceProgram, bins: int) -> Prices:
+def _prices(relief: Relief, program: PriceProgram, bins: int) -> NodePrices:
     per_m2, slack, side = program.at_nodes(), _SLACK * relief.side, relief.side
     around = 0.5 * side + relief.reach * math.pi / bins + slack
     squares = math.ceil(2.0 * around / side) + 1
@@ -180,7 +180,7 @@ def _prices(relief: Relief, program: PriceProgram, bins: int) -> Prices:
                 np.where(program.priced, _corners(per_m2).max(axis=0), 0.0), squares, least=False
             )
             field += 1
-    return Prices(per_m2, windows, around, slack)
+    return NodePrices(per_m2, windows, around, slack)
 
 
 def _over_windows(values: FloatArray, squares: int, *, least: bool) -> FloatArray:

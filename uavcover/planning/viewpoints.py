@@ -11,7 +11,7 @@ import shapely
 
 from uavcover.kernels import coverage as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.kernels.coverage import Cells
+from uavcover.kernels.cells import Cells
 from uavcover.kernels.sight import Sight
 from uavcover.planning.baselines.boustrophedon import best_height_agl_m
 from uavcover.planning.set_cover.candidates import seen_from_each

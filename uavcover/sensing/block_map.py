@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.kernels.coverage import Cells
+from uavcover.kernels.cells import Cells
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import MAX_CELLS, CellGrid, lattice_shape
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, judging_block, keep_judging_map, row_blocks

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.coverage import NO_RISE, Cells
+from uavcover.kernels.cells import NO_RISE, Cells
 from uavcover.kernels.horizon import rises
 from uavcover.kernels.obstacles import horizons
 from uavcover.kernels.sight import RAY, widest_tangent
