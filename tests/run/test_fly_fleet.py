@@ -237,6 +237,11 @@ def test_the_plan_is_for_another_number_of_vehicles(planned: RunFolder, tmp_path
     with pytest.raises(InputError, match=r"is flown by 2 vehicles, and --to names 3; give --to 2 times, or plan it"):
         planned_jobs(run, 3)
     document = json.loads(run.file("plan.json").read_text())
+    document["fleet"]["vehicles"] = 3
+    run.file("plan.json").write_text(json.dumps(document))
+    # It said to plan for three, for whom it was planned.
+    with pytest.raises(InputError, match=r"give --to 2 times; more would not be done sooner$"):
+        planned_jobs(run, 3)
     document["sorties"][0]["vehicle"] = 7
     run.file("plan.json").write_text(json.dumps(document))
     with pytest.raises(InputError, match=r"sorties name other vehicles than 1 to 2"):

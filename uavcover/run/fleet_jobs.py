@@ -77,9 +77,15 @@ def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
     if not alike and isinstance(fleet, dict) and isinstance(fleet.get("vehicles"), int):
         flying = fleet["vehicles"]  # each has its own link, also one that stays on the ground
     if flying != vehicles or not isinstance(rows, list) or not rows:
+        planned_for = fleet.get("vehicles", 0) if isinstance(fleet, dict) else 1
+        more = (
+            "; more would not be done sooner"
+            if planned_for >= vehicles > flying
+            else f", or plan it with: uavcover plan SCENARIO --vehicles {vehicles}"
+        )
         raise InputError(
             f"{run}: is flown by {flying} vehicle{'' if flying == 1 else 's'}, and --to names {vehicles}; give --to "
-            f"{'once' if flying == 1 else f'{flying} times'}, or plan it with: uavcover plan SCENARIO --vehicles {vehicles}"
+            f"{'once' if flying == 1 else f'{flying} times'}{more}"
         )
     try:
         asked = [(int(row["number"]), int(row["vehicle"]), float(row["takeoff_s"])) for row in rows]
