@@ -9,7 +9,6 @@ from tests.compiled_kernels import cases
 from uavcover.kernels.cells import NO_RISE, Cells
 from uavcover.kernels.coverage import first_seen
 from uavcover.kernels.horizon import OCTANTS, octant_of, rises
-from uavcover.kernels.line_of_sight import rise_towards
 from uavcover.kernels.sight import RAY, SPHERE, Sight
 from uavcover.kernels.surface import Surface, heights
 from uavcover.scenario.ground import grid_ground, sine_cosine_ground
@@ -160,6 +159,4 @@ def test_the_same_is_seen_with_bounds_and_without(seed, gap):
     seen = first_seen(surface, sight, bare, eyes, headings)
     np.testing.assert_array_equal(seen, first_seen(surface, sight, bounded, eyes, headings))
     assert len(set(seen.tolist())) > 3
-    assert rise_towards(bare, 0, 1.0, 0.0) == math.inf
-    assert rise_towards(bounded, 0, 1.0, 0.5) == rise[0, 0]
     assert NO_RISE.shape == (0, OCTANTS)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from uavcover.kernels.arrays import Point
 from uavcover.kernels.cells import Cells
 from uavcover.kernels.jit import kernel
-from uavcover.kernels.line_of_sight import Surroundings, cell_in_line_of_sight, known_of_sight, surroundings
+from uavcover.kernels.line_of_sight import AroundCell, cell_in_line_of_sight, known_of_sight, surroundings
 from uavcover.kernels.sight import (
     CONE,
     DISC,
@@ -280,7 +280,7 @@ def leg_surely_shows(
 
 @kernel
 def _known_of_sample(
-    sight: Sight, aim: Aim, cells: Cells, cell: int, around: Surroundings, a: Point, d: Point, t: float
+    sight: Sight, aim: Aim, cells: Cells, cell: int, around: AroundCell, a: Point, d: Point, t: float
 ) -> int:
     """:func:`known_of_sight` to the cell's own centre plus a plus t d; HIDDEN where that is not in view."""
     e, n, u = a[0] + t * d[0], a[1] + t * d[1], a[2] + t * d[2]

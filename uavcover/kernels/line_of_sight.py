@@ -26,7 +26,7 @@ PAST_OBSTACLES = 3
 """Beside UNDECIDED, CLEAR and HIDDEN of a skyline: the ground may be in the way."""
 
 
-class Surroundings(NamedTuple):
+class AroundCell(NamedTuple):
     """What is known around a cell; tangents.
 
     Attributes:
@@ -50,26 +50,20 @@ def in_line_of_sight(surface: Surface, sight: Sight, eye: NDArray[np.float64], c
 
 
 @kernel
-def rise_towards(cells: Cells, cell: int, east: float, north: float) -> float:
-    """How steeply the ground may rise around a cell in a direction of the map, tangent; infinite where it is not known."""
-    return float(cells.rise[cell, octant_of(east, north)]) if cells.rise.shape[0] > 0 else math.inf
-
-
-@kernel
-def surroundings(surface: Surface, sight: Sight, cells: Cells, cell: int, over_nodes: bool) -> Surroundings:
+def surroundings(surface: Surface, sight: Sight, cells: Cells, cell: int, over_nodes: bool) -> AroundCell:
     """What is known around a cell; ``over_nodes``: whether all places that are asked for are over the nodes of the ground."""
     if sight.line_of_sight == RAY:
         rises = over_nodes and cells.rise.shape[0] > 0
         steepest = surface.steepest if over_nodes else math.inf
-        return Surroundings(cells.horizon[cell], skyline_row(cells.skylines, cell), steepest, rises)
+        return AroundCell(cells.horizon[cell], skyline_row(cells.skylines, cell), steepest, rises)
     if sight.line_of_sight == NO_LINE_OF_SIGHT:
-        return Surroundings(-math.inf, -1, -math.inf, False)
-    return Surroundings(math.inf, -1, math.inf, False)
+        return AroundCell(-math.inf, -1, -math.inf, False)
+    return AroundCell(math.inf, -1, math.inf, False)
 
 
 @kernel
 def known_of_sight(
-    around: Surroundings,
+    around: AroundCell,
     bounds: NDArray[np.float32],
     rise: NDArray[np.float64],
     cell: int,
