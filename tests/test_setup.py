@@ -37,10 +37,19 @@ def demo(clone: Path, out: Path, *arguments: str, timeout_s: float, **more: str)
 
 
 def written_into(clone: Path) -> set[str]:
-    status = ["git", "-C", str(clone), "status", "--porcelain", "--ignored", "--untracked-files=all"]
-    lines = subprocess.run(status, check=True, capture_output=True, text=True, timeout=300).stdout.splitlines()
-    paths = {line[3:] for line in lines}
+    status = ["git", "-C", str(clone), "status", "--porcelain", "-z", "--ignored", "--untracked-files=all"]
+    lines = subprocess.run(status, check=True, capture_output=True, text=True, timeout=300).stdout.split("\0")
+    paths = {line[3:] for line in lines if line}
     return {path for path in paths if not path.startswith(".venv/") and "__pycache__/" not in path}
+
+
+def test_names_with_spaces_in_the_environment_are_not_written_into_the_clone(tmp_path: Path) -> None:
+    """git quotes them, so that test_demo_from_nothing took "script (dev).tmpl" of setuptools for a file outside of .venv."""
+    subprocess.run(["git", "init", "--quiet", str(tmp_path)], check=True, capture_output=True, timeout=300)
+    (tmp_path / ".venv").mkdir()
+    (tmp_path / ".venv" / "script (dev).tmpl").touch()
+    (tmp_path / "two words.txt").touch()
+    assert written_into(tmp_path) == {"two words.txt"}
 
 
 def test_demo_in_a_clean_clone_and_once_more(clone: Path, tmp_path: Path) -> None:
