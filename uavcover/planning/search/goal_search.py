@@ -52,19 +52,23 @@ def search_goals(
         found = search_goal(
             work, known, asked, capacity, (begin, end), tuned.main_stages, judge, most_short=tuned.most_short_at_first
         )
-        price, with_closing = None, min(work.pace.fraction, end) + tuned.closing_share * (until - begin)
+        with_closing = min(work.pace.fraction, end) + tuned.closing_share * (until - begin)
         closed = closed_end(work, found, asked, judge, until=with_closing)
+        from_beginning = closed is None
         if closed is None:
             with_closing += (tuned.closing_share_far - tuned.closing_share) * (until - begin)
             closed = closed_beginning(work, starts, found, asked, judge, until=with_closing)
-            price = None if closed is None else tuned.dear_ground * price_between(work.problem, found[-1], closed)
+        # At the price by which it ended short, the search would open the gaps again; beyond ``nearly_all`` it is dear anyway.
+        price = None
+        if closed is not None and (from_beginning or asked <= tuned.nearly_all):
+            price = tuned.dear_ground * price_between(work.problem, found[-1], closed)
         known += found
         if closed is not None:
             judge.found(closed.route)
         if closed is not None and len(closed.route) <= capacity:
             main += tuned.closing_share
             after, end = min(work.pace.fraction, end), begin + main * (until - begin)
-            stages = tuned.stages if price is None else tuned.main_stages
+            stages = tuned.main_stages if from_beginning else tuned.stages
             again = search_goal(
                 work, [closed], asked, capacity, (after, end), stages, judge, closed=True, coverage_price=price
             )
@@ -72,7 +76,7 @@ def search_goals(
             # Cells of the search may see all where those that judge lack a few.
             last = closed_end(
                 work, again, asked, judge, until=end + tuned.closing_share * (until - begin),
-                least_short=0 if price is None else tuned.most_closed_after,
+                least_short=tuned.most_closed_after if from_beginning else 0,
             )  # fmt: skip
             if last is not None:
                 judge.found(last.route)

@@ -45,8 +45,8 @@ class GoalTuning:
         most_beginnings: ... so many of those that see most on the planner's cells are judged, ...
         most_closed: ... and the gaps of so many are closed, of more until one succeeds.
         most_closed_after: a search from there may end short of its goal again: the gaps of so many of its stages are closed.
-        dear_ground: the price of coverage is then so many times what it costs between what the search ended with and the lines
-            with their gaps closed: at that rate itself both would be worth as much.
+        dear_ground: after closing gaps the price of coverage is so many times what it costs between what the search ended with
+            and the route with its gaps closed: at that rate itself both would be worth as much.
         coverage_price: of all coverage, in lengths of the route. Along a path a share more costs one to two such shares of the
             length; at a price far above that no single change may lose a cell, and nothing can be traded.
         nearly_all_price: the same for more than ``nearly_all``, where the last of the ground is the dearest: at 2 triangle and
