@@ -30,6 +30,7 @@ from uavcover.planning.search.simplify import thinned_out
 from uavcover.planning.search.starts import SearchStart, best_starts
 from uavcover.planning.search.tour_with_neighbourhoods import search_free_order
 from uavcover.planning.search.tuning import TUNED, GoalTuning, SearchTuning
+from uavcover.planning.search.waiting_turns import with_waiting_turns
 from uavcover.planning.selection import Rule
 from uavcover.planning.sure_pictures import surely
 from uavcover.scenario.site import Site
@@ -140,8 +141,13 @@ def improve(
 
     def closed(route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
         trials = itertools.count()
+        waiting = with_waiting_turns(
+            judging, surely(site, route), goal, cost=problem.cost, price=tuned.waiting_price, is_over=is_over
+        )
+        if share_seen(waiting, judging) >= goal:
+            return waiting
         return with_gaps_closed(
-            judging, surely(site, route), goal, tuned.closed, lambda: is_over() or next(trials) > tuned.most_trials
+            judging, waiting, goal, tuned.closed, lambda: is_over() or next(trials) > tuned.most_trials
         )
 
     # Where time is paid for, finer cells are asked only about what the own cells confirm.

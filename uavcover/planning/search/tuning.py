@@ -33,6 +33,8 @@ class GoalTuning:
         closed: the gaps are closed of so many times the ground that is lacking, one after the other: pictures by distance fall
             elsewhere behind a route than behind home, so it may take more.
         most_trials: to make what closes them shorter: with a number of evaluations for the search, nothing else ends that.
+        waiting_price: of all coverage, in costs of the route, for turns that wait for a picture: what else closes gaps costs
+            as much or more (``dear_ground``: 17 to 80 in four cases of scripts/bench_kinds.py).
         nearly_all: a search that begins with closed gaps opens them again, and mostly closes them better. For more coverage than
             this it did not come back to its goal, in either field that was tried (scripts/bench_fields.py, U and L, 99.9 %); for
             98 % a search that may not open them ended up to 6 % later (jacksboro, seed 4).
@@ -80,6 +82,7 @@ class GoalTuning:
     most_short: float = 0.03
     closed: tuple[float, ...] = (1.0, 1.5, 2.5)
     most_trials: int = 4_000
+    waiting_price: float = 10.0
     nearly_all: float = 0.995
     closed_dearer: float = 40.0
     closed_heat: float = 0.2
