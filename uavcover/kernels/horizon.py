@@ -113,12 +113,14 @@ def _slopes_around(surface: Surface, centre: NDArray[np.float64]) -> NDArray[np.
                     for corner in range(4):
                         ge, gn = east[di, dj, corner], north[di, dj, corner]
                         slope = math.hypot(ge, gn)
+                        if slope == math.inf:
+                            # Without data it is infinite in all directions.
+                            steepest = math.inf
+                            continue
                         rise = max(ge * re + gn * rn, ge * le + gn * ln)
                         if re * gn - rn * ge >= 0.0 and ge * ln - gn * le >= 0.0:
                             rise = slope
-                        # Without data a slope is infinite in all directions.
-                        rise = slope if slope == math.inf else rise + _BENT * slope
-                        steepest = max(steepest, rise)
+                        steepest = max(steepest, rise + _BENT * slope)
             out[k, octants[number]] = steepest
     return out
 
