@@ -31,8 +31,14 @@ _BENT = 1e-3
 
 @kernel
 def octant_of(east: float, north: float) -> int:
-    """Number of the octant of the map that a direction lies in."""
-    return (4 if east < 0.0 else 0) + (2 if north < 0.0 else 0) + (1 if abs(north) > abs(east) else 0)
+    """Number of the octant of the map that a direction lies in, counter-clockwise from east."""
+    if north >= 0.0:
+        if east > 0.0:
+            return 0 if north < east else 1
+        return 2 if north > -east else 3
+    if east < 0.0:
+        return 4 if north > east else 5
+    return 6 if -north > east else 7
 
 
 def rises(surface: Surface, centre: NDArray[np.float64], *, reach_m: float) -> NDArray[np.float64]:
@@ -84,7 +90,8 @@ def _slopes_around(surface: Surface, centre: NDArray[np.float64]) -> NDArray[np.
     grid, nodes = surface.grid, surface.up_m
     rows, columns = nodes.shape
     out = np.full((centre.shape[0], OCTANTS), math.inf)
-    octants, ends = _octants()
+    ways = np.arange(OCTANTS + 1) * _OCTANT_RAD
+    ends = np.column_stack((np.cos(ways), np.sin(ways)))
     east, north = np.empty((3, 3, 4)), np.empty((3, 3, 4))
     for k in range(centre.shape[0]):
         u, v = on_grid(grid, centre[k, 0], centre[k, 1], centre[k, 2])
@@ -95,8 +102,8 @@ def _slopes_around(surface: Surface, centre: NDArray[np.float64]) -> NDArray[np.
         for di in range(3):
             for dj in range(3):
                 _gradients_of_cell(nodes, i + di - 1, j + dj - 1, growth, east[di, dj], north[di, dj])
-        for number in range(OCTANTS):
-            (re, rn), (le, ln) = ends[number], ends[number + 1]
+        for octant in range(OCTANTS):
+            (re, rn), (le, ln) = ends[octant], ends[octant + 1]
             first_j, last_j = _entered(growth[0, 0] * re + growth[0, 1] * rn, growth[0, 0] * le + growth[0, 1] * ln)
             first_i, last_i = _entered(growth[1, 0] * re + growth[1, 1] * rn, growth[1, 0] * le + growth[1, 1] * ln)
             if u - j <= grid.leeway:
@@ -121,7 +128,7 @@ def _slopes_around(surface: Surface, centre: NDArray[np.float64]) -> NDArray[np.
                         if re * gn - rn * ge >= 0.0 and ge * ln - gn * le >= 0.0:
                             rise = slope
                         steepest = max(steepest, rise + _BENT * slope)
-            out[k, octants[number]] = steepest
+            out[k, octant] = steepest
     return out
 
 
@@ -158,18 +165,6 @@ def _entered(at_right: float, at_left: float) -> tuple[int, int]:
 
 
 @kernel
-def _octants() -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """(8,) numbers of the octants counter-clockwise from east, and (9, 2) the directions between them."""
-    ways = np.arange(OCTANTS + 1) * _OCTANT_RAD
-    ends = np.column_stack((np.cos(ways), np.sin(ways)))
-    octants = np.empty(OCTANTS, dtype=np.int64)
-    for number in range(OCTANTS):
-        way = (number + 0.5) * _OCTANT_RAD
-        octants[number] = octant_of(math.cos(way), math.sin(way))
-    return octants, ends
-
-
-@kernel
 def _raise(
     rise: NDArray[np.float64], centre: NDArray[np.float64], tops: NDArray[np.float64], east0: float, north0: float,
     side: float, begin: float, end: float,
@@ -178,13 +173,12 @@ def _raise(
     half = 0.5 * side
     wider = half * (1.0 + 1e-9)
     rows, columns = tops.shape
-    octants, _ = _octants()
     begin2, end2 = begin * begin * (1.0 - _ROUNDING), end * end * (1.0 + _ROUNDING)
-    # Counter-clockwise from east: the least of an octant's tangent and those beside it.
+    # Of each octant's tangent and those beside it.
     least_of_three = np.empty(OCTANTS)
     for k in range(centre.shape[0]):
         e, n, u = centre[k, 0] - east0, centre[k, 1] - north0, centre[k, 2]
-        least = _least_of_three(rise[k], octants, least_of_three)
+        least = _least_of_three(rise[k], least_of_three)
         first_row, last_row = max(0, int((n - end) / side)), min(rows - 1, int((n + end) / side))
         first, last = max(0, int((e - end) / side)), min(columns - 1, int((e + end) / side))
         for i in range(first_row, last_row + 1):
@@ -198,7 +192,7 @@ def _raise(
                 de = (j + 0.5) * side - e
                 away_e = max(0.0, abs(de) - half)
                 near2 = away_e * away_e + away_n * away_n
-                number = _number_of(de, dn)
+                number = octant_of(de, dn)
                 # From further away than its side a square reaches into the octants beside its middle's at most.
                 most = least_of_three[number]
                 if near2 >= side * side and higher * higher <= most * most * max(near2, begin2):
@@ -209,44 +203,29 @@ def _raise(
                 if near2 <= 0.0:
                     for octant in range(OCTANTS):
                         rise[k, octant] = max(rise[k, octant], tangent)
-                    least = _least_of_three(rise[k], octants, least_of_three)
+                    least = _least_of_three(rise[k], least_of_three)
                     continue
                 # Its corners are less than half a turn apart.
                 right, left = 0, 0
                 for corner in range(4):
                     beside = wider if corner % 2 == 1 else -wider
-                    other = _number_of(de + beside, dn + (wider if corner >= 2 else -wider)) - number
+                    other = octant_of(de + beside, dn + (wider if corner >= 2 else -wider)) - number
                     other = (other + OCTANTS // 2) % OCTANTS - OCTANTS // 2
                     right, left = min(right, other), max(left, other)
                 higher_anywhere = False
                 for other in range(number + right, number + left + 1):
-                    octant = octants[other % OCTANTS]
-                    if tangent > rise[k, octant]:
-                        rise[k, octant] = tangent
+                    if tangent > rise[k, other % OCTANTS]:
+                        rise[k, other % OCTANTS] = tangent
                         higher_anywhere = True
                 if higher_anywhere:
-                    least = _least_of_three(rise[k], octants, least_of_three)
+                    least = _least_of_three(rise[k], least_of_three)
 
 
 @kernel
-def _least_of_three(rise: NDArray[np.float64], octants: NDArray[np.int64], out: NDArray[np.float64]) -> float:
-    """Write, counter-clockwise from east, the least of each octant's tangent and the two beside it; returns the least of all."""
+def _least_of_three(rise: NDArray[np.float64], out: NDArray[np.float64]) -> float:
+    """Write the least of each octant's tangent and the two beside it; returns the least of all."""
     least = math.inf
-    for number in range(OCTANTS):
-        own = rise[octants[number]]
-        before, behind = rise[octants[number - 1]], rise[octants[(number + 1) % OCTANTS]]
-        out[number] = min(own, before, behind)
-        least = min(least, own)
+    for octant in range(OCTANTS):
+        out[octant] = min(rise[octant - 1], rise[octant], rise[(octant + 1) % OCTANTS])
+        least = min(least, rise[octant])
     return least
-
-
-@kernel
-def _number_of(east: float, north: float) -> int:
-    """Number of the octant of a direction, counted counter-clockwise from east."""
-    if north >= 0.0:
-        if east > 0.0:
-            return 0 if north < east else 1
-        return 2 if north > -east else 3
-    if east < 0.0:
-        return 4 if north > east else 5
-    return 6 if -north > east else 7

@@ -312,6 +312,19 @@ def top_within_m(obstacles: ObstaclePrisms, east: float, north: float, radius: f
 
 
 @kernel
+def boxes_m(obstacles: ObstaclePrisms) -> NDArray[np.float64]:
+    """(k, 4) west, east, south and north of the footprints."""
+    out = np.empty((obstacles.top_m.size, 4))
+    for prism in range(out.shape[0]):
+        west, east, south, north = math.inf, -math.inf, math.inf, -math.inf
+        for edge in range(obstacles.first_edge[prism], obstacles.first_edge[prism + 1]):
+            west, east = min(west, obstacles.edges_m[edge, 0]), max(east, obstacles.edges_m[edge, 0])
+            south, north = min(south, obstacles.edges_m[edge, 1]), max(north, obstacles.edges_m[edge, 1])
+        out[prism, 0], out[prism, 1], out[prism, 2], out[prism, 3] = west, east, south, north
+    return out
+
+
+@kernel
 def horizons(
     obstacles: ObstaclePrisms,
     lattice: NDArray[np.int32],
@@ -336,12 +349,10 @@ def horizons(
     """
     out = np.zeros(centre.shape[0])
     rows, columns = lattice.shape
+    boxes = boxes_m(obstacles)
     for prism in range(obstacles.top_m.size):
         top = obstacles.top_m[prism]
-        west, east, south, north = math.inf, -math.inf, math.inf, -math.inf
-        for edge in range(obstacles.first_edge[prism], obstacles.first_edge[prism + 1]):
-            west, east = min(west, obstacles.edges_m[edge, 0]), max(east, obstacles.edges_m[edge, 0])
-            south, north = min(south, obstacles.edges_m[edge, 1]), max(north, obstacles.edges_m[edge, 1])
+        west, east, south, north = boxes[prism, 0], boxes[prism, 1], boxes[prism, 2], boxes[prism, 3]
         first_row = max(0, math.ceil((south - reach - north0) / size))
         last_row = min(rows - 1, math.floor((north + reach - north0) / size))
         first_column = max(0, math.ceil((west - reach - east0) / size))

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.jit import kernel
-from uavcover.kernels.obstacles import ObstaclePrisms, distance_m, over_prism
+from uavcover.kernels.obstacles import ObstaclePrisms, boxes_m, distance_m, over_prism
 
 BINS = 64
 _PER_OCTANT = 8
@@ -118,7 +118,7 @@ def _bounds(
 ) -> NDArray[np.float32]:
     """(n, 64, 3) of :class:`Skylines`."""
     out = np.empty((centre.shape[0], BINS, 3), dtype=np.float32)
-    boxes = _boxes(obstacles)
+    boxes = boxes_m(obstacles)
     for k in range(centre.shape[0]):
         e, n, u = centre[k, 0], centre[k, 1], centre[k, 2]
         for number in range(BINS):
@@ -132,8 +132,7 @@ def _bounds(
             distance = distance_m(obstacles, prism, e, n, e, n, 0.0, 0.0)[0]
             if distance > reach or not higher > flattest * distance:
                 continue
-            near = distance < _NEAREST_M or over_prism(obstacles, prism, e, n)
-            if near:
+            if distance < _NEAREST_M or over_prism(obstacles, prism, e, n):
                 for number in range(BINS):
                     out[k, number, 0], out[k, number, 1] = math.inf, -math.inf
                 break
@@ -141,19 +140,6 @@ def _bounds(
                 ae, an = obstacles.edges_m[edge, 0] - e, obstacles.edges_m[edge, 1] - n
                 be, bn = obstacles.edges_m[edge, 2] - e, obstacles.edges_m[edge, 3] - n
                 _add_edge(out, k, (ae, an), (be, bn), higher)
-    return out
-
-
-@kernel
-def _boxes(obstacles: ObstaclePrisms) -> NDArray[np.float64]:
-    """(k, 4) west, east, south and north of the footprints."""
-    out = np.empty((obstacles.top_m.size, 4))
-    for prism in range(out.shape[0]):
-        west, east, south, north = math.inf, -math.inf, math.inf, -math.inf
-        for edge in range(obstacles.first_edge[prism], obstacles.first_edge[prism + 1]):
-            west, east = min(west, obstacles.edges_m[edge, 0]), max(east, obstacles.edges_m[edge, 0])
-            south, north = min(south, obstacles.edges_m[edge, 1]), max(north, obstacles.edges_m[edge, 1])
-        out[prism, 0], out[prism, 1], out[prism, 2], out[prism, 3] = west, east, south, north
     return out
 
 

@@ -19,6 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.kernels.arrays import Point
 from uavcover.kernels.grid import (
     GridFrame,
     among_nodes,
@@ -206,8 +207,7 @@ def height_range_between(
         return _height_range_analytic(surface, pe, pn, pu, qe, qn, qu, stop_below)
     if not math.isfinite(pe + pn + pu + qe + qn + qu):
         return math.nan, math.nan, math.nan, math.nan
-    de, dn, du = qe - pe, qn - pn, qu - pu
-    pieces = max(1, math.ceil(math.sqrt(de * de + dn * dn + du * du) / surface.grid.piece_m))
+    pieces = _straight_pieces(surface.grid, (pe, pn, pu), (qe, qn, qu))
     lowest = math.inf
     lowest_at = 0.0
     highest = -math.inf
@@ -215,11 +215,7 @@ def height_range_between(
     up = pu
     column, row = on_grid(surface.grid, pe, pn, pu)
     for k in range(pieces):
-        next_e, next_n, next_up = qe, qn, qu
-        if k < pieces - 1:
-            t = (k + 1.0) / pieces
-            next_e, next_n, next_up = pe + t * de, pn + t * dn, pu + t * du
-        next_column, next_row = on_grid(surface.grid, next_e, next_n, next_up)
+        next_column, next_row, next_up = _end_of_piece(surface.grid, k, pieces, (pe, pn, pu), (qe, qn, qu))
         low, low_at, high, high_at = range_on_nodes(
             surface.up_m, column, row, up, next_column, next_row, next_up, stop_below
         )
@@ -233,6 +229,24 @@ def height_range_between(
             break
         column, row, up = next_column, next_row, next_up
     return lowest, lowest_at, highest, highest_at
+
+
+@kernel
+def _straight_pieces(grid: GridFrame, p: Point, q: Point) -> int:
+    """In how many equal pieces a segment is straight on the grid."""
+    de, dn, du = q[0] - p[0], q[1] - p[1], q[2] - p[2]
+    return max(1, math.ceil(math.sqrt(de * de + dn * dn + du * du) / grid.piece_m))
+
+
+@kernel
+def _end_of_piece(grid: GridFrame, k: int, pieces: int, p: Point, q: Point) -> tuple[float, float, float]:
+    """Column, row and up coordinate at the end of piece k of a segment."""
+    e, n, up = q
+    if k < pieces - 1:
+        t = (k + 1.0) / pieces
+        e, n, up = p[0] + t * (q[0] - p[0]), p[1] + t * (q[1] - p[1]), p[2] + t * (q[2] - p[2])
+    column, row = on_grid(grid, e, n, up)
+    return column, row, up
 
 
 @kernel
@@ -314,16 +328,11 @@ def _stays_above_grid(
     """:func:`stays_above` for GRID, from the lower end on: what stands in the way of a place is mostly near it."""
     if pu > qu:
         pe, pn, pu, qe, qn, qu = qe, qn, qu, pe, pn, pu
-    de, dn, du = qe - pe, qn - pn, qu - pu
-    pieces = max(1, math.ceil(math.sqrt(de * de + dn * dn + du * du) / surface.grid.piece_m))
+    pieces = _straight_pieces(surface.grid, (pe, pn, pu), (qe, qn, qu))
     up = pu
     column, row = on_grid(surface.grid, pe, pn, pu)
     for k in range(pieces):
-        next_e, next_n, next_up = qe, qn, qu
-        if k < pieces - 1:
-            t = (k + 1.0) / pieces
-            next_e, next_n, next_up = pe + t * de, pn + t * dn, pu + t * du
-        next_column, next_row = on_grid(surface.grid, next_e, next_n, next_up)
+        next_column, next_row, next_up = _end_of_piece(surface.grid, k, pieces, (pe, pn, pu), (qe, qn, qu))
         if not stays_above_nodes(surface.up_m, column, row, up, next_column, next_row, next_up, limit):
             return False
         column, row, up = next_column, next_row, next_up
