@@ -26,7 +26,7 @@ from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.obstacles import waypoint_breaches
 from uavcover.scenario.site import Site
 from uavcover.sensing.cells import CellGrid, lattice_shape, make_cells, make_other_cells, make_sampled_cells
-from uavcover.sensing.flown_line import corners_matter, heading_there, line_flown, places_passed_m
+from uavcover.sensing.flown_line import corners_matter, heading_there, line_flown, pictures_on, places_passed_m
 from uavcover.sensing.judged_cells import is_judged_on_smaller_cells, judged_cell_size_m
 from uavcover.sensing.recently_seen import RecentlySeen
 from uavcover.sensing.sensors import flat_picture, reach_at_height_m, sight_of, trigger_distance_m, turns_with_legs
@@ -188,12 +188,9 @@ class CoverageMap:
 
     def _pictures(self, route: FloatArray, ways: FloatArray, trigger_m: float) -> LevelObservations:
         """Pictures by distance on an (n, 3) ENU route, each turned along the (n - 1, 2) way of its leg."""
-        legs, shares = kernels.picture_places(route, trigger_m)
-        onward_m = route[np.minimum(legs + 1, len(route) - 1)] - route[legs]
+        legs, places_m = pictures_on(route, trigger_m)
         headings = np.vstack([ways, np.zeros(2)])[legs]  # a single waypoint has no way
-        return LevelObservations(
-            np.ascontiguousarray(route[legs] + shares[:, None] * onward_m), np.ascontiguousarray(headings)
-        )
+        return LevelObservations(places_m, np.ascontiguousarray(headings))
 
     def flown_observations(self, route_m: FloatArray) -> LevelObservations:
         """As :meth:`observations`, where corners are flown as the autopilot flies them, if what is seen depends on that."""

@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.kernels.coverage import picture_places
 from uavcover.kernels.flight_time import BLENDED, Pace, speed_over_ground, turn_times
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.scenario.pace import pace_of
@@ -91,6 +92,21 @@ def places_passed_m(site: Site, route_m: FloatArray) -> FloatArray:
     """(n, 3) where a vehicle is when each waypoint of an (n, 3) ENU route counts as passed."""
     corners = _corners(site, route_m)
     return route_m if corners is None else np.ascontiguousarray(corners.places_m[:, _CORNER_POINTS // 2])
+
+
+def pictures_on(line_m: FloatArray, trigger_m: float) -> tuple[IntArray, FloatArray]:
+    """Where a camera that is triggered by distance takes its pictures along a line.
+
+    Args:
+        line_m: (k, 3) ENU.
+        trigger_m: between two pictures.
+
+    Returns:
+        (m,) the piece of the line that each is taken on, and (m, 3) places.
+    """
+    pieces, shares = picture_places(line_m, trigger_m)
+    onward_m = line_m[np.minimum(pieces + 1, len(line_m) - 1)] - line_m[pieces]
+    return pieces, np.ascontiguousarray(line_m[pieces] + shares[:, None] * onward_m)
 
 
 def heading_there(site: Site, first_m: FloatArray) -> FloatArray:

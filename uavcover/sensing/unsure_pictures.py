@@ -11,9 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.coverage import picture_places
 from uavcover.scenario.site import Site
-from uavcover.sensing.flown_line import corners_matter, line_flown
+from uavcover.sensing.flown_line import corners_matter, line_flown, pictures_on
 from uavcover.sensing.sensors import trigger_distance_m
 
 LEAST_SPARE_M = 0.5
@@ -41,9 +40,7 @@ def unsure_pictures(site: Site, route_m: FloatArray) -> Iterator[UnsurePicture]:
     if trigger_m is None or not corners_matter(site) or len(route_m) < 2:
         return
     line_m = line_flown(site, route_m).places_m
-    legs, shares = picture_places(line_m, trigger_m)
-    onward_m = line_m[np.minimum(legs + 1, len(line_m) - 1)] - line_m[legs]
-    places_m = line_m[legs] + shares[:, None] * onward_m
+    legs, places_m = pictures_on(line_m, trigger_m)
     for number, (leg, place_m) in enumerate(zip(legs, places_m, strict=True)):
         is_last = number + 1 == len(legs)
         due = len(line_m) if is_last else int(legs[number + 1]) + 1

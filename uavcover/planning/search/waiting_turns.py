@@ -10,14 +10,13 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.coverage import picture_places
 from uavcover.model.route import Route
 from uavcover.planning.search.route_judge import share_seen
 from uavcover.planning.sure_pictures import surely
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.flown_line import line_flown
+from uavcover.sensing.flown_line import line_flown, pictures_on
 from uavcover.sensing.sensors import trigger_distance_m
 
 _TURNS_RAD = math.radians(50.0)
@@ -56,12 +55,13 @@ def with_waiting_turns(
     if trigger_distance_m(site.scenario) is None:
         return route
     best, seen, spent = route, share_seen(route, judging), cost(route)
+    violations = _violations(site, route)
     for number in range(1, len(route)):
         worth = 0.0
         for other in _waiting_at(site, best, number):
             if seen >= goal or is_over():
                 return best
-            if _violations(site, other) > _violations(site, route):
+            if _violations(site, other) > violations:
                 continue
             gained = min(share_seen(other, judging), goal) - seen
             more = gained * price * spent - (cost(other) - spent)
@@ -80,15 +80,12 @@ def _waiting_at(site: Site, route: Route, number: int) -> Iterator[Route]:
         return
     trigger_m = trigger_distance_m(site.scenario) or 0.0
     line_m = line_flown(site, points).places_m
-    legs, shares = picture_places(line_m, trigger_m)
+    pieces, pictures_m = pictures_on(line_m, trigger_m)
     nearest = int(np.argmin(np.linalg.norm(line_m - points[number], axis=1)))
-    last = int(np.count_nonzero(legs < nearest)) - 1
-    length_m = float(np.hypot(*onward))
-    if last < 0 or length_m == 0.0:
+    before, length_m = pictures_m[pieces < nearest], float(np.hypot(*onward))
+    if len(before) == 0 or length_m == 0.0:
         return
-    leg = legs[last]
-    picture_m = line_m[leg] + shares[last] * (line_m[leg + 1] - line_m[leg])
-    short_m = trigger_m - float(np.hypot(*(points[number] - picture_m)[:2]))
+    short_m = trigger_m - float(np.hypot(*(points[number] - before[-1])[:2]))
     if not 0.0 < short_m <= _MOST_WAY * trigger_m:
         return
     height_agl_m = site.ground.heights_agl_m(points[number])
