@@ -13,7 +13,7 @@ from uavcover.kernels.cells import NO_RISE, Cells
 from uavcover.kernels.horizon import rises
 from uavcover.kernels.obstacles import horizons
 from uavcover.kernels.sight import RAY, widest_tangent
-from uavcover.kernels.skyline import skylines
+from uavcover.kernels.skyline import NO_SKYLINES, skylines
 from uavcover.model.terrain import RasterTerrain
 from uavcover.scenario.ground import Ground
 from uavcover.scenario.site import Site
@@ -175,8 +175,9 @@ def _cut(
     scatter_m = 0.0 if steps is None else cell_size_m * math.sqrt(0.5)
     obstacles, reach_m = site.ground.surface.obstacles, farthest_m(site.scenario.sensor) + scatter_m
     horizon = horizons(obstacles, index, centre, east0_m, north0_m, float(cell_size_m), reach_m)
-    flattest = 1.0 / widest_tangent(sight_of(site.scenario.sensor))
-    skyline = skylines(obstacles, centre, horizon, reach_m=reach_m, flattest=flattest)
+    sight, skyline = sight_of(site.scenario.sensor), NO_SKYLINES
+    if sight.line_of_sight == RAY:
+        skyline = skylines(obstacles, centre, horizon, reach_m=reach_m, flattest=1.0 / widest_tangent(sight))
     rise = _rises(site, centre, scatter_m)
     for array in (index, centre, normal, horizon, weight, rise):
         array.flags.writeable = False
