@@ -18,6 +18,7 @@ if __name__ == "__main__":
 
 import numpy as np
 
+from scripts.options import scenario_name
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.cells import NO_RISE, Cells
 from uavcover.kernels.nadir_visibility import cone_cells
@@ -98,7 +99,7 @@ def measured(name: str, count: int) -> str:
 def main() -> None:
     """Measure and print."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
-    parser.add_argument("scenarios", nargs="*", default=["ridge-obstacles"])
+    parser.add_argument("scenarios", nargs="*", type=scenario_name, default=["ridge-obstacles"])
     parser.add_argument("--legs", type=int, default=1000)
     options = parser.parse_args()
     print("| scenario | cells | with a skyline | rises | a leg | without skylines: times | without rises: times |")

@@ -31,6 +31,7 @@ ROOT = Path(__file__).parents[1]
 BAD = {
     "ablate_niching --part 3/2": "give PART/PARTS, from 0/PARTS on, such as 1/4",
     "bench_bounds --paths nowhere": "argument --paths: nowhere: not known; choose from jacksboro, ",
+    "bench_sight nowhere": "argument scenarios: nowhere: neither a readable scenario file",
     "bench_budget nowhere": "argument scenarios: nowhere: neither a readable scenario file",
     "bench_budget --budgets x": "argument --budgets: x: give numbers, with commas between them",
     "bench_cluster --only zz": "argument --only: zz: not known; choose from 100km2-10m, ",
