@@ -16,21 +16,14 @@ def test_list(cli: Cli) -> None:
 def test_writes_the_table_and_makes_nothing_twice(cli: Cli, tmp_path: Path) -> None:
     arguments = (
         "bench", "coverage", "--scenarios", "paper-planar", "--algorithms", "boustrophedon,modbo", "--seeds", 1,
-        "--time", "0.2", "--processes", 1, "-o", tmp_path / "out", "--json",
+        "--time", "0.2", "--no-equal-evaluations", "--processes", 1, "-o", tmp_path / "out", "--json",
     )  # fmt: skip
-    (tmp_path / "out" / "runs" / "paper-planar" / "modbo" / "evaluations").mkdir(parents=True)
-    (tmp_path / "out" / "settings.json").write_text('{"benchmark": "coverage"}')
-    # The run of 25,000 evaluations takes long: another stands in for it.
-    kept = tmp_path / "out" / "runs" / "paper-planar" / "modbo" / "evaluations" / "1.json"
-    kept.write_text(
-        '{"evaluations": 1, "cpu_s": 1.0, "moments": [{"at_s": 1.0, "chosen": {}, "front": []}], "tried": []}'
-    )
     first, second = cli(*arguments), cli(*arguments)
     assert (first.code, first.document["made"]) == (0, 2)
     assert (second.code, second.document["made"]) == (0, 0)
     assert "| boustrophedon | once | 1 |" in (tmp_path / "out" / "table.md").read_text()
     assert (
-        "--scenarios paper-planar --algorithms boustrophedon,modbo --seeds 1 --time 0.2"
+        "--algorithms boustrophedon,modbo --seeds 1 --seeds-long 3 --time 0.2 --no-equal-evaluations -o DIR"
         in (tmp_path / "out" / "table.md").read_text()
     )
 

@@ -37,6 +37,13 @@ class SeedsAndTimes:
     times: Annotated[str, typer.Option("--time", help="Budgets in seconds of processor time.", metavar="S,T")] = (
         "10,60,300"
     )
+    equal_evaluations: Annotated[
+        bool,
+        typer.Option(
+            "--equal-evaluations/--no-equal-evaluations",
+            help="Also run with each scenario's number of evaluations, however long that takes.",
+        ),
+    ] = True
 
 
 def bench_coverage(
@@ -85,6 +92,7 @@ def bench_coverage(
             seeds=each.seeds,
             seeds_long=each.seeds_long,
             times_s=times_s,
+            equal_evaluations=each.equal_evaluations,
         )
         missing = [run for run in wanted if not folder.has(run.key)]
         console.say(f"{len(wanted)} runs, {len(wanted) - len(missing)} of them already in {out}")
@@ -125,7 +133,10 @@ def _command(scenarios: str | None, algorithms: str | None, each: SeedsAndTimes)
         parts.append(f"--scenarios {scenarios}")
     if algorithms is not None:
         parts.append(f"--algorithms {algorithms}")
-    return " ".join([*parts, f"--seeds {each.seeds} --time {each.times} -o DIR"])
+    parts.append(f"--seeds {each.seeds} --seeds-long {each.seeds_long} --time {each.times}")
+    if not each.equal_evaluations:
+        parts.append("--no-equal-evaluations")
+    return " ".join([*parts, "-o DIR"])
 
 
 def bench_link(

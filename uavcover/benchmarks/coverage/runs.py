@@ -69,7 +69,13 @@ def effort_of(budget_s: float) -> str:
 
 
 def wanted_runs(
-    *, scenarios: Collection[str], algorithms: Collection[str], seeds: int, seeds_long: int, times_s: Sequence[float]
+    *,
+    scenarios: Collection[str],
+    algorithms: Collection[str],
+    seeds: int,
+    seeds_long: int,
+    times_s: Sequence[float],
+    equal_evaluations: bool = True,
 ) -> list[CoverageRun]:
     """Every run, the most telling first, so that a benchmark that is stopped early leaves a table worth reading.
 
@@ -79,7 +85,8 @@ def wanted_runs(
     planners = [name for name in algorithms if name in PLANNERS]
     runs = [CoverageRun(s, name, ONCE, 1) for s in scenarios for name in algorithms if name in CONSTRUCTIONS]
     efforts = [(effort_of(t), seeds if t <= LONG_S else min(seeds, seeds_long)) for t in sorted(times_s)]
-    efforts.insert(1, (EVALUATIONS, min(seeds, _SEEDS_OF_EVALUATIONS)))
+    if equal_evaluations:
+        efforts.insert(1, (EVALUATIONS, min(seeds, _SEEDS_OF_EVALUATIONS)))
     for effort, count in efforts:
         runs += [
             CoverageRun(scenario, name, effort, number)
