@@ -31,13 +31,31 @@ def test_gaps_of_a_route_are_closed_behind_it(ups: Ups) -> None:
         cut = Route(whole[: 2 * len(whole) // 3])
         before = judging.share_of_coverable(judging.seen(cut.waypoints_m))
         assert before < goal
-        closed = with_gaps_closed(judging, cut, goal, TUNED.goal.closed, lambda: False)
+        closed = with_gaps_closed(judging, cut, goal, TUNED.goal.closed, lambda: False, most_trials=1000)
         assert closed is not None
         np.testing.assert_array_equal(closed.waypoints_m[: len(cut)], cut.waypoints_m)
         assert judging.share_of_coverable(judging.seen(closed.waypoints_m)) >= goal
         assert measure_violations(site, closed.waypoints_m, margin_m=0.0).total == 0.0
-    assert with_gaps_closed(judging, Route(whole), 0.5, TUNED.goal.closed, lambda: False) is None
-    assert with_gaps_closed(judging, cut, 1.5, TUNED.goal.closed, lambda: False) is None
+    assert with_gaps_closed(judging, Route(whole), 0.5, TUNED.goal.closed, lambda: False, most_trials=1000) is None
+    assert with_gaps_closed(judging, cut, 1.5, TUNED.goal.closed, lambda: False, most_trials=1000) is None
+
+
+def test_trials_to_make_a_closing_shorter_are_counted() -> None:
+    site = make_site(hills, cell_m=5.0)
+    judging = judging_map(site)
+    whole = fly_layout(site, plain_boustrophedon(site)).waypoints_m
+    cut = Route(whole[: len(whole) // 2])
+    asked = {20: 0, 1000: 0}
+    for trials in asked:
+
+        def is_over(trials: int = trials) -> bool:
+            asked[trials] += 1
+            return False
+
+        closed = with_gaps_closed(judging, cut, 0.95, TUNED.goal.closed, is_over, most_trials=trials)
+        assert closed is not None
+        assert judging.share_of_coverable(judging.seen(closed.waypoints_m)) >= 0.95
+    assert 20 <= asked[20] <= 30 < asked[1000]
 
 
 def canyon(east: np.ndarray, north: np.ndarray) -> np.ndarray:
@@ -82,14 +100,20 @@ def test_gaps_are_closed_while_there_is_time_for_it_and_not_afterwards() -> None
 
 
 @pytest.mark.parametrize(
-    ("judging", "closing", "judged", "closed"),
-    [(0.0, 0.1, 5, 2), (0.0, 0.2, 5, 1), (0.06, 0.0, 4, 0)],
-    ids=["time for two", "over after one that fails", "over while beginnings are judged"],
+    ("judging", "closing", "closes", "judged", "closed"),
+    [
+        (0.0, 0.1, True, 5, 2),
+        (0.0, 0.2, True, 5, 1),
+        (0.0, 0.25, False, 5, 2),
+        (0.0, 0.1, False, 5, 4),
+        (0.1, 0.0, False, 5, 0),
+    ],
+    ids=["time for two", "over after one", "none closes", "none of all closes", "over while beginnings are judged"],
 )
 def test_beginnings_are_closed_while_there_is_time_for_it(
-    judging: float, closing: float, judged: int, closed: int
+    judging: float, closing: float, closes: bool, judged: int, closed: int
 ) -> None:
-    """By a clock that each judgement and each closing moves on, from 0.5 to 0.7."""
+    """By a clock that each judgement and each closing moves on, from 0.5 to 0.7; to 0.9 while none is closed."""
     pace = SimpleNamespace(fraction=0.5)
     problem = SimpleNamespace(cost=lambda route: route.length_m, free_order=False)
     work: Any = SimpleNamespace(stopped=False, pace=pace, tuning=TUNED, problem=problem)
@@ -103,12 +127,14 @@ def test_beginnings_are_closed_while_there_is_time_for_it(
         pace.fraction += judging
         return 0.9 + 0.001 * len(route)
 
-    def close(_route: Route, _goal: float, _is_over: Callable[[], bool]) -> None:
+    def close(route: Route, _goal: float, _is_over: Callable[[], bool]) -> Route | None:
         calls.append("closed")
         pace.fraction += closing
+        return route if closes else None
 
     judge = RouteJudge(judge_coverage, lambda _: None, close)
-    assert closed_beginning(work, starts, starts[-1:], 0.98, judge, until=0.7) is None
+    found = closed_beginning(work, starts, starts[-1:], 0.98, judge, until=0.7, at_last=0.9)
+    assert (found is not None) == closes
     assert (calls.count("judged"), calls.count("closed")) == (judged, closed)
 
 
@@ -122,7 +148,7 @@ def test_the_cheapest_beginning_that_sees_enough_needs_no_closing() -> None:
     starts = [SearchStart(Route(np.array([[0.0, 0.0, 80.0], [m, 0.0, 80.0]])), 0.981) for m in (300.0, 100.0, 200.0)]
     ended = SearchStart(Route(np.array([[0.0, 0.0, 80.0], [50.0, 0.0, 80.0]])), 0.9)
     judge = RouteJudge(lambda route, _: judged.get(route.length_m, 0.8), lambda _: None)
-    assert closed_beginning(work, starts, [ended], 0.98, judge, until=0.7) is starts[2]
+    assert closed_beginning(work, starts, [ended], 0.98, judge, until=0.7, at_last=0.9) is starts[2]
 
 
 @pytest.mark.parametrize(("least_short", "tried"), [(0, [100.0]), (1, [90.0, 100.0]), (2, [90.0, 80.0, 100.0])])

@@ -4,6 +4,7 @@ Where a search ends short of its goal, what else has to be flown to reach it is 
 (:mod:`uavcover.planning.gap_route` lays that out), and the search goes on from there.
 """
 
+import itertools
 from collections.abc import Callable, Sequence
 
 import numpy as np
@@ -88,6 +89,7 @@ def closed_beginning(
     judge: RouteJudge,
     *,
     until: float,
+    at_last: float,
 ) -> SearchStart | None:
     """A beginning that sees enough, or the cheapest of those that see most, their gaps closed.
 
@@ -100,14 +102,16 @@ def closed_beginning(
         found: what its stages ended with.
         goal: share of what can be covered.
         judge: judges beginnings, and closes their gaps.
-        until: share of all the work, 0..1, after which no more are tried.
+        until: share of all the work, 0..1, after which no more are tried, ...
+        at_last: ... and the same while none is closed: a search that is far from its goal hardly reaches it otherwise.
 
     Returns:
         None where the search did not end far from its goal, or none could be closed.
     """
+    ends: list[SearchStart] = []
 
     def is_over() -> bool:
-        return work.pace.fraction >= until
+        return work.pace.fraction >= (until if ends else at_last)
 
     if not found or work.stopped or is_over() or work.problem.free_order:
         return None
@@ -126,7 +130,6 @@ def closed_beginning(
         if judged[-1][0] >= goal:
             return each
     judged = [one for one in judged if one[0] >= goal - tuned.most_short_beginning] or [(before, found[-1])]
-    ends: list[SearchStart] = []
     for tried, (seen, each) in enumerate(sorted(judged, key=lambda item: -item[0])):
         if is_over() or (ends and tried >= tuned.most_closed):
             break
@@ -143,7 +146,13 @@ def price_between(problem: RouteProblem, less: SearchStart, more: SearchStart) -
 
 
 def with_gaps_closed(
-    judging: CoverageMap, route: Route, goal: float, more_ground: Sequence[float], is_over: Callable[[], bool]
+    judging: CoverageMap,
+    route: Route,
+    goal: float,
+    more_ground: Sequence[float],
+    is_over: Callable[[], bool],
+    *,
+    most_trials: int,
 ) -> Route | None:
     """The route, and behind it what sees enough of the ground that it misses.
 
@@ -153,6 +162,7 @@ def with_gaps_closed(
         goal: share of what can be covered.
         more_ground: so many times the ground that is lacking is looked at, one after the other, until the goal is reached.
         is_over: whether there is no time left for it.
+        most_trials: to make each of those routes shorter.
 
     Returns:
         None where the route reaches the goal, and where closing its gaps is too much to find out, or breaks a limit.
@@ -166,7 +176,8 @@ def with_gaps_closed(
     missing_m2 = float(judging.grid.weight_m2[missing].sum())
     useful_m2 = (1.0 - _NEARLY_CLOSED) * lacking * whole_m2
     for more in more_ground:
-        whole = _with_closing(judging, route, missing, more * lacking * whole_m2, useful_m2, is_over)
+        over = _over_after(most_trials, is_over)
+        whole = _with_closing(judging, route, missing, more * lacking * whole_m2, useful_m2, over)
         if whole is None:
             return None
         # Pictures by distance fall elsewhere behind a route than behind home: it may take more.
@@ -176,10 +187,16 @@ def with_gaps_closed(
         if is_over():
             return None
         if still_lacking <= _NEARLY_CLOSED * lacking:
-            return with_gaps_closed(judging, whole, goal, more_ground, is_over)
+            return with_gaps_closed(judging, whole, goal, more_ground, is_over, most_trials=most_trials)
         if more * lacking * whole_m2 >= missing_m2:
             return None
     return None
+
+
+def _over_after(trials: int, is_over: Callable[[], bool]) -> Callable[[], bool]:
+    """The same question, answered with yes also after so many trials."""
+    asked = itertools.count()
+    return lambda: is_over() or next(asked) >= trials
 
 
 def _with_closing(

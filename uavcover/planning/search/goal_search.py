@@ -57,7 +57,7 @@ def search_goals(
         from_beginning = closed is None
         if closed is None:
             with_closing += (tuned.closing_share_far - tuned.closing_share) * (until - begin)
-            closed = closed_beginning(work, starts, found, asked, judge, until=with_closing)
+            closed = closed_beginning(work, starts, found, asked, judge, until=with_closing, at_last=until)
         # At the price by which it ended short, the search would open the gaps again; beyond ``nearly_all`` it is dear anyway.
         price = None
         if closed is not None and (from_beginning or asked <= tuned.nearly_all):

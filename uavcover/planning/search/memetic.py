@@ -1,6 +1,5 @@
 """The local search of the memetic planner: improves the routes of the optimizer and the baselines move by move."""
 
-import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -140,15 +139,15 @@ def improve(
     capacity = _capacity(problem, settings, starts, tuned)
 
     def closed(route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
-        trials = itertools.count()
-        waiting = with_waiting_turns(
-            judging, surely(site, route), goal, cost=problem.cost, price=tuned.waiting_price, is_over=is_over
-        )
-        if share_seen(waiting, judging) >= goal:
-            return waiting
-        return with_gaps_closed(
-            judging, waiting, goal, tuned.closed, lambda: is_over() or next(trials) > tuned.most_trials
-        )
+        begun = surely(site, route)
+        # Far from the goal they bring too little for their time.
+        if goal - share_seen(begun, judging) <= tuned.most_short:
+            begun = with_waiting_turns(
+                judging, begun, goal, cost=problem.cost, price=tuned.waiting_price, is_over=is_over
+            )
+            if share_seen(begun, judging) >= goal:
+                return begun
+        return with_gaps_closed(judging, begun, goal, tuned.closed, is_over, most_trials=tuned.most_trials)
 
     # Where time is paid for, finer cells are asked only about what the own cells confirm.
     exactly = on_each if effort.budget_s is None else OneAfterTheOther(judges)

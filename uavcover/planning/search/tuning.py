@@ -32,7 +32,8 @@ class GoalTuning:
         most_short: that little, as a share of the coverage.
         closed: the gaps are closed of so many times the ground that is lacking, one after the other: pictures by distance fall
             elsewhere behind a route than behind home, so it may take more.
-        most_trials: to make what closes them shorter: with a number of evaluations for the search, nothing else ends that.
+        most_trials: to make each route that closes them shorter. The search makes it shorter, too: with 4,000 trials that took
+            2 to 4 of 20 s in a canyon, and with 300 the search began too far away (scripts/bench_kinds.py, ``canyon:sparse``).
         waiting_price: of all coverage, in costs of the route, for turns that wait for a picture: what else closes gaps costs
             as much or more (``dear_ground``: 17 to 80 in four cases of scripts/bench_kinds.py).
         nearly_all: a search that begins with closed gaps opens them again, and mostly closes them better. For more coverage than
@@ -81,7 +82,7 @@ class GoalTuning:
     closing_share_far: float = 0.3
     most_short: float = 0.03
     closed: tuple[float, ...] = (1.0, 1.5, 2.5)
-    most_trials: int = 4_000
+    most_trials: int = 1_000
     waiting_price: float = 10.0
     nearly_all: float = 0.995
     closed_dearer: float = 40.0
