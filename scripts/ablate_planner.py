@@ -40,9 +40,9 @@ from uavcover.optimizers import ALGORITHMS
 from uavcover.planning.encodings import WaypointEncoding
 from uavcover.planning.front import Candidate, Snapshots, judge_members
 from uavcover.planning.planner import Effort, plan_routes
-from uavcover.planning.search.memetic import improve
+from uavcover.planning.search.improve import improve
 from uavcover.planning.search.optimizer_search import SearchRun, rounds_of, search
-from uavcover.planning.selection import parse_rule
+from uavcover.planning.selection_rule import parse_rule
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.objectives import evaluate_routes
 from uavcover.scenario.site import Site, load_site

@@ -23,7 +23,7 @@ from uavcover.kernels.route import path_length
 from uavcover.kernels.tours import short_tour
 from uavcover.planning.bounds import least_path_length_m
 from uavcover.planning.ground_prices import lattice_parts, price_ground
-from uavcover.planning.selection import parse_rule
+from uavcover.planning.selection_rule import parse_rule
 from uavcover.planning.set_cover.candidates import Candidates, Reduced, lattice_candidates, reduce
 from uavcover.planning.set_cover.solvers import CoverProgram, SolverEffort, greedy_cover, searched_cover
 from uavcover.scenario.site import load_site

@@ -23,7 +23,7 @@ from uavcover.kernels import annealing
 from uavcover.model.route import Route
 from uavcover.planning.baselines.boustrophedon import fewest_lines
 from uavcover.planning.planner import Effort, plan_routes
-from uavcover.planning.selection import parse_rule
+from uavcover.planning.selection_rule import parse_rule
 from uavcover.routes.flight_costs import mission_time_s
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site

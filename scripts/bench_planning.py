@@ -16,9 +16,9 @@ from pathlib import Path
 
 from scripts.options import file_to_write
 from uavcover.model.route import RouteMember
-from uavcover.planning.selection import parse_rule, select
-from uavcover.run.search import SearchRequest
-from uavcover.run.search import plan as plan_site
+from uavcover.planning.selection_rule import parse_rule, select
+from uavcover.run.plan_search import SearchRequest
+from uavcover.run.plan_search import plan as plan_site
 from uavcover.scenario.site import load_site
 
 CASES = (

@@ -27,9 +27,9 @@ from uavcover.kernels.route_state import RouteState, list_visible
 from uavcover.kernels.search_problem import SearchProblem
 from uavcover.kernels.skyline import NO_SKYLINES
 from uavcover.planning.baselines.boustrophedon import fewest_lines
-from uavcover.planning.search.memetic import scattered_problem
 from uavcover.planning.search.route_problem import RouteProblem, state_of
-from uavcover.planning.selection import parse_rule
+from uavcover.planning.search.search_cells import scattered_problem
+from uavcover.planning.selection_rule import parse_rule
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site
 from uavcover.sensing.cells import make_scattered_cells

@@ -28,8 +28,8 @@ from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.run.close_gaps import plan_gap_mission
 from uavcover.run.judge import judge_tracks
 from uavcover.run.mission import compile_plan
-from uavcover.run.search import SearchRequest
-from uavcover.run.search import plan as plan_site
+from uavcover.run.plan_search import SearchRequest
+from uavcover.run.plan_search import plan as plan_site
 from uavcover.run.session import VehicleLink, connect, fly
 from uavcover.run.upload import upload
 from uavcover.scenario.site import Site, load_site

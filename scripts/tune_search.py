@@ -31,10 +31,10 @@ from uavcover.kernels.annealing import Moves
 from uavcover.model.route import Route
 from uavcover.planning.front import Candidate, Snapshots, judge_members
 from uavcover.planning.planner import Effort, plan_routes
-from uavcover.planning.search.memetic import improve
+from uavcover.planning.search.improve import improve
 from uavcover.planning.search.optimizer_search import SearchRun
 from uavcover.planning.search.tuning import TUNED, SearchTuning
-from uavcover.planning.selection import parse_rule
+from uavcover.planning.selection_rule import parse_rule
 from uavcover.routes.objectives import evaluate_routes
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap

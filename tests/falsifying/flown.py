@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.track import AGE_COLUMN, COLUMNS
-from uavcover.run.flights import flown_tracks
+from uavcover.run.flight_folders import flown_tracks
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import read_planned_route
 from uavcover.scenario.site import Site, load_site

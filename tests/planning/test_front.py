@@ -20,7 +20,7 @@ from uavcover.planning.baselines.adaptive_swaths import (
 from uavcover.planning.baselines.swaths import fly_layout, regular_layout
 from uavcover.planning.front import MOST_MEMBERS, Candidate, Finish, gains_of, parts_of, thinned
 from uavcover.planning.search.optimizer_search import Effort
-from uavcover.planning.selection import parse_rule, select
+from uavcover.planning.selection_rule import parse_rule, select
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap

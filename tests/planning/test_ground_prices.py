@@ -12,10 +12,10 @@ from tests.naive.ground_prices import gain, height
 from tests.planning.sites import flat, hills, make_site
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, SphereSensor
 from uavcover.planning import ground_prices
+from uavcover.planning.bound_heights import margin_cells, over_tiles, relief_over
 from uavcover.planning.bounds import least_path_length_m
 from uavcover.planning.ground_prices import PricedGround, coverable_weight_m2, lattice_parts, price_ground
 from uavcover.planning.price_program import PriceProgram
-from uavcover.planning.relief import margin_cells, over_tiles, relief_over
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, sees_each
 
 LOW = {"min_height_agl_m": 10.0, "max_height_agl_m": 30.0}

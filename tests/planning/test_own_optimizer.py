@@ -7,7 +7,7 @@ from tests.planning.sites import hills, make_site
 from uavcover.errors import InputError, OptimizerError
 from uavcover.model.route import Plan
 from uavcover.optimizers import IMODBO, RandomSearch
-from uavcover.run.search import SearchRequest, plan
+from uavcover.run.plan_search import SearchRequest, plan
 
 
 def planned(algorithm: str | type, *, seed: int = 2) -> Plan:

@@ -19,7 +19,7 @@ from uavcover.planning.baselines.swaths import (
 )
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.routes.flight_costs import mission_time_s
-from uavcover.run.search import SearchRequest, plan
+from uavcover.run.plan_search import SearchRequest, plan
 from uavcover.sensing.coverage_map import judging_map
 
 SURVEY = FrameCamera(

@@ -8,7 +8,7 @@ from tests.planning.sites import with_scenario
 from tests.terrain_kinds import write_scenario
 from uavcover.planning.baselines.boustrophedon import best_height_agl_m
 from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout
-from uavcover.planning.search.memetic import _counted_as_judged, _search_problem
+from uavcover.planning.search.improve import _counted_as_judged, _search_problem
 from uavcover.planning.search.route_problem import RouteProblem, state_of
 from uavcover.planning.search.starts import SearchStart
 from uavcover.scenario.site import load_site

@@ -11,8 +11,8 @@ from uavcover.model.fleet import Fleet
 from uavcover.model.power import PowerModel
 from uavcover.model.route import Route
 from uavcover.model.vehicle import Wind
-from uavcover.planning.choice import ChosenRoute, choose
-from uavcover.planning.selection import parse_rule
+from uavcover.planning.final_choice import ChosenRoute, choose
+from uavcover.planning.selection_rule import parse_rule
 from uavcover.planning.sortie_order.order_costs import NO_LINK_S, OrderCosts
 from uavcover.planning.sortie_order.order_search import better_order
 from uavcover.planning.sortie_order.reorder import OrderEffort, has_several_sorties, reordered

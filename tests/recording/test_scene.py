@@ -17,7 +17,7 @@ from uavcover.recording.scene import obstacle_triangles_m, relief_mesh, scene_bo
 from uavcover.recording.tiles import coverage_tiles, lift_m, shown_from_s, tick_times_s
 from uavcover.recording.vehicle import body_rotations, footprints_m
 from uavcover.scenario.ground import Ground, grid_ground
-from uavcover.scenario.relief import hillshade
+from uavcover.scenario.shaded_relief import hillshade
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 
 DOWN = np.array([[0.0, 0.0, -1.0]])

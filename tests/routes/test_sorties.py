@@ -25,7 +25,7 @@ from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import compile_mission
 from uavcover.routes.objectives import judge
 from uavcover.routes.sorties import Sortie, compile_sorties
-from uavcover.run.flights import flown_tracks
+from uavcover.run.flight_folders import flown_tracks
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import judge_tracks, planned_for
 from uavcover.run.plan_files import save_plan

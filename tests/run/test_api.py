@@ -13,8 +13,8 @@ from uavcover.run.bounds import least_length_m
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan, export_text
 from uavcover.run.plan import PlanRequest, plan_into
+from uavcover.run.plan_search import SearchRequest, plan
 from uavcover.run.planned import read_planned
-from uavcover.run.search import SearchRequest, plan
 from uavcover.run.session import VehicleLink, connect, home_of, require_home
 from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import load_scenario

@@ -7,7 +7,7 @@ import pytest
 from uavcover.errors import InputError
 from uavcover.intake.quantities import memory_bytes
 from uavcover.run.memory import MIB, MemoryNeed, at_a_time_within, in_words, memory_need, parts_within
-from uavcover.run.search import SearchRequest, plan
+from uavcover.run.plan_search import SearchRequest, plan
 from uavcover.scenario.site import Site, load_site
 
 GIB = 1024 * MIB

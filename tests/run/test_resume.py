@@ -25,7 +25,7 @@ from uavcover.routes.leg_checks import measure_violations
 from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.routes.objectives import judge_member
 from uavcover.run.close_gaps import plan_gap_mission, save_gap_mission
-from uavcover.run.flights import flights_of, flown_tracks
+from uavcover.run.flight_folders import flights_of, flown_tracks
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import judge_tracks, planned_for, read_planned_route
 from uavcover.run.mission import compile_plan

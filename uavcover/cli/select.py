@@ -38,7 +38,7 @@ def select(
 
     from uavcover.errors import InputError
     from uavcover.model.vehicle import autopilot_name
-    from uavcover.planning.selection import parse_rule
+    from uavcover.planning.selection_rule import parse_rule
     from uavcover.run.fleet import say_fleet
     from uavcover.run.folder import RunFolder, flown_in
     from uavcover.run.plan_words import (

@@ -18,7 +18,7 @@ from uavcover.kernels.sight import CONE, farthest_looks, highest_in_squares, hor
 from uavcover.kernels.surface import GRID
 from uavcover.model.route import Bound, Plan, RouteMember
 from uavcover.planning.ground_prices import lattice_parts, price_ground
-from uavcover.planning.selection import parse_rule
+from uavcover.planning.selection_rule import parse_rule
 from uavcover.planning.set_cover.candidates import finest_lattice_candidates, reduce
 from uavcover.planning.set_cover.solvers import CoverProgram, SolverEffort
 from uavcover.sensing.coverage_map import CoverageMap

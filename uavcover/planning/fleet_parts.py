@@ -12,7 +12,7 @@ from uavcover.planning.baselines.boustrophedon import TUNED
 from uavcover.planning.front import pareto_members
 from uavcover.planning.parts.division import FlightWork, divide
 from uavcover.planning.parts.planner import flight_work
-from uavcover.planning.selection import parse_rule, select
+from uavcover.planning.selection_rule import parse_rule, select
 from uavcover.routes.part_routes import judge_route
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import Piece, groups_of, own_parts
@@ -99,7 +99,7 @@ def plan_parts(site: Site, *, select_rule: str, search: SearchPart) -> Plan:
 
     Args:
         site: the scenario on its ground, with vehicles of whom one at least has a part.
-        select_rule: see :mod:`uavcover.planning.selection`; it chooses in every part, and among what the parts are together.
+        select_rule: see :mod:`uavcover.planning.selection_rule`; it chooses in every part, and among what the parts are together.
         search: of each part.
 
     Raises:

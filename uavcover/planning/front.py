@@ -16,7 +16,7 @@ from uavcover.kernels.dominance import least_crowded, non_dominated_mask
 from uavcover.kernels.way_cost import route_cost
 from uavcover.model.route import PART_OF, Route, RouteMember
 from uavcover.planning.search.optimizer_search import Effort
-from uavcover.planning.selection import Rule, select
+from uavcover.planning.selection_rule import Rule, select
 from uavcover.routes.leg_checks import LegProblem, find_problems, find_waypoint_problems, measure_violations
 from uavcover.routes.objectives import judge_member
 from uavcover.routes.way_cost import way_cost_of

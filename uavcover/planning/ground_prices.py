@@ -15,8 +15,8 @@ from uavcover.kernels.ground_prices import WINDOW_FIELDS, NodePrices, rates_in_s
 from uavcover.kernels.ground_samples import looks_from_tiles
 from uavcover.kernels.relief import Relief
 from uavcover.kernels.sight import horizontal_reach
+from uavcover.planning.bound_heights import relief_over
 from uavcover.planning.price_program import PriceProgram, headings_over_half_a_turn, middles_of_bins
-from uavcover.planning.relief import relief_over
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import whatever_heading
 

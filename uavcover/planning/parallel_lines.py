@@ -25,10 +25,10 @@ from uavcover.planning.baselines.swaths import (
     regular_layout,
     width_across_m,
 )
-from uavcover.planning.choice import choose
+from uavcover.planning.final_choice import choose
 from uavcover.planning.front import judge_members
 from uavcover.planning.search.optimizer_search import Effort
-from uavcover.planning.selection import parse_rule
+from uavcover.planning.selection_rule import parse_rule
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
 from uavcover.sensing.sensors import flat_picture, reach_at_height_m
@@ -67,7 +67,7 @@ def plan_lines(
     Args:
         site: the scenario on its ground.
         settings: the direction, and how many waypoints a route may have.
-        select_rule: see :mod:`uavcover.planning.selection`.
+        select_rule: see :mod:`uavcover.planning.selection_rule`.
         effort: when to stop.
         executor: judges routes side by side; the result does not depend on it.
         should_stop: asked between batches; the first is always judged.

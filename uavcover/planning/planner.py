@@ -18,8 +18,8 @@ from uavcover.planning.baselines.contour_lines import TUNED as TUNED_CONTOURS
 from uavcover.planning.baselines.initial_routes import constructed_routes, initial_names
 from uavcover.planning.baselines.swaths import SwathLayout, long_side_angle_rad
 from uavcover.planning.beginning_lines import any_reaches, first_lines, one_line_more
-from uavcover.planning.choice import choose
 from uavcover.planning.encodings import SwathEncoding, WaypointEncoding
+from uavcover.planning.final_choice import choose
 from uavcover.planning.front import (
     Candidate,
     Finish,
@@ -28,7 +28,7 @@ from uavcover.planning.front import (
     judge_members,
 )
 from uavcover.planning.parallel_lines import plan_lines
-from uavcover.planning.search.memetic import improve
+from uavcover.planning.search.improve import improve
 from uavcover.planning.search.optimizer_search import (
     Effort,
     Encoding,
@@ -38,7 +38,7 @@ from uavcover.planning.search.optimizer_search import (
     rounds_of,
     search,
 )
-from uavcover.planning.selection import parse_rule
+from uavcover.planning.selection_rule import parse_rule
 from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.planning.sortie_order.reorder import ORDER_SHARE, OrderEffort, has_several_sorties, tries_of
 from uavcover.scenario.site import Site
@@ -110,7 +110,7 @@ def plan_routes(
     Args:
         site: the scenario on its ground.
         settings: algorithm, encoding and seed.
-        select_rule: see :mod:`uavcover.planning.selection`.
+        select_rule: see :mod:`uavcover.planning.selection_rule`.
         effort: when to stop.
         executor: evaluates routes side by side; the result does not depend on it.
         should_stop: asked before every round; the best so far is returned. There always is one: a baseline, or the

@@ -17,7 +17,7 @@ from uavcover.recording import layout
 from uavcover.recording.layout import log_static, ui_points
 from uavcover.scenario.airspace.zone_lines import zone_lines_m
 from uavcover.scenario.ground import Ground
-from uavcover.scenario.relief import relief_grid
+from uavcover.scenario.shaded_relief import relief_grid
 from uavcover.scenario.site import Site
 
 MAX_NODES_PER_SIDE = 180

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from uavcover.kernels.arrays import FloatArray
 from uavcover.recording.layout import NOT_COVERABLE_RGB, SEEN_RGB, UNSEEN_RGB
 from uavcover.recording.scene import extent_m, scene_bounds_m
-from uavcover.scenario.relief import hillshade, shaded
+from uavcover.scenario.shaded_relief import hillshade, shaded
 from uavcover.sensing.coverage_map import CoverageMap
 
 TICK_S = 1.0

@@ -19,7 +19,7 @@ from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground
 from uavcover.scenario.obstacles import Prism
-from uavcover.scenario.relief import relief_grid
+from uavcover.scenario.shaded_relief import relief_grid
 from uavcover.scenario.site import Site, area_as_drawn
 
 RELIEF_PIXELS = 900

@@ -77,7 +77,7 @@ def select(run: str | Path, rule: str, *, force: bool = False) -> Plan:
 
     Args:
         run: the run folder.
-        rule: see :mod:`uavcover.planning.selection`.
+        rule: see :mod:`uavcover.planning.selection_rule`.
         force: also when the route before was flown; it is kept in a folder of its own.
     """
     folder = RunFolder(run)

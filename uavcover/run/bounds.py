@@ -5,7 +5,7 @@ from typing import Any
 from uavcover.model.route import Plan
 from uavcover.planning.baselines.boustrophedon import best_height_agl_m
 from uavcover.planning.bounds import are_quick, least_path_length_m, path_bounds, waypoint_bounds
-from uavcover.planning.selection import parse_rule
+from uavcover.planning.selection_rule import parse_rule
 from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.run.documents import bound_document
 from uavcover.scenario.site import Site
@@ -19,7 +19,7 @@ def least_length_m(site: Site, rule: str) -> float | None:
 
     Args:
         site: the scenario on its ground.
-        rule: see :mod:`uavcover.planning.selection`; there is a bound when it names a coverage, for a sensor that observes
+        rule: see :mod:`uavcover.planning.selection_rule`; there is a bound when it names a coverage, for a sensor that observes
             along the path and an objective that is a length.
 
     Raises:

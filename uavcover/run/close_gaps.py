@@ -21,7 +21,7 @@ from uavcover.model.verdict import VerificationReport
 from uavcover.planning.gap_route import ClosingRoute, plan_closing_route
 from uavcover.routes.mission_compiler import CompiledMission, compile_continuation
 from uavcover.routes.objectives import judge_member
-from uavcover.run.flights import flown_tracks
+from uavcover.run.flight_folders import flown_tracks
 from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
 from uavcover.run.judge import judge_run, read_log, say_inputs
 from uavcover.run.judged_inputs import check_accepted, logs_of_the_verdict

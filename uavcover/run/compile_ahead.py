@@ -18,7 +18,7 @@ from uavcover.model.track import Track
 from uavcover.planning.gap_route import plan_closing_route
 from uavcover.routes.flights import compile_flights
 from uavcover.run.bounds import bounds
-from uavcover.run.search import SearchRequest, plan
+from uavcover.run.plan_search import SearchRequest, plan
 from uavcover.run.user import User
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map

@@ -32,7 +32,7 @@ from uavcover.run.fleet_sortie import (
 )
 from uavcover.run.fleet_traffic import Traffic
 from uavcover.run.fleet_work import FleetWork
-from uavcover.run.flights import TRACK
+from uavcover.run.flight_folders import TRACK
 from uavcover.run.fly import FlightOptions, record_flight
 from uavcover.run.folder import FLIGHT_FILES, RunFolder
 from uavcover.run.mission import compile_plan

@@ -9,7 +9,7 @@ from uavcover.errors import InfeasibleError, InputError
 from uavcover.model.route import Route
 from uavcover.routes.sorties import Sortie
 from uavcover.routes.timeline import Timeline, timeline_of
-from uavcover.run.flights import TRACK
+from uavcover.run.flight_folders import TRACK
 from uavcover.run.flown_by import is_alike
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan

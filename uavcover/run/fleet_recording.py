@@ -11,7 +11,7 @@ from uavcover.judging.shared_clock import shared_times
 from uavcover.judging.verify import flown_coverage
 from uavcover.kernels.arrays import FloatArray
 from uavcover.recording.fleet import record_fleet
-from uavcover.run.flights import TRACK
+from uavcover.run.flight_folders import TRACK
 from uavcover.run.folder import RunFolder
 from uavcover.run.planned import read_planned
 from uavcover.sensing.coverage_map import judging_map

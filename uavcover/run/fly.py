@@ -15,8 +15,8 @@ from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
 from uavcover.recording.writer import write_recording
 from uavcover.run import provenance
+from uavcover.run.flight_folders import TRACK
 from uavcover.run.flight_log import FlightLog, live_recording
-from uavcover.run.flights import TRACK
 from uavcover.run.folder import FLIGHT_FILES, RunFolder
 from uavcover.run.mission import compile_plan
 from uavcover.run.planned import read_planned

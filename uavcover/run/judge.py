@@ -19,7 +19,7 @@ from uavcover.model.track import ReadTrack, Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.run import provenance
 from uavcover.run.documents import read_plan_document, verification_document
-from uavcover.run.flights import TRACK
+from uavcover.run.flight_folders import TRACK
 from uavcover.run.flown_by import site_for
 from uavcover.run.folder import PLAN_FILES, VERDICT_FILES, RunFolder, json_text
 from uavcover.run.geotiff import cells_geotiff

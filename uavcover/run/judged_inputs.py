@@ -12,7 +12,7 @@ from typing import Any
 from uavcover.errors import InputError, ScenarioError
 from uavcover.model.scenario import Scenario
 from uavcover.model.terrain import RasterTerrain
-from uavcover.run.flights import TRACK, continues, flown_tracks
+from uavcover.run.flight_folders import TRACK, continues, flown_tracks
 from uavcover.run.folder import FLIGHT_FILES, MISSION_FILES, SCHEMA_VERSION, RunFolder
 from uavcover.run.provenance import Record, obstacles_sha256, read_record, run_document, sha256_of, version
 from uavcover.scenario.scenario_file import load_scenario, surface_source, terrain_source

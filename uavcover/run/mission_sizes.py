@@ -12,7 +12,7 @@ from uavcover.errors import InputError
 from uavcover.kernels.dominance import least_crowded
 from uavcover.model.route import MissionSize, Plan, RouteMember
 from uavcover.model.vehicle import AutopilotName
-from uavcover.planning.selection import Rule, parse_rule, select_flown
+from uavcover.planning.selection_rule import Rule, parse_rule, select_flown
 from uavcover.routes.flights import mission_size
 from uavcover.scenario.site import Site
 

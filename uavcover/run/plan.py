@@ -12,7 +12,7 @@ from uavcover.model.route import Plan, Route
 from uavcover.model.vehicle import autopilot_name
 from uavcover.planning.fleet_parts import part_sites
 from uavcover.planning.planner import SearchProgress
-from uavcover.planning.selection import parse_rule
+from uavcover.planning.selection_rule import parse_rule
 from uavcover.routes.flights import compile_flights
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie
@@ -22,6 +22,7 @@ from uavcover.run.folder import OF_A_PLAN, PARTS, PLAN_FILES, RunFolder
 from uavcover.run.kept_parts import KeptParts
 from uavcover.run.mission import one_or_several
 from uavcover.run.plan_files import save_plan
+from uavcover.run.plan_search import SearchRequest, plan
 from uavcover.run.plan_words import (
     progress_in_words,
     room_in_words,
@@ -33,7 +34,6 @@ from uavcover.run.plan_words import (
     say_window,
     say_zones,
 )
-from uavcover.run.search import SearchRequest, plan
 from uavcover.run.user import ProgressBar, StopRequests, User
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicle_parts import groups_of

@@ -10,7 +10,7 @@ from uavcover.model.limits import FlightLimits
 from uavcover.model.route import Plan, RouteMember, RouteMetrics
 from uavcover.model.scenario import Objective
 from uavcover.planning.planner import SearchProgress
-from uavcover.planning.selection import parse_rule, select
+from uavcover.planning.selection_rule import parse_rule, select
 from uavcover.routes.flights import makespan_s
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie

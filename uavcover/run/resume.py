@@ -8,7 +8,7 @@ from uavcover.model.route import Plan, Route
 from uavcover.model.track import Track
 from uavcover.routes.objectives import judge_member
 from uavcover.run.documents import PlannedDocument, read_plan_document
-from uavcover.run.flights import LINK, TRACK, flights_of, next_folder, track_sha256
+from uavcover.run.flight_folders import LINK, TRACK, flights_of, next_folder, track_sha256
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan
 from uavcover.run.plan_files import save_plan

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.model.route import Plan, RouteMember
 from uavcover.model.vehicle import AutopilotName
-from uavcover.planning.selection import parse_rule, select
+from uavcover.planning.selection_rule import parse_rule, select
 from uavcover.routes.flights import compile_flights
 from uavcover.routes.part_routes import judge_route
 from uavcover.routes.sorties import Sortie

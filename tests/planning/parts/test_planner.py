@@ -23,7 +23,7 @@ from uavcover.planning.parts.planner import (
 )
 from uavcover.planning.search.optimizer_search import Effort, SearchRun
 from uavcover.planning.search.starts import best_starts
-from uavcover.run.search import SearchRequest, plan
+from uavcover.run.plan_search import SearchRequest, plan
 from uavcover.scenario.site import Site
 from uavcover.sensing import block_map
 from uavcover.sensing.coverage_map import CoverageMap, judging_map

@@ -19,7 +19,7 @@ from uavcover.kernels.sight import MIDPOINT, RAY
 from uavcover.model.route import RouteMember
 from uavcover.optimizers.indicators import hypervolume
 from uavcover.planning.front import NamedRoute, judge_members, pareto_members
-from uavcover.planning.selection import parse_rule, select
+from uavcover.planning.selection_rule import parse_rule, select
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap

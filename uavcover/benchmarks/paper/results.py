@@ -30,7 +30,7 @@ from uavcover.benchmarks.paper.runs import (
 )
 from uavcover.benchmarks.runs import KeptRuns
 from uavcover.kernels.arrays import FloatArray
-from uavcover.planning.selection import PAPER_WEIGHTS
+from uavcover.planning.selection_rule import PAPER_WEIGHTS
 from uavcover.run.folder import write_text
 from uavcover.sensing.coverage_map import CoverageMap
 

@@ -20,7 +20,7 @@ from uavcover.model.route import RouteMember
 from uavcover.model.scenario import PlannerAlgorithm
 from uavcover.model.sensor import LineOfSight, SphereSensor
 from uavcover.planning.planner import Effort, plan_routes
-from uavcover.planning.selection import PAPER_WEIGHTS
+from uavcover.planning.selection_rule import PAPER_WEIGHTS
 from uavcover.scenario.site import Site, load_site
 
 

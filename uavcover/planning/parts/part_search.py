@@ -27,8 +27,8 @@ from uavcover.planning.search.local_search import (
     SearchPace,
     Work,
 )
-from uavcover.planning.search.memetic import scattered_problem
 from uavcover.planning.search.route_judge import RouteJudge
+from uavcover.planning.search.search_cells import scattered_problem
 from uavcover.planning.search.starts import best_starts, starts_worth_looking_at
 from uavcover.planning.search.tuning import TUNED
 from uavcover.routes.leg_checks import measure_violations

@@ -22,7 +22,7 @@ from uavcover.planning.baselines.boustrophedon import (
     plain_boustrophedon,
 )
 from uavcover.planning.baselines.swaths import fly_layout
-from uavcover.planning.choice import choose
+from uavcover.planning.final_choice import choose
 from uavcover.planning.front import NamedRoute, judge_members
 from uavcover.planning.joining import in_good_order, joined
 from uavcover.planning.parts.division import FlightWork, divide
@@ -30,7 +30,7 @@ from uavcover.planning.parts.part_search import Neighbour, PartTask, search_part
 from uavcover.planning.parts.slices import Slice, sliced
 from uavcover.planning.parts.sortie_parts import SortiePart, may_have_sorties, sortie_parts
 from uavcover.planning.search.optimizer_search import SearchProgress, SearchRun
-from uavcover.planning.selection import parse_rule
+from uavcover.planning.selection_rule import parse_rule
 from uavcover.routes.flight_costs import mission_cost
 from uavcover.routes.way_cost import way_cost_of
 from uavcover.scenario.site import Site
@@ -130,7 +130,7 @@ def plan_by_parts(
         site: the scenario on its ground.
         parts: how many, 2 at least.
         settings: of the search.
-        select_rule: see :mod:`uavcover.planning.selection`.
+        select_rule: see :mod:`uavcover.planning.selection_rule`.
         run: evaluations of all parts together, or a time budget; who evaluates whole routes side by side, and who is told.
         run_tasks: who searches in the parts.
         run_blocks: who judges a large area, block by block.

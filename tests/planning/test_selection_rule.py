@@ -5,7 +5,7 @@ import pytest
 
 from uavcover.errors import InputError
 from uavcover.model.route import MissionSize, Route, RouteMember, RouteMetrics
-from uavcover.planning.selection import Choice, Condition, parse_rule, select, select_flown, without_flukes
+from uavcover.planning.selection_rule import Choice, Condition, parse_rule, select, select_flown, without_flukes
 
 
 def member(coverage: float, waypoints: int, length_m: float, origin: str = "test") -> RouteMember:

@@ -9,7 +9,6 @@ import numpy as np
 from uavcover.kernels.tours import short_tour
 from uavcover.model.route import Route
 from uavcover.model.scenario import PlannerSettings
-from uavcover.planning.baselines.boustrophedon import best_height_agl_m
 from uavcover.planning.front import Candidate
 from uavcover.planning.search.closing import with_gaps_closed
 from uavcover.planning.search.goal_search import search_goals, search_waypoints
@@ -24,32 +23,19 @@ from uavcover.planning.search.local_search import (
 )
 from uavcover.planning.search.optimizer_search import Effort, SearchProgress, SearchRun
 from uavcover.planning.search.route_judge import SAFETY, OneAfterTheOther, RouteJudge, share_seen
-from uavcover.planning.search.route_problem import RouteProblem, route_problem, state_of
+from uavcover.planning.search.route_problem import RouteProblem
+from uavcover.planning.search.search_cells import counted_as_judged, search_problem
 from uavcover.planning.search.simplify import thinned_out
 from uavcover.planning.search.starts import SearchStart, best_starts
 from uavcover.planning.search.tour_with_neighbourhoods import search_free_order
 from uavcover.planning.search.tuning import TUNED, GoalTuning, SearchTuning
 from uavcover.planning.search.waiting_turns import with_waiting_turns
-from uavcover.planning.selection import Rule
+from uavcover.planning.selection_rule import Rule
 from uavcover.planning.sure_pictures import surely
-from uavcover.scenario.site import Site
-from uavcover.sensing.cells import make_scattered_cells
 from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
-from uavcover.sensing.judged_cells import is_judged_on_smaller_cells
-from uavcover.sensing.sensors import reach_at_height_m
-
-MARGIN_CELLS = 0.45
-"""Reduction of the planner's sensor range, in planning cells, where other cells judge."""
-
-SCATTERED_MARGIN_CELLS = 0.1
-"""Likewise on scattered cells, which a route passes at all distances, so that it can hardly live off their centres."""
 
 _FLOWN = 0.98
 """The coverage that it goes for when the rule asks for none."""
-
-_FAR_LESS = 0.04
-"""A share of coverage: of scripts/bench_kinds.py, pictures every 40 m over cliffs are counted 0.05 to 0.2 less than they are
-judged, others up to 0.025."""
 
 _LOCAL_SEARCH_STREAM = 1
 
@@ -99,7 +85,7 @@ def improve(
     starts = _starts(coverage, candidates, settings)
     if not starts or left == 0 or effort.is_over(run.started):
         return Improved((), 0, interrupted=False)
-    problem = _counted_as_judged(_search_problem(coverage, judging), judging, starts)
+    problem = counted_as_judged(search_problem(coverage, judging), judging, starts)
     judges = judging_maps(site) if site.scenario.sensor.sensing == "along-path" else [judging]
     pace: SearchPace
     if effort.budget_s is None:
@@ -189,41 +175,6 @@ def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: Planner
         for each in known
         if each.violation <= 0.0 and len(each.route[0]) >= fewest and (longest is None or len(each.route[0]) <= longest)
     ]
-
-
-def _search_problem(coverage: CoverageMap, judging: CoverageMap) -> RouteProblem:
-    """The problem of a search: on scattered cells, or at waypoints on the planner's.
-
-    Where routes are judged on smaller cells, these see other ground than the planner's do: on the walls of a canyon a search saw
-    98.6 % where 93.7 % were judged, and its goal, corrected up to 100 %, told it no more.
-    """
-    site = coverage.site
-    if site.scenario.sensor.sensing == "along-path" or is_judged_on_smaller_cells(site):
-        return scattered_problem(
-            CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m, cut=make_scattered_cells)
-        )
-    return _problem(site, coverage, margin_cells=0.0 if judging is coverage else MARGIN_CELLS)
-
-
-def _counted_as_judged(problem: RouteProblem, judging: CoverageMap, starts: Sequence[SearchStart]) -> RouteProblem:
-    """The problem; where it counts far less of what pictures by distance show than is judged, with likely pictures."""
-    if problem.numbers.trigger_m == 0.0:
-        return problem
-    most = max(starts, key=lambda start: start.seen).route
-    counted = float(state_of(problem, most, capacity=len(most)).seen[0])
-    return problem.with_likely_pictures() if counted < share_seen(most, judging) - _FAR_LESS else problem
-
-
-def scattered_problem(scattered: CoverageMap) -> RouteProblem:
-    """The problem of a search on scattered cells."""
-    return _problem(scattered.site, scattered, margin_cells=SCATTERED_MARGIN_CELLS)
-
-
-def _problem(site: Site, coverage: CoverageMap, *, margin_cells: float) -> RouteProblem:
-    cell_m = coverage.grid.cells.size_m
-    margin_m = margin_cells * cell_m
-    reach_m = max(reach_at_height_m(site.scenario.sensor, best_height_agl_m(site)), cell_m)
-    return route_problem(coverage, margin_m=margin_m, reach_m=reach_m)
 
 
 def _capacity(

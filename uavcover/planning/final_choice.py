@@ -9,7 +9,7 @@ from uavcover.model.route import RouteMember
 from uavcover.model.scenario import PlannerSettings
 from uavcover.planning.front import NamedRoute, judge_members, pareto_members, thinned, why_infeasible
 from uavcover.planning.search.simplify import simplified
-from uavcover.planning.selection import Rule, select, without_flukes
+from uavcover.planning.selection_rule import Rule, select, without_flukes
 from uavcover.planning.sortie_order.reorder import OrderEffort, has_several_sorties, reordered
 from uavcover.planning.sure_pictures import surely
 from uavcover.scenario.site import Site
