@@ -8,8 +8,8 @@ from tests.planning.sites import with_scenario
 from tests.terrain_kinds import write_scenario
 from uavcover.planning.baselines.boustrophedon import best_height_agl_m
 from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout
-from uavcover.planning.search.improve import _counted_as_judged, _search_problem
 from uavcover.planning.search.route_problem import RouteProblem, state_of
+from uavcover.planning.search.search_cells import counted_as_judged, search_problem
 from uavcover.planning.search.starts import SearchStart
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import judging_map, planning_map
@@ -22,7 +22,7 @@ def test_at_waypoints_a_search_sees_what_judges_see_where_these_have_smaller_cel
     site = load_site(str(write_scenario(tmp_path, "canyon", "sphere")))
     site = with_scenario(site, area=dataclasses.replace(site.scenario.area, fewest_places=fewest_places))
     planning = planning_map(site)
-    cells = _search_problem(planning, judging_map(site)).numbers.cells
+    cells = search_problem(planning, judging_map(site)).numbers.cells
     assert np.array_equal(cells.centre_m, planning.grid.cells.centre_m) is (fewest_places == 0)
 
 
@@ -33,7 +33,7 @@ def test_where_hardly_any_ground_is_in_view_all_the_way_likely_pictures_count(
     """Pictures every 40 m: on cliffs the count of what they show for sure says little about what is judged."""
     site = load_site(str(write_scenario(tmp_path, terrain, "sparse")))
     judging = judging_map(site)
-    problem = _search_problem(planning_map(site), judging)
+    problem = search_problem(planning_map(site), judging)
     routes = [
         fly_layout(
             site,
@@ -51,7 +51,7 @@ def test_where_hardly_any_ground_is_in_view_all_the_way_likely_pictures_count(
         return max(abs(a - b) for a, b in zip(counted, judged, strict=True))
 
     starts = [SearchStart(route, seen) for route, seen in zip(routes, judged, strict=True)]
-    counted_on = _counted_as_judged(problem, judging, starts)
+    counted_on = counted_as_judged(problem, judging, starts)
     assert (counted_on.numbers.trigger_m < problem.numbers.trigger_m) is likely
     assert off(counted_on) < 0.03
     assert (off(problem) > 0.05) is likely
