@@ -2,8 +2,7 @@
 
 Nothing of the package is used. Places come from latitude, longitude and height in ``plan.json`` through pyproj into the elevation
 file's own system, which has to be metric there and true to scale; the camera trigger is flown in small steps; cells are half as
-large as the scenario's and moved against them. Where a camera looks
-from waypoints or by distance, and over small areas, the line is the one that ArduCopter flies beside them.
+large as the scenario's and moved against them. The line is the one that ArduCopter flies beside its waypoints.
 """
 
 import itertools
@@ -22,8 +21,6 @@ from tests.naive.flown_line import arducopter, nose, passed_corners
 
 _STEP_M = 0.01
 _SAMPLES = 80
-_SMALL_M = 200.0
-"""Side of an area on which corners matter to a line."""
 
 _GRAZING_M = 0.02
 """A ray may dip this far below the ground: it is sampled, and ends on a surface of triangles and saddles."""
@@ -164,15 +161,15 @@ def cells(dem, area, prisms, size_m, fewest=0):
 
 
 def _in_view(sensor, ray, normal, heading):
-    """Which of the (n, 3) rays from the sensor to the ground it takes in."""
+    """Which of the (n, 3) rays from the sensor to the ground it takes in: ground that faces it, but for the paper's disc."""
     kind = sensor["kind"]
     long = np.linalg.norm(ray, axis=1)
     if kind == "disc":
         return np.hypot(ray[:, 0], ray[:, 1]) <= sensor["radius_m"]
-    if kind == "sphere":
-        return long <= sensor["range_m"]
-    near = (long <= sensor["range_m"]) & (long > 0.0)
     facing = -(ray * normal).sum(axis=1)
+    if kind == "sphere":
+        return (long <= sensor["range_m"]) & (facing > 0.0)
+    near = (long <= sensor["range_m"]) & (long > 0.0)
     near &= facing >= math.cos(math.radians(sensor.get("max_incidence_deg", 75.0))) * long
     if kind == "nadir-camera":
         return near & (-ray[:, 2] >= math.cos(math.radians(sensor["fov_deg"] / 2)) * long)
@@ -266,11 +263,7 @@ def coverage_of(scenario, folder, waypoints, fewest_cells=0):
     ])  # fmt: skip
     centres, normals, areas = cells(dem, ground, prisms, scenario["area"]["cell_size_m"], fewest_cells)
     home = scenario.get("home")
-    sensor = scenario["sensor"]
-    pictures = picture_distance_m(scenario) is not None or (
-        sensor.get("sensing") == "at-waypoints" and "camera" in sensor["kind"]
-    )
-    if home is None or not (pictures or math.sqrt(ground.area) <= _SMALL_M):
+    if home is None or scenario["limits"].get("applies_to") == "waypoints":
         places, headings = looks(scenario, route)
     else:
         east, north = to_file.transform(home["lon_deg"], home["lat_deg"])

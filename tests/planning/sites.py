@@ -27,6 +27,9 @@ SQUARE = ((0.0, 0.0), (300.0, 0.0), (300.0, 200.0), (0.0, 200.0))
 CAMERA = NadirCamera(kind="nadir-camera", fov_deg=70.0, range_m=200.0)
 Ups = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
+BRAKES = {"autopilot": "px4"}
+"""A vehicle that flies through its waypoints, and not beside them."""
+
 LOW_M, HIGH_M, STEP_M = -600.0, 1000.0, 10.0
 
 

@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pytest
 
-from tests.planning.sites import Ups, flat, hills, make_site, ridge
+from tests.planning.sites import BRAKES, Ups, flat, hills, make_site, ridge
 from tests.planning.test_memetic import SPHERE, make_plan
 from uavcover.errors import ScenarioError
 from uavcover.kernels.way_cost import LENGTH, route_cost
@@ -39,7 +39,7 @@ def lines(site: Site, *, tolerance_m: float = 0.05, every_m: float | None = None
 
 
 def test_a_line_over_flat_ground_keeps_its_ends_alone() -> None:
-    site = make_site(flat, limits=LIMITS)
+    site = make_site(flat, limits=LIMITS, home=None)
     route = lines(site, every_m=5.0)
     assert len(route) > 150
     simpler = simplified(judging_maps(site), route, asked=None)
@@ -69,7 +69,7 @@ def test_where_there_is_no_time_one_sweep_is_made() -> None:
 @pytest.mark.parametrize("sensor", [None, PICTURES, dataclasses.replace(SPHERE, sensing="at-waypoints")])
 @pytest.mark.parametrize("asked", [None, 0.5, 0.9, 1.0])
 def test_coverage_limits_and_cost_are_kept(ups: Ups, sensor: object, asked: float | None) -> None:
-    site = make_site(ups, limits=LIMITS, **({} if sensor is None else {"sensor": sensor}))
+    site = make_site(ups, limits=LIMITS, vehicle=BRAKES, **({} if sensor is None else {"sensor": sensor}))
     route, maps = lines(site, every_m=20.0), judging_maps(site)
     before = judge_member(maps[0], route, "before", margin_m=5.0)
     assert before.violation == 0.0

@@ -204,6 +204,6 @@ def test_what_is_seen_does_not_depend_on_the_order_of_observations(trigger):
     coverage = CoverageMap(make_site(hills, sensor=sensor), cell_size_m=5.0)
     ground = coverage.site.ground.heights_m(np.array([[0.0, 40.0], [300.0, 60.0], [290.0, 150.0], [10.0, 140.0]]))
     route = np.column_stack([[0.0, 300.0, 290.0, 10.0], [40.0, 60.0, 150.0, 140.0], ground + 75.0])
-    in_order = coverage.first_seen(coverage.observations(route)) >= 0
+    in_order = coverage.first_seen(coverage.flown_observations(route)) >= 0
     assert 0 < in_order.sum() < coverage.grid.count
     assert coverage.seen(route).tolist() == in_order.tolist()

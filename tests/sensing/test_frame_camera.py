@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.judging.flights import fly_along
-from tests.planning.sites import hills, make_site
+from tests.planning.sites import BRAKES, flat, hills, make_site
 from tests.sensing.test_coverage import grid_site
 from uavcover.errors import ScenarioError
 from uavcover.judging.observations import observations_of
@@ -22,9 +22,8 @@ FRAME = FrameCamera(kind="frame-camera", fov_across_deg=80.0, fov_along_deg=40.0
 AHEAD = dataclasses.replace(FRAME, pitch_deg=-55.0)
 
 
-def seen_along(sensor, route, *, ups=None):
-    site = make_site(sensor=sensor, cell_m=5.0) if ups is None else make_site(ups, sensor=sensor, cell_m=5.0)
-    coverage = CoverageMap(site, cell_size_m=5.0)
+def seen_along(sensor, route, *, ups=flat):
+    coverage = CoverageMap(make_site(ups, sensor=sensor, cell_m=5.0, vehicle=BRAKES), cell_size_m=5.0)
     return coverage.grid.cells.centre_m[coverage.seen(np.array(route))]
 
 
@@ -106,7 +105,7 @@ def test_whatever_the_heading_no_more_is_seen_than_by_the_bound():
 @pytest.mark.parametrize("mount", ["fixed", "stabilised"])
 def test_a_level_flight_sees_what_was_planned(mount):
     sensor = dataclasses.replace(AHEAD, mount=mount, sample_spacing_m=2.0)
-    site = make_site(hills, sensor=sensor, cell_m=5.0)
+    site = make_site(hills, sensor=sensor, cell_m=5.0, vehicle=BRAKES)
     coverage = CoverageMap(site, cell_size_m=5.0)
     path = np.array([[0.0, 60.0, 80.0], [250.0, 140.0, 80.0]])
     level = fly_along(site, path)

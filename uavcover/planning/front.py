@@ -146,7 +146,8 @@ class Part:
     Attributes:
         route: its waypoints.
         seen: share of the area's ground that it sees: at least this much, because what the route has seen before the
-            stretch begins is not looked at again. Pictures by distance begin anew with the stretch, so there it is an estimate.
+            stretch begins is not looked at again. It is an estimate where pictures by distance begin anew with the stretch, and
+            in corners, which are flown beside the waypoints.
     """
 
     route: Route

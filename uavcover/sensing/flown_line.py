@@ -14,7 +14,6 @@ import numpy as np
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.coverage import picture_places
 from uavcover.kernels.flight_time import BLENDED, Pace, speed_over_ground, turn_times
-from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m
@@ -25,10 +24,6 @@ than it is in flight."""
 
 _LEAST_OFF_M = 0.02
 """What passes its waypoint as near goes through it."""
-
-_SMALL_SIDES = 100.0
-"""An area is small where a square of its size is no wider than so many radii of a corner. Flights over 40 m saw up to 3.1 points
-less than the straight lines of their plans; over 460 m it is 0.3 at most (docs/results/kinds.md)."""
 
 _TURNING_SHARE = 0.05
 """Of the cruise speed: the nose stays where it is while the vehicle is slower (AC_PosControl::calculate_yaw_and_rate_yaw)."""
@@ -115,18 +110,12 @@ def heading_there(site: Site, first_m: FloatArray) -> FloatArray:
 
 
 def corners_matter(site: Site) -> bool:
-    """Whether what is seen depends on how corners are flown, and they are not flown exactly.
+    """Whether corners are not flown exactly, and what is seen is what is seen from the line beside them.
 
-    It does over a small area, and where a camera takes its pictures at the waypoints or by distance: on the inside of a bend the
-    way is shorter, and all later pictures come later. Not where nothing but waypoints is held to the limits, as in the paper.
+    Flights over 40 m saw up to 3.1 points less than the straight lines of their plans, over 250 to 500 m up to 0.6
+    (docs/results/kinds.md). Where nothing but waypoints is held to the limits, as in the paper, they are what is counted.
     """
-    pace, sensor = pace_of(site), site.scenario.sensor
-    if not _is_blended(site, pace) or site.scenario.limits.applies_to == "waypoints":
-        return False
-    at_waypoints = sensor.sensing == "at-waypoints" and isinstance(sensor, NadirCamera | FrameCamera)
-    if at_waypoints or trigger_distance_m(site.scenario) is not None:
-        return True
-    return math.sqrt(site.area.area) <= _SMALL_SIDES * pace.corner_radius_m
+    return _is_blended(site, pace_of(site)) and site.scenario.limits.applies_to != "waypoints"
 
 
 def _is_blended(site: Site, pace: Pace) -> bool:
