@@ -101,7 +101,7 @@ def flown_looks(scenario, route, top):
     """As :func:`looks`, along the line that ArduCopter flies from above home, round the waypoints and back."""
     pace = arducopter(scenario["vehicle"])
     corners, steps_s = passed_corners([top, *route, top], pace)
-    if scenario["sensor"].get("sensing", "along-path") == "at-waypoints":
+    if _looks_from_waypoints(scenario["sensor"]):
         return looks(scenario, corners[:, corners.shape[1] // 2])
     triggered = picture_distance_m(scenario) is not None
     if triggered:
@@ -118,11 +118,15 @@ def flown_looks(scenario, route, top):
     return places, headings
 
 
+def _looks_from_waypoints(sensor):
+    return sensor.get("sensing", "along-path" if "camera" in sensor["kind"] else "at-waypoints") == "at-waypoints"
+
+
 def looks(scenario, route, noses=None):
     """Where the sensor looks from, and its headings: along each leg, or as it is said of each."""
     sensor = scenario["sensor"]
     distance_m = picture_distance_m(scenario)
-    if sensor.get("sensing", "along-path") == "at-waypoints":
+    if _looks_from_waypoints(sensor):
         places, headings = np.asarray(route, dtype=float), np.full((len(route), 2), np.nan)
     elif distance_m is not None:
         places, headings = trigger(route, distance_m, noses=noses)

@@ -5,7 +5,7 @@ import dataclasses
 import numpy as np
 
 from tests.planning.sites import hills, make_site
-from uavcover.model.route import Route
+from uavcover.model.route import Route, RouteMember
 from uavcover.planning.baselines.swaths import fly_layout, regular_layout
 from uavcover.planning.final_choice import ChosenRoute, choose
 from uavcover.planning.front import judge_members
@@ -50,3 +50,27 @@ def test_not_with_more_waypoints_than_there_may_be() -> None:
     most = max(len(lines(site, n)) for n in (2, 3))
     found = chosen(site, most_waypoints=most)
     assert found.route.metrics.waypoint_count <= most
+
+
+def pit(east: np.ndarray, north: np.ndarray) -> np.ndarray:
+    return np.where((east > 105.0) & (north > 105.0), -60.0, 0.0)
+
+
+def test_corners_that_leave_the_band_of_heights_at_a_cliff_are_not_chosen() -> None:
+    """Two legs along the edges of a pit keep to 120 m; the vehicle turns inside of their corner, where the ground is lower."""
+    site = make_site(pit, limits={"height_margin_m": 0.0})
+    fine, rule = judging_map(site), parse_rule("coverage>=0.3")
+    near, away = (Route(np.array([[at, 190.0, 119.5], [at, at, 119.5], [290.0, at, 119.5]])) for at in (100.0, 95.0))
+    members = judge_members(fine, [(near, "near"), (away, "away")])
+    assert [member.violation for member in members] == [0.0, 0.0]
+    assert members[0].metrics.cost < members[1].metrics.cost
+
+    def chosen_of(offered: list[RouteMember]) -> str:
+        found = choose(
+            fine, site.scenario.planner, rule, offered, executor=None, interrupted=False, is_over=lambda: True
+        )
+        assert found.rule_met
+        return found.route.origin
+
+    assert chosen_of(members) == "away"
+    assert chosen_of(members[:1]) == "near", "there is no other"

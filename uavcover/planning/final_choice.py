@@ -16,9 +16,14 @@ from uavcover.planning.sortie_order.reorder import OrderEffort, has_several_sort
 from uavcover.planning.sure_pictures import surely
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
+from uavcover.sensing.flown_line import line_flown
 
 _MOST_UNSURE = 5
 """So many choices with unsure pictures are given up for the next one before the first of them is taken after all."""
+
+_OUT_OF_BAND_M = 0.1
+_MOST_OUT_OF_BAND = 20
+"""So many choices that leave their band in a corner are given up for the next one before the first of them is taken after all."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -68,7 +73,7 @@ def choose(
     if not feasible:
         early = "interrupted: so far " if interrupted else ""
         raise InfeasibleError(early + why_infeasible(site, judged))
-    few = _few_enough(feasible, settings)
+    few = _in_band_when_flown(site, _few_enough(feasible, settings), rule)
     confirmed = _confirmed(site, few, rule, cells=fine.grid.count)
     simpler: list[NamedRoute] = []
     if is_over is not None:
@@ -82,7 +87,7 @@ def choose(
         confirmed += [member for member in _feasible(fine, others, executor) if _is_few_enough(member, settings)]
         simpler += others
     confirmed = _with_sure_pictures(fine, confirmed, rule, executor)
-    pareto = thinned(pareto_members(confirmed), rule)
+    pareto = thinned(pareto_members(_in_band_when_flown(site, confirmed, rule)), rule)
     choice = select(pareto, rule)
     route = pareto[choice.index]
     return ChosenRoute(route, tuple(pareto), choice.met and _is_few_enough(route, settings), tuple(simpler))
@@ -102,6 +107,31 @@ def _few_enough(members: Sequence[RouteMember], settings: PlannerSettings) -> li
     fewest = min(member.metrics.waypoint_count for member in members)
     few = [member for member in members if _is_few_enough(member, settings)]
     return few or [member for member in members if member.metrics.waypoint_count == fewest]
+
+
+def _in_band_when_flown(site: Site, members: list[RouteMember], rule: Rule) -> list[RouteMember]:
+    """The members; the rule's choice among them stays in its band of heights in its corners, if one of few does as well.
+
+    Corners are flown inside of their waypoints, where legs are not checked: at the edge of a cliff the ground there is lower.
+    """
+    limits, left = site.scenario.limits, members
+    if limits.applies_to == "waypoints" or rule.kind == "index":
+        return members
+    met = select(pareto_members(members), rule).met
+    for _ in range(_MOST_OUT_OF_BAND):
+        if not left:
+            break
+        front = pareto_members(left)
+        choice = select(front, rule)
+        if met and not choice.met:
+            break
+        chosen = front[choice.index]
+        flown_agl_m = site.ground.heights_agl_m(line_flown(site, chosen.route.waypoints_m).places_m)
+        out_m = max(limits.min_height_agl_m - flown_agl_m.min(), flown_agl_m.max() - limits.max_height_agl_m)
+        if out_m <= _OUT_OF_BAND_M:
+            return left
+        left = [member for member in left if member is not chosen]
+    return members
 
 
 def _confirmed(site: Site, members: list[RouteMember], rule: Rule, *, cells: int) -> list[RouteMember]:
