@@ -177,25 +177,39 @@ def recomputed_coverage(folder: Path, run: Path) -> float:
     return float(share)
 
 
+def _words(error: UavcoverError, folder: Path) -> str:
+    return " ".join(str(error).replace(str(folder), "").split())[:160]
+
+
 def measure(folder: Path, terrain: str, sensor: str, seed: int, *, evaluations: int, flown: bool) -> Row:
     """One plan as a row."""
     folder.mkdir(parents=True, exist_ok=True)
     scenario_file = write_scenario(folder, terrain, sensor)
-    scenario = tomllib.loads(scenario_file.read_text())
+    return measure_file(scenario_file, terrain, sensor, seed, evaluations=evaluations, flown=flown)
+
+
+def measure_file(scenario_file: Path, terrain: str, sensor: str, seed: int, *, evaluations: int, flown: bool) -> Row:
+    """One plan of a scenario whose elevation file has true metres, as a row."""
+    folder, scenario = scenario_file.parent, tomllib.loads(scenario_file.read_text())
     site, run = uc.load_site(str(scenario_file)), folder / f"run-{seed}"
     asked = float(scenario["select"].removeprefix("coverage>="))
     begin = time.process_time()
     try:
         plan = uc.plan(site, out=run, evaluations=evaluations, seed=seed, force=True)
     except UavcoverError as error:
-        words = " ".join(str(error).replace(str(folder), "").split())[:160]
+        words = _words(error, folder)
         nan = math.nan
         return Row(terrain, sensor, seed, asked, nan, nan, nan, False, 0, nan, "", nan, nan, nan, words,
                    time.process_time() - begin)  # fmt: skip
     cpu_s = time.process_time() - begin
     metrics = plan.chosen.metrics
     recomputed = recomputed_coverage(folder, run)
-    flight = fly(site, run) if flown else (math.nan, "")
+    flight = math.nan, ""
+    if flown:
+        try:
+            flight = fly(site, run)
+        except UavcoverError as error:
+            flight = math.nan, _words(error, folder)
     return Row(
         terrain=terrain, sensor=sensor, seed=seed, asked=asked, claimed=metrics.coverage_fraction, recomputed=recomputed,
         of_coverable=metrics.coverage_of_coverable, met=plan.rule_met, waypoints=metrics.waypoint_count,

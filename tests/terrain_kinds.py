@@ -48,7 +48,9 @@ class Kind:
     prisms: tuple[tuple[shapely.Polygon, float], ...] = field(default=())
 
 
-def _fractal(number: int, steepest: float) -> Relief:
+def fractal(number: int, steepest: float) -> Relief:
+    """Rough ground of a number, and how steep it is at its steepest."""
+
     def heights(east: np.ndarray, north: np.ndarray) -> np.ndarray:
         assert east.shape == north.shape
         return np.asarray(fractal_m(np.random.default_rng(number), *east.shape, pixel_m=PIXEL_M, steepest=steepest))
@@ -103,18 +105,18 @@ _L = shapely.Polygon([(-250, -250), (250, -250), (250, -60), (-40, -60), (-40, 2
 )
 
 KINDS: dict[str, Kind] = {
-    "fractal": Kind(_fractal(7, 1.2), _SQUARE),
+    "fractal": Kind(fractal(7, 1.2), _SQUARE),
     "canyon": Kind(_canyon, _SQUARE, band_m=(40.0, 150.0)),
     "volcano": Kind(_volcano, _SQUARE),
     "terraces": Kind(_terraces, _SQUARE),
     "flat": Kind(flat, _SQUARE),
     "city": Kind(flat, shapely.box(-215.0, -215.0, 215.0, 240.0), prisms=_city()),
-    "L with holes": Kind(_fractal(8, 0.6), _L),
+    "L with holes": Kind(fractal(8, 0.6), _L),
     "strip": Kind(_ridge, shapely.affinity.rotate(shapely.box(-600.0, -60.0, 600.0, 60.0), 8.0)),
     "two parts": Kind(
-        _fractal(9, 0.8), shapely.MultiPolygon([shapely.box(-310, -150, -60, 140), shapely.box(90, -120, 320, 170)])
+        fractal(9, 0.8), shapely.MultiPolygon([shapely.box(-310, -150, -60, 140), shapely.box(90, -120, 320, 170)])
     ),
-    "hectare": Kind(_fractal(10, 0.8), shapely.box(-50.0, -50.0, 50.0, 50.0), cell_size_m=2.0),
+    "hectare": Kind(fractal(10, 0.8), shapely.box(-50.0, -50.0, 50.0, 50.0), cell_size_m=2.0),
     "40 m": Kind(_rolling, shapely.box(-20.0, -20.0, 20.0, 20.0), cell_size_m=1.0),
     "narrow band": Kind(_rolling, _SQUARE, band_m=(64.0, 80.0), margin_m=2.0),
 }  # fmt: skip
