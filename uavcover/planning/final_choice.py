@@ -22,6 +22,8 @@ _MOST_UNSURE = 5
 """So many choices with unsure pictures are given up for the next one before the first of them is taken after all."""
 
 _OUT_OF_BAND_M = 0.1
+"""By so much a corner may leave the band of heights."""
+
 _MOST_OUT_OF_BAND = 20
 """So many choices that leave their band in a corner are given up for the next one before the first of them is taken after all."""
 
