@@ -228,6 +228,23 @@ def read_rows(path: Path) -> list[Row]:
     return [Row(**{each.name: readers[each.type](line[each.name]) for each in fields(Row)}) for line in lines]  # type: ignore[index]
 
 
+def write_rows(path: Path, rows: Sequence[Row]) -> None:
+    """The rows as a table that :func:`read_rows` reads."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        table = csv.DictWriter(file, [each.name for each in fields(Row)], lineterminator="\n")
+        table.writeheader()
+        table.writerows(asdict(row) for row in rows)
+
+
+def said_of(command: str) -> str:
+    """How a page was made, by a script and its options."""
+    return (
+        f"Command: `.venv/bin/python scripts/{command}`, {datetime.date.today().isoformat()}, uavcover "
+        f"{metadata.version('uavcover')}, Python {platform.python_version()}, {os.cpu_count()} cores. What is planned and how "
+        "it is checked is said at the top of the script."
+    )
+
+
 def summary(rows: Sequence[Row]) -> list[str]:
     """What the rows say, in words."""
     planned = [row for row in rows if not math.isnan(row.claimed)]
@@ -256,16 +273,11 @@ def summary(rows: Sequence[Row]) -> list[str]:
 
 def write(out: Path, rows: Sequence[Row], *, seeds: int, evaluations: int, flights: int) -> None:
     """The page, and the table beside it."""
-    with out.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, [each.name for each in fields(Row)], lineterminator="\n")
-        table.writeheader()
-        table.writerows(asdict(row) for row in rows)
+    write_rows(out.with_suffix(".csv"), rows)
     lines = [
         "# Terrains of many kinds",
         "",
-        f"Command: `.venv/bin/python scripts/bench_kinds.py --seeds {seeds} --evaluations {evaluations} --fly {flights}`, "
-        f"{datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, Python {platform.python_version()}, "
-        f"{os.cpu_count()} cores. What is planned and how it is checked is said at the top of the script.",
+        said_of(f"bench_kinds.py --seeds {seeds} --evaluations {evaluations} --fly {flights}"),
         "",
         *summary(rows),
         "",

@@ -9,22 +9,16 @@ command goes on with what is missing.
 """
 
 import argparse
-import csv
-import datetime
 import math
-import os
-import platform
 import sys
 import tempfile
 from collections.abc import Sequence
-from dataclasses import asdict, fields
-from importlib import metadata
 from pathlib import Path
 
 if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[1])
 
-from scripts.bench_kinds import Row, measure_file, read_rows
+from scripts.bench_kinds import Row, measure_file, read_rows, said_of, write_rows
 from scripts.options import file_to_write
 from tests.random_kinds import random_case
 
@@ -87,16 +81,11 @@ def summary(rows: Sequence[Row]) -> list[str]:
 
 def write(out: Path, rows: Sequence[Row], *, command: str) -> None:
     """The page, and the table beside it."""
-    with out.with_suffix(".csv").open("w", newline="", encoding="utf-8") as file:
-        table = csv.DictWriter(file, [each.name for each in fields(Row)], lineterminator="\n")
-        table.writeheader()
-        table.writerows(asdict(row) for row in rows)
+    write_rows(out.with_suffix(".csv"), rows)
     lines = [
         "# What nobody chose",
         "",
-        f"Command: `{command}`, {datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, Python "
-        f"{platform.python_version()}, {os.cpu_count()} cores. What is planned and how it is checked is said at the top of the "
-        "script.",
+        said_of(command),
         "",
         *summary(rows),
         "",
@@ -126,10 +115,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--evaluations", type=int, default=300)
     chosen = parser.parse_args(arguments)
-    command = (
-        f".venv/bin/python scripts/bench_random.py --first {chosen.first} --cases {chosen.cases} "
-        f"--evaluations {chosen.evaluations}"
-    )
+    command = f"bench_random.py --first {chosen.first} --cases {chosen.cases} --evaluations {chosen.evaluations}"
     rows = read_rows(chosen.out.with_suffix(".csv"))
     done = {row.seed for row in rows}
     with tempfile.TemporaryDirectory() as temporary:

@@ -119,7 +119,7 @@ def _in_band_when_flown(site: Site, members: list[RouteMember], rule: Rule) -> l
     limits, left = site.scenario.limits, members
     if limits.applies_to == "waypoints" or rule.kind == "index":
         return members
-    met = select(pareto_members(members), rule).met
+    met = False
     for _ in range(_MOST_OUT_OF_BAND):
         if not left:
             break
@@ -127,6 +127,7 @@ def _in_band_when_flown(site: Site, members: list[RouteMember], rule: Rule) -> l
         choice = select(front, rule)
         if met and not choice.met:
             break
+        met = choice.met
         chosen = front[choice.index]
         flown_agl_m = site.ground.heights_agl_m(line_flown(site, chosen.route.waypoints_m).places_m)
         out_m = max(limits.min_height_agl_m - flown_agl_m.min(), flown_agl_m.max() - limits.max_height_agl_m)

@@ -113,7 +113,8 @@ def corners_matter(site: Site) -> bool:
     """Whether corners are not flown exactly, and what is seen is what is seen from the line beside them.
 
     Flights over 40 m saw up to 3.1 points less than the straight lines of their plans, over 250 to 500 m up to 0.6
-    (docs/results/kinds.md). Where nothing but waypoints is held to the limits, as in the paper, they are what is counted.
+    (docs/results/kinds.md, random.md). Where nothing but waypoints is held to the limits, as in the paper, they are what
+    is counted.
     """
     return _is_blended(site, pace_of(site)) and site.scenario.limits.applies_to != "waypoints"
 
