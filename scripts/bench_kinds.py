@@ -159,9 +159,13 @@ def out_of_band_m(folder: Path, run: Path) -> float:
 
 
 def fly(site: Site, run: Path) -> tuple[float, str]:
-    """Coverage of the flown track, and how the flight ended."""
-    outcome = Field(site=site).fly(RunFolder(run))
-    return uc.verify(run).report.coverage_fraction, str(outcome.ending.key)
+    """Coverage of the flown track, or of those of all sorties; how they ended, and what the verdict says against them."""
+    folder = RunFolder(run)
+    autopilot = site.scenario.vehicle.autopilot
+    endings = [Field(site=site, autopilot=autopilot).fly(each).ending.key for each in folder.sorties() or [folder]]
+    report = uc.verify(run).report
+    against = [*report.reasons, *report.doubts]
+    return report.coverage_fraction, "; ".join([" ".join(dict.fromkeys(endings)), *against])
 
 
 def folder_of(runs: Path, terrain: str, sensor: str) -> Path:

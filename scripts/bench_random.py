@@ -28,6 +28,9 @@ CLAIM = 0.002
 FLOWN = 0.003
 """A flight may see so much less than planned."""
 
+LANDED = "landed"
+"""The ending of a flight that the verdict has nothing against."""
+
 _LONGER = 1.001
 
 
@@ -48,7 +51,7 @@ def faults(row: Row) -> list[str]:
         found.append("not reached")
     if abs(row.recomputed - row.claimed) > CLAIM:
         found.append(f"claim {100.0 * (row.claimed - row.recomputed):+.2f}")
-    if math.isnan(row.flown):
+    if math.isnan(row.flown) or row.ending != LANDED:
         found.append(f"flight: {row.ending}")
     if row.flown < row.claimed - FLOWN:
         found.append(f"flown {100.0 * (row.flown - row.claimed):+.2f}")

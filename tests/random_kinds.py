@@ -9,14 +9,16 @@ from pathlib import Path
 
 import numpy as np
 import shapely
+from pyproj import Transformer
 
-from tests.terrain_kinds import Kind, Relief, fractal, write_kind
+from tests.terrain_kinds import TRUE_TO_SCALE, Kind, Relief, fractal, write_kind
+from uavcover.model.vehicle import AutopilotName
 
 GROUNDS = ("fractal", "canyon", "volcano", "terraces", "rolling", "cliff", "ridge", "crater")
 AREAS = ("box", "strip", "L", "C", "two parts", "triangle", "ring", "small")
 SENSORS = ("nadir", "survey", "tilted", "sphere", "sphere along the path", "pictures", "sparse", "nadir at waypoints")
 
-_STREAM = 77
+_STREAM, _BESIDE = 77, 78
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +33,10 @@ class RandomCase:
         kind: all but the sensor.
         sensor_keys: of the scenario's table of it.
         asked: share of what can be seen.
+        fence_m: the fence is the hull of area and home, grown by this.
+        zone: a no-fly zone's circle, east and north of the middle, radius and margin; none: no zone.
+        autopilot: which.
+        endurance_s: of a battery; none: it lasts.
     """
 
     number: int
@@ -40,10 +46,30 @@ class RandomCase:
     kind: Kind
     sensor_keys: str
     asked: float
+    fence_m: float
+    zone: tuple[float, float, float, float] | None
+    autopilot: AutopilotName
+    endurance_s: float | None
 
     def write(self, folder: Path) -> Path:
         """Its files; the scenario's file."""
-        return write_kind(folder, self.kind, name=f"random {self.number}", asked=self.asked, sensor=self.sensor_keys)
+        vehicle = f'autopilot = "{self.autopilot}"\n'
+        if self.endurance_s is not None:
+            vehicle += f"endurance_s = {self.endurance_s:.0f}\n"
+        return write_kind(
+            folder, self.kind, name=f"random {self.number}", asked=self.asked, sensor=self.sensor_keys,
+            limits=f"fence_margin_m = {self.fence_m:.1f}", vehicle=vehicle, more=self._zone(),
+        )  # fmt: skip
+
+    def _zone(self) -> str:
+        if self.zone is None:
+            return ""
+        east, north, radius_m, margin_m = self.zone
+        lon, lat = Transformer.from_crs(TRUE_TO_SCALE, 4326, always_xy=True).transform(east, north)
+        return (
+            f'\n[[no_fly]]\nname = "mast"\ncenter_lon_lat_deg = [{lon!r}, {lat!r}]\nradius_m = {radius_m:.1f}\n'
+            f"margin_m = {margin_m:.1f}\n"
+        )
 
 
 def random_case(number: int) -> RandomCase:
@@ -60,7 +86,15 @@ def random_case(number: int) -> RandomCase:
         margin_m=2.0 if width_m < 30.0 else float(rng.uniform(1.5, 5.0)),
         prisms=_prisms(shape, low_m, rng) if rng.random() < 0.35 else (),
     )
-    return RandomCase(number, ground, area, sensor, kind, _sensor(sensor, rng), float(rng.choice([0.95, 0.98, 0.99])))
+    sensor_keys, asked = _sensor(sensor, rng), float(rng.choice([0.95, 0.98, 0.99]))
+    beside = np.random.default_rng([_BESIDE, number])
+    return RandomCase(
+        number, ground, area, sensor, kind, sensor_keys, asked,
+        fence_m=float(beside.uniform(6.0, 30.0)) if beside.random() < 0.5 else 150.0,
+        zone=_zone(shape, beside) if beside.random() < 0.3 else None,
+        autopilot="px4" if beside.random() < 0.3 else "ardupilot",
+        endurance_s=float(beside.uniform(300.0, 480.0)) if beside.random() < 0.25 else None,
+    )  # fmt: skip
 
 
 def _relief(name: str, rng: np.random.Generator) -> Relief:
@@ -122,6 +156,18 @@ def _prisms(
         house = shapely.box(x, y, x + rng.uniform(10.0, 40.0), y + rng.uniform(10.0, 40.0))
         prisms.append((shapely.affinity.rotate(house, rng.uniform(-30.0, 30.0)), float(rng.uniform(8.0, low_m))))
     return tuple(prisms)
+
+
+def _zone(area: shapely.Geometry, rng: np.random.Generator) -> tuple[float, float, float, float]:
+    west, south, east, north = area.bounds
+    margin_m = float(rng.uniform(2.0, 8.0))
+    # Not where home is, which is 60 m west and 30 m south of all.
+    return (
+        float(rng.uniform(west + 30.0, east)),
+        float(rng.uniform(south + 30.0, north)),
+        float(rng.uniform(8.0, 30.0)),
+        margin_m,
+    )
 
 
 def _sensor(name: str, rng: np.random.Generator) -> str:

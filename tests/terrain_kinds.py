@@ -162,6 +162,7 @@ min_height_agl_m = {low}
 max_height_agl_m = {high}
 height_margin_m = {margin}
 transit_clearance_m = 25.0
+{limits}
 
 [vehicle]
 cruise_speed_m_s = 10.0
@@ -169,6 +170,7 @@ max_climb_m_s = 4.0
 max_descent_m_s = 3.0
 takeoff_height_m = 60.0
 return_height_m = 100.0
+{vehicle}
 """
 
 
@@ -180,8 +182,18 @@ def write_scenario(folder: Path, kind_name: str, sensor_name: str) -> Path:
     )  # fmt: skip
 
 
-def write_kind(folder: Path, kind: Kind, *, name: str, asked: float, sensor: str) -> Path:
-    """The files of a terrain and the keys of a sensor; the scenario's file."""
+def write_kind(
+    folder: Path,
+    kind: Kind,
+    *,
+    name: str,
+    asked: float,
+    sensor: str,
+    limits: str = "",
+    vehicle: str = "",
+    more: str = "",
+) -> Path:
+    """The files of a terrain and the keys of a sensor, with more keys of two tables and more tables; the scenario's file."""
     west, south, east, north = kind.area.bounds
     columns, rows = (round((high - low + 2.0 * _AROUND_M) / PIXEL_M) for low, high in ((west, east), (south, north)))
     x = west - _AROUND_M + PIXEL_M * (np.arange(columns) + 0.5)
@@ -196,13 +208,14 @@ def write_kind(folder: Path, kind: Kind, *, name: str, asked: float, sensor: str
     lon, lat = to_earth.transform(west - 60.0, south - 30.0)
     text = _SCENARIO.format(
         name=name, asked=asked, cell_size_m=kind.cell_size_m, home_lat=lat, home_lon=lon, sensor=sensor, low=kind.band_m[0],
-        high=kind.band_m[1], margin=kind.margin_m,
+        high=kind.band_m[1], margin=kind.margin_m, limits=limits, vehicle=vehicle,
     )  # fmt: skip
     if kind.prisms:
         _write_geojson(
             folder / "obstacles.geojson", [(house, {"height_m": height_m}) for house, height_m in kind.prisms]
         )
         text += '\n[obstacles]\nfile = "obstacles.geojson"\nclearance_beside_m = 8.0\nclearance_above_m = 8.0\n'
+    text += more
     scenario = folder / "scenario.toml"
     scenario.write_text(text)
     return scenario

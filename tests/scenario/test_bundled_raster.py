@@ -1,3 +1,5 @@
+import sys
+
 import matplotlib.cbook
 import numpy as np
 import pytest
@@ -34,6 +36,7 @@ def test_the_bundled_file_is_the_sample_with_north_up(bundled):
 
 def test_the_script_makes_the_bundled_file(bundled, tmp_path, monkeypatch, capsys):
     monkeypatch.setattr(make_terrain, "OUT", tmp_path / "data" / "again.tif")
+    monkeypatch.setattr(sys, "argv", ["make_terrain.py"])
     make_terrain.main()
     assert "403 x 344, 236..1076 m" in capsys.readouterr().out
     with rasterio.open(bundled) as old, rasterio.open(make_terrain.OUT) as new:

@@ -31,6 +31,7 @@ from uavcover.run.plan_words import (
     say_older,
     say_plan,
     say_size,
+    say_steps,
     say_window,
     say_zones,
 )
@@ -141,6 +142,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
     say_plan(user, run, site, result, bounds, time.monotonic() - started, asked=_asked(site, request, result))
     say_zones(user, site, result.chosen.metrics)
+    say_steps(user, site)
     say_hidden(user, site)
     if "shortest_path_m" in bounds and (small := _made_small(site)) is not None:
         user.say(

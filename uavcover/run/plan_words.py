@@ -175,6 +175,20 @@ def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
             user.warn(f"with the no-fly zones {percent(seen)} of the area can be seen")
 
 
+def say_steps(user: User, site: Site) -> None:
+    """Warn of ground on the other side of steps that are higher than the height band is wide."""
+    limits, area = site.scenario.limits, flyable_area(site)
+    if area.wide_enough_m is None:
+        return
+    beyond = 1.0 - area.polygon.intersection(site.area).area / site.area.area
+    enough_m = math.ceil(limits.min_height_agl_m + area.wide_enough_m + 2.0 * limits.height_margin_m)
+    user.warn(
+        f"the ground has steps that no leg gets over inside the height band, and {percent(beyond)} of the area is beside or "
+        f"behind them; the route stays on one side. For all of it set limits.max_height_agl_m to {enough_m} or more, or plan "
+        "each side with a [home] of its own"
+    )
+
+
 def say_window(user: User, site: Site, flights: Sequence[Sortie]) -> None:
     """Warn of flights that do not fit into the time for which the no-fly zones were looked at."""
     window = site.scenario.flight_window

@@ -136,14 +136,20 @@ def node_ups_m(from_pixels: FromPixels, frame: LocalFrame, heights_amsl_m: Float
     return ups
 
 
-def nodes_inside_m(grid: GridFrame, up_m: FloatArray, bounds_m: Bounds) -> FloatArray:
-    """(k, 3) ENU positions of the nodes between west, south, east, north; NaN ups where there is no data."""
+def nodes_between(grid: GridFrame, up_m: FloatArray, bounds_m: Bounds) -> tuple[tuple[int, int], tuple[int, int]]:
+    """First column and the one behind the last, and the same of the rows, that may be between west, south, east, north."""
     west, south, east, north = bounds_m
     corners = np.array([(e, n, grid.level_up_m) for e in (west, east) for n in (south, north)])
     box = places_on_grid(grid, corners)
     first = np.maximum(np.floor(box.min(axis=0) - grid.leeway).astype(int), 0)
     last = np.minimum(np.ceil(box.max(axis=0) + grid.leeway).astype(int) + 1, up_m.shape[::-1])
-    columns, rows = np.arange(first[0], last[0]), np.arange(first[1], last[1])
+    return (int(first[0]), int(last[0])), (int(first[1]), int(last[1]))
+
+
+def nodes_inside_m(grid: GridFrame, up_m: FloatArray, bounds_m: Bounds) -> FloatArray:
+    """(k, 3) ENU positions of the nodes between west, south, east, north; NaN ups where there is no data."""
+    west, south, east, north = bounds_m
+    columns, rows = (np.arange(*ends) for ends in nodes_between(grid, up_m, bounds_m))
     wanted = np.array([axis.ravel() for axis in np.meshgrid(columns, rows)], dtype=float).T.reshape(-1, 2)
     places = places_of_nodes_m(grid, wanted, up_m[rows[:, None], columns].reshape(-1))
     e, n = places[:, 0], places[:, 1]

@@ -32,6 +32,7 @@ from uavcover.planning.search.search_cells import scattered_problem
 from uavcover.planning.search.starts import best_starts, starts_worth_looking_at
 from uavcover.planning.search.tuning import TUNED
 from uavcover.routes.leg_checks import measure_violations
+from uavcover.scenario.airspace.flyable import share_flyable_area
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import Piece, polygons_of
 from uavcover.sensing.cells import make_scattered_cells
@@ -125,6 +126,7 @@ def search_part(site: Site, task: PartTask, *, now: Callable[[], float], should_
         should_stop: asked between batches; the best so far is returned.
     """
     part = dataclasses.replace(site, area=_looked_at(site, task))
+    share_flyable_area(site, part)
     try:
         return _search(part, task, now=now, should_stop=should_stop)
     finally:

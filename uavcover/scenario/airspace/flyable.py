@@ -1,10 +1,14 @@
 """Where on the map planned legs may be: the fence without the no-fly zones that meet a range of heights.
 
+Where steps of the ground part what is left (:mod:`uavcover.scenario.ground_steps`), they may be in one part of it.
+
 For the search a zone counts over its whole outline where it meets the heights anywhere over it; legs are tested against floor and
 ceiling themselves (:mod:`uavcover.scenario.airspace.zones`). To fly below a floor, the height band has to end below it.
 """
 
+import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +16,7 @@ import shapely
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.airspace.zones import Polygons, Zone
+from uavcover.scenario.ground_steps import least_width_m, parts_between_steps, polygons_in
 from uavcover.scenario.site import Site
 
 _ROUNDING_M = 0.05
@@ -32,21 +37,29 @@ class FlyableArea:
         closed: the zones that close the height band over some of the fence.
         partly: those of them with a floor or a ceiling inside of the band, so that a narrower band would open some of them.
         cut_off: whether zones cut off other pieces of the fence.
+        wide_enough_m: width of the height band, margins not counted, at which legs get over the steps of the ground that part
+            the piece from others; none where there are no such steps.
     """
 
     polygon: shapely.Polygon
     closed: tuple[Zone, ...] = ()
     partly: tuple[Zone, ...] = ()
     cut_off: bool = False
+    wide_enough_m: float | None = None
 
 
 def flyable_area(site: Site) -> FlyableArea:
-    """Where the planned route may be; without no-fly zones the whole fence."""
+    """Where the planned route may be; without no-fly zones, and steps that part the ground, the whole fence."""
     found = site.derived.get("flyable area")
     if not isinstance(found, FlyableArea):
         found = _flyable_area(site)
         site.derived["flyable area"] = found
     return found
+
+
+def share_flyable_area(whole: Site, part: Site) -> None:
+    """Let the route of a part of the area be where that of the whole area may be: the two are flown as one."""
+    part.derived["flyable area"] = flyable_area(whole)
 
 
 def transit_area(site: Site) -> Polygons:
@@ -76,20 +89,44 @@ def _flyable_area(site: Site) -> FlyableArea:
     low, high = limits.min_height_agl_m, limits.max_height_agl_m
     closed = tuple(zone for zone in site.zones if _meets(site, zone, low, high))
     if not closed:
-        return FlyableArea(site.fence)
-    pieces = _pieces(_without(site, closed))
+        return _between_steps(site, FlyableArea(site.fence))
+    pieces = polygons_in(_without(site, closed))
     there = len(pieces)
     # Only what can be reached from home counts: pieces behind zones that no transit passes under or over are not.
     heights = _transit_heights_m(site)
     walls = [zone for zone in site.zones if _fills(site, zone, *heights)]
-    reached = [piece for piece in _pieces(_without(site, walls)) if _holds_home(site, piece)]
+    reached = [piece for piece in polygons_in(_without(site, walls)) if _holds_home(site, piece)]
     if reached:
         pieces = [piece for piece in pieces if reached[0].intersects(piece.representative_point())]
     partly = tuple(zone for zone in closed if not _fills(site, zone, low, high))
     if not pieces:
         return FlyableArea(shapely.Polygon(), closed, partly, cut_off=there > 0)
-    best = max(pieces, key=lambda piece: (shapely.area(piece.intersection(site.area)), piece.area))
-    return FlyableArea(best, closed, partly, cut_off=there > 1)
+    best = _most_of_area(site, pieces)
+    return _between_steps(site, FlyableArea(best, closed, partly, cut_off=there > 1))
+
+
+def _between_steps(site: Site, area: FlyableArea) -> FlyableArea:
+    """One of the parts of an area that steps of the ground part: that with most of what is to be seen that can be reached."""
+    limits = site.scenario.limits
+    if limits.applies_to == "waypoints":
+        return area
+    slope = math.tan(math.radians(limits.max_climb_angle_deg))
+    width_m = limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m
+    parts = parts_between_steps(site.ground, area.polygon, width_m=width_m, slope=slope)
+    if not parts:
+        return area
+    low_m, high_m = _transit_heights_m(site)
+    of_transits = parts_between_steps(
+        site.ground, site.fence, width_m=high_m - low_m - 2.0 * limits.height_margin_m, slope=slope
+    )
+    from_home = [part for part in of_transits if _holds_home(site, part)]
+    reached = [part for part in parts if not from_home or from_home[0].intersects(part.representative_point())]
+    wide_enough_m = least_width_m(site.ground, area.polygon, parts, width_m=width_m, slope=slope)
+    return dataclasses.replace(area, polygon=_most_of_area(site, reached or parts), wide_enough_m=wide_enough_m)
+
+
+def _most_of_area(site: Site, pieces: Sequence[shapely.Polygon]) -> shapely.Polygon:
+    return max(pieces, key=lambda piece: (shapely.area(piece.intersection(site.area)), piece.area))
 
 
 def _holds_home(site: Site, piece: shapely.Polygon) -> bool:
@@ -101,7 +138,7 @@ def _without(site: Site, zones: list[Zone] | tuple[Zone, ...]) -> Polygons:
     if not zones:
         return site.fence
     left = site.fence.difference(shapely.union_all([_with_few_corners(zone) for zone in zones]))
-    return left if isinstance(left, Polygons) else shapely.MultiPolygon(_pieces(left))
+    return left if isinstance(left, Polygons) else shapely.MultiPolygon(polygons_in(left))
 
 
 def _with_few_corners(zone: Zone) -> shapely.Geometry:
@@ -110,10 +147,6 @@ def _with_few_corners(zone: Zone) -> shapely.Geometry:
     if zone.circle is not None or shapely.get_num_coordinates(zone.outline) <= _MANY_CORNERS:
         return zone.grown(reach_m)
     return zone.grown(reach_m + _SIMPLER_BY_M).simplify(_SIMPLER_BY_M)
-
-
-def _pieces(shape: shapely.Geometry) -> list[shapely.Polygon]:
-    return [part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon) and not part.is_empty]
 
 
 def _meets(site: Site, zone: Zone, low_agl_m: float, high_agl_m: float) -> bool:
