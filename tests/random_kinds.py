@@ -4,7 +4,7 @@ Each number has a case of its own: the same one, whenever and wherever it is mad
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -88,12 +88,13 @@ def random_case(number: int) -> RandomCase:
     )
     sensor_keys, asked = _sensor(sensor, rng), float(rng.choice([0.95, 0.98, 0.99]))
     beside = np.random.default_rng([_BESIDE, number])
+    fence_m = float(beside.uniform(6.0, 30.0)) if beside.random() < 0.5 else 150.0
+    zone = _zone(shape, beside) if beside.random() < 0.3 else None
+    autopilot: AutopilotName = "px4" if beside.random() < 0.3 else "ardupilot"
+    endurance_s = float(beside.uniform(300.0, 480.0)) if beside.random() < 0.25 else None
+    kind = replace(kind, prisms=_some_towers(kind, beside))
     return RandomCase(
-        number, ground, area, sensor, kind, sensor_keys, asked,
-        fence_m=float(beside.uniform(6.0, 30.0)) if beside.random() < 0.5 else 150.0,
-        zone=_zone(shape, beside) if beside.random() < 0.3 else None,
-        autopilot="px4" if beside.random() < 0.3 else "ardupilot",
-        endurance_s=float(beside.uniform(300.0, 480.0)) if beside.random() < 0.25 else None,
+        number, ground, area, sensor, kind, sensor_keys, asked, fence_m, zone, autopilot, endurance_s
     )  # fmt: skip
 
 
@@ -156,6 +157,17 @@ def _prisms(
         house = shapely.box(x, y, x + rng.uniform(10.0, 40.0), y + rng.uniform(10.0, 40.0))
         prisms.append((shapely.affinity.rotate(house, rng.uniform(-30.0, 30.0)), float(rng.uniform(8.0, low_m))))
     return tuple(prisms)
+
+
+def _some_towers(kind: Kind, rng: np.random.Generator) -> tuple[tuple[shapely.Polygon, float], ...]:
+    """The houses, some of them so high that lines have to go around."""
+    low_m, high_m = kind.band_m
+    higher_m = rng.uniform(low_m, 1.3 * high_m, len(kind.prisms))
+    is_tower = rng.random(len(kind.prisms)) < 0.4
+    return tuple(
+        (house, float(tower_m) if tower else height_m)
+        for (house, height_m), tower_m, tower in zip(kind.prisms, higher_m, is_tower, strict=True)
+    )
 
 
 def _zone(area: shapely.Geometry, rng: np.random.Generator) -> tuple[float, float, float, float]:

@@ -3,8 +3,12 @@
 import dataclasses
 
 import numpy as np
+import pytest
 
 from tests.planning.sites import hills, make_site
+from tests.routes.test_corner_checks import AROUND, obstacle_beside
+from uavcover.errors import InfeasibleError
+from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Route, RouteMember
 from uavcover.planning.baselines.swaths import fly_layout, regular_layout
 from uavcover.planning.final_choice import ChosenRoute, choose
@@ -56,21 +60,36 @@ def pit(east: np.ndarray, north: np.ndarray) -> np.ndarray:
     return np.where((east > 105.0) & (north > 105.0), -60.0, 0.0)
 
 
-def test_corners_that_leave_the_band_of_heights_at_a_cliff_are_not_chosen() -> None:
+def test_corners_that_break_a_limit_are_mended_before_they_are_chosen() -> None:
     """Two legs along the edges of a pit keep to 120 m; the vehicle turns inside of their corner, where the ground is lower."""
     site = make_site(pit, limits={"height_margin_m": 0.0})
     fine, rule = judging_map(site), parse_rule("coverage>=0.3")
     near, away = (Route(np.array([[at, 190.0, 119.5], [at, at, 119.5], [290.0, at, 119.5]])) for at in (100.0, 95.0))
     members = judge_members(fine, [(near, "near"), (away, "away")])
-    assert [member.violation for member in members] == [0.0, 0.0]
+    assert members[0].violation > 0.1
+    assert members[1].violation == 0.0
     assert members[0].metrics.cost < members[1].metrics.cost
 
-    def chosen_of(offered: list[RouteMember]) -> str:
+    def chosen_of(offered: list[RouteMember]) -> ChosenRoute:
         found = choose(
             fine, site.scenario.planner, rule, offered, executor=None, interrupted=False, is_over=lambda: True
         )
         assert found.rule_met
-        return found.route.origin
+        assert [member.violation for member in found.pareto] == [0.0] * len(found.pareto)
+        return found
 
-    assert chosen_of(members) == "away"
-    assert chosen_of(members[:1]) == "near", "there is no other"
+    assert chosen_of(members).route.origin == "near"
+    assert chosen_of(members[:1]).route.origin == "near"
+    moved_m = np.linalg.norm(chosen_of(members).route.route.waypoints_m - near.waypoints_m, axis=1)
+    assert moved_m[[0, 2]].tolist() == [0.0, 0.0]
+    assert 0.3 < moved_m[1] < 5.0
+
+
+def test_what_cannot_be_mended_is_not_chosen_and_said_where_there_is_nothing_else() -> None:
+    """Masts on both sides of a corner."""
+    inside, outside = obstacle_beside(10.5).prisms[0], obstacle_beside(-10.5).prisms[0]
+    site = make_site(obstacles=Obstacles(prisms=(inside, outside)))
+    fine, rule = judging_map(site), parse_rule("coverage>=0.3")
+    members = judge_members(fine, [(Route(AROUND), "around")])
+    with pytest.raises(InfeasibleError, match=r"breaks: corner flown beside waypoint 1: .* too near to obstacle"):
+        choose(fine, site.scenario.planner, rule, members, executor=None, interrupted=False, is_over=lambda: True)

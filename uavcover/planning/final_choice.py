@@ -13,19 +13,17 @@ from uavcover.planning.search.simplify import simplified
 from uavcover.planning.search.tuning import TUNED
 from uavcover.planning.selection_rule import Rule, select, without_flukes
 from uavcover.planning.sortie_order.reorder import OrderEffort, has_several_sorties, reordered
+from uavcover.planning.sound_corners import with_sound_corners
 from uavcover.planning.sure_pictures import surely
+from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
-from uavcover.sensing.flown_line import line_flown
 
 _MOST_UNSURE = 5
 """So many choices with unsure pictures are given up for the next one before the first of them is taken after all."""
 
-_OUT_OF_BAND_M = 0.1
-"""By so much a corner may leave the band of heights."""
-
-_MOST_OUT_OF_BAND = 20
-"""So many choices that leave their band in a corner are given up for the next one before the first of them is taken after all."""
+_MOST_UNSOUND = 20
+"""So many choices are tried that keep the limits in their legs and not in their corners; where all can be mended, it is one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -71,11 +69,12 @@ def choose(
     Raises:
         InfeasibleError: none of them keeps the hard limits; says which, where and by how much.
     """
-    site, feasible = fine.site, [member for member in judged if member.violation <= 0.0]
+    site = fine.site
+    feasible = _feasible_with_corners_mended(fine, judged, settings, rule, executor)
     if not feasible:
         early = "interrupted: so far " if interrupted else ""
         raise InfeasibleError(early + why_infeasible(site, judged))
-    few = _in_band_when_flown(site, _few_enough(feasible, settings), rule)
+    few = _few_enough(feasible, settings)
     confirmed = _confirmed(site, few, rule, cells=fine.grid.count)
     simpler: list[NamedRoute] = []
     if is_over is not None:
@@ -89,14 +88,46 @@ def choose(
         confirmed += [member for member in _feasible(fine, others, executor) if _is_few_enough(member, settings)]
         simpler += others
     confirmed = _with_sure_pictures(fine, confirmed, rule, executor)
-    pareto = thinned(pareto_members(_in_band_when_flown(site, confirmed, rule)), rule)
+    pareto = thinned(pareto_members(confirmed), rule)
     choice = select(pareto, rule)
     route = pareto[choice.index]
     return ChosenRoute(route, tuple(pareto), choice.met and _is_few_enough(route, settings), tuple(simpler))
 
 
 def _feasible(fine: CoverageMap, routes: Sequence[NamedRoute], executor: Executor | None) -> list[RouteMember]:
-    return [member for member in judge_members(fine, routes, executor) if member.violation <= 0.0]
+    sound = [(with_sound_corners(fine.site, route), origin) for route, origin in routes]
+    return [member for member in judge_members(fine, sound, executor) if member.violation <= 0.0]
+
+
+def _feasible_with_corners_mended(
+    fine: CoverageMap,
+    judged: Sequence[RouteMember],
+    settings: PlannerSettings,
+    rule: Rule,
+    executor: Executor | None,
+) -> list[RouteMember]:
+    """Members that keep the limits; of those that break them in their corners alone, the ones that the rule would choose, mended.
+
+    Corners are flown inside of their waypoints, where no leg is: nearer to obstacles, and at a cliff over other ground.
+    """
+    site = fine.site
+    margin_m = site.scenario.limits.height_margin_m
+    feasible = [member for member in judged if member.violation <= 0.0]
+    unsound = [
+        member
+        for member in judged
+        if member.violation > 0.0 and measure_violations(site, member.route.waypoints_m, margin_m=margin_m).total <= 0.0
+    ]
+    for _ in range(_MOST_UNSOUND):
+        if not unsound:
+            break
+        chosen = _chosen_so_far(_few_enough([*feasible, *unsound], settings), rule)
+        tried = unsound[0] if chosen is None else chosen
+        if any(tried is one for one in feasible):
+            break
+        unsound = [member for member in unsound if member is not tried]
+        feasible += _feasible(fine, [(tried.route, tried.origin)], executor)
+    return feasible
 
 
 def _is_few_enough(member: RouteMember, settings: PlannerSettings) -> bool:
@@ -109,32 +140,6 @@ def _few_enough(members: Sequence[RouteMember], settings: PlannerSettings) -> li
     fewest = min(member.metrics.waypoint_count for member in members)
     few = [member for member in members if _is_few_enough(member, settings)]
     return few or [member for member in members if member.metrics.waypoint_count == fewest]
-
-
-def _in_band_when_flown(site: Site, members: list[RouteMember], rule: Rule) -> list[RouteMember]:
-    """The members; the rule's choice among them stays in its band of heights in its corners, if one of few does as well.
-
-    Corners are flown inside of their waypoints, where legs are not checked: at the edge of a cliff the ground there is lower.
-    """
-    limits, left = site.scenario.limits, members
-    if limits.applies_to == "waypoints" or rule.kind == "index":
-        return members
-    met = False
-    for _ in range(_MOST_OUT_OF_BAND):
-        if not left:
-            break
-        front = pareto_members(left)
-        choice = select(front, rule)
-        if met and not choice.met:
-            break
-        met = choice.met
-        chosen = front[choice.index]
-        flown_agl_m = site.ground.heights_agl_m(line_flown(site, chosen.route.waypoints_m).places_m)
-        out_m = max(limits.min_height_agl_m - flown_agl_m.min(), flown_agl_m.max() - limits.max_height_agl_m)
-        if out_m <= _OUT_OF_BAND_M:
-            return left
-        left = [member for member in left if member is not chosen]
-    return members
 
 
 def _confirmed(site: Site, members: list[RouteMember], rule: Rule, *, cells: int) -> list[RouteMember]:

@@ -17,6 +17,7 @@ from uavcover.kernels.way_cost import route_cost
 from uavcover.model.route import PART_OF, Route, RouteMember
 from uavcover.planning.search.optimizer_search import Effort
 from uavcover.planning.selection_rule import Rule, select
+from uavcover.routes.corner_checks import find_corner_problems
 from uavcover.routes.leg_checks import LegProblem, find_problems, find_waypoint_problems, measure_violations
 from uavcover.routes.objectives import judge_member
 from uavcover.routes.way_cost import way_cost_of
@@ -106,9 +107,11 @@ def why_infeasible(site: Site, members: Sequence[RouteMember]) -> str:
         lowest_agl_m=limits.min_height_agl_m + limits.height_margin_m,
         highest_agl_m=limits.max_height_agl_m - limits.height_margin_m,
     )
+    problems = problems or find_corner_problems(site, least.route.waypoints_m)
     worst = max(problems, key=_seriousness)
     more = f", and {len(problems) - 1} more like it or smaller" if len(problems) > 1 else ""
-    margin = f" (limits.height_margin_m = {limits.height_margin_m:g} m taken off)" if _is_band(worst) else ""
+    taken_off = _is_band(worst) and not worst.in_corner
+    margin = f" (limits.height_margin_m = {limits.height_margin_m:g} m taken off)" if taken_off else ""
     return f"no route keeps the limits of the scenario; the best one found breaks: {worst}{margin}{more}; {_ADVICE[worst.kind]}"
 
 

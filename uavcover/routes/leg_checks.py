@@ -52,6 +52,7 @@ class LegProblem:
         east_m: where it is worst.
         north_m: where it is worst.
         waypoint_alone: whether only the waypoint was checked, not the leg to it.
+        in_corner: whether it is in the corner that is flown beside the waypoint, not on the leg to it.
         name: of the obstacle or the no-fly zone.
     """
 
@@ -64,9 +65,12 @@ class LegProblem:
     north_m: float
     waypoint_alone: bool = False
     name: str = ""
+    in_corner: bool = False
 
     def __str__(self) -> str:
         what = f"waypoint {self.leg}" if self.waypoint_alone else f"leg to waypoint {self.leg}"
+        if self.in_corner:
+            what = f"corner flown beside waypoint {self.leg}"
         where = f"at {self.east_m:.0f} m east, {self.north_m:.0f} m north"
         if self.kind == "no elevation data":
             return f"{what}: no elevation data {where}"

@@ -39,6 +39,7 @@ from uavcover.kernels.flight_time import flight_time, landing_time, leg_time, ta
 from uavcover.model.route import Route
 from uavcover.model.sensor import Camera, FrameCamera, Sensor
 from uavcover.model.vehicle import AutopilotName
+from uavcover.routes.corner_checks import find_corner_problems
 from uavcover.routes.energy import FlightEnergy, battery_in_words, battery_used_s, longest_flight_in_words, usable_s
 from uavcover.routes.fence import fence_of
 from uavcover.routes.leg_checks import find_problems
@@ -243,7 +244,7 @@ def _check_planned(site: Site, route: Route) -> None:
     problems = find_problems(
         site, route.waypoints_m, lowest_agl_m=limits.min_height_agl_m, highest_agl_m=limits.max_height_agl_m
     )
-    refuse("the planned route", problems)
+    refuse("the planned route", problems or find_corner_problems(site, route.waypoints_m, with_ends=False))
 
 
 def _compiled(

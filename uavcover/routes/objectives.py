@@ -11,6 +11,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import flight_time
 from uavcover.kernels.way_cost import ENERGY, route_cost
 from uavcover.model.route import Route, RouteMember, RouteMetrics
+from uavcover.routes.corner_checks import corner_excess_m
 from uavcover.routes.flight_costs import MissionCost, mission_cost
 from uavcover.routes.leg_checks import measure_violations, route_height_range_m
 from uavcover.routes.way_cost import way_cost_of
@@ -52,7 +53,7 @@ def evaluate_routes(coverage: CoverageMap, routes: Sequence[Route], executor: Ex
 
 
 def judge_member(coverage: CoverageMap, route: Route, origin: str, *, margin_m: float) -> RouteMember:
-    """A route with its figures and its violation of the hard limits: the only place that makes one.
+    """A route with its figures and its violation of the hard limits, in legs and corners: the only place that makes one.
 
     Args:
         coverage: the cells it is judged on.
@@ -61,8 +62,9 @@ def judge_member(coverage: CoverageMap, route: Route, origin: str, *, margin_m: 
         margin_m: how far inside both ends of the height band it must stay. What is planned keeps ``limits.height_margin_m``;
             a route that is read back, or a stretch of one, was held to it when it was planned, and is judged with 0.
     """
-    violations = measure_violations(coverage.site, route.waypoints_m, margin_m=margin_m)
-    return RouteMember(route, judge(coverage, route), violations.total, origin)
+    site, points = coverage.site, route.waypoints_m
+    violation = measure_violations(site, points, margin_m=margin_m).total + float(corner_excess_m(site, points).sum())
+    return RouteMember(route, judge(coverage, route), violation, origin)
 
 
 def judge(coverage: CoverageMap, route: Route) -> RouteMetrics:

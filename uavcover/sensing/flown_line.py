@@ -89,6 +89,19 @@ def places_passed_m(site: Site, route_m: FloatArray) -> FloatArray:
     return route_m if corners is None else np.ascontiguousarray(corners.places_m[:, _CORNER_POINTS // 2])
 
 
+def corners_flown(site: Site, route_m: FloatArray) -> FloatArray:
+    """(n, points, 3) where a vehicle passes each waypoint of an (n, 3) ENU route, from leg to leg; at the ends the half on it.
+
+    Where corners are flown exactly it is at the waypoint all along.
+    """
+    corners = _corners(site, route_m)
+    if corners is None:
+        return np.repeat(route_m[:, None], _CORNER_POINTS, axis=1)
+    places, middle = corners.places_m, _CORNER_POINTS // 2
+    places[0, :middle], places[-1, middle + 1 :] = places[0, middle], places[-1, middle]
+    return places
+
+
 def pictures_on(line_m: FloatArray, trigger_m: float) -> tuple[IntArray, FloatArray]:
     """Where a camera that is triggered by distance takes its pictures along a line.
 

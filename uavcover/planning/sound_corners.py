@@ -1,0 +1,59 @@
+"""Routes whose corners keep the limits as they are flown: a waypoint moves outward by as much as it is passed inside of it."""
+
+import numpy as np
+
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.route import Route
+from uavcover.routes.corner_checks import corner_excess_m
+from uavcover.routes.leg_checks import measure_violations
+from uavcover.scenario.site import Site
+from uavcover.sensing.flown_line import corners_flown
+
+_SHARES = (1.0, 1.5, 2.0, 3.0, 0.5, -1.0, -2.0)
+"""Of how far inside a waypoint is passed, by which it moves outward: first so that the vehicle comes where the waypoint was, at
+last inward, where the ground outside is worse."""
+
+_MOST_SWEEPS = 4
+"""A waypoint that moves changes the corners beside it."""
+
+
+def with_sound_corners(site: Site, route: Route) -> Route:
+    """The route, or in its place one that breaks no limit in its corners, or breaks them by less, and in its legs by no more.
+
+    Args:
+        site: the scenario on its ground.
+        route: keeps the limits in its legs.
+    """
+    points = np.array(route.waypoints_m)
+    excess_m = corner_excess_m(site, points)
+    before = excess_m.sum()
+    if before <= 0.0:
+        return route
+    for _ in range(_MOST_SWEEPS):
+        for k in np.flatnonzero(excess_m > 0.0):
+            points = _moved(site, points, int(k))
+        excess_m = corner_excess_m(site, points)
+        if excess_m.sum() <= 0.0:
+            break
+    return Route(points, route.begins) if excess_m.sum() < before else route
+
+
+def _moved(site: Site, points_m: FloatArray, number: int) -> FloatArray:
+    """The (n, 3) points with the one of a number moved so that the corners break limits by the least, the legs by no more."""
+    places_m = corners_flown(site, points_m)[number]
+    outward_m = points_m[number] - places_m[len(places_m) // 2]
+    best_m, least_m = points_m, float(corner_excess_m(site, points_m).sum())
+    broken = _broken(site, points_m)
+    for share in _SHARES:
+        moved_m = points_m.copy()
+        moved_m[number] += share * outward_m
+        excess_m = float(corner_excess_m(site, moved_m).sum())
+        if excess_m < least_m and _broken(site, moved_m) <= broken:
+            best_m, least_m = moved_m, excess_m
+            if excess_m <= 0.0:
+                break
+    return best_m
+
+
+def _broken(site: Site, points_m: FloatArray) -> float:
+    return measure_violations(site, points_m, margin_m=site.scenario.limits.height_margin_m).total
