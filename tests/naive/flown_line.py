@@ -37,6 +37,17 @@ def passed_corners(points, pace, steps=20):
     return np.array(corners), np.array(steps_s)
 
 
+def reached_places(points, radius_m=2.0, height_radius_m=0.8, step_m=0.01):
+    """Where PX4 has reached each point but the first: in small steps towards it, until it is near on the map and in height."""
+    place, places = np.asarray(points[0], dtype=float), []
+    for point in np.asarray(points, dtype=float)[1:]:
+        while math.dist(place[:2], point[:2]) > radius_m or abs(place[2] - point[2]) > height_radius_m:
+            way = point - place
+            place = place + way * min(1.0, step_m / np.linalg.norm(way))
+        places.append(place)
+    return np.array(places)
+
+
 def nose(line, steps_s, cruise_m_s, before):
     """Where the nose points on each piece of a line: along it, but below 5 % of the cruise speed where it pointed before.
 

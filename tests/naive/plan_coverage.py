@@ -2,7 +2,8 @@
 
 Nothing of the package is used. Places come from latitude, longitude and height in ``plan.json`` through pyproj into the elevation
 file's own system, which has to be metric there and true to scale; the camera trigger is flown in small steps; cells are half as
-large as the scenario's and moved against them. The line is the one that ArduCopter flies beside its waypoints.
+large as the scenario's and moved against them. The line is the one that ArduCopter flies beside its waypoints, or PX4
+through them.
 """
 
 import itertools
@@ -17,7 +18,7 @@ import shapely
 from pyproj import Transformer
 from scipy.spatial import cKDTree
 
-from tests.naive.flown_line import arducopter, nose, passed_corners
+from tests.naive.flown_line import arducopter, nose, passed_corners, reached_places
 
 _STEP_M = 0.01
 _SAMPLES = 80
@@ -98,7 +99,12 @@ def picture_distance_m(scenario):
 
 
 def flown_looks(scenario, route, top):
-    """As :func:`looks`, along the line that ArduCopter flies from above home, round the waypoints and back."""
+    """As :func:`looks`, along the line that ArduCopter flies from above home, round the waypoints and back.
+
+    PX4 flies it straight, and has reached a waypoint before it is there.
+    """
+    if scenario["vehicle"].get("autopilot") == "px4":
+        return looks(scenario, reached_places([top, *route]) if _looks_from_waypoints(scenario["sensor"]) else route)
     pace = arducopter(scenario["vehicle"])
     corners, steps_s = passed_corners([top, *route, top], pace)
     if _looks_from_waypoints(scenario["sensor"]):

@@ -6,13 +6,16 @@ import numpy as np
 import pytest
 
 from tests.planning.sites import hills, make_site
+from tests.planning.test_insertion import SPHERE, some_route
 from tests.routes.test_corner_checks import AROUND, obstacle_beside
 from uavcover.errors import InfeasibleError
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Route, RouteMember
+from uavcover.planning.baselines.boustrophedon import fly_rows, scanned_rows
 from uavcover.planning.baselines.swaths import fly_layout, regular_layout
 from uavcover.planning.final_choice import ChosenRoute, choose
 from uavcover.planning.front import judge_members
+from uavcover.planning.search.insertion import with_viewpoints
 from uavcover.planning.selection_rule import parse_rule
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import finer_map, judging_map
@@ -93,3 +96,24 @@ def test_what_cannot_be_mended_is_not_chosen_and_said_where_there_is_nothing_els
     members = judge_members(fine, [(Route(AROUND), "around")])
     with pytest.raises(InfeasibleError, match=r"breaks: corner flown beside waypoint 1: .* too near to obstacle"):
         choose(fine, site.scenario.planner, rule, members, executor=None, interrupted=False, is_over=lambda: True)
+
+
+@pytest.mark.parametrize("reaches", [True, False], ids=["one reaches it", "none does"])
+def test_what_lacks_a_little_and_is_much_cheaper_gets_the_rest(reaches: bool) -> None:
+    """A search ended a few cells short of its goal, and the next route that reached it took two thirds longer."""
+    site = make_site(hills, sensor=SPHERE, limits={"height_margin_m": 3.0})
+    fine, rule = judging_map(site), parse_rule("coverage>=0.95")
+    near = with_viewpoints(fine, some_route(site), 0.93, lambda: False)
+    assert near is not None
+    rows = max(
+        (fly_rows(site, layout) for layout in scanned_rows(site, most_nodes=40)),
+        key=lambda route: (fine.share_of_coverable(fine.seen(route.waypoints_m)) >= 0.95, route.length_m),
+    )  # fmt: skip
+    members = judge_members(fine, [(near, "near"), *([(rows, "rows")] if reaches else [])])
+    found = choose(fine, site.scenario.planner, rule, members, executor=None, interrupted=False, is_over=lambda: False)
+    assert found.rule_met
+    assert found.route.origin == "near"
+    assert found.route.metrics.cost < 1.2 * members[0].metrics.cost
+    if reaches:
+        assert members[1].metrics.coverage_of_coverable >= 0.95
+        assert found.route.metrics.cost < 0.9 * members[1].metrics.cost

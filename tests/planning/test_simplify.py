@@ -11,7 +11,7 @@ from tests.planning.test_memetic import SPHERE, make_plan
 from uavcover.errors import ScenarioError
 from uavcover.kernels.way_cost import LENGTH, route_cost
 from uavcover.model.route import Route
-from uavcover.model.sensor import FrameCamera
+from uavcover.model.sensor import FrameCamera, SphereSensor
 from uavcover.planning.search.route_judge import SAFETY
 from uavcover.planning.search.route_problem import route_problem, state_of
 from uavcover.planning.search.simplify import simplified, thinned_out
@@ -69,7 +69,9 @@ def test_where_there_is_no_time_one_sweep_is_made() -> None:
 @pytest.mark.parametrize("sensor", [None, PICTURES, dataclasses.replace(SPHERE, sensing="at-waypoints")])
 @pytest.mark.parametrize("asked", [None, 0.5, 0.9, 1.0])
 def test_coverage_limits_and_cost_are_kept(ups: Ups, sensor: object, asked: float | None) -> None:
-    site = make_site(ups, limits=LIMITS, vehicle=BRAKES, **({} if sensor is None else {"sensor": sensor}))
+    # Without a home waypoints are passed exactly, where a sensor looks from them.
+    home = None if isinstance(sensor, SphereSensor) else (-100.0, 50.0)
+    site = make_site(ups, limits=LIMITS, vehicle=BRAKES, home=home, **({} if sensor is None else {"sensor": sensor}))
     route, maps = lines(site, every_m=20.0), judging_maps(site)
     before = judge_member(maps[0], route, "before", margin_m=5.0)
     assert before.violation == 0.0

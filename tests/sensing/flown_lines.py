@@ -3,7 +3,7 @@
 import numpy as np
 
 from uavcover.mock.guidance import Speeds
-from uavcover.mock.legs import _STEP_S, _VELOCITY_GAIN_1_S, BlendedLegs, Leg
+from uavcover.mock.legs import _STEP_S, _VELOCITY_GAIN_1_S, Leg, legs_of
 from uavcover.model.vehicle import AutopilotMotion
 
 
@@ -11,13 +11,27 @@ def track_of_legs(
     motion: AutopilotMotion, points: np.ndarray, *, cruise_m_s: float, climb_m_s: float, descent_m_s: float
 ) -> np.ndarray:
     """(k, 3) places of a mass with the mock's controller and no limits, from rest at the first point to the last."""
+    return _flown(motion, points, cruise_m_s=cruise_m_s, climb_m_s=climb_m_s, descent_m_s=descent_m_s)[0]
+
+
+def places_when_passed(
+    motion: AutopilotMotion, points: np.ndarray, *, cruise_m_s: float, climb_m_s: float, descent_m_s: float
+) -> np.ndarray:
+    """(n - 1, 3) places of the same mass when the points behind the first count as passed."""
+    return _flown(motion, points, cruise_m_s=cruise_m_s, climb_m_s=climb_m_s, descent_m_s=descent_m_s)[1]
+
+
+def _flown(
+    motion: AutopilotMotion, points: np.ndarray, *, cruise_m_s: float, climb_m_s: float, descent_m_s: float
+) -> tuple[np.ndarray, np.ndarray]:
     speeds = Speeds(cruise_m_s, climb_m_s, descent_m_s)
     start, *ends = (tuple(map(float, point)) for point in points)
-    legs = BlendedLegs(motion, start, [Leg(end, speeds) for end in ends])
-    place, velocity, track = np.array(start), np.zeros(3), [np.array(start)]
+    legs = legs_of(motion, start, [Leg(end, speeds) for end in ends])
+    place, velocity, track, passed = np.array(start), np.zeros(3), [np.array(start)], []
     while legs.passed < len(ends):
         wanted = np.array(legs.wanted_velocity(tuple(place)))
         velocity = velocity + _STEP_S * _VELOCITY_GAIN_1_S * (wanted - velocity)
         place = place + _STEP_S * velocity
         track.append(place)
-    return np.array(track)
+        passed += [place] * (legs.passed - len(passed))
+    return np.array(track), np.array(passed)

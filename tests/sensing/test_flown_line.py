@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from scripts.bench_kinds import measure
-from tests.naive.flown_line import arducopter, passed_corners
-from tests.sensing.flown_lines import track_of_legs
+from tests.naive.flown_line import arducopter, passed_corners, reached_places
+from tests.planning.sites import BRAKES, make_site
+from tests.sensing.flown_lines import places_when_passed, track_of_legs
 from tests.terrain_kinds import write_scenario
 from uavcover.model.vehicle import MOTIONS
 from uavcover.scenario.pace import moving_pace
@@ -59,6 +60,23 @@ def test_corners_are_those_of_small_steps_of_time(name: str) -> None:
         before = np.linspace(points[k], slowly[k, 0], 2_000)
         line = np.vstack([before, slowly[k], np.linspace(slowly[k, -1], points[k + 2], 2_000)])
         assert max(float(np.linalg.norm(line - place, axis=1).min()) for place in corner) < 0.15
+
+
+@pytest.mark.parametrize("name", ROUTES)
+def test_px4_has_reached_a_waypoint_before_it_is_there(name: str) -> None:
+    """As the mock vehicle does; it is half a metre behind the place that leads it."""
+    points = np.array(ROUTES[name], dtype=float)
+    site = make_site(home=(points[0, 0], points[0, 1]), vehicle=BRAKES | {"takeoff_height_m": float(points[0, 2])})
+    reached = places_passed_m(site, points[1:])
+    np.testing.assert_allclose(reached, reached_places(points), atol=0.02)
+    off_m = np.linalg.norm(reached - points[1:], axis=1)
+    assert (off_m > 0.7).all()
+    assert (off_m <= 2.2).all()
+    flown = places_when_passed(MOTIONS["px4"], points, cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0)
+    assert np.linalg.norm(reached - flown, axis=1).max() < 1.0
+    only_waypoints = dataclasses.replace(site.scenario.limits, applies_to="waypoints")
+    paper = dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, limits=only_waypoints))
+    np.testing.assert_array_equal(places_passed_m(paper, points[1:]), points[1:])
 
 
 def small_site(tmp_path: Path, sensor: str, terrain: str = "40 m") -> Site:

@@ -195,10 +195,10 @@ class CoverageMap:
     def flown_observations(self, route_m: FloatArray) -> LevelObservations:
         """As :meth:`observations`, where corners are flown as the autopilot flies them, if what is seen depends on that."""
         route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
-        if not corners_matter(self.site):
-            return self.observations(route)
         if self.site.scenario.sensor.sensing == "at-waypoints":
             return self.observations(places_passed_m(self.site, route))
+        if not corners_matter(self.site):
+            return self.observations(route)
         line = line_flown(self.site, route)
         looks = self._observations(line.places_m, line.headings)
         if trigger_distance_m(self.site.scenario) is not None:

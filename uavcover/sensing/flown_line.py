@@ -1,5 +1,7 @@
 """The line that an autopilot flies through waypoints: ArduCopter's legs go over into each other beside them.
 
+And where it is when it has passed a waypoint, which is where a sensor looks from that looks from waypoints.
+
 Each leg is a motion from rest to rest, and the next one begins before the last one ends: in a corner the two add up, and the
 vehicle passes inside of it, within ``corner_radius_m`` (:mod:`uavcover.kernels.flight_time`, BLENDED; AC_WPNav and SCurve of
 ArduPilot). What brakes for its corners, and a scenario without a home, has the straight line.
@@ -13,7 +15,7 @@ import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.coverage import picture_places
-from uavcover.kernels.flight_time import BLENDED, Pace, speed_over_ground, turn_times
+from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace, speed_over_ground, turn_times
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m
@@ -27,6 +29,9 @@ _LEAST_OFF_M = 0.02
 
 _TURNING_SHARE = 0.05
 """Of the cruise speed: the nose stays where it is while the vehicle is slower (AC_PosControl::calculate_yaw_and_rate_yaw)."""
+
+_HEIGHT_RADIUS_M = 0.8
+"""A waypoint of PX4 is reached within this height (NAV_MC_ALT_RAD)."""
 
 _LEAST_M = 1e-6
 
@@ -84,9 +89,33 @@ def _kept(values: FloatArray, missing: BoolArray) -> FloatArray:
 
 
 def places_passed_m(site: Site, route_m: FloatArray) -> FloatArray:
-    """(n, 3) where a vehicle is when each waypoint of an (n, 3) ENU route counts as passed."""
+    """(n, 3) where a vehicle is when each waypoint of an (n, 3) ENU route counts as passed.
+
+    PX4 passes it where the leg comes within ``corner_radius_m`` of it on the map, and is nearly at its height.
+    """
+    pace = pace_of(site)
+    if site.scenario.limits.applies_to == "waypoints" or not math.isfinite(pace.acceleration_m_s2):
+        return route_m
+    if site.home_m is not None and pace.corner == BRAKED:
+        return _reached_m(pace, _above_home_m(site, site.home_m), route_m)
     corners = _corners(site, route_m)
     return route_m if corners is None else np.ascontiguousarray(corners.places_m[:, _CORNER_POINTS // 2])
+
+
+def _reached_m(pace: Pace, begin_m: FloatArray, route_m: FloatArray) -> FloatArray:
+    """(n, 3) where (n, 3) waypoints are reached one after the other, each on the straight way from where the last one was."""
+    places, place = np.empty_like(route_m), begin_m
+    for k, point in enumerate(route_m):
+        level, rise = math.hypot(point[0] - place[0], point[1] - place[1]), abs(point[2] - place[2])
+        short = min(1.0, pace.corner_radius_m / max(level, _LEAST_M), _HEIGHT_RADIUS_M / max(rise, _LEAST_M))
+        place = point + short * (place - point)
+        places[k] = place
+    return places
+
+
+def _above_home_m(site: Site, home_m: FloatArray) -> FloatArray:
+    """(3,) the top of the column above home."""
+    return np.array([home_m[0], home_m[1], home_m[2] + site.scenario.vehicle.takeoff_height_m])
 
 
 def corners_flown(site: Site, route_m: FloatArray) -> FloatArray:

@@ -15,6 +15,7 @@ from uavcover.model.route import Route
 from uavcover.planning.baselines.boustrophedon import PLAIN_TOLERANCE_M
 from uavcover.planning.gap_route import plan_closing_route
 from uavcover.planning.joining import joined
+from uavcover.planning.search.insertion import with_viewpoints
 from uavcover.planning.search.local_search import Work
 from uavcover.planning.search.route_judge import SAFETY, RouteJudge, share_seen
 from uavcover.planning.search.route_problem import RouteProblem
@@ -154,7 +155,7 @@ def with_gaps_closed(
     *,
     most_trials: int,
 ) -> Route | None:
-    """The route, and behind it what sees enough of the ground that it misses.
+    """The route, and behind it what sees enough of the ground that it misses, or viewpoints in it where a sensor looks from them.
 
     Args:
         judging: the cells by which routes are judged.
@@ -172,6 +173,10 @@ def with_gaps_closed(
     lacking = goal - judging.share_of_coverable(seen)
     if lacking <= 0.0 or np.count_nonzero(missing) > _MOST_MISSING:
         return None
+    if judging.site.scenario.sensor.sensing == "at-waypoints":
+        whole = with_viewpoints(judging, route, goal, is_over)
+        if whole is not None:
+            return whole
     whole_m2 = float(judging.grid.weight_m2[judging.coverable].sum())
     missing_m2 = float(judging.grid.weight_m2[missing].sum())
     useful_m2 = (1.0 - _NEARLY_CLOSED) * lacking * whole_m2
