@@ -6,15 +6,17 @@ import math
 
 import numpy as np
 import pytest
+import shapely
 
-from tests.planning.sites import hills, make_site, ridge
+from tests.planning.sites import hills, make_site, ridge, tower
 from tests.routes.compiled_routes import HOME, compiled, enu_of, route
 from uavcover.errors import InfeasibleError
+from uavcover.model.obstacles import Obstacles
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import (
     compile_return,
 )
-from uavcover.routes.transit import check_straight_return
+from uavcover.routes.transit import check_straight_return, transit
 from uavcover.scenario.site import Site
 
 
@@ -140,3 +142,27 @@ def test_the_first_leg_home_is_checked_too() -> None:
     lat, lon, alt = (float(v[0]) for v in site.frame.geodetic_from_enu((900.0, 50.0, 60.0)))
     with pytest.raises(InfeasibleError, match=r"the way home: leg to waypoint 1: .* outside the fence"):
         compile_return(site, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
+
+
+def test_a_transit_that_would_be_too_high_leads_past_what_makes_it_so() -> None:
+    """A tower stands at the edge of a pit on the straight way: over both at once it is 195 m above the pit, of 150 m allowed."""
+
+    def pit(east: np.ndarray, north: np.ndarray) -> np.ndarray:
+        return np.where((np.abs(east - 70.0) < 22.0) & (np.abs(north - 80.0) < 60.0), -80.0, 0.0)
+
+    between = Obstacles(prisms=(tower(28.0, 55.0, 38.0, 65.0, 85.0),))
+    site = make_site(pit, obstacles=between, limits={"max_transit_height_agl_m": 150.0, "height_margin_m": 2.0})
+    home, end = np.array([-100.0, 50.0]), np.array([180.0, 70.0, 60.0])
+    points = transit(site, home, end, ground_end_height_m=30.0)
+    assert find_problems(site, points, lowest_agl_m=20.0, highest_agl_m=148.0) == []
+    assert len(points) > 2
+    np.testing.assert_array_equal(points[-1], end)
+    straight = shapely.LineString([home, end[:2]])
+    assert straight.distance(shapely.Point(points[:, :2][np.argmax(np.abs(points[:, 1] - 60.0))])) > 5.0
+    # Without the pit it is straight, over the tower.
+    over = transit(make_site(obstacles=between), home, end, ground_end_height_m=30.0)
+    assert max(straight.distance(shapely.Point(place)) for place in over[:, :2]) < 1e-6
+    # Where nothing is low enough it stays straight, and the check says what is in the way.
+    everywhere = make_site(obstacles=between, limits={"max_transit_height_agl_m": 58.0, "max_height_agl_m": 56.0})
+    high = transit(everywhere, home, np.array([180.0, 70.0, 75.0]), ground_end_height_m=70.0)
+    assert max(straight.distance(shapely.Point(place)) for place in high[:, :2]) < 1e-6

@@ -25,6 +25,9 @@ _TRANSIT_SLACK_M = 1.0
 """Added to the target height of a transit, for ground between two samples and for rounding."""
 _TRANSIT_TRIES = 5
 _SAMPLE_SPACING_M = 5.0
+_ASIDE, _ALONG = (0.1, -0.1, 0.2, -0.2, 0.4, -0.4, 0.8, -0.8), (0.5, 0.3, 0.7, 0.15, 0.85)
+"""Corners of transits that are tried where the straight one is too high: so much beside it and along it, in its lengths."""
+
 _COLUMN_M = 0.1
 """Legs with less horizontal distance than this are vertical columns, exempt from the climb limit."""
 
@@ -95,7 +98,7 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
         return np.vstack([[*home_en_m, max(end_m[2], top)], end_m])
     straight = _along(site, np.vstack([home_en_m, end_m[:2]]), end_m, ground_end_height_m)
     if (not site.zones and _is_convex(site)) or _is_clear(site, straight, site.planned_zones):
-        return straight
+        return _low_enough(site, straight, home_en_m, end_m, ground_end_height_m)
     found = [straight]
     for ways in _ways_round(site):
         # A vehicle in flight may have come into the margin of a zone, or outside the fence: from there straight back.
@@ -110,6 +113,33 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
             return found[-1]
     # The check of the transit tells what is in its way.
     return next((points for points in found if _is_clear(site, points, site.flown_zones)), straight)
+
+
+def _low_enough(
+    site: Site, straight_m: FloatArray, home_en_m: FloatArray, end_m: FloatArray, ground_end_height_m: float
+) -> FloatArray:
+    """The straight (k, 3) transit; where it is above the ceiling, the first of some with one corner that is not, if there is one.
+
+    Over a tower at the edge of a pit, the pit is far below.
+    """
+    if not _is_too_high(site, straight_m):
+        return straight_m
+    way_m = end_m[:2] - home_en_m
+    beside = np.array([-way_m[1], way_m[0]])
+    for aside in _ASIDE:
+        for along in _ALONG:
+            corner_m = home_en_m + along * way_m + aside * beside
+            bent = _along(site, np.vstack([home_en_m, corner_m, end_m[:2]]), end_m, ground_end_height_m)
+            if not _is_too_high(site, bent) and _is_clear(site, bent, site.planned_zones):
+                return bent
+    return straight_m
+
+
+def _is_too_high(site: Site, points_m: FloatArray) -> bool:
+    """Whether a (k, 3) transit is above the ceiling of transits anywhere but in a column at its end, or over unknown ground."""
+    level_m = np.hypot(*np.diff(points_m[:, :2], axis=0).T)
+    legs = site.ground.leg_height_ranges_m(points_m)[level_m >= _COLUMN_M]
+    return not bool((legs[:, 2] <= _planned_highest_agl_m(site)).all())
 
 
 def _is_clear(site: Site, points_m: FloatArray, zones: ZoneCheck) -> bool:
