@@ -1,6 +1,7 @@
 """Small sites for the tests: a ground from a formula, an area in metres, a place on Earth with unequal coordinates."""
 
 import dataclasses
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -27,7 +28,7 @@ SQUARE = ((0.0, 0.0), (300.0, 0.0), (300.0, 200.0), (0.0, 200.0))
 CAMERA = NadirCamera(kind="nadir-camera", fov_deg=70.0, range_m=200.0)
 Ups = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
-BRAKES = {"autopilot": "px4"}
+EXACT = {"acceleration_m_s2": math.inf}
 """A vehicle that flies through its waypoints, and not beside them."""
 
 LOW_M, HIGH_M, STEP_M = -600.0, 1000.0, 10.0

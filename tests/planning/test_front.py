@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from tests.planning.sites import BRAKES, flat, hills, make_site
+from tests.planning.sites import EXACT, flat, hills, make_site
 from tests.planning.test_planner import frozen
 from uavcover.model.route import Route, RouteMember, RouteMetrics
 from uavcover.model.sensor import FrameCamera, Sensor, SphereSensor
@@ -37,7 +37,7 @@ def lines(site: Site, count: int = 3) -> Route:
 def test_a_part_sees_at_least_what_is_said_of_it_and_no_shorter_stretch_is_known_to(sensor: Sensor | None) -> None:
     # Without a home waypoints are passed exactly.
     home = None if sensor is BALL else (-100.0, 50.0)
-    site = make_site(hills, vehicle=BRAKES, home=home, **({} if sensor is None else {"sensor": sensor}))
+    site = make_site(hills, vehicle=EXACT, home=home, **({} if sensor is None else {"sensor": sensor}))
     coverage = CoverageMap(site, cell_size_m=10.0)
     route = lines(site)
     gains = gains_of(coverage, route)

@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pytest
 
-from tests.planning.sites import BRAKES, Ups, flat, hills, make_site, ridge
+from tests.planning.sites import EXACT, Ups, flat, hills, make_site, ridge
 from tests.planning.test_memetic import SPHERE, make_plan
 from uavcover.errors import ScenarioError
 from uavcover.kernels.way_cost import LENGTH, route_cost
@@ -71,7 +71,7 @@ def test_where_there_is_no_time_one_sweep_is_made() -> None:
 def test_coverage_limits_and_cost_are_kept(ups: Ups, sensor: object, asked: float | None) -> None:
     # Without a home waypoints are passed exactly, where a sensor looks from them.
     home = None if isinstance(sensor, SphereSensor) else (-100.0, 50.0)
-    site = make_site(ups, limits=LIMITS, vehicle=BRAKES, home=home, **({} if sensor is None else {"sensor": sensor}))
+    site = make_site(ups, limits=LIMITS, vehicle=EXACT, home=home, **({} if sensor is None else {"sensor": sensor}))
     route, maps = lines(site, every_m=20.0), judging_maps(site)
     before = judge_member(maps[0], route, "before", margin_m=5.0)
     assert before.violation == 0.0

@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from tests.naive.flown_line import arducopter, passed_corners
-from tests.planning.sites import BRAKES, make_site, tower
+from tests.planning.sites import EXACT, make_site, tower
 from uavcover.errors import InfeasibleError
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
@@ -105,7 +105,8 @@ def test_a_no_fly_zone_is_entered_in_the_corner() -> None:
 def test_where_corners_are_flown_exactly_or_only_waypoints_count_there_is_nothing() -> None:
     near = obstacle_beside(10.5)
     for site in (
-        make_site(obstacles=near, vehicle=BRAKES), make_site(obstacles=near, home=None),
+        make_site(obstacles=near, vehicle=EXACT), make_site(obstacles=near, home=None),
+        make_site(obstacles=near, vehicle={"autopilot": "px4"}),
         make_site(obstacles=near, limits={"applies_to": "waypoints"}),
     ):  # fmt: skip
         assert not corner_excess_m(site, AROUND).any()

@@ -1,6 +1,8 @@
 """The line that is flown through waypoints, against the legs of the mock vehicle, small steps of time, and flights."""
 
 import dataclasses
+import itertools
+import math
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +10,7 @@ import pytest
 
 from scripts.bench_kinds import measure
 from tests.naive.flown_line import arducopter, passed_corners, reached_places
-from tests.planning.sites import BRAKES, make_site
+from tests.planning.sites import make_site
 from tests.sensing.flown_lines import places_when_passed, track_of_legs
 from tests.terrain_kinds import write_scenario
 from uavcover.model.vehicle import MOTIONS
@@ -66,7 +68,9 @@ def test_corners_are_those_of_small_steps_of_time(name: str) -> None:
 def test_px4_has_reached_a_waypoint_before_it_is_there(name: str) -> None:
     """As the mock vehicle does; it is half a metre behind the place that leads it."""
     points = np.array(ROUTES[name], dtype=float)
-    site = make_site(home=(points[0, 0], points[0, 1]), vehicle=BRAKES | {"takeoff_height_m": float(points[0, 2])})
+    site = make_site(
+        home=(points[0, 0], points[0, 1]), vehicle={"autopilot": "px4"} | {"takeoff_height_m": float(points[0, 2])}
+    )
     reached = places_passed_m(site, points[1:])
     np.testing.assert_allclose(reached, reached_places(points), atol=0.02)
     off_m = np.linalg.norm(reached - points[1:], axis=1)
@@ -74,6 +78,13 @@ def test_px4_has_reached_a_waypoint_before_it_is_there(name: str) -> None:
     assert (off_m <= 2.2).all()
     flown = places_when_passed(MOTIONS["px4"], points, cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0)
     assert np.linalg.norm(reached - flown, axis=1).max() < 1.0
+    # The line begins and ends there, and leads through the waypoints; so does the track, but for its bends.
+    line = line_flown(site, points[1:]).places_m
+    np.testing.assert_array_equal(line[[0, -1]], reached[[0, -1]])
+    np.testing.assert_array_equal(line[1:-1], points[1:-1])
+    track = track_of_legs(MOTIONS["px4"], points, cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0)
+    dense = np.vstack([np.linspace(a, b, 300) for a, b in itertools.pairwise([points[0], *line])])
+    assert np.mean([np.linalg.norm(dense - place, axis=1).min() for place in track[::10]]) < 0.5
     only_waypoints = dataclasses.replace(site.scenario.limits, applies_to="waypoints")
     paper = dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, limits=only_waypoints))
     np.testing.assert_array_equal(places_passed_m(paper, points[1:]), points[1:])
@@ -153,16 +164,16 @@ def test_every_sensor_sees_from_the_line_that_is_flown_over_any_area(tmp_path: P
     assert np.linalg.norm(fine.observations(route).places_m - route[1], axis=1).min() == 0.0
 
 
-def test_lines_of_vehicles_that_brake_stay_as_they_are(tmp_path: Path) -> None:
+def test_lines_that_are_flown_exactly_stay_as_they_are(tmp_path: Path) -> None:
     route = np.array([[100.0, 100.0, 84.0], [200.0, 100.0, 84.0], [200.0, 150.0, 84.0]])
     small = small_site(tmp_path, "nadir")
-    braked = dataclasses.replace(small.scenario.vehicle, autopilot="px4")
+    at_once = dataclasses.replace(small.scenario.vehicle, acceleration_m_s2=math.inf)
     waypoints_only = dataclasses.replace(small.scenario.limits, applies_to="waypoints")
     assert not corners_matter(
         dataclasses.replace(small, scenario=dataclasses.replace(small.scenario, limits=waypoints_only))
     )
     for other in (
-        dataclasses.replace(small, scenario=dataclasses.replace(small.scenario, vehicle=braked)),
+        dataclasses.replace(small, scenario=dataclasses.replace(small.scenario, vehicle=at_once)),
         dataclasses.replace(small, home_m=None),
     ):
         assert not corners_matter(other)

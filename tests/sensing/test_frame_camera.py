@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.judging.flights import fly_along
-from tests.planning.sites import BRAKES, flat, hills, make_site
+from tests.planning.sites import EXACT, flat, hills, make_site
 from tests.sensing.test_coverage import grid_site
 from uavcover.errors import ScenarioError
 from uavcover.judging.observations import observations_of
@@ -23,7 +23,7 @@ AHEAD = dataclasses.replace(FRAME, pitch_deg=-55.0)
 
 
 def seen_along(sensor, route, *, ups=flat):
-    coverage = CoverageMap(make_site(ups, sensor=sensor, cell_m=5.0, vehicle=BRAKES), cell_size_m=5.0)
+    coverage = CoverageMap(make_site(ups, sensor=sensor, cell_m=5.0, vehicle=EXACT), cell_size_m=5.0)
     return coverage.grid.cells.centre_m[coverage.seen(np.array(route))]
 
 
@@ -105,7 +105,7 @@ def test_whatever_the_heading_no_more_is_seen_than_by_the_bound():
 @pytest.mark.parametrize("mount", ["fixed", "stabilised"])
 def test_a_level_flight_sees_what_was_planned(mount):
     sensor = dataclasses.replace(AHEAD, mount=mount, sample_spacing_m=2.0)
-    site = make_site(hills, sensor=sensor, cell_m=5.0, vehicle=BRAKES)
+    site = make_site(hills, sensor=sensor, cell_m=5.0, vehicle=EXACT)
     coverage = CoverageMap(site, cell_size_m=5.0)
     path = np.array([[0.0, 60.0, 80.0], [250.0, 140.0, 80.0]])
     level = fly_along(site, path)

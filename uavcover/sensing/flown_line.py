@@ -4,7 +4,8 @@ And where it is when it has passed a waypoint, which is where a sensor looks fro
 
 Each leg is a motion from rest to rest, and the next one begins before the last one ends: in a corner the two add up, and the
 vehicle passes inside of it, within ``corner_radius_m`` (:mod:`uavcover.kernels.flight_time`, BLENDED; AC_WPNav and SCurve of
-ArduPilot). What brakes for its corners, and a scenario without a home, has the straight line.
+ArduPilot). PX4 has reached a waypoint when it is ``corner_radius_m`` before it. A scenario without a home, or with a vehicle
+whose speed changes at once, has the straight line.
 """
 
 import math
@@ -62,7 +63,14 @@ class FlownLine:
 
 
 def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
-    """The line that is flown along an (n, 3) ENU route, with the corners onto it from home and off it to home."""
+    """The line that is flown along an (n, 3) ENU route, with the corners onto it from home and off it to home.
+
+    PX4 turns to the next waypoint before it is at the last one, and flies about through that: only the ends are elsewhere.
+    """
+    if _is_braked(site) and len(route_m) > 0:
+        reached_m = places_passed_m(site, route_m)
+        places_m = np.vstack([reached_m[:1], route_m[:-1], reached_m[-1:]]) if len(route_m) > 1 else reached_m
+        return FlownLine(places_m, np.diff(places_m[:, :2], axis=0))
     corners = _corners(site, route_m)
     if corners is None or len(route_m) == 1:
         return FlownLine(route_m, np.diff(route_m[:, :2], axis=0))
@@ -93,11 +101,10 @@ def places_passed_m(site: Site, route_m: FloatArray) -> FloatArray:
 
     PX4 passes it where the leg comes within ``corner_radius_m`` of it on the map, and is nearly at its height.
     """
-    pace = pace_of(site)
-    if site.scenario.limits.applies_to == "waypoints" or not math.isfinite(pace.acceleration_m_s2):
+    if not corners_matter(site):
         return route_m
-    if site.home_m is not None and pace.corner == BRAKED:
-        return _reached_m(pace, _above_home_m(site, site.home_m), route_m)
+    if site.home_m is not None and _is_braked(site):
+        return _reached_m(pace_of(site), _above_home_m(site, site.home_m), route_m)
     corners = _corners(site, route_m)
     return route_m if corners is None else np.ascontiguousarray(corners.places_m[:, _CORNER_POINTS // 2])
 
@@ -158,11 +165,16 @@ def corners_matter(site: Site) -> bool:
     (docs/results/kinds.md, random.md). Where nothing but waypoints is held to the limits, as in the paper, they are what
     is counted.
     """
-    return _is_blended(site, pace_of(site)) and site.scenario.limits.applies_to != "waypoints"
+    held = site.scenario.limits.applies_to != "waypoints"
+    return held and site.home_m is not None and math.isfinite(pace_of(site).acceleration_m_s2)
 
 
 def _is_blended(site: Site, pace: Pace) -> bool:
     return site.home_m is not None and pace.corner == BLENDED and math.isfinite(pace.acceleration_m_s2)
+
+
+def _is_braked(site: Site) -> bool:
+    return corners_matter(site) and pace_of(site).corner == BRAKED
 
 
 def _corners(site: Site, route_m: FloatArray) -> RoundedCorners | None:
