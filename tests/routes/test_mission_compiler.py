@@ -76,7 +76,9 @@ def test_a_hill_between_home_and_area_lifts_the_transit() -> None:
     low = compiled(make_site(flat))
     # Straight over the valley before the hill the way is higher above ground than it may be by default; a longer one is not.
     longer = make_site(ridge(-50.0, 150.0))
-    assert longer.ground.leg_height_ranges_m(compiled(longer).path_m)[:, 2].max() <= longer.scenario.transit_ceiling_agl_m
+    assert (
+        longer.ground.leg_height_ranges_m(compiled(longer).path_m)[:, 2].max() <= longer.scenario.transit_ceiling_agl_m
+    )
     with pytest.raises(InfeasibleError, match=r"limits\.max_transit_height_agl_m allows more"):
         compiled(make_site(ridge(-50.0, 250.0)))
     high = compiled(make_site(ridge(-50.0, 150.0), limits={"max_transit_height_agl_m": 200.0}))
