@@ -166,6 +166,7 @@ def cells(dem, area, prisms, size_m, fewest=0):
     z = dem.at(x, y)
     for footprint, top in prisms:
         roof = shapely.contains_xy(footprint, x, y)
+        roof &= z < top  # where two overlap, the higher one is seen
         z[roof], slope_x[roof], slope_y[roof] = top, 0.0, 0.0
     long = np.sqrt(1 + slope_x**2 + slope_y**2)
     normals = np.column_stack([-slope_x, -slope_y, np.ones_like(x)]) / long[:, None]
