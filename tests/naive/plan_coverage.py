@@ -101,12 +101,12 @@ def picture_distance_m(scenario):
 def flown_looks(scenario, route, top):
     """As :func:`looks`, along the line that ArduCopter flies from above home, round the waypoints and back.
 
-    PX4 has reached a waypoint before it is there: a route begins and ends there.
+    PX4 has reached a waypoint before it is there: the route ends there.
     """
     if scenario["vehicle"].get("autopilot") == "px4":
         reached = reached_places([top, *route])
-        between = [] if len(route) == 1 else [reached[0], *route[:-1], reached[-1]]
-        return looks(scenario, reached if _looks_from_waypoints(scenario["sensor"]) else np.array(between or reached))
+        through = np.array([*route[:-1], reached[-1]])
+        return looks(scenario, reached if _looks_from_waypoints(scenario["sensor"]) else through)
     pace = arducopter(scenario["vehicle"])
     corners, steps_s = passed_corners([top, *route, top], pace)
     if _looks_from_waypoints(scenario["sensor"]):
@@ -120,7 +120,11 @@ def flown_looks(scenario, route, top):
     there = np.asarray(route[0])[:2] - top[:2]
     there = there / np.linalg.norm(there)
     noses = nose(line, pieces_s, pace.cruise_m_s, there)
-    places, headings = looks(scenario, line[half : -half or None], noses[half : len(line) - 1 - half])
+    ends = (
+        half + half // 2
+    )  # how its ends are passed depends on the ways there and home: only what is nearly on a leg counts
+    first, last = 2 * half if triggered else ends, len(line) - ends
+    places, headings = looks(scenario, line[first:last], noses[first : last - 1])
     if triggered and "heading_deg" not in scenario["sensor"]:
         headings[0] = there
     return places, headings

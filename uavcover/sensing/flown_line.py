@@ -63,13 +63,14 @@ class FlownLine:
 
 
 def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
-    """The line that is flown along an (n, 3) ENU route, with the corners onto it from home and off it to home.
+    """The line that is flown along an (n, 3) ENU route, from the second half of its first corner to the first half of its last.
 
-    PX4 turns to the next waypoint before it is at the last one, and flies about through that: only the ends are elsewhere.
+    How the first waypoint is passed depends on the way there, and the last one on the way home, which are not known here: where
+    the line is nearly on its legs that makes no difference. PX4 turns to the next waypoint before it is at the last one, and
+    flies about through that; the route ends where its last one is reached.
     """
     if _is_braked(site) and len(route_m) > 0:
-        reached_m = places_passed_m(site, route_m)
-        places_m = np.vstack([reached_m[:1], route_m[:-1], reached_m[-1:]]) if len(route_m) > 1 else reached_m
+        places_m = np.vstack([route_m[:-1], places_passed_m(site, route_m)[-1:]])
         return FlownLine(places_m, np.diff(places_m[:, :2], axis=0))
     corners = _corners(site, route_m)
     if corners is None or len(route_m) == 1:
@@ -86,7 +87,8 @@ def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
     ])[:-1]  # fmt: skip
     slow = np.hypot(ways[:, 0], ways[:, 1]) < _TURNING_SHARE * pace_of(site).cruise_m_s * steps_s
     headings = _kept(np.vstack([heading_there(site, route_m[0]), ways]), np.append(False, slow))[1:]
-    first, last = len(parts[0]) // 2, len(places) - (len(parts[-1]) - 1) // 2
+    first = len(parts[0]) - 1 - len(parts[0]) // 4
+    last = len(places) - len(parts[-1]) + 1 + len(parts[-1]) // 4
     return FlownLine(np.ascontiguousarray(places[first:last]), headings[first : last - 1])
 
 
