@@ -9,6 +9,7 @@ from uavcover.errors import InfeasibleError
 from uavcover.model.route import Route, RouteMember
 from uavcover.model.scenario import PlannerSettings
 from uavcover.planning.front import NamedRoute, judge_members, pareto_members, thinned, why_infeasible
+from uavcover.planning.legs_that_fit import with_legs_that_fit
 from uavcover.planning.search.closing import with_gaps_closed
 from uavcover.planning.search.route_judge import SAFETY
 from uavcover.planning.search.simplify import simplified
@@ -20,6 +21,9 @@ from uavcover.planning.sure_pictures import surely
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
+
+_MOST_LONG = 10
+"""So many choices with legs that are too long for a battery get waypoints on them."""
 
 _MOST_UNSURE = 5
 """So many choices with unsure pictures are given up for the next one before the first of them is taken after all."""
@@ -100,7 +104,7 @@ def choose(
         others = _in_other_order(site, confirmed, rule, order, is_over)
         confirmed += [member for member in _feasible(fine, others, executor) if _is_few_enough(member, settings)]
         simpler += others
-    confirmed = _with_sure_pictures(fine, confirmed, rule, executor)
+    confirmed = _with_legs_that_fit(fine, _with_sure_pictures(fine, confirmed, rule, executor), rule)
     pareto = thinned(pareto_members(confirmed), rule)
     choice = select(pareto, rule)
     route = pareto[choice.index]
@@ -263,6 +267,27 @@ def _with_sure_pictures(
         if not others:
             return before
         members = _confirmed(fine.site, others, rule, cells=fine.grid.count)
+    return before
+
+
+def _with_legs_that_fit(fine: CoverageMap, members: list[RouteMember], rule: Rule) -> list[RouteMember]:
+    """The members; what the rule chooses among them has waypoints on legs that are too long for one flight, if one of few has.
+
+    It is the same line: what is seen from it differs only by where along a leg the sensor looks. It takes several flights, and
+    the rule may choose another one instead.
+    """
+    before = members
+    for _ in range(_MOST_LONG):
+        chosen = _chosen_so_far(members, rule)
+        if chosen is None:
+            return before
+        route = with_legs_that_fit(fine.site, chosen.route)
+        if route is chosen.route:
+            return members
+        members = [member for member in members if member is not chosen]
+        members += [member for member in judge_members(fine, [(route, chosen.origin)]) if member.violation <= 0.0]
+        if not members:
+            return before
     return before
 
 
