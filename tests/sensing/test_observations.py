@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.judging.flights import fly_along
-from tests.planning.sites import hills, make_site
+from tests.planning.sites import EXACT, hills, make_site
 from uavcover.errors import ScenarioError
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.verify import FlownTrack, flown_coverage, verify_flight
@@ -28,8 +28,8 @@ def coverage_of(sensor=DISC, requirements=TWICE, **changes):
 
 @pytest.mark.no_cover
 def test_two_waypoints_too_near_to_each_other_are_one_look():
-    coverage = coverage_of()
-    once = coverage_of(requirements={})
+    coverage = coverage_of(vehicle=EXACT)
+    once = coverage_of(requirements={}, vehicle=EXACT)
     near = np.array([[150.0, 100.0, 80.0], [170.0, 100.0, 80.0]])
     apart = np.array([[150.0, 100.0, 80.0], [180.0, 100.0, 80.0]])
     assert once.seen(near).sum() > 0
