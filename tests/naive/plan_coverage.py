@@ -120,9 +120,8 @@ def flown_looks(scenario, route, top):
     there = np.asarray(route[0])[:2] - top[:2]
     there = there / np.linalg.norm(there)
     noses = nose(line, pieces_s, pace.cruise_m_s, there)
-    ends = (
-        half + half // 2
-    )  # how its ends are passed depends on the ways there and home: only what is nearly on a leg counts
+    # How its ends are passed depends on the ways there and home: only what is nearly on a leg counts.
+    ends = half + half // 2
     first, last = 2 * half if triggered else ends, len(line) - ends
     places, headings = looks(scenario, line[first:last], noses[first : last - 1])
     if triggered and "heading_deg" not in scenario["sensor"]:

@@ -31,9 +31,9 @@ _MOST_UNSURE = 5
 _MOST_UNSOUND = 20
 """So many choices are tried that keep the limits in their legs and not in their corners; where all can be mended, it is one."""
 
-
-_MOST_NEAR, _CHEAPER = 2, 0.97
-"""The gaps of so many routes are closed at the end that cost so much less than what reaches the goal."""
+_MOST_NEAR, _MOST_CLOSED, _CHEAPER = 8, 2, 0.97
+"""The gaps of so many routes are tried to be closed at the end, until so many are, that cost so much less than what reaches the
+goal."""
 
 _DEAR = 20.0
 """Of these, those come first that may cost least with their gaps closed: all coverage would take so many times the route's cost
@@ -104,7 +104,7 @@ def choose(
         others = _in_other_order(site, confirmed, rule, order, is_over)
         confirmed += [member for member in _feasible(fine, others, executor) if _is_few_enough(member, settings)]
         simpler += others
-    confirmed = _with_legs_that_fit(fine, _with_sure_pictures(fine, confirmed, rule, executor), rule)
+    confirmed = _with_legs_that_fit(fine, _with_sure_pictures(fine, confirmed, rule, executor), rule, executor)
     pareto = thinned(pareto_members(confirmed), rule)
     choice = select(pareto, rule)
     route = pareto[choice.index]
@@ -135,16 +135,16 @@ def _feasible_with_corners_mended(
         for member in judged
         if member.violation > 0.0 and measure_violations(site, member.route.waypoints_m, margin_m=margin_m).total <= 0.0
     ]
-    for _ in range(_MOST_UNSOUND):
-        if not unsound:
-            break
-        chosen = _chosen_so_far(_few_enough([*feasible, *unsound], settings), rule)
-        tried = unsound[0] if chosen is None else chosen
-        if any(tried is one for one in feasible):
-            break
-        unsound = [member for member in unsound if member is not tried]
-        feasible += _feasible(fine, [(tried.route, tried.origin)], executor)
-    return feasible
+
+    def choice(members: Sequence[RouteMember]) -> RouteMember | None:
+        chosen = _chosen_so_far(_few_enough(members, settings), rule)
+        return next((one for one in members if one.violation > 0.0), None) if chosen is None else chosen
+
+    def mended(chosen: RouteMember) -> list[RouteMember] | None:
+        return None if chosen.violation <= 0.0 else _feasible(fine, [(chosen.route, chosen.origin)], executor)
+
+    members, _ = _replaced([*feasible, *unsound], choice, mended, most=_MOST_UNSOUND)
+    return [member for member in members if member.violation <= 0.0]
 
 
 def _is_few_enough(member: RouteMember, settings: PlannerSettings) -> bool:
@@ -188,8 +188,8 @@ def _nearly_with_gaps_closed(
         if 0.0 < lacking <= TUNED.goal.most_short and closed_cost < most:
             found.append((closed_cost, member))
     routes: list[NamedRoute] = []
-    for _, member in sorted(found, key=lambda each: each[0]):
-        if len(routes) == _MOST_NEAR or is_over():
+    for _, member in sorted(found, key=lambda each: each[0])[:_MOST_NEAR]:
+        if len(routes) == _MOST_CLOSED or is_over():
             break
         closed = _closed(fine, member.route, asked + SAFETY, is_over)
         routes += [] if closed is None else [(closed, member.origin)]
@@ -254,41 +254,64 @@ def _with_sure_pictures(
     fine: CoverageMap, members: list[RouteMember], rule: Rule, executor: Executor | None
 ) -> list[RouteMember]:
     """The members; what the rule chooses among them is one whose pictures are sure, if one of few keeps the rule as well."""
-    before = members
-    for _ in range(_MOST_UNSURE):
-        chosen = _chosen_so_far(members, rule)
-        if chosen is None:
-            return before
-        route = surely(fine.site, chosen.route)
-        if route is chosen.route:
-            return members if select(pareto_members(members), rule).met else before
-        others = [member for member in members if member is not chosen]
-        others += _feasible(fine, [(route, chosen.origin)], executor)
-        if not others:
-            return before
-        members = _confirmed(fine.site, others, rule, cells=fine.grid.count)
-    return before
+    found, is_sure = _replaced(
+        members, lambda left: _chosen_so_far(left, rule), lambda chosen: _made_of(chosen, surely, fine, executor),
+        most=_MOST_UNSURE, confirmed=lambda left: _confirmed(fine.site, left, rule, cells=fine.grid.count),
+    )  # fmt: skip
+    return found if is_sure and select(pareto_members(found), rule).met else members
 
 
-def _with_legs_that_fit(fine: CoverageMap, members: list[RouteMember], rule: Rule) -> list[RouteMember]:
+def _with_legs_that_fit(
+    fine: CoverageMap, members: list[RouteMember], rule: Rule, executor: Executor | None
+) -> list[RouteMember]:
     """The members; what the rule chooses among them has waypoints on legs that are too long for one flight, if one of few has.
 
     It is the same line: what is seen from it differs only by where along a leg the sensor looks. It takes several flights, and
     the rule may choose another one instead.
     """
-    before = members
-    for _ in range(_MOST_LONG):
-        chosen = _chosen_so_far(members, rule)
-        if chosen is None:
-            return before
-        route = with_legs_that_fit(fine.site, chosen.route)
-        if route is chosen.route:
-            return members
-        members = [member for member in members if member is not chosen]
-        members += [member for member in judge_members(fine, [(route, chosen.origin)]) if member.violation <= 0.0]
-        if not members:
-            return before
-    return before
+    found, fits = _replaced(
+        members, lambda left: _chosen_so_far(left, rule),
+        lambda chosen: _made_of(chosen, with_legs_that_fit, fine, executor), most=_MOST_LONG,
+    )  # fmt: skip
+    return found if fits else members
+
+
+def _made_of(
+    chosen: RouteMember, mended: Callable[[Site, Route], Route], fine: CoverageMap, executor: Executor | None
+) -> list[RouteMember] | None:
+    """What is made of a member and keeps the limits; None where its route stays as it is."""
+    route = mended(fine.site, chosen.route)
+    return None if route is chosen.route else _feasible(fine, [(route, chosen.origin)], executor)
+
+
+def _replaced(
+    members: list[RouteMember],
+    choice: Callable[[Sequence[RouteMember]], RouteMember | None],
+    made_of: Callable[[RouteMember], list[RouteMember] | None],
+    *,
+    most: int,
+    confirmed: Callable[[list[RouteMember]], list[RouteMember]] = lambda members: members,
+) -> tuple[list[RouteMember], bool]:
+    """The members with what is made of the choice among them in its place, until nothing has to be made of it.
+
+    Args:
+        members: feasible or to be made so.
+        choice: one of some members, one at least; none ends it.
+        made_of: what comes in place of a choice; None: it may stay.
+        most: so many choices are replaced.
+        confirmed: those of some members that may be chosen.
+
+    Returns:
+        The members, and whether the choice among them may stay.
+    """
+    for _ in range(most):
+        chosen = choice(members) if members else None
+        made = None if chosen is None else made_of(chosen)
+        if made is None:
+            return members, bool(members)
+        members = [*(member for member in members if member is not chosen), *made]
+        members = confirmed(members) if members else members
+    return members, False
 
 
 def _chosen_so_far(feasible: Sequence[RouteMember], rule: Rule) -> RouteMember | None:

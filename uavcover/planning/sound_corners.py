@@ -40,8 +40,10 @@ def with_sound_corners(site: Site, route: Route) -> Route:
 
 def _moved(site: Site, points_m: FloatArray, number: int) -> FloatArray:
     """The (n, 3) points with the one of a number moved so that the corners break limits by the least, the legs by no more."""
-    places_m = corners_flown(site, points_m)[number]
-    outward_m = points_m[number] - places_m[len(places_m) // 2]
+    places_m = corners_flown(site, points_m)
+    if places_m is None:
+        return points_m
+    outward_m = points_m[number] - places_m[number, places_m.shape[1] // 2]
     best_m, least_m = points_m, float(corner_excess_m(site, points_m).sum())
     broken = _broken(site, points_m)
     for share in _SHARES:

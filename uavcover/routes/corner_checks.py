@@ -14,7 +14,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.routes.leg_checks import LegProblem, ProblemKind
 from uavcover.scenario.obstacles import leg_breaches
 from uavcover.scenario.site import Site
-from uavcover.sensing.flown_line import corners_flown, corners_matter
+from uavcover.sensing.flown_line import corners_flown
 
 HEIGHT_TOLERANCE_M = 0.1
 """By so much a corner may leave the band of heights: vehicles pass it within some centimetres of the line that is computed."""
@@ -78,9 +78,9 @@ class _Figures:
 
 def _figures(site: Site, route_m: FloatArray) -> list[_Figures]:
     """For each limit that a corner breaks anywhere."""
-    if not corners_matter(site) or len(route_m) < 2:
+    places_m = corners_flown(site, route_m) if len(route_m) > 1 else None
+    if places_m is None:
         return []
-    places_m = corners_flown(site, route_m)
     flat, shape = places_m.reshape(-1, 3), places_m.shape[:2]
     limits, unnamed = site.scenario.limits, ("",) * shape[0]
     agl_m = site.ground.heights_agl_m(flat).reshape(shape)

@@ -184,8 +184,8 @@ def say_steps(user: User, site: Site) -> None:
     enough_m = math.ceil(limits.min_height_agl_m + area.wide_enough_m + 2.0 * limits.height_margin_m)
     user.warn(
         f"the ground has steps that no leg gets over inside the height band, and {percent(beyond)} of the area is beside or "
-        f"behind them; the route stays on one side. For all of it set limits.max_height_agl_m to {enough_m} or more, or plan "
-        "each side with a [home] of its own"
+        f"behind them; the route stays on one side. To get over them limits.max_height_agl_m has to be {enough_m} at least; or "
+        "plan each side with a [home] of its own"
     )
 
 

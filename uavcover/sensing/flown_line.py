@@ -127,14 +127,14 @@ def _above_home_m(site: Site, home_m: FloatArray) -> FloatArray:
     return np.array([home_m[0], home_m[1], home_m[2] + site.scenario.vehicle.takeoff_height_m])
 
 
-def corners_flown(site: Site, route_m: FloatArray) -> FloatArray:
+def corners_flown(site: Site, route_m: FloatArray) -> FloatArray | None:
     """(n, points, 3) where a vehicle passes each waypoint of an (n, 3) ENU route, from leg to leg; at the ends the half on it.
 
-    Where corners are flown exactly it is at the waypoint all along.
+    None where they are not flown as ArduCopter does it.
     """
     corners = _corners(site, route_m)
     if corners is None:
-        return np.repeat(route_m[:, None], _CORNER_POINTS, axis=1)
+        return None
     places, middle = corners.places_m, _CORNER_POINTS // 2
     places[0, :middle], places[-1, middle + 1 :] = places[0, middle], places[-1, middle]
     return places
@@ -171,10 +171,6 @@ def corners_matter(site: Site) -> bool:
     return held and site.home_m is not None and math.isfinite(pace_of(site).acceleration_m_s2)
 
 
-def _is_blended(site: Site, pace: Pace) -> bool:
-    return site.home_m is not None and pace.corner == BLENDED and math.isfinite(pace.acceleration_m_s2)
-
-
 def _is_braked(site: Site) -> bool:
     return corners_matter(site) and pace_of(site).corner == BRAKED
 
@@ -185,7 +181,7 @@ def _corners(site: Site, route_m: FloatArray) -> RoundedCorners | None:
     The ways from home and to home are straight, from the top of the column above it.
     """
     home_m, pace = site.home_m, pace_of(site)
-    if home_m is None or not _is_blended(site, pace) or len(route_m) == 0:
+    if home_m is None or not corners_matter(site) or pace.corner != BLENDED or len(route_m) == 0:
         return None
     top = np.array([[home_m[0], home_m[1], home_m[2] + site.scenario.vehicle.takeoff_height_m]])
     corners = rounded_corners(pace, np.vstack([top, route_m, top]))
