@@ -149,6 +149,16 @@ def test_lines_are_laid_around_the_bays_of_a_fence():
     assert measure_violations(site, points, margin_m=0.0).fence_m == 0.0
 
 
+def test_a_line_whose_corners_all_move_to_one_place_is_one_waypoint():
+    """Its memory was not written: a plan beside a cliff ended with "entry (9, 2) is nan" (tests/random_kinds.py, case 78)."""
+    fence = ((0.0, 0.0), (300.0, 0.0), (300.0, 40.0), (40.0, 40.0), (40.0, 300.0), (0.0, 300.0))
+    site = make_site(ring=AREA, fence=fence, cell_m=15.0)
+    beyond_a_corner = np.array([(-500.0, -500.0), (-400.0, -600.0)])
+    points = lay_over_terrain(site, beyond_a_corner, np.full(2, 80.0), tolerance_m=5.0)
+    assert points == pytest.approx(np.array([[0.0, 0.0, 80.0]]), abs=0.05)
+    assert measure_violations(site, points, margin_m=0.0).total == 0.0
+
+
 def test_leg_problems_name_the_zone():
     site = site_with(circle(150, 100, 60, name="airport"))
     points = np.array([(0.0, 100.0, 80.0), (300.0, 100.0, 80.0)])

@@ -48,3 +48,15 @@ def test_where_no_way_is_sound_the_least_unsound_is_given() -> None:
     before = corner_excess_m(site, AROUND).sum()
     assert 0.0 < corner_excess_m(site, route.waypoints_m).sum() <= before
     assert measure_violations(site, route.waypoints_m, margin_m=0.0).total == 0.0
+
+
+def test_waypoints_of_corners_above_the_band_lie_lower_and_stay_where_they_are() -> None:
+    """Inside of the turn the ground is lower by less than a metre."""
+    site = make_site(lambda _, north: np.where(north > 101.0, -0.8, 0.0))
+    route = Route(np.array([[0.0, 100.0, 119.9], [150.0, 100.0, 119.9], [150.0, 200.0, 119.1], [0.0, 200.0, 119.1]]))
+    assert corner_excess_m(site, route.waypoints_m)[1] > 0.3
+    sound = with_sound_corners(site, route).waypoints_m
+    assert corner_excess_m(site, sound).sum() == 0.0
+    assert np.array_equal(sound[:, :2], route.waypoints_m[:, :2])
+    assert (sound[:, 2] <= route.waypoints_m[:, 2]).all()
+    assert sound[1, 2] > 118.0

@@ -12,7 +12,12 @@ from uavcover.errors import InfeasibleError
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Route
-from uavcover.routes.corner_checks import corner_excess_m, find_corner_problems
+from uavcover.routes.corner_checks import (
+    corner_excess_around_m,
+    corner_excess_m,
+    corner_heights_off_m,
+    find_corner_problems,
+)
 from uavcover.routes.leg_checks import LegProblem, find_problems, measure_violations
 from uavcover.routes.mission_compiler import compile_mission
 from uavcover.routes.objectives import judge_member
@@ -63,6 +68,32 @@ def test_a_corner_is_nearer_to_what_is_led_around_than_its_legs() -> None:
     assert found.value == pytest.approx(lacking_m, abs=0.15)
     assert corner_excess_m(site, AROUND)[1] == found.value
     assert f"corner flown beside waypoint 1: {found.value:.1f} m too near to obstacle 'mast'" in str(found)
+
+
+def test_corners_around_a_waypoint_are_those_of_the_whole_route() -> None:
+    """Over ground in waves, beside a mast, and at both ends of the route."""
+    site = make_site(
+        lambda east, north: 6.0 * np.sin(east / 9.0) * np.cos(north / 7.0), obstacles=obstacle_beside(10.5),
+        limits={"min_height_agl_m": 78.0, "max_height_agl_m": 82.0},
+    )  # fmt: skip
+    rng = np.random.default_rng(5)
+    for _ in range(20):
+        route = np.column_stack([rng.uniform(40.0, 180.0, (6, 2)), rng.uniform(75.0, 85.0, 6)])
+        whole_m = corner_excess_m(site, route)
+        assert whole_m.max() > 0.0
+        for k in range(6):
+            around_m = whole_m[max(k - 1, 0) : k + 2].sum()
+            assert corner_excess_around_m(site, route, k) == pytest.approx(around_m, abs=1e-9)
+
+
+def test_corners_are_off_the_band_above_it_or_below() -> None:
+    pit = make_site(lambda east, north: np.where((east > 105.0) & (north > 105.0), -300.0, 0.0))
+    route = np.array([[100.0, 190.0, 119.5], [100.0, 100.0, 119.5], [290.0, 100.0, 119.5]])
+    assert corner_heights_off_m(pit, route) == pytest.approx(corner_excess_m(pit, route))
+    hill = make_site(lambda east, north: np.where((east > 105.0) & (north > 105.0), 300.0, 0.0))
+    low = route - [0.0, 0.0, 79.0]
+    assert corner_heights_off_m(hill, low) == pytest.approx(-corner_excess_m(hill, low))
+    assert corner_heights_off_m(hill, low)[1] < -1.0
 
 
 def test_over_the_edge_of_a_pit_a_corner_is_too_high() -> None:

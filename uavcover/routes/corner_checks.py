@@ -31,6 +31,27 @@ def corner_excess_m(site: Site, route_m: FloatArray) -> FloatArray:
     return excess_m
 
 
+def corner_excess_around_m(site: Site, route_m: FloatArray, waypoint: int) -> float:
+    """Metres by which the corners that a waypoint of an (n, 3) ENU route has a part in break limits: its own and those beside it.
+
+    A corner is made by its two legs, so that only five waypoints are looked at, however long the route is.
+    """
+    first, last = max(waypoint - 1, 0), min(waypoint + 1, len(route_m) - 1)
+    begin = max(first - 1, 0)
+    excess_m = corner_excess_m(site, route_m[begin : last + 2])
+    return float(excess_m[first - begin : last - begin + 1].sum())
+
+
+def corner_heights_off_m(site: Site, route_m: FloatArray) -> FloatArray:
+    """(n,) metres by which the corner at each waypoint of an (n, 3) ENU route is above the band of heights, or, as less than 0,
+    below it; 0 within."""
+    off_m = np.zeros(len(route_m))
+    for kind in _figures(site, route_m):
+        if kind.kind in ("too low", "too high"):
+            off_m += kind.excess_m.max(axis=1) * (1.0 if kind.kind == "too high" else -1.0)
+    return off_m
+
+
 def find_corner_problems(site: Site, route_m: FloatArray, *, with_ends: bool = True) -> list[LegProblem]:
     """Every corner of an (n, 3) ENU route that breaks a limit, in flying order.
 
@@ -85,7 +106,7 @@ def _figures(site: Site, route_m: FloatArray) -> list[_Figures]:
     limits, unnamed = site.scenario.limits, ("",) * shape[0]
     agl_m = site.ground.heights_agl_m(flat).reshape(shape)
     low_m, high_m = limits.min_height_agl_m, limits.max_height_agl_m
-    outside_m = np.asarray(shapely.distance(site.fence, shapely.points(flat[:, :2]))).reshape(shape)
+    outside_m = _outside_m(site, flat).reshape(shape)
     obstacle, lacking_m = _lacking_m(site, places_m)
     zone, depth_m = _depth_m(site, flat, shape)
     above_ground = "m above ground"
@@ -99,6 +120,14 @@ def _figures(site: Site, route_m: FloatArray) -> list[_Figures]:
     return [
         dataclasses.replace(each, excess_m=np.fmax(each.excess_m, 0.0)) for each in found if (each.excess_m > 0.0).any()
     ]
+
+
+def _outside_m(site: Site, flat_m: FloatArray) -> FloatArray:
+    """(k,) metres outside of the fence of (k, 3) places; distances take long, so they are only taken there."""
+    outside_m = np.zeros(len(flat_m))
+    beyond = ~shapely.contains_xy(site.fence, flat_m[:, 0], flat_m[:, 1])
+    outside_m[beyond] = shapely.distance(site.fence, shapely.points(flat_m[beyond, :2]))
+    return outside_m
 
 
 def _lacking_m(site: Site, places_m: FloatArray) -> tuple[tuple[str, ...], FloatArray]:

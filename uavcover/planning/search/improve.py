@@ -31,6 +31,7 @@ from uavcover.planning.search.tour_with_neighbourhoods import search_free_order
 from uavcover.planning.search.tuning import TUNED, GoalTuning, SearchTuning
 from uavcover.planning.search.waiting_turns import with_waiting_turns
 from uavcover.planning.selection_rule import Rule
+from uavcover.planning.sound_corners import with_sound_corners
 from uavcover.planning.sure_pictures import surely
 from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
 
@@ -94,8 +95,12 @@ def improve(
         pace = PaceByClock(effort.now, run.started + effort.budget_s)
     kept: list[Route] = []
 
+    def as_chosen(route: Route) -> Route:
+        """With sure pictures and sound corners, for that is what can be chosen: on long routes they take some of the coverage."""
+        return with_sound_corners(site, surely(site, route))
+
     def found(route: Route) -> None:
-        kept.append(surely(site, _shortened(problem, route)))
+        kept.append(as_chosen(_shortened(problem, route)))
 
     show = _progress(coverage, starts, pace, effort, evaluations_done, rule, run.on_progress)
     seeds = np.random.SeedSequence([settings.seed, _LOCAL_SEARCH_STREAM]).spawn(CHAINS)
@@ -125,7 +130,7 @@ def improve(
     capacity = _capacity(problem, settings, starts, tuned)
 
     def closed(route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
-        begun = surely(site, route)
+        begun = as_chosen(route)
         # Far from the goal they bring too little for their time.
         if goal - share_seen(begun, judging) <= tuned.most_short:
             begun = with_waiting_turns(
@@ -137,7 +142,7 @@ def improve(
 
     # Where time is paid for, finer cells are asked only about what the own cells confirm.
     exactly = on_each if effort.budget_s is None else OneAfterTheOther(judges)
-    judge = RouteJudge(lambda route, goal: exactly(surely(site, route), goal), found, closed)
+    judge = RouteJudge(lambda route, goal: exactly(as_chosen(route), goal), found, closed)
     if problem.free_order:
         search_free_order(work, starts, asked=asked, capacity=capacity, judge=judge)
     else:
@@ -150,7 +155,7 @@ def improve(
         if finer is not None:
             # The choice asks these cells: they are made ready while there is time for it.
             _ = finer.coverable
-        on_these_cells = RouteJudge(lambda route, _: share_seen(surely(site, route), judging), found)
+        on_these_cells = RouteJudge(lambda route, _: share_seen(as_chosen(route), judging), found)
         search_waypoints(work, known, goal=goal, capacity=capacity, until=1.0, judge=on_these_cells)
     return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
 
