@@ -66,6 +66,83 @@ def nose(line, steps_s, cruise_m_s, before):
     return headings
 
 
+def px4_begins(line, before, cruise_m_s, acceleration_m_s2=3.0, radius_m=2.0):
+    """Speed with which PX4 begins each leg: that of a circle that touches both legs of the corner ``radius_m`` from it."""
+    speeds = []
+    for a, b in itertools.pairwise(np.asarray(line, dtype=float)):
+        onward = (b - a)[:2]
+        if not np.any(before) or not np.any(onward):
+            speeds.append(0.0)
+        else:
+            angle = math.acos(
+                np.clip(np.dot(before, onward) / np.linalg.norm(before) / np.linalg.norm(onward), -1.0, 1.0)
+            )
+            circle_m = radius_m / max(1e-9, math.tan(0.5 * angle))
+            speeds.append(min(cruise_m_s, math.sqrt(0.5 * acceleration_m_s2 * circle_m)))
+        before = onward
+    return speeds
+
+
+def turning(
+    line, steps_s, ways, begins_m_s, before, cruise_m_s, acceleration_m_s2, rate_deg_s=60.0, step_s=0.01, lengths_m=None
+):
+    """The line in small steps of time, while the nose turns no faster than it can: finer places, and the nose between them.
+
+    Args:
+        line: its points.
+        steps_s: seconds of each piece; 0 where that is a leg, on which the vehicle speeds up until it cruises.
+        ways: where the nose shall point on each piece; (0, 0): nowhere.
+        begins_m_s: speed at the beginning of each leg.
+        before: where the nose points before the line begins.
+        cruise_m_s: of the vehicle.
+        acceleration_m_s2: likewise.
+        rate_deg_s: of the nose.
+        step_s: of time.
+        lengths_m: of the legs as they are flown; none: as they are.
+    """
+    line = np.asarray(line, dtype=float)
+    nose = math.atan2(before[0], before[1]) if np.any(before) else None
+    places, noses = [line[0]], []
+    for k, (a, b, seconds, way, speed) in enumerate(zip(line, line[1:], steps_s, ways, begins_m_s, strict=False)):
+        if not np.any(way):
+            places.append(b)
+            noses.append((0.0, 0.0))
+            continue
+        wanted = math.atan2(way[0], way[1])
+        nose = wanted if nose is None else nose
+        if seconds > 0.0:
+            nose = _nearer(nose, wanted, math.radians(rate_deg_s) * seconds)
+        else:
+            length_m, done_m, shown = math.dist(a, b) if lengths_m is None else lengths_m[k], 0.0, nose
+            while done_m < length_m and nose != wanted:
+                nose = _nearer(nose, wanted, math.radians(rate_deg_s) * step_s)
+                speed = min(cruise_m_s, speed + acceleration_m_s2 * step_s)
+                done_m += speed * step_s
+                has_turned = abs(math.remainder(nose - shown, math.tau)) > math.radians(2.0)
+                if (has_turned or nose == wanted) and done_m < length_m:
+                    places.append(a + done_m / length_m * (b - a))
+                    middle = shown + 0.5 * math.remainder(nose - shown, math.tau)
+                    noses.append((math.sin(middle), math.cos(middle)))
+                    shown = nose
+        places.append(b)
+        noses.append((math.sin(nose), math.cos(nose)))
+    return np.array(places), noses
+
+
+def nose_behind(before, ways, steps_s, rate_deg_s=60.0):
+    """Where the nose points behind pieces of so many seconds, on which it turns to these ways as fast as it can."""
+    nose = math.atan2(before[0], before[1])
+    for way, seconds in zip(ways, steps_s, strict=True):
+        nose = _nearer(nose, math.atan2(way[0], way[1]), math.radians(rate_deg_s) * seconds)
+    return math.sin(nose), math.cos(nose)
+
+
+def _nearer(nose, wanted, most):
+    """The angle, closer to the wanted one by ``most`` at most, the short way round."""
+    off = math.remainder(wanted - nose, math.tau)
+    return wanted if abs(off) <= most else nose + math.copysign(most, off)
+
+
 def _motion(pace, a, b):
     one = leg(pace, a, b)
     peak = peak_speed(one[1], one[2], one[3], pace.jerk_m_s3)

@@ -18,7 +18,7 @@ import shapely
 from pyproj import Transformer
 from scipy.spatial import cKDTree
 
-from tests.naive.flown_line import arducopter, nose, passed_corners, reached_places
+from tests.naive.flown_line import arducopter, nose, nose_behind, passed_corners, px4_begins, reached_places, turning
 
 _STEP_M = 0.01
 _SAMPLES = 80
@@ -105,8 +105,9 @@ def flown_looks(scenario, route, top):
     """
     if scenario["vehicle"].get("autopilot") == "px4":
         reached = reached_places([top, *route])
-        through = np.array([*route[:-1], reached[-1]])
-        return looks(scenario, reached if _looks_from_waypoints(scenario["sensor"]) else through)
+        if _looks_from_waypoints(scenario["sensor"]):
+            return looks(scenario, reached)
+        return _px4_looks(scenario, route, reached, np.asarray(route[0])[:2] - top[:2])
     pace = arducopter(scenario["vehicle"])
     corners, steps_s = passed_corners([top, *route, top], pace)
     if _looks_from_waypoints(scenario["sensor"]):
@@ -123,10 +124,45 @@ def flown_looks(scenario, route, top):
     # How its ends are passed depends on the ways there and home: only what is nearly on a leg counts.
     ends = half + half // 2
     first, last = 2 * half if triggered else ends, len(line) - ends
-    places, headings = looks(scenario, line[first:last], noses[first : last - 1])
+    before = nose_behind(there, noses[:first], pieces_s[:first])
+    line, noses, pieces_s = line[first:last], noses[first : last - 1], pieces_s[first : last - 1]
+    if _turns(scenario["sensor"]):
+        # A leg begins with the speed of the last step of the corner.
+        begins = [0.0 if triggered else pace.cruise_m_s]
+        for a, b, seconds in zip(line, line[1:], pieces_s, strict=False):
+            begins.append(min(pace.cruise_m_s, math.dist(a, b) / seconds) if seconds > 0.0 else 0.0)
+        line, noses = turning(line, pieces_s, noses, begins, before, pace.cruise_m_s, pace.acceleration_m_s2)
+    places, headings = looks(scenario, line, noses)
     if triggered and "heading_deg" not in scenario["sensor"]:
         headings[0] = there
     return places, headings
+
+
+def _px4_looks(scenario, route, reached, there):
+    """Through the waypoints to where the last one is reached; the nose turns to the next one from where one is reached."""
+    sensor, vehicle = scenario["sensor"], scenario["vehicle"]
+    route = np.asarray(route, dtype=float)
+    line = np.array([*route[:-1], reached[-1]])
+    if not _turns(sensor):
+        return looks(scenario, line)
+    cruise_m_s, acceleration_m_s2 = vehicle["cruise_speed_m_s"], vehicle.get("acceleration_m_s2", 3.0)
+    ways, lengths_m = [], []
+    for k in range(len(route) - 1):
+        is_upright = math.dist(line[k][:2], line[k + 1][:2]) == 0.0
+        ways.append((0.0, 0.0) if is_upright else (route[k + 1] - reached[k])[:2])
+        lengths_m.append(math.dist(reached[k], reached[k + 1]))
+    begins = px4_begins(route, there, cruise_m_s, acceleration_m_s2)
+    legs = np.zeros(len(ways))
+    finer, noses = turning(line, legs, ways, begins, there, cruise_m_s, acceleration_m_s2, lengths_m=lengths_m)
+    places, headings = looks(scenario, finer, noses)
+    if picture_distance_m(scenario) is not None:
+        headings[0] = there / np.linalg.norm(there)
+    return places, headings
+
+
+def _turns(sensor):
+    """Whether it looks where the nose points."""
+    return sensor["kind"] == "frame-camera" and "heading_deg" not in sensor
 
 
 def _looks_from_waypoints(sensor):

@@ -19,7 +19,8 @@ from uavcover.kernels.coverage import picture_places
 from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace, speed_over_ground, turn_times
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.sensors import trigger_distance_m
+from uavcover.sensing.sensors import sight_of, trigger_distance_m, turns_with_legs
+from uavcover.sensing.turning_nose import Pieces, braked_speeds_m_s, turned_line
 
 _CORNER_POINTS = 17
 """Of a rounded corner; the middle one is where the waypoint counts as passed. With seven a camera is turned by 10° less there
@@ -35,6 +36,7 @@ _HEIGHT_RADIUS_M = 0.8
 """A waypoint of PX4 is reached within this height (NAV_MC_ALT_RAD)."""
 
 _LEAST_M = 1e-6
+_LEAST_S = 1e-9
 
 
 class RoundedCorners(NamedTuple):
@@ -67,11 +69,12 @@ def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
 
     How the first waypoint is passed depends on the way there, and the last one on the way home, which are not known here: where
     the line is nearly on its legs that makes no difference. PX4 turns to the next waypoint before it is at the last one, and
-    flies about through that; the route ends where its last one is reached.
+    flies about through that; the route ends where its last one is reached. For a sensor that turns with the legs, there are
+    pieces on which the nose turns (:mod:`uavcover.sensing.turning_nose`).
     """
+    turns = turns_with_legs(sight_of(site.scenario.sensor))
     if _is_braked(site) and len(route_m) > 0:
-        places_m = np.vstack([route_m[:-1], places_passed_m(site, route_m)[-1:]])
-        return FlownLine(places_m, np.diff(places_m[:, :2], axis=0))
+        return _braked_line(site, route_m, turns=turns)
     corners = _corners(site, route_m)
     if corners is None or len(route_m) == 1:
         return FlownLine(route_m, np.diff(route_m[:, :2], axis=0))
@@ -86,10 +89,38 @@ def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
         np.append(np.full(len(part) - 1, step_s), 0.0) for part, step_s in zip(parts, corners.step_s, strict=True)
     ])[:-1]  # fmt: skip
     slow = np.hypot(ways[:, 0], ways[:, 1]) < _TURNING_SHARE * pace_of(site).cruise_m_s * steps_s
-    headings = _kept(np.vstack([heading_there(site, route_m[0]), ways]), np.append(False, slow))[1:]
+    there = heading_there(site, route_m[0])
+    headings = _kept(np.vstack([there, ways]), np.append(False, slow))[1:]
     first = len(parts[0]) - 1 - len(parts[0]) // 4
     last = len(places) - len(parts[-1]) + 1 + len(parts[-1]) // 4
+    if turns:
+        # A leg begins as fast as the corner ends; behind a stop, from rest.
+        size_m = np.linalg.norm(np.diff(places, axis=0), axis=1)
+        speeds_m_s = np.where(steps_s > 0.0, size_m / np.maximum(steps_s, _LEAST_S), 0.0)
+        begins_m_s = np.minimum(np.append(0.0, speeds_m_s[:-1]), pace_of(site).cruise_m_s)
+        pieces = Pieces(headings, steps_s, size_m, begins_m_s)
+        places, headings, numbers = turned_line(pace_of(site), places, pieces, there)
+        first, last = int(numbers[first]), int(numbers[last - 1]) + 1
     return FlownLine(np.ascontiguousarray(places[first:last]), headings[first : last - 1])
+
+
+def _braked_line(site: Site, route_m: FloatArray, *, turns: bool) -> FlownLine:
+    """The line of PX4 along an (n, 3) route, n >= 1, with pieces where the nose turns, if that matters.
+
+    From where a waypoint is reached the nose turns to the next one, until that is reached: on a leg that is not much longer than
+    the radius there is hardly time for it.
+    """
+    passed_m = places_passed_m(site, route_m)
+    places = np.vstack([route_m[:-1], passed_m[-1:]])
+    ways = np.diff(places[:, :2], axis=0)
+    if not turns or len(ways) == 0:
+        return FlownLine(places, ways)
+    pace, there = pace_of(site), heading_there(site, route_m[0])
+    courses = np.where(np.hypot(ways[:, :1], ways[:, 1:]) > 0.0, route_m[1:, :2] - passed_m[:-1, :2], 0.0)
+    lengths_m = np.linalg.norm(np.diff(passed_m, axis=0), axis=1)
+    begins_m_s = braked_speeds_m_s(pace, np.diff(route_m[:, :2], axis=0), there)
+    turned = turned_line(pace, places, Pieces(courses, np.zeros(len(ways)), lengths_m, begins_m_s), there)
+    return FlownLine(turned.places_m, turned.headings)
 
 
 def _kept(values: FloatArray, missing: BoolArray) -> FloatArray:
