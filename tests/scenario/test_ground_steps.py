@@ -141,6 +141,18 @@ def test_a_route_stays_on_one_side_of_a_cliff():
     assert len(words.warnings) == 1
 
 
+def test_a_step_outside_of_the_area_is_not_spoken_of():
+    """It was said of 0.00 % of the area."""
+    fence = ((-150.0, -50.0), (350.0, -50.0), (350.0, 450.0), (-150.0, 450.0))
+    limits = {"max_height_agl_m": 90.0}
+    site = make_site(cliff(110.0, lambda _: 350.0), ring=AREA, cell_m=15.0, limits=limits, fence=fence)
+    assert flyable_area(site).polygon.bounds[3] < 350.0
+    assert flyable_area(site).polygon.contains(site.area)
+    words = Words()
+    say_steps(words, site)
+    assert words.warnings == []
+
+
 def test_the_side_that_transits_reach_is_flown():
     """Behind a wall that not even transits get over there is more of the area; home is on this side."""
     site = make_site(

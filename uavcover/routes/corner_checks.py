@@ -43,8 +43,7 @@ def corner_excess_around_m(site: Site, route_m: FloatArray, waypoint: int) -> fl
 
 
 def corner_heights_off_m(site: Site, route_m: FloatArray) -> FloatArray:
-    """(n,) metres by which the corner at each waypoint of an (n, 3) ENU route is above the band of heights, or, as less than 0,
-    below it; 0 within."""
+    """(n,) metres by which the corner at each waypoint of an (n, 3) ENU route is above the band of heights (below: negative)."""
     off_m = np.zeros(len(route_m))
     for kind in _figures(site, route_m):
         if kind.kind in ("too low", "too high"):

@@ -175,12 +175,18 @@ def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
             user.warn(f"with the no-fly zones {percent(seen)} of the area can be seen")
 
 
+_LEAST_BEYOND = 5e-5
+"""Of the area: steps outside of it are no matter, and less than this is written as 0.00 %."""
+
+
 def say_steps(user: User, site: Site) -> None:
     """Warn of ground on the other side of steps that are higher than the height band is wide."""
     limits, area = site.scenario.limits, flyable_area(site)
     if area.wide_enough_m is None:
         return
     beyond = 1.0 - area.polygon.intersection(site.area).area / site.area.area
+    if beyond < _LEAST_BEYOND:
+        return
     enough_m = math.ceil(limits.min_height_agl_m + area.wide_enough_m + 2.0 * limits.height_margin_m)
     user.warn(
         f"the ground has steps that no leg gets over inside the height band, and {percent(beyond)} of the area is beside or "

@@ -230,6 +230,7 @@ def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: flo
     free = work.problem.free_order
     cells = np.count_nonzero(work.problem.numbers.weight)
     fewest = 1 if work.problem.free_order else 2
+    heat = tuned.heat_of_length(way_m / work.problem.reach_m) if work.problem.is_of_length else tuned.hottest
     state = state_of(work.problem, route, capacity=capacity)
     return Chain(
         problem=work.problem,
@@ -242,7 +243,7 @@ def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: flo
             else coverage_price * (way_m + tuned.dear_waypoints * waypoint_m * len(route)),
             goal,
         ),
-        hottest=(free_order.tour_hottest if free else tuned.hottest) * work.problem.reach_m
+        hottest=(free_order.tour_hottest if free else heat) * work.problem.reach_m
         + tuned.hottest_of_waypoint * waypoint_m,
         coldest=tuned.coldest * work.problem.reach_m,
         step_m=tuned.largest_step * work.problem.reach_m,

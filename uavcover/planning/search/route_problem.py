@@ -52,10 +52,14 @@ class RouteProblem:
         way = self.numbers.way._replace(waypoint_price=0.0)
         return float(route_cost(self.numbers.surface, way, route.waypoints_m))
 
+    @property
+    def is_of_length(self) -> bool:
+        """Whether the cost of a way is its length."""
+        return bool(self.numbers.way.unit == LENGTH and self.numbers.way.deviation_price == 0.0)
+
     def metres_per_cost(self, route: Route) -> float:
         """Brings costs to metres of path, by a route that has both; 1 where the cost is the length."""
-        way = self.numbers.way
-        if way.unit == LENGTH and way.deviation_price == 0.0:
+        if self.is_of_length:
             return 1.0
         cost = self.cost(route)
         return route.length_m / cost if cost > 0.0 and route.length_m > 0.0 else 1.0
