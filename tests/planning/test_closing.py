@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.planning.sites import Ups, flat, hills, make_site
+from tests.planning.sites import EXACT, Ups, flat, hills, make_site
 from tests.planning.test_memetic import make_plan
 from uavcover.model.route import Route
 from uavcover.model.sensor import FrameCamera
@@ -195,11 +195,14 @@ def test_where_nearly_all_is_to_be_seen_the_end_of_every_stage_is_closed(
 
 
 def test_where_nearly_all_is_to_be_seen_the_search_keeps_the_gaps_closed() -> None:
-    """Of a field like a U: the search ends short of 99.9 %, its gaps are closed, and from there it must not fall back."""
+    """Of a field like a U: the search ends short of 99.9 %, its gaps are closed, and from there it must not fall back.
+
+    Corners are flown exactly here: inside of them so much is not seen that what sees 99.9 % is found by tuned lines.
+    """
     ring = ((0, 0), (500, 0), (500, 440), (340, 440), (340, 160), (160, 160), (160, 440), (0, 440))
     site = make_site(
         flat, ring=tuple((float(e), float(n)) for e, n in ring), cell_m=5.0, planner={"objective": "flight-time"},
-        limits={"min_height_agl_m": 59.0, "max_height_agl_m": 61.0, "height_margin_m": 0.9},
+        vehicle=EXACT, limits={"min_height_agl_m": 59.0, "max_height_agl_m": 61.0, "height_margin_m": 0.9},
     )  # fmt: skip
     plan = make_plan(site, rule="coverage>=0.999", evaluations=1500, seed=2)
     lines = [each.metrics.cost for each in plan.baselines if each.metrics.coverage_of_coverable >= 0.999]
