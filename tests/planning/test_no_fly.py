@@ -8,11 +8,12 @@ import pytest
 import shapely
 
 from tests.naive.zones import enters
-from tests.planning.sites import flat, hills, make_site, ridge
+from tests.planning.sites import flat, hills, make_site, ridge, tower
 from tests.planning.test_planner import make_plan
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.search_problem import _crosses, inside_fence
 from uavcover.model.no_fly import NoFly
+from uavcover.model.obstacles import Obstacles
 from uavcover.model.sensor import NadirCamera
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
@@ -153,10 +154,17 @@ def test_a_line_whose_corners_all_move_to_one_place_is_one_waypoint():
     """Its memory was not written: a plan beside a cliff ended with "entry (9, 2) is nan" (tests/random_kinds.py, case 78)."""
     fence = ((0.0, 0.0), (300.0, 0.0), (300.0, 40.0), (40.0, 40.0), (40.0, 300.0), (0.0, 300.0))
     site = make_site(ring=AREA, fence=fence, cell_m=15.0)
+    beside_a_tower = make_site(
+        ring=AREA,
+        fence=fence,
+        cell_m=15.0,
+        obstacles=Obstacles(prisms=(tower(100.0, 10.0, 110.0, 20.0, 300.0, name="tower"),)),
+    )
     beyond_a_corner = np.array([(-500.0, -500.0), (-400.0, -600.0)])
-    points = lay_over_terrain(site, beyond_a_corner, np.full(2, 80.0), tolerance_m=5.0)
-    assert points == pytest.approx(np.array([[0.0, 0.0, 80.0]]), abs=0.05)
-    assert measure_violations(site, points, margin_m=0.0).total == 0.0
+    for each in (site, beside_a_tower):
+        points = lay_over_terrain(each, beyond_a_corner, np.full(2, 80.0), tolerance_m=5.0)
+        assert points == pytest.approx(np.array([[0.0, 0.0, 80.0]]), abs=0.05)
+        assert measure_violations(each, points, margin_m=0.0).total == 0.0
 
 
 def test_leg_problems_name_the_zone():

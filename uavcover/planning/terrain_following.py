@@ -176,12 +176,12 @@ def lay_over_terrain(
         a finite number, so that the route can be compared with others; the leg checks say that data is missing there.
     """
     polyline_m, wanted_agl_m = inside_flyable_area(site, polyline_m, wanted_agl_m)
-    # A sample's distance farther away nothing is raised over an obstacle.
-    polyline_m, wanted_agl_m = around_obstacles(site, polyline_m, wanted_agl_m, apart_m=SAMPLE_SPACING_M)
     only_one = len(polyline_m) == 1
     if only_one:
         # All of the line has moved to one corner of where the route may be.
         polyline_m, wanted_agl_m = np.repeat(polyline_m, 2, axis=0), np.repeat(wanted_agl_m, 2)
+    # A sample's distance farther away nothing is raised over an obstacle.
+    polyline_m, wanted_agl_m = around_obstacles(site, polyline_m, wanted_agl_m, apart_m=SAMPLE_SPACING_M)
     limits = site.scenario.limits
     # Heights are looked at between samples here, and along whole legs by those who judge the route.
     hair_m = HAIR_M + site.ground.cut_error_m
