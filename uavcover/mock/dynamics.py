@@ -38,7 +38,7 @@ class Airframe:
         max_jerk_m_s3: how fast that acceleration changes, over ground and vertically.
         max_airspeed_m_s: largest horizontal speed through the air that it asks for.
         max_lean_deg: largest lean; the part that the wind takes is not available for acceleration.
-        max_yaw_rate_deg_s: largest yaw rate.
+        max_yaw_rate_deg_s: largest yaw rate; 60 is ATC_SLEW_YAW of ArduCopter and MPC_YAWRAUTO_MAX of PX4 from 1.15 on.
         velocity_gain_1_s: acceleration asked for per metre per second of speed error.
         drag_1_s: acceleration per metre per second of air speed.
         wind_estimate_s: time constant with which the controller learns the wind.
@@ -52,7 +52,7 @@ class Airframe:
     max_jerk_m_s3: float = 20.0
     max_airspeed_m_s: float = 18.0
     max_lean_deg: float = 35.0
-    max_yaw_rate_deg_s: float = 90.0
+    max_yaw_rate_deg_s: float = 60.0
     velocity_gain_1_s: float = 3.0
     drag_1_s: float = 0.2
     wind_estimate_s: float = 1.5
