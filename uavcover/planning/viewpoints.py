@@ -18,7 +18,7 @@ from uavcover.planning.set_cover.candidates import seen_from_each
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
-from uavcover.sensing.sensors import reach_at_height_m, whatever_heading
+from uavcover.sensing.sensors import reach_at_height_m, turns_with_legs, whatever_heading
 
 _SPACING_REACHES = 0.4
 """Candidates stand this many reaches apart."""
@@ -70,8 +70,13 @@ class MissingCells:
         return kernels.seen_from_points(surface, sight, self.cells, looks.places_m, looks.headings)
 
     def seen_on(self, route_m: FloatArray, sight: Sight) -> BoolArray:
-        """(m,) whether each is seen on an (n, 3) ENU route, by the sensing rule of the scenario."""
-        return self.seen_by(self.coverage.observations(route_m), sight)
+        """(m,) whether each is seen on an (n, 3) ENU route, by the sensing rule of the scenario.
+
+        A camera that turns with the legs is turned as it is flown, for on short legs it does not come round.
+        """
+        turns = turns_with_legs(self.coverage.sight)
+        looks = self.coverage.flown_observations(route_m) if turns else self.coverage.observations(route_m)
+        return self.seen_by(looks, sight)
 
 
 def grid_places(site: Site, missing: MissingCells) -> FloatArray:
