@@ -54,6 +54,7 @@ from uavcover.planning.baselines.boustrophedon import (
     scanned_rows,
 )
 from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout
+from uavcover.routes.corner_checks import corner_excess_m
 from uavcover.scenario.scenario_file import bundled_scenarios
 from uavcover.scenario.site import load_site
 
@@ -107,6 +108,19 @@ class TestJudge:
         under = Route(np.array([[1.0, 1.0, -3.0], [5.0, 5.0, -3.0]]))
         moment, route = judge.moment(1.0, [(under, "mole")])
         assert (moment.front, moment.chosen, route) == ((), {}, None)
+
+    def test_corners_are_mended_as_before_a_planner_chooses(self) -> None:
+        """Its route does not count otherwise: over 25 km² there are hundreds of corners to mend."""
+        site = make_site(
+            lambda east, north: np.where((east > 105.0) & (north > 105.0), -60.0, 0.0), limits={"height_margin_m": 0.0}
+        )
+        judge = Judge(Case("pit", "coverage>=0.2", 0.2, 100.0, 20_000.0), site)
+        turning = Route(np.array([[100.0, 190.0, 119.5], [100.0, 100.0, 119.5], [290.0, 100.0, 119.5]]))
+        assert corner_excess_m(site, turning.waypoints_m).sum() > 0.0
+        moment, member = judge.moment(1.0, [(turning, "turning")])
+        assert member is not None
+        assert moment.chosen["asked"].met
+        assert corner_excess_m(site, member.route.waypoints_m).sum() == 0.0
 
     def test_out_of_reach_is_said(self, judge: Judge) -> None:
         moment, _ = judge.moment(1.0, [(fly_rows(judge.site, NodeRows(2, 2, 0.0, 0.5)), "few")])

@@ -20,6 +20,7 @@ from uavcover.model.route import RouteMember
 from uavcover.optimizers.indicators import hypervolume
 from uavcover.planning.front import NamedRoute, judge_members, pareto_members
 from uavcover.planning.selection_rule import parse_rule, select
+from uavcover.planning.sound_corners import with_sound_corners
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
@@ -178,7 +179,7 @@ class Judge:
 
     def moment(self, at_s: float, routes: Sequence[NamedRoute]) -> tuple[JudgedMoment, RouteMember | None]:
         """The routes judged, and the one that the scenario's rule chooses."""
-        members = [member for member in judge_members(self._cells, routes) if member.violation <= 0.0]
+        members = [member for member in self.judged(routes) if member.violation <= 0.0]
         if not members:
             return JudgedMoment(at_s, (), {}), None
         pareto = pareto_members(members)
@@ -207,8 +208,11 @@ class Judge:
         return self._hold_out.coverage_of_coverable(member.route.waypoints_m)
 
     def judged(self, routes: Sequence[NamedRoute]) -> list[RouteMember]:
-        """Routes on the cells of the area, whether they keep the limits or not."""
-        return judge_members(self._cells, routes)
+        """Routes on the cells of the area, whether they keep the limits or not; corners that break one are mended first.
+
+        So they are before the planner chooses: over 25 km² there are hundreds of such corners in whatever lines.
+        """
+        return judge_members(self._cells, [(with_sound_corners(self.site, route), origin) for route, origin in routes])
 
     def _chosen(self, member: RouteMember, hold_out: float, *, met: bool) -> Chosen:
         metrics = member.metrics
