@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from tests.judging.flights import changed, fly_along, make_site, track_of
 from tests.planning.sites import CAMERA
 from uavcover.judging.verify import flown_coverage, verify_track
-from uavcover.model.sensor import NadirCamera, SphereSensor
+from uavcover.model.sensor import FrameCamera, NadirCamera, SphereSensor
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import camera_turn
 
@@ -101,3 +101,22 @@ def test_between_two_samples_the_attitude_turns_the_short_way():
     # Heading north all the time: rolled right it looks west, never east.
     assert coverage.grid.cells.centre_m[seen, 0].max() < 150.0
     assert coverage.grid.cells.centre_m[seen, 0].min() < 20.0
+
+
+def test_while_the_nose_turns_a_camera_is_looked_through_between_two_samples_too():
+    """Ten places a second are 6 degrees apart: what a tilted camera showed between them did not count."""
+    site = make_site(sensor=FrameCamera(
+        kind="frame-camera", fov_across_deg=50.0, fov_along_deg=40.0, range_m=250.0, pitch_deg=-50.0, mount="stabilised"
+    ))  # fmt: skip
+    shares, yaw_deg = np.linspace(0.0, 1.0, 41), 50.0
+
+    def seen(shares):
+        points = np.column_stack([100.0 + 2.0 * shares, np.full(len(shares), 100.0), np.full(len(shares), 80.0)])
+        track = track_of(site, points, time_s=4.0 * shares, current_waypoint=np.ones(len(shares), dtype=int))
+        attitude = np.column_stack([0.0 * shares, 0.0 * shares, (yaw_deg + 80.0 * shares) % 360.0])
+        coverage = CoverageMap(site, cell_size_m=2.0)
+        return flown_coverage(coverage, changed(track, attitude_deg=attitude), None).seen
+
+    every_two, few = seen(shares), seen(shares[::8])
+    assert np.array_equal(every_two, few)
+    assert every_two.sum() > 100

@@ -11,7 +11,11 @@ from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.coverage import picture_places
 from uavcover.model.track import Track
 from uavcover.scenario.site import Site
-from uavcover.sensing.sensors import camera_turn, trigger_distance_m
+from uavcover.sensing.sensors import camera_turn, sight_of, trigger_distance_m, turns_with_legs
+
+_LARGEST_TURN_DEG = 2.0
+"""Between two observations. At 60 degrees a second ten samples a second are 6 degrees apart, and the corners of what a camera
+shows in between are a point of a small area (tests/random_kinds.py, case 23)."""
 
 REACHED_RADII = 2.0
 """A planned waypoint counts as reached within this many acceptance radii."""
@@ -50,11 +54,11 @@ def observations_of(
 ) -> Observations:
     """The observations of a track on the planned route, by the sensing rule of the scenario.
 
-    Along the path there is one at every sample, and enough between samples to keep them ``sample_spacing_m`` apart; or, with
-    pictures by distance, one at the start and one whenever the vehicle is that far from the last one, as autopilots
-    trigger. Position, attitude and time are interpolated linearly. There are none between samples that are not joined. Where
-    the track lacks the yaw that a picture needs, nose ahead is assumed. From waypoints, the pictures that the vehicle told of
-    count, where it told of any; else every planned waypoint that was reached.
+    Along the path there is one at every sample, and enough between samples to keep them ``sample_spacing_m`` apart, and a camera
+    that turns with the vehicle 2 degrees; or, with pictures by distance, one at the start and one whenever the vehicle is that
+    far from the last one, as autopilots trigger. Position, attitude and time are interpolated linearly. There are none between
+    samples that are not joined. Where the track lacks the yaw that a picture needs, nose ahead is assumed. From waypoints, the
+    pictures that the vehicle told of count, where it told of any; else every planned waypoint that was reached.
 
     Args:
         site: the scenario on its ground.
@@ -74,7 +78,8 @@ def observations_of(
         runs = observed_stretches(route, joined)
         trigger_m = trigger_distance_m(site.scenario)
         if trigger_m is None:
-            parts = [_between(run, enu_m, sensor.sample_spacing_m) for run in runs]
+            turns_deg = _turns_deg(track) if turns_with_legs(sight_of(sensor)) else np.zeros(max(len(track) - 1, 0))
+            parts = [_between(run, enu_m, sensor.sample_spacing_m, turns_deg) for run in runs]
         else:
             parts = [_pictures(run, enu_m, trigger_m) for run in runs]
         before = np.concatenate([part[0] for part in parts]) if parts else np.empty(0, dtype=np.int64)
@@ -99,7 +104,7 @@ def observations_of(
 def level_observations(site: Site, path_m: FloatArray, time_s: float) -> Observations:
     """Possible observations along a path without samples, as if it had been flown level; pictures may be anywhere on it."""
     sensor = site.scenario.sensor
-    share = _between(np.arange(len(path_m)), path_m, sensor.sample_spacing_m)
+    share = _between(np.arange(len(path_m)), path_m, sensor.sample_spacing_m, np.zeros(max(len(path_m) - 1, 0)))
     before, part = share
     after = np.minimum(before + 1, len(path_m) - 1)
     places = path_m[before] + part[:, None] * (path_m[after] - path_m[before])
@@ -110,10 +115,18 @@ def level_observations(site: Site, path_m: FloatArray, time_s: float) -> Observa
     return Observations(np.ascontiguousarray(places), turn.axes, turn.tops, times, np.zeros(len(places), dtype=bool))
 
 
-def _between(run: NDArray[np.int64], enu_m: FloatArray, spacing_m: float) -> tuple[NDArray[np.int64], FloatArray]:
+def _turns_deg(track: Track) -> FloatArray:
+    """(n - 1,) degrees by which the nose turns from sample to sample, the short way; 0 where that is not known."""
+    return np.nan_to_num(np.abs((np.diff(track.attitude_deg[:, 2]) + 180.0) % 360.0 - 180.0))
+
+
+def _between(
+    run: NDArray[np.int64], enu_m: FloatArray, spacing_m: float, turns_deg: FloatArray
+) -> tuple[NDArray[np.int64], FloatArray]:
     """The sample before each observation of a run of samples, and the fraction of the way to the next one, 0..1."""
     legs = np.linalg.norm(np.diff(enu_m[run], axis=0), axis=1)
     pieces = np.maximum(1, np.ceil(legs / spacing_m - 1e-9).astype(np.int64))
+    pieces = np.maximum(pieces, np.ceil(turns_deg[run[:-1]] / _LARGEST_TURN_DEG - 1e-9).astype(np.int64))
     leg = np.repeat(np.arange(len(legs)), pieces)
     piece = np.arange(len(leg)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     return np.append(run[leg], run[-1]), np.append(piece / pieces[leg], 0.0)
