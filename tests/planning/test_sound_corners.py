@@ -51,11 +51,15 @@ def test_where_no_way_is_sound_the_least_unsound_is_given() -> None:
 
 
 def test_waypoints_of_corners_above_the_band_lie_lower_and_stay_where_they_are() -> None:
-    """Inside of the turn the ground is lower by less than a metre."""
-    site = make_site(lambda _, north: np.where(north > 101.0, -0.8, 0.0))
-    route = Route(np.array([[0.0, 100.0, 119.9], [150.0, 100.0, 119.9], [150.0, 200.0, 119.1], [0.0, 200.0, 119.1]]))
-    assert corner_excess_m(site, route.waypoints_m)[1] > 0.3
+    """Legs keep to the edges of a pit, and their corner is passed over it."""
+    site = make_site(
+        lambda east, north: np.where((east > 105.0) & (north > 105.0), -60.0, 0.0), limits={"height_margin_m": 0.0}
+    )
+    route = Route(np.array([[100.0, 190.0, 119.5], [100.0, 100.0, 119.5], [290.0, 100.0, 119.5]]))
+    assert measure_violations(site, route.waypoints_m, margin_m=0.0).total == 0.0
+    assert corner_excess_m(site, route.waypoints_m)[1] > 0.05
     sound = with_sound_corners(site, route).waypoints_m
+    assert measure_violations(site, sound, margin_m=0.0).total == 0.0
     assert corner_excess_m(site, sound).sum() == 0.0
     assert np.array_equal(sound[:, :2], route.waypoints_m[:, :2])
     assert (sound[:, 2] <= route.waypoints_m[:, 2]).all()

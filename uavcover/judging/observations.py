@@ -78,7 +78,7 @@ def observations_of(
         runs = observed_stretches(route, joined)
         trigger_m = trigger_distance_m(site.scenario)
         if trigger_m is None:
-            turns_deg = _turns_deg(track) if turns_with_legs(sight_of(sensor)) else np.zeros(max(len(track) - 1, 0))
+            turns_deg = _turns_deg(track) if turns_with_legs(sight_of(sensor)) else None
             parts = [_between(run, enu_m, sensor.sample_spacing_m, turns_deg) for run in runs]
         else:
             parts = [_pictures(run, enu_m, trigger_m) for run in runs]
@@ -104,7 +104,7 @@ def observations_of(
 def level_observations(site: Site, path_m: FloatArray, time_s: float) -> Observations:
     """Possible observations along a path without samples, as if it had been flown level; pictures may be anywhere on it."""
     sensor = site.scenario.sensor
-    share = _between(np.arange(len(path_m)), path_m, sensor.sample_spacing_m, np.zeros(max(len(path_m) - 1, 0)))
+    share = _between(np.arange(len(path_m)), path_m, sensor.sample_spacing_m)
     before, part = share
     after = np.minimum(before + 1, len(path_m) - 1)
     places = path_m[before] + part[:, None] * (path_m[after] - path_m[before])
@@ -121,12 +121,13 @@ def _turns_deg(track: Track) -> FloatArray:
 
 
 def _between(
-    run: NDArray[np.int64], enu_m: FloatArray, spacing_m: float, turns_deg: FloatArray
+    run: NDArray[np.int64], enu_m: FloatArray, spacing_m: float, turns_deg: FloatArray | None = None
 ) -> tuple[NDArray[np.int64], FloatArray]:
     """The sample before each observation of a run of samples, and the fraction of the way to the next one, 0..1."""
     legs = np.linalg.norm(np.diff(enu_m[run], axis=0), axis=1)
     pieces = np.maximum(1, np.ceil(legs / spacing_m - 1e-9).astype(np.int64))
-    pieces = np.maximum(pieces, np.ceil(turns_deg[run[:-1]] / _LARGEST_TURN_DEG - 1e-9).astype(np.int64))
+    if turns_deg is not None:
+        pieces = np.maximum(pieces, np.ceil(turns_deg[run[:-1]] / _LARGEST_TURN_DEG - 1e-9).astype(np.int64))
     leg = np.repeat(np.arange(len(legs)), pieces)
     piece = np.arange(len(leg)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     return np.append(run[leg], run[-1]), np.append(piece / pieces[leg], 0.0)

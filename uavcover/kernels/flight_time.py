@@ -249,6 +249,16 @@ def _blended_saving(pace: Pace, a: _Leg, b: _Leg) -> float:
 
 
 @kernel
+def circle_speed(pace: Pace, cosine: float) -> float:
+    """Speed of PX4 on a circle that ends on both legs of a corner at the radius; the cosine is that of the turn.
+
+    v^2 = a / 2 * radius * tan(half the angle between the legs).
+    """
+    tangent = math.sqrt(max(0.0, 1.0 + cosine) / max(1e-12, 1.0 - cosine))
+    return math.sqrt(0.5 * pace.acceleration_m_s2 * pace.corner_radius_m * tangent)
+
+
+@kernel
 def _braked_saving(pace: Pace, a: _Leg, b: _Leg) -> float:
     """Seconds that passing the corner between two legs saves against a stop there."""
     level_a, level_b = math.hypot(a.east, a.north), math.hypot(b.east, b.north)
@@ -258,10 +268,8 @@ def _braked_saving(pace: Pace, a: _Leg, b: _Leg) -> float:
     cosine = max(-1.0, min(1.0, (a.east * b.east + a.north * b.north) / (level_a * level_b)))
     speed = 0.0
     if b.length_m * level_b >= radius:
-        # A circle that ends on both legs at the radius: v^2 = a / 2 * radius * tan(half the angle between the legs).
-        tangent = math.sqrt((1.0 + cosine) / max(1e-12, 1.0 - cosine))
         speed = min(
-            math.sqrt(0.5 * pace.acceleration_m_s2 * radius * tangent),
+            circle_speed(pace, cosine),
             _stopping_speed(pace, b.length_m * level_b, 0.0),
             a.speed_m_s,
             b.speed_m_s,

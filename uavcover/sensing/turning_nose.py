@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 
 from uavcover.kernels.arrays import FloatArray, IntArray
-from uavcover.kernels.flight_time import Pace
+from uavcover.kernels.flight_time import Pace, circle_speed
 
 YAW_RATE_DEG_S = 60.0
 """ATC_SLEW_YAW of ArduCopter 4.7 and MPC_YAWRAUTO_MAX of PX4 from 1.15 on (45 before), by default."""
@@ -90,15 +90,13 @@ def turned_line(pace: Pace, places_m: FloatArray, pieces: Pieces, before: FloatA
 def braked_speeds_m_s(pace: Pace, ways: FloatArray, before: FloatArray) -> FloatArray:
     """(n,) speeds at which PX4 begins (n, 2) ways, each behind a corner, the first one behind the (2,) way before.
 
-    On a circle that ends on both legs at the corner's radius, as the flight time has it; never above that of cruise. Where a way
-    is straight up or down, from rest.
+    As the flight time has it; never above that of cruise. Where a way is straight up or down, from rest.
     """
     ways = np.vstack([before, ways])
     level_m = np.hypot(ways[:, 0], ways[:, 1])
     unit = ways / np.maximum(level_m, _LEAST_M)[:, None]
     cosine = np.where(np.minimum(level_m[:-1], level_m[1:]) > _LEAST_M, (unit[:-1] * unit[1:]).sum(axis=1), -1.0)
-    tangent = np.sqrt(np.maximum(0.0, 1.0 + cosine) / np.maximum(1e-12, 1.0 - cosine))
-    return np.minimum(pace.cruise_m_s, np.sqrt(0.5 * pace.acceleration_m_s2 * pace.corner_radius_m * tangent))
+    return np.minimum(pace.cruise_m_s, [circle_speed(pace, each) for each in cosine.tolist()])
 
 
 def _towards(nose: float) -> FloatArray:
