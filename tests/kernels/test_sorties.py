@@ -8,7 +8,16 @@ import pytest
 
 from tests.compiled_kernels import cases
 from uavcover.kernels.flight_time import Pace, flight_time, landing_time, takeoff_time
-from uavcover.kernels.way_cost import TIME, FlightCosts, WayCost, flight_s, split, straight_ends
+from uavcover.kernels.way_cost import (
+    NO_ENERGIES,
+    TIME,
+    FlightCosts,
+    FlightEnergies,
+    WayCost,
+    flight_s,
+    split,
+    straight_ends,
+)
 
 PACE = Pace(10.0, 4.0, 3.0, acceleration_m_s2=2.5, vertical_acceleration_m_s2=1.0, jerk_m_s3=4.0)
 HOME = WayCost(TIME, PACE, 0.0, 0.0, mission=1, column_top=(10.0, -20.0, 45.0), column_m=30.0)
@@ -26,7 +35,18 @@ def random_costs(rng, n, shared):
         so_far_s=np.concatenate([[0.0], np.cumsum(legs)]), turns_s=np.cumsum(turns), there_s=there, back_s=back,
         alone_s=there + back - 1.0, there_items=rng.integers(2, 5, n), back_items=rng.integers(1, 4, n), each_items=2,
         shared=shared, endurance_s=float(rng.uniform(150.0, 400.0)), item_limit=float(rng.integers(12, 30)),
-        barred=barred,
+        barred=barred, energies=random_energies(rng, n) if rng.random() < 0.5 else NO_ENERGIES,
+    )  # fmt: skip
+
+
+def random_energies(rng, n, winds=2):
+    turns = -rng.uniform(0.0, 4.0, (winds, n))
+    turns[:, [0, -1]] = 0.0
+    there, back = rng.uniform(20.0, 90.0, (2, winds, n))
+    return FlightEnergies(
+        so_far_s=np.hstack([np.zeros((winds, 1)), np.cumsum(rng.uniform(5.0, 60.0, (winds, n - 1)), axis=1)]),
+        turns_s=np.cumsum(turns, axis=1), there_s=there, back_s=back, alone_s=there + back - 1.0,
+        usable_s=float(rng.uniform(150.0, 400.0)),
     )  # fmt: skip
 
 
@@ -36,9 +56,17 @@ def one_flight_s(costs, first, last):
     if first == last and math.isfinite(seconds):
         seconds = costs.alone_s[last]
     items = costs.there_items[first] + costs.each_items * (last - first + 1) + costs.back_items[last]
+    if any(used_s > costs.energies.usable_s for used_s in one_flight_uses_s(costs.energies, first, last)):
+        return math.inf
     if [first, last] in costs.barred.tolist() or seconds > costs.endurance_s or items > costs.item_limit:
         return math.inf
     return seconds
+
+
+def one_flight_uses_s(energies, first, last):
+    for so_far, turns, there, back, alone in zip(*energies[:5], strict=True):
+        turning = sum(np.diff(turns, prepend=0.0)[first + 1 : last])
+        yield alone[last] if first == last else there[first] + so_far[last] - so_far[first] + turning + back[last]
 
 
 @pytest.mark.parametrize("shared", [0, 1])
@@ -65,6 +93,23 @@ def test_no_split_takes_less_time(shared):
                 end = int(begun[last])
             assert total == pytest.approx(found)
     assert possible > 5
+
+
+@pytest.mark.parametrize("shared", [0, 1])
+def test_the_split_of_a_long_route_against_all_its_flights(shared):
+    rng = np.random.default_rng(21 + shared)
+    possible = 0
+    for _ in range(cases(compiled=40, interpreted=12)):
+        n = 40
+        costs = random_costs(rng, n, shared)
+        least_s = [0.0]
+        for last in range(shared, n):
+            flights = [least_s[first] + one_flight_s(costs, first, last) for first in range(last - shared + 1)]
+            least_s.append(min(flights))
+        found, _ = split(costs)
+        assert found == pytest.approx(least_s[-1])
+        possible += math.isfinite(found)
+    assert possible > 1
 
 
 @pytest.mark.parametrize("stops", [0, 1])

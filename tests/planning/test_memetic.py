@@ -17,7 +17,7 @@ from uavcover.model.route import Plan, Route
 from uavcover.model.sensor import DiscSensor, SphereSensor
 from uavcover.model.vehicle import Wind
 from uavcover.planning.planner import _SIMPLIFIED_UNTIL, Effort, SearchProgress, plan_routes
-from uavcover.planning.search.goal_search import LADDER, _long_stages, _thinned
+from uavcover.planning.search.goal_search import LADDER, _next_stage, _thinned
 from uavcover.planning.search.local_search import CHAINS, PaceByClock, PaceByNumber
 from uavcover.planning.search.route_judge import OneAfterTheOther
 from uavcover.planning.search.route_problem import narrowed, route_problem, state_of
@@ -193,9 +193,16 @@ def test_a_pace_by_the_clock_adapts_its_batches() -> None:
 
 def test_stages_and_goals_are_fewer_where_judging_takes_long() -> None:
     stages = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
-    assert _long_stages(stages, 0.0) == [(stage, 1) for stage in stages], "counted by proposals: as they are"
+
+    def all_of(least: float) -> list[tuple[float, int]]:
+        kept = [_next_stage(stages, 0.0, least)]
+        while kept[-1][0] < 1.0:
+            kept.append(_next_stage(stages, kept[-1][0], least))
+        return kept
+
+    assert all_of(0.0) == [(stage, 1) for stage in stages], "counted by proposals: as they are"
     for least in (0.01, 0.1, 0.2, 0.5, 3.0):
-        kept = _long_stages(stages, least)
+        kept = all_of(least)
         lengths = np.diff([0.0, *(stage for stage, _ in kept)])
         assert len(kept) == 1 or lengths.min() >= least - 1e-12
         assert kept[-1][0] == 1.0

@@ -103,6 +103,15 @@ def speed_over_ground(pace: Pace, east: float, north: float) -> float:
 
 
 @kernel
+def speeds_over_ground(pace: Pace, directions: NDArray[np.float64]) -> NDArray[np.float64]:
+    """(n,) speeds along (n, 2) unit vectors, east and north."""
+    out = np.empty(directions.shape[0])
+    for k in range(out.size):
+        out[k] = speed_over_ground(pace, directions[k, 0], directions[k, 1])
+    return out
+
+
+@kernel
 def _leg(pace: Pace, p: Place, q: Place) -> _Leg:
     de, dn, du = q[0] - p[0], q[1] - p[1], q[2] - p[2]
     horizontal = math.hypot(de, dn)

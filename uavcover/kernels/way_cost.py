@@ -175,6 +175,9 @@ class FlightEnergies(NamedTuple):
     usable_s: float
 
 
+_SPLIT_MARGIN_S = 1e-3
+"""Sums in another order differ by less."""
+
 _NONE = np.empty((0, 0))
 NO_ENERGIES = FlightEnergies(_NONE, _NONE, _NONE, _NONE, _NONE, math.inf)
 """Where there is no endurance."""
@@ -231,11 +234,7 @@ def battery_s(energies: FlightEnergies, first: int, last: int) -> float:
 @kernel
 def flight_s(costs: FlightCosts, first: int, last: int) -> float:
     """Seconds of the flight along waypoints first..last; infinite where it may not be flown."""
-    turns = costs.turns_s[last - 1] - costs.turns_s[first] if first < last else 0.0
-    route = costs.so_far_s[last] - costs.so_far_s[first] + turns
-    time = costs.there_s[first] + route + costs.back_s[last]
-    if first == last and time < math.inf:
-        time = costs.alone_s[last]
+    time = _seconds(costs, first, last)
     items = costs.there_items[first] + costs.each_items * (last - first + 1) + costs.back_items[last]
     if not time <= costs.endurance_s or items > costs.item_limit:
         return math.inf
@@ -244,7 +243,68 @@ def flight_s(costs: FlightCosts, first: int, last: int) -> float:
             return math.inf
     if battery_s(costs.energies, first, last) > costs.energies.usable_s:
         return math.inf
+    return time
+
+
+@kernel
+def _seconds(costs: FlightCosts, first: int, last: int) -> float:
+    """The same, whether it may be flown or not; infinite where it may not begin or end there."""
+    turns = costs.turns_s[last - 1] - costs.turns_s[first] if first < last else 0.0
+    route = costs.so_far_s[last] - costs.so_far_s[first] + turns
+    time = costs.there_s[first] + route + costs.back_s[last]
+    if first == last and time < math.inf:
+        time = costs.alone_s[last]
     return float(time)
+
+
+@kernel
+def _quickest_begins(costs: FlightCosts) -> NDArray[np.float64]:
+    """(1 + w, n) seconds and energies that a flight from the best waypoint up to each takes more to it than the route does."""
+    n, energies = costs.so_far_s.size, costs.energies
+    winds = energies.so_far_s.shape[0]
+    quickest = np.empty((1 + winds, n))
+    for k in range(n):
+        quickest[0, k] = costs.there_s[k] - costs.so_far_s[k] - costs.turns_s[k]
+        for w in range(winds):
+            quickest[1 + w, k] = energies.there_s[w, k] - energies.so_far_s[w, k] - energies.turns_s[w, k]
+        if k > 0:
+            for w in range(1 + winds):
+                quickest[w, k] = min(quickest[w, k], quickest[w, k - 1])
+    return quickest
+
+
+@kernel
+def _earliest(costs: FlightCosts, quickest: NDArray[np.float64], last: int) -> int:
+    """The first waypoint at which a flight to ``last`` may begin, if at all."""
+    low, high = 0, last
+    if costs.each_items > 0:
+        low = max(0, last + 1 - int(min(costs.item_limit // costs.each_items, last + 1)))
+    while low < high:
+        middle = (low + high) // 2
+        if _too_far(costs, quickest, middle, last):
+            low = middle + 1
+        else:
+            high = middle
+    return low
+
+
+@kernel
+def _too_far(costs: FlightCosts, quickest: NDArray[np.float64], first: int, last: int) -> bool:
+    """Whether no flight from a waypoint up to ``first`` gets to a later one and home, by time or energy."""
+    energies = costs.energies
+    time = quickest[0, first] + costs.so_far_s[last] + costs.turns_s[last - 1] + costs.back_s[last]
+    if time > costs.endurance_s + _SPLIT_MARGIN_S:
+        return True
+    for w in range(energies.so_far_s.shape[0]):
+        used = (
+            quickest[1 + w, first]
+            + energies.so_far_s[w, last]
+            + energies.turns_s[w, last - 1]
+            + energies.back_s[w, last]
+        )
+        if used > energies.usable_s + _SPLIT_MARGIN_S:
+            return True
+    return False
 
 
 @kernel
@@ -252,7 +312,7 @@ def split(costs: FlightCosts) -> tuple[float, NDArray[np.int64]]:
     """The split of least total time.
 
     The least cost of all up to waypoint j is the least, over the waypoints i where the last flight may begin, of the cost of all
-    before i and of the flight i .. j.
+    before i and of the flight i .. j. On long routes most waypoints are too early for any flight to j, and are not looked at.
 
     Returns:
         its seconds, infinite where no split is possible; and (n,) where the flight that ends at each waypoint begins.
@@ -261,14 +321,13 @@ def split(costs: FlightCosts) -> tuple[float, NDArray[np.int64]]:
     cost = np.full(n + 1, math.inf)
     cost[0] = 0.0
     begun = np.zeros(n, dtype=np.int64)
+    quickest = _quickest_begins(costs)
     for last in range(costs.shared, n):
         best = math.inf
-        for first in range(last - costs.shared, -1, -1):
-            if costs.each_items * (last - first + 1) > costs.item_limit:
-                break
-            if cost[first] < math.inf:
+        for first in range(_earliest(costs, quickest, last), last - costs.shared + 1):
+            if cost[first] + _seconds(costs, first, last) < best:
                 total = cost[first] + flight_s(costs, first, last)
-                if total <= best and total < math.inf:
+                if total < best:
                     best = total
                     begun[last] = first
         cost[last + 1 - costs.shared] = best

@@ -210,7 +210,11 @@ _PART = 0.5
 """What judging a part takes, of what a whole route takes."""
 
 _LARGEST_SHARE = 0.06
-"""Of a time budget that is set aside."""
+"""Of a time budget that is set aside, ..."""
+
+_FEWEST_JUDGED = 12
+_LARGEST_SHARE_OF_FEWEST = 0.3
+"""... but for large areas: there it is what judging so many routes takes, up to another share."""
 
 _JUDGED_FIRST = 2
 _BASELINES_SHARE = 0.01
@@ -291,7 +295,15 @@ class Finish:
         if budget_s is None:
             return self._effort
         finish_s = _MOST_FOUND * (self._judging_s + self._looking_s) + _PART * _MOST_OTHERS * self._judging_s
-        return dataclasses.replace(self._effort, budget_s=budget_s - late_s - min(finish_s, _LARGEST_SHARE * budget_s))
+        finish_s = min(finish_s, _LARGEST_SHARE * budget_s)
+        if self._baselines:
+            # Every route is judged by the coverable cells, which are found once.
+            _ = self._fine.coverable
+            begin = self._effort.now()
+            judge_members(self._fine, [self._baselines[0].route])
+            judging_s = self._effort.now() - begin
+            finish_s = max(finish_s, min(_FEWEST_JUDGED * judging_s, _LARGEST_SHARE_OF_FEWEST * budget_s))
+        return dataclasses.replace(self._effort, budget_s=budget_s - late_s - finish_s)
 
     def judged_baselines(self, baselines: Sequence[Candidate]) -> list[RouteMember]:
         """Baselines judged, in their order; the first ones, where a time budget has no room for all.

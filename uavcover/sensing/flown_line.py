@@ -16,7 +16,7 @@ import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.coverage import picture_places
-from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace, speed_over_ground, turn_times
+from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace, speeds_over_ground, turn_times
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import sight_of, trigger_distance_m, turns_with_legs
@@ -238,11 +238,9 @@ def rounded_corners(pace: Pace, points_m: FloatArray) -> RoundedCorners:
     slower = np.sqrt(ramp.slower[:-1] * ramp.slower[1:])
     blend_s = np.maximum(0.0, begins_s / slower - pace.smoothing_s)
     shares = np.linspace(0.0, 1.0, _CORNER_POINTS)
-    corners = np.empty((len(points_m) - 2, _CORNER_POINTS, 3))
-    for k, share in enumerate(shares):
-        short_m = ramp.way_m(slice(None, -1), blend_s * (1.0 - share))
-        onward_m = ramp.way_m(slice(1, None), blend_s * share)
-        corners[:, k] = points_m[1:-1] - short_m[:, None] * unit[:-1] + onward_m[:, None] * unit[1:]
+    short_m = ramp.ways_m(slice(None, -1), blend_s[:, None] * (1.0 - shares))
+    onward_m = ramp.ways_m(slice(1, None), blend_s[:, None] * shares)
+    corners = points_m[1:-1, None] - short_m[:, :, None] * unit[:-1, None] + onward_m[:, :, None] * unit[1:, None]
     return RoundedCorners(corners, blend_s / (_CORNER_POINTS - 1))
 
 
@@ -256,9 +254,7 @@ class _Ramps:
     def __init__(self, pace: Pace, unit: FloatArray, length_m: FloatArray) -> None:
         level, steep = np.hypot(unit[:, 0], unit[:, 1]), np.abs(unit[:, 2])
         level_least, steep_least = np.maximum(level, _LEAST_M), np.maximum(steep, _LEAST_M)
-        over_ground = np.array(
-            [speed_over_ground(pace, e, n) for e, n in unit[:, :2] / level_least[:, None]]
-        )  # fmt: skip
+        over_ground = speeds_over_ground(pace, unit[:, :2] / level_least[:, None])
         vertical = np.where(unit[:, 2] > 0.0, pace.climb_m_s, pace.descent_m_s)
         speed = np.minimum(over_ground / level_least, vertical / steep_least)
         most = np.minimum(pace.acceleration_m_s2 / level_least, pace.vertical_acceleration_m_s2 / steep_least)
@@ -275,15 +271,15 @@ class _Ramps:
         quickest_s = length_m / self._peak + self._ramp_s
         self.slower = quickest_s / (quickest_s + pace.smoothing_s)
 
-    def way_m(self, legs: slice, seconds: FloatArray) -> FloatArray:
-        """(k,) metres of some legs, so many (k,) seconds from rest."""
-        ramp_s, peak = self._ramp_s[legs], self._peak[legs]
-        time = np.minimum(seconds * self.slower[legs], ramp_s)
+    def ways_m(self, legs: slice, seconds: FloatArray) -> FloatArray:
+        """(k, m) metres of k legs, so many (k, m) seconds from rest."""
+        ramp_s, peak = self._ramp_s[legs, None], self._peak[legs, None]
+        time = np.minimum(seconds * self.slower[legs, None], ramp_s)
         first = self._first_half_m(legs, np.minimum(time, ramp_s - time))
         return np.where(time <= 0.5 * ramp_s, first, peak * (time - 0.5 * ramp_s) + first)
 
     def _first_half_m(self, legs: slice, time: FloatArray) -> FloatArray:
-        rise, most = self._rise_s[legs], self._most[legs]
+        rise, most = self._rise_s[legs, None], self._most[legs, None]
         rest = time - rise
         steady = most * (rise * rise / 6.0 + 0.5 * rise * rest + 0.5 * rest * rest)
         return np.where(rest < 0.0, self._jerk * time**3 / 6.0, steady)

@@ -3,6 +3,7 @@
 For few waypoints, the price of a waypoint rises step by step, at the cost of a longer path.
 """
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -50,8 +51,9 @@ def search_goals(
     if asked is not None:
         end = begin + main * (until - begin)
         found = search_goal(
-            work, known, asked, capacity, (begin, end), tuned.main_stages, judge, most_short=tuned.most_short_at_first
-        )
+            work, known, asked, capacity, (begin, end), tuned.main_stages, judge,
+            most_short=tuned.most_short_at_first, later=end + tuned.further_share * tuned.closing_share * (until - begin),
+        )  # fmt: skip
         with_closing = min(work.pace.fraction, end) + tuned.closing_share * (until - begin)
         closed = closed_end(work, found, asked, judge, until=with_closing)
         from_beginning = closed is None
@@ -107,6 +109,7 @@ def search_goal(
     closed: bool = False,
     coverage_price: float | None = None,
     most_short: float = 1.0,
+    later: float = 0.0,
 ) -> list[SearchStart]:
     """Search for one goal in stages; each corrects the goal, and after the first both chains continue from the better route.
 
@@ -123,6 +126,7 @@ def search_goal(
             and where nearly everything is to be seen, not to open them again.
         coverage_price: of all coverage, in lengths of the route, where it is dearer than by default.
         most_short: by so much the first stage may miss the goal; by more, and the search ends there.
+        later: share of all the work until which further, short stages may follow while they get nearer to the goal.
 
     Returns:
         What the stages ended with: beginnings for other goals.
@@ -147,7 +151,6 @@ def search_goal(
         chain.prices = chain.prices._replace(goal=aim)
     # Two routes were judged; a correction judges one.
     work.correction = 0.5 * (work.pace.fraction - before)
-    least = tuned.stage_per_correction * work.correction / max(end - begin, 1e-9)
     hottest, coldest = chains[0].hottest, chains[0].coldest
     if work.problem.free_order:
         for chain in chains:
@@ -158,7 +161,16 @@ def search_goal(
     price = max(chain.prices.coverage for chain in chains)
     out: list[SearchStart] = []
     reached, warm = closed, 0.0
-    for stage, steps in _long_stages(stages, least):
+    short, short_before = math.inf, math.inf
+    longest = (later - begin) / max(end - begin, 1e-9)
+    while True:
+        least = tuned.stage_per_correction * work.correction / max(end - begin, 1e-9)
+        if warm < stages[-1]:
+            stage, steps = _next_stage(stages, warm, least)
+        elif 0.0 < short <= tuned.further_left * short_before and 0.0 < least <= longest - warm:
+            stage, steps = warm + least, 1
+        else:
+            break
         for k, chain in enumerate(chains):
             # The second of two chains from the same beginning is cooler: from a good one heat only leads away.
             cooler = tuned.second_chain**k if out else 1.0
@@ -174,7 +186,8 @@ def search_goal(
         if goal - judged > most_short and len(out) == 1 and not work.problem.free_order:
             judge.found(best.route)
             break
-        if judged >= goal or not more or stage == stages[-1]:
+        short, short_before = goal - judged, short
+        if judged >= goal or not more or stage >= stages[-1]:
             reached = reached or judged >= goal
             if judged >= goal or not reached:
                 judge.found(best.route)
@@ -203,19 +216,16 @@ def _thinned(goals: Sequence[float], most: int) -> Sequence[float]:
     return [goals[k] for k in np.unique(np.linspace(0, len(goals) - 1, max(most, 1)).round().astype(int))]
 
 
-def _long_stages(stages: Sequence[float], least: float) -> list[tuple[float, int]]:
-    """The stages without those that are shorter than ``least``, a share of all of them; the last one, 1, stays.
+def _next_stage(stages: Sequence[float], begun: float, least: float) -> tuple[float, int]:
+    """The next of the stages that takes at least so much, a share of all of them, and leaves as much; the last one, 1, otherwise.
 
-    With each, how many of the stages end with it.
+    With it, how many of the stages end with it.
     """
-    kept: list[tuple[float, int]] = []
-    begun, steps = 0.0, 0
-    for stage in stages:
-        steps += 1
-        if stage == stages[-1] or (stage - begun >= least and stages[-1] - stage >= least):
-            kept.append((stage, steps))
-            begun, steps = stage, 0
-    return kept
+    later = [stage for stage in stages if stage > begun]
+    for steps, stage in enumerate(later, 1):
+        if stage - begun >= least and stages[-1] - stage >= least:
+            return stage, steps
+    return later[-1], len(later)
 
 
 def _corrected(goal: float, seen: float, judged: float) -> float:
