@@ -12,6 +12,8 @@ from uavcover.kernels.flight_time import (
     landing_time,
     leg_times,
     mission_time,
+    speed_over_ground,
+    speeds_over_ground,
     takeoff_time,
     turn_times,
 )
@@ -65,6 +67,15 @@ def test_time_equals_the_naive_twin(seed, size_m):
 def test_time_without_a_limit_of_acceleration_by_hand():
     route = np.array([[0.0, 0.0, 0.0], [30.0, 40.0, 0.0], [30.0, 40.0, 8.0], [30.0, 40.0, 2.0], [130.0, 40.0, 1.0]])
     assert flight_time(Pace(10.0, 4.0, 3.0), route) == pytest.approx(5.0 + 2.0 + 2.0 + 10.0, rel=1e-4)
+
+
+def test_speeds_over_ground_are_those_of_each_direction():
+    pace = Pace(10.0, 4.0, 3.0, airspeed_m_s=11.0, wind_east_m_s=6.0, wind_north_m_s=-2.0)
+    angles = np.linspace(0.0, 6.0, 9)
+    directions = np.column_stack([np.cos(angles), np.sin(angles)])
+    expected = [speed_over_ground(pace, east, north) for east, north in directions.tolist()]
+    np.testing.assert_array_equal(speeds_over_ground(pace, directions), expected)
+    assert min(expected) < 6.0 < max(expected)
 
 
 def test_wind_by_hand():

@@ -1,4 +1,4 @@
-"""The nose that turns at a limited rate, against small steps of time, and what a camera sees meanwhile."""
+"""What a camera sees while the nose turns at a limited rate (the turning itself: tests/kernels/test_turning_nose.py)."""
 
 import dataclasses
 import math
@@ -7,32 +7,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.naive.flown_line import px4_begins, turning
 from tests.planning.sites import make_site
 from tests.terrain_kinds import write_scenario
+from uavcover.kernels.turning_nose import YAW_RATE_DEG_S
 from uavcover.model.sensor import FrameCamera
-from uavcover.model.vehicle import MOTIONS, AutopilotName
-from uavcover.scenario.pace import moving_pace
+from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.flown_line import line_flown
-from uavcover.sensing.turning_nose import YAW_RATE_DEG_S, Pieces, braked_speeds_m_s, turned_line
-
-PACE = moving_pace(
-    MOTIONS["px4"], cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0, airspeed_m_s=None, wind_m_s=(0.0, 0.0)
-)
 
 FORWARD = FrameCamera(
     kind="frame-camera", fov_across_deg=50.0, fov_along_deg=40.0, range_m=250.0, pitch_deg=-50.0, mount="stabilised"
 )
-
-ROUTES = {
-    "lines": [(0, 0, 60), (200, 0, 60), (200, 40, 60), (0, 40, 60)],
-    "turns back": [(0, 0, 60), (150, 0, 60), (10, 6, 60), (160, 10, 60)],
-    "a short leg back": [(0, 0, 60), (100, 0, 60), (96.4, 0.1, 60)],
-    "short legs": [(0, 0, 60), (4, 0, 60), (4, 4, 60), (1, 5, 62), (2, 1, 60), (40, 1, 60)],
-    "straight up": [(0, 0, 60), (50, 0, 60), (50, 0, 80), (0, 5, 80)],
-}  # fmt: skip
 
 
 def px4_site(sensor: FrameCamera = FORWARD) -> Site:
@@ -45,62 +31,6 @@ def courses_deg(headings: np.ndarray) -> np.ndarray:
 
 def off_deg(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.abs((one - other + 180.0) % 360.0 - 180.0)
-
-
-def piece_at(places_m: np.ndarray, way_m: np.ndarray) -> np.ndarray:
-    """(m,) number of the piece that is flown so many (m,) metres from the beginning."""
-    ends_m = np.cumsum(np.linalg.norm(np.diff(places_m, axis=0), axis=1))
-    return np.searchsorted(ends_m, way_m)
-
-
-@pytest.mark.parametrize("before", [(0.0, 1.0), (1.0, 0.0), (-1.0, 0.3)])
-@pytest.mark.parametrize("name", ROUTES)
-def test_the_nose_turns_as_in_small_steps_of_time(name: str, before: tuple[float, float]) -> None:
-    line = np.array(ROUTES[name], dtype=float)
-    ways, legs = np.diff(line[:, :2], axis=0), np.zeros(len(line) - 1)
-    begins = braked_speeds_m_s(PACE, ways, np.array(before))
-    np.testing.assert_allclose(begins, px4_begins(line, before, 10.0), atol=1e-4)
-    sizes_m = np.linalg.norm(np.diff(line, axis=0), axis=1)
-    turned = turned_line(PACE, line, Pieces(ways, legs, sizes_m, begins), np.array(before))
-    slowly, noses = turning(line, legs, ways, begins, before, PACE.cruise_m_s, PACE.acceleration_m_s2, step_s=0.002)
-    np.testing.assert_array_equal(turned.places_m[turned.numbers], line)
-    length_m = float(sizes_m.sum())
-    way_m = np.linspace(0.01, length_m - 0.01, 4_000)
-    mine, theirs = turned.headings[piece_at(turned.places_m, way_m)], np.array(noses)[piece_at(slowly, way_m)]
-    np.testing.assert_array_equal(mine.any(axis=1), theirs.any(axis=1))
-    known = mine.any(axis=1)
-    off = off_deg(courses_deg(mine[known]), courses_deg(theirs[known]))
-    # Less than 5 degrees of a turn is none.
-    assert off.max() < 5.5
-    assert off.mean() < 1.0
-
-
-def test_the_nose_is_late_on_pieces_of_corners_and_on_the_legs_behind_them() -> None:
-    # Two pieces of a corner to the north; the nose, which points east, has turned by 60 degrees behind them.
-    line = np.array([[0.0, 0, 60], [1.0, 0, 60], [1.0, 1.0, 60], [1.0, 2.0, 60], [1.0, 90.0, 60]])
-    ways = np.diff(line[:, :2], axis=0)
-    pieces = Pieces(
-        ways, np.array([0.5, 0.5, 0.5, 0.0]), np.array([1.0, 1.0, 1.0, 88.0]), np.array([0.0, 0.0, 0.0, 2.0])
-    )
-    turned = turned_line(PACE, line, pieces, ways[0])
-    headings = courses_deg(turned.headings)
-    np.testing.assert_allclose(headings[:3], [90.0, 90.0 - 0.5 * YAW_RATE_DEG_S, 90.0 - YAW_RATE_DEG_S])
-    # From there 30 degrees in half a second, at 2 m/s and more.
-    np.testing.assert_allclose(headings[3:], [*np.arange(28.5, 0.0, -3.0), 0.0], atol=1e-9)
-    speed_m_s, half_s = 2.0, 0.5
-    assert turned.places_m[-2, 1] - 2.0 == pytest.approx(speed_m_s * half_s + 0.5 * 3.0 * half_s**2)
-
-
-@pytest.mark.parametrize("turn_rad", [0.0, 1e-12, 1e-3, 3.0])
-def test_on_a_leg_without_length_the_nose_stays(turn_rad: float) -> None:
-    line = np.array(
-        [[0.0, 0.0, 60.0], [50.0, 0.0, 60.0], [50.0 + 2.0 * math.cos(turn_rad), 2.0 * math.sin(turn_rad), 60.0]]
-    )
-    ways = np.diff(line[:, :2], axis=0)
-    pieces = Pieces(ways, np.zeros(2), np.array([50.0, 0.0]), np.zeros(2))
-    turned = turned_line(PACE, line, pieces, ways[0])
-    np.testing.assert_array_equal(turned.places_m, line)
-    np.testing.assert_allclose(courses_deg(turned.headings), 90.0, atol=1e-6)
 
 
 def test_a_short_leg_back_is_not_seen_along() -> None:

@@ -257,8 +257,7 @@ class _Builder:
 
     def _views_with(self, corners: FloatArray) -> BoolArray:
         """(2, m) cells that the laid route sees: with the narrowed sensor, and with the unreduced one."""
-        laid = self._laid(corners)
-        return np.stack([self.missing.seen_on(laid, sight) for sight in (self.narrow, self.sight)])
+        return self.missing.seen_on(self._laid(corners), (self.narrow, self.sight))
 
     def _violation(self, corners: FloatArray) -> float:
         return measure_violations(self.site, self._laid(corners), margin_m=0.0).total

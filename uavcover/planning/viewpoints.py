@@ -4,6 +4,7 @@ The few are found by a greedy set cover over a grid of allowed places.
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,14 +70,14 @@ class MissingCells:
         surface = self.coverage.site.ground.surface
         return kernels.seen_from_points(surface, sight, self.cells, looks.places_m, looks.headings)
 
-    def seen_on(self, route_m: FloatArray, sight: Sight) -> BoolArray:
-        """(m,) whether each is seen on an (n, 3) ENU route, by the sensing rule of the scenario.
+    def seen_on(self, route_m: FloatArray, sights: Sequence[Sight]) -> BoolArray:
+        """(k, m) whether each is seen on an (n, 3) ENU route by each of k sensors, by the sensing rule of the scenario.
 
         A camera that turns with the legs is turned as it is flown, for on short legs it does not come round.
         """
         turns = turns_with_legs(self.coverage.sight)
         looks = self.coverage.flown_observations(route_m) if turns else self.coverage.observations(route_m)
-        return self.seen_by(looks, sight)
+        return np.stack([self.seen_by(looks, sight) for sight in sights])
 
 
 def grid_places(site: Site, missing: MissingCells) -> FloatArray:

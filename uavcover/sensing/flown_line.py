@@ -17,10 +17,10 @@ import numpy as np
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.coverage import picture_places
 from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace, speeds_over_ground, turn_times
+from uavcover.kernels.turning_nose import Pieces, braked_speeds_m_s, turned_line
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import sight_of, trigger_distance_m, turns_with_legs
-from uavcover.sensing.turning_nose import Pieces, braked_speeds_m_s, turned_line
 
 _CORNER_POINTS = 17
 """Of a rounded corner; the middle one is where the waypoint counts as passed. With seven a camera is turned by 10° less there
@@ -70,7 +70,7 @@ def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
     How the first waypoint is passed depends on the way there, and the last one on the way home, which are not known here: where
     the line is nearly on its legs that makes no difference. PX4 turns to the next waypoint before it is at the last one, and
     flies about through that; the route ends where its last one is reached. For a sensor that turns with the legs, there are
-    pieces on which the nose turns (:mod:`uavcover.sensing.turning_nose`).
+    pieces on which the nose turns (:mod:`uavcover.kernels.turning_nose`).
     """
     turns = turns_with_legs(sight_of(site.scenario.sensor))
     if _is_braked(site) and len(route_m) > 0:
@@ -80,19 +80,20 @@ def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
         return FlownLine(route_m, np.diff(route_m[:, :2], axis=0))
     middle = _CORNER_POINTS // 2
     rounded = np.linalg.norm(corners.places_m[:, middle] - route_m, axis=1) > _LEAST_OFF_M
-    parts = [corner if is_round else point[None]
-             for corner, point, is_round in zip(corners.places_m, route_m, rounded, strict=True)]  # fmt: skip
-    places = np.vstack(parts)
+    # Of each corner all places, or the waypoint alone where it is passed.
+    numbers = np.arange(_CORNER_POINTS)
+    kept = rounded[:, None] | (numbers == middle)
+    corners.places_m[~rounded, middle] = route_m[~rounded]
+    places = corners.places_m[kept]
     ways = np.diff(places[:, :2], axis=0)
     # Of each piece of the line; a leg, behind a corner, takes as long as it needs.
-    steps_s = np.concatenate([
-        np.append(np.full(len(part) - 1, step_s), 0.0) for part, step_s in zip(parts, corners.step_s, strict=True)
-    ])[:-1]  # fmt: skip
+    steps_s = np.where(rounded[:, None] & (numbers < _CORNER_POINTS - 1), corners.step_s[:, None], 0.0)[kept][:-1]
     slow = np.hypot(ways[:, 0], ways[:, 1]) < _TURNING_SHARE * pace_of(site).cruise_m_s * steps_s
     there = heading_there(site, route_m[0])
     headings = _kept(np.vstack([there, ways]), np.append(False, slow))[1:]
-    first = len(parts[0]) - 1 - len(parts[0]) // 4
-    last = len(places) - len(parts[-1]) + 1 + len(parts[-1]) // 4
+    sizes = kept.sum(axis=1)
+    first = sizes[0] - 1 - sizes[0] // 4
+    last = len(places) - sizes[-1] + 1 + sizes[-1] // 4
     if turns:
         # A leg begins as fast as the corner ends; behind a stop, from rest.
         size_m = np.linalg.norm(np.diff(places, axis=0), axis=1)
