@@ -1,5 +1,7 @@
 """Passed, failed or not proved: how much was not observed, where, and what it may have seen."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -145,6 +147,9 @@ def test_coverage_below_what_is_required_fails_unless_what_was_not_observed_may_
         report = judged(flight, flight.track, min_coverage_of_coverable=wanted)
         assert report.verdict == verdict
     assert report.reasons[0].startswith(f"coverage {100 * share:.2f} % of the coverable area is below the required")
+    # A share that lacks next to nothing does not read as the one that it lacks.
+    nearly = judged(flight, flight.track, min_coverage_of_coverable=share + 1e-6).reasons[0]
+    assert len(set(re.findall(r"[\d.]+ %", nearly))) == 2
     gapped = without(flight.track, int(on_route(flight.track)[30]), 9.5)
     less = judged(flight, gapped, min_coverage_of_coverable=0.1, max_unobserved_fraction=0.5).coverage_of_coverable
     assert less < share - 0.01

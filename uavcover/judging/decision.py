@@ -28,7 +28,7 @@ from uavcover.judging.unobserved import (
 )
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.scenario import Scenario
-from uavcover.model.verdict import CellStatistics, CoverageMoment, Unobserved, VerdictName
+from uavcover.model.verdict import CellStatistics, CoverageMoment, Unobserved, VerdictName, percent_beside
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, overlap_fraction, overlap_shortfall, picture_statistics
@@ -197,10 +197,13 @@ def _judge_overlap(
     if short is None:
         return
     at_most = None if pictures is None else overlap_fraction(coverage, pictures, perhaps())
-    if at_most is None or at_most < (scenario.requirements.min_overlap_fraction or 0.0):
+    required = scenario.requirements.min_overlap_fraction or 0.0
+    if at_most is None or at_most < required:
         reasons.append(short)
     else:
-        doubts.append(f"{short}; with what may have been seen without being observed it is {100.0 * at_most:.2f} %")
+        doubts.append(
+            f"{short}; with what may have been seen without being observed it is {percent_beside(at_most, required)}"
+        )
 
 
 def _judge_coverage(
@@ -222,11 +225,13 @@ def _judge_coverage(
     for found, what, asked in short:
         seen = flown.seen if what == "coverage" else flown.surely_seen
         at_most = coverage.share_of_coverable(seen | perhaps())
-        text = f"{what} {100 * found:.2f} % of the coverable area is below the required {100 * asked:.2f} %"
+        text = f"{what} {percent_beside(found, asked)} of the coverable area is below the required {100 * asked:.2f} %"
         if at_most < asked:
             reasons.append(text)
         else:
-            doubts.append(f"{text}; with what may have been seen without being observed it is {100 * at_most:.2f} %")
+            doubts.append(
+                f"{text}; with what may have been seen without being observed it is {percent_beside(at_most, asked)}"
+            )
 
 
 def _all_unobserved(

@@ -6,7 +6,7 @@ from typing import Literal
 
 from uavcover.model.active_times import window_of
 from uavcover.model.scenario import Scenario
-from uavcover.model.verdict import Unobserved, VerificationReport, ViolationKind
+from uavcover.model.verdict import Unobserved, VerificationReport, ViolationKind, percent_beside
 
 Holds = Literal["yes", "no", "not proved"]
 
@@ -122,7 +122,7 @@ def _overlap_row(asked: float, report: VerificationReport) -> RequirementRow:
     return RequirementRow(
         f"Ground in at least{number} pictures, as the overlap asks",
         f"at least {100.0 * asked:g} %",
-        "not known" if found is None else f"{100.0 * found:.2f} %",
+        "not known" if found is None else percent_beside(found, asked),
         "yes" if found is not None and found >= asked else short,
     )
 
@@ -137,7 +137,7 @@ def _observed_rows(scenario: Scenario, report: VerificationReport) -> list[Requi
         RequirementRow(
             "Not observed, of the route's time",
             f"at most {100.0 * requirements.max_unobserved_fraction:g} %",
-            "not known" if missing is None else f"{100.0 * missing:.2f} %",
+            "not known" if missing is None else percent_beside(missing, requirements.max_unobserved_fraction),
             "yes" if missing is not None and missing <= requirements.max_unobserved_fraction else "not proved",
         ),
         RequirementRow(
@@ -185,7 +185,7 @@ class _Judge:
         """Insufficient coverage is not proved when the verdict has no other reason to fail."""
         short: Holds = "no" if any("coverage" in reason for reason in self._report.reasons) else "not proved"
         holds: Holds = "yes" if found >= asked else short
-        return RequirementRow(name, f"at least {100.0 * asked:g} %", f"{100.0 * found:.2f} %", holds)
+        return RequirementRow(name, f"at least {100.0 * asked:g} %", percent_beside(found, asked), holds)
 
 
 def _metres(value: float | None) -> str:

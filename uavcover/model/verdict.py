@@ -4,6 +4,20 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
+_FEWEST_DECIMALS, _MOST_DECIMALS = 2, 9
+
+
+def percent_beside(share: float, limit: float) -> str:
+    """A share 0..1 for people who compare it with a limit, with so many decimals that one does not read as the other.
+
+    94.998 % is below 95 %, where 95.00 % would not be.
+    """
+    digits = _FEWEST_DECIMALS
+    while share != limit and digits < _MOST_DECIMALS and f"{100.0 * share:.{digits}f}" == f"{100.0 * limit:.{digits}f}":
+        digits += 1
+    return f"{100.0 * share:.{digits}f} %"
+
+
 VerdictName = Literal["passed", "failed", "not proved"]
 """Failed: what was observed breaks a limit or misses a requirement. Not proved: nothing does, but something essential was not
 observed."""

@@ -27,6 +27,7 @@ from uavcover.model.limits import FlightLimits
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import FrameCamera
 from uavcover.model.terrain import RasterTerrain
+from uavcover.model.verdict import percent_beside
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground
@@ -244,7 +245,8 @@ def _findings(
             )
         )  # fmt: skip
     if query.coverage is not None and told["coverage_fraction"] < query.coverage:
-        whole = f"{100.0 * told['coverage_fraction']:.2f} % of the area would be seen, {100.0 * query.coverage:g} % are required"
+        would = percent_beside(told["coverage_fraction"], query.coverage)
+        whole = f"{would} of the area would be seen, {100.0 * query.coverage:g} % are required"
         one = CheckFinding(
             kind="coverage", weight="breaks", what=whole, do="fly lines over what lacks (--map shows it)"
         )
@@ -257,7 +259,8 @@ def _findings(
         found.append(
             CheckFinding(
                 kind="overlap", weight="breaks", do="fly lines nearer to each other, or take pictures more often",
-                what=f"{100.0 * told['overlap_fraction']:.2f} % of the area is in {told['pictures_asked']} pictures or more, "
+                what=f"{percent_beside(told['overlap_fraction'], OVERLAP_FRACTION)} of the area is in "
+                f"{told['pictures_asked']} pictures or more, "
                 f"{100.0 * OVERLAP_FRACTION:g} % are required for an overlap of {query.overlap}",
             )
         )  # fmt: skip

@@ -22,7 +22,7 @@ from uavcover.kernels.sight import Sight, local_slopes
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import Camera as CameraSensor
 from uavcover.model.sensor import FrameCamera, Sensor
-from uavcover.model.verdict import PictureStatistics
+from uavcover.model.verdict import PictureStatistics, percent_beside
 from uavcover.scenario.site import area_as_drawn
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import camera_turn, focal_px, sight_of, trigger_distance_m
@@ -210,8 +210,8 @@ def overlap_shortfall(scenario: Scenario, pictures: PictureStatistics | None) ->
     if found >= wanted:
         return None
     return (
-        f"the overlap asked for, {pictures.asked} pictures of every point, holds on {100.0 * found:.2f} % of the area as drawn, "
-        f"below the required {100.0 * wanted:.2f} %"
+        f"the overlap asked for, {pictures.asked} pictures of every point, holds on {percent_beside(found, wanted)} of the area "
+        f"as drawn, below the required {100.0 * wanted:.2f} %"
     )
 
 
