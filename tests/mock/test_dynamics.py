@@ -126,6 +126,21 @@ def test_the_nose_turns_to_the_course_no_faster_than_it_can():
     assert math.degrees(body.yaw_rad) == pytest.approx(270.0)
 
 
+def test_the_rate_of_the_nose_changes_no_faster_than_it_can():
+    """Half of a turn speeds up, the other half slows down: 90 degrees at 20 degrees/s² take 2 sqrt(90 / 20) s."""
+    body = PointMass(Airframe(max_yaw_acceleration_deg_s2=20.0), step_s=STEP_S, position_m=(0.0, 0.0, 0.0))
+    yaws_deg = []
+    for _ in range(round(6.0 / STEP_S)):
+        body.step((5.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+        yaws_deg.append(math.degrees(body.yaw_rad))
+    rates = np.diff(yaws_deg, prepend=0.0) / STEP_S
+    assert np.abs(np.diff(rates, prepend=0.0)).max() <= 20.0 * STEP_S + 1e-6
+    assert rates.max() == pytest.approx(math.sqrt(90.0 * 20.0), rel=0.03)
+    assert max(yaws_deg) < 91.0
+    over_s = STEP_S * int(np.argmax(np.array(yaws_deg) > 89.0))
+    assert over_s == pytest.approx(2.0 * math.sqrt(90.0 / 20.0), abs=0.4)
+
+
 def test_speed_along_a_leg_keeps_all_three_limits():
     assert along_speed((1.0, 0.0, 0.0), SPEEDS) == 8.0
     assert along_speed((0.0, 0.0, 1.0), SPEEDS) == 3.0

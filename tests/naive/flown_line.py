@@ -67,24 +67,38 @@ def nose(line, steps_s, cruise_m_s, before):
 
 
 def px4_begins(line, before, cruise_m_s, acceleration_m_s2=3.0, radius_m=2.0):
-    """Speed with which PX4 begins each leg: that of a circle that touches both legs of the corner ``radius_m`` from it."""
+    """Speed with which PX4 begins each leg: that of a circle that touches both legs of the corner ``radius_m`` from it.
+
+    It stops at the ends of legs that are shorter than that.
+    """
     speeds = []
     for a, b in itertools.pairwise(np.asarray(line, dtype=float)):
         onward = (b - a)[:2]
-        if not np.any(before) or not np.any(onward):
+        if min(np.linalg.norm(before), np.linalg.norm(onward)) < radius_m:
             speeds.append(0.0)
         else:
             angle = math.acos(
                 np.clip(np.dot(before, onward) / np.linalg.norm(before) / np.linalg.norm(onward), -1.0, 1.0)
             )
             circle_m = radius_m / max(1e-9, math.tan(0.5 * angle))
-            speeds.append(min(cruise_m_s, math.sqrt(0.5 * acceleration_m_s2 * circle_m)))
+            stops = _from_which(np.linalg.norm(onward), 0.0, acceleration_m_s2, 4.0)
+            speeds.append(min(cruise_m_s, math.sqrt(0.5 * acceleration_m_s2 * circle_m), stops))
         before = onward
     return speeds
 
 
 def turning(
-    line, steps_s, ways, begins_m_s, before, cruise_m_s, acceleration_m_s2, rate_deg_s=60.0, step_s=0.01, lengths_m=None
+    line,
+    steps_s,
+    ways,
+    begins_m_s,
+    before,
+    cruise_m_s,
+    acceleration_m_s2,
+    rate_deg_s=60.0,
+    step_s=0.01,
+    lengths_m=None,
+    yaw_acceleration_deg_s2=math.inf,
 ):
     """The line in small steps of time, while the nose turns no faster than it can: finer places, and the nose between them.
 
@@ -99,8 +113,9 @@ def turning(
         rate_deg_s: of the nose.
         step_s: of time.
         lengths_m: of the legs as they are flown; none: as they are.
+        yaw_acceleration_deg_s2: how fast the rate changes.
     """
-    line = np.asarray(line, dtype=float)
+    line, turns_rad_s, last_way = np.asarray(line, dtype=float), 0.0, before if np.any(before) else ways[0]
     nose = math.atan2(before[0], before[1]) if np.any(before) else None
     places, noses = [line[0]], []
     for k, (a, b, seconds, way, speed) in enumerate(zip(line, line[1:], steps_s, ways, begins_m_s, strict=False)):
@@ -114,10 +129,20 @@ def turning(
             nose = _nearer(nose, wanted, math.radians(rate_deg_s) * seconds)
         else:
             length_m, done_m, shown = math.dist(a, b) if lengths_m is None else lengths_m[k], 0.0, nose
+            px4 = None
+            if yaw_acceleration_deg_s2 < math.inf:
+                onward = begins_m_s[k + 1] if k + 1 < len(ways) else cruise_m_s
+                px4 = _Px4Leg(speed * _cosine(last_way, way), onward, length_m, cruise_m_s, acceleration_m_s2)
+            last_way = way
             while done_m < length_m and nose != wanted:
-                nose = _nearer(nose, wanted, math.radians(rate_deg_s) * step_s)
-                speed = min(cruise_m_s, speed + acceleration_m_s2 * step_s)
-                done_m += speed * step_s
+                if px4 is not None:
+                    limits = math.radians(rate_deg_s), math.radians(yaw_acceleration_deg_s2)
+                    nose, turns_rad_s = _driven(nose, turns_rad_s, wanted, *limits, step_s)
+                    done_m = px4.go(step_s)
+                else:
+                    nose = _nearer(nose, wanted, math.radians(rate_deg_s) * step_s)
+                    speed = min(cruise_m_s, speed + acceleration_m_s2 * step_s)
+                    done_m += speed * step_s
                 has_turned = abs(math.remainder(nose - shown, math.tau)) > math.radians(2.0)
                 if (has_turned or nose == wanted) and done_m < length_m:
                     places.append(a + done_m / length_m * (b - a))
@@ -129,12 +154,61 @@ def turning(
     return np.array(places), noses
 
 
+class _Px4Leg:
+    """A leg of PX4 in small steps of time: late behind its set speed, its acceleration and jerk limited, braking for its end."""
+
+    jerk, settling_s = 4.0, 3.2
+
+    def __init__(self, begin_m_s, end_m_s, length_m, cruise_m_s, acceleration_m_s2):
+        self.speed, self.end_m_s, self.length_m = begin_m_s, end_m_s, length_m
+        self.cruise_m_s, self.most = cruise_m_s, acceleration_m_s2
+        self.lacks = 0.45 - 0.45 * 0.7 * max(0.0, begin_m_s) / cruise_m_s
+        self.done_m = self.time_s = self.pull = 0.0
+
+    def go(self, step_s):
+        """The way along it a step later."""
+        self.time_s += step_s
+        most_m_s = min(self.cruise_m_s, _from_which(self.length_m - self.done_m, self.end_m_s, self.most, self.jerk))
+        wanted = max(0.3, most_m_s * (1.0 - self.lacks * math.exp(-0.45 * self.time_s / (2.0 * self.settling_s))))
+        missing = wanted - self.speed
+        pull = math.copysign(min(self.most, math.sqrt(2.0 * self.jerk * abs(missing))), missing)
+        self.pull += np.clip(pull - self.pull, -self.jerk * step_s, self.jerk * step_s)
+        self.speed += self.pull * step_s
+        self.done_m += self.speed * step_s
+        return self.done_m
+
+
+def _from_which(way_m, end_m_s, acceleration_m_s2, jerk_m_s3):
+    """The speed v with (v² - end²) / 2 a + 2 a v / j = way: from which PX4 still gets to the speed at the end."""
+    low, high = 0.0, 1_000.0
+    for _ in range(50):
+        v = 0.5 * (low + high)
+        way = (v * v - end_m_s**2) / (2.0 * acceleration_m_s2) + 2.0 * acceleration_m_s2 / jerk_m_s3 * v
+        low, high = (v, high) if way < way_m else (low, v)
+    return low
+
+
+def _cosine(one, other):
+    size = np.linalg.norm(one) * np.linalg.norm(other)
+    return float(np.dot(one, other) / size) if size > 0.0 else 1.0
+
+
 def nose_behind(before, ways, steps_s, rate_deg_s=60.0):
     """Where the nose points behind pieces of so many seconds, on which it turns to these ways as fast as it can."""
     nose = math.atan2(before[0], before[1])
     for way, seconds in zip(ways, steps_s, strict=True):
         nose = _nearer(nose, math.atan2(way[0], way[1]), math.radians(rate_deg_s) * seconds)
     return math.sin(nose), math.cos(nose)
+
+
+def _driven(nose, rate, wanted, most, acceleration, step_s):
+    """The nose and its rate a step later: full power towards where it is wanted, full brake where it would go beyond it."""
+    off = math.remainder(wanted - nose, math.tau)
+    behind = off - 0.5 * rate * abs(rate) / acceleration
+    rate = max(-most, min(rate + math.copysign(acceleration * step_s, behind), most))
+    nose += rate * step_s
+    off = math.remainder(wanted - nose, math.tau)
+    return (wanted, 0.0) if abs(off) < math.radians(0.3) and abs(rate) < math.radians(4.0) else (nose, rate)
 
 
 def _nearer(nose, wanted, most):

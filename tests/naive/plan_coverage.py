@@ -153,7 +153,17 @@ def _px4_looks(scenario, route, reached, there):
         lengths_m.append(math.dist(reached[k], reached[k + 1]))
     begins = px4_begins(route, there, cruise_m_s, acceleration_m_s2)
     legs = np.zeros(len(ways))
-    finer, noses = turning(line, legs, ways, begins, there, cruise_m_s, acceleration_m_s2, lengths_m=lengths_m)
+    finer, noses = turning(
+        line,
+        legs,
+        ways,
+        begins,
+        there,
+        cruise_m_s,
+        acceleration_m_s2,
+        lengths_m=lengths_m,
+        yaw_acceleration_deg_s2=20.0,
+    )  # MPC_YAWRAUTO_ACC
     places, headings = looks(scenario, finer, noses)
     if picture_distance_m(scenario) is not None:
         headings[0] = there / np.linalg.norm(there)

@@ -9,7 +9,6 @@ import pytest
 
 from tests.planning.sites import make_site
 from tests.terrain_kinds import write_scenario
-from uavcover.kernels.turning_nose import YAW_RATE_DEG_S
 from uavcover.model.sensor import FrameCamera
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.site import Site, load_site
@@ -37,13 +36,14 @@ def test_a_short_leg_back_is_not_seen_along() -> None:
     """A plan had a last leg of 3.6 m back, claimed all of an area, and its flight saw 85 %."""
     site = px4_site()
     there = np.array([[0.0, 50.0, 60.0], [60.0, 50.0, 60.0]])
-    short, longer, far = (np.vstack([there, [[60.0 - back_m, 50.0, 60.0]]]) for back_m in (3.6, 6.0, 40.0))
+    short, longer, far = (np.vstack([there, [[60.0 - back_m, 50.0, 60.0]]]) for back_m in (3.6, 6.0, 60.0))
     turned = [
         off_deg(courses_deg(line_flown(site, route).headings), np.array(90.0)).max() for route in (short, longer, far)
     ]
-    # PX4 has reached a waypoint 2 m before it: the leg of 3.6 m is over when it begins, that of 6 m has 2 m, or 1.2 s.
+    # PX4 has reached a waypoint 2 m before it: the leg of 3.6 m is over when it begins, that of 6 m has 2 m.
     assert turned[0] < 1e-6
-    assert turned[1] == pytest.approx(YAW_RATE_DEG_S * math.sqrt(2.0 * 2.0 / 3.0), abs=3.0)
+    # At 4 m/s³ and then 3 m/s² these take 1.51 s, in which the nose turns at 20 degrees/s².
+    assert turned[1] == pytest.approx(0.5 * 20.0 * 1.51**2, abs=1.0)
     assert turned[2] == pytest.approx(180.0)
     fine = judging_map(site)
     behind = fine.seen(far) & ~fine.seen(there)

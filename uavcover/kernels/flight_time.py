@@ -57,6 +57,8 @@ class Pace(NamedTuple):
         land_m_s: speed of the last metres of the landing.
         land_slow_m: how many metres these are.
         land_band_m: metres above those over which the speed changes from that of the descent.
+        yaw_rate_deg_s: at which the nose turns.
+        yaw_acceleration_deg_s2: how fast that rate changes; infinite: at once.
     """
 
     cruise_m_s: float
@@ -79,6 +81,8 @@ class Pace(NamedTuple):
     land_m_s: float = math.inf
     land_slow_m: float = 0.0
     land_band_m: float = 0.0
+    yaw_rate_deg_s: float = 60.0
+    yaw_acceleration_deg_s2: float = math.inf
 
 
 class _Leg(NamedTuple):
@@ -166,7 +170,7 @@ def _ramp_state(time: float, leg: _Leg, peak: float, jerk: float) -> tuple[float
 
 
 @kernel
-def _stopping_speed(pace: Pace, way: float, end: float) -> float:
+def stopping_speed(pace: Pace, way: float, end: float) -> float:
     """The speed from which the speed ``end`` is reached over ``way``, as PX4 counts it (computeMaxSpeedFromDistance)."""
     a = pace.acceleration_m_s2
     lag = 4.0 * a * a / pace.jerk_m_s3
@@ -201,7 +205,7 @@ def _settling_s(pace: Pace, leg: _Leg) -> float:
 def _braked_rest_s(pace: Pace, leg: _Leg) -> float:
     """Seconds of a leg that is flown from rest to where the waypoint's radius begins, braking for a stop."""
     way = max(leg.length_m - pace.corner_radius_m, 0.05 * pace.corner_radius_m)
-    return _braked_leg(pace, way, leg.speed_m_s, 0.0, _stopping_speed(pace, pace.corner_radius_m, 0.0))[0]
+    return _braked_leg(pace, way, leg.speed_m_s, 0.0, stopping_speed(pace, pace.corner_radius_m, 0.0))[0]
 
 
 @kernel
@@ -279,14 +283,14 @@ def _braked_saving(pace: Pace, a: _Leg, b: _Leg) -> float:
     if b.length_m * level_b >= radius:
         speed = min(
             circle_speed(pace, cosine),
-            _stopping_speed(pace, b.length_m * level_b, 0.0),
+            stopping_speed(pace, b.length_m * level_b, 0.0),
             a.speed_m_s,
             b.speed_m_s,
         )
         change = abs(b.up - a.up)
         if change * speed > pace.vertical_change_m_s:
             speed = pace.vertical_change_m_s / change
-    end = max(speed, _stopping_speed(pace, radius, speed))
+    end = max(speed, stopping_speed(pace, radius, speed))
     begin = max(0.0, end * cosine)
     saved = 0.0
     for leg in (a, b):

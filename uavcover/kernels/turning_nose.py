@@ -1,4 +1,7 @@
-"""Where the nose points along a line that is flown: it turns at a limited rate, and the vehicle flies on meanwhile."""
+"""Where the nose points along a line that is flown: it turns at a limited rate, and the vehicle flies on meanwhile.
+
+PX4 also limits how fast that rate changes (its HeadingSmoothing): a turn by 90 degrees takes 4.2 s, not 1.5.
+"""
 
 import math
 from typing import NamedTuple
@@ -6,11 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.flight_time import Pace, circle_speed
+from uavcover.kernels.flight_time import Pace, circle_speed, stopping_speed
 from uavcover.kernels.jit import kernel
-
-YAW_RATE_DEG_S = 60.0
-"""ATC_SLEW_YAW of ArduCopter 4.7 and MPC_YAWRAUTO_MAX of PX4 from 1.15 on (45 before), by default."""
 
 _AT_ONCE_DEG = 5.0
 """On a leg, less of a turn is made at once. With 20 degrees a plan over 40 m claimed 0.5 points more."""
@@ -20,7 +20,19 @@ _STEP_DEG = 3.0
 degrees up to 0.4 points of a plan less, of 60 a point."""
 
 _LEAST_M = 1e-6
-_MOST_STEPS = math.ceil(180.0 / _STEP_DEG)
+_MOST_STEPS = math.ceil(360.0 / _STEP_DEG) + 1
+"""On one leg: half of them for half a turn. A nose that turns the other way when a leg begins goes on by 90 degrees, and back."""
+
+_LACKING, _MADE_UP, _LACKING_LONGER = 0.45, 0.7, 2.0
+"""Share of its set speed that PX4 lacks when a leg begins, share of that which speed along the leg makes up for, and in how many
+times the time of settling it is over (docs/results/flight_time.md)."""
+
+_SLOWEST_M_S = 0.3
+"""To the end of a leg, where the way that is left asks for less."""
+
+_TIME_STEP_S = 0.02
+_ALIGNED_DEG = 0.25
+"""Where the rate changes in time: a turn is over when less than this is left of it, and it is slow enough to end there."""
 
 
 class TurnedLine(NamedTuple):
@@ -55,7 +67,7 @@ class Pieces(NamedTuple):
 
 @kernel
 def turned_line(pace: Pace, places_m: NDArray[np.float64], pieces: Pieces, before: NDArray[np.float64]) -> TurnedLine:
-    """The line on which the nose follows the ways at :data:`YAW_RATE_DEG_S`; where a piece is too short, it is late.
+    """The line on which the nose follows the ways; where a piece is too short, it is late.
 
     Args:
         pace: of the vehicle; on a leg it speeds up with its acceleration until it cruises, so that it turns late, not early.
@@ -63,44 +75,47 @@ def turned_line(pace: Pace, places_m: NDArray[np.float64], pieces: Pieces, befor
         pieces: how it is flown.
         before: (2,) where the nose points before; (0, 0): along the first piece.
     """
-    rate, at_once = math.radians(YAW_RATE_DEG_S), math.radians(_AT_ONCE_DEG)
-    k = places_m.shape[0]
+    k, at_once = places_m.shape[0], math.radians(_AT_ONCE_DEG)
     most_places = k + _MOST_STEPS * np.count_nonzero(pieces.steps_s == 0.0)
     places, headings = np.empty((most_places, 3)), np.empty((most_places, 2))
     numbers = np.zeros(k, dtype=np.int64)
     places[0] = places_m[0]
     count = 1
     points = before[0] != 0.0 or before[1] != 0.0
-    nose = math.atan2(before[0], before[1])
+    nose, rate = math.atan2(before[0], before[1]), 0.0
+    last_course = nose
     for piece in range(k - 1):
         east, north, step_s = pieces.ways[piece, 0], pieces.ways[piece, 1], pieces.steps_s[piece]
         if east != 0.0 or north != 0.0:
             course, begin_m_s, length_m = math.atan2(east, north), pieces.begins_m_s[piece], pieces.lengths_m[piece]
             turn = course - nose if points else 0.0
             turn -= math.tau * np.rint(turn / math.tau)
-            most = rate * (step_s if step_s > 0.0 else _seconds(pace, begin_m_s, length_m))
-            reached = turn if abs(turn) <= most else math.copysign(most, turn)
+            if not points:
+                last_course = course
             nose, points = course - turn, True
-            end = nose + reached
-            if step_s == 0.0 and abs(turn) > min(at_once, most):
-                steps = max(1, math.ceil(math.degrees(abs(turn)) / _STEP_DEG - 1e-9))
-                seconds = abs(turn) / steps / rate
-                done = 0
-                while done < steps and (done + 1) / steps * abs(turn) <= abs(reached):
-                    share = min(1.0, _way_m(pace, begin_m_s, (done + 1) * seconds) / max(length_m, _LEAST_M))
-                    for axis in range(3):
-                        at = places_m[piece, axis]
-                        places[count, axis] = at + share * (places_m[piece + 1, axis] - at)
-                    towards = nose + (done + 0.5) / steps * turn
-                    headings[count - 1] = math.sin(towards), math.cos(towards)
-                    count += 1
-                    done += 1
-                if reached != turn:
-                    towards = nose + 0.5 * (done / steps * turn + reached)
-                    east, north = math.sin(towards), math.cos(towards)
-            elif reached != turn:
-                east, north = math.sin(end), math.cos(end)
-            nose = end
+            motion = _Motion(begin_m_s, begin_m_s, length_m)
+            if pace.yaw_acceleration_deg_s2 < math.inf:
+                end_m_s = pieces.begins_m_s[piece + 1] if piece + 2 < k else pace.cruise_m_s
+                motion = _Motion(begin_m_s * math.cos(course - last_course), end_m_s, length_m)
+            last_course = course
+            seconds = step_s if step_s > 0.0 else _seconds(pace, begin_m_s, length_m)
+            if abs(turn) > min(at_once, math.radians(pace.yaw_rate_deg_s) * seconds) or rate != 0.0 or step_s > 0.0:
+                ways_m, parts, reached, rate = _turn(pace, turn, rate, motion, step_s)
+                rest = reached
+                if step_s == 0.0:
+                    for step in range(ways_m.size):
+                        share = max(0.0, min(1.0, ways_m[step] / max(length_m, _LEAST_M)))
+                        for axis in range(3):
+                            at = places_m[piece, axis]
+                            places[count, axis] = at + share * (places_m[piece + 1, axis] - at)
+                        headings[count - 1] = _towards(nose + parts[step])
+                        count += 1
+                    rest = parts[ways_m.size]
+                if rest != turn:
+                    east, north = _towards(nose + rest)
+                nose += reached
+            else:
+                nose = course
         places[count] = places_m[piece + 1]
         headings[count - 1] = east, north
         numbers[piece + 1] = count
@@ -109,19 +124,122 @@ def turned_line(pace: Pace, places_m: NDArray[np.float64], pieces: Pieces, befor
 
 
 @kernel
+def _towards(nose: float) -> tuple[float, float]:
+    return math.sin(nose), math.cos(nose)
+
+
+class _Motion(NamedTuple):
+    """How a leg is flown.
+
+    Attributes:
+        begin_m_s: speed along it at its beginning.
+        end_m_s: speed at its end.
+        length_m: of it.
+    """
+
+    begin_m_s: float
+    end_m_s: float
+    length_m: float
+
+
+@kernel
+def _turn(
+    pace: Pace, turn: float, rate: float, motion: _Motion, step_s: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+    """How the nose turns on a leg, or in the seconds of a piece of a corner, radians, by as much as is reached of a turn.
+
+    Args:
+        pace: of the vehicle.
+        turn: whole of it.
+        rate: radians a second, at the beginning.
+        motion: of the leg.
+        step_s: seconds of a piece of a corner; 0 on a leg.
+
+    Returns:
+        (n,) metres of the leg at which a heading ends; (n + 1,) the part of the turn that each of them has in its middle, and the
+        rest of the leg; what is reached of the turn, and the rate by then.
+    """
+    if pace.yaw_acceleration_deg_s2 == math.inf:
+        ways_m, parts, reached = _even_turn(pace, turn, motion, step_s)
+        return ways_m, parts, reached, 0.0
+    return _ramped_turn(pace, turn, rate, motion, step_s)
+
+
+@kernel
+def _even_turn(
+    pace: Pace, turn: float, motion: _Motion, step_s: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
+    """A turn at an even rate, in even steps."""
+    rate = math.radians(pace.yaw_rate_deg_s)
+    seconds = step_s if step_s > 0.0 else _seconds(pace, motion.begin_m_s, motion.length_m)
+    reached = turn if abs(turn) <= rate * seconds else math.copysign(rate * seconds, turn)
+    steps = max(1, math.ceil(math.degrees(abs(turn)) / _STEP_DEG - 1e-9))
+    ways_m, parts = np.empty(steps), np.empty(steps + 1)
+    done = 0
+    while done < steps and (done + 1) / steps * abs(turn) <= abs(reached):
+        ways_m[done] = _way_m(pace, motion.begin_m_s, (done + 1) * (abs(turn) / steps / rate))
+        parts[done] = (done + 0.5) / steps * turn
+        done += 1
+    parts[done] = turn if reached == turn else 0.5 * (done / steps * turn + reached)
+    return ways_m[:done].copy(), parts[: done + 1].copy(), reached
+
+
+@kernel
+def _ramped_turn(
+    pace: Pace, turn: float, rate: float, motion: _Motion, step_s: float
+) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
+    """A turn in the least time, in small steps of time: as fast as it still comes to rest where it ends.
+
+    The vehicle flies on as PX4 does: it follows its set speed late, and its acceleration changes with its jerk.
+    """
+    most, acceleration = math.radians(pace.yaw_rate_deg_s), math.radians(pace.yaw_acceleration_deg_s2)
+    aligned = math.radians(_ALIGNED_DEG)
+    ways_m, parts = np.empty(_MOST_STEPS), np.empty(_MOST_STEPS + 1)
+    lacking = _LACKING * (1.0 - _MADE_UP * max(0.0, motion.begin_m_s) / pace.cruise_m_s)
+    speed, pull, way_m = motion.begin_m_s, 0.0, 0.0
+    time_s, reached, shown, done = 0.0, 0.0, 0.0, 0
+    while way_m < motion.length_m if step_s == 0.0 else time_s < step_s:
+        dt = _TIME_STEP_S if step_s == 0.0 else min(_TIME_STEP_S, step_s - time_s)
+        wanted = math.copysign(min(most, math.sqrt(2.0 * acceleration * abs(turn - reached))), turn - reached)
+        rate += max(-acceleration * dt, min(wanted - rate, acceleration * dt))
+        reached += rate * dt
+        time_s += dt
+        set_m_s = min(pace.cruise_m_s, stopping_speed(pace, motion.length_m - way_m, motion.end_m_s))
+        if pace.settling_s > 0.0:
+            set_m_s *= 1.0 - lacking * math.exp(-_LACKING * time_s / (_LACKING_LONGER * pace.settling_s))
+        missing = max(set_m_s, _SLOWEST_M_S) - speed
+        pulls = math.copysign(min(pace.acceleration_m_s2, math.sqrt(2.0 * pace.jerk_m_s3 * abs(missing))), missing)
+        pull += max(-pace.jerk_m_s3 * dt, min(pulls - pull, pace.jerk_m_s3 * dt))
+        speed += pull * dt
+        way_m += speed * dt
+        is_over = abs(turn - reached) < aligned and rate * rate <= 2.0 * acceleration * aligned
+        if is_over:
+            reached, rate = turn, 0.0
+        if (is_over or math.degrees(abs(reached - shown)) >= _STEP_DEG) and done < _MOST_STEPS - 1:
+            ways_m[done], parts[done] = way_m, 0.5 * (shown + reached)
+            shown = reached
+            done += 1
+        if is_over:
+            break
+    parts[done] = 0.5 * (shown + reached)
+    return ways_m[:done].copy(), parts[: done + 1].copy(), reached, rate
+
+
+@kernel
 def braked_speeds_m_s(pace: Pace, ways: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) speeds at which PX4 begins (n, 2) ways, each behind a corner, the first one behind the (2,) way before.
 
-    As the flight time has it; never above that of cruise. Where a way is straight up or down, from rest.
+    As the flight time has it; never above that of cruise, or more than it can stop from on the way. From rest, where a way is
+    straight up or down, or where it or the one before it is shorter than the radius in which waypoints are passed.
     """
     out = np.empty(ways.shape[0])
     east, north = before[0], before[1]
     for k in range(out.size):
         from_m, to_m = math.hypot(east, north), math.hypot(ways[k, 0], ways[k, 1])
         cosine = -1.0
-        if min(from_m, to_m) > _LEAST_M:
+        if min(from_m, to_m) >= pace.corner_radius_m:
             cosine = (east / from_m) * (ways[k, 0] / to_m) + (north / from_m) * (ways[k, 1] / to_m)
-        out[k] = min(pace.cruise_m_s, circle_speed(pace, cosine))
+        out[k] = min(pace.cruise_m_s, circle_speed(pace, cosine), stopping_speed(pace, to_m, 0.0))
         east, north = ways[k, 0], ways[k, 1]
     return out
 

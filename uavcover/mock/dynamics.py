@@ -39,6 +39,7 @@ class Airframe:
         max_airspeed_m_s: largest horizontal speed through the air that it asks for.
         max_lean_deg: largest lean; the part that the wind takes is not available for acceleration.
         max_yaw_rate_deg_s: largest yaw rate; 60 is ATC_SLEW_YAW of ArduCopter and MPC_YAWRAUTO_MAX of PX4 from 1.15 on.
+        max_yaw_acceleration_deg_s2: how fast that rate changes; by default in one step.
         velocity_gain_1_s: acceleration asked for per metre per second of speed error.
         drag_1_s: acceleration per metre per second of air speed.
         wind_estimate_s: time constant with which the controller learns the wind.
@@ -53,6 +54,7 @@ class Airframe:
     max_airspeed_m_s: float = 18.0
     max_lean_deg: float = 35.0
     max_yaw_rate_deg_s: float = 60.0
+    max_yaw_acceleration_deg_s2: float = 10_000.0
     velocity_gain_1_s: float = 3.0
     drag_1_s: float = 0.2
     wind_estimate_s: float = 1.5
@@ -80,6 +82,7 @@ class PointMass:
         self.airframe, self.step_s = airframe, step_s
         self.position_m, self.velocity_m_s, self.acceleration_m_s2 = position_m, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         self.yaw_rad, self.roll_rad, self.pitch_rad = yaw_rad, 0.0, 0.0
+        self._yaw_rate_rad_s = 0.0
         self._wind_estimate: Vector = (0.0, 0.0, 0.0)
         self._asked: Vector = (0.0, 0.0, 0.0)
         self._learning = 1.0 - math.exp(-step_s / airframe.wind_estimate_s)
@@ -89,7 +92,7 @@ class PointMass:
         """Stand on the ground at height ``up_m``."""
         self.position_m = (self.position_m[0], self.position_m[1], up_m)
         self.velocity_m_s = self.acceleration_m_s2 = self._asked = (0.0, 0.0, 0.0)
-        self.roll_rad = self.pitch_rad = 0.0
+        self.roll_rad = self.pitch_rad = self._yaw_rate_rad_s = 0.0
 
     def step(self, wanted_m_s: Vector, wind_m_s: Vector) -> None:
         """Fly for one step towards the velocity ``wanted_m_s`` in air that moves with ``wind_m_s``."""
@@ -147,13 +150,15 @@ class PointMass:
         return self._asked
 
     def _turn(self, wanted_m_s: Vector) -> None:
-        """Yaw towards the course, if there is one."""
-        if math.hypot(wanted_m_s[0], wanted_m_s[1]) < 0.5:
-            return
-        course = math.atan2(wanted_m_s[0], wanted_m_s[1])
-        error = math.remainder(course - self.yaw_rad, math.tau)
-        most = math.radians(self.airframe.max_yaw_rate_deg_s) * self.step_s
-        self.yaw_rad = (self.yaw_rad + max(-most, min(error, most))) % math.tau
+        """Yaw towards the course, if there is one, no faster than it can come to rest there."""
+        frame, dt, error = self.airframe, self.step_s, 0.0
+        if math.hypot(wanted_m_s[0], wanted_m_s[1]) >= 0.5:
+            error = math.remainder(math.atan2(wanted_m_s[0], wanted_m_s[1]) - self.yaw_rad, math.tau)
+        acceleration = math.radians(frame.max_yaw_acceleration_deg_s2)
+        most = math.radians(frame.max_yaw_rate_deg_s), math.sqrt(2.0 * acceleration * abs(error)), abs(error) / dt
+        change = math.copysign(min(most), error) - self._yaw_rate_rad_s
+        self._yaw_rate_rad_s += max(-acceleration * dt, min(change, acceleration * dt))
+        self.yaw_rad = (self.yaw_rad + self._yaw_rate_rad_s * dt) % math.tau
 
     def _lean(self, thrust_east_m_s2: float, thrust_north_m_s2: float) -> None:
         sin, cos = math.sin(self.yaw_rad), math.cos(self.yaw_rad)

@@ -6,7 +6,7 @@ Everything else in this package reads and changes this state: ``telemetry`` repo
 
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from uavcover.mock.mission_store import MissionStore
 from uavcover.mock.parameters import Parameters
 from uavcover.mock.positioning import GpsError
 from uavcover.mock.terrain_feed import TerrainFeed
+from uavcover.model.vehicle import MOTIONS
 from uavcover.vehicle.modes import Mode
 
 _DISARM_WHEN_IDLE_S = 10.0
@@ -106,9 +107,12 @@ class MockState:
         self.address = Address(config.system_id, 1)
         self.parameters = Parameters(autopilot.mav_autopilot, config.settings)
         self.speeds = self.settings.speeds
+        airframe, yaw = config.airframe, MOTIONS["px4"].yaw_acceleration_deg_s2
+        if not self.is_ardupilot and yaw is not None:
+            airframe = replace(airframe, max_yaw_acceleration_deg_s2=yaw)
         self.body = MockBody(
             home,
-            airframe=config.airframe,
+            airframe=airframe,
             wind=config.wind,
             gps=config.gps,
             battery=config.battery,

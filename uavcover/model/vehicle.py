@@ -76,6 +76,8 @@ class AutopilotMotion:
         land_m_s: speed of the last metres of the landing.
         land_slow_m: how many metres these are.
         land_band_m: metres above those over which the speed changes.
+        yaw_rate_deg_s: at which its nose turns.
+        yaw_acceleration_deg_s2: how fast that rate changes; none: at once.
     """
 
     acceleration_m_s2: float
@@ -92,6 +94,8 @@ class AutopilotMotion:
     land_m_s: float
     land_slow_m: float
     land_band_m: float
+    yaw_rate_deg_s: float = 60.0  # ATC_SLEW_YAW of ArduCopter, MPC_YAWRAUTO_MAX of PX4 from 1.15 on (45 before)
+    yaw_acceleration_deg_s2: float | None = None
 
 
 MOTIONS: Mapping[AutopilotName, AutopilotMotion] = MappingProxyType(
@@ -121,6 +125,7 @@ MOTIONS: Mapping[AutopilotName, AutopilotMotion] = MappingProxyType(
             land_m_s=0.7,  # MPC_LAND_SPEED
             land_slow_m=5.0,  # MPC_LAND_ALT2
             land_band_m=5.0,  # MPC_LAND_ALT1 - MPC_LAND_ALT2
+            yaw_acceleration_deg_s2=20.0,  # MPC_YAWRAUTO_ACC
         ),
     }
 )

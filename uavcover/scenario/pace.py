@@ -52,4 +52,6 @@ def moving_pace(
         land_m_s=motion.land_m_s,
         land_slow_m=motion.land_slow_m,
         land_band_m=motion.land_band_m,
+        yaw_rate_deg_s=motion.yaw_rate_deg_s,
+        yaw_acceleration_deg_s2=math.inf if motion.yaw_acceleration_deg_s2 is None else motion.yaw_acceleration_deg_s2,
     )
