@@ -277,8 +277,6 @@ def _quickest_begins(costs: FlightCosts) -> NDArray[np.float64]:
 def _earliest(costs: FlightCosts, quickest: NDArray[np.float64], last: int) -> int:
     """The first waypoint at which a flight to ``last`` may begin, if at all."""
     low, high = 0, last
-    if costs.each_items > 0:
-        low = max(0, last + 1 - int(min(costs.item_limit // costs.each_items, last + 1)))
     while low < high:
         middle = (low + high) // 2
         if _too_far(costs, quickest, middle, last):
@@ -290,8 +288,10 @@ def _earliest(costs: FlightCosts, quickest: NDArray[np.float64], last: int) -> i
 
 @kernel
 def _too_far(costs: FlightCosts, quickest: NDArray[np.float64], first: int, last: int) -> bool:
-    """Whether no flight from a waypoint up to ``first`` gets to a later one and home, by time or energy."""
+    """Whether no flight from a waypoint up to ``first`` gets to a later one and home, by its items, time or energy."""
     energies = costs.energies
+    if costs.each_items * (last - first + 1) > costs.item_limit:
+        return True
     time = quickest[0, first] + costs.so_far_s[last] + costs.turns_s[last - 1] + costs.back_s[last]
     if time > costs.endurance_s + _SPLIT_MARGIN_S:
         return True
