@@ -25,7 +25,7 @@ _MOST_STEPS = math.ceil(360.0 / _STEP_DEG) + 1
 
 _LACKING, _MADE_UP, _LACKING_LONGER = 0.45, 0.7, 2.0
 """Share of its set speed that PX4 lacks when a leg begins, share of that which speed along the leg makes up for, and in how many
-times the time of settling it is over: as in the mock vehicle, whose flights take as long as PX4's (docs/results/flight_time.md)."""
+times the time of settling it is over: as in the mock vehicle, whose flights take PX4's time (docs/results/flight_time.md)."""
 
 _SLOWEST_M_S = 0.3
 """To the end of a leg, where the way that is left asks for less."""
