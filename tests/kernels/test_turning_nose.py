@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 
 from tests.naive.flown_line import px4_begins, turning
+from uavcover.kernels import turning_nose
 from uavcover.kernels.flight_time import BRAKED, Pace
 from uavcover.kernels.turning_nose import Pieces, braked_speeds_m_s, turned_line
+from uavcover.mock import legs as mock_legs
 
 PACE = Pace(
     10.0, 4.0, 3.0, acceleration_m_s2=3.0, vertical_acceleration_m_s2=3.0, jerk_m_s3=4.0, corner=BRAKED,
@@ -62,6 +64,12 @@ def test_the_nose_turns_as_in_small_steps_of_time(name, before, acceleration_deg
     # Less than 5 degrees of a turn is none. A nose that comes with a rate onto a short leg is braked by another rule there.
     assert off.max() < (24.0 if name == "short legs" and acceleration_deg_s2 < math.inf else 7.0)
     assert off.mean() < (2.5 if name == "short legs" and acceleration_deg_s2 < math.inf else 1.0)
+
+
+def test_px4_is_late_as_the_mock_vehicle_is():
+    """The mock shares no code with the planner; these three were measured once, for both."""
+    in_plans = turning_nose._LACKING, turning_nose._MADE_UP, turning_nose._LACKING_LONGER
+    assert in_plans == (mock_legs._LATE, mock_legs._KEPT, mock_legs._LONGER)
 
 
 def test_the_nose_is_late_on_pieces_of_corners_and_on_the_legs_behind_them():

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.kernels.test_turning_nose import courses_deg, off_deg
 from tests.planning.sites import make_site
 from tests.terrain_kinds import write_scenario
 from uavcover.model.sensor import FrameCamera
@@ -22,14 +23,6 @@ FORWARD = FrameCamera(
 
 def px4_site(sensor: FrameCamera = FORWARD) -> Site:
     return make_site(home=(-100.0, 50.0), sensor=sensor, vehicle={"autopilot": "px4"})
-
-
-def courses_deg(headings: np.ndarray) -> np.ndarray:
-    return np.degrees(np.arctan2(headings[:, 0], headings[:, 1]))
-
-
-def off_deg(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    return np.abs((one - other + 180.0) % 360.0 - 180.0)
 
 
 def test_a_short_leg_back_is_not_seen_along() -> None:

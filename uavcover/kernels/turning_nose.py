@@ -70,7 +70,8 @@ def turned_line(pace: Pace, places_m: NDArray[np.float64], pieces: Pieces, befor
     """The line on which the nose follows the ways; where a piece is too short, it is late.
 
     Args:
-        pace: of the vehicle; on a leg it speeds up with its acceleration until it cruises, so that it turns late, not early.
+        pace: of the vehicle. Where its nose turns at an even rate it speeds up on a leg until it cruises, so that it turns late,
+            not early; where that rate changes in time it flies as PX4 does.
         places_m: (k, 3) ENU of the line.
         pieces: how it is flown.
         before: (2,) where the nose points before; (0, 0): along the first piece.

@@ -107,9 +107,10 @@ class MockState:
         self.address = Address(config.system_id, 1)
         self.parameters = Parameters(autopilot.mav_autopilot, config.settings)
         self.speeds = self.settings.speeds
-        airframe, yaw = config.airframe, MOTIONS["px4"].yaw_acceleration_deg_s2
-        if not self.is_ardupilot and yaw is not None:
-            airframe = replace(airframe, max_yaw_acceleration_deg_s2=yaw)
+        airframe, motion = config.airframe, MOTIONS["ardupilot" if self.is_ardupilot else "px4"]
+        if motion.yaw_acceleration_deg_s2 is not None:
+            yaw_deg_s2 = min(airframe.max_yaw_acceleration_deg_s2, motion.yaw_acceleration_deg_s2)
+            airframe = replace(airframe, max_yaw_acceleration_deg_s2=yaw_deg_s2)
         self.body = MockBody(
             home,
             airframe=airframe,

@@ -52,7 +52,7 @@ def search_goals(
         end = begin + main * (until - begin)
         found = search_goal(
             work, known, asked, capacity, (begin, end), tuned.main_stages, judge,
-            most_short=tuned.most_short_at_first, later=end + tuned.further_share * tuned.closing_share * (until - begin),
+            most_short=tuned.most_short_at_first, later=end + tuned.closing_share * (until - begin),
         )  # fmt: skip
         with_closing = min(work.pace.fraction, end) + tuned.closing_share * (until - begin)
         closed = closed_end(work, found, asked, judge, until=with_closing)

@@ -27,10 +27,9 @@ class GoalTuning:
         stages: the same for a coverage of the ladder, and for a route whose gaps were closed.
         closing_share: of the work: a search that ends a little short of its goal goes on for so long from its route with the
             gaps closed, for beside zones and obstacles no small move sees the last of the ground.
-        further_share: of ``closing_share``: under a time budget, for so long stages follow that are as short as corrections
-            allow, while each leaves ...
-        further_left: ... no more of what the one before it lacked. Over large areas closing gaps one by one takes half of the way
-            again (ridge-25km2, 150 to 231 km for 0.02 points), and these stages close them (10 s: 150.1 km, was 153.5).
+        further_left: before that, under a time budget, stages follow that are as short as corrections allow, while each leaves no
+            more than this of what the one before it lacked. Over large areas closing gaps one by one takes half of the way again
+            (ridge-25km2, 150 to 231 km for 0.02 points), and these stages close them (10 s: 150.0 to 150.6 km, was 153.5).
         closing_share_far: as ``closing_share`` where it ended far from its goal, and the gaps of long lines are closed: there
             nothing else leads to it.
         most_short: that little, as a share of the coverage.
@@ -88,7 +87,6 @@ class GoalTuning:
     main_stages: tuple[float, ...] = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
     stages: tuple[float, ...] = (0.5, 0.85, 1.0)
     closing_share: float = 0.15
-    further_share: float = 1.0
     further_left: float = 0.7
     closing_share_far: float = 0.3
     most_short: float = 0.03
