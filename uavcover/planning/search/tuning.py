@@ -29,7 +29,7 @@ class GoalTuning:
             gaps closed, for beside zones and obstacles no small move sees the last of the ground.
         further_left: before that, under a time budget, stages follow that are as short as corrections allow, while each leaves no
             more than this of what the one before it lacked. Over large areas closing gaps one by one takes half of the way again
-            (ridge-25km2, 150 to 231 km for 0.02 points), and these stages close them (10 s: 150.0 to 150.6 km, was 153.5).
+            (ridge-25km2, 150 to 231 km for 0.02 points), and these stages close most (10 s: 150.0 to 150.6 km, was 153.5).
         closing_share_far: as ``closing_share`` where it ended far from its goal, and the gaps of long lines are closed: there
             nothing else leads to it.
         most_short: that little, as a share of the coverage.
