@@ -293,6 +293,7 @@ class Connection:
         deadline = self.clock.now() + timeout_s
         attempt, ask_at = 0, self.clock.now()
         while self.clock.now() < deadline:
+            self.raise_if_given_up()  # before anything is sent again
             if again is not None and self.clock.now() >= ask_at:
                 again(attempt)
                 attempt, ask_at = attempt + 1, self.clock.now() + again_s
@@ -313,8 +314,7 @@ class Connection:
     def next_messages(self, deadline: float) -> list[Received]:
         """Wait until a datagram brings messages for us; an empty list at ``deadline``, a time of ``clock``."""
         while True:
-            if self.give_up is not None and self.give_up():
-                raise WaitCancelledError("the call was cancelled; the vehicle may have received it all the same")
+            self.raise_if_given_up()
             now = self.clock.now()
             if now >= self._heartbeat_at + _HEARTBEAT_S:
                 self._heartbeat_at = now
@@ -323,6 +323,15 @@ class Connection:
             messages = self._receive(max(0.0, wake - now))
             if messages or self.clock.now() >= deadline:
                 return messages
+
+    def raise_if_given_up(self) -> None:
+        """Nothing, unless ``give_up`` says that the call is to end.
+
+        Raises:
+            WaitCancelledError: it does.
+        """
+        if self.give_up is not None and self.give_up():
+            raise WaitCancelledError("the call was cancelled; the vehicle may have received it all the same")
 
     def _serve(self, now: float) -> float:
         """Send what the services have due; when they want to be asked again."""

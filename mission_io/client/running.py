@@ -62,6 +62,7 @@ def run(
     """
     reported = -1
     while True:
+        connection.raise_if_given_up()
         now = connection.clock.now()
         for message in machine.messages_to_send(now):
             connection.send(message)

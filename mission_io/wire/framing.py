@@ -18,10 +18,21 @@ from pymavlink.dialects.v20 import ardupilotmega as _dialect
 
 from mission_io.errors import MisuseError
 
-CRC_EXTRAS: Final[Mapping[int, int]] = {number: kind.crc_extra for number, kind in _dialect.mavlink_map.items()}
+_EVENT_ID: Final = 410
+_EVENT_STRUCT: Final = Struct("<IIH3B40B")
+_EVENT_CRC_EXTRA: Final = 160
+"""EVENT of the common message set, which pymavlink's tables lack."""
+
+CRC_EXTRAS: Final[Mapping[int, int]] = {
+    **{number: kind.crc_extra for number, kind in _dialect.mavlink_map.items()},
+    _EVENT_ID: _EVENT_CRC_EXTRA,
+}
 """For each message id of the dialect, the byte that goes last into its checksum."""
 
-PAYLOAD_SIZES: Final[Mapping[int, int]] = {number: kind.unpacker.size for number, kind in _dialect.mavlink_map.items()}
+PAYLOAD_SIZES: Final[Mapping[int, int]] = {
+    **{number: kind.unpacker.size for number, kind in _dialect.mavlink_map.items()},
+    _EVENT_ID: _EVENT_STRUCT.size,
+}
 """For each message id of the dialect, the size of its payload with all extensions, in bytes."""
 
 
@@ -61,8 +72,21 @@ _LATER_EXTENSIONS: Final[Mapping[str, tuple[tuple[str, str], ...]]] = {
 """Extensions of the common message set that pymavlink's tables may lack, each with its format. Checksums do not know them."""
 
 
+_EVENT_PLACES: Final = {
+    **{
+        field: (place, 1)
+        for place, field in enumerate(
+            ("id", "event_time_boot_ms", "sequence", "destination_component", "destination_system", "log_levels")
+        )
+    },
+    "arguments": (6, 40),
+}
+
+
 def layout_of(name: str) -> Layout:
     """The layout of a message by its MAVLink name, in small letters."""
+    if name == "event":
+        return Layout(name, _EVENT_ID, _EVENT_STRUCT, _EVENT_PLACES)
     kind = getattr(_dialect, f"MAVLink_{name}_message")
     places: dict[str, tuple[int, int]] = {}
     start = 0

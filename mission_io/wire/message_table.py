@@ -340,6 +340,11 @@ ROWS: Final[tuple[MessageRow, ...]] = (
         _same("receive_errors", "rxerrors"), _same("corrected", "fixed"),
     ),
     _row(m.SystemTime, "system_time", _scaled("time_unix_s", "time_unix_usec", 1e6), _BOOT),
+    _row(
+        m.Event, "event", _same("target_component", "destination_component"),
+        _same("target_system", "destination_system"), _same("event_id", "id"),
+        _same("time_boot_ms", "event_time_boot_ms"), "sequence", "log_levels", "arguments",
+    ),
     _row(m.TimeSync, "timesync", _same("answered_ns", "tc1"), _same("asked_ns", "ts1")),
 )  # fmt: skip
 

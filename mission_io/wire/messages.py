@@ -26,6 +26,7 @@ from mission_io.wire.telemetry_messages import BatteryStatus as BatteryStatus
 from mission_io.wire.telemetry_messages import CameraFeedback as CameraFeedback
 from mission_io.wire.telemetry_messages import CameraImageCaptured as CameraImageCaptured
 from mission_io.wire.telemetry_messages import EkfStatusReport as EkfStatusReport
+from mission_io.wire.telemetry_messages import Event as Event
 from mission_io.wire.telemetry_messages import FileTransfer as FileTransfer
 from mission_io.wire.telemetry_messages import GpsRawInt as GpsRawInt
 from mission_io.wire.telemetry_messages import LogData as LogData
@@ -317,7 +318,8 @@ class SetMode:
 
 
 Message: TypeAlias = (
-    Heartbeat
+    Event
+    | Heartbeat
     | GlobalPositionInt
     | Attitude
     | HomePosition

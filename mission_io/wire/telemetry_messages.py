@@ -296,3 +296,26 @@ class TimeSync:
 
     answered_ns: int
     asked_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Event:
+    """An event of PX4's events interface, which says why where STATUSTEXT only says that.
+
+    Attributes:
+        target_component: who is to take it; 0 is everybody.
+        target_system: the same for the system.
+        event_id: number of the event: the component in the highest byte, below it 24 bits of a hash of its name.
+        time_boot_ms: when it happened.
+        sequence: counts the events of a component.
+        log_levels: severity, for logs outside of the vehicle in the lower four bits.
+        arguments: 40 bytes, packed as the event defines.
+    """
+
+    target_component: int
+    target_system: int
+    event_id: int
+    time_boot_ms: int
+    sequence: int
+    log_levels: int
+    arguments: tuple[int, ...]

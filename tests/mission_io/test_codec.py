@@ -61,6 +61,7 @@ SAMPLES: list[m.Message] = [
     m.ParamExtAck("CAM_MODE", bytes(range(1, 129)), 2, 3),
     m.SystemTime(1790000000.123456, 4.5),
     m.TimeSync(1790000000123456789, -(2**63)),
+    m.Event(0, 0, 26528394, 61_234, 7, 0x42, (*range(38), 254, 255)),
     m.BatteryStatus(0, (15.25, *(None,) * 9), 12.5, 1234, 71, 640, 1),
     m.BatteryStatus(1, (None,) * 10),
     m.VfrHud(7.5, 6.25, 271, 45, 512.5, -1.5),

@@ -58,6 +58,9 @@ IDS = {
 """Fields that pymavlink's tables may not have yet."""
 
 
+NOT_IN_PYMAVLINK = {"event"}
+
+
 @pytest.mark.parametrize("name", sorted(ROWS))
 @pytest.mark.no_cover
 def test_any_message_survives_pymavlink(name: str) -> None:
@@ -69,6 +72,8 @@ def test_any_message_survives_pymavlink(name: str) -> None:
         number = ROWS[name].layout.message_id
         message = read(mavlink2_frame(number, payload, seq=0, system_id=9, component_id=9))
         assert repr(read(sender.encode(message))) == repr(message)
+        if name in NOT_IN_PYMAVLINK:
+            return
         known = getattr(pymavlink, f"MAVLink_{name}_message").fieldnames
         message = replace(message, **{field: 0 for field in IDS.get(name, ()) if field not in known})
         (parsed,) = theirs.parse_buffer(bytearray(sender.encode(message)))

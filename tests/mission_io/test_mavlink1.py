@@ -82,7 +82,7 @@ OLD_SAMPLES: list[Message] = [
 ]
 NEWER = {
     m.CameraImageCaptured, m.ParamError, m.ParamExtRequestRead, m.ParamExtRequestList, m.ParamExtValue, m.ParamExtSet,
-    m.ParamExtAck,
+    m.ParamExtAck, m.Event,
 }  # fmt: skip
 """Their numbers are above 255, where MAVLink 1 ends."""
 SAYABLE = OLD_SAMPLES + [

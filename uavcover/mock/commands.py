@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 from mission_io.model.enums import CommandResult, VehicleClass
 from mission_io.model.items import Command, Frame, MissionItem
@@ -190,6 +191,8 @@ def handle(control: FlightControl, failsafes: Failsafes, received: m.Received) -
         case m.Heartbeat():
             if message.vehicle_type == VehicleClass.GROUND_STATION:
                 failsafes.hear_ground_station()
+        case m.TimeSync():
+            return [replace(message, answered_ns=round(vehicle.time_s * 1e9) or 1)] if message.answered_ns == 0 else []
         case m.CommandLong() | m.CommandInt():
             result = answer_command(control, message)
             to = {"target_system": received.system_id, "target_component": received.component_id}

@@ -34,6 +34,7 @@ from uavcover.vehicle.modes import Mode
 _DISARM_WHEN_IDLE_S = 10.0
 """Time to wait for the ground station's next command: on the link's clock, however fast vehicle time runs."""
 _TOLERANCE_S = 1e-6
+_PIECE_LETTERS = 50
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -139,6 +140,7 @@ class MockState:
         self.took_off_at_s: float | None = None
         self.disarm_at_s = 0.0
         self.steps_done = self.boot_step = self.off_until_step = 0
+        self._texts_in_pieces = 0
         self._waiting: list[m.Message] = []
 
     @property
@@ -214,8 +216,13 @@ class MockState:
         return waiting
 
     def say(self, severity: int, text: str) -> None:
-        """Send a STATUSTEXT."""
-        self.send(m.StatusText(severity, text))
+        """Send a STATUSTEXT, in pieces where it is long."""
+        if len(text) <= _PIECE_LETTERS:
+            self.send(m.StatusText(severity, text))
+            return
+        self._texts_in_pieces += 1
+        for chunk, begin in enumerate(range(0, len(text) + 1, _PIECE_LETTERS)):
+            self.send(m.StatusText(severity, text[begin : begin + _PIECE_LETTERS], self._texts_in_pieces, chunk))
 
     def set_interval(self, kind: type[m.Message], interval_s: float | None) -> None:
         """Send a kind of message every ``interval_s`` seconds; 0 is its default, None is never."""
