@@ -9,7 +9,8 @@ import pytest
 
 from tests.run.scripted_fleet import SITE
 from uavcover.model.vehicle import Vehicle
-from uavcover.run.fleet_reserve import BatteryAllows, BatteryUse, ReserveWatch
+from uavcover.run.fleet_reserve import ReserveWatch
+from uavcover.vehicle.reserve import BatteryAllows, BatteryUse
 
 VEHICLE = Vehicle(endurance_s=600.0, reserve_fraction=0.2)
 

@@ -11,7 +11,8 @@ from uavcover.mock.dynamics import BatteryData, WindModel
 from uavcover.mock.faults import parse_fault
 from uavcover.vehicle.flight_plan import FlightTimeouts, OperatingVolume
 from uavcover.vehicle.fly import Ending
-from uavcover.vehicle.outcome import FlightEvent, FlightFailedError
+from uavcover.vehicle.outcome import EventKind, FlightEvent, FlightFailedError
+from uavcover.vehicle.policy import Phase, reaction
 from uavcover.vehicle.precautions import OnBreach, Precautions
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
@@ -87,12 +88,14 @@ def test_hold_holds_and_does_not_wait_for_ever(autopilot, kind):
     scene = scene_of(autopilot)
     outcome, text = failed(scene, BREACHES[kind], OnBreach.HOLD)
     assert outcome.ending is kind
-    assert "has held its place for 20 s and nobody continued: left holding" in text
-    assert scene.vehicle.flying
+    assert "it was flown home along checked legs, and landed" in text
+    assert not scene.vehicle.armed
+    stops = scene.told(EventKind.STOP)
+    assert any("holds its place in" in told and "for at most 20 s, then flies home" in told for told in stops)
+    assert any("has held its place for 20 s, and nothing continued it" in told for told in stops)
     [begun] = [i.begin_s for i in outcome.incidents if i.kind is kind][:1]
-    later = [s for s in scene.samples if s.time_s > begun + 10.0]
-    assert later[-1].time_s - begun > 20.0
-    assert math.dist((later[0].east_m, later[0].north_m), (later[-1].east_m, later[-1].north_m)) < 1.0
+    held = [s for s in scene.samples if begun + 10.0 < s.time_s < begun + 20.0]
+    assert math.dist((held[0].east_m, held[0].north_m), (held[-1].east_m, held[-1].north_m)) < 1.0
 
 
 @AUTOPILOTS
@@ -133,10 +136,10 @@ def test_a_mission_changed_in_flight_is_a_breach(autopilot, action):
     scene = scene_of(autopilot, "mission-lowered@20s")
     outcome, _ = failed(scene, around(min_height_agl_m=5.0), action)
     assert outcome.ending is Ending.MISSION_CHANGED
-    assert scene.vehicle.flying == (action is OnBreach.HOLD)
-    lowest_m = min(s.up_m for s in scene.samples if s.time_s > outcome.incidents[0].begin_s + 5.0) - HOME_M[2]
+    assert not scene.vehicle.flying
     if action is OnBreach.HOLD:
-        assert lowest_m > 30.0
+        held = [s for s in scene.samples if 5.0 < s.time_s - outcome.incidents[0].begin_s < 15.0]
+        assert min(s.up_m for s in held) - HOME_M[2] > 30.0
 
 
 def test_a_stop_while_it_holds_brings_it_home():
@@ -173,10 +176,13 @@ def test_wind_that_carries_it_away_is_never_silent(seed):
 
 
 def test_a_simulated_vehicle_holds_by_itself_and_a_real_one_is_only_told():
-    assert Precautions().reaction(simulated=True) is OnBreach.HOLD
-    assert Precautions().reaction(simulated=False) is OnBreach.TELL
-    for action in OnBreach:
-        assert Precautions(on_breach=action).reaction(simulated=True) is action
+    for breach in BREACHES:
+        assert reaction(breach, Phase.ROUTE, simulated=True, chosen=None) is OnBreach.HOLD
+        assert reaction(breach, Phase.ROUTE, simulated=False, chosen=None) is OnBreach.TELL
+        for action in OnBreach:
+            assert reaction(breach, Phase.ROUTE, simulated=True, chosen=action) is action
+    assert reaction(Ending.HOLD_LOST, Phase.HOLD, simulated=False, chosen=OnBreach.TELL) is OnBreach.RETURN
+    assert reaction(Ending.BAND_LEFT, Phase.INBOUND, simulated=True, chosen=OnBreach.RETURN) is OnBreach.TELL
 
 
 def test_a_battery_that_is_low_is_told_and_not_acted_on():

@@ -82,7 +82,7 @@ def test_a_fall_after_a_pilot_took_over_is_a_crash_and_both_are_told():
     scene = faulty_scene(PX4, "pilot-mode@20s", "force-disarm@35s")
     outcome, text = ended(scene)
     assert outcome.ending is Ending.CRASHED
-    assert "somebody else took over" in text
+    assert "no failsafe is reported: a pilot or another ground station changed the mode" in text
 
 
 def test_a_vehicle_that_falls_is_not_told_to_disarm(monkeypatch):

@@ -43,10 +43,16 @@ def ended(scene: Scene, **options) -> tuple[FlightOutcome, str]:
             PX4,
             "pilot-mode@30s",
             "PILOT_TOOK_OVER",
-            "hold mode: somebody else took over",
+            "hold mode: no failsafe is reported: a pilot or another ground station changed the mode",
             "in the air, armed, in hold mode",
         ),
-        (ARDUPILOT, "pilot-mode:land@30s", "PILOT_TOOK_OVER", "somebody else took over", "disarmed, in land mode"),
+        (
+            ARDUPILOT,
+            "pilot-mode:land@30s",
+            "PILOT_TOOK_OVER",
+            "no failsafe is reported: a pilot or another ground station changed the mode",
+            "disarmed, in land mode",
+        ),
         (PX4, "reboot@30s", "RESTARTED", "restarted: its clock began anew", "on the ground, disarmed, in manual mode"),
         (ARDUPILOT, "link-outage:40@20s", "LINK_LOST", "link lost: nothing from vehicle 1 for 30", "(heard 30 s ago)"),
         (
@@ -142,7 +148,9 @@ def test_going_back_to_the_mission_goes_on_with_the_flight():
 
     def give_back(event) -> None:
         scene.events.append(event)
-        if "somebody else took over" in event.text and next(mission_again, False):
+        if "no failsafe is reported: a pilot or another ground station changed the mode" in event.text and next(
+            mission_again, False
+        ):
             scene.vehicle.control.start_mission()
 
     outcome = scene.fly(on_event=give_back)

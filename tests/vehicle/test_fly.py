@@ -331,7 +331,10 @@ def test_a_pilot_who_lands_it_early_is_an_error_that_says_how_far_it_came():
             ),
             plan_return=way_home,
         )
-    assert "the vehicle changed to land mode: somebody else took over" in scene.told(EventKind.WARNING)
+    assert (
+        "the vehicle changed to land mode: no failsafe is reported: a pilot or another ground station changed the mode"
+        in scene.told(EventKind.WARNING)
+    )
 
 
 def test_a_vehicle_that_restarts_in_flight_is_an_error():

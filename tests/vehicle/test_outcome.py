@@ -1,6 +1,7 @@
 from pathlib import Path
 
 from uavcover.vehicle.outcome import Ending, FlightFailedError, FlightOutcome, Incident
+from uavcover.vehicle.policy import policy
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "flight.md"
 
@@ -20,5 +21,14 @@ def test_an_outcome_is_numbers_and_names_for_programs() -> None:
         "duration_s": 25.0,
         "simulated_by": "a mock",
         "vehicle_now": "in the air",
-        "incidents": [{"kind": "link_lost", "text": "nothing heard", "begin_s": 12.5, "end_s": 20.0}],
+        "incidents": [{"kind": "link_lost", "text": "nothing heard", "begin_s": 12.5, "end_s": 20.0, "evidence": ()}],
     }
+
+
+def test_the_policy_on_the_page_is_the_one_in_the_data() -> None:
+    page = PAGE.read_text(encoding="utf-8")
+    for (breach, phase), rule in policy().items():
+        [row] = [line for line in page.splitlines() if line.startswith(f"| `{breach.key}` | ") and rule.reason in line]
+        cells = [cell.strip() for cell in row.strip("|").split("|")]
+        assert phase.value in cells[1].split(", ")
+        assert cells[2:5] == [rule.simulated.value, rule.real.value, "yes" if rule.choice else "no"]

@@ -169,7 +169,7 @@ OnBreachAction = Annotated[
         "--on-breach",
         help="When it leaves route, fence, height band or known ground, or its mission was changed. Default: tell; hold for a "
         "simulated vehicle.",
-        metavar="tell|hold|return",
+        metavar="tell|hold|return|land",
     ),
 ]
 
@@ -309,7 +309,7 @@ def on_breach(text: str | None) -> "OnBreach | None":
         return None
     known = {action.value: action for action in OnBreach}
     if text not in known:
-        raise InputError(f"--on-breach: {text!r} is none of tell, hold, return")
+        raise InputError(f"--on-breach: {text!r} is none of tell, hold, return, land")
     return known[text]
 
 

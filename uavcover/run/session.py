@@ -26,6 +26,7 @@ from uavcover.mock.server import mock_endpoint
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
+from uavcover.routes.flight_costs import way_home
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compile_continuation, compile_return
 from uavcover.run.mission import compile_plan
@@ -217,6 +218,8 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
             return_height_m=site.scenario.vehicle.return_height_m,
             fence=bool(compiled.fence.polygons or compiled.fence.circles),
             longest_flight_s=site.scenario.vehicle.longest_flight_s,
+            vehicle=site.scenario.vehicle,
+            way_home_s=lambda place_m: way_home(site, place_m)[1],
         ),
     )
 

@@ -20,6 +20,9 @@ class VehicleClient(Protocol):
     ``mission_io.wire.messages``, whichever call is waiting for it. Errors are ``mission_io.errors``.
     """
 
+    give_up: Callable[[], bool] | None
+    """Polled while a call waits, and before it sends anything again; True ends the call with a WaitCancelledError."""
+
     @property
     def clock(self) -> Clock:
         """The clock that silence is measured on."""

@@ -11,6 +11,7 @@ from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionIte
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import Pace
+from uavcover.model.vehicle import Vehicle
 from uavcover.scenario.frames import LocalFrame
 from uavcover.vehicle.ground_contact import GroundAt
 
@@ -26,12 +27,17 @@ class PlanNeeds:
         return_height_m: height above home at which a straight return was checked.
         fence: whether it has a fence that must be active.
         longest_flight_s: what the mission may take, its endurance less the reserve; None where there is no limit.
+        vehicle: its endurance and reserve, to watch the battery against; None skips that.
+        way_home_s: seconds from a (3,) ENU place in flight to the ground at home along a checked transit; None where none is
+            known. Raises UavcoverError where there is no such transit.
     """
 
     pace: Pace
     return_height_m: float
     fence: bool
     longest_flight_s: float | None = None
+    vehicle: Vehicle | None = None
+    way_home_s: Callable[[FloatArray], float] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

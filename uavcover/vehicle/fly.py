@@ -185,7 +185,8 @@ class _Flight:
                 Ending.NOT_ARMED,
                 f"nothing proves that vehicle {vehicle.system_id} is simulated; say --yes to fly a real vehicle; not touched",
             )
-        self.session.on_breach = self.precautions.reaction(simulated=self.simulator is not None)
+        self.session.on_breach = self.precautions.on_breach
+        self.session.simulated = self.simulator is not None
 
     def record(self, plan: FlightPlan) -> MissionProgress:
         """Record from the next position on, and count the planned waypoints."""
@@ -347,17 +348,20 @@ def _from_the_air(flight: _Flight, plan_continuation: PlanContinuation, plan_ret
         if onward.upload:
             session.tell(EventKind.STAGE, "the rest of the mission is being sent")
             client = session.client
-            if not session.insist(lambda: client.upload_and_verify(plan.mission, in_flight=True)).passed:
+            sent = session.steer(
+                lambda: client.upload_and_verify(plan.mission, in_flight=True), while_in=[hold_mode(session)]
+            )
+            if not sent.passed:
                 raise FlightFaultError(
                     Ending.FAILED, "the rest of the mission was read back changed; the vehicle was left holding"
                 )
         if session.stop():
             raise Stopped
         seq = wire_seq(session, onward.first_item)
-        session.insist(lambda: set_current_item(session, seq))
+        session.steer(lambda: set_current_item(session, seq), while_in=[hold_mode(session)])
         session.monitor.forget(m.MissionCurrent)
         progress = flight.record(plan)
-        session.insist(lambda: start_mission(session))
+        session.steer(lambda: start_mission(session), while_in=[hold_mode(session), Mode.MISSION])
         session.watch.take_off()
         session.tell(EventKind.STAGE, "going on with the mission")
         follow_mission(session, plan, progress, flight.orders.clearance.must_go_home)

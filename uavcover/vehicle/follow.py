@@ -1,57 +1,87 @@
 """Follows a vehicle along its mission until it has landed and disarmed."""
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
 from mission_io.errors import CommandRefusedError
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from uavcover.vehicle.arming import hold_mode, send_disarm, set_mode
+from uavcover.vehicle.fall_watch import FallWatch
 from uavcover.vehicle.flight_plan import FlightPlan
+from uavcover.vehicle.hold_watch import HoldState, HoldWatch
 from uavcover.vehicle.mission_guard import MissionGuard, ModeOverride, VolumeWatch
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
-from uavcover.vehicle.precautions import BREACHES, OnBreach
+from uavcover.vehicle.policy import Phase, policy, reaction
+from uavcover.vehicle.precautions import OnBreach
 from uavcover.vehicle.progress import MissionProgress
-from uavcover.vehicle.session import Session, Stopped, Timer
+from uavcover.vehicle.schedule import Schedule
+from uavcover.vehicle.session import Session, Stopped, TakenOverError, Timer
 
 _MOVED_M = 2.0
 _METRES_PER_DEGREE = 111_320.0
 _GOING_ON_S = 2.0
 """After a pause the vehicle may still report for a moment that its mission is paused."""
-_LASTING = (Ending.MISSION_CHANGED, Ending.WIND_ABOVE_LIMITS, Ending.OFF_ROUTE, Ending.FENCE_BREACHED)
+_LASTING = (
+    Ending.MISSION_CHANGED, Ending.WIND_ABOVE_LIMITS, Ending.OFF_ROUTE, Ending.FENCE_BREACHED, Ending.RESERVE_USED,
+)  # fmt: skip
 _COMES_TO_REST_S = 10.0
 """Time to wait for a disarmed vehicle to come to rest; one that has landed is at rest at once."""
 _LOOK_S = 0.1
+_EVIDENCE_S = 10.0
+"""Time to wait for evidence of how a flight ended that ended in a gap of the link."""
+_MOST_HOLDS = 3
+"""After as many holds for the same breach the mission is not continued by itself any more."""
 
 
 def follow_mission(
-    session: Session, plan: FlightPlan, progress: MissionProgress, must_go_home: Callable[[], str | None] = lambda: None
+    session: Session,
+    plan: FlightPlan,
+    progress: MissionProgress,
+    must_go_home: Callable[[], str | None] | None = None,
 ) -> None:
     """Listen until the vehicle has flown the mission, landed and disarmed; the user may pause it meanwhile.
 
+    Args:
+        session: with the vehicle.
+        plan: what it flies.
+        progress: along it.
+        must_go_home: why it must end its mission now, as text; None takes the plan's own battery and endurance.
+
     Raises:
         FlightFaultError: it did not; the ending says why.
-        Stopped: the user asked to stop while the vehicle did what it was told, or it ``must_go_home`` before the end.
+        Stopped: the user asked to stop while the vehicle did what it was told, or it must go home before the end.
     """
-    places = VolumeWatch(session, plan.volume, progress)
+    schedule = Schedule(session, plan, progress)
+    must_go_home = schedule.must_go_home if must_go_home is None else must_go_home
+    places, falls = VolumeWatch(session, plan.volume, progress), FallWatch(session, plan)
+    stuck_s = session.timeouts.stuck_s + longest_wait_s(plan)
+    follower = _Follower(session, stuck_s, stops_before=0, pause=session.pause, progress=progress)
 
     def meanwhile() -> None:
         progress.update()
         if not session.monitor.on_ground:
-            places.look(in_mission=follower.in_mission)
+            falls.look()
+            places.look(on_route=follower.in_mission or follower.holds)
 
     guard = MissionGuard(session, plan, progress, meanwhile)
-    stuck_s = session.timeouts.stuck_s + longest_wait_s(plan)
-    follower = _Follower(session, stuck_s, stops_before=0, pause=session.pause)
-    session.watch.take_begun()
 
     def look() -> None:
-        if follower.in_mission and not session.monitor.on_ground:
+        aloft = not session.monitor.on_ground
+        if aloft and follower.in_mission:
             guard.look()
+        elif aloft and follower.holds:
+            guard.look_at_place()
         meanwhile()
-        follower.react(session.watch.take_begun())
-        if follower.cause is None and session.monitor.on_ground is False and (why := must_go_home()) is not None:
+        if aloft:
+            schedule.look()
+        follower.react()
+        returns = (
+            reaction(Ending.RESERVE_KEPT, follower.phase, simulated=session.simulated, chosen=None) is OnBreach.RETURN
+        )
+        ours_aloft = follower.is_ours and session.monitor.on_ground is False
+        if ours_aloft and returns and (why := must_go_home()) is not None:
             session.tell(EventKind.STOP, why)
             raise Stopped(Ending.RESERVE_KEPT)
 
@@ -72,9 +102,15 @@ def follow_home(session: Session, *, stops_before: int, longest_wait_s: float) -
         Stopped: the user asked once more.
     """
     stuck_s = session.timeouts.stuck_s + longest_wait_s
-    follower = _Follower(session, stuck_s, stops_before=stops_before, pause=lambda: False)
+    follower = _Follower(session, stuck_s, stops_before=stops_before, pause=lambda: False, progress=None)
+    falls = FallWatch(session, None)
+
+    def look() -> None:
+        if not session.monitor.on_ground:
+            falls.look()
+
     while session.client.vehicle.armed:
-        follower.step(lambda: None)
+        follower.step(look)
     follower.settle()
     fallen = _fallen(session, follower)
     if fallen is not None:
@@ -107,7 +143,7 @@ def _judge(session: Session, plan: FlightPlan, progress: MissionProgress, follow
         if watch.is_open(kind):
             raise FlightFaultError(kind, f"{watch.text_of(kind)}; {how} after {flown}")
     cause = watch.recent_cause(within_s=10.0)
-    if cause is not None and cause[0] is Ending.CRASHED:
+    if cause is not None and cause.kind is Ending.CRASHED:
         raise FlightFaultError(Ending.CRASHED, f"{how} after {flown}{session.recent_warnings}")
     if progress.all_reached:
         return
@@ -141,42 +177,82 @@ def _fallen(session: Session, follower: "_Follower") -> str | None:
 class _Follower:
     """What following checks all the time, whatever is flown.
 
+    Nothing is commanded before current evidence shows that the vehicle does what we commanded last.
+
     Args:
         session: with the vehicle.
         stuck_s: time without progress in its mission.
         stops_before: how many stops of the user are known already.
         pause: whether the vehicle is to wait now.
+        progress: along the planned waypoints; None on the way home.
 
     Attributes:
         last_armed_s: vehicle time when it was last known to be armed.
     """
 
-    def __init__(self, session: Session, stuck_s: float, *, stops_before: int, pause: Callable[[], bool]) -> None:
-        self._session, self._stops_before, self._pause = session, stops_before, pause
+    def __init__(
+        self,
+        session: Session,
+        stuck_s: float,
+        *,
+        stops_before: int,
+        pause: Callable[[], bool],
+        progress: MissionProgress | None,
+    ) -> None:
+        self._session, self._stops_before, self._pause, self._progress = session, stops_before, pause, progress
         self._override = ModeOverride(session)
         self._stillness = Stillness(session, stuck_s)
         self._elsewhere = Stillness(session, session.timeouts.override_s)
         self._landed: Timer | None = None
-        self._told_to_disarm = self._record_goes_on = False
-        self._holds = False
+        self._told_to_disarm = self._record_goes_on = self._told_to_wait = False
+        self._hold: HoldWatch | None = None
+        self._lands_for: Ending | None = None
+        self._holds_for: dict[Ending, int] = {}
+        self._acted_on: set[Ending] = set()
         self._upside_down = False
-        self._held_for: Ending | None = None
-        self._held_still = Stillness(session, session.timeouts.held_s)
         self._going_on: Timer | None = None
         self.last_armed_s = session.monitor.time_s
 
     @property
+    def holds(self) -> bool:
+        """Whether the vehicle was told to hold, and holds."""
+        return self._hold is not None and not self._override.begun
+
+    @property
     def in_mission(self) -> bool:
-        """Whether the vehicle flies its mission now."""
-        return not self._override.begun and not self._holds
+        """Whether current evidence shows the vehicle in the mission that it was told to fly."""
+        return self.is_ours and self._hold is None and self._lands_for is None
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether current evidence shows that the vehicle does what we commanded."""
+        return not self._override.begun and self._session.evidence.current
+
+    @property
+    def phase(self) -> Phase:
+        """The part of the flight, for the policy."""
+        progress = self._progress
+        if progress is None:
+            return Phase.RETURN
+        if self._hold is not None:
+            return Phase.HOLD
+        if progress.heading_for > 0:
+            return Phase.ROUTE
+        return Phase.INBOUND if progress.reached_count > 0 and progress.heading_for < 0 else Phase.OUTBOUND
 
     @property
     def cause(self) -> Ending | None:
-        """Why somebody else, a pilot or a failsafe, has the vehicle; None when nobody has."""
+        """Why something else, a pilot or a failsafe, has the vehicle; None when nothing has."""
         return self._override.cause
 
     def settle(self) -> None:
-        """Find the cause of what happened in the last moment."""
+        """Find the cause of what happened in the last moment, or in the gap before it."""
+        session, timer = self._session, Timer(self._session, _EVIDENCE_S)
+        in_a_gap = not session.evidence.current
+        while not (session.evidence.current or timer.over):
+            session.pump()
+        if in_a_gap and (self._progress is None or not self._progress.all_reached):
+            self._look_at_mode()
         self._override.settle()
 
     def step(self, look: Callable[[], None]) -> None:
@@ -190,12 +266,16 @@ class _Follower:
         self.last_armed_s = session.monitor.time_s
         if (stops := session.stop()) > self._stops_before:
             self._end_at_users_wish(stops)
-        self._pause_or_go_on()
-        if self._going_on is not None and self._going_on.over:
-            self._going_on, session.paused = None, self._holds
-        session.pump()
-        look()
-        self._override.update({hold_mode(session)} if self._holds else {Mode.MISSION})
+        try:
+            self._pause_or_go_on()
+            if self._going_on is not None and self._going_on.over:
+                self._going_on, session.paused = None, self._hold is not None
+            session.pump()
+            look()
+        except TakenOverError as error:
+            session.tell(EventKind.WARNING, str(error), alarm=True)
+        if session.evidence.current:
+            self._look_at_mode()
         if session.monitor.on_ground:
             self._wait_until_disarmed()
             return
@@ -210,85 +290,158 @@ class _Follower:
                 )
             return
         self._elsewhere.restart()
-        if self._holds:
+        if self._hold is not None:
             self._stillness.restart()
-            self._end_if_held_for_good()
+            if self.is_ours:
+                self._look_at_hold(self._hold)
         elif self._stillness.too_long:
             self._raise_stuck()
 
-    def react(self, begun: Sequence[Ending]) -> None:
-        """Do what the user wants done about what has begun to go wrong; nothing while somebody else has the vehicle.
+    def react(self) -> None:
+        """Do what the policy says about what goes wrong, once for each breach; nothing while something else has the vehicle.
 
         Raises:
             Stopped: the vehicle is to return.
+            TakenOverError: something else has just taken the vehicle over.
         """
+        session, watch = self._session, self._session.watch
+        self._acted_on &= watch.open_kinds
+        if not self.in_mission or session.monitor.on_ground is not False or self._going_on is not None:
+            return
+        beat_s = session.monitor.arrived_at_s(m.Heartbeat)
+        for breach, phase in policy():
+            is_new = watch.is_open(breach) and breach not in self._acted_on
+            if phase is not self.phase or not is_new or beat_s <= watch.opened_at_s(breach):
+                continue  # a mode that was reported before the breach says nothing of what the vehicle does about it
+            self._acted_on.add(breach)
+            action = reaction(breach, phase, simulated=session.simulated, chosen=session.on_breach)
+            if action is OnBreach.RETURN:
+                raise Stopped(breach)
+            if action is OnBreach.HOLD:
+                self._begin_hold(breach)
+                return
+            if action is OnBreach.LAND:
+                self._land(breach)
+                return
+
+    def _look_at_mode(self) -> None:
+        was_elsewhere = self._override.begun
+        expected = (
+            Mode.LAND if self._lands_for is not None else hold_mode(self._session) if self._hold else Mode.MISSION
+        )
+        self._override.update({expected})
+        if was_elsewhere and not self._override.begun and self._progress is not None and self._hold is None:
+            self._progress.rejoin()
+            if (problem := self._progress.line_problem()) is not None:
+                self._session.watch.open(Ending.UNSAFE_LINE, problem)
+
+    def _begin_hold(self, breach: Ending) -> None:
         session = self._session
-        breach = next((kind for kind in begun if kind in BREACHES), None)
-        if breach is None or not self.in_mission or session.monitor.on_ground is not False:
-            return
-        if session.on_breach is OnBreach.RETURN:
-            raise Stopped(breach)
-        if session.on_breach is OnBreach.TELL:
-            return
         session.paused = True
         try:
-            session.insist(lambda: set_mode(session, hold_mode(session)))
+            session.steer(lambda: set_mode(session, hold_mode(session)), while_in=[Mode.MISSION, hold_mode(session)])
         except CommandRefusedError as error:
             session.paused = False
             session.tell(EventKind.WARNING, f"the vehicle refuses to hold: {error}", alarm=True)
             return
-        self._holds, self._held_for, self._upside_down = True, breach, not self._pause()
-        self._held_still.restart()
+        except TakenOverError:
+            session.paused = False
+            raise
+        self._holds_for[breach] = self._holds_for.get(breach, 0) + 1
+        again = self._holds_for[breach] < _MOST_HOLDS and self._progress is not None
+        self._hold = HoldWatch(session, breach, may_go_on=again)
+        self._upside_down = not self._pause()
         session.tell(
             EventKind.STOP,
-            f"the vehicle therefore holds its place in {session.mode_name}: p continues, Ctrl-C flies it home",
+            f"the vehicle therefore holds its place in {session.mode_name} for at most {session.timeouts.held_s:g} s, then "
+            "flies home: p continues, Ctrl-C flies it home now",
         )
 
-    def _end_if_held_for_good(self) -> None:
-        if self._held_for is not None and self._held_still.too_long:
-            raise FlightFaultError(
-                self._held_for,
-                f"{self._session.watch.text_of(self._held_for)}; it has held its place for "
-                f"{self._held_still.timeout_s:g} s and nobody continued: left holding; fly --resume continues",
+    def _land(self, breach: Ending) -> None:
+        session = self._session
+        session.paused = True
+        session.steer(lambda: set_mode(session, Mode.LAND), while_in=[Mode.MISSION, Mode.LAND])
+        self._lands_for = breach
+        session.tell(EventKind.STOP, "the vehicle therefore lands where it is")
+
+    def _look_at_hold(self, hold: HoldWatch) -> None:
+        session, state = self._session, hold.look()
+        if state is HoldState.LOST and Ending.HOLD_LOST not in self._acted_on:
+            self._acted_on.add(Ending.HOLD_LOST)
+            raise Stopped(Ending.HOLD_LOST)
+        if state is HoldState.OVERDUE and hold.purpose is not None:
+            session.tell(
+                EventKind.STOP,
+                f"the vehicle has held its place for {session.timeouts.held_s:g} s, and nothing continued it",
             )
+            raise Stopped(hold.purpose)
+        if state is HoldState.OVER:
+            problem = None if self._progress is None else self._progress.line_problem()
+            if problem is not None and hold.purpose is not None:
+                session.tell(EventKind.STOP, f"the mission is not continued: {problem}")
+                raise Stopped(hold.purpose)
+            self._go_on("what it held for is over: the vehicle goes on with its mission")
+            self._upside_down = self._pause()
+
+    def _go_on(self, text: str) -> None:
+        session = self._session
+        session.steer(lambda: set_mode(session, Mode.MISSION), while_in=[hold_mode(session), Mode.MISSION])
+        if self._progress is not None:
+            self._progress.rejoin()
+        session.tell(EventKind.STOP, text)
+        self._going_on, self._hold = Timer(session, _GOING_ON_S), None
 
     def _end_at_users_wish(self, stops: int) -> None:
-        """Home, unless somebody else has the vehicle: then the first stop is told, and the second ends the record."""
-        self._override.settle()
-        if self.cause is None:
-            raise Stopped
+        """Home, unless something else has the vehicle: then the first stop is told, and the second ends the record."""
+        session = self._session
+        if session.evidence.current:
+            self._look_at_mode()
+            self._override.settle()
+            if self.cause is None:
+                raise Stopped
+        why = "what the vehicle does is not known" if self.cause is None else session.watch.text_of(self.cause)
         if self._record_goes_on or stops > self._stops_before + 1:
             raise FlightFaultError(
-                self.cause,
-                f"{self._session.watch.text_of(self.cause)}; stopped following: the vehicle is left to whoever controls it",
+                self.cause or Ending.STATE_UNKNOWN,
+                f"{why}; stopped following: the vehicle is left to whoever controls it",
             )
+        if self.cause is None:
+            if not self._told_to_wait:
+                self._told_to_wait = True
+                session.tell(
+                    EventKind.STOP,
+                    f"{why}: it is asked to return as soon as it is heard in its mission; once more ends the record",
+                )
+            return
         self._record_goes_on, self._stops_before = True, stops
-        self._session.tell(
+        session.tell(
             EventKind.STOP,
-            "somebody else has the vehicle, so nothing is asked of it; the record goes on until it is on the ground; once more "
-            "ends the record",
+            "something else has the vehicle, so nothing is commanded; the record goes on until it is on the ground; once "
+            "more ends the record",
         )
 
     def _pause_or_go_on(self) -> None:
         session = self._session
         wanted = self._pause() is not self._upside_down  # a key that was pressed before a breach does not end its hold
-        if wanted == self._holds or self._override.begun or session.monitor.on_ground is not False:
+        if wanted == (self._hold is not None) or not self.is_ours or session.monitor.on_ground is not False:
             return
         if wanted:
             session.paused = True
-            session.insist(lambda: set_mode(session, hold_mode(session)))
+            session.steer(lambda: set_mode(session, hold_mode(session)), while_in=[Mode.MISSION, hold_mode(session)])
+            self._hold = HoldWatch(session, None, may_go_on=False)
             session.tell(EventKind.STOP, f"paused: the vehicle holds its place in {session.mode_name}")
-        else:
-            session.insist(lambda: set_mode(session, Mode.MISSION))
-            session.tell(EventKind.STOP, "the vehicle goes on with its mission")
-            self._going_on = Timer(session, _GOING_ON_S)
-            self._held_for = None
-        self._holds = wanted
+            return
+        problem = None if self._progress is None else self._progress.line_problem()
+        if problem is not None:
+            self._upside_down = not self._upside_down
+            session.tell(EventKind.WARNING, f"the mission is not continued: {problem}; Ctrl-C flies home", alarm=True)
+            return
+        self._go_on("the vehicle goes on with its mission")
 
     def _raise_stuck(self) -> None:
         session = self._session
         cause = session.watch.recent_cause(within_s=self._stillness.timeout_s)
-        windy = cause is not None and cause[0] is Ending.WIND_ABOVE_LIMITS
+        windy = cause is not None and cause.kind is Ending.WIND_ABOVE_LIMITS
         text = (
             f"the vehicle is stuck: no progress at item {session.monitor.current_seq} "
             f"for {self._stillness.timeout_s:g} s{session.recent_warnings}"

@@ -119,6 +119,11 @@ class GroundContact:
         """The vehicle's landed state; None when it does not report one."""
         return self._said
 
+    @property
+    def height_m(self) -> float:
+        """Latest height above the ground, above home where the ground is not known; 0 before the first position."""
+        return self._places[-1].height_m if self._places else 0.0
+
     def on_ground(self, now_s: float | None) -> bool | None:
         """Whether it stands on the ground at ``now_s``.
 

@@ -114,7 +114,6 @@ class MissionReading:
 
 _SETTLE_S = 2.0
 """The heartbeat with the new mode may arrive before the text that gives the reason."""
-_CAUSE_WITHIN_S = 10.0
 
 
 class ModeOverride:
@@ -157,21 +156,24 @@ class ModeOverride:
         if self._left is None or self.cause is not None:
             return
         session = self._session
-        found = session.watch.recent_cause(within_s=_CAUSE_WITHIN_S)
-        if found is None:
-            self.cause, why = Ending.PILOT_TOOK_OVER, "somebody else took over"
-        else:
-            self.cause, why = found
-        text = f"the vehicle changed to {session.mode_name}: {why}"
+        found = session.watch.cause_of_mode_change()
+        self.cause = found.kind
+        text = f"the vehicle changed to {session.mode_name}: {found.text}"
         if session.watch.is_open(self.cause):
             session.tell(EventKind.WARNING, text)
-        session.watch.open(self.cause, text)
+        session.watch.open(self.cause, text, evidence=found.evidence)
 
 
 _DOUBT_S = 3.0
 _OFF_DOUBT_S = 1.0
 _OFF_ROUTE_RADII = 10.0
-_LEANS_DEG = 15.0
+_LEANS_DEG = 5.0
+"""A lean toward the leg while the vehicle stays away from it: the controller works against a wind."""
+_CAUSE_WITHIN_S, _WARNED_WITHIN_S = 10.0, 60.0
+_WHY = {
+    Ending.WIND_ABOVE_LIMITS: ": the wind is above what it can fly against",
+    Ending.OFF_ROUTE: ", although it holds the planned mission; the cause is not known",
+}
 
 
 class MissionGuard:
@@ -206,7 +208,7 @@ class MissionGuard:
         if not self._session.watch.is_open(Ending.MISSION_CHANGED):
             self._look_at_total()
             self._look_at_item()
-            self._look_at_place()
+            self.look_at_place()
         self._look_for_words()
         if self._reading.due:
             self._read_back()
@@ -266,39 +268,69 @@ class MissionGuard:
             return f"the vehicle goes back to waypoint {number} from {self._farthest}"
         return None
 
-    def _look_at_place(self) -> None:
+    def look_at_place(self) -> None:
+        """Look whether the vehicle is near its leg; called while it is in its mission, or holds, in the air."""
         session, off_m = self._session, self._progress.off_leg_m
         watch = session.watch
         if off_m <= _OFF_ROUTE_RADII * self._plan.acceptance_radius_m:
             self._off_route = None
             for kind in (Ending.OFF_ROUTE, Ending.WIND_ABOVE_LIMITS):
                 watch.measure(kind, None, "", "the vehicle is back near its planned leg")
-        elif self._off_route is None:
+            return
+        lean_deg = self._lean_toward_leg_deg()
+        if self._off_route is None:
             self._off_route = Timer(session, _OFF_DOUBT_S)
-        elif self._off_route.over:
-            text = f"the vehicle is {off_m:.0f} m off the planned leg to item {session.monitor.current_seq}"
-            windy, astray = watch.is_open(Ending.WIND_ABOVE_LIMITS), watch.is_open(Ending.OFF_ROUTE)
-            if not (windy or astray):
-                self._read_back(text)
-                if watch.is_open(Ending.MISSION_CHANGED):
-                    return
-            lean_deg = self._lean_deg()
-            cause = watch.recent_cause(within_s=60.0)
-            warned = cause is not None and cause[0] is Ending.WIND_ABOVE_LIMITS
-            if windy or (not astray and (lean_deg > _LEANS_DEG or warned)):
-                watch.open(
-                    Ending.WIND_ABOVE_LIMITS,
-                    f"{text} and leans by {lean_deg:.0f} degrees: the wind is above what it can fly against",
-                    off_m,
-                )
-            else:
-                watch.open(Ending.OFF_ROUTE, f"{text}, although it holds the planned mission", off_m)
+            return
+        text = f"the vehicle is {off_m:.0f} m off the planned leg to item {session.monitor.current_seq}"
+        for kind in (Ending.WIND_ABOVE_LIMITS, Ending.OFF_ROUTE, Ending.MISSION_CHANGED):
+            if watch.is_open(kind):
+                if kind is not Ending.MISSION_CHANGED:
+                    watch.open(kind, f"{text}{_WHY[kind]}", off_m)
+                return
+        if not self._off_route.over:
+            return
+        sign = self._wrong_item() or self._item_was_set()
+        if sign is not None:
+            self._changed(f"{text}: {sign}: somebody else set the item that is flown, or changed the mission")
+            self._reading.ask()
+            return
+        self._read_back(text)
+        if watch.is_open(Ending.MISSION_CHANGED):
+            return
+        position = watch.causes.recent(within_s=_CAUSE_WITHIN_S, among=(Ending.GPS_LOST,))
+        wind = watch.causes.recent(within_s=_WARNED_WITHIN_S, among=(Ending.WIND_ABOVE_LIMITS,))
+        leans = f"it leans by {lean_deg:.0f} degrees toward its leg, and drifts away from it all the same"
+        if position is not None:
+            watch.open(
+                Ending.OFF_ROUTE, f"{text}, by a position that may be wrong: {position.text}", off_m,
+                evidence=position.evidence,
+            )  # fmt: skip
+        elif wind is not None or lean_deg > _LEANS_DEG:
+            evidence = (*(() if wind is None else wind.evidence), *([leans] if lean_deg > _LEANS_DEG else []))
+            watch.open(Ending.WIND_ABOVE_LIMITS, f"{text}{_WHY[Ending.WIND_ABOVE_LIMITS]}", off_m, evidence=evidence)
+        else:
+            watch.open(Ending.OFF_ROUTE, f"{text}{_WHY[Ending.OFF_ROUTE]}", off_m)
 
-    def _lean_deg(self) -> float:
-        attitude = self._session.monitor.latest(m.Attitude)
-        if attitude is None:
+    def _item_was_set(self) -> str | None:
+        """Whether the current item went back a moment ago, which no mission of ours does."""
+        number = self._progress.heading_for
+        back = 0 <= number < self._farthest
+        return f"the vehicle goes back to waypoint {number} from {self._farthest}" if back else None
+
+    def _lean_toward_leg_deg(self) -> float:
+        """How far the vehicle leans toward its leg: what its controller does against a wind that pushes it away."""
+        attitude, toward = self._session.monitor.latest(m.Attitude), self._progress.off_leg_toward_m
+        if attitude is None or toward is None:
             return 0.0
-        return math.degrees(math.acos(math.cos(attitude.roll_rad) * math.cos(attitude.pitch_rad)))
+        east, north, _ = toward.tolist()
+        length = math.hypot(east, north)
+        if length == 0.0:
+            return 0.0
+        yaw = attitude.yaw_rad
+        forward, right = math.tan(-attitude.pitch_rad), math.tan(attitude.roll_rad)
+        lean_north = forward * math.cos(yaw) - right * math.sin(yaw)
+        lean_east = forward * math.sin(yaw) + right * math.cos(yaw)
+        return math.degrees(math.atan((lean_east * east + lean_north * north) / length))
 
     def _changed(self, text: str) -> None:
         self._session.watch.open(Ending.MISSION_CHANGED, text)
@@ -332,8 +364,12 @@ class VolumeWatch:
     def __init__(self, session: Session, volume: OperatingVolume | None, progress: MissionProgress) -> None:
         self._watch, self._around, self._progress = session.watch, volume, progress
 
-    def look(self, *, in_mission: bool) -> None:
-        """Look at the latest position; called while the vehicle is in the air."""
+    def look(self, *, on_route: bool) -> None:
+        """Look at the latest position; called while the vehicle is in the air.
+
+        Args:
+            on_route: whether it flies its mission, or holds on its way.
+        """
         around, place_m = self._around, self._progress.place_m
         if around is None or place_m is None:
             return
@@ -350,7 +386,7 @@ class VolumeWatch:
             "the height of the ground below the vehicle is not known: there is no elevation data",
             "the height of the ground is known again",
         )  # fmt: skip
-        on_route = in_mission and self._progress.heading_for > 0
+        on_route = on_route and self._progress.heading_for > 0
         outside_m, text = self._outside_band(around, height_m) if on_route and not unknown else (0.0, "")
         self._watch.measure(
             Ending.BAND_LEFT, outside_m if outside_m > _BAND_SLACK_M else None, text,

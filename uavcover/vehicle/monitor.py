@@ -131,6 +131,8 @@ class VehicleClock:
 MessageT = TypeVar("MessageT", bound=m.Message)
 
 
+_GAP_S = 2.0
+"""Time without any message of the vehicle, on the link's clock, after which what it does now is not known any more."""
 _MAX_TERRAIN_ASKED = 10_000
 _DOUBT_S = 1.0
 """So long positions whose stamps are doubted count as coming; on the link's clock."""
@@ -144,10 +146,15 @@ class Monitor:
     Attributes:
         on_position: called with each position of the vehicle.
         texts: lines for the pilot that nobody has taken yet.
+        events: PX4's events that nothing has taken yet.
         other_texts: lines of other components of its system, each with the component's number.
         ground: what tells whether it stands on the ground.
         position_at_s: when the latest position arrived, on the link's clock.
         heard_at_s: when anything of the vehicle arrived last, on the link's clock; infinitely long ago before the first.
+        gap_ended_at_s: when the vehicle was heard again after the last gap, on the link's clock; see ``has_gap``.
+        gap_s: how long that gap was.
+        beats: the latest heartbeats, each with its time of arrival on the link's clock.
+        time_answers: its latest answers to questions for its time, each with its time of arrival on the link's clock.
         counts: how many messages of each kind arrived.
         reached: the highest mission item that the vehicle said it reached.
         uploads_taken: how often it thanked somebody for a mission, us or another ground station.
@@ -157,10 +164,14 @@ class Monitor:
     def __init__(self) -> None:
         self.on_position: Callable[[m.GlobalPositionInt], None] | None = None
         self.texts: deque[m.StatusText] = deque(maxlen=1000)
+        self.events: deque[m.Event] = deque(maxlen=100)
         self.other_texts: deque[tuple[int, m.StatusText]] = deque(maxlen=100)
         self.ground = GroundContact()
         self.position_at_s: float | None = None
-        self.heard_at_s = -math.inf
+        self.heard_at_s = self.gap_ended_at_s = -math.inf
+        self.gap_s = 0.0
+        self.beats: deque[tuple[float, m.Heartbeat]] = deque(maxlen=3)
+        self.time_answers: deque[tuple[float, m.TimeSync]] = deque(maxlen=20)
         self.counts: Counter[type[m.Message]] = Counter()
         self.reached = -1
         self.uploads_taken = 0
@@ -172,6 +183,7 @@ class Monitor:
         self._doubted: list[m.Message] = []
         self._vehicle: Address | None = None
         self._latest: dict[type, m.Message] = {}
+        self._arrived_at_s: dict[type, float] = {}
 
     def listen_to(self, vehicle: Address) -> None:
         """Look only at this autopilot from here on, and forget what was heard of another one.
@@ -211,6 +223,14 @@ class Monitor:
         """Wait for a fresh message of a kind: the latest one speaks of something that is over."""
         self._latest.pop(kind, None)
 
+    def arrived_at_s(self, kind: type[m.Message]) -> float:
+        """When the latest message of a kind arrived, on the link's clock; infinitely long ago before the first."""
+        return self._arrived_at_s.get(kind, -math.inf)
+
+    def has_gap(self, now: float) -> bool:
+        """Whether, at ``now`` on the link's clock, nothing has been heard for so long that the vehicle may do anything."""
+        return now - self.heard_at_s > _GAP_S
+
     def silence_s(self, now: float) -> float:
         """How long nothing of the vehicle arrived, at ``now`` on the link's clock."""
         return now - self.heard_at_s
@@ -240,6 +260,8 @@ class Monitor:
             self._take_other(received)
             return
         message = received.message
+        if self.has_gap(now) and self.heard_at_s > -math.inf:
+            self.gap_s, self.gap_ended_at_s = now - self.heard_at_s, now
         self.heard_at_s = now
         if not isinstance(message, m.GlobalPositionInt | m.Attitude | m.SystemTime):
             self._take(message, now)
@@ -257,7 +279,12 @@ class Monitor:
             self._doubted_since_s = None
         self.counts[type(message)] += 1
         self._latest[type(message)] = message
+        self._arrived_at_s[type(message)] = now
         match message:
+            case m.Heartbeat():
+                self.beats.append((now, message))
+            case m.TimeSync() if message.answered_ns != 0:
+                self.time_answers.append((now, message))
             case m.GlobalPositionInt():
                 self.position_at_s = now
                 self.ground.take_position(message)
@@ -271,6 +298,8 @@ class Monitor:
                 self.reached = max(self.reached, message.seq)
             case m.TerrainRequest() if len(self.terrain_asked) < _MAX_TERRAIN_ASKED:
                 self.terrain_asked.add(message)
+            case m.Event():
+                self.events.append(message)
             case m.StatusText():
                 self.texts.extend(self._assembler.take(message))
 

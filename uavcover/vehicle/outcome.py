@@ -61,8 +61,16 @@ class Ending(Enum):
     FENCE_BREACHED = "the vehicle left its fence"
     BAND_LEFT = "the vehicle left the height band of its route"
     GROUND_UNKNOWN = "the vehicle flew over ground without data"
+    RADIO_LOST = "the pilot's radio was lost, and the vehicle did what it does then"
     FAILSAFE = "the vehicle took another failsafe"
-    PILOT_TOOK_OVER = "somebody else changed the flight mode"
+    PILOT_TOOK_OVER = "a pilot or another ground station changed the flight mode"
+    TAKEN_OVER = "the vehicle left its mission, and the cause is not known"
+    STATE_UNKNOWN = "the vehicle's mode or state was not known"
+    HOLD_LOST = "the vehicle did not hold its place"
+    UNSAFE_LINE = "the straight line back to the route was not clear"
+    LATE = "the vehicle was late against its plan"
+    RESERVE_USED = "the flight used the reserve of its battery"
+    FALLING = "the vehicle fell"
     MISSION_CHANGED = "somebody else changed the mission, or the item that is flown"
     RESTARTED = "the vehicle's autopilot restarted"
     STUCK = "the vehicle made no progress"
@@ -91,12 +99,14 @@ class Incident:
         text: what was told.
         begin_s: vehicle time; None before the vehicle told its time.
         end_s: when it was over; None when it lasted to the end.
+        evidence: what it is concluded from, each with its time.
     """
 
     kind: Ending
     text: str
     begin_s: float | None
     end_s: float | None = None
+    evidence: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

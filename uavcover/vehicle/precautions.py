@@ -11,7 +11,6 @@ from mission_io.errors import VehicleSilentError
 from mission_io.model.enums import AutopilotId
 from mission_io.wire import messages as m
 from uavcover.vehicle.client import VehicleClient
-from uavcover.vehicle.outcome import Ending
 
 MOCK_UID = int.from_bytes(b"uavcover", "big")
 """The ``uid`` in the mock vehicle's AUTOPILOT_VERSION: how it says that it is no real vehicle."""
@@ -50,19 +49,7 @@ class OnBreach(Enum):
     TELL = "tell"
     HOLD = "hold"
     RETURN = "return"
-
-
-BREACHES = frozenset(
-    {
-        Ending.OFF_ROUTE,
-        Ending.WIND_ABOVE_LIMITS,
-        Ending.FENCE_BREACHED,
-        Ending.BAND_LEFT,
-        Ending.GROUND_UNKNOWN,
-        Ending.MISSION_CHANGED,
-    }
-)
-"""Breaches that are acted on. A silent link cannot be, and a low battery is left to the vehicle: holding would drain it."""
+    LAND = "land"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,7 +57,7 @@ class Precautions:
     """What the user wants.
 
     Attributes:
-        on_breach: what to do on a breach; None is hold for a simulated vehicle, and tell for any other.
+        on_breach: what to do on a breach; None leaves it to the policy (``data/breach_policy.toml``).
         apply_limits: whether to set the parameters that the plan needs, and to put the old values back at the end.
         agree: asked with the list of changes before any is made.
         keep: told the old values while they are changed, to have them on disk; an empty mapping when all are back.
@@ -82,12 +69,6 @@ class Precautions:
     agree: Callable[[str], bool] = lambda _: False
     keep: Callable[[Mapping[str, float]], None] = lambda _: None
     left_changed: Mapping[str, float] = field(default_factory=dict)
-
-    def reaction(self, *, simulated: bool) -> OnBreach:
-        """What to do on a breach, with this vehicle."""
-        if self.on_breach is not None:
-            return self.on_breach
-        return OnBreach.HOLD if simulated else OnBreach.TELL
 
 
 USUAL = Precautions()

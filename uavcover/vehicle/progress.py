@@ -13,6 +13,9 @@ from uavcover.vehicle.session import Session
 
 _UNSEEN_S = 1.0
 _TRUST_S = 5.0
+_STEP_M = 5.0
+_SLACK_M = 2.0
+"""Positions have errors; the same slack as that of the band."""
 
 
 class MissionProgress:
@@ -32,6 +35,7 @@ class MissionProgress:
         self._legs_m = plan.legs_m()
         self._seen_s = -math.inf
         self._trust_until_s = -math.inf
+        self._rejoins: tuple[int, FloatArray] | None = None
         self.heading_for = -1
 
     @property
@@ -47,9 +51,47 @@ class MissionProgress:
     @property
     def off_leg_m(self) -> float:
         """Distance from the leg that is flown, the ways there and home too; 0 where there is none."""
-        seq, here = self._session.monitor.current_seq, self.place_m
-        leg = self._legs_m.get(self._plan.index_of(seq, self._session.autopilot))
+        here, leg = self.place_m, self._leg()
         return 0.0 if here is None or leg is None else _distance_m(here, leg)
+
+    @property
+    def off_leg_toward_m(self) -> FloatArray | None:
+        """(3,) ENU from the vehicle to the nearest point of its leg; None where there is none."""
+        here, leg = self.place_m, self._leg()
+        return None if here is None or leg is None else _nearest_m(here, leg) - here
+
+    def rejoin(self) -> None:
+        """The mission is continued from here: autopilots fly straight to the item from where they are."""
+        here = self.place_m
+        self._rejoins = None if here is None else (self._index, here)
+
+    def line_problem(self) -> str | None:
+        """What is wrong with the straight line from here to the current item; None when it is clear, or off the route."""
+        here, leg, around = self.place_m, self._legs_m.get(self._index), self._plan.volume
+        if here is None or leg is None or around is None or self.heading_for <= 0:
+            return None
+        line = leg[1] - here
+        fractions = np.linspace(0.0, 1.0, 2 + math.ceil(float(np.linalg.norm(line)) / _STEP_M))
+        points = here + fractions[:, None] * line
+        heights = [up - around.ground_up_m(east, north) for east, north, up in points.tolist()]
+        lowest = min((h for h in heights if not math.isnan(h)), default=math.inf)
+        to = f"the straight line from here to waypoint {self.heading_for}"
+        if any(math.isnan(height) for height in heights):
+            return f"{to} leads over ground without elevation data"
+        if lowest < around.min_height_agl_m - _SLACK_M:
+            return f"{to} comes within {lowest:.0f} m of the ground, where {around.min_height_agl_m:g} m are required"
+        return None
+
+    @property
+    def _index(self) -> int:
+        return self._plan.index_of(self._session.monitor.current_seq, self._session.autopilot)
+
+    def _leg(self) -> FloatArray | None:
+        """(2, 3) ENU, the leg that is flown: from where the mission was continued, if that was on this leg."""
+        index, leg = self._index, self._legs_m.get(self._index)
+        if self._rejoins is not None and self._rejoins[0] != index:
+            self._rejoins = None
+        return leg if leg is None or self._rejoins is None else np.vstack([self._rejoins[1], leg[1]])
 
     def update(self) -> None:
         """Look at what the vehicle says, and tell when it goes on to another waypoint."""
@@ -101,7 +143,13 @@ class MissionProgress:
 
 def _distance_m(here: FloatArray, leg: FloatArray) -> float:
     """Distance of a (3,) place from a (2, 3) leg."""
+    return float(np.linalg.norm(_nearest_m(here, leg) - here))
+
+
+def _nearest_m(here: FloatArray, leg: FloatArray) -> FloatArray:
+    """(3,) the point of a (2, 3) leg that is nearest to a (3,) place."""
     along = leg[1] - leg[0]
-    length_2 = float(along @ along)
-    share = 0.0 if length_2 == 0.0 else min(1.0, max(0.0, float((here - leg[0]) @ along) / length_2))
-    return float(np.linalg.norm(here - leg[0] - share * along))
+    square = float(along @ along)
+    fraction = 0.0 if square == 0.0 else min(1.0, max(0.0, float((here - leg[0]) @ along) / square))
+    nearest: FloatArray = leg[0] + fraction * along
+    return nearest

@@ -9,6 +9,7 @@ from mission_io.wire import messages as m
 from uavcover.errors import UavcoverError
 from uavcover.vehicle.arming import first_seq, hold_mode, is_flying, set_current_item, set_mode, start_mission
 from uavcover.vehicle.follow import follow_home
+from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
 from uavcover.vehicle.session import Session, Stopped
 
@@ -27,7 +28,8 @@ def hold(session: Session, text: str = "stop: the vehicle is told to hold") -> N
         mission_io.errors.CommandRefusedError: it refuses to hold.
     """
     session.tell(EventKind.STOP, text)
-    session.insist(lambda: set_mode(session, hold_mode(session)))
+    ours = (Mode.MISSION, Mode.HOLD, hold_mode(session))
+    session.steer(lambda: set_mode(session, hold_mode(session)), while_in=ours)
     session.wait(
         lambda: _speed_m_s(session) <= _AT_REST_M_S,
         timeout_s=session.timeouts.halt_s,
@@ -78,16 +80,18 @@ def return_home(
             return _leave(session, f"no way home apart from the others: {error}")
     session.tell(EventKind.STOP, "the way home is being sent")
     try:
-        checked = session.insist(lambda: session.client.upload_and_verify(mission, in_flight=True))
+        checked = session.steer(
+            lambda: session.client.upload_and_verify(mission, in_flight=True), while_in=[hold_mode(session)]
+        )
     except MissionIoError as error:
         return _leave(session, f"the way home could not be sent: {error}")
     if not checked.passed:
         return _leave(session, "the way home was read back changed")
     if session.stop() > stops:
         return _leave(session, _ASKED)
-    session.insist(lambda: set_current_item(session, first_seq(session)))
+    session.steer(lambda: set_current_item(session, first_seq(session)), while_in=[hold_mode(session)])
     session.monitor.forget(m.MissionCurrent)
-    session.insist(lambda: start_mission(session))
+    session.steer(lambda: start_mission(session), while_in=[hold_mode(session), Mode.MISSION])
     session.tell(EventKind.STOP, "flying home along checked legs")
     try:
         follow_home(session, stops_before=stops, longest_wait_s=longest_wait_s)

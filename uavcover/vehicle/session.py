@@ -1,14 +1,15 @@
 """The session with one vehicle: sending commands, waiting with timeouts, passing on what it reports, noticing its loss."""
 
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from typing import TypeVar
 
 from mission_io.autopilots.autopilot import Autopilot
-from mission_io.errors import MisuseError, VehicleSilentError
+from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledError
 from mission_io.model.enums import MissionState
 from mission_io.wire import messages as m
 from uavcover.vehicle.client import VehicleClient
+from uavcover.vehicle.evidence import Evidence
 from uavcover.vehicle.flight_plan import FlightTimeouts
 from uavcover.vehicle.modes import Mode, custom_mode, mode_from_custom
 from uavcover.vehicle.monitor import Monitor
@@ -34,6 +35,10 @@ class Stopped(Exception):  # noqa: N818 - the user's wish is no error
         super().__init__()
 
 
+class TakenOverError(FlightFaultError):
+    """A command was withheld: the vehicle is not in a mode that we commanded."""
+
+
 class Session:
     """The session with one vehicle, shared by all stages of a flight.
 
@@ -47,7 +52,9 @@ class Session:
 
     Attributes:
         watch: watches for failures.
-        on_breach: what to do on a breach.
+        evidence: whether what is known of the vehicle is newer than the last gap.
+        on_breach: what the user wants done on a breach; None leaves it to the policy.
+        simulated: whether the vehicle is proved to be simulated.
         paused: whether the vehicle was commanded to hold on its way and has not continued since.
     """
 
@@ -65,9 +72,11 @@ class Session:
         self.stop = stop
         self.pause = pause
         self.paused = False
-        self.on_breach = OnBreach.TELL
+        self.on_breach: OnBreach | None = None
+        self.simulated = False
         self._on_event = on_event
         self._recent_warnings: deque[str] = deque(maxlen=3)
+        self.evidence = Evidence(client, monitor)
         self.watch = Watch(
             client, monitor, timeouts, self.tell, lambda text: self.tell(EventKind.WARNING, text, alarm=True)
         )
@@ -148,9 +157,12 @@ class Session:
                 self._recent_warnings.append(said.text)
             self.watch.take_text(said)
             self.tell(EventKind.TEXT, said.text)
+        while self.monitor.events:
+            self.watch.causes.take_event(self.monitor.events.popleft())
         while self.monitor.other_texts:
             component, said = self.monitor.other_texts.popleft()
             self.tell(EventKind.TEXT, f"component {component}: {said.text}")
+        self.evidence.look()
         self.watch.look()
 
     def listen(self, seconds: float) -> None:
@@ -159,21 +171,46 @@ class Session:
         while self.client.clock.now() < until_s:
             self.client.poll(_POLL_S)
 
-    def insist(self, act: Callable[[], ResultT]) -> ResultT:
-        """Do something that the vehicle must answer, and repeat it until it does or the link counts as lost.
+    def obeys(self, modes: Collection[Mode]) -> bool:
+        """Whether evidence that is newer than the last gap shows the vehicle armed, and in one of these modes."""
+        vehicle = self.client.vehicle
+        in_mode = vehicle.custom_mode in [custom_mode(self.autopilot, mode) for mode in modes]
+        return self.evidence.current and vehicle.armed and in_mode
+
+    def steer(self, act: Callable[[], ResultT], *, while_in: Collection[Mode]) -> ResultT:
+        """Command the vehicle in flight, as long as current evidence shows it in a mode that we commanded.
+
+        Nothing is sent, and nothing is sent again, while the evidence is older than the last gap, or when it shows another mode:
+        a failsafe or a pilot has the vehicle then. Silence is waited for until the link counts as lost.
+
+        Args:
+            act: sends the command and waits for its answer.
+            while_in: the modes that we commanded, and the one that ``act`` commands.
 
         Raises:
+            TakenOverError: the vehicle is in another mode, or disarmed.
             FlightFaultError: the vehicle is gone.
             mission_io.errors.MissionIoError: whatever ``act`` raises but silence; silence too, when other messages arrive.
         """
         began_s = self.client.clock.now()
         while True:
+            while not self.evidence.current:
+                self.pump()
+            if not self.obeys(while_in):
+                cause = self.watch.cause_of_mode_change()
+                how = f"in {self.mode_name}" if self.client.vehicle.armed else "disarmed"
+                raise TakenOverError(cause.kind, f"the vehicle is {how}, and nothing was commanded: {cause.text}")
+            self.client.give_up = lambda: not self.obeys(while_in)
             try:
                 return act()
+            except WaitCancelledError:
+                continue
             except VehicleSilentError:
                 if self.client.clock.now() - began_s > self.timeouts.link_lost_s:
                     raise
-                self.pump()
+            finally:
+                self.client.give_up = None
+            self.pump()
 
     def wait(
         self,

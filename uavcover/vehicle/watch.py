@@ -3,12 +3,14 @@
 An alarm is raised at once, when its amount has doubled, every half minute while it lasts, and when it is over.
 """
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 
 from mission_io.model.enums import AutopilotId, EkfFlag
 from mission_io.wire import messages as m
+from uavcover.vehicle.causes import Cause, Causes
 from uavcover.vehicle.client import VehicleClient
 from uavcover.vehicle.flight_plan import FlightTimeouts
 from uavcover.vehicle.monitor import Monitor
@@ -81,31 +83,12 @@ class Alarm:
 
 
 _FIX_3D = 3
-_WARNING_SEVERITY = 4
-
-_WORDS: tuple[tuple[Ending, tuple[str, ...]], ...] = (
-    (Ending.CRASHED, ("crash",)),
-    (Ending.BATTERY_FAILSAFE, ("battery",)),
-    (Ending.WIND_ABOVE_LIMITS, ("wind",)),
-    (Ending.FENCE_BREACHED, ("fence", "geofence")),
-    (Ending.GPS_LOST, ("gps", "gnss", "ekf", "position estimate", "global position", "position lost")),
-    (Ending.LINK_LOST, ("gcs", "data link", "datalink", "ground station")),
-    (Ending.FAILSAFE, ("failsafe",)),
-)
-"""What the words of a warning are about; the first that fits."""
-
-
-def cause_in(text: str) -> Ending | None:
-    """The cause that a warning of the vehicle names; None when its words are not known."""
-    words = text.lower()
-    return next((cause for cause, known in _WORDS if any(word in words for word in known)), None)
-
-
 _OTHER_MISSION = ("changed", "received", "updated", "uploaded", "new")
 """Words beside "mission" or "flight plan" that speak of another one."""
 
 _SILENCE = frozenset({Ending.LINK_LOST, Ending.HEARTBEAT_LOST, Ending.POSITION_LOST})
 _SETTLE_S = 2.0
+_CAUSE_WITHIN_S = 10.0
 _LOW_BATTERY_PERCENT = 15
 
 
@@ -115,17 +98,9 @@ class _Going:
 
     number: int
     alarm: Alarm
+    since_s: float
     text: str = ""
     amount: float | None = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class _Said:
-    """A warning of the vehicle that tells a cause."""
-
-    cause: Ending
-    text: str
-    at_s: float
 
 
 class Watch:
@@ -140,6 +115,7 @@ class Watch:
 
     Attributes:
         incidents: all that went wrong so far, in the order in which it began.
+        causes: evidence for what the vehicle does by itself.
         mission_words: how many lines of the vehicle spoke of another mission.
     """
 
@@ -154,8 +130,8 @@ class Watch:
         self._client, self._monitor, self._timeouts = client, monitor, timeouts
         self._tell, self._sound = tell, sound
         self._open: dict[Ending, _Going] = {}
-        self._begun: list[Ending] = []
-        self._said: list[_Said] = []
+        self._closed_at_s: dict[Ending, float] = {}
+        self.causes = Causes(client, monitor)
         self._in_flight = False
         self._heard_again_at_s = client.clock.now()
         self.incidents: list[Incident] = []
@@ -170,9 +146,7 @@ class Watch:
         words = said.text.lower()
         about = "mission" in words or "flight plan" in words
         self.mission_words += about and any(word in words for word in _OTHER_MISSION)
-        cause = cause_in(said.text) if said.severity <= _WARNING_SEVERITY else None
-        if cause is not None:
-            self._said.append(_Said(cause, said.text, self._client.clock.now()))
+        self.causes.take_text(said)
 
     def is_open(self, kind: Ending) -> bool:
         """Whether an incident of this kind is open."""
@@ -182,18 +156,22 @@ class Watch:
         """What was told of the latest incident of a kind; what its name means when there was none."""
         return next((i.text for i in reversed(self.incidents) if i.kind is kind), kind.value)
 
-    def take_begun(self) -> list[Ending]:
-        """Incidents that have begun since the last call."""
-        begun, self._begun = self._begun, []
-        return begun
+    def opened_at_s(self, kind: Ending) -> float:
+        """When an open incident began, on the link's clock; infinity when none of this kind is open."""
+        going = self._open.get(kind)
+        return math.inf if going is None else going.since_s
 
-    def open(self, kind: Ending, text: str, amount: float = 0.0) -> None:
+    @property
+    def open_kinds(self) -> frozenset[Ending]:
+        """The kinds of the incidents that are open."""
+        return frozenset(self._open)
+
+    def open(self, kind: Ending, text: str, amount: float = 0.0, *, evidence: tuple[str, ...] = ()) -> None:
         """Something goes wrong, by an amount in a unit of its own: told at once, when it has doubled, and while it lasts."""
         going = self._open.get(kind)
         if going is None:
-            going = self._open[kind] = _Going(len(self.incidents), Alarm(settle_s=_SETTLE_S))
-            self.incidents.append(Incident(kind, text, self._monitor.time_s))
-            self._begun.append(kind)
+            going = self._open[kind] = _Going(len(self.incidents), Alarm(settle_s=_SETTLE_S), self._client.clock.now())
+            self.incidents.append(Incident(kind, text, self._monitor.time_s, evidence=evidence))
         elif amount > going.alarm.largest:
             self.incidents[going.number] = replace(self.incidents[going.number], text=text)
         going.text, going.amount = text, amount
@@ -214,6 +192,7 @@ class Watch:
         going = self._open.pop(kind, None)
         if going is None:
             return
+        self._closed_at_s[kind] = self._client.clock.now()
         self.incidents[going.number] = replace(self.incidents[going.number], end_s=self._monitor.time_s)
         self._tell(EventKind.WARNING, text)
 
@@ -228,23 +207,30 @@ class Watch:
             self._sound(f"still: {going.text}")
         return told
 
-    def recent_cause(self, *, within_s: float) -> tuple[Ending, str] | None:
-        """What the vehicle most likely reacts to if it does something by itself now: what it said, or what went wrong.
+    def recent_cause(self, *, within_s: float) -> Cause | None:
+        """What the vehicle most likely reacts to if it does something by itself now: what it reports, or what went wrong.
 
         Args:
-            within_s: how long ago that may be, in seconds of the link's clock for what it said.
+            within_s: how long ago that may be, in seconds of the link's clock.
         """
-        now = self._client.clock.now()
-        recent = [said for said in self._said if now - said.at_s <= within_s]
-        for cause, _ in _WORDS:
-            for said in recent:
-                if said.cause is cause:
-                    return cause, f"it says: {said.text}"
+        found = self.causes.recent(within_s=within_s)
+        if found is not None:
+            return found
+        recent = self._recent_incidents(within_s)
         for kind in (Ending.BATTERY_FAILSAFE, Ending.GPS_LOST, Ending.WIND_ABOVE_LIMITS, Ending.LINK_LOST):
-            for incident in reversed(self.incidents):
-                if incident.kind is kind and (incident.end_s is None or self._age_s(incident.end_s) <= within_s):
-                    return kind, incident.text
+            if kind in recent:
+                return Cause(kind, recent[kind], (recent[kind],))
         return None
+
+    def cause_of_mode_change(self) -> Cause:
+        """Why the vehicle left the mode that we commanded, a moment ago."""
+        return self.causes.of_mode_change(self._recent_incidents(_CAUSE_WITHIN_S))
+
+    def _recent_incidents(self, within_s: float) -> dict[Ending, str]:
+        """What goes wrong, or did until some seconds of the link's clock ago, by its kind."""
+        now = self._client.clock.now()
+        recent = {kind for kind, closed_s in self._closed_at_s.items() if now - closed_s <= within_s}
+        return {kind: self.text_of(kind) for kind in [*self._open, *recent]}
 
     def look(self) -> None:
         """Look at everything once.
@@ -262,15 +248,13 @@ class Watch:
         if silence_s <= self._timeouts.deadman_s:
             self._look_at_heartbeat(now)
             self._look_at_positions(now)
+            self.causes.look()
         if self._in_flight:
             self._look_at_fix()
             self._look_at_battery()
         for kind, going in self._open.items():
             if going.amount is not None:
                 self._measure(kind, going, going.amount)
-
-    def _age_s(self, time_s: float) -> float:
-        return 0.0 if self._monitor.time_s is None else self._monitor.time_s - time_s
 
     def _look_at_silence(self, silence_s: float) -> None:
         vehicle = self._client.vehicle.system_id
@@ -303,9 +287,9 @@ class Watch:
             self.close(Ending.HEARTBEAT_LOST, f"the heartbeat of vehicle {vehicle} is back")
 
     def _look_at_positions(self, now: float) -> None:
-        heard_at = self._monitor.position_at_s
-        if heard_at is None:
+        if self._monitor.position_at_s is None:
             return
+        heard_at = max(self._monitor.position_at_s, self._monitor.gap_ended_at_s)  # stamps are doubted after a gap
         if now - heard_at > self._timeouts.deadman_s:
             self.open(
                 Ending.POSITION_LOST,

@@ -1,0 +1,80 @@
+"""What a flight uses of its battery, and whether it lasts for the rest of the mission, or only for the way home."""
+
+import math
+from dataclasses import dataclass
+from enum import Enum
+
+from uavcover.model.vehicle import Vehicle
+
+_ROUNDING = 1.0
+"""Percent by which a battery may hold less than it tells: it tells whole numbers."""
+_CLIMB_S, _MEASURED_S = 25.0, 50.0
+"""The climb uses more than what follows and does not count; after so long more, what was used tells more than the endurance."""
+_USE_HOME, _USE_ON = 1.2, 1.05
+"""How much more than the mean so far a second may use on the way home, straight into the wind, and on the rest of the mission."""
+TO_TURN_S = 20.0
+"""To stop, and to be sent the way home."""
+
+
+class BatteryAllows(Enum):
+    """What a battery allows."""
+
+    GO_ON = "it is enough to fly on"
+    GO_HOME = "it is enough for the way home, and not for more"
+
+
+@dataclass(slots=True)
+class BatteryUse:
+    """What a flight uses of its battery. Knows no clock: times are arguments.
+
+    Attributes:
+        vehicle: with its endurance and reserve.
+        planned_each_s: percent that a second in the air is planned to use.
+        first: time in the air, and what the battery told then, when it was asked first after the climb; none before.
+        percent: what it told last.
+        aloft_s: time in the air by then.
+    """
+
+    vehicle: Vehicle
+    planned_each_s: float
+    first: tuple[float, float] | None = None
+    percent: float = math.nan
+    aloft_s: float = 0.0
+
+    def take(self, percent: float, *, aloft_s: float) -> None:
+        """What the battery tells so long after take-off."""
+        if self.first is None and aloft_s >= _CLIMB_S:
+            self.first = aloft_s, percent
+        self.percent, self.aloft_s = percent, aloft_s
+
+    @property
+    def each_s(self) -> float:
+        """Percent of a battery that a second in the air uses: as planned at first, and as measured once it tells of any use."""
+        if self.first is None or self.aloft_s - self.first[0] < _MEASURED_S or self.percent >= self.first[1]:
+            return self.planned_each_s
+        return (self.first[1] - self.percent) / (self.aloft_s - self.first[0])
+
+    @property
+    def spare(self) -> float:
+        """Percent above the reserve."""
+        return self.percent - _ROUNDING - 100.0 * self.vehicle.reserve_fraction
+
+    def lasts_home(self, seconds: float) -> bool:
+        """Whether the way home can still be begun a moment later."""
+        return self.spare > _USE_HOME * self.each_s * (seconds + TO_TURN_S)
+
+    def lasts_on(self, seconds: float) -> bool:
+        """Whether so much more of the mission keeps the reserve."""
+        return self.spare >= _USE_ON * self.each_s * seconds
+
+    def may_wait_s(self, seconds: float) -> float:
+        """How long it may hang in the air before so much more of the mission; infinite while nothing is told of the battery."""
+        if math.isnan(self.percent):
+            return math.inf
+        return self.spare / self.each_s - _USE_ON * seconds
+
+    def allows(self, *, rest_s: float, home_s: float) -> BatteryAllows:
+        """What it allows of a mission that takes ``rest_s`` to the landing, where the straight way home takes ``home_s``."""
+        if home_s + TO_TURN_S >= rest_s or self.lasts_home(home_s) or self.lasts_on(rest_s):
+            return BatteryAllows.GO_ON
+        return BatteryAllows.GO_HOME

@@ -1,0 +1,165 @@
+"""Watches a flight against its plan: how late it is, and whether battery and endurance last for the rest and for the way home."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mission_io.model.items import Command
+from mission_io.wire.messages import SysStatus
+from uavcover.errors import UavcoverError
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.flight_time import Pace, landing_time, leg_times, takeoff_time, turn_times
+from uavcover.model.vehicle import Vehicle
+from uavcover.vehicle.flight_plan import FlightPlan
+from uavcover.vehicle.outcome import Ending
+from uavcover.vehicle.progress import MissionProgress
+from uavcover.vehicle.reserve import BatteryAllows, BatteryUse
+from uavcover.vehicle.session import Session
+
+_LATE_S, _LATE_RATIO = 20.0, 0.2
+"""Late by more than both is late."""
+_LOOK_EVERY_S = 2.0
+_WAITS = (Command.NAV_WAYPOINT, Command.NAV_DELAY, Command.NAV_LOITER_TIME)
+
+
+@dataclass(frozen=True, slots=True)
+class Timetable:
+    """When a flight is planned to be where.
+
+    Attributes:
+        legs_m: the leg to each place, by the index of its item: (2, 3) ENU.
+        begins_s: when each leg is begun, by the index of its item, in seconds after take-off.
+        ends_s: when each leg is ended.
+        total_s: from take-off to landing.
+    """
+
+    legs_m: dict[int, FloatArray]
+    begins_s: dict[int, float]
+    ends_s: dict[int, float]
+    total_s: float
+
+    def planned_s(self, index: int, place_m: FloatArray) -> float | None:
+        """Planned time after take-off at a (3,) ENU place on the leg to item ``index``; None for an item without a leg."""
+        leg = self.legs_m.get(index)
+        if leg is None:
+            return None
+        along = leg[1] - leg[0]
+        square = float(along @ along)
+        fraction = 1.0 if square == 0.0 else min(1.0, max(0.0, float((place_m - leg[0]) @ along) / square))
+        return self.begins_s[index] + fraction * (self.ends_s[index] - self.begins_s[index])
+
+
+def timetable(plan: FlightPlan, pace: Pace) -> Timetable | None:
+    """The timetable of a mission; None for one without legs."""
+    legs = plan.legs_m()
+    if not legs:
+        return None
+    home_m = plan.frame.enu_from_geodetic(plan.home.lat_deg, plan.home.lon_deg, plan.home.alt_amsl_m)[0]
+    indices = sorted(legs)
+    path = np.vstack([legs[indices[0]][0], *(legs[index][1] for index in indices)])
+    lands = path[-1, 2] <= home_m[2] + 1.0
+    legs_s = leg_times(pace, path)
+    if lands:
+        legs_s[-1] = float(landing_time(pace, max(0.0, path[-2, 2] - path[-1, 2])))
+    turns_s = turn_times(pace, path[:-1] if lands else path)
+    climb_s = float(takeoff_time(pace, max(0.0, path[0, 2] - home_m[2])))
+    begins, ends, now_s = {}, {}, climb_s
+    items = plan.mission.items
+    for number, index in enumerate(indices):
+        begins[index] = now_s
+        now_s += float(legs_s[number]) + (float(turns_s[number + 1]) if number + 1 < len(turns_s) else 0.0)
+        ends[index] = now_s
+        until = indices[number + 1] if number + 1 < len(indices) else len(items)
+        now_s += sum(_wait_s(items[k].command, items[k].params[0]) for k in range(index, until))
+    return Timetable(legs, begins, ends, now_s)
+
+
+def _wait_s(command: int, seconds: float) -> float:
+    return seconds if command in _WAITS and math.isfinite(seconds) and seconds > 0.0 else 0.0
+
+
+class Schedule:
+    """Compares a flight in the air with its plan.
+
+    Args:
+        session: with the vehicle.
+        plan: what it flies.
+        progress: along it.
+    """
+
+    def __init__(self, session: Session, plan: FlightPlan, progress: MissionProgress) -> None:
+        self._session, self._plan, self._progress = session, plan, progress
+        needs = plan.needs
+        self._table = None if needs is None else timetable(plan, needs.pace)
+        self._vehicle = Vehicle() if needs is None or needs.vehicle is None else needs.vehicle
+        self._home_s = None if needs is None else needs.way_home_s
+        endurance_s = self._vehicle.endurance_s
+        self._use = BatteryUse(self._vehicle, 100.0 / endurance_s if endurance_s else 0.0)
+        self._began: tuple[float, float] | None = None
+        self._next_s = -math.inf
+        self.aloft_s = 0.0
+        self.late_s = 0.0
+        self.left_s: float | None = None
+        self._must: str | None = None
+
+    def look(self) -> None:
+        """Look whether the flight is late, and whether its reserve lasts; called while the vehicle is in the air."""
+        now_s, place_m = self._session.monitor.time_s, self._progress.place_m
+        if now_s is None or place_m is None or now_s < self._next_s:
+            return
+        self._next_s = now_s + _LOOK_EVERY_S
+        index = self._plan.index_of(self._session.monitor.current_seq, self._session.autopilot)
+        planned_s = None if self._table is None else self._table.planned_s(index, place_m)
+        if self._began is None:
+            self._began = now_s, planned_s or 0.0
+        began_s, offset_s = self._began
+        self.aloft_s = now_s - began_s
+        if planned_s is None or self._table is None:
+            return
+        done_s, total_s = planned_s - offset_s, self._table.total_s - offset_s
+        self.late_s = self.aloft_s - done_s
+        pace = max(1.0, self.aloft_s / done_s) if done_s > _LATE_S else 1.0
+        self.left_s = pace * (total_s - done_s)
+        late = self.late_s > max(_LATE_S, _LATE_RATIO * done_s)
+        self._session.watch.measure(
+            Ending.LATE, self.late_s if late else None,
+            f"the flight is {self.late_s:.0f} s late: {self.aloft_s:.0f} s in the air where {done_s:.0f} s are planned; it "
+            f"lands after about {self.aloft_s + self.left_s:.0f} s instead of {total_s:.0f} s",
+            "the flight is on time again",
+        )  # fmt: skip
+        self._look_at_reserve(place_m, self.left_s)
+
+    def must_go_home(self) -> str | None:
+        """Why the mission must end now, so that the battery keeps its reserve; None while it may go on."""
+        return self._must
+
+    def _look_at_reserve(self, place_m: FloatArray, left_s: float) -> None:
+        vehicle, use = self._vehicle, self._use
+        if vehicle.endurance_s is None:
+            return
+        status = self._session.monitor.latest(SysStatus)
+        told = None if status is None else status.battery_remaining_percent
+        by_time = 100.0 * (1.0 - self.aloft_s / vehicle.endurance_s)
+        percent = by_time if told is None or told < 0 else float(told)
+        use.take(percent, aloft_s=self.aloft_s)
+        source = "its endurance" if percent is by_time else "the battery"
+        below = percent < 100.0 * vehicle.reserve_fraction
+        self._session.watch.measure(
+            Ending.RESERVE_USED, 100.0 / max(1.0, percent) if below else None,
+            f"the flight uses its reserve: {source} has {max(0.0, percent):.0f} % left, and "
+            f"{100.0 * vehicle.reserve_fraction:.0f} % are to stay",
+            "the reserve is whole again",
+        )  # fmt: skip
+        if self._home_s is None or self._must is not None or use.lasts_on(left_s):
+            return
+        try:
+            home_s = self._home_s(place_m)
+        except UavcoverError:  # the ground below the way home is not known
+            return
+        if use.allows(rest_s=left_s, home_s=home_s) is BatteryAllows.GO_HOME:
+            self._must = (
+                f"{source} has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the way home takes "
+                f"{home_s:.0f} s and the rest of the mission {left_s:.0f} s, which would use the reserve of "
+                f"{100.0 * vehicle.reserve_fraction:.0f} %; the vehicle returns now"
+            )
