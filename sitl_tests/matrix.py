@@ -1,7 +1,7 @@
 """``matrix.toml``: which vehicles there are, what each is asked, and what is expected of it."""
 
 import tomllib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import resources
 from typing import Any, Literal, cast, get_args
@@ -43,10 +43,21 @@ class VehicleKind:
 
 @dataclass(frozen=True, slots=True)
 class Expectation:
-    """What a capability comes to on a vehicle, and why where that is not the usual."""
+    """What a capability comes to on a vehicle.
+
+    Attributes:
+        outcome: in one word.
+        why: the reason where it is not the usual.
+        words: texts that must appear in the events of the case, letter by letter.
+    """
 
     outcome: str
     why: str = ""
+    words: tuple[str, ...] = ()
+
+    def unsaid(self, events: Sequence[str]) -> list[str]:
+        """The words that no event has."""
+        return [words for words in self.words if not any(words in event for event in events)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,26 +103,36 @@ def cells_of(document: Mapping[str, Any]) -> Iterator[Cell]:
     vehicles = [_vehicle(name, table) for name, table in document["vehicles"].items()]
     for capability, table in document["capabilities"].items():
         where = f"capabilities.{capability}"
-        _known_keys(where, table, {"shows", "expected", "otherwise", "clients", "long", "parameters", "foreign"})
+        _known_keys(
+            where, table, {"shows", "expected", "words", "otherwise", "clients", "long", "parameters", "foreign"}
+        )
         otherwise = table.get("otherwise", {})
         _known_keys(f"{where}.otherwise", otherwise, {vehicle.name for vehicle in vehicles})
         _known_keys(f"{where}.parameters", table.get("parameters", {}), set(get_args(AutopilotName)))
         _known_keys(f"{where}.clients", dict.fromkeys(table.get("clients", [])), set(get_args(ClientName)))
-        usual = Expectation(table.get("expected", WORKS))
+        usual = Expectation(table.get("expected", WORKS), words=tuple(table.get("words", ())))
         for client in table.get("clients", ["native"]):
             for vehicle in vehicles:
                 if vehicle.is_multirotor is table.get("foreign", False):
                     continue
                 other = otherwise.get(vehicle.name)
+                if other is not None:
+                    _known_keys(f"{where}.otherwise.{vehicle.name}", other, {"outcome", "why", "words"})
                 yield Cell(
                     vehicle=vehicle,
                     capability=capability,
                     shows=table["shows"],
                     client=cast(ClientName, client),
-                    expected=usual if other is None else Expectation(other["outcome"], other["why"]),
+                    expected=usual if other is None else _other(other, usual),
                     long=table.get("long", False),
                     parameters=table.get("parameters", {}).get(vehicle.autopilot, {}),
                 )
+
+
+def _other(table: Mapping[str, Any], usual: Expectation) -> Expectation:
+    """The expectation of one vehicle; it has words of its own where its outcome is another, and else the usual ones."""
+    same = table["outcome"] == usual.outcome
+    return Expectation(table["outcome"], table["why"], tuple(table.get("words", usual.words if same else ())))
 
 
 def _vehicle(name: str, table: Mapping[str, Any]) -> VehicleKind:

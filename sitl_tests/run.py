@@ -89,6 +89,9 @@ def run_cell(cell: Cell, folder: Path, *, seed: int = 1) -> Result:
         found = _found(lambda: ALL[cell.capability](case))
         (folder / EVENTS).write_text("".join(f"{line}\n" for line in case.events))
     finding = found if isinstance(found, Finding) else _found(found)
+    unsaid = cell.expected.unsaid(case.events)
+    if unsaid and finding.outcome == cell.expected.outcome:
+        finding = Finding(FAILED, f"{finding.outcome}, and no event says {unsaid[0]!r}: {finding.detail}")
     logs = {path.name: sha256(path) for path in vehicle.log_files()}
     result = Result(cell, finding, vehicle.version, watch.elapsed_s, MappingProxyType(logs))
     _keep(result, folder)

@@ -54,3 +54,21 @@ def test_a_cell_has_what_its_tables_say():
 def test_an_unknown_word_is_named_with_its_place(change, said):
     with pytest.raises(MatrixError, match=said):
         list(cells_of({"vehicles": VEHICLES, "capabilities": {"fly": change}}))
+
+
+def test_the_words_of_a_cell_must_be_said_in_its_events():
+    document = {
+        "vehicles": VEHICLES | {"two": VEHICLES["one"]},
+        "capabilities": {
+            "fly": {
+                "shows": "it falls",
+                "expected": "falls",
+                "words": ["hits the ground", "16 m/s"],
+                "otherwise": {"two": {"outcome": "flies", "why": "it is a bird"}},
+            }
+        },
+    }
+    stone, bird = cells_of(document)
+    assert stone.expected.unsaid(["it hits the ground at 9 m/s"]) == ["16 m/s"]
+    assert stone.expected.unsaid(["at 16 m/s", "it hits the ground"]) == []
+    assert bird.expected.unsaid([]) == []
