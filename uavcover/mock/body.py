@@ -18,6 +18,7 @@ STEP_S = 0.02
 """One step of the simulation, seconds of vehicle time."""
 
 _SAME_PLACE_M = 0.05
+_TUMBLED_RAD = 1.9
 _TOUCH_M = 0.1
 """A vehicle this far below the ground that is not landing has crashed; anything less counts as standing on it."""
 
@@ -46,6 +47,7 @@ class MockBody:
         air: the wind.
         battery: the battery and its charge.
         falling: whether it is in the air with its motors off.
+        motors_failed: whether its motors give no thrust although it is armed; the autopilot believes that it flies on.
     """
 
     def __init__(
@@ -63,6 +65,7 @@ class MockBody:
         self.frame = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m)
         self.point = PointMass(airframe, step_s=STEP_S, position_m=(0.0, 0.0, 0.0))
         self.on_ground, self.crashed, self.falling = True, False, False
+        self.motors_failed = False
         self.air = WindField(wind, step_s=STEP_S, rng=rng)
         self.believed = Positioning(self.point, gps, rng=rng)
         self.battery = Battery(battery)
@@ -135,6 +138,9 @@ class MockBody:
                 return
             self.on_ground = False
         ground_up_m = self._ground_up_m()
+        if self.motors_failed:
+            self._tumble(ground_up_m, wind)
+            return
         if self.falling:
             self.point.fall(wind)
         else:
@@ -144,6 +150,14 @@ class MockBody:
             self.crashed = self.falling or not landing
             self.on_ground, self.falling = True, False
             self.point.rest(up_m=ground_up_m)
+
+    def _tumble(self, ground_up_m: float, wind_m_s: Vector) -> None:
+        """Fall on one side, and lie there: the autopilot still commands its motors."""
+        if self.point.position_m[2] > ground_up_m:
+            self.point.fall(wind_m_s)
+        else:
+            self.point.rest(up_m=ground_up_m)
+        self.point.roll_rad = _TUMBLED_RAD
 
     def _ground_up_m(self) -> float:
         """Height of the ground below in the vehicle's frame; the Earth's curvature is neglected."""

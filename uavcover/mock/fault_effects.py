@@ -11,7 +11,7 @@ from uavcover.vehicle.modes import Mode
 
 _CRITICAL_CHARGE = 0.06
 _UPWIND_DEG = 270.0
-_INFO, _WARNING, _CRITICAL = 6, 4, 2
+_INFO, _WARNING, _CRITICAL, _EMERGENCY = 6, 4, 2, 0
 
 
 def apply_faults(control: FlightControl) -> None:
@@ -109,6 +109,39 @@ def _force_disarm(control: FlightControl, _: Fault) -> None:
     control.disarm(force=True)
 
 
+def _fail_motors(control: FlightControl, _: Fault) -> None:
+    """Motors give no thrust; the autopilot notices nothing but what it is commanded in vain."""
+    control.state.body.motors_failed = control.state.flying
+    if control.state.is_ardupilot:
+        control.state.say(_EMERGENCY, "Potential Thrust Loss (1)")
+
+
+def _glitch(control: FlightControl, fault: Fault) -> None:
+    control.state.body.believed.glitch_m = fault.number
+    if control.state.is_ardupilot:
+        control.state.say(_CRITICAL, "GPS Glitch or Compass error")
+
+
+def _end_glitch(control: FlightControl) -> None:
+    control.state.body.believed.glitch_m = 0.0
+    if control.state.is_ardupilot:
+        control.state.say(_CRITICAL, "Glitch cleared")
+
+
+def _change_speed(control: FlightControl, fault: Fault) -> None:
+    """Another station commands another speed (DO_CHANGE_SPEED)."""
+    control.set_speeds(replace(control.state.speeds, cruise_m_s=fault.number))
+
+
+def _set_item_back(control: FlightControl, _: Fault) -> None:
+    """Another station sets the first waypoint again."""
+    first = next(
+        (n for n, item in enumerate(control.state.mission_items) if n and item.command == Command.NAV_WAYPOINT), None
+    )
+    if first is not None:
+        control.set_current(first)
+
+
 _BEGIN: dict[FaultKind, Callable[[FlightControl, Fault], None]] = {
     FaultKind.GPS_LOSS: _lose_fix,
     FaultKind.BATTERY_FAILSAFE: _drain_battery,
@@ -119,10 +152,15 @@ _BEGIN: dict[FaultKind, Callable[[FlightControl, Fault], None]] = {
     FaultKind.MISSION_CHANGED: _change_mission,
     FaultKind.MISSION_LOWERED: _lower_mission,
     FaultKind.FORCE_DISARM: _force_disarm,
+    FaultKind.MOTOR_FAILURE: _fail_motors,
+    FaultKind.GPS_GLITCH: _glitch,
+    FaultKind.SPEED_CHANGED: _change_speed,
+    FaultKind.ITEM_SET_BACK: _set_item_back,
 }
 """Any other fault works by being in effect: the vehicle asks ``is_going_on``."""
 
 _END: dict[FaultKind, Callable[[FlightControl], None]] = {
     FaultKind.GPS_LOSS: _find_fix,
     FaultKind.STUCK: _come_loose,
+    FaultKind.GPS_GLITCH: _end_glitch,
 }

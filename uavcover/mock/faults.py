@@ -25,6 +25,10 @@ class FaultKind(Enum):
     MISSION_CHANGED = "mission-changed"
     MISSION_LOWERED = "mission-lowered"
     FORCE_DISARM = "force-disarm"
+    MOTOR_FAILURE = "motor-failure"
+    GPS_GLITCH = "gps-glitch"
+    SPEED_CHANGED = "speed-changed"
+    ITEM_SET_BACK = "item-set-back"
 
 
 class Since(Enum):
@@ -100,6 +104,7 @@ class Argument:
 
 
 _ON_THE_LINKS_CLOCK = (FaultKind.HEARTBEAT_LOSS, FaultKind.LINK_OUTAGE)
+_GLITCH_S = 20.0
 _SECONDS = "seconds of vehicle time, without it for good"
 _LINK_SECONDS = "seconds on the link's clock, without it for good"
 
@@ -116,6 +121,8 @@ ARGUMENTS: dict[FaultKind, Argument] = {
     FaultKind.STUCK: Argument(_SECONDS),
     FaultKind.ARMING_REFUSED: Argument(_SECONDS),
     FaultKind.MISSION_LOWERED: Argument("metres, 25 when not given", default=25.0),
+    FaultKind.GPS_GLITCH: Argument("metres, 60 when not given, for 20 s", default=60.0),
+    FaultKind.SPEED_CHANGED: Argument("metres per second, 3 when not given", default=3.0),
     FaultKind.STRONG_WIND: Argument("metres per second, 25 when not given", default=25.0),
 }
 """The argument of each fault; a fault that is not listed takes none."""
@@ -234,7 +241,8 @@ class FaultSchedule:
             self._coming.remove(fault)
             self.begun.append(fault)
             per_second = self._link_speed if fault.kind in _ON_THE_LINKS_CLOCK else 1.0
-            self._going_on.append((powered_s + fault.number * per_second, fault))
+            lasts_s = _GLITCH_S if fault.kind is FaultKind.GPS_GLITCH else fault.number * per_second
+            self._going_on.append((powered_s + lasts_s, fault))
             yield fault
 
     def take_ended(self, powered_s: float) -> Iterator[Fault]:

@@ -58,10 +58,12 @@ class Positioning:
         velocity_m_s: over ground, believed to be as it is.
         receiver_m: the latest position of the satellite receiver, delayed by its latency.
         lost: whether there is no fix.
+        glitch_m: by which the believed position is too far east, suddenly, as by a reflected or faked signal.
     """
 
     def __init__(self, point: PointMass, error: GpsError, *, rng: np.random.Generator) -> None:
         self.lost = False
+        self.glitch_m = 0.0
         self._point, self._rng = point, rng
         self._error_m: Vector = (0.0, 0.0, 0.0)
         self._wander_m: Vector = (0.0, 0.0, 0.0)
@@ -122,6 +124,8 @@ class Positioning:
             self.position_m = true
         else:
             self.position_m = _sum(_sum(true, self._wander_m), self._error_m)
+        if self.glitch_m:
+            self.position_m = _sum(self.position_m, (self.glitch_m, 0.0, 0.0))
         self._receiver_due -= 1
         if self._receiver_due <= 0:
             self._receiver_due = self._receiver_every

@@ -264,8 +264,16 @@ class MissionGuard:
         past = self._plan.is_past_waypoints(current.seq, self._session.autopilot) and not progress.all_reached
         if number > progress.reached_count + 1 or (past and progress.reached_count < self._plan.waypoint_count - 1):
             return f"the vehicle goes to item {current.seq} and leaves out waypoint {progress.reached_count}"
+        return self._item_set_back(current.seq)
+
+    def _item_set_back(self, seq: int) -> str | None:
+        """Whether the current item is before a waypoint that was flown to, which no mission of ours does."""
+        number = self._progress.heading_for
         if 0 <= number < self._farthest:
             return f"the vehicle goes back to waypoint {number} from {self._farthest}"
+        before = self._plan.index_of(seq, self._session.autopilot) < self._plan.first_waypoint_item
+        if self._farthest >= 0 and before and not self._progress.all_reached:
+            return f"the vehicle goes back to item {seq}, before its route, from waypoint {self._farthest}"
         return None
 
     def look_at_place(self) -> None:
@@ -289,7 +297,7 @@ class MissionGuard:
                 return
         if not self._off_route.over:
             return
-        sign = self._wrong_item() or self._item_was_set()
+        sign = self._wrong_item()
         if sign is not None:
             self._changed(f"{text}: {sign}: somebody else set the item that is flown, or changed the mission")
             self._reading.ask()
@@ -310,12 +318,6 @@ class MissionGuard:
             watch.open(Ending.WIND_ABOVE_LIMITS, f"{text}{_WHY[Ending.WIND_ABOVE_LIMITS]}", off_m, evidence=evidence)
         else:
             watch.open(Ending.OFF_ROUTE, f"{text}{_WHY[Ending.OFF_ROUTE]}", off_m)
-
-    def _item_was_set(self) -> str | None:
-        """Whether the current item went back a moment ago, which no mission of ours does."""
-        number = self._progress.heading_for
-        back = 0 <= number < self._farthest
-        return f"the vehicle goes back to waypoint {number} from {self._farthest}" if back else None
 
     def _lean_toward_leg_deg(self) -> float:
         """How far the vehicle leans toward its leg: what its controller does against a wind that pushes it away."""
