@@ -91,6 +91,7 @@ class Case:
         client: which client speaks to it.
         folder: for what the case writes.
         seed: of everything random.
+        speed: vehicle seconds per second.
         events: everything that was told, for the record.
     """
 
@@ -99,6 +100,7 @@ class Case:
     client: ClientName
     folder: Path
     seed: int
+    speed: float
     events: list[str] = field(default_factory=list)
 
     @contextmanager

@@ -129,6 +129,8 @@ def fly_mission(
     stop: Callable[[], int] = lambda: 0,
     home: GeoPoint | None = None,
     upload: bool = True,
+    on_breach: OnBreach = OnBreach.TELL,
+    plan: Callable[[FlightPlan], FlightPlan] = lambda plan: plan,
 ) -> tuple[FlightOutcome, Path]:
     """Upload a ``route_mission`` and fly it by our own ``fly``; its outcome also when that is an error, and the path.
 
@@ -141,6 +143,8 @@ def fly_mission(
         stop: how often the user has asked to stop; once is home, by way of a point above it.
         home: where the plan begins; the vehicle's own by default.
         upload: whether to; otherwise the vehicle holds it already.
+        on_breach: what is done about a breach.
+        plan: changes the plan that it is flown by.
     """
     if upload:
         require(station.client.upload_and_verify(mission).passed, "the mission was read back changed")
@@ -157,7 +161,7 @@ def fly_mission(
         outcome = fly(
             station.client,
             station.monitor,
-            plan_of(mission, home or case.vehicle.home),
+            plan(plan_of(mission, home or case.vehicle.home)),
             Orders(
                 on_sample=path.take_sample,
                 on_event=take,
@@ -165,7 +169,7 @@ def fly_mission(
                 stop=stop,
                 confirmed=True,
                 timeouts=FlightTimeouts(override_s=_ELSEWHERE_S),
-                precautions=Precautions(on_breach=OnBreach.TELL),
+                precautions=Precautions(on_breach=on_breach),
             ),
             plan_return=way_home,
         )

@@ -2,7 +2,7 @@
 
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import resources
 from typing import Any, Literal, cast, get_args
 
@@ -104,11 +104,15 @@ def cells_of(document: Mapping[str, Any]) -> Iterator[Cell]:
     for capability, table in document["capabilities"].items():
         where = f"capabilities.{capability}"
         _known_keys(
-            where, table, {"shows", "expected", "words", "otherwise", "clients", "long", "parameters", "foreign"}
+            where,
+            table,
+            {"shows", "expected", "words", "otherwise", "clients", "long", "parameters", "foreign", "speeds"},
         )
         otherwise = table.get("otherwise", {})
         _known_keys(f"{where}.otherwise", otherwise, {vehicle.name for vehicle in vehicles})
         _known_keys(f"{where}.parameters", table.get("parameters", {}), set(get_args(AutopilotName)))
+        speeds = table.get("speeds", {})
+        _known_keys(f"{where}.speeds", speeds, {vehicle.name for vehicle in vehicles})
         _known_keys(f"{where}.clients", dict.fromkeys(table.get("clients", [])), set(get_args(ClientName)))
         usual = Expectation(table.get("expected", WORKS), words=tuple(table.get("words", ())))
         for client in table.get("clients", ["native"]):
@@ -119,7 +123,7 @@ def cells_of(document: Mapping[str, Any]) -> Iterator[Cell]:
                 if other is not None:
                     _known_keys(f"{where}.otherwise.{vehicle.name}", other, {"outcome", "why", "words"})
                 yield Cell(
-                    vehicle=vehicle,
+                    vehicle=replace(vehicle, speed=speeds.get(vehicle.name, vehicle.speed)),
                     capability=capability,
                     shows=table["shows"],
                     client=cast(ClientName, client),

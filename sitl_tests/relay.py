@@ -1,5 +1,6 @@
 """A relay between a vehicle and a ground station that loses datagrams by seed, and can be cut."""
 
+import math
 import threading
 from random import Random
 from types import TracebackType
@@ -35,6 +36,7 @@ class Relay:
         self.url = f"udpout://127.0.0.1:{self._station.local_port}"
         self.sent: list[bytes] = []
         self._meddler = meddler
+        self._dark_until_s = -math.inf
         self._ended, self._cut = threading.Event(), threading.Event()
         self._threads = [
             threading.Thread(target=self._pass_down, name="relay to station", daemon=True),
@@ -44,6 +46,14 @@ class Relay:
     def cut_to_vehicle(self) -> None:
         """From now on nothing reaches the vehicle; the station still hears it."""
         self._cut.set()
+
+    def go_dark(self, seconds: float) -> None:
+        """Lose everything both ways for some seconds from now on."""
+        self._dark_until_s = self._station.clock.now() + seconds
+
+    @property
+    def _is_dark(self) -> bool:
+        return self._station.clock.now() < self._dark_until_s
 
     def __enter__(self) -> Self:
         for thread in self._threads:
@@ -62,7 +72,7 @@ class Relay:
     def _pass_down(self) -> None:
         while not self._ended.is_set():
             data = self._vehicle.receive(_TICK_S)
-            if data is not None:
+            if data is not None and not self._is_dark:
                 self._station.send(data)
             if self._meddler is not None:
                 for lie in self._meddler.datagrams(self._station.clock.now()):
@@ -71,6 +81,6 @@ class Relay:
     def _pass_up(self) -> None:
         while not self._ended.is_set():
             data = self._station.receive(_TICK_S)
-            if data is not None and not self._cut.is_set():
+            if data is not None and not self._cut.is_set() and not self._is_dark:
                 self.sent.append(data)
                 self._vehicle.send(data)

@@ -85,7 +85,14 @@ def run_cell(cell: Cell, folder: Path, *, seed: int = 1) -> Result:
     watch = Stopwatch()
     request = StartRequest(folder, home(), cell.vehicle.speed, cell.parameters)
     with _starter(cell)(request) as vehicle:
-        case = Case(vehicle=vehicle, autopilot=cell.vehicle.autopilot, client=cell.client, folder=folder, seed=seed)
+        case = Case(
+            vehicle=vehicle,
+            autopilot=cell.vehicle.autopilot,
+            client=cell.client,
+            folder=folder,
+            seed=seed,
+            speed=cell.vehicle.speed,
+        )
         found = _found(lambda: ALL[cell.capability](case))
         (folder / EVENTS).write_text("".join(f"{line}\n" for line in case.events))
     finding = found if isinstance(found, Finding) else _found(found)

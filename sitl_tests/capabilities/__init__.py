@@ -4,7 +4,17 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from sitl_tests.capabilities import demonstration, failsafes, flights, identity, logs, refusals, stations, transfers
+from sitl_tests.capabilities import (
+    demonstration,
+    disturbances,
+    failsafes,
+    flights,
+    identity,
+    logs,
+    refusals,
+    stations,
+    transfers,
+)
 from sitl_tests.case import Case, Finding, Judge
 
 ALL: Mapping[str, Callable[[Case], Finding | Judge]] = MappingProxyType(
@@ -33,6 +43,14 @@ ALL: Mapping[str, Callable[[Case], Finding | Judge]] = MappingProxyType(
         "foreign-type": identity.foreign_type,
         "meddling-companion": identity.meddling_companion,
         "force-disarm": identity.force_disarm,
+        "blackout": disturbances.blackout,
+        "motor-failure": disturbances.motor_failure,
+        "gps-glitch": disturbances.gps_glitch,
+        "strong-wind": disturbances.strong_wind,
+        "item-set-back": disturbances.item_set_back,
+        "slowed-down": disturbances.slowed_down,
+        "hold-ends": disturbances.hold_ends,
+        "pilot-gives-back": disturbances.pilot_gives_back,
         "fence-breach": failsafes.fence_breach,
         "link-loss": failsafes.link_loss,
         "rally-return": failsafes.rally_return,

@@ -18,6 +18,7 @@ class RunningVehicle:
         home: where it stands.
         version: what flies it, for the record.
         log_files: the logs that its autopilot has written by now.
+        inject: begins one of the mock vehicle's faults; None for a simulated autopilot.
     """
 
     url: str
@@ -25,6 +26,7 @@ class RunningVehicle:
     home: GeoPoint
     version: str
     log_files: Callable[[], tuple[Path, ...]]
+    inject: Callable[[str], None] | None = None
 
 
 @dataclass(frozen=True, slots=True)

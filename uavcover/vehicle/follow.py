@@ -211,6 +211,7 @@ class _Follower:
         self._acted_on: set[Ending] = set()
         self._upside_down = False
         self._going_on: Timer | None = None
+        self._mode_changes = session.monitor.mode_changes
         self.last_armed_s = session.monitor.time_s
 
     @property
@@ -325,15 +326,17 @@ class _Follower:
                 return
 
     def _look_at_mode(self) -> None:
-        was_elsewhere = self._override.begun
-        expected = (
-            Mode.LAND if self._lands_for is not None else hold_mode(self._session) if self._hold else Mode.MISSION
-        )
+        """Look whether the vehicle is in the mode that we commanded, and whether it has just come back to its mission."""
+        session, progress = self._session, self._progress
+        expected = Mode.LAND if self._lands_for is not None else hold_mode(session) if self._hold else Mode.MISSION
         self._override.update({expected})
-        if was_elsewhere and not self._override.begun and self._progress is not None and self._hold is None:
-            self._progress.rejoin()
-            if (problem := self._progress.line_problem()) is not None:
-                self._session.watch.open(Ending.UNSAFE_LINE, problem)
+        changes, self._mode_changes = self._mode_changes, session.monitor.mode_changes
+        came_back = changes != self._mode_changes and not self._override.begun and expected is Mode.MISSION
+        if not came_back or progress is None or progress.heading_for < 0:
+            return
+        progress.rejoin()
+        if (problem := progress.line_problem()) is not None:
+            session.watch.open(Ending.UNSAFE_LINE, problem)
 
     def _begin_hold(self, breach: Ending) -> None:
         session = self._session
@@ -386,8 +389,6 @@ class _Follower:
     def _go_on(self, text: str) -> None:
         session = self._session
         session.steer(lambda: set_mode(session, Mode.MISSION), while_in=[hold_mode(session), Mode.MISSION])
-        if self._progress is not None:
-            self._progress.rejoin()
         session.tell(EventKind.STOP, text)
         self._going_on, self._hold = Timer(session, _GOING_ON_S), None
 

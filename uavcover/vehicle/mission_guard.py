@@ -169,6 +169,7 @@ _OFF_DOUBT_S = 1.0
 _OFF_ROUTE_RADII = 10.0
 _LEANS_DEG = 5.0
 """A lean toward the leg while the vehicle stays away from it: the controller works against a wind."""
+_COMES_BACK_M_S = 1.0
 _CAUSE_WITHIN_S, _WARNED_WITHIN_S = 10.0, 60.0
 _WHY = {
     Ending.WIND_ABOVE_LIMITS: ": the wind is above what it can fly against",
@@ -320,13 +321,15 @@ class MissionGuard:
             watch.open(Ending.OFF_ROUTE, f"{text}{_WHY[Ending.OFF_ROUTE]}", off_m)
 
     def _lean_toward_leg_deg(self) -> float:
-        """How far the vehicle leans toward its leg: what its controller does against a wind that pushes it away."""
+        """How far it leans toward its leg and comes no nearer: what its controller does against a wind that pushes it away."""
         attitude, toward = self._session.monitor.latest(m.Attitude), self._progress.off_leg_toward_m
         if attitude is None or toward is None:
             return 0.0
         east, north, _ = toward.tolist()
-        length = math.hypot(east, north)
-        if length == 0.0:
+        length, here = math.hypot(east, north), self._session.monitor.latest(m.GlobalPositionInt)
+        if length == 0.0 or here is None:
+            return 0.0
+        if (here.velocity_east_m_s * east + here.velocity_north_m_s * north) / length > _COMES_BACK_M_S:
             return 0.0
         yaw = attitude.yaw_rad
         forward, right = math.tan(-attitude.pitch_rad), math.tan(attitude.roll_rad)

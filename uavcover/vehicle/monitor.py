@@ -154,6 +154,8 @@ class Monitor:
         gap_ended_at_s: when the vehicle was heard again after the last gap, on the link's clock; see ``has_gap``.
         gap_s: how long that gap was.
         beats: the latest heartbeats, each with its time of arrival on the link's clock.
+        mode_changes: how often its flight mode changed.
+        mode_changed_here: where it was when that was last heard.
         time_answers: its latest answers to questions for its time, each with its time of arrival on the link's clock.
         counts: how many messages of each kind arrived.
         reached: the highest mission item that the vehicle said it reached.
@@ -170,6 +172,8 @@ class Monitor:
         self.position_at_s: float | None = None
         self.heard_at_s = self.gap_ended_at_s = -math.inf
         self.gap_s = 0.0
+        self.mode_changes = 0
+        self.mode_changed_here: m.GlobalPositionInt | None = None
         self.beats: deque[tuple[float, m.Heartbeat]] = deque(maxlen=3)
         self.time_answers: deque[tuple[float, m.TimeSync]] = deque(maxlen=20)
         self.counts: Counter[type[m.Message]] = Counter()
@@ -282,6 +286,9 @@ class Monitor:
         self._arrived_at_s[type(message)] = now
         match message:
             case m.Heartbeat():
+                if self.beats and self.beats[-1][1].custom_mode != message.custom_mode:
+                    self.mode_changes += 1
+                    self.mode_changed_here = self.latest(m.GlobalPositionInt)
                 self.beats.append((now, message))
             case m.TimeSync() if message.answered_ns != 0:
                 self.time_answers.append((now, message))

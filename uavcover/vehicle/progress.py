@@ -61,8 +61,8 @@ class MissionProgress:
         return None if here is None or leg is None else _nearest_m(here, leg) - here
 
     def rejoin(self) -> None:
-        """The mission is continued from here: autopilots fly straight to the item from where they are."""
-        here = self.place_m
+        """The mission was continued where the mode changed last: autopilots fly straight to the item from there."""
+        here = self._place_m(self._session.monitor.mode_changed_here)
         self._rejoins = None if here is None else (self._index, here)
 
     def line_problem(self) -> str | None:
@@ -125,7 +125,9 @@ class MissionProgress:
     @property
     def place_m(self) -> FloatArray | None:
         """(3,) ENU, where the vehicle was when that was told last; None before the first time."""
-        here = self._session.monitor.latest(m.GlobalPositionInt)
+        return self._place_m(self._session.monitor.latest(m.GlobalPositionInt))
+
+    def _place_m(self, here: m.GlobalPositionInt | None) -> FloatArray | None:
         if here is None:
             return None
         place_m: FloatArray = self._plan.frame.enu_from_geodetic(here.lat_deg, here.lon_deg, here.alt_amsl_m)[0]
