@@ -15,7 +15,8 @@ from typing import Any, Self, TextIO
 from rich.console import Console as RichConsole
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
 
-from uavcover.cli.ending import stop_signals
+from mission_io.model.plain_text import plain_text, plain_values
+from uavcover.cli.ending import PlainFormatter, stop_signals
 from uavcover.errors import OutputError
 from uavcover.run.folder import json_line
 
@@ -36,7 +37,9 @@ class Console:
         self.as_json = as_json
         self.quiet = verbosity < 0
         level = logging.WARNING if verbosity <= 0 else logging.INFO if verbosity == 1 else logging.DEBUG
-        logging.basicConfig(level=level, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s", force=True)
+        handler = logging.StreamHandler(sys.stderr)
+        handler.setFormatter(PlainFormatter("%(levelname)s %(name)s: %(message)s"))
+        logging.basicConfig(level=level, handlers=[handler], force=True)
         self._terminal = RichConsole(stderr=True)
         self._bar_is_there = False
 
@@ -73,13 +76,14 @@ class Console:
         if not self.as_json:
             return
         try:
-            sys.stdout.write(json_line(document) + "\n")
+            sys.stdout.write(json_line(plain_values(document)) + "\n")
             sys.stdout.flush()
         except OSError as error:
             discard(sys.stdout)
             raise OutputError(f"standard output: cannot be written ({error.strerror})") from error
 
     def _write(self, stream: TextIO, line: str) -> None:
+        line = plain_text(line)
         try:
             if self._bar_is_there and stream.isatty():
                 self._terminal.print(line, markup=False, highlight=False, emoji=False, soft_wrap=True)
@@ -97,15 +101,15 @@ class Console:
             yield Bar(None, None)
             return
         columns = (
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=_BAR_WIDTH),
-            TextColumn("{task.fields[note]}"),
+            TextColumn("{task.fields[note]}", markup=False),
             TimeRemainingColumn(),
         )
         progress = Progress(
             *columns, console=self._terminal, transient=True, redirect_stdout=False, redirect_stderr=False
         )
-        task = progress.add_task(what, total=total, note="")
+        task = progress.add_task(plain_text(what), total=total, note="")
         appears = threading.Timer(_SHOW_AFTER_S, progress.start)
         appears.daemon = True
         appears.start()
@@ -137,7 +141,7 @@ class Bar:
     def update(self, done: float, *, total: float | None = None, note: str = "") -> None:
         """Show how far it is."""
         if self._progress is not None and self._task is not None:
-            self._progress.update(self._task, completed=done, total=total, note=note)
+            self._progress.update(self._task, completed=done, total=total, note=plain_text(note))
 
     def count(self, done: int, total: int) -> None:
         """Show ``done`` of ``total``."""

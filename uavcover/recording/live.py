@@ -10,6 +10,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from mission_io.model.plain_text import plain_text
 from uavcover.errors import OutputError
 from uavcover.model.route import Route
 from uavcover.model.track import Track, TrackSample
@@ -126,7 +127,7 @@ class LiveRecording:
         self._copier.join()
 
     def _begin(self, output: rr.RecordingStream, site: Site, planned: Route) -> None:
-        output.send_recording_name(f"{site.scenario.name} (in flight)")
+        output.send_recording_name(plain_text(f"{site.scenario.name} (in flight)"))
         output.send_blueprint(make_blueprint(site, span_s=None), make_active=False, make_default=True)
         log_static(output, layout.TRACK, any_values({layout.UNFINISHED: np.array([1])}))
         log_static(output, layout.LEGEND, rr.TextDocument(LEGEND_TEXT, media_type="text/markdown"))

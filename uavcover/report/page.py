@@ -13,6 +13,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from mission_io.model.plain_text import plain_lines, plain_values
 from uavcover.errors import OutputError
 from uavcover.judging.requirements import requirement_rows
 from uavcover.report import plots
@@ -65,7 +66,7 @@ def map_script() -> str:
 def rendered_page(template: str, *, own_script: str, data: dict[str, Any], facts: dict[str, Any]) -> str:
     """A page with a map, one file that needs no network.
 
-    Content from files is escaped; only our own scripts may run, by their hashes.
+    Content from files is escaped and has no control characters; only our own scripts may run, by their hashes.
 
     Args:
         template: its file among the pages.
@@ -83,23 +84,25 @@ def rendered_page(template: str, *, own_script: str, data: dict[str, Any], facts
     environment.filters |= {"percent": _percent, "metres": _metres, "duration": _duration}
     scripts = [_without_source_map(_read(_LEAFLET / "leaflet.js")), own_script]
     style = _without_urls(_read(_LEAFLET / "leaflet.css")) + _read(_PAGE / "report.css")
-    return environment.get_template(template).render(
-        scripts=[Markup(script) for script in scripts],
-        style=Markup(style),
-        policy="; ".join(
-            [
-                "default-src 'none'",
-                "img-src data:",
-                "script-src " + " ".join(map(_hash_source, scripts)),
-                "style-src 'unsafe-inline'",
-                "base-uri 'none'",
-                "form-action 'none'",
-            ]
-        ),
-        leaflet_licence=_read(_LEAFLET / "LICENSE"),
-        data=data,
-        version=metadata.version("uavcover"),
-        **facts,
+    return plain_lines(
+        environment.get_template(template).render(
+            scripts=[Markup(script) for script in scripts],
+            style=Markup(style),
+            policy="; ".join(
+                [
+                    "default-src 'none'",
+                    "img-src data:",
+                    "script-src " + " ".join(map(_hash_source, scripts)),
+                    "style-src 'unsafe-inline'",
+                    "base-uri 'none'",
+                    "form-action 'none'",
+                ]
+            ),
+            leaflet_licence=_read(_LEAFLET / "LICENSE"),
+            data=plain_values(data),
+            version=metadata.version("uavcover"),
+            **facts,
+        )
     )
 
 
