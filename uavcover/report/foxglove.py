@@ -149,7 +149,10 @@ def packed(content: ReportContent, told: Sequence[Message]) -> bytes:
         "scenario": content.site.scenario.name,
         "verdict": "not flown" if verdict is None else verdict.report.verdict,
     }
-    writer.add_metadata("uavcover", plain_values(facts) | {f"notice {k + 1}": plain_text(text) for k, text in enumerate(content.notices)})
+    writer.add_metadata(
+        "uavcover",
+        plain_values(facts) | {f"notice {k + 1}": plain_text(text) for k, text in enumerate(content.notices)},
+    )
     writer.finish()
     return out.getvalue()
 

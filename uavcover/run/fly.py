@@ -63,6 +63,7 @@ class FlightOptions:
         clearance: when the vehicle may start, and fly home, beside others.
         on_sample: told where the vehicle is, beside the record.
         utc_offset_s: from the link's clock to UTC; None: by the clock of this computer.
+        took_off_s: vehicle time of the take-off of a vehicle in the air; None for one on the ground.
     """
 
     confirmed: bool = False
@@ -74,6 +75,7 @@ class FlightOptions:
     clearance: Clearance = ALONE
     on_sample: Callable[[TrackSample], None] = lambda _: None
     utc_offset_s: float | None = None
+    took_off_s: float | None = None
 
 
 USUAL_FLIGHT = FlightOptions()
@@ -136,8 +138,9 @@ def record_flight(
         user.progress("flying", total=len(route)) as bar,
     ):
         log = FlightLog(
-            run, overwrite=options.force, user=user, bar=bar, waypoint_count=len(route), reserve=reserve,
-            vehicle=vehicle, live=live_recording(run, site, route, viewer_url=options.viewer_url),
+            run, overwrite=options.force, user=user, bar=bar, site=site, route=route, reserve=reserve,
+            vehicle=vehicle, took_off_s=options.took_off_s,
+            live=live_recording(run, site, route, viewer_url=options.viewer_url),
         )  # fmt: skip
 
         def take_sample(sample: TrackSample) -> None:
@@ -262,10 +265,11 @@ def resume_run(
                         f"{run}: nothing of it was flown, and the vehicle is on the ground; fly it without --resume"
                     )
                 user.say("the vehicle is in the air: it flies all of this run from where it is")
+                up_since_s = took_off_s(run)
                 return record_flight(
                     run, site, planned.route, user, vehicle,
-                    lambda orders: fly_from_the_air(vehicle, site, planned.route, orders, up_since_s=took_off_s(run)),
-                    options=replace(options, force=False),
+                    lambda orders: fly_from_the_air(vehicle, site, planned.route, orders, up_since_s=up_since_s),
+                    options=replace(options, force=False, took_off_s=up_since_s),
                 )  # fmt: skip
         unfinished = find_unfinished(run, site)
         _say(unfinished, user)
@@ -277,6 +281,7 @@ def resume_run(
             with connect(to, site) as vehicle:
                 if is_in_the_air(vehicle):
                     user.say("the vehicle is in the air: it goes on from where it is")
+                    options = replace(options, took_off_s=float(unfinished.track.time_s[0]))
                     begin = lambda orders: fly_on(vehicle, site, unfinished, orders)  # noqa: E731
                 else:
                     compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
