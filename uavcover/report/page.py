@@ -14,7 +14,7 @@ import jinja2
 from markupsafe import Markup
 
 from mission_io.model.plain_text import plain_lines, plain_values
-from uavcover.errors import OutputError
+from uavcover.errors import InputError, OutputError
 from uavcover.judging.requirements import requirement_rows
 from uavcover.report import plots
 from uavcover.report.background import Background, read_background
@@ -27,6 +27,7 @@ from uavcover.run.judged_inputs import (
     accepted_in,
     inspect_inputs,
     judged_logs,
+    logs_of_the_verdict,
     refuse_changes,
     same_inputs,
     unsealed_in_words,
@@ -260,6 +261,7 @@ def save_report(
     of_run = path.resolve() == run.file(REPORT_FILE).resolve()
     if of_run and run.file(REPORT_FILE).exists():
         run.remove([REPORT_FILE])  # a report that is refused leaves no older one behind
+    logs = list(logs) or _logs_of_the_verdict(run, user)
     notices = standing(run, logs)
     with user.progress("reporting"):
         content = read_run(run, logs=logs, notices=notices)
@@ -272,6 +274,15 @@ def save_report(
         note_files(run, "report", [REPORT_FILE], command=sys.argv)
     user.say(f"written: {path} ({len(text.encode()) / 1e6:.1f} MB)")
     return content
+
+
+def _logs_of_the_verdict(run: RunFolder, user: User) -> list[Path]:
+    """The logs that the verdict judged, with those of gaps; where they are not here any more, the run's own tracks."""
+    try:
+        return logs_of_the_verdict(run)
+    except InputError as error:
+        user.warn(str(error))
+        return []
 
 
 def standing(run: RunFolder, logs: Sequence[Path]) -> list[str]:
