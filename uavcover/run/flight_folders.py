@@ -46,6 +46,12 @@ def whole_run(folder: RunFolder) -> RunFolder:
     return RunFolder(folder.path.parent) if is_sortie else folder
 
 
+def plans_of(run: RunFolder) -> list[RunFolder]:
+    """The run, its sorties, the flights that resumed them and its gap mission: every folder with a plan that was flown by it."""
+    flights = [flight for folder in (run, *run.sorties()) for flight in flights_of(folder)]
+    return [folder for folder in (*flights, RunFolder(run.file(GAP_FOLDER))) if folder.file("plan.json").is_file()]
+
+
 def next_folder(run: RunFolder) -> RunFolder:
     """Where the flight that goes on with the latest one is kept."""
     return RunFolder(run.file(f"{_FOLDER}-{len(flights_of(run))}"))
