@@ -93,12 +93,13 @@ def fly(
     whatever ended it, in a folder of its own inside RUN; verify counts both.
     """
     from uavcover.errors import INTERRUPTED, InputError
-    from uavcover.run.fly import ENDED_BY_USER, Ending, FlightOptions, commands_after_flight, fly_run, resume_run
+    from uavcover.run.fly import ENDED_BY_USER, FlightOptions, commands_after_flight, fly_run, resume_run
     from uavcover.run.folder import RunFolder
     from uavcover.run.own_links import links_of_run
     from uavcover.run.planned import read_planned
     from uavcover.run.user import to_paste
     from uavcover.vehicle.flight_plan import FlightTimeouts
+    from uavcover.vehicle.outcome import Ending
 
     if older.resume and not to and sortie is None and RunFolder(run).sorties():
         RunFolder(run).flight(sortie)  # one of several, and nobody says which
