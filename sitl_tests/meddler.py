@@ -69,12 +69,20 @@ class Meddler:
 
     Args:
         system_id: of the vehicle that it is on.
+        component_id: which of its components it claims to be.
         lies: what it says.
         seed: of the numbers in it.
     """
 
-    def __init__(self, *, system_id: int = 1, lies: Sequence[Lie] = tuple(LIES.values()), seed: int = 14) -> None:
-        self._codec = Codec(system_id=system_id, component_id=COMPANION)
+    def __init__(
+        self,
+        *,
+        system_id: int = 1,
+        component_id: int = COMPANION,
+        lies: Sequence[Lie] = tuple(LIES.values()),
+        seed: int = 14,
+    ) -> None:
+        self._codec = Codec(system_id=system_id, component_id=component_id)
         self._lies, self._rng, self._next_s = lies, random.Random(seed), 0.0
 
     def datagrams(self, now: float) -> list[bytes]:

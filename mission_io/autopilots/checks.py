@@ -1,4 +1,7 @@
-"""Checks before sending: would the autopilot accept a list of items, and would it understand them as they were meant?"""
+"""Checks before sending: would the autopilot accept a list of items, and would it understand them as they were meant?
+
+And after receiving: are the items of a vehicle positions on Earth?
+"""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -12,6 +15,8 @@ from mission_io.model.items import Command, MissionItem, MissionType
 _LARGEST_FLOAT32 = 3.4028234663852886e38
 _LONGEST_HOLD_S = 65535
 _WHOLE_ITEM_COUNT = 65535
+_LARGEST_DEGREES = {"lat_deg": 90.0, "lon_deg": 180.0}
+_NAMES = {"lat_deg": "latitude", "lon_deg": "longitude"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,6 +63,33 @@ def check_for_autopilot(
     if mission_type is not MissionType.MISSION:
         problems.extend(_list_problems(items, mission_type))
     return tuple(problems)
+
+
+def refuse_impossible(items: Sequence[MissionItem], mission_type: MissionType) -> None:
+    """Refuse a downloaded list with a position that is none: PX4 accepts and returns such items.
+
+    Raises:
+        FormatError: the first item and field, by its number on the wire.
+    """
+    for number, item in enumerate(items):
+        for name, value in item.values():
+            what = _impossible(item, name, value, mission_type)
+            if what is not None:
+                advice = "the vehicle's list cannot be flown: upload it again, or clear it"
+                raise FormatError(what, where=f"item {number}, {name}", advice=advice)
+
+
+def _impossible(item: MissionItem, name: str, value: float, mission_type: MissionType) -> str | None:
+    if math.isinf(value):
+        return f"{value} is not a number"
+    if not item.has_position or item.command in WITHOUT_POSITION:
+        return None
+    if name in _LARGEST_DEGREES and not abs(value) <= _LARGEST_DEGREES[name]:
+        largest = _LARGEST_DEGREES[name]
+        return f"{value} is not a {_NAMES[name]} from -{largest:g} to {largest:g}"
+    if name == "alt_m" and math.isnan(value) and mission_type is not MissionType.FENCE:  # a fence has no heights
+        return "NaN is not a height"
+    return None
 
 
 def fence_problems(fence: Fence) -> tuple[str, ...]:

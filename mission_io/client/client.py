@@ -138,7 +138,8 @@ class Client(Connection):
             TransferError: the vehicle refused, cancelled, or made no progress.
             TransferCancelledError: ``stop`` returned True.
             TransferSilentError: the vehicle stopped answering; also a VehicleSilentError.
-            FormatError: the vehicle holds an item in a frame that mission_io does not know.
+            FormatError: the vehicle holds an item in a frame that mission_io does not know, or at a position that is none; it
+                names the item and the field.
         """
         # A vehicle that keeps no state about a download serves items in any order.
         autopilot = self.known_autopilot

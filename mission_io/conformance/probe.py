@@ -43,6 +43,8 @@ ANSWER_S: Final = 3.0
 _TRIES = 5
 _IDLE_S: Final = 1.5
 _LONGEST_REST_S: Final = 30.0
+_UNMEASURED_S: Final = 0.3
+_LONGEST_LATE_S: Final = 2.0
 
 
 class Probe:
@@ -60,6 +62,8 @@ class Probe:
         self.client = Client(link, system_id=system_id, listener=self._note, timing=Timing(items_ahead=0))
         self._other = Codec(system_id=OTHER_SYSTEM if system_id != OTHER_SYSTEM else 253, component_id=190)
         self._inbox: deque[Received] = deque()
+        self._served: tuple[int, int] | None = None
+        self._served_at = self._late_s = 0.0
 
     @property
     def vehicle(self) -> VehicleInfo:
@@ -96,8 +100,18 @@ class Probe:
         """Send one message, as this station or as the second one."""
         if as_other:
             self.client.link.send(self._other.encode(message))
-        else:
-            self.client.send(message)
+            return
+        self.client.send(message)
+        if isinstance(message, ITEMS):
+            self._served, self._served_at = (message.seq, message.mission_type), self.now()
+
+    @property
+    def late_s(self) -> float:
+        """How long an answer is under way on this link at most, by the slowest transfer so far."""
+        round_trip = self.client.patience.round_trip
+        if round_trip is not None:
+            self._late_s = max(self._late_s, min(_LONGEST_LATE_S, round_trip.time_out_s))
+        return self._late_s or _UNMEASURED_S
 
     def count(self, count: int, mission_type: int = MissionType.MISSION) -> MissionCount:
         """Announces an upload."""
@@ -117,9 +131,10 @@ class Probe:
         return MissionAck(*self.to, result, mission_type)
 
     def forget(self) -> None:
-        """Drop what was heard so far."""
-        self.client.poll(0.0)
+        """Drop what was heard so far, and what is still under way: a late ACK is no answer to what is asked next."""
+        self.hear(lambda _: False, self.late_s)
         self._inbox.clear()
+        self._served = None
 
     def hear(
         self, accept: Callable[[Message], bool], within_s: float = ANSWER_S, *, any_target: bool = False
@@ -148,8 +163,22 @@ class Probe:
     def answer(
         self, mission_type: int, within_s: float = ANSWER_S, kinds: tuple[type[Message], ...] = PROTOCOL
     ) -> Message | None:
-        """The next message of the mission protocol to this station about a list."""
-        return self.hear(lambda m: isinstance(m, kinds) and getattr(m, "mission_type", None) == mission_type, within_s)
+        """The next message of the mission protocol to this station about a list.
+
+        A request for the item that was sent last, or for one before it, is no answer to it while that may be under way.
+        """
+
+        def accept(message: Message) -> bool:
+            about = getattr(message, "mission_type", None)
+            if not isinstance(message, kinds) or about != mission_type:
+                return False
+            served = self._served
+            crossed = (
+                isinstance(message, REQUESTS) and served is not None and served[1] == about and message.seq <= served[0]
+            )
+            return not (crossed and self.now() - self._served_at < self.late_s)
+
+        return self.hear(accept, within_s)
 
     def ask(
         self, message: Message, mission_type: int, kinds: tuple[type[Message], ...] = PROTOCOL, tries: int = _TRIES
@@ -266,9 +295,11 @@ class Probe:
         began = self.now()
         while self.now() - began < _LONGEST_REST_S:
             said = self.quiet(_IDLE_S)
+            if not said:
+                break
             asked = [message for message in said if isinstance(message, REQUESTS)]
             if not asked:
-                break
+                continue
             last = asked[-1]
             self.send(
                 self.ack(MissionResult.OPERATION_CANCELLED, last.mission_type),

@@ -230,7 +230,8 @@ def count_late(p: Probe) -> str:
         check(seq_of(p.answer(_MISSION)) == seq + 1, f"item {seq} was not followed by the next request")
     p.send(p.count(len(new)))
     answer = p.answer(_MISSION, 2.0 * ANSWER_S)
-    said = described(answer)
+    late = None if isinstance(answer, MissionAck) else p.answer(_MISSION, p.late_s, (MissionAck,))
+    said = described(late or answer)
     if isinstance(answer, MissionAck):
         answer = p.answer(_MISSION, 2.0 * ANSWER_S)
     check(isinstance(answer, REQUESTS), f"COUNT at item 2: {said}, then {described(answer)}")

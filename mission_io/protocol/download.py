@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from enum import Enum
 from typing import ClassVar
 
+from mission_io.autopilots.checks import refuse_impossible
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.exchange import OPENING, Address, Exchange
@@ -190,9 +191,11 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         """The items as they are on the wire.
 
         Raises:
-            FormatError: an item in a frame that mission_io does not know.
+            FormatError: an item in a frame that mission_io does not know, or at a position that is none.
         """
-        return tuple(item_from_message(self._arrived[seq]) for seq in range(len(self._arrived)))
+        items = tuple(item_from_message(self._arrived[seq]) for seq in range(len(self._arrived)))
+        refuse_impossible(items, self.mission_type)
+        return items
 
     def cancel(self, now: float) -> None:
         """Stop and tell the vehicle. No effect on a finished download."""

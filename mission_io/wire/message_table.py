@@ -6,6 +6,7 @@ from operator import attrgetter, itemgetter
 from typing import Any, Final
 
 from mission_io.errors import MisuseError
+from mission_io.model.plain_text import plain_text
 from mission_io.wire import messages as m
 from mission_io.wire.framing import Layout, layout_of
 
@@ -98,7 +99,7 @@ def _array(name: str, wire: str, per_unit: float = 1.0, *, unknown: int | None =
 
 
 def _text(name: str, wire: str, size: int) -> FieldRow:
-    """A string in a fixed number of bytes; longer ones are refused, not cut."""
+    """A string in a fixed number of bytes; longer ones are refused, not cut. What arrives may be shown as it is."""
 
     def encode(value: str) -> bytes:
         data = value.encode("ascii", errors="replace")
@@ -106,7 +107,10 @@ def _text(name: str, wire: str, size: int) -> FieldRow:
             raise MisuseError(f"{name} has {len(data)} bytes, MAVLink has room for {size}: {value!r}")
         return data
 
-    return FieldRow(name, (wire,), lambda value: value.split(b"\0", 1)[0].decode("ascii", errors="replace"), encode)
+    def decode(value: bytes) -> str:
+        return plain_text(value.split(b"\0", 1)[0].decode("ascii", errors="replace"))
+
+    return FieldRow(name, (wire,), decode, encode)
 
 
 _FIRST_EXTENSION: Final = {

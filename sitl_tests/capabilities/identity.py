@@ -3,6 +3,7 @@
 from mission_io.autopilots.autopilot import mission_from_wire, wire_items
 from mission_io.errors import CommandRefusedError
 from mission_io.model.items import Command, MissionType
+from mission_io.wire import messages as m
 from mission_io.wire.framing import Framer
 from sitl_tests.capabilities.demonstration import SCENARIO
 from sitl_tests.case import Case, Finding
@@ -22,6 +23,8 @@ from uavcover.vehicle.precautions import OnBreach, Precautions
 _HEARTBEAT = 0
 _FORCED = 21196.0
 _LISTEN_S = 3.0
+_HOSTILE = ("\x1b[2J\x1b[HPWNED", "\x1b]0;PWNED\x07", "PWNED\nwarning: forged", "\rPWNED\x08\x7f", "\x00PWNED")
+"""Clears the screen, sets its title, forges a line, overwrites one; a zero ends a text."""
 
 
 def foreign_type(case: Case) -> Finding:
@@ -77,6 +80,27 @@ def meddling_companion(case: Case) -> Finding:
     worst_m = require_flown(path, waypoints_held(case))
     rate_hz = outcome.sample_count / outcome.duration_s
     return Finding(WORKS, f"{rate_hz:.1f} samples a second, waypoints passed within {worst_m:.1f} m, no incident")
+
+
+def hostile_text(case: Case) -> Finding:
+    """The autopilot's component sends texts that steer a terminal; none of that is in what the pilot is told."""
+    with case.station() as station:
+        address = station.client.vehicle.address
+    texts = [m.StatusText(6, f"{number}{text}") for number, text in enumerate(_HOSTILE)]
+    meddler = Meddler(
+        system_id=address.system_id, component_id=address.component_id, seed=case.seed, lies=[lambda rng: rng.choice(texts)]
+    )  # fmt: skip
+    with (
+        Relay(case.vehicle.url, seed=case.seed, meddler=meddler) as relay,
+        case.station(relay.url) as station,
+    ):
+        outcome, _ = fly_mission(case, station, route_mission(case.vehicle.home))
+    require(outcome.ending is Ending.LANDED, f"it ended with {outcome.ending.key}: {case.events[-1]}")
+    shown = [event for event in case.events if "PWNED" in event]
+    hostile = [event for event in case.events if not event.isprintable()]
+    require(bool(shown), "none of the texts was told")
+    require(not hostile, f"control characters were told: {hostile[:1]!r}")
+    return Finding(WORKS, f"{len(shown)} hostile texts told, none with a control character")
 
 
 def force_disarm(case: Case) -> Finding:

@@ -16,13 +16,20 @@ from sitl_tests.errors import CheckFailedError, require
 from sitl_tests.flying import fly_mission, require_flown, waypoints_held
 from sitl_tests.matrix import WORKS
 from sitl_tests.missions import long_mission, route_mission
+from sitl_tests.relay import Relay
 from uavcover.routes.mission_compiler import AUTOPILOTS
+from uavcover.vehicle.mavsdk.session import raw_items
+from uavcover.vehicle.modes import Mode, custom_mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent
+from uavcover.vehicle.readiness import request_telemetry, wait_until_ready
 
 _ITEMS = 30
 _ANSWER_S = 2.0
 _LOWERED_M = 5.0
 _PX4_FIRMWARE = 12
+_FOUND_S = 30.0
+_TAKEN_OFF_M = 5.0
+_TAKES_OFF_S = 60.0
 
 
 def second_station(case: Case) -> Finding:
@@ -82,6 +89,47 @@ def mission_from_file(case: Case) -> Finding:
     return Finding(
         WORKS, f"{steps} places differ from ours in the last digits; waypoints passed within {worst_m:.1f} m"
     )
+
+
+def mavsdk_start(case: Case) -> Finding:
+    """MAVSDK by itself, as somebody else's program: upload, arm, ``start_mission``; the vehicle takes off in its mission."""
+    import mavsdk
+    from mavsdk.plugins.action import Action
+    from mavsdk.plugins.mission_raw import MissionRaw
+
+    mavsdk.log_subscribe(lambda *_: True)
+    mission, autopilot = route_mission(case.vehicle.home), AUTOPILOTS[case.autopilot]
+    with case.second_station() as watcher, Relay(case.vehicle.url, seed=case.seed) as relay:
+        request_telemetry(watcher.session)
+        wait_until_ready(watcher.session)
+        ground = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION))
+        ground.add_any_connection(relay.url)
+        system = ground.first_autopilot(_FOUND_S)
+        require(system is not None, f"MAVSDK did not find the vehicle within {_FOUND_S:g} s")
+        action, raw = Action(system), MissionRaw(system)
+        try:
+            raw.upload_mission(raw_items(wire_items(mission, autopilot), MissionType.MISSION))
+            action.arm()
+            raw.start_mission()
+        except mavsdk.MavsdkError as error:
+            raise CheckFailedError(f"MAVSDK: {error}") from None
+        finally:
+            for part in (raw, action, ground):
+                part.destroy()
+        number = custom_mode(autopilot, Mode.MISSION)
+        began_s = watcher.monitor.time_s or 0.0
+        watcher.wait(
+            lambda: _height_m(watcher) > _TAKEN_OFF_M and watcher.client.vehicle.custom_mode == number,
+            within_s=_TAKES_OFF_S,
+            what=f"it is at {_height_m(watcher):.1f} m in {watcher.session.mode_name} after start_mission()",
+        )
+        took_s = (watcher.monitor.time_s or 0.0) - began_s
+    return Finding(WORKS, f"{_TAKEN_OFF_M:g} m above home {took_s:.1f} s after start_mission()")
+
+
+def _height_m(station: Station) -> float:
+    position = station.monitor.latest(m.GlobalPositionInt)
+    return 0.0 if position is None else position.alt_above_home_m
 
 
 def _lowered(item: MissionItem) -> MissionItem:

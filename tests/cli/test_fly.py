@@ -73,6 +73,16 @@ def _own_terminal() -> None:
     fcntl.ioctl(0, termios.TIOCSCTTY, 0)
 
 
+def test_total_link_loss_at_speed_is_found(cli: Cli, planned: Path) -> None:
+    """Time synchronisation got through an outage, so that a vehicle faster than real time was never silent."""
+    with mock_vehicle("--speed", 30, "--fault", "link-outage:8@20s") as (port, _):
+        url = upload(cli, planned, port)
+        ended = cli("fly", planned, "--to", url, "--deadman", 0.5, "--link-lost", 2, "--json")
+    assert ended.code == 3
+    assert ended.document["ending"] == "link_lost"
+    assert "nothing from vehicle 1 for 2" in ended.document["error"]
+
+
 def upload(cli: Cli, run: Path, port: int) -> str:
     url = f"udpout://127.0.0.1:{port}"
     assert cli("plan-upload", run, "--to", url).code == 0

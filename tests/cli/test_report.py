@@ -1,3 +1,4 @@
+import shutil
 import webbrowser
 from pathlib import Path
 
@@ -79,3 +80,16 @@ def test_a_map_of_the_users_own(cli: Cli, flown: Path, tmp_path: Path) -> None:
     assert ended.code == 2
     assert "no.tif: no such file" in ended.error
     assert not (tmp_path / "other.html").exists()
+
+
+def test_it_judges_the_logs_that_the_verdict_judged(cli: Cli, flown: Path) -> None:
+    """After ``verify --log`` of a flight and of its gap mission the report was stale."""
+    other = Path(shutil.copy(flown / "track.csv", flown.parent / "gaps.csv"))
+    assert cli("verify", flown, "--log", flown / "track.csv", "--log", other).code == 0
+    assert cli("report", flown).code == 0
+    assert "judged other inputs" not in (flown / "report.html").read_text()
+    other.unlink()
+    ended = cli("report", flown)
+    assert ended.code == 0
+    assert "gaps.csv, which is not here" in ended.err
+    assert "judged other inputs" in (flown / "report.html").read_text()

@@ -23,7 +23,7 @@ SAMPLES: list[m.Message] = [
     m.MissionCurrent(0),
     m.MissionItemReached(65535),
     m.StatusText(4, "Reached waypoint #2"),
-    m.StatusText(2, "t\t", 513, 1),
+    m.StatusText(2, "t ", 513, 1),
     m.CommandLong(1, 1, 400, (1.0, 21196.0, 0.0, 0.0, 0.0, 0.0, 0.5), 3),
     m.CommandInt(1, 1, 6, 192, (-1.0, 1.0, 0.0, 0.0), 461234567, -77654321, 30.0),
     m.CommandAck(400, 5, 50, -1, 255, 190),

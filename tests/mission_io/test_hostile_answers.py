@@ -3,15 +3,18 @@
 import contextlib
 import math
 import random
+import re
 from collections.abc import Callable
+from dataclasses import replace
 
 import pytest
 
+from mission_io.autopilots.autopilot import PX4
 from mission_io.client.client import Client
 from mission_io.client.flight_logs import download_flight_log, list_flight_logs
-from mission_io.errors import CommandRefusedError, MissionIoError, TransferSilentError, VehicleSilentError
+from mission_io.errors import CommandRefusedError, FormatError, MissionIoError, TransferSilentError, VehicleSilentError
 from mission_io.model.enums import CommandResult
-from mission_io.model.items import Command
+from mission_io.model.items import Command, Frame, MissionItem, MissionType
 from mission_io.wire.messages import (
     CommandAck,
     CommandLong,
@@ -133,3 +136,43 @@ def test_a_log_in_pieces_that_are_none_is_given_up(count: int, padded: tuple[int
 
     with pytest.raises(TransferSilentError, match=f"fell silent after {taken} of 50000 bytes"):
         download_flight_log(connected(Pieces()), LOG, timeout_s=2.0)
+
+
+UP = MissionItem(Command.NAV_WAYPOINT, Frame.ABOVE_HOME, (0.0, 0.0, 0.0, 0.0), 46.5, -7.5, 40.0)
+NOWHERE = [
+    (replace(UP, lat_deg=214.7483647), "item 1, lat_deg: 214.7483647 is not a latitude from -90 to 90"),
+    (replace(UP, lat_deg=-90.0000001), "item 1, lat_deg: -90.0000001 is not a latitude"),
+    (replace(UP, lon_deg=-180.1), "item 1, lon_deg: -180.1 is not a longitude from -180 to 180"),
+    (replace(UP, alt_m=math.nan), "item 1, alt_m: NaN is not a height"),
+    (replace(UP, alt_m=-math.inf), "item 1, alt_m: -inf is not a number"),
+    (replace(UP, params=(0.0, math.inf, 0.0, math.nan)), "item 1, param2: inf is not a number"),
+]
+
+
+@pytest.mark.parametrize(("item", "says"), NOWHERE)
+@pytest.mark.parametrize("mission_type", [MissionType.MISSION, MissionType.RALLY])
+def test_a_position_that_is_none_is_an_error_that_names_it(
+    item: MissionItem, says: str, mission_type: MissionType
+) -> None:
+    """A download returned a latitude of 214.7 degrees and a NaN height."""
+    peer = VehiclePeer(PX4)
+    peer.server.set_items(mission_type, [UP, item, UP])
+    with pytest.raises(FormatError, match=re.escape(says)) as raised:
+        connected(peer).download(mission_type)
+    assert str(raised.value).endswith("; the vehicle's list cannot be flown: upload it again, or clear it")
+
+
+def test_what_is_no_position_may_be_any_number() -> None:
+    peer = VehiclePeer(PX4)
+    speed = MissionItem(Command.DO_CHANGE_SPEED, Frame.COMMAND, (1.0, 5.0, -1.0, math.nan), 0.0, 0.0, math.nan)
+    yaw_unset = replace(UP, params=(0.0, 2.0, math.nan, math.nan))
+    peer.server.set_items(MissionType.MISSION, [yaw_unset, speed])
+    assert len(connected(peer).download(MissionType.MISSION)) == 2
+
+
+def test_mavsdk_refuses_the_same() -> None:
+    session = pytest.importorskip("uavcover.vehicle.mavsdk.session")
+    for item, says in NOWHERE[:5]:
+        raw = session.raw_items([UP, item], MissionType.MISSION)
+        with pytest.raises(FormatError, match=re.escape(says)):
+            session.contents_of(session.Answer("SUCCESS", raw), MissionType.MISSION)

@@ -6,6 +6,7 @@ from mission_io.autopilots.autopilot import ARDUPILOT
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
 from tests.vehicle.scene import HOME
+from uavcover.mock.faults import parse_fault
 from uavcover.mock.peer import MockPeer, Pacing
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 
@@ -102,3 +103,26 @@ def test_what_is_no_answer_counts_as_none(answer: m.TimeSync):
     assert pacing.question(1.0, 0.0) == m.TimeSync(0, 10**9)
     pacing.take("one", answer)
     assert not pacing.waits(100.0, 1.0)
+
+
+def test_an_outage_is_total_and_time_goes_on():
+    """No datagram either way, TIMESYNC included: else a fast vehicle would never be silent."""
+    peer, vehicle, stations = paced("one")
+    run(peer, stations, 0.0, 1.0, {"one"})
+    vehicle.faults.add(parse_fault("link-outage:1.5@boot+0s"))
+    began_s = vehicle.time_s
+    peer.datagrams(1.01)
+    assert vehicle.cut_off
+    station, heard = stations["one"], 0
+    for tick in range(102, 245):
+        heard += len(peer.datagrams(tick / 100))
+        station.peer.receive_from("one", station.codec.encode(m.CommandLong(1, 1, 400, (1.0,) * 7)), tick / 100)
+        station.peer.receive_from("one", station.codec.encode(m.TimeSync(123, round(vehicle.time_s * 1e9))), tick / 100)
+    assert heard == 0
+    assert not vehicle.armed
+    assert vehicle.time_s == pytest.approx(began_s + 1.44 * SPEED, rel=0.02), "it waits for no station"
+    run(peer, stations, 2.5, 3.5, {"one"})
+    assert not vehicle.cut_off
+    again_s = vehicle.time_s
+    run(peer, stations, 3.5, 4.4, set())
+    assert vehicle.time_s <= again_s + 5.0 + 2.0, "and waits again for one that is heard again"

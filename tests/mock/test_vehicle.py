@@ -118,12 +118,49 @@ def test_modes_need_a_position_and_unknown_ones_are_denied():
 
 
 def test_set_mode_messages_and_start_before_the_mode_work_like_commands():
+    """MISSION_START changes to AUTO by itself, from any mode (ArduCopter 4.7)."""
     bench = ready()
     bench.load(*up_there(go(0, 50, 20)))
     bench.send(m.SetMode(1, 1, custom_mode(ARDUPILOT, Mode.GUIDED)))
     assert bench.vehicle.mode is Mode.GUIDED
     bench.command(Command.COMPONENT_ARM_DISARM, 1.0)
-    assert bench.command(Command.MISSION_START) is CommandResult.FAILED  # on the ground it has to be in AUTO
+    assert bench.command(Command.MISSION_START) is CommandResult.ACCEPTED
+    assert bench.vehicle.mode is Mode.MISSION
+    bench.run(5.0)
+    assert bench.vehicle.flying
+    assert bench.command(Command.MISSION_START, 2.0) is CommandResult.DENIED
+
+
+def test_what_ardupilot_does_with_the_calls_of_mavsdk_before_it_is_armed():
+    """Start is accepted disarmed; then MAVSDK holds before it arms, in BRAKE, where ArduCopter 4.7 refuses to arm."""
+    bench = ready()
+    bench.load(*up_there(go(0, 50, 20)))
+    assert bench.command(Command.DO_SET_MODE, 1.0, 3.0) is CommandResult.ACCEPTED
+    assert bench.command(Command.MISSION_START) is CommandResult.ACCEPTED
+    bench.run(2.0)
+    assert not bench.vehicle.flying
+    assert bench.command(Command.DO_SET_MODE, 1.0, 17.0) is CommandResult.ACCEPTED
+    bench.said.clear()
+    assert bench.command(Command.COMPONENT_ARM_DISARM, 1.0) is CommandResult.FAILED
+    bench.run(1.5)
+    assert bench.heard(m.StatusText)[0].text == "Arm: BRAKE mode not armable"
+    assert bench.heard(m.Heartbeat)[-1].custom_mode == 17
+
+
+def test_ardupilot_refuses_a_mission_without_a_take_off_on_the_ground():
+    bench = ready()
+    bench.load(go(0, 50, 20), go(0, 80, 20))
+    assert bench.command(Command.DO_SET_MODE, 1.0, 3.0) is CommandResult.ACCEPTED, "disarmed it may"
+    assert bench.set_mode(Mode.GUIDED) is CommandResult.ACCEPTED
+    assert bench.command(Command.COMPONENT_ARM_DISARM, 1.0) is CommandResult.ACCEPTED
+    bench.said.clear()
+    assert bench.command(Command.MISSION_START) is CommandResult.FAILED
+    bench.run(0.1)
+    assert [said.text for said in bench.heard(m.StatusText)] == [
+        "Auto: Missing Takeoff Cmd",
+        "Mode change to AUTO failed: init failed",
+    ]
+    assert bench.vehicle.mode is Mode.GUIDED
 
 
 def test_commands_for_others_are_not_answered():

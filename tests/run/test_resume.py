@@ -26,8 +26,10 @@ from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.routes.objectives import judge_member
 from uavcover.run.close_gaps import plan_gap_mission, save_gap_mission
 from uavcover.run.flight_folders import flights_of, flown_tracks
+from uavcover.run.fly import commands_after_flight
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import judge_tracks, planned_for, read_planned_route
+from uavcover.run.judged_inputs import inspect_inputs
 from uavcover.run.mission import compile_plan
 from uavcover.run.plan_files import save_plan
 from uavcover.run.resume import find_unfinished, save_rest, took_off_s
@@ -221,10 +223,29 @@ def test_after_a_stop_that_brought_it_home(site, run, undisturbed):
     first = field.fly(stop=lambda: int(field.vehicle.time_s > 80.0))
     assert first is not None
     assert first.ending is Ending.RETURNED
+    assert commands_after_flight(field.run, first.ending, ["--to", "URL"]) == [
+        f"uavcover fly {run} --resume --to URL",
+        f"uavcover verify {run}",
+    ]
     second = field.resume()
     assert second is not None
     assert second.ending is Ending.LANDED
     check_together(field, undisturbed, 2)
+    check_logs_from_elsewhere(field)
+
+
+def check_logs_from_elsewhere(field: Field) -> None:
+    """A log of the flight that resumed, given from elsewhere, was judged by the whole route."""
+    elsewhere = field.run.path.parent / "elsewhere"
+    elsewhere.mkdir()
+    for number, path in enumerate(flown_tracks(field.run)):
+        log = Path(shutil.copy(path, elsewhere / f"log{number}.csv"))
+        followed, own = planned_for(log, field.run, read_track(log)), planned_for(path, field.run)
+        assert followed is not None
+        assert own is not None
+        assert followed.waypoints_m.tolist() == own.waypoints_m.tolist()
+    hashes = inspect_inputs(field.run, [elsewhere / "log1.csv"]).hashes
+    assert set(hashes["plans_followed"]) >= {"resumed-1/plan.json"}
 
 
 def test_held_where_it_left_the_route_it_goes_on_with_the_mission_that_it_has(site, run, undisturbed):

@@ -1,15 +1,17 @@
 """MAVSDK as a second client, against our mock vehicle over UDP; the wall clock is MAVSDK's, a watchdog ends what hangs."""
 
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from random import Random
+from typing import Any
 
 import numpy as np
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot, wire_items
 from mission_io.client.client import Client
 from mission_io.errors import (
     CommandRefusedError,
@@ -30,6 +32,8 @@ from uavcover.mock.server import MockServer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.vehicle.flight_plan import FlightTimeouts
 from uavcover.vehicle.fly import Ending, Orders, fly
+from uavcover.vehicle.mavsdk.session import raw_items
+from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.monitor import Monitor
 from uavcover.vehicle.precautions import OnBreach, Precautions
 
@@ -164,3 +168,57 @@ def test_a_whole_flight_by_mavsdk(autopilot):
         assert not vehicle.armed
         assert not vehicle.body.crashed
         assert {sample.current_waypoint for sample in samples} >= {0, 1, 2, 3}
+
+
+@contextmanager
+def foreign_client(port: int) -> Iterator[tuple[Any, Any]]:
+    """MAVSDK by itself, as somebody else's program: its ``action`` and its ``mission_raw``."""
+    mavsdk = pytest.importorskip("mavsdk")
+    from mavsdk.plugins.action import Action
+    from mavsdk.plugins.mission_raw import MissionRaw
+
+    mavsdk.log_subscribe(lambda *_: True)
+    ground = mavsdk.Mavsdk(mavsdk.Configuration.create_with_component_type(mavsdk.ComponentType.GROUND_STATION))
+    ground.add_any_connection(f"udpout://127.0.0.1:{port}")
+    system = ground.first_autopilot(30.0)
+    assert system is not None
+    action, raw = Action(system), MissionRaw(system)
+    try:
+        yield action, raw
+    finally:
+        for part in (raw, action, ground):
+            part.destroy()
+
+
+def test_mavsdks_own_start_takes_off(autopilot):
+    """``arm`` and ``start_mission`` of MAVSDK, as both simulators take them."""
+    with served(autopilot) as (vehicle, port), foreign_client(port) as (action, raw):
+        wait_until(lambda: vehicle.ready)
+        raw.upload_mission(raw_items(wire_items(mission(), autopilot), MissionType.MISSION))
+        action.arm()
+        raw.start_mission()
+        wait_until(lambda: vehicle.flying and vehicle.mode is Mode.MISSION)
+
+
+def test_mavsdks_start_before_arming_is_what_arducopter_makes_of_it():
+    """ArduCopter 4.7 accepts the start; MAVSDK then holds in BRAKE before it arms, and ArduCopter refuses to arm in BRAKE."""
+    from mavsdk.plugins.action import ActionError
+
+    with served(ARDUPILOT) as (vehicle, port), foreign_client(port) as (action, raw):
+        wait_until(lambda: vehicle.ready)
+        raw.upload_mission(raw_items(wire_items(mission(), ARDUPILOT), MissionType.MISSION))
+        raw.start_mission()
+        assert vehicle.mode is Mode.MISSION
+        heard_s = vehicle.time_s + 3.0
+        wait_until(lambda: vehicle.time_s > heard_s)  # MAVSDK knows the mode by heartbeats
+        with pytest.raises(ActionError):
+            action.arm()
+        assert not vehicle.armed
+
+
+def wait_until(done: Callable[[], bool]) -> None:
+    """Another process's threads do it: by the wall clock, under a watchdog."""
+    deadline = time.monotonic() + 60.0
+    while not done():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)

@@ -191,7 +191,8 @@ def bench_link(
     cells = cells_of(read_outcomes(out))
     write_text(out / "link.csv", "\n".join(csv_lines(cells)) + "\n")
     write_text(out / "link.md", markdown(cells) + "\n")
-    console.say(markdown(cells))
+    for line in markdown(cells).splitlines():
+        console.say(line)
     console.result(
         {"transfers": len(wanted), "made": missing, "wrong_unnoticed": sum(cell.wrong_unnoticed for cell in cells)}
     )

@@ -7,19 +7,23 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Self, TextIO
 
 from rich.console import Console as RichConsole
+from rich.console import RenderableType
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeRemainingColumn
+from rich.text import Text
 
-from uavcover.cli.ending import stop_signals
+from mission_io.model.plain_text import plain_text, plain_values
+from uavcover.cli.ending import PlainFormatter, stop_signals
 from uavcover.errors import OutputError
 from uavcover.run.folder import json_line
 
 _SHOW_AFTER_S = 2.0
+_STATUS_EVERY_S = 30.0
 _BAR_WIDTH = 24
 """So that a note of 36 characters fits beside it into 80."""
 
@@ -36,7 +40,9 @@ class Console:
         self.as_json = as_json
         self.quiet = verbosity < 0
         level = logging.WARNING if verbosity <= 0 else logging.INFO if verbosity == 1 else logging.DEBUG
-        logging.basicConfig(level=level, stream=sys.stderr, format="%(levelname)s %(name)s: %(message)s", force=True)
+        handler = logging.StreamHandler(sys.stderr)
+        handler.setFormatter(PlainFormatter("%(levelname)s %(name)s: %(message)s"))
+        logging.basicConfig(level=level, handlers=[handler], force=True)
         self._terminal = RichConsole(stderr=True)
         self._bar_is_there = False
 
@@ -73,13 +79,14 @@ class Console:
         if not self.as_json:
             return
         try:
-            sys.stdout.write(json_line(document) + "\n")
+            sys.stdout.write(json_line(plain_values(document)) + "\n")
             sys.stdout.flush()
         except OSError as error:
             discard(sys.stdout)
             raise OutputError(f"standard output: cannot be written ({error.strerror})") from error
 
     def _write(self, stream: TextIO, line: str) -> None:
+        line = plain_text(line)
         try:
             if self._bar_is_there and stream.isatty():
                 self._terminal.print(line, markup=False, highlight=False, emoji=False, soft_wrap=True)
@@ -94,24 +101,24 @@ class Console:
     def progress(self, what: str, total: float | None = None) -> Iterator["Bar"]:
         """A progress bar on a terminal, for what takes over two seconds; nothing when stderr is piped."""
         if self.quiet or not self._terminal.is_interactive:
-            yield Bar(None, None)
+            yield Bar(None, None, self)
             return
         columns = (
-            TextColumn("{task.description}"),
+            TextColumn("{task.description}", markup=False),
             BarColumn(bar_width=_BAR_WIDTH),
-            TextColumn("{task.fields[note]}"),
+            TextColumn("{task.fields[note]}", markup=False),
             TimeRemainingColumn(),
         )
-        progress = Progress(
+        progress = _OneLine(
             *columns, console=self._terminal, transient=True, redirect_stdout=False, redirect_stderr=False
         )
-        task = progress.add_task(what, total=total, note="")
+        task = progress.add_task(plain_text(what), total=total, note="", status="")
         appears = threading.Timer(_SHOW_AFTER_S, progress.start)
         appears.daemon = True
         appears.start()
         self._bar_is_there = True
         try:
-            yield Bar(progress, task)
+            yield Bar(progress, task, self)
         finally:
             self._bar_is_there = False
             appears.cancel()
@@ -128,20 +135,38 @@ class Console:
         return PauseKey(self)
 
 
-class Bar:
-    """A progress bar, or nothing."""
+class _OneLine(Progress):
+    """A progress bar, or the line of its task's status as far as it fits."""
 
-    def __init__(self, progress: Progress | None, task: TaskID | None) -> None:
-        self._progress, self._task = progress, task
+    def get_renderables(self) -> Iterable[RenderableType]:
+        """What is drawn."""
+        lines = [task.fields["status"] for task in self.tasks if task.fields["status"]]
+        yield Text(lines[-1], no_wrap=True, overflow="ellipsis") if lines else self.make_tasks_table(self.tasks)
+
+
+class Bar:
+    """A progress bar, or nothing; then a line of status every 30 s."""
+
+    def __init__(self, progress: Progress | None, task: TaskID | None, console: Console) -> None:
+        self._progress, self._task, self._console = progress, task, console
+        self._said_s = 0.0
 
     def update(self, done: float, *, total: float | None = None, note: str = "") -> None:
         """Show how far it is."""
         if self._progress is not None and self._task is not None:
-            self._progress.update(self._task, completed=done, total=total, note=note)
+            self._progress.update(self._task, completed=done, total=total, note=plain_text(note))
 
     def count(self, done: int, total: int) -> None:
         """Show ``done`` of ``total``."""
         self.update(done, total=total)
+
+    def status(self, line: str, *, at_s: float) -> None:
+        """Show this line instead of the bar, the bar again with an empty one; without a terminal, one every 30 s by ``at_s``."""
+        if self._progress is not None and self._task is not None:
+            self._progress.update(self._task, status=plain_text(line))
+        elif line and at_s >= self._said_s + _STATUS_EVERY_S:
+            self._said_s = at_s
+            self._console.say(f"  {at_s:.1f} s {line}")
 
 
 class Interrupts:

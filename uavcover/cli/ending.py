@@ -2,6 +2,7 @@
 
 import functools
 import inspect
+import logging
 import re
 import signal
 import sys
@@ -12,6 +13,7 @@ from typing import Any
 
 import typer
 
+from mission_io.model.plain_text import plain_lines, plain_text, plain_values
 from uavcover.errors import INTERRUPTED, UavcoverError
 from uavcover.run.folder import json_line
 
@@ -84,10 +86,10 @@ def _code(call: Callable[[], int], *, as_json: bool, traces: bool) -> int:
         if isinstance(error, MissionIoError):
             code, shown = BAD_USAGE if isinstance(error, FormatError | MisuseError) else 3, error  # type: ignore[assignment]
         else:
-            traceback.print_exception(error)
+            _print_trace(error)
             return _fail(f"a fault of uavcover: {type(error).__name__}: {error}", FAULT, as_json=as_json)
     if traces:
-        traceback.print_exception(shown)
+        _print_trace(shown)
     details = shown.details() if isinstance(shown, UavcoverError) else {}
     return _fail(str(shown), code, as_json=as_json, details=details)
 
@@ -96,17 +98,33 @@ def _fail(text: str, code: int, *, as_json: bool, details: Mapping[str, Any] = M
     line = _one_line(text)
     sys.stderr.write(f"error: {line}\n" if code != INTERRUPTED else f"{line}\n")
     if as_json:
-        sys.stdout.write(json_line({"error": line, "exit_code": code, **details}) + "\n")
+        sys.stdout.write(json_line(plain_values({"error": line, "exit_code": code, **details})) + "\n")
     return code
 
 
 def _one_line(text: str) -> str:
     """Text as one line that a terminal shows as it is: no control characters, and of very long words their ends."""
-    words = ["".join(c if c.isprintable() else "?" for c in word) for word in text.split()]
+    words = plain_text(text).split()
     return " ".join(
         word if len(word) <= _LONGEST_WORD else f"{word[: _LONGEST_WORD // 2]}...{word[-_LONGEST_WORD // 4 :]}"
         for word in words
     )
+
+
+def _print_trace(error: BaseException) -> None:
+    sys.stderr.write(plain_lines("".join(traceback.format_exception(error))))
+
+
+class PlainFormatter(logging.Formatter):
+    """Log lines that a terminal shows as they are: one line for each record, besides its traces."""
+
+    def formatMessage(self, record: logging.LogRecord) -> str:  # noqa: N802 - logging's name
+        """The line of a record."""
+        return plain_text(super().formatMessage(record))
+
+    def formatException(self, ei: Any) -> str:  # noqa: N802 - logging's name
+        """The trace of a record."""
+        return plain_lines(super().formatException(ei))
 
 
 def stop_signals() -> list[signal.Signals]:

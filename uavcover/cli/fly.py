@@ -93,12 +93,13 @@ def fly(
     whatever ended it, in a folder of its own inside RUN; verify counts both.
     """
     from uavcover.errors import INTERRUPTED, InputError
-    from uavcover.run.fly import ENDED_BY_USER, FlightOptions, fly_run, resume_run
+    from uavcover.run.fly import ENDED_BY_USER, FlightOptions, commands_after_flight, fly_run, resume_run
     from uavcover.run.folder import RunFolder
     from uavcover.run.own_links import links_of_run
     from uavcover.run.planned import read_planned
     from uavcover.run.user import to_paste
     from uavcover.vehicle.flight_plan import FlightTimeouts
+    from uavcover.vehicle.outcome import Ending
 
     if older.resume and not to and sortie is None and RunFolder(run).sorties():
         RunFolder(run).flight(sortie)  # one of several, and nobody says which
@@ -140,12 +141,14 @@ def fly(
     if older.resume:
         resumed, document = resume_run(folder, link, console, asked, command=sys.argv)
         if resumed is not None:
-            console.suggest(to_paste("verify", run))
+            console.suggest(*commands_after_flight(folder, resumed.ending, options.words_of(links)))
         console.result(document)
         return INTERRUPTED if resumed is not None and resumed.ending in ENDED_BY_USER else 0
     site, planned = read_planned(folder)
     outcome, document = fly_run(folder, site, planned.route, link, console, asked)
-    console.suggest(to_paste("verify", folder))
+    if outcome.ending is Ending.RETURNED and outcome.waypoints_reached < len(planned.route):
+        console.say("the vehicle holds the mission home now, not the planned one: --resume sends it what is left")
+    console.suggest(*commands_after_flight(folder, outcome.ending, options.words_of(links)))
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0
 

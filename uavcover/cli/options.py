@@ -297,6 +297,14 @@ class TransferOptions(VehicleOptions):
         return self.link_to(url, client=self.client, link=self.link)
 
 
+def words_of(links: "Sequence[VehicleLink]") -> list[object]:
+    """The options that say where these vehicles are."""
+    systems = [link.system_id for link in links if link.system_id is not None]
+    urls = [link.url for link in links]
+    to = [urls[0]] if len(systems) == len(urls) and len(set(urls)) == 1 else urls
+    return [word for url in to for word in ("--to", url)] + [word for each in systems for word in ("--system", each)]
+
+
 def on_breach(text: str | None) -> "OnBreach | None":
     """Check what is to be done on a breach; None is the vehicle's default.
 

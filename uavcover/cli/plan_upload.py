@@ -1,7 +1,6 @@
 """``uavcover plan-upload``: plan if needed, check, upload, read back, compare."""
 
 import sys
-from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -110,17 +109,9 @@ def plan_upload(
     document = upload_run(folder, site, planned.route, links[0], console, in_flight=in_flight)
     console.say(f"written: {folder.file('upload.json')}")
     if document["passed"]:
-        console.suggest(to_paste("fly", folder, *_said(links)))
+        console.suggest(to_paste("fly", folder, *options.words_of(links)))
     console.result({"run": str(folder), **document})
     return 0 if document["passed"] else 1
-
-
-def _said(links: "Sequence[VehicleLink]") -> list[object]:
-    """The options that say where these vehicles are."""
-    systems = [link.system_id for link in links if link.system_id is not None]
-    urls = [link.url for link in links]
-    to = [urls[0]] if len(systems) == len(urls) and len(set(urls)) == 1 else urls
-    return [word for url in to for word in ("--to", url)] + [word for each in systems for word in ("--system", each)]
 
 
 def _upload_each(run: "RunFolder", links: "list[VehicleLink]", console: "Console", *, in_flight: bool) -> int:
@@ -130,6 +121,6 @@ def _upload_each(run: "RunFolder", links: "list[VehicleLink]", console: "Console
     documents = upload_fleet(run, links, console, in_flight=in_flight)
     passed = all(document["passed"] for document in documents)
     if passed:
-        console.suggest(to_paste("fly", run if len(links) > 1 else documents[0]["run"], *_said(links)))
+        console.suggest(to_paste("fly", run if len(links) > 1 else documents[0]["run"], *options.words_of(links)))
     console.result({"run": str(run), "passed": passed, "vehicles": documents})
     return 0 if passed else 1

@@ -66,12 +66,22 @@ def _arm(control: FlightControl, params: Params) -> CommandResult:
 
 
 def _set_mode(control: FlightControl, params: Params) -> CommandResult:
-    mode = mode_from_params(control.state.autopilot, params)
-    return CommandResult.DENIED if mode is None else control.set_mode(mode)
+    return _change_mode(control, mode_from_params(control.state.autopilot, params), int(params[1]))
+
+
+def _change_mode(control: FlightControl, mode: Mode | None, number: int) -> CommandResult:
+    """Change the mode, and keep ArduPilot's number of it in heartbeats: BRAKE holds as LOITER does, and cannot be armed in."""
+    if mode is None:
+        return CommandResult.DENIED
+    result = control.set_mode(mode)
+    if result is CommandResult.ACCEPTED and control.state.is_ardupilot:
+        control.state.mode_number = number
+    return result
 
 
 def _start(control: FlightControl, params: Params) -> CommandResult:
-    del params
+    if control.state.is_ardupilot and any(params[:2]):
+        return CommandResult.DENIED  # it knows no first and last item
     return control.start_mission()
 
 
@@ -198,9 +208,7 @@ def handle(control: FlightControl, failsafes: Failsafes, received: m.Received) -
             to = {"target_system": received.system_id, "target_component": received.component_id}
             return [m.CommandAck(message.command, result, **to)]
         case m.SetMode():
-            mode = mode_from_custom(vehicle.autopilot, message.custom_mode)
-            if mode is not None:
-                control.set_mode(mode)
+            _change_mode(control, mode_from_custom(vehicle.autopilot, message.custom_mode), message.custom_mode)
         case m.MissionSetCurrent():
             control.set_current(message.seq)
         case m.ParamRequestRead() | m.ParamSet():

@@ -21,11 +21,18 @@ _LOW_CHARGE = 0.1
 _ARMABLE = (Mode.MANUAL, Mode.GUIDED, Mode.HOLD)
 """The modes of this vehicle in which ArduPilot can be armed."""
 
+_BRAKE = 17
+_ARDUPILOT_NAMES = {
+    Mode.MANUAL: "STABILIZE", Mode.GUIDED: "GUIDED", Mode.MISSION: "AUTO", Mode.HOLD: "LOITER", Mode.RETURN: "RTL",
+    Mode.LAND: "LAND",
+}  # fmt: skip
+
 # ArduPilot's texts under True, PX4's under False.
 _REFUSED = {True: "Arm: Compass not healthy", False: "Arming denied: Resolve system health failures first"}
 _NO_FIX = {True: "PreArm: GPS 1: Bad fix", False: "Preflight Fail: GPS fix too low"}
 _NO_POSITION = {True: "PreArm: Need Position Estimate", False: "Preflight Fail: no position"}
 _LOW_BATTERY = {True: "PreArm: Battery 1 below minimum arming capacity", False: "Preflight Fail: low battery"}
+_NO_MISSION = {True: "init failed", False: "no mission"}
 _FENCE = {True: "PreArm: Vehicle breaching {} fence", False: "Preflight Fail: Geofence violation: {}"}
 
 
@@ -79,12 +86,16 @@ class FlightControl:
         if not has_mode(state.autopilot, mode):
             return CommandResult.DENIED
         if mode is Mode.MISSION and not self.mission.there_is_one:
-            state.say(_WARNING, "Mode change to MISSION failed: no mission")
+            state.say(_WARNING, f"Mode change to {self._name(mode)} failed: {_NO_MISSION[state.is_ardupilot]}")
+            return CommandResult.FAILED
+        if mode is Mode.MISSION and self._would_flip():
+            state.say(_CRITICAL, "Auto: Missing Takeoff Cmd")
+            state.say(_WARNING, f"Mode change to {self._name(mode)} failed: init failed")
             return CommandResult.FAILED
         if mode not in (Mode.MANUAL, Mode.LAND) and not (state.home_known and not state.body.believed.lost):
-            state.say(_WARNING, f"Mode change to {mode.name} failed: needs position")
+            state.say(_WARNING, f"Mode change to {self._name(mode)} failed: requires position")
             return CommandResult.FAILED
-        was, state.mode = state.mode, mode
+        was, state.mode, state.mode_number = state.mode, mode, None
         if was is mode or not state.armed:
             return CommandResult.ACCEPTED
         flying = not state.body.on_ground
@@ -96,8 +107,16 @@ class FlightControl:
         return CommandResult.ACCEPTED
 
     def start_mission(self) -> CommandResult:
-        """Begin the mission: ArduPilot waits for this on the ground."""
+        """Begin the mission: ArduPilot waits for this on the ground.
+
+        ArduPilot 4.7 changes to AUTO by itself, from any mode, and accepts it disarmed, too: then nothing follows.
+        """
         state = self.state
+        if state.is_ardupilot:
+            result = self.set_mode(Mode.MISSION)
+            if result is CommandResult.ACCEPTED and state.armed and state.mission_state is not MissionState.ACTIVE:
+                self._fly_mission()
+            return result
         if not state.armed or not self.mission.there_is_one:
             return CommandResult.FAILED
         if state.mode is not Mode.MISSION:
@@ -204,13 +223,24 @@ class FlightControl:
         if reason is not None:
             state.say(_CRITICAL, reason)
             return CommandResult.FAILED if ardupilot else CommandResult.TEMPORARILY_REJECTED
-        if state.mode not in (_ARMABLE if ardupilot else tuple(Mode)):
-            state.say(_CRITICAL, f"Arm: {state.mode.name} mode is not armable")
+        if ardupilot and (state.mode not in _ARMABLE or state.custom_mode == _BRAKE):
+            state.say(_CRITICAL, f"Arm: {self._name(state.mode)} mode not armable")
             return CommandResult.FAILED
         if state.mode is Mode.MISSION and not self.mission.there_is_one:
             state.say(_CRITICAL, "Preflight Fail: no valid mission")
             return CommandResult.TEMPORARILY_REJECTED
         return None
+
+    def _would_flip(self) -> bool:
+        """Whether a mission would begin on the ground without a take-off; ArduPilot refuses that."""
+        state = self.state
+        return state.is_ardupilot and state.armed and state.body.on_ground and not self.mission.starts_with_takeoff
+
+    def _name(self, mode: Mode) -> str:
+        """A mode as the autopilot names it."""
+        if not self.state.is_ardupilot:
+            return mode.name
+        return "BRAKE" if mode is Mode.HOLD and self.state.custom_mode == _BRAKE else _ARDUPILOT_NAMES[mode]
 
     def _fly_mission(self) -> None:
         """Fly the mission, or return home when terrain heights are missing."""

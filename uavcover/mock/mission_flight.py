@@ -1,13 +1,16 @@
 """Flying the mission that the mock vehicle holds: which item is current, which were reached, and what it reports of that."""
 
 from mission_io.model.enums import MissionState
-from mission_io.model.items import Frame
+from mission_io.model.items import Command, Frame
 from mission_io.wire import messages as m
 from uavcover.mock.faults import FaultKind
 from uavcover.mock.itinerary import mission_steps
 from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import tell
 
+_NAV_LAST = 95
+_TAKEOFFS = (Command.NAV_TAKEOFF, 24, 84)
+"""MAV_CMD_NAV_TAKEOFF, NAV_TAKEOFF_LOCAL and NAV_VTOL_TAKEOFF."""
 _REPEAT_S = 1.0
 _REPORT_S = 0.1
 
@@ -29,6 +32,13 @@ class MissionFlight:
     def there_is_one(self) -> bool:
         """Whether the vehicle holds a mission."""
         return len(self._state.mission_items) > self.first_seq
+
+    @property
+    def starts_with_takeoff(self) -> bool:
+        """Whether the next item of ArduPilot's kind "nav" that is no delay is a take-off (AP_Mission::is_takeoff_next)."""
+        items = self._state.mission_items[max(self.first_seq, self._state.current_seq) :]
+        navigates = (item.command for item in items if item.command < _NAV_LAST and item.command != Command.NAV_DELAY)
+        return next(navigates, None) in _TAKEOFFS
 
     @property
     def needs_terrain(self) -> bool:

@@ -50,6 +50,11 @@ class Pacing(Generic[PlaceT]):
             return
         self._read_s[place] = max(self._read_s.get(place, 0.0), answer.asked_ns / 1e9)
 
+    def forget(self) -> None:
+        """Wait for no ground station until it answers again: none can hear the vehicle, or be heard."""
+        self._read_s.clear()
+        self._waits_since = None
+
     def waits(self, vehicle_s: float, now: float) -> bool:
         """Whether vehicle time must stand still because a ground station lags behind."""
         behind = [place for place, read_s in self._read_s.items() if vehicle_s - read_s > _AHEAD_S]
@@ -75,7 +80,8 @@ class MockPeer(Generic[PlaceT]):
     """A mock vehicle that datagrams go to and come from; a ``Place`` is where a ground station's datagrams come from.
 
     Answers go to the ground station they are for, everything else to all that have spoken. Messages that are ready at
-    the same time share a datagram, or a vehicle at a hundred times real time would swamp its listeners' buffers.
+    the same time share a datagram, or a vehicle at a hundred times real time would swamp its listeners' buffers. While the
+    vehicle is cut off, no datagram comes in or goes out, those of the pacing included.
 
     Args:
         vehicle: the vehicle.
@@ -100,6 +106,9 @@ class MockPeer(Generic[PlaceT]):
     def receive_from(self, place: PlaceT, data: bytes, now: float) -> None:
         """Take a datagram that arrived from a place at ``now`` on the link's clock."""
         vehicle_now = self._vehicle_time(now)
+        self.vehicle.advance(vehicle_now)
+        if self.vehicle.cut_off:
+            return
         for received in self._codec.decode(data):
             if isinstance(received.message, TimeSync) and self._pacing is not None:
                 self._pacing.take(place, received.message)
@@ -114,9 +123,16 @@ class MockPeer(Generic[PlaceT]):
     def datagrams(self, now: float) -> list[tuple[PlaceT, bytes]]:
         """Datagrams to send by ``now``, with their destinations."""
         self.vehicle.advance(self._vehicle_time(now))
+        cut_off = self.vehicle.cut_off
+        if cut_off and self._pacing is not None:
+            self._pacing.forget()
         waiting: dict[PlaceT, list[bytes]] = {}
         messages = list(self.vehicle.outgoing())
-        if self._pacing is not None and (question := self._pacing.question(self._vehicle_s, now)) is not None:
+        if (
+            self._pacing is not None
+            and not cut_off
+            and (question := self._pacing.question(self._vehicle_s, now)) is not None
+        ):
             messages.append(question)
         for message in messages:
             places = self._places_for(message)

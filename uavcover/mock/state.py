@@ -29,7 +29,7 @@ from uavcover.mock.parameters import Parameters
 from uavcover.mock.positioning import GpsError
 from uavcover.mock.terrain_feed import TerrainFeed
 from uavcover.model.vehicle import MOTIONS
-from uavcover.vehicle.modes import Mode
+from uavcover.vehicle.modes import Mode, custom_mode, has_mode, mode_from_custom
 
 _DISARM_WHEN_IDLE_S = 10.0
 """Time to wait for the ground station's next command: on the link's clock, however fast vehicle time runs."""
@@ -84,6 +84,7 @@ class MockState:
         speeds: speeds to fly at now.
         faults: what has gone wrong and what will; ``faults.add`` takes more.
         missions: mission, fence and rally points that it holds.
+        mode_number: the number by which its mode was asked for, where several numbers mean the same; None is the usual one.
         mission_state: progress of the mission.
         current_seq: wire number of the mission item that it flies to.
         streams: which messages are due when.
@@ -124,6 +125,7 @@ class MockState:
         self.camera = MockCamera(self.body, ardupilot=self.is_ardupilot)
         self.faults = FaultSchedule(config.faults, link_speed=config.speed)
         self.mode, self.armed = Mode.MANUAL, False
+        self.mode_number: int | None = None
         self.mission_state, self.current_seq = MissionState.NOT_STARTED, 0
         self.missions = MissionStore(
             autopilot,
@@ -157,6 +159,13 @@ class MockState:
     def settings(self) -> Settings:
         """Speeds and heights unless a mission overrides them."""
         return self.parameters.settings
+
+    @property
+    def custom_mode(self) -> int:
+        """The number of its mode in heartbeats."""
+        if self.mode_number is not None and mode_from_custom(self.autopilot, self.mode_number) is self.mode:
+            return self.mode_number
+        return custom_mode(self.autopilot, self.mode) if has_mode(self.autopilot, self.mode) else 0
 
     @property
     def cut_off(self) -> bool:

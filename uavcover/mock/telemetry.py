@@ -9,7 +9,7 @@ from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
 from uavcover.mock.positioning import TruthSample
 from uavcover.mock.state import MockState
-from uavcover.vehicle.modes import Mode, custom_mode, has_mode
+from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.precautions import MOCK_UID
 
 _CAPABILITIES = {
@@ -54,7 +54,7 @@ def _heartbeat(vehicle: MockState) -> m.Message:
         vehicle.autopilot.mav_autopilot,
         vehicle.vehicle_type,
         int(flags),
-        custom_mode(vehicle.autopilot, vehicle.mode) if has_mode(vehicle.autopilot, vehicle.mode) else 0,
+        vehicle.custom_mode,
         status,
     )
 

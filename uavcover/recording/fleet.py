@@ -10,6 +10,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from mission_io.model.plain_text import plain_text
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import Route
 from uavcover.recording import flight, layout
@@ -54,7 +55,7 @@ def record_fleet(
     span_s = (min(float(t[0]) for t, _ in tracks.values()), max(float(t[-1]) for t, _ in tracks.values()))
     paths = [f"{layout.FLOWN}/{_entity(name)}" for name in tracks]
     with strict_mode():
-        name = f"{site.scenario.name}, {len(tracks)} flights"
+        name = plain_text(f"{site.scenario.name}, {len(tracks)} flights")
         digest = hashlib.sha256(b"".join(t.tobytes() + p.tobytes() for t, p in tracks.values())).hexdigest()
         recording = rr.RecordingStream(
             application_id(site),

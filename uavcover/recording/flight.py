@@ -8,6 +8,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from mission_io.model.plain_text import plain_text
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import COLUMNS, Track
 from uavcover.recording import layout
@@ -156,7 +157,7 @@ def log_events(recording: rr.RecordingStream, events: Iterable[RecordedEvent]) -
         recording.send_columns(
             layout.EVENTS,
             [time_column(np.array([event.time_s for event in ordered]))],
-            rr.TextLog.columns(text=[e.text for e in ordered], level=[e.level for e in ordered]),
+            rr.TextLog.columns(text=[plain_text(e.text) for e in ordered], level=[e.level for e in ordered]),
         )
 
 

@@ -10,6 +10,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from mission_io.model.plain_text import plain_text
 from uavcover.errors import OutputError
 from uavcover.model.route import Route
 from uavcover.model.track import Track, TrackSample
@@ -36,8 +37,8 @@ class LiveRecording:
 
     The bytes go through a pipe that is always drained. Rerun's own file sink would block forever when the disk is full.
 
-    Cells change by samples between the first and the last planned waypoint, for a level camera; the recording that replaces
-    this one at the end of the flight shows them as verification does.
+    Cells change by samples between the first and the last planned waypoint, or by those at the waypoints, for a level camera;
+    the recording that replaces this one at the end of the flight shows them as verification does.
 
     Args:
         path: of the file; an existing one is replaced.
@@ -45,6 +46,10 @@ class LiveRecording:
         coverage: its cells.
         planned: the planned sensing route.
         viewer_url: viewer that shows the flight; none for the file alone.
+
+    Attributes:
+        error: why the recording ended before the flight; None while it goes on.
+        covered: share of the area that was observed so far, 0 to 1.
 
     Raises:
         OutputError: the file cannot be created.
@@ -54,6 +59,7 @@ class LiveRecording:
         self, path: Path, *, site: Site, coverage: CoverageMap, planned: Route, viewer_url: str | None = None
     ) -> None:
         self.error: str | None = None
+        self.covered = 0.0
         self._path, self._coverage = path, coverage
         self._lock, self._sending = threading.Lock(), threading.Lock()
         self._samples: list[TrackSample] = []
@@ -61,6 +67,7 @@ class LiveRecording:
         self._states: list[flight.VehicleState] = []
         self._last: TrackSample | None = None
         self._recent_states: list[flight.VehicleState] = []
+        self._heading_for = -1
         self._seen = np.zeros(coverage.grid.count, dtype=bool)
         try:
             self._file = path.open("wb", buffering=0)
@@ -126,7 +133,7 @@ class LiveRecording:
         self._copier.join()
 
     def _begin(self, output: rr.RecordingStream, site: Site, planned: Route) -> None:
-        output.send_recording_name(f"{site.scenario.name} (in flight)")
+        output.send_recording_name(plain_text(f"{site.scenario.name} (in flight)"))
         output.send_blueprint(make_blueprint(site, span_s=None), make_active=False, make_default=True)
         log_static(output, layout.TRACK, any_values({layout.UNFINISHED: np.array([1])}))
         log_static(output, layout.LEGEND, rr.TextDocument(LEGEND_TEXT, media_type="text/markdown"))
@@ -181,7 +188,7 @@ class LiveRecording:
         self._last = samples[-1]
         height_agl_m = self._coverage.site.ground.heights_agl_m(new.enu_m)
         turned = self._turned(new)
-        share = self._coverage.share(self._seen)
+        self.covered = share = self._coverage.share(self._seen)
         for output in self._outputs:
             output.send_columns(layout.TRACK, [time_column(new.time_s)], any_value_columns(flight.track_columns(new)))
             send_vehicle(output, self._coverage, part)
@@ -196,9 +203,12 @@ class LiveRecording:
 
     def _turned(self, new: Track) -> list[tuple[int, NDArray[np.uint32]]]:
         """Numbers and colours of the tiles with newly seen cells."""
-        if self._coverage.site.scenario.sensor.sensing != "along-path":
-            return []
-        route = new.current_waypoint >= 1
+        numbers = np.append(self._heading_for, new.current_waypoint)
+        self._heading_for = int(numbers[-1])
+        if self._coverage.site.scenario.sensor.sensing == "along-path":
+            route = new.current_waypoint >= 1
+        else:
+            route = (numbers[1:] != numbers[:-1]) & (numbers[:-1] >= 0)
         if not route.any():
             return []
         seen = self._seen | self._coverage.seen_by(

@@ -11,6 +11,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
+from mission_io.model.plain_text import plain_text
 from uavcover.errors import OutputError
 from uavcover.model.route import Route
 from uavcover.model.track import Track
@@ -60,7 +61,7 @@ def write_recording(
     """
     _check(coverage, track, first_seen_s)
     site = coverage.site
-    name = name or site.scenario.name
+    name = plain_text(name or site.scenario.name)
     span_s = (float(track.time_s[0]), float(track.time_s[-1]))
     blueprint = make_blueprint(site, span_s=span_s)
     with strict_mode():

@@ -124,7 +124,7 @@ def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = (
     read = [read_log(path, site) for path in paths]
     verdict, flights = None, tuple[Flight, ...]()
     if read:
-        tracks = [(r.track, planned_for(path, run)) for r, path in zip(read, paths, strict=True)]
+        tracks = [(r.track, planned_for(path, run, r.track)) for r, path in zip(read, paths, strict=True)]
         verdict = judge_tracks(site, tracks, sites=[site_for(path, run, site) for path in paths])
         flights = _flights(site, [_shown(path, run) for path in paths], tracks, verdict.shifts_s)
     pareto = run.file("pareto.csv")

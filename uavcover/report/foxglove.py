@@ -19,6 +19,7 @@ from typing import Any, Final
 import numpy as np
 import shapely
 
+from mission_io.model.plain_text import plain_text, plain_values
 from uavcover.errors import InputError, OutputError
 from uavcover.judging.verify import Verdict
 from uavcover.kernels.arrays import FloatArray
@@ -148,7 +149,10 @@ def packed(content: ReportContent, told: Sequence[Message]) -> bytes:
         "scenario": content.site.scenario.name,
         "verdict": "not flown" if verdict is None else verdict.report.verdict,
     }
-    writer.add_metadata("uavcover", facts | {f"notice {k + 1}": text for k, text in enumerate(content.notices)})
+    writer.add_metadata(
+        "uavcover",
+        plain_values(facts) | {f"notice {k + 1}": plain_text(text) for k, text in enumerate(content.notices)},
+    )
     writer.finish()
     return out.getvalue()
 
@@ -335,7 +339,7 @@ def _log(clock_s: float, level: int, text: str) -> Message:
     content = {
         "timestamp": _stamp(at),
         "level": level,
-        "message": text,
+        "message": plain_text(text),
         "name": "uavcover verify",
         "file": "",
         "line": 0,

@@ -13,7 +13,8 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
-from uavcover.errors import OutputError
+from mission_io.model.plain_text import plain_lines, plain_values
+from uavcover.errors import InputError, OutputError
 from uavcover.judging.requirements import requirement_rows
 from uavcover.report import plots
 from uavcover.report.background import Background, read_background
@@ -26,6 +27,7 @@ from uavcover.run.judged_inputs import (
     accepted_in,
     inspect_inputs,
     judged_logs,
+    logs_of_the_verdict,
     refuse_changes,
     same_inputs,
     unsealed_in_words,
@@ -65,7 +67,7 @@ def map_script() -> str:
 def rendered_page(template: str, *, own_script: str, data: dict[str, Any], facts: dict[str, Any]) -> str:
     """A page with a map, one file that needs no network.
 
-    Content from files is escaped; only our own scripts may run, by their hashes.
+    Content from files is escaped and has no control characters; only our own scripts may run, by their hashes.
 
     Args:
         template: its file among the pages.
@@ -83,23 +85,25 @@ def rendered_page(template: str, *, own_script: str, data: dict[str, Any], facts
     environment.filters |= {"percent": _percent, "metres": _metres, "duration": _duration}
     scripts = [_without_source_map(_read(_LEAFLET / "leaflet.js")), own_script]
     style = _without_urls(_read(_LEAFLET / "leaflet.css")) + _read(_PAGE / "report.css")
-    return environment.get_template(template).render(
-        scripts=[Markup(script) for script in scripts],
-        style=Markup(style),
-        policy="; ".join(
-            [
-                "default-src 'none'",
-                "img-src data:",
-                "script-src " + " ".join(map(_hash_source, scripts)),
-                "style-src 'unsafe-inline'",
-                "base-uri 'none'",
-                "form-action 'none'",
-            ]
-        ),
-        leaflet_licence=_read(_LEAFLET / "LICENSE"),
-        data=data,
-        version=metadata.version("uavcover"),
-        **facts,
+    return plain_lines(
+        environment.get_template(template).render(
+            scripts=[Markup(script) for script in scripts],
+            style=Markup(style),
+            policy="; ".join(
+                [
+                    "default-src 'none'",
+                    "img-src data:",
+                    "script-src " + " ".join(map(_hash_source, scripts)),
+                    "style-src 'unsafe-inline'",
+                    "base-uri 'none'",
+                    "form-action 'none'",
+                ]
+            ),
+            leaflet_licence=_read(_LEAFLET / "LICENSE"),
+            data=plain_values(data),
+            version=metadata.version("uavcover"),
+            **facts,
+        )
     )
 
 
@@ -257,6 +261,7 @@ def save_report(
     of_run = path.resolve() == run.file(REPORT_FILE).resolve()
     if of_run and run.file(REPORT_FILE).exists():
         run.remove([REPORT_FILE])  # a report that is refused leaves no older one behind
+    logs = list(logs) or _logs_of_the_verdict(run, user)
     notices = standing(run, logs)
     with user.progress("reporting"):
         content = read_run(run, logs=logs, notices=notices)
@@ -269,6 +274,15 @@ def save_report(
         note_files(run, "report", [REPORT_FILE], command=sys.argv)
     user.say(f"written: {path} ({len(text.encode()) / 1e6:.1f} MB)")
     return content
+
+
+def _logs_of_the_verdict(run: RunFolder, user: User) -> list[Path]:
+    """The logs that the verdict judged, with those of gaps; where they are not here any more, the run's own tracks."""
+    try:
+        return logs_of_the_verdict(run)
+    except InputError as error:
+        user.warn(str(error))
+        return []
 
 
 def standing(run: RunFolder, logs: Sequence[Path]) -> list[str]:

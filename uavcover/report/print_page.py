@@ -12,6 +12,7 @@ from typing import Any
 import jinja2
 from markupsafe import Markup
 
+from mission_io.model.plain_text import plain_lines
 from uavcover.errors import InputError
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.model.vehicle import AutopilotName
@@ -88,23 +89,25 @@ def render_print(
     )
     drawing, interval_m = map_svg(site, flights)
     style = (_PAGE / "print.css").read_text(encoding="utf-8")
-    return environment.get_template("print.html").render(
-        scenario=site.scenario,
-        site=site,
-        home=_home(site),
-        map=drawing,
-        interval_m=interval_m,
-        flights=[_flight_row(site, number, sortie, autopilot) for number, sortie in enumerate(flights)],
-        limits=_limits(site, flights),
-        camera=_camera(site),
-        notes={field.name: getattr(notes, field.name) for field in fields(notes)},
-        return_height_m=_return_height_m(flights),
-        zones_on_return=sorted({name for sortie in flights for name in sortie.compiled.return_advice.no_fly}),
-        coverage=coverage,
-        plan=plan_sha256[:12],
-        version=metadata.version("uavcover"),
-        style=Markup(style),
-        policy=f"default-src 'none'; style-src 'sha256-{_hash(style)}'",
+    return plain_lines(
+        environment.get_template("print.html").render(
+            scenario=site.scenario,
+            site=site,
+            home=_home(site),
+            map=drawing,
+            interval_m=interval_m,
+            flights=[_flight_row(site, number, sortie, autopilot) for number, sortie in enumerate(flights)],
+            limits=_limits(site, flights),
+            camera=_camera(site),
+            notes={field.name: getattr(notes, field.name) for field in fields(notes)},
+            return_height_m=_return_height_m(flights),
+            zones_on_return=sorted({name for sortie in flights for name in sortie.compiled.return_advice.no_fly}),
+            coverage=coverage,
+            plan=plan_sha256[:12],
+            version=metadata.version("uavcover"),
+            style=Markup(style),
+            policy=f"default-src 'none'; style-src 'sha256-{_hash(style)}'",
+        )
     )
 
 

@@ -21,7 +21,7 @@ from uavcover.model.verdict import VerificationReport
 from uavcover.planning.gap_route import ClosingRoute, plan_closing_route
 from uavcover.routes.mission_compiler import CompiledMission, compile_continuation
 from uavcover.routes.objectives import judge_member
-from uavcover.run.flight_folders import flown_tracks
+from uavcover.run.flight_folders import GAP_FOLDER, flown_tracks
 from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
 from uavcover.run.judge import judge_run, read_log, say_inputs
 from uavcover.run.judged_inputs import check_accepted, logs_of_the_verdict
@@ -189,10 +189,6 @@ def _say_gaps(user: User, report: VerificationReport) -> None:
     user.say(f"gaps              {len(report.gaps)}, {sum(areas.values()):.0f} square metres in all")
     for name, area_m2 in sorted(areas.items(), key=lambda item: -item[1]):
         user.say(f"                  {name}: {area_m2:.0f} square metres")
-
-
-GAP_FOLDER = "gaps"
-"""The run folder, inside that of the flight, of the mission that closes its gaps."""
 
 
 def check_gap_request(*, min_area_m2: float, target: float | None) -> None:

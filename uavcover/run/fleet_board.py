@@ -154,3 +154,6 @@ class _Cells:
     def count(self, done: int, total: int) -> None:
         """Show ``done`` of ``total``."""
         self.update(done, total=total)
+
+    def status(self, line: str, *, at_s: float) -> None:
+        """Nothing: the table of all vehicles says it."""

@@ -10,6 +10,8 @@ TRACK = "track.csv"
 LINK = "resumes"
 """What ``run.json`` calls the flight that a resumed one goes on with."""
 _FOLDER = "resumed"
+GAP_FOLDER = "gaps"
+"""The run folder, inside that of the flight, of the mission that closes its gaps."""
 
 
 def flights_of(run: RunFolder) -> list[RunFolder]:
@@ -35,6 +37,19 @@ def flown_tracks(run: RunFolder) -> list[Path]:
         return [track for sortie in flown for track in flown_tracks(sortie)]
     run.existing(TRACK, made_by="uavcover fly")
     return [folder.file(TRACK) for folder in flights_of(run)]
+
+
+def whole_run(folder: RunFolder) -> RunFolder:
+    """The run that a flight is one of: the one whose sortie the folder is, or the folder itself."""
+    parent = RunFolder(folder.path.resolve().parent)
+    is_sortie = any(sortie.path.resolve() == folder.path.resolve() for sortie in parent.sorties())
+    return RunFolder(folder.path.parent) if is_sortie else folder
+
+
+def plans_of(run: RunFolder) -> list[RunFolder]:
+    """The run, its sorties, the flights that resumed them and its gap mission: every folder with a plan that was flown by it."""
+    flights = [flight for folder in (run, *run.sorties()) for flight in flights_of(folder)]
+    return [folder for folder in (*flights, RunFolder(run.file(GAP_FOLDER))) if folder.file("plan.json").is_file()]
 
 
 def next_folder(run: RunFolder) -> RunFolder:

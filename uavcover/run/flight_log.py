@@ -1,5 +1,7 @@
 """The record of a flight while it goes on: the track, the events, the growing recording."""
 
+import logging
+import math
 import sys
 
 from mission_io.links.telemetry_log import TelemetryLogWriter
@@ -19,6 +21,7 @@ from uavcover.run.folder import (
     RunFolder,
     moves_of_an_older_flight,
 )
+from uavcover.run.live_line import LiveLine
 from uavcover.run.provenance import note_files
 from uavcover.run.session import Connected
 from uavcover.run.user import ProgressBar, User
@@ -30,7 +33,12 @@ from uavcover.vehicle.track_file import SpaceReserve, TrackWriter
 TELEMETRY_LOG = "flight.tlog"
 _GROWING = ".flight.rrd.growing"
 _GROWING_TELEMETRY = ".flight.tlog.growing"
+_log = logging.getLogger(__name__)
 _STATE_EVERY_S = 1.0
+_LINE_EVERY_S = 0.5
+"""On the link's clock: what the line says takes no time from following the vehicle."""
+_LINE_EVERY_FLOWN_S = 10.0
+"""In vehicle time, for a simulation that is fast."""
 
 
 def live_recording(run: RunFolder, site: Site, route: Route, *, viewer_url: str | None) -> LiveRecording | None:
@@ -55,11 +63,13 @@ class FlightLog:
         run: where to.
         overwrite: whether a track that is there may be replaced.
         user: where events are told.
-        bar: shows the waypoints.
-        waypoint_count: of the planned route.
+        bar: shows the waypoints, and what the vehicle does.
+        route: the planned one.
+        site: the scenario on its ground.
         reserve: room that is kept free for the record until the flight is over.
         vehicle: whose battery and link are recorded.
         live: the recording that grows; none for the track alone.
+        took_off_s: vehicle time of the take-off; none when it comes.
 
     Attributes:
         events: what happened.
@@ -70,15 +80,18 @@ class FlightLog:
     """
 
     def __init__(
-        self, run: RunFolder, *, overwrite: bool, user: User, bar: ProgressBar, waypoint_count: int, reserve: SpaceReserve,
-        vehicle: Connected, live: LiveRecording | None,
+        self, run: RunFolder, *, overwrite: bool, user: User, bar: ProgressBar, site: Site, route: Route,
+        reserve: SpaceReserve, vehicle: Connected, live: LiveRecording | None, took_off_s: float | None = None,
     ) -> None:  # fmt: skip
         self.events: list[FlightEvent] = []
         self.states: list[recorded.VehicleState] = []
         self.error: OutputError | None = None
         self.sample_count = 0
         self._run, self._overwrite, self._user, self._bar = run, overwrite, user, bar
-        self._waypoint_count, self._vehicle, self._live = waypoint_count, vehicle, live
+        self._waypoint_count, self._vehicle, self._live = len(route), vehicle, live
+        self._line = LiveLine(site, route, vehicle, covered=lambda: None if live is None else live.covered)
+        self._took_off_s = took_off_s
+        self._line_at = (-math.inf, -math.inf)
         self._writer: TrackWriter | None = None
         self._reserve = reserve
         self.begun = False
@@ -134,6 +147,30 @@ class FlightLog:
             if self._live is not None:
                 self._live.take_state(self.states[-1])
 
+        self._show_line(sample)
+
+    def _show_line(self, sample: TrackSample) -> None:
+        """Show what the vehicle does, twice a second."""
+        flown_s, now = self._flown_s(sample.time_s), self._vehicle.client.clock.now()
+        if flown_s is None or (
+            now - self._line_at[0] < _LINE_EVERY_S and flown_s - self._line_at[1] < _LINE_EVERY_FLOWN_S
+        ):
+            return
+        self._line_at = (now, flown_s)
+        try:
+            self._bar.status(self._line.text(sample), at_s=flown_s)
+        except Exception:  # whatever it is: the flight goes on without the line
+            _log.exception("the line of the flight ended")
+            self._line_at = (math.inf, math.inf)
+
+    def _flown_s(self, time_s: float | None) -> float | None:
+        """Seconds since the take-off at a vehicle time; None before it."""
+        if time_s is None:
+            return None
+        if self._took_off_s is None and self._vehicle.monitor.on_ground is False:
+            self._took_off_s = time_s
+        return None if self._took_off_s is None else time_s - self._took_off_s
+
     def _set_older_flight_aside(self) -> None:
         """With a copy of the plan that it flew; none of it counts for the flight that begins."""
         if not any(self._run.file(name).exists() for name in FLIGHT_FILES):
@@ -164,10 +201,12 @@ class FlightLog:
             if event.alarm:
                 self._user.ring()
         else:
-            self._user.say(f"  {'' if event.time_s is None else f'{event.time_s:.1f} s '}{event.text}")
+            flown_s = self._flown_s(event.time_s)
+            self._user.say(f"  {'' if flown_s is None else f'{flown_s:.1f} s '}{event.text}")
 
     def close(self) -> None:
         """Close the track, the growing recording and the telemetry log; the latter two go when the flight never began."""
+        self._bar.status("", at_s=0.0)
         self._reserve.release()
         if self._writer is not None and self.error is None:
             self._writer.close()

@@ -15,9 +15,10 @@ from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
 from uavcover.recording.writer import write_recording
 from uavcover.run import provenance
-from uavcover.run.flight_folders import TRACK
+from uavcover.run.flight_folders import GAP_FOLDER, TRACK, flown_tracks, whole_run
 from uavcover.run.flight_log import FlightLog, live_recording
 from uavcover.run.folder import FLIGHT_FILES, RunFolder
+from uavcover.run.judged_inputs import was_flown
 from uavcover.run.mission import compile_plan
 from uavcover.run.planned import read_planned
 from uavcover.run.provenance import note_files, seal_flight
@@ -34,7 +35,7 @@ from uavcover.run.session import (
     require_home,
 )
 from uavcover.run.upload import upload, upload_document
-from uavcover.run.user import User
+from uavcover.run.user import User, to_paste
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map
 from uavcover.vehicle.clearance import ALONE, Clearance
@@ -44,6 +45,7 @@ from uavcover.vehicle.outcome import FlightFailedError
 from uavcover.vehicle.precautions import USUAL, Precautions
 from uavcover.vehicle.track_file import SpaceReserve, read_track, record_bytes
 
+_LEFT_SOMETHING = frozenset({Ending.RETURNED, Ending.LEFT_HOLDING, Ending.RESERVE_KEPT})
 ENDED_BY_USER = frozenset({Ending.RETURNED, Ending.LEFT_HOLDING, Ending.NOT_FLOWN})
 
 _FIRST_STOP = "stopping: hold, then home along checked legs; once more: hold and leave it; a third time: abort at once"
@@ -63,6 +65,7 @@ class FlightOptions:
         clearance: when the vehicle may start, and fly home, beside others.
         on_sample: told where the vehicle is, beside the record.
         utc_offset_s: from the link's clock to UTC; None: by the clock of this computer.
+        took_off_s: vehicle time of the take-off of a vehicle in the air; None for one on the ground.
     """
 
     confirmed: bool = False
@@ -74,6 +77,7 @@ class FlightOptions:
     clearance: Clearance = ALONE
     on_sample: Callable[[TrackSample], None] = lambda _: None
     utc_offset_s: float | None = None
+    took_off_s: float | None = None
 
 
 USUAL_FLIGHT = FlightOptions()
@@ -136,8 +140,9 @@ def record_flight(
         user.progress("flying", total=len(route)) as bar,
     ):
         log = FlightLog(
-            run, overwrite=options.force, user=user, bar=bar, waypoint_count=len(route), reserve=reserve,
-            vehicle=vehicle, live=live_recording(run, site, route, viewer_url=options.viewer_url),
+            run, overwrite=options.force, user=user, bar=bar, site=site, route=route, reserve=reserve,
+            vehicle=vehicle, took_off_s=options.took_off_s,
+            live=live_recording(run, site, route, viewer_url=options.viewer_url),
         )  # fmt: skip
 
         def take_sample(sample: TrackSample) -> None:
@@ -262,10 +267,11 @@ def resume_run(
                         f"{run}: nothing of it was flown, and the vehicle is on the ground; fly it without --resume"
                     )
                 user.say("the vehicle is in the air: it flies all of this run from where it is")
+                up_since_s = took_off_s(run)
                 return record_flight(
                     run, site, planned.route, user, vehicle,
-                    lambda orders: fly_from_the_air(vehicle, site, planned.route, orders, up_since_s=took_off_s(run)),
-                    options=replace(options, force=False),
+                    lambda orders: fly_from_the_air(vehicle, site, planned.route, orders, up_since_s=up_since_s),
+                    options=replace(options, force=False, took_off_s=up_since_s),
                 )  # fmt: skip
         unfinished = find_unfinished(run, site)
         _say(unfinished, user)
@@ -277,6 +283,7 @@ def resume_run(
             with connect(to, site) as vehicle:
                 if is_in_the_air(vehicle):
                     user.say("the vehicle is in the air: it goes on from where it is")
+                    options = replace(options, took_off_s=float(unfinished.track.time_s[0]))
                     begin = lambda orders: fly_on(vehicle, site, unfinished, orders)  # noqa: E731
                 else:
                     compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
@@ -294,6 +301,39 @@ def resume_run(
                     if folder.file(TRACK).exists():  # the run knows its flights: one that is taken away later is missed
                         note_files(run, "fly --resume", [f"{folder.path.name}/{TRACK}"], command=command)
     return outcome, {**document, "resumed_at_waypoint": unfinished.broken.waypoint}
+
+
+def commands_after_flight(run: RunFolder, ending: Ending, to: Sequence[object]) -> list[str]:
+    """What to run after a flight, one command a line: no verdict before everything is flown.
+
+    Args:
+        run: what was flown: a run, a sortie of one, or the mission that closes the gaps of one.
+        ending: how it ended.
+        to: the options that say where the vehicle is.
+    """
+    if ending is Ending.NOT_FLOWN:
+        return [to_paste("fly", run, *to, "--force")]
+    if ending in _LEFT_SOMETHING:
+        return [to_paste("fly", run, "--resume", *to), *_verify_in_words(run)]
+    whole = whole_run(run)
+    for number, sortie in enumerate(whole.sorties(), start=1):
+        if not sortie.file(TRACK).is_file():
+            words = (whole, "--sortie", number, *to)
+            upload = [] if "mock:" in to else [to_paste("plan-upload", *words)]  # that one is given it as it begins
+            return [*upload, to_paste("fly", *words)]
+    return _verify_in_words(run)
+
+
+def _verify_in_words(run: RunFolder) -> list[str]:
+    """How a flight is judged: together with the others of its run, or with the flight whose gaps it closes."""
+    of_gaps = run.path.name == GAP_FOLDER and RunFolder(run.path.parent).file("plan.json").is_file()
+    if not of_gaps:
+        return [to_paste("verify", whole_run(run))]
+    flown = RunFolder(run.path.parent)
+    if not was_flown(flown):
+        return [to_paste("verify", run)]
+    tracks = [*flown_tracks(flown), *flown_tracks(run)]
+    return [to_paste("verify", flown, *(word for track in tracks for word in ("--log", track)))]
 
 
 def _say(unfinished: Unfinished, user: User) -> None:

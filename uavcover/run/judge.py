@@ -5,6 +5,7 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.errors import InputError
@@ -19,7 +20,7 @@ from uavcover.model.track import ReadTrack, Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.run import provenance
 from uavcover.run.documents import read_plan_document, verification_document
-from uavcover.run.flight_folders import TRACK
+from uavcover.run.flight_folders import TRACK, plans_of
 from uavcover.run.flown_by import site_for
 from uavcover.run.folder import PLAN_FILES, VERDICT_FILES, RunFolder, json_text
 from uavcover.run.geotiff import cells_geotiff
@@ -99,19 +100,43 @@ def read_planned_route(run: RunFolder) -> PlannedRoute | None:
     return PlannedRoute(planned.route.waypoints_m, planned.coverage_fraction)
 
 
-def planned_for(log: Path, run: RunFolder) -> PlannedRoute | None:
-    """The plan that a log followed: the one beside it, as in the folder of a gap mission or a sortie, otherwise the run folder's.
+def planned_for(log: Path, run: RunFolder, track: Track | None = None) -> PlannedRoute | None:
+    """The plan that a log followed: the one beside it, as in the folder of a gap mission or a sortie.
+
+    A log from elsewhere is judged by the plan of which its ``track`` reached the largest share of the waypoints: the run's, or
+    that of a sortie, of a flight that resumed it, or of its gap mission.
 
     Raises:
         InputError: the plan cannot be read.
     """
-    beside = RunFolder(log.parent)
-    planned = read_planned_route(beside if beside.file("plan.json").exists() else run)
-    if planned is None or not any(sortie.path in log.parents for sortie in run.sorties()):
+    folder = RunFolder(log.parent)
+    if not folder.file("plan.json").exists():
+        folder = run if track is None else _followed_by(track, run)
+    planned = read_planned_route(folder)
+    if planned is None or not any(sortie.path in folder.file(TRACK).parents for sortie in run.sorties()):
         return planned
     # The flights of one plan count together, and so does what it promised.
     whole = read_planned_route(run)
     return planned if whole is None else replace(planned, coverage_fraction=whole.coverage_fraction)
+
+
+_NEAR_M = 10.0
+_MOST_SAMPLES = 5000
+
+
+def _followed_by(track: Track, run: RunFolder) -> RunFolder:
+    """The folder of the plan that a track followed; of equals the one with the most waypoints."""
+    places_m = track.enu_m[:: 1 + len(track) // _MOST_SAMPLES]
+
+    def follows(folder: RunFolder) -> tuple[float, int]:
+        planned = read_planned_route(folder)
+        if planned is None:
+            return 0.0, 0
+        nearest_m = [float(np.linalg.norm(places_m - waypoint, axis=1).min()) for waypoint in planned.waypoints_m]
+        return sum(distance <= _NEAR_M for distance in nearest_m) / len(nearest_m), len(nearest_m)
+
+    plans = plans_of(run)
+    return max(plans, key=follows) if len(plans) > 1 and len(track) else run
 
 
 def judge_tracks(
@@ -275,7 +300,7 @@ def judge_run(
         loaded = read_log(path, site)
         for warning in loaded.warnings:
             user.warn(warning)
-        tracks.append((loaded.track, planned_for(path, run)))
+        tracks.append((loaded.track, planned_for(path, run, loaded.track)))
     with user.progress("verifying"):
         verdict = judge_tracks(site, tracks, evidence=evidence, count=count, sites=sites)
     return site, verdict, [_name(path, run) for path in paths], inputs

@@ -12,7 +12,7 @@ from typing import Any
 from uavcover.errors import InputError, ScenarioError
 from uavcover.model.scenario import Scenario
 from uavcover.model.terrain import RasterTerrain
-from uavcover.run.flight_folders import TRACK, continues, flown_tracks
+from uavcover.run.flight_folders import TRACK, continues, flown_tracks, plans_of
 from uavcover.run.folder import FLIGHT_FILES, MISSION_FILES, SCHEMA_VERSION, RunFolder
 from uavcover.run.provenance import Record, obstacles_sha256, read_record, run_document, sha256_of, version
 from uavcover.scenario.scenario_file import load_scenario, surface_source, terrain_source
@@ -83,6 +83,9 @@ def inspect_inputs(run: RunFolder, logs: Sequence[Path]) -> JudgedInputs:
     finding.add_record(run, record)
     finding.add_files(run, record)
     folders = {log.parent.resolve(): RunFolder(log.parent) for log in logs}
+    if any(not folder.file("plan.json").exists() for folder in folders.values()):
+        # A log from elsewhere is judged by the plan that it followed: any of these.
+        folders |= {folder.path.resolve(): folder for folder in plans_of(run)[1:]}
     for place, folder in folders.items():
         if place != run.path.resolve() and any(folder.file(name).exists() for name in ("plan.json", "run.json")):
             finding.add_followed(folder, record)

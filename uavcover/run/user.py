@@ -27,6 +27,10 @@ class ProgressBar(Protocol):
         """Show ``done`` of ``total``."""
         ...
 
+    def status(self, line: str, *, at_s: float) -> None:
+        """Show what a vehicle does ``at_s`` seconds after its take-off; an empty line ends it."""
+        ...
+
 
 class StopRequests(Protocol):
     """How often the user has asked to stop."""
@@ -119,6 +123,9 @@ class _NoBar:
         """Show nothing."""
 
     def count(self, done: int, total: int) -> None:
+        """Show nothing."""
+
+    def status(self, line: str, *, at_s: float) -> None:
         """Show nothing."""
 
 

@@ -121,3 +121,23 @@ def test_a_vehicle_without_rally_points_is_asked_for_the_rest() -> None:
     cases = [BY_NAME["upload-in-order-rally"], BY_NAME["upload-in-order-fence"]]
     results = ask_vehicle(probe_of(peer), cases, tell=lambda _: None)
     assert [result.outcome for result in results] == [Outcome.NOT_SUPPORTED, Outcome.PASS]
+
+
+SENT_IN_A_BURST = {"upload-items-twice", "upload-foreign-items"}
+"""What these send at once may overtake itself where the link reorders: then they are other questions."""
+
+
+@pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
+def test_equal_vehicles_give_equal_results_over_another_link(autopilot: Autopilot) -> None:
+    """A late ACK, or a request that crossed an item, was taken for the answer to the next question."""
+
+    def outcomes(conditions: Conditions) -> dict[str, Outcome]:
+        link = SimulatedLink(VehiclePeer(autopilot), rng=random.Random(1), conditions=conditions)
+        probe = Probe(link)
+        probe.client.wait_for_vehicle(60.0)
+        return {result.case: result.outcome for result in ask_vehicle(probe, VEHICLE_CASES, tell=lambda _: None)}
+
+    near, far = outcomes(Conditions()), outcomes(Conditions(delay_s=0.3))
+    assert {name for name in near if near[name] is not far[name]} == set()
+    reordered = outcomes(Conditions(delay_s=0.05, jitter_s=0.1))
+    assert {name for name in near if near[name] is not reordered[name]} <= SENT_IN_A_BURST

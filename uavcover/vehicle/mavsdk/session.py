@@ -20,6 +20,7 @@ from mavsdk.plugins.mavlink_direct import MavlinkDirect, MavlinkDirectResult, Ma
 from mavsdk.plugins.mission_raw import MissionItem as RawItem
 from mavsdk.plugins.mission_raw import MissionRaw, MissionRawResult
 
+from mission_io.autopilots.checks import refuse_impossible
 from mission_io.errors import MisuseError
 from mission_io.links.base import WrappingLink
 from mission_io.links.opening import Link
@@ -216,10 +217,18 @@ class MavsdkSession:
 
 
 def contents_of(answer: Answer, mission_type: MissionType) -> tuple[MissionItem, ...] | None:
-    """The items of a download that has succeeded; None for one that has not."""
+    """The items of a download that has succeeded; None for one that has not.
+
+    Raises:
+        mission_io.errors.FormatError: as ``Client.download``.
+    """
     if answer.result == MissionRawResult.NO_MISSION_AVAILABLE.name:
         return ()
-    return items_from_raw(answer.content, mission_type) if answer.result == MissionRawResult.SUCCESS.name else None
+    if answer.result != MissionRawResult.SUCCESS.name:
+        return None
+    items = items_from_raw(answer.content, mission_type)
+    refuse_impossible(items, mission_type)
+    return items
 
 
 def _log_line(level: Any, text: str, file: str | None, line: int) -> bool:
