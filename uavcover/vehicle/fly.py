@@ -12,10 +12,9 @@ from uavcover.vehicle.applied_limits import AppliedLimits
 from uavcover.vehicle.arming import (
     arm_and_start,
     disarm_on_ground,
+    fly_from_item,
     hold_mode,
     is_flying,
-    set_current_item,
-    start_mission,
     wire_seq,
 )
 from uavcover.vehicle.clearance import ALONE, Clearance
@@ -353,11 +352,9 @@ def _from_the_air(flight: _Flight, plan_continuation: PlanContinuation, plan_ret
                 )
         if session.stop():
             raise Stopped
-        seq = wire_seq(session, onward.first_item)
-        session.insist(lambda: set_current_item(session, seq))
         session.monitor.forget(m.MissionCurrent)
         progress = flight.record(plan)
-        session.insist(lambda: start_mission(session))
+        fly_from_item(session, wire_seq(session, onward.first_item))
         session.watch.take_off()
         session.tell(EventKind.STAGE, "going on with the mission")
         follow_mission(session, plan, progress, flight.orders.clearance.must_go_home)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from mission_io.errors import CommandRefusedError
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
-from uavcover.vehicle.arming import hold_mode, send_disarm, set_mode
+from uavcover.vehicle.arming import continue_mission, hold_mode, send_disarm, set_mode
 from uavcover.vehicle.flight_plan import FlightPlan
 from uavcover.vehicle.mission_guard import MissionGuard, ModeOverride, VolumeWatch
 from uavcover.vehicle.modes import Mode
@@ -279,7 +279,7 @@ class _Follower:
             session.insist(lambda: set_mode(session, hold_mode(session)))
             session.tell(EventKind.STOP, f"paused: the vehicle holds its place in {session.mode_name}")
         else:
-            session.insist(lambda: set_mode(session, Mode.MISSION))
+            continue_mission(session)
             session.tell(EventKind.STOP, "the vehicle goes on with its mission")
             self._going_on = Timer(session, _GOING_ON_S)
             self._held_for = None
