@@ -25,6 +25,7 @@ from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.server import mock_endpoint
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Route
+from uavcover.model.sensor import FrameCamera
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compile_continuation, compile_return
@@ -197,6 +198,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
     if site.frame is None or site.home_m is None:
         raise InputError(f"scenario {site.scenario.name}: has no place on Earth")
     ground = float(site.bare_ground.heights_m(site.home_m[:2])[0])
+    sensor = site.scenario.sensor
     point = np.array([site.home_m[0], site.home_m[1], ground])
     return FlightPlan(
         mission=compiled.mission,
@@ -216,6 +218,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
             pace=pace_of(site),
             return_height_m=site.scenario.vehicle.return_height_m,
             fence=bool(compiled.fence.polygons or compiled.fence.circles),
+            camera_turns=isinstance(sensor, FrameCamera) and sensor.heading_deg is None,
             longest_flight_s=site.scenario.vehicle.longest_flight_s,
         ),
     )

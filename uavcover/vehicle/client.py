@@ -8,6 +8,7 @@ from mission_io.client.connection import VehicleInfo
 from mission_io.client.read_back import ReadBack
 from mission_io.clock import Clock
 from mission_io.model.items import MissionItem, MissionType
+from mission_io.protocol.exchange import Address
 from mission_io.wire.messages import CommandAck, Message, ParamValue, Received
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -23,6 +24,11 @@ class VehicleClient(Protocol):
     @property
     def clock(self) -> Clock:
         """The clock that silence is measured on."""
+        ...
+
+    @property
+    def local(self) -> Address:
+        """Our own system and component."""
         ...
 
     @property

@@ -25,12 +25,14 @@ class PlanNeeds:
         pace: its speeds and acceleration.
         return_height_m: height above home at which a straight return was checked.
         fence: whether it has a fence that must be active.
+        camera_turns: whether the camera turns with the vehicle, and so with its legs.
         longest_flight_s: what the mission may take, its endurance less the reserve; None where there is no limit.
     """
 
     pace: Pace
     return_height_m: float
     fence: bool
+    camera_turns: bool = False
     longest_flight_s: float | None = None
 
 
@@ -97,7 +99,7 @@ class FlightPlan:
     def waypoints_m(self) -> FloatArray:
         """(n, 3) ENU, the planned waypoints, as their items say."""
         planned = slice(self.first_waypoint_item, self._end_item, self.items_per_waypoint)
-        places = [self._place_m(item) for item in self.mission.items[planned]]
+        places = [self.place_m(item) for item in self.mission.items[planned]]
         return np.array(places, dtype=float).reshape(-1, 3)
 
     def legs_m(self) -> dict[int, FloatArray]:
@@ -107,13 +109,14 @@ class FlightPlan:
         for index, item in enumerate(self.mission.items):
             if item.command not in _PLACES or (item.lat_deg, item.lon_deg) == (0.0, 0.0):
                 continue
-            here = self._place_m(item)
+            here = self.place_m(item)
             if before is not None:
                 legs[index] = np.vstack([before, here])
             before = here
         return legs
 
-    def _place_m(self, item: MissionItem) -> FloatArray:
+    def place_m(self, item: MissionItem) -> FloatArray:
+        """(3,) ENU, the position of an item as it was planned."""
         alt_amsl_m = item.alt_m + (self.home.alt_amsl_m if item.frame is Frame.ABOVE_HOME else 0.0)
         place_m: FloatArray = self.frame.enu_from_geodetic(item.lat_deg, item.lon_deg, alt_amsl_m)[0]
         return place_m
