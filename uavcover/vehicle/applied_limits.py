@@ -129,6 +129,13 @@ class AppliedLimits:
             advice += ", or say --apply-limits" if refused.wanted is not None else ""
             raise FlightFaultError(Ending.NOT_ARMED, f"{refused.sentence}; not armed: {advice}")
 
+    def look(self, plan: FlightPlan) -> None:
+        """Tell the table of a vehicle in the air: what would have kept it on the ground is an alarm."""
+        self._read(plan)
+        for row in self.rows:
+            if row.weight in (Weight.WARNING, Weight.REFUSED):
+                self._session.tell(EventKind.WARNING, row.sentence, alarm=row.weight is Weight.REFUSED)
+
     def put_back(self) -> None:
         """Put the old values back; what cannot be is told, and stays kept for the next time."""
         session = self._session

@@ -206,6 +206,5 @@ def _arm(session: Session) -> None:
         lambda: session.client.vehicle.armed,
         timeout_s=session.timeouts.start_s,
         what=lambda: "arming was accepted, but the heartbeat does not show it",
-        stops_before=0,
-        ending=Ending.ARMING_REFUSED,
+        ending=Ending.ARMING_REFUSED,  # a stop of the user waits for it: what is not known to be armed is not disarmed
     )

@@ -12,6 +12,7 @@ from uavcover.vehicle.mission_guard import MissionGuard, ModeOverride, VolumeWat
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
 from uavcover.vehicle.precautions import BREACHES, OnBreach
+from uavcover.vehicle.preconditions import Preconditions
 from uavcover.vehicle.progress import MissionProgress
 from uavcover.vehicle.session import Session, Stopped, Timer
 
@@ -19,14 +20,26 @@ _MOVED_M = 2.0
 _METRES_PER_DEGREE = 111_320.0
 _GOING_ON_S = 2.0
 """After a pause the vehicle may still report for a moment that its mission is paused."""
-_LASTING = (Ending.MISSION_CHANGED, Ending.WIND_ABOVE_LIMITS, Ending.OFF_ROUTE, Ending.FENCE_BREACHED)
+_LASTING = (
+    Ending.MISSION_CHANGED,
+    Ending.HOME_MOVED,
+    Ending.SETTINGS_CHANGED,
+    Ending.FENCE_CHANGED,
+    Ending.WIND_ABOVE_LIMITS,
+    Ending.OFF_ROUTE,
+    Ending.FENCE_BREACHED,
+)
 _COMES_TO_REST_S = 10.0
 """Time to wait for a disarmed vehicle to come to rest; one that has landed is at rest at once."""
 _LOOK_S = 0.1
 
 
 def follow_mission(
-    session: Session, plan: FlightPlan, progress: MissionProgress, must_go_home: Callable[[], str | None] = lambda: None
+    session: Session,
+    plan: FlightPlan,
+    progress: MissionProgress,
+    must_go_home: Callable[[], str | None] = lambda: None,
+    preconditions: Preconditions | None = None,
 ) -> None:
     """Listen until the vehicle has flown the mission, landed and disarmed; the user may pause it meanwhile.
 
@@ -50,6 +63,8 @@ def follow_mission(
         if follower.in_mission and not session.monitor.on_ground:
             guard.look()
         meanwhile()
+        if preconditions is not None and session.monitor.on_ground is False:
+            preconditions.look(meanwhile)
         follower.react(session.watch.take_begun())
         if follower.cause is None and session.monitor.on_ground is False and (why := must_go_home()) is not None:
             session.tell(EventKind.STOP, why)

@@ -190,6 +190,7 @@ class ParameterRow:
         rule: what has to be so; None only to watch it in flight.
         worse: what breaking the rule means, the first that fits.
         fine: what the table says when it is so.
+        flown: what breaking the rule in flight means besides, at once.
     """
 
     names: tuple[tuple[str, float], ...]
@@ -209,6 +210,7 @@ class ParameterRow:
     rule: Condition | None = None
     worse: tuple[Case, ...] = ()
     fine: str = ""
+    flown: str = ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -316,7 +318,7 @@ def read_table(document: Mapping[str, Any], file: str) -> ParameterTable:
 _ROW_KEYS = frozenset(
     {
         "names", "key", "category", "what", "why", "unit", "doing", "planned", "default", "shown", "returns", "other_version",
-        "if", "moot", "rule", "worse", "fine",
+        "if", "moot", "rule", "worse", "fine", "flown",
     }
 )  # fmt: skip
 _PLAIN = ("category", "what", "why", "unit", "doing", "planned", "default", "shown", "returns", "other_version")
@@ -337,7 +339,7 @@ def _row(table: Mapping[str, Any], where: str) -> ParameterRow:
         for case in table.get("worse", ())
     )  # fmt: skip
     applies = tuple(_condition(text, where) for text in table.get("if", ()))
-    rest = {name: table[name] for name in (*_PLAIN, "moot", "fine") if name in table}
+    rest = {name: table[name] for name in (*_PLAIN, "moot", "fine", "flown") if name in table}
     return ParameterRow(names=names, key=key, rule=rule, worse=worse, applies=applies, **rest)
 
 
