@@ -99,8 +99,10 @@ class Command(IntEnum):
     NAV_RALLY_POINT = 5100
     # Commands that are sent as messages, never as items.
     DO_SET_MODE = 176
+    DO_SET_HOME = 179
     DO_REPOSITION = 192
     DO_PAUSE_CONTINUE = 193
+    DO_FENCE_ENABLE = 207
     DO_SET_MISSION_CURRENT = 224
     MISSION_START = 300
     COMPONENT_ARM_DISARM = 400

@@ -119,6 +119,7 @@ _FIRST_EXTENSION: Final = {
     "camera_feedback": "completed_captures",
     "command_ack": "progress",
     "ekf_status_report": "airspeed_variance",
+    "gps_global_origin": "time_usec",
     "gps_raw_int": "alt_ellipsoid",
     "home_position": "time_usec",
     "mission_ack": "mission_type",
@@ -196,6 +197,11 @@ ROWS: Final[tuple[MessageRow, ...]] = (
         _same("roll_rad", "roll"), _same("pitch_rad", "pitch"), _same("yaw_rad", "yaw"),
         _same("roll_rate_rad_s", "rollspeed"), _same("pitch_rate_rad_s", "pitchspeed"),
         _same("yaw_rate_rad_s", "yawspeed"),
+    ),
+    _row(
+        m.GpsGlobalOrigin, "gps_global_origin",
+        _scaled("lat_deg", "latitude", 1e7), _scaled("lon_deg", "longitude", 1e7),
+        _scaled("alt_amsl_m", "altitude", 1e3),
     ),
     _row(
         m.HomePosition, "home_position",

@@ -99,6 +99,15 @@ class HomePosition:
 
 
 @dataclass(frozen=True, slots=True)
+class GpsGlobalOrigin:
+    """Where the local frame of the vehicle's position filter starts."""
+
+    lat_deg: float
+    lon_deg: float
+    alt_amsl_m: float
+
+
+@dataclass(frozen=True, slots=True)
 class MissionCurrent:
     """The item the vehicle flies to.
 
@@ -323,6 +332,7 @@ Message: TypeAlias = (
     | GlobalPositionInt
     | Attitude
     | HomePosition
+    | GpsGlobalOrigin
     | MissionCurrent
     | MissionItemReached
     | StatusText

@@ -22,7 +22,7 @@ from sitl_tests.flying import (
 )
 from sitl_tests.matrix import WORKS
 from sitl_tests.missions import DIAMOND_M, FIRST_WAYPOINT_ITEM, route_mission
-from uavcover.vehicle.arming import first_seq, hold_mode, set_current_item, set_mode, start_mission
+from uavcover.vehicle.arming import first_seq, fly_from_item, hold_mode, set_mode
 from uavcover.vehicle.modes import custom_mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightOutcome
 from uavcover.vehicle.readiness import request_telemetry, wait_until_ready
@@ -175,9 +175,8 @@ def change_in_flight(case: Case) -> Finding:
         hold(station.session, "told to hold for another mission")
         checked = station.client.upload_and_verify(other, in_flight=True)
         require(checked.passed, "the new mission was read back changed")
-        set_current_item(station.session, first_seq(station.session) + FIRST_WAYPOINT_ITEM)
         mode = station.session.mode_name
-        start_mission(station.session)
+        fly_from_item(station.session, first_seq(station.session) + FIRST_WAYPOINT_ITEM)
         wait_until_landed(station)
     worst_m = require_flown(path, waypoints_held(case))
     return Finding(WORKS, f"after the upload it was in {mode}; the new waypoints passed within {worst_m:.1f} m")

@@ -19,6 +19,7 @@ SAMPLES: list[m.Message] = [
     m.GlobalPositionInt(0.0, -46.1234567, 7.7654321, 0.0, 0.0, 0.0, 0.0, 0.0, None),
     m.Attitude(1.5, 0.25, -0.5, 3.0, 0.125, 0.0, -1.0),
     m.HomePosition(46.1234567, -7.7654321, 512.345),
+    m.GpsGlobalOrigin(46.1234567, -7.7654321, 512.345),
     m.MissionCurrent(4, 20, MissionState.ACTIVE),
     m.MissionCurrent(0),
     m.MissionItemReached(65535),

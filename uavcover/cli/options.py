@@ -136,6 +136,17 @@ Component = Annotated[
     ),
 ]
 
+OwnSystem = Annotated[
+    int,
+    typer.Option(
+        "--own-system",
+        help="Our own MAVLink system id; for a vehicle that minds one ground station, its number.",
+        metavar="N",
+        min=1,
+        max=255,
+    ),
+]
+
 LinkKind = Annotated[
     str,
     typer.Option(
@@ -223,6 +234,7 @@ class LinkOptions:
 
     timeout_s: Timeout = 10.0
     component: Component = None
+    own_system: OwnSystem = 255
     signing_key: SigningKeyFile = None
 
     def link_at(self, place: "VehiclePlace", *, client: str = "native", link: str = "default") -> "VehicleLink":
@@ -239,7 +251,7 @@ class LinkOptions:
         return VehicleLink(
             url=place.url, timeout_s=self.timeout_s, timing=link_preset(link).timing,
             signing_key=signing_key(self.signing_key), client_name=name, system_id=place.system_id,
-            component_id=self.component,
+            component_id=self.component, own_system=self.own_system,
         )  # fmt: skip
 
 

@@ -112,6 +112,11 @@ class MockBody:
         if math.dist(here, self.home_m) > _SAME_PLACE_M:
             self.home, self.home_m = self.geodetic_of(here), here
 
+    def set_home(self, home: GeoPoint) -> None:
+        """Set home to any place."""
+        east, north, up = self.frame.enu_from_geodetic(home.lat_deg, home.lon_deg, home.alt_amsl_m)[0]
+        self.home, self.home_m = home, (float(east), float(north), float(up))
+
     def place(self, item: MissionItem, ground: Ground) -> Vector:
         """The position of a mission item; a take-off goes straight up, whatever its coordinates.
 

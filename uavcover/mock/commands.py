@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from mission_io.model.enums import CommandResult, VehicleClass
-from mission_io.model.items import Command, Frame, MissionItem
+from mission_io.model.items import Command, Frame, GeoPoint, MissionItem
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import DEGREES_SCALE
 from uavcover.mock.failsafes import Failsafes
@@ -21,8 +21,13 @@ _FORCE_DISARM = 21196.0
 
 def answer_command(control: FlightControl, command: m.CommandLong | m.CommandInt) -> CommandResult:
     """Carry out a command and return the result to acknowledge."""
-    if command.command == Command.DO_REPOSITION and isinstance(command, m.CommandInt):
-        return _reposition(control, command)
+    if isinstance(command, m.CommandInt):
+        if command.command == Command.DO_REPOSITION:
+            return _reposition(control, command)
+        place = (command.x / DEGREES_SCALE, command.y / DEGREES_SCALE, command.z)
+        command = m.CommandLong(
+            command.target_system, command.target_component, command.command, (*command.params, *place)
+        )
     handler = _HANDLERS.get(command.command)
     return CommandResult.UNSUPPORTED if handler is None else handler(control, command.params)
 
@@ -122,6 +127,21 @@ def _home(control: FlightControl, params: Params) -> CommandResult:
     return CommandResult.ACCEPTED
 
 
+def _set_home(control: FlightControl, params: Params) -> CommandResult:
+    lat_deg, lon_deg, alt_m = params[4:7]
+    if params[0] == 1.0:
+        return control.set_home(None)
+    known = all(map(math.isfinite, (lat_deg, lon_deg, alt_m))) and abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0
+    return control.set_home(GeoPoint(lat_deg, lon_deg, alt_m)) if known else CommandResult.DENIED
+
+
+def _fence(control: FlightControl, params: Params) -> CommandResult:
+    if not control.state.is_ardupilot:
+        return CommandResult.UNSUPPORTED
+    control.state.fence.switched_off = params[0] == 0.0
+    return CommandResult.ACCEPTED
+
+
 def _capabilities(control: FlightControl, params: Params) -> CommandResult:
     del params
     tell(control.state, m.AutopilotVersion)
@@ -186,6 +206,8 @@ _HANDLERS: dict[int, Callable[[FlightControl, Params], CommandResult]] = {
     Command.DO_CHANGE_SPEED: _change_speed,
     Command.SET_MESSAGE_INTERVAL: _message_interval,
     Command.REQUEST_MESSAGE: _request_message,
+    Command.DO_SET_HOME: _set_home,
+    Command.DO_FENCE_ENABLE: _fence,
     Command.GET_HOME_POSITION: _home,
     Command.REQUEST_AUTOPILOT_CAPABILITIES: _capabilities,
     Command.NAV_RETURN_TO_LAUNCH: _return,
@@ -199,7 +221,8 @@ def handle(control: FlightControl, failsafes: Failsafes, received: m.Received) -
     vehicle, message = control.state, received.message
     match message:
         case m.Heartbeat():
-            if message.vehicle_type == VehicleClass.GROUND_STATION:
+            counts = not vehicle.is_ardupilot or received.system_id == vehicle.parameters["MAV_GCS_SYSID"]
+            if message.vehicle_type == VehicleClass.GROUND_STATION and counts:
                 failsafes.hear_ground_station()
         case m.TimeSync():
             return [replace(message, answered_ns=round(vehicle.time_s * 1e9) or 1)] if message.answered_ns == 0 else []

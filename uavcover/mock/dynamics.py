@@ -13,6 +13,7 @@ Scalars instead of arrays: a step on three numbers is ten times faster without n
 """
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Self
 
@@ -74,6 +75,7 @@ class PointMass:
         velocity_m_s: over ground.
         acceleration_m_s2: of the last step.
         yaw_rad: clockwise from north.
+        heading_for: the heading to turn to by the velocity that is wanted; None keeps the present one.
         roll_rad: right side down is positive.
         pitch_rad: nose up is positive.
     """
@@ -83,6 +85,7 @@ class PointMass:
         self.position_m, self.velocity_m_s, self.acceleration_m_s2 = position_m, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         self.yaw_rad, self.roll_rad, self.pitch_rad = yaw_rad, 0.0, 0.0
         self._yaw_rate_rad_s = 0.0
+        self.heading_for: Callable[[Vector], float | None] = course_rad
         self._wind_estimate: Vector = (0.0, 0.0, 0.0)
         self._asked: Vector = (0.0, 0.0, 0.0)
         self._learning = 1.0 - math.exp(-step_s / airframe.wind_estimate_s)
@@ -150,10 +153,10 @@ class PointMass:
         return self._asked
 
     def _turn(self, wanted_m_s: Vector) -> None:
-        """Yaw towards the course, if there is one, no faster than it can come to rest there."""
+        """Yaw as ``heading_for`` says while there is a course, no faster than it can come to rest there."""
         frame, dt, error = self.airframe, self.step_s, 0.0
-        if math.hypot(wanted_m_s[0], wanted_m_s[1]) >= 0.5:
-            error = math.remainder(math.atan2(wanted_m_s[0], wanted_m_s[1]) - self.yaw_rad, math.tau)
+        if math.hypot(wanted_m_s[0], wanted_m_s[1]) >= 0.5 and (heading := self.heading_for(wanted_m_s)) is not None:
+            error = math.remainder(heading - self.yaw_rad, math.tau)
         acceleration = math.radians(frame.max_yaw_acceleration_deg_s2)
         most = math.radians(frame.max_yaw_rate_deg_s), math.sqrt(2.0 * acceleration * abs(error)), abs(error) / dt
         change = math.copysign(min(most), error) - self._yaw_rate_rad_s
@@ -166,6 +169,11 @@ class PointMass:
         right = thrust_east_m_s2 * cos - thrust_north_m_s2 * sin
         self.pitch_rad = -math.atan2(forward, GRAVITY_M_S2)
         self.roll_rad = math.atan2(right, GRAVITY_M_S2)
+
+
+def course_rad(velocity_m_s: Vector) -> float | None:
+    """The heading along a velocity."""
+    return math.atan2(velocity_m_s[0], velocity_m_s[1])
 
 
 def _within(x: float, y: float, most: float) -> tuple[float, float]:

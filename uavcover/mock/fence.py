@@ -13,7 +13,7 @@ from uavcover.scenario.frames import LocalFrame
 
 Ring = tuple[tuple[float, float], ...]
 
-_HEIGHT, _CIRCLE, _AREAS = 1, 2, 4
+_HEIGHT, _CIRCLE, _AREAS, _FLOOR = 1, 2, 4, 8
 """Bits of FENCE_TYPE."""
 
 
@@ -25,6 +25,9 @@ class FenceWatch:
         body: gives the vehicle's frame and believed position.
         parameters: the fence parameters of the autopilot.
         ardupilot: whether the autopilot is ArduPilot; otherwise PX4.
+
+    Attributes:
+        switched_off: whether a command has put ArduPilot's fence out of force.
     """
 
     def __init__(self, missions: MissionStore, body: MockBody, parameters: Parameters, *, ardupilot: bool) -> None:
@@ -33,6 +36,13 @@ class FenceWatch:
         self._inclusions: list[Ring] = []
         self._exclusions: list[Ring] = []
         self._circles: list[tuple[float, float, float, bool]] = []
+        self._floor_in_force = False
+        self.switched_off = False
+
+    @property
+    def in_force(self) -> bool:
+        """Whether the vehicle keeps to its fence: PX4 to any that it holds, ArduPilot by its parameter and by command."""
+        return not self._ardupilot or bool(self._parameters["FENCE_ENABLE"] and not self.switched_off)
 
     def breach(self) -> str | None:
         """The limit that the believed position breaches, named as the autopilot names it; None inside all limits."""
@@ -40,17 +50,29 @@ class FenceWatch:
         if items is not self._items:
             self._read(items, self._body.frame)
         where = self._body.believed.position_m
+        up_m = where[2] - self._body.home_m[2]
         ardupilot, get = self._ardupilot, self._parameters
-        if ardupilot and not get["FENCE_ENABLE"]:
+        if not self.in_force:
             return None
         kinds = int(get["FENCE_TYPE"]) if ardupilot else _HEIGHT | _CIRCLE | _AREAS
         highest_m = get["FENCE_ALT_MAX" if ardupilot else "GF_MAX_VER_DIST"]
         farthest_m = get["FENCE_RADIUS" if ardupilot else "GF_MAX_HOR_DIST"]
-        if kinds & _HEIGHT and 0.0 < highest_m < where[2]:
+        if kinds & _HEIGHT and 0.0 < highest_m < up_m:
             return "Max Alt"
-        if kinds & _CIRCLE and 0.0 < farthest_m < math.hypot(where[0], where[1]):
+        if kinds & _FLOOR and ardupilot and self._below_floor(up_m):
+            return "Min Alt"
+        if kinds & _CIRCLE and 0.0 < farthest_m < math.dist(where[:2], self._body.home_m[:2]):
             return "Circle"
         return "Polygon" if kinds & _AREAS and self._outside_areas(where) else None
+
+    def _below_floor(self, up_m: float) -> bool:
+        """The floor comes into force when the vehicle has climbed above it, and ends with the landing."""
+        floor_m, body = self._parameters["FENCE_ALT_MIN"], self._body
+        if body.on_ground or body.itinerary.landing:
+            self._floor_in_force = False
+        elif up_m >= floor_m + self._parameters["FENCE_MARGIN"]:
+            self._floor_in_force = True
+        return self._floor_in_force and up_m <= floor_m
 
     def _outside_areas(self, where: Vector) -> bool:
         x, y = where[0], where[1]

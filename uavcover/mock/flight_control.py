@@ -4,7 +4,7 @@ Results are answers to commands; refusals are worded as the autopilot words them
 """
 
 from mission_io.model.enums import CommandResult, MissionState
-from mission_io.model.items import MissionType
+from mission_io.model.items import GeoPoint, MissionType
 from mission_io.wire import messages as m
 from uavcover.mock.body import STEP_S
 from uavcover.mock.faults import FaultKind
@@ -100,6 +100,8 @@ class FlightControl:
             return CommandResult.ACCEPTED
         flying = not state.body.on_ground
         if mode is Mode.MISSION and (flying or not state.is_ardupilot):
+            if state.is_ardupilot and state.parameters["MIS_RESTART"]:
+                self.mission.rewind()
             self._fly_mission()
         elif mode is not Mode.MISSION:
             self.mission.pause()
@@ -133,6 +135,23 @@ class FlightControl:
             return CommandResult.DENIED
         self._fly_on()
         tell(self.state, m.MissionCurrent)
+        return CommandResult.ACCEPTED
+
+    def set_home(self, home: GeoPoint | None) -> CommandResult:
+        """Move home; None is to where it is. ArduPilot's legs have the new heights from the next item on, PX4's at once."""
+        state = self.state
+        if not state.is_ardupilot and not state.parameters["COM_HOME_EN"]:
+            return CommandResult.DENIED
+        if home is None:
+            state.body.set_home_here()
+        else:
+            state.body.set_home(home)
+        state.missions.set_home(state.body.home)
+        tell(state, m.HomePosition)
+        if state.is_ardupilot:
+            self.mission.heights_are_old = True
+        else:
+            self._fly_on()
         return CommandResult.ACCEPTED
 
     def set_speeds(self, speeds: Speeds) -> None:

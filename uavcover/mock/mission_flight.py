@@ -16,10 +16,15 @@ _REPORT_S = 0.1
 
 
 class MissionFlight:
-    """Follows the mission of a vehicle; keeps ``mission_state`` and ``current_seq`` of its state."""
+    """Follows the mission of a vehicle; keeps ``mission_state`` and ``current_seq`` of its state.
+
+    Attributes:
+        heights_are_old: whether home has moved, so that the next item begins with other heights than were laid out.
+    """
 
     def __init__(self, state: MockState) -> None:
         self._state = state
+        self.heights_are_old = False
         self._reached: int | None = None
         self._reports_due: list[float] = []
 
@@ -65,6 +70,7 @@ class MissionFlight:
     def start(self) -> None:
         """Fly the mission from its current item on."""
         state = self._state
+        self.heights_are_old = False
         state.current_seq = max(state.current_seq, self.first_seq)
         steps = mission_steps(
             state.mission_items,
@@ -112,7 +118,10 @@ class MissionFlight:
         elif step.seq is not None and step.seq != state.current_seq:
             state.current_seq = step.seq
             state.speeds = step.speeds
-            tell(state, m.MissionCurrent)
+            if self.heights_are_old:
+                self.start()
+            else:
+                tell(state, m.MissionCurrent)
 
     def landed(self, now: float) -> None:
         """Note the touchdown, which completes a mission that ends with a landing."""

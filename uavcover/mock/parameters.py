@@ -57,15 +57,21 @@ PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
             "FENCE_ENABLE": _whole(0),
             "FENCE_ACTION": _whole(1),  # 0 report, 1 return, 2 land, 4 brake
             "FENCE_ALT_MAX": MockParameter(100.0),
+            "FENCE_ALT_MIN": MockParameter(-10.0),
+            "FENCE_MARGIN": MockParameter(2.0),
             "FENCE_RADIUS": MockParameter(300.0),
-            "FENCE_TYPE": _whole(7),  # 1 height, 2 circle around home, 4 polygons and circles
+            "FENCE_TYPE": _whole(7),  # 1 height, 2 circle around home, 4 polygons and circles, 8 least height
             "FS_GCS_ENABLE": _whole(0),  # 0 none, 1 return, 5 land
             "FS_GCS_TIMEOUT": MockParameter(5.0),
             "FRAME_CLASS": _whole(1),
             "FRAME_TYPE": _whole(1),
+            "MAV_GCS_SYSID": _whole(255),  # whose silence counts
+            "MAV_OPTIONS": _whole(0),  # 1 hears no other ground station
+            "MIS_RESTART": _whole(0),  # 1 begins the mission anew each time that it enters AUTO
             "SYSID_THISMAV": _whole(1),
             "TERRAIN_ENABLE": _whole(1),
             "TERRAIN_SPACING": _whole(100),
+            "WP_YAW_BEHAVIOR": _whole(2),  # 0 never turns, 1 and 2 to the next waypoint, 3 along its course
         },
         AutopilotId.PX4: {
             "MPC_XY_CRUISE": _bound("cruise_m_s"),
@@ -80,12 +86,16 @@ PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
             "BAT_EMERGEN_THR": MockParameter(0.05),
             "BAT_LOW_THR": MockParameter(0.15),
             "COM_DL_LOSS_T": _whole(10),
+            "COM_HOME_EN": _whole(1),
             "COM_LOW_BAT_ACT": _whole(0),  # 0 warn, 2 land, 3 return, land when nearly empty
             "GF_ACTION": _whole(2),  # 0 none, 1 warn, 2 hold, 3 return, 5 land
             "GF_MAX_HOR_DIST": MockParameter(0.0),  # 0: no limit
             "GF_MAX_VER_DIST": MockParameter(0.0),
             "MAV_SYS_ID": _whole(1),
             "MIS_TAKEOFF_ALT": MockParameter(2.5),
+            "MPC_YAW_MODE": _whole(
+                0
+            ),  # 0 and 4 to the waypoint, 1 to home, 2 away from home, 3 along its course, 5 never turns
             "NAV_DLL_ACT": _whole(0),  # 0 none, 1 hold, 2 return, 3 land
             "SYS_AUTOSTART": _whole(10040),
         },

@@ -19,7 +19,7 @@ from mission_io.wire import messages as m
 from uavcover.mock.behaviour import Behaviour, GroundSource, Settings, TransferClock, quick
 from uavcover.mock.body import STEP_S, Ground, MockBody
 from uavcover.mock.camera import MockCamera
-from uavcover.mock.dynamics import Airframe, BatteryData, Vector, WindModel
+from uavcover.mock.dynamics import Airframe, BatteryData, Vector, WindModel, course_rad
 from uavcover.mock.faults import Fault, FaultKind, FaultSchedule
 from uavcover.mock.fence import FenceWatch
 from uavcover.mock.itinerary import Step
@@ -122,6 +122,7 @@ class MockState:
             rng=rng,
             ground=ground,
         )
+        self.body.point.heading_for = self._heading
         self.camera = MockCamera(self.body, ardupilot=self.is_ardupilot)
         self.faults = FaultSchedule(config.faults, link_speed=config.speed)
         self.mode, self.armed = Mode.MANUAL, False
@@ -207,6 +208,22 @@ class MockState:
     def mission_items(self) -> tuple[MissionItem, ...]:
         """The mission that it holds, in wire order."""
         return self.missions.items(MissionType.MISSION)
+
+    def ignores(self, system_id: int) -> bool:
+        """Whether it hears nothing of a system: ArduPilot may listen to one ground station alone."""
+        own = (self.address.system_id, self.parameters["MAV_GCS_SYSID"]) if self.is_ardupilot else (system_id,)
+        return system_id not in own and bool(int(self.parameters["MAV_OPTIONS"]) & 1)
+
+    def _heading(self, velocity_m_s: Vector) -> float | None:
+        """The heading that its yaw parameter asks for, radians; None is to turn no more."""
+        mode = self.parameters["WP_YAW_BEHAVIOR" if self.is_ardupilot else "MPC_YAW_MODE"]
+        if mode == (0.0 if self.is_ardupilot else 5.0):
+            return None
+        if self.is_ardupilot or mode not in (1.0, 2.0):
+            return course_rad(velocity_m_s)
+        (x, y, _), (home_x, home_y, _) = self.body.point.position_m, self.body.home_m
+        sign = 1.0 if mode == 1.0 else -1.0
+        return math.atan2(sign * (home_x - x), sign * (home_y - y))
 
     def send(self, message: m.Message) -> None:
         """Queue a message, unless a fault keeps it from being heard."""

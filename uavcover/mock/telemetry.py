@@ -98,9 +98,10 @@ def _sys_status(vehicle: MockState) -> m.Message:
         healthy &= ~_SENSOR_GPS
     if vehicle.fence.breach() is not None:
         healthy &= ~_SENSOR_FENCE
+    enabled = _SENSORS if vehicle.fence.in_force else _SENSORS & ~_SENSOR_FENCE
     battery = vehicle.body.battery
     return m.SysStatus(
-        _SENSORS, _SENSORS, healthy, 0.3, battery.voltage_v, battery.current_a, round(100.0 * battery.remaining)
+        _SENSORS, enabled, healthy, 0.3, battery.voltage_v, battery.current_a, round(100.0 * battery.remaining)
     )
 
 
@@ -155,6 +156,11 @@ def _home(vehicle: MockState) -> m.Message | None:
     return m.HomePosition(home.lat_deg, home.lon_deg, home.alt_amsl_m) if vehicle.home_known else None
 
 
+def _origin(vehicle: MockState) -> m.Message:
+    frame = vehicle.body.frame
+    return m.GpsGlobalOrigin(frame.lat_deg, frame.lon_deg, frame.alt_amsl_m)
+
+
 def truth_sample(vehicle: MockState) -> TruthSample:
     """The true position, and the error of the believed one."""
     here, point = vehicle.body.geodetic(), vehicle.body.point
@@ -181,6 +187,7 @@ _BUILDERS: dict[type[m.Message], Callable[[MockState], m.Message | None]] = {
     m.ExtendedSysState: lambda vehicle: m.ExtendedSysState(int(vehicle.body.landed_state)),
     m.SystemTime: lambda vehicle: m.SystemTime(0.0, vehicle.time_s),
     m.HomePosition: _home,
+    m.GpsGlobalOrigin: _origin,
     m.AutopilotVersion: lambda vehicle: m.AutopilotVersion(
         _CAPABILITIES[vehicle.is_ardupilot], _VERSIONS[vehicle.is_ardupilot], MOCK_UID
     ),

@@ -68,6 +68,8 @@ class MockVehicle(MockState):
         """Handle a message that arrives at ``now``."""
         self.advance(now)
         local = self.address
+        if self.ignores(received.system_id):
+            return
         if self.cut_off or not m.is_for(received.message, system_id=local.system_id, component_id=local.component_id):
             return
         self.send_all(handle(self.control, self.failsafes, received))

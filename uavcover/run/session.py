@@ -25,6 +25,7 @@ from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.server import mock_endpoint
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Route
+from uavcover.model.sensor import FrameCamera
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.flight_costs import way_home
 from uavcover.routes.leg_checks import find_problems
@@ -39,6 +40,7 @@ from uavcover.vehicle.fly import fly as fly_plan
 from uavcover.vehicle.fly import fly_on as fly_on_plan
 from uavcover.vehicle.modes import require_multirotor
 from uavcover.vehicle.monitor import Monitor, open_vehicle
+from uavcover.vehicle.precautions import require_answers
 from uavcover.vehicle.readiness import check_home as check_home_of
 from uavcover.vehicle.resume_point import along_leg_m
 from uavcover.vehicle.return_home import PlanReturn
@@ -86,6 +88,7 @@ class VehicleLink:
         client_name: which client speaks to it; MAVSDK's takes no ``timing`` and no ``signing_key``.
         system_id: which vehicle is meant, where several are on the link.
         component_id: which of its components is the autopilot, where that is not component 1.
+        own_system: our own MAVLink system id.
         shared: the link, where several vehicles are on it at the same time; ``system_id`` is that of one of them.
     """
 
@@ -98,6 +101,7 @@ class VehicleLink:
     system_id: int | None = None
     component_id: int | None = None
     shared: SharedLink | None = None
+    own_system: int = 255
 
 
 def sharing_links(links: Sequence[VehicleLink]) -> list[VehicleLink]:
@@ -122,7 +126,7 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
         home: where ``mock:`` stands instead.
 
     Raises:
-        VehicleError: with a site: the vehicle is not a multirotor.
+        VehicleError: with a site: the vehicle is not a multirotor. An ArduPilot answers nothing that we send.
         mission_io.errors.AmbiguousVehicleError: several vehicles are on the link, and none was named.
         InputError: a time or a speed that is not above 0.
         mission_io.errors.MissionIoError: the URL is not understood, or nobody is there.
@@ -143,7 +147,10 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
     )
     share = None if at.shared is None or at.system_id is None else at.shared.share(at.system_id)
     link = LoggedLink(open_link(at.url, schemes={"mock": endpoint}) if share is None else share)
-    client, monitor = _open_mavsdk(link) if at.client_name == "mavsdk" else open_vehicle(link, timing=at.timing)
+    if at.client_name == "mavsdk":
+        client, monitor = _open_mavsdk(link, at.own_system)
+    else:
+        client, monitor = open_vehicle(link, timing=at.timing, own_system=at.own_system)
     with client:
         if at.signing_key is not None:
             # Who receives them keeps the time of the last message for each link id: clients side by side need their own.
@@ -152,17 +159,18 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
         if site is not None:
             require_multirotor(client)
             answer_from_site(client, site)
+        require_answers(client)
         monitor.listen_to(vehicle.address)
         own: AutopilotName = "px4" if vehicle.autopilot is AUTOPILOTS["px4"] else "ardupilot"
         yield Connected(client, monitor, own, link, at.url)
 
 
-def _open_mavsdk(link: Link) -> tuple[Client, Monitor]:
+def _open_mavsdk(link: Link, own_system: int) -> tuple[Client, Monitor]:
     """MAVSDK's client on a link, with a monitor that hears everything."""
     from uavcover.vehicle.mavsdk.client import MavsdkClient  # its library is large, and few ask for it
 
     monitor = Monitor()
-    return MavsdkClient(link, listener=monitor), monitor
+    return MavsdkClient(link, system_id=own_system, listener=monitor), monitor
 
 
 def home_of(site: Site) -> GeoPoint | None:
@@ -198,6 +206,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
     if site.frame is None or site.home_m is None:
         raise InputError(f"scenario {site.scenario.name}: has no place on Earth")
     ground = float(site.bare_ground.heights_m(site.home_m[:2])[0])
+    sensor = site.scenario.sensor
     point = np.array([site.home_m[0], site.home_m[1], ground])
     return FlightPlan(
         mission=compiled.mission,
@@ -217,6 +226,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
             pace=pace_of(site),
             return_height_m=site.scenario.vehicle.return_height_m,
             fence=bool(compiled.fence.polygons or compiled.fence.circles),
+            camera_turns=isinstance(sensor, FrameCamera) and sensor.heading_deg is None,
             longest_flight_s=site.scenario.vehicle.longest_flight_s,
             vehicle=site.scenario.vehicle,
             way_home_s=lambda place_m: way_home(site, place_m)[1],

@@ -18,31 +18,45 @@ from uavcover.vehicle.precautions import Precautions
 from uavcover.vehicle.session import Session
 
 _ANSWER_S = 3.0
-_AGAIN_S = 0.7
+_FIRST_ANSWER_S, _LEAST_QUIET_S, _QUIET_ANSWERS = 0.7, 0.1, 3.0
+_AT_ONCE, _ROUNDS = 14, 6
 
 
 def read_parameters(session: Session, groups: Iterable[Collection[str]]) -> dict[str, ParamValue]:
-    """Ask for all at once; of each group of names for the same thing one answer is enough.
+    """Ask for parameters; of each group of names for the same thing one answer is enough.
 
-    A vehicle is silent about a parameter that it does not have, so what is not here may also be lost on a bad link: it is asked
-    for again until three seconds have gone.
+    A vehicle is silent about a parameter that it does not have, so what is not here may also be lost: it is asked for again, and
+    more often where a second question has found something. A few are asked for at once, since ArduPilot keeps 20 questions.
     """
-    client, found = session.client, dict[str, ParamValue]()
-    wanted = [list(names) for names in groups]
-    until_s = client.clock.now() + _ANSWER_S
-    again_s = client.clock.now()
-    while (left := [names for names in wanted if not found.keys() & names]) and client.clock.now() < until_s:
-        if client.clock.now() >= again_s:
-            again_s = client.clock.now() + _AGAIN_S
-            to = client.vehicle
-            for name in (name for names in left for name in names):
-                client.send(ParamRequestRead(to.system_id, to.component_id, name))
+    found = dict[str, ParamValue]()
+    wanted = [frozenset(names) for names in groups]
+    quiet_s, found_at_once = _FIRST_ANSWER_S, 0
+    for number in range(_ROUNDS):
+        left = [names for names in wanted if not found.keys() & names]
+        found_at_once = len(found) if number == 1 else found_at_once
+        if number > 1 and len(found) == found_at_once:
+            break
+        for first in range(0, len(left), _AT_ONCE):
+            quiet_s = _ask(session, left[first : first + _AT_ONCE], found, quiet_s)
+    return found
+
+
+def _ask(session: Session, groups: Collection[Collection[str]], found: dict[str, ParamValue], quiet_s: float) -> float:
+    """Ask once, and listen until all is answered or nothing has come for a while; returns how long to wait next time."""
+    client = session.client
+    to, began_s = client.vehicle, client.clock.now()
+    for name in (name for names in groups for name in names):
+        client.send(ParamRequestRead(to.system_id, to.component_id, name))
+    until_s, longest_s = began_s + quiet_s, began_s + _ANSWER_S
+    while any(not found.keys() & names for names in groups) and client.clock.now() < min(until_s, longest_s):
         for received in client.poll(0.1):
-            vehicle = client.vehicle
-            ours = (received.system_id, received.component_id) == (vehicle.system_id, vehicle.component_id)
+            ours = (received.system_id, received.component_id) == (to.system_id, to.component_id)
             if ours and isinstance(received.message, ParamValue):
                 found[received.message.name] = received.message
-    return found
+                now = client.clock.now()
+                quiet_s = max(_LEAST_QUIET_S, _QUIET_ANSWERS * (now - began_s))
+                until_s = now + quiet_s
+    return quiet_s
 
 
 def numbers(values: Mapping[str, ParamValue], *, px4: bool) -> dict[str, float]:
@@ -78,13 +92,15 @@ class AppliedLimits:
         precautions: whether to change anything, whom to ask, and where old values are kept.
 
     Attributes:
-        rows: the table as it was told last.
+        rows: the table as it was told last; rows that are as planned and not ``shown`` are left out.
+        values: the vehicle's parameters of the table, in their own units, as they were read last.
     """
 
     def __init__(self, session: Session, precautions: Precautions) -> None:
         self._session, self._precautions = session, precautions
         self._before: dict[str, float] = {}
         self.rows: tuple[Limit, ...] = ()
+        self.values: dict[str, float] = {}
 
     def put_back_older(self) -> None:
         """Put back what a flight that was killed has left changed."""
@@ -109,8 +125,16 @@ class AppliedLimits:
                 self._session.tell(EventKind.WARNING, row.sentence)
         refused = next((row for row in self.rows if row.weight is Weight.REFUSED), None)
         if refused is not None:
-            advice = "set it, or say --apply-limits" if refused.wanted is not None else "plan a shorter flight"
+            advice = "plan a shorter flight" if not refused.parameter else "set it"
+            advice += ", or say --apply-limits" if refused.wanted is not None else ""
             raise FlightFaultError(Ending.NOT_ARMED, f"{refused.sentence}; not armed: {advice}")
+
+    def look(self, plan: FlightPlan) -> None:
+        """Tell the table of a vehicle in the air: what would have kept it on the ground is an alarm."""
+        self._read(plan)
+        for row in self.rows:
+            if row.weight in (Weight.WARNING, Weight.REFUSED):
+                self._session.tell(EventKind.WARNING, row.sentence, alarm=row.weight is Weight.REFUSED)
 
     def put_back(self) -> None:
         """Put the old values back; what cannot be is told, and stays kept for the next time."""
@@ -138,10 +162,17 @@ class AppliedLimits:
 
     def _read(self, plan: FlightPlan) -> None:
         session = self._session
-        px4 = session.client.vehicle.mav_autopilot == AutopilotId.PX4
-        values = numbers(read_parameters(session, parameter_groups(px4=px4)), px4=px4)
+        px4 = _is_px4(session)
+        self.values = numbers(read_parameters(session, parameter_groups(px4=px4)), px4=px4)
         home = session.monitor.latest(m.HomePosition)
-        self.rows = limit_table(values, plan, px4=px4, home_alt_amsl_m=None if home is None else home.alt_amsl_m)
+        self.rows = tuple(
+            row
+            for row in limit_table(
+                self.values, plan, px4=px4,
+                home_alt_amsl_m=None if home is None else home.alt_amsl_m, own_system=session.client.local.system_id,
+            )
+            if row.shown
+        )  # fmt: skip
         if plan.needs is not None:
             session.tell(EventKind.STAGE, "limits: planned | vehicle | matters because")
             for row in self.rows:
@@ -149,7 +180,7 @@ class AppliedLimits:
 
     def _apply(self, changes: Mapping[str, Limit]) -> None:
         session = self._session
-        px4 = session.client.vehicle.mav_autopilot == AutopilotId.PX4
+        px4 = _is_px4(session)
         old = numbers(read_parameters(session, [[name] for name in changes]), px4=px4)
         wanted = {name: row.wanted for name, row in changes.items() if row.wanted is not None and name in old}
         text = ", ".join(f"{name} {old[name]:g} -> {number:g}" for name, number in wanted.items())

@@ -1,5 +1,7 @@
 """Arms, starts and disarms the vehicle, in the order that each autopilot requires. Every (dis)arm command comes from here."""
 
+from collections.abc import Callable
+
 from mission_io.errors import CommandRefusedError, VehicleSilentError
 from mission_io.model.enums import AutopilotId, CommandResult
 from mission_io.model.items import Command
@@ -9,6 +11,9 @@ from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
 from uavcover.vehicle.session import Session, Stopped, Timer
 
 _ANSWER_S = 3.0
+_TRIES = 4
+_REACHED_ITEMS = 2
+"""A vehicle that stands at an item's place goes on to the next one at once, and a picture is an item too."""
 _LACKS_TERRAIN = "terrain data"
 """Words of ArduPilot's refusal, "PreArm: waiting for terrain data"."""
 _AGAIN = (CommandResult.TEMPORARILY_REJECTED, CommandResult.FAILED)
@@ -34,7 +39,8 @@ def arm_and_start(session: Session) -> None:
     _arm(session)
     session.tell(EventKind.STAGE, "armed")
     if ardupilot:
-        start_mission(session)
+        set_mode(session, Mode.MISSION)
+        session.client.command(Command.MISSION_START)
 
     def off_the_ground() -> bool:
         on_ground = session.monitor.on_ground
@@ -51,11 +57,55 @@ def arm_and_start(session: Session) -> None:
     session.tell(EventKind.STAGE, "in the air")
 
 
-def start_mission(session: Session) -> None:
-    """Change an armed vehicle to its mission, and tell ArduPilot to begin."""
-    set_mode(session, Mode.MISSION)
+def fly_from_item(session: Session, seq: int) -> None:
+    """Fly the mission that a vehicle in the air holds, from item ``seq`` on; where that fails the vehicle is told to hold.
+
+    ArduPilot begins its mission anew each time that it enters AUTO when MIS_RESTART is 1. So the item is set again once it has
+    entered AUTO, and MISSION_CURRENT has to show it.
+
+    Raises:
+        FlightFaultError: the vehicle is gone, or flies to another item.
+        mission_io.errors.CommandRefusedError: it refuses.
+    """
+    _steer(session, lambda: set_current_item(session, seq))
+    continue_mission(session, seq)
+
+
+def continue_mission(session: Session, seq: int | None = None) -> None:
+    """Fly on with item ``seq``, which is the current one; errors as ``fly_from_item``."""
+    wanted = session.monitor.current_seq if seq is None else seq
+    if wanted < 0:  # nothing is known of its item
+        _steer(session, lambda: set_mode(session, Mode.MISSION))
+        return
     if session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT:
-        session.client.command(Command.MISSION_START)
+        _steer(session, lambda: session.client.command(Command.MISSION_START))  # enters AUTO, and answers at once
+        _steer(session, lambda: set_current_item(session, wanted))
+    _steer(session, lambda: set_mode(session, Mode.MISSION))
+    item = _item_told(session)
+    for _ in range(_TRIES):
+        if wanted <= item <= wanted + _REACHED_ITEMS:
+            return
+        _steer(session, lambda: set_current_item(session, wanted))
+        item = _item_told(session)
+    _steer(session, lambda: set_mode(session, hold_mode(session)))
+    flies = f"flies to item {item}" if item >= 0 else "does not tell which item it flies to"
+    raise FlightFaultError(
+        Ending.FAILED, f"the vehicle {flies}, and not to item {wanted}; it was told to hold; set MIS_RESTART to 0"
+    )
+
+
+def _steer(session: Session, act: Callable[[], object]) -> None:
+    """Command a vehicle that was told to hold, or to fly its mission; errors as ``Session.steer``."""
+    session.steer(act, while_in=[hold_mode(session), Mode.HOLD, Mode.MISSION])
+
+
+def _item_told(session: Session) -> int:
+    """The item that the vehicle tells from now on that it flies to; -1 when it tells none."""
+    session.monitor.forget(MissionCurrent)
+    silent = Timer(session, _ANSWER_S)
+    while session.monitor.current_seq < 0 and not silent.over:
+        session.pump()
+    return session.monitor.current_seq
 
 
 def set_mode(session: Session, mode: Mode) -> None:
@@ -163,6 +213,5 @@ def _arm(session: Session) -> None:
         lambda: session.client.vehicle.armed,
         timeout_s=session.timeouts.start_s,
         what=lambda: "arming was accepted, but the heartbeat does not show it",
-        stops_before=0,
-        ending=Ending.ARMING_REFUSED,
+        ending=Ending.ARMING_REFUSED,  # a stop of the user waits for it: what is not known to be armed is not disarmed
     )

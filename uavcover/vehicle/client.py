@@ -5,9 +5,11 @@ from typing import Protocol, TypeVar
 
 from mission_io.autopilots.autopilot import MissionList
 from mission_io.client.connection import VehicleInfo
+from mission_io.client.peers import Peers
 from mission_io.client.read_back import ReadBack
 from mission_io.clock import Clock
 from mission_io.model.items import MissionItem, MissionType
+from mission_io.protocol.exchange import Address
 from mission_io.wire.messages import CommandAck, Message, ParamValue, Received
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -29,6 +31,11 @@ class VehicleClient(Protocol):
         ...
 
     @property
+    def local(self) -> Address:
+        """Our own system and component."""
+        ...
+
+    @property
     def vehicle(self) -> VehicleInfo:
         """The vehicle as of its latest heartbeat."""
         ...
@@ -41,6 +48,15 @@ class VehicleClient(Protocol):
     @property
     def impostor(self) -> VehicleInfo | None:
         """Another vehicle that uses our vehicle's ids, as its heartbeat describes it; None while there is none."""
+        ...
+
+    @property
+    def peers(self) -> Peers:
+        """Everybody whose messages arrive."""
+        ...
+
+    def signing_advice(self) -> str:
+        """Advice when the vehicle signs and this side has no key; otherwise empty."""
         ...
 
     def wait_for_vehicle(self, timeout_s: float = 10.0) -> VehicleInfo:

@@ -26,6 +26,7 @@ class PlanNeeds:
         pace: its speeds and acceleration.
         return_height_m: height above home at which a straight return was checked.
         fence: whether it has a fence that must be active.
+        camera_turns: whether the camera turns with the vehicle, and so with its legs.
         longest_flight_s: what the mission may take, its endurance less the reserve; None where there is no limit.
         vehicle: its endurance and reserve, to watch the battery against; None skips that.
         way_home_s: seconds from a (3,) ENU place in flight to the ground at home along a checked transit; None where none is
@@ -35,6 +36,7 @@ class PlanNeeds:
     pace: Pace
     return_height_m: float
     fence: bool
+    camera_turns: bool = False
     longest_flight_s: float | None = None
     vehicle: Vehicle | None = None
     way_home_s: Callable[[FloatArray], float] | None = None
@@ -103,7 +105,7 @@ class FlightPlan:
     def waypoints_m(self) -> FloatArray:
         """(n, 3) ENU, the planned waypoints, as their items say."""
         planned = slice(self.first_waypoint_item, self._end_item, self.items_per_waypoint)
-        places = [self._place_m(item) for item in self.mission.items[planned]]
+        places = [self.place_m(item) for item in self.mission.items[planned]]
         return np.array(places, dtype=float).reshape(-1, 3)
 
     def legs_m(self) -> dict[int, FloatArray]:
@@ -113,13 +115,14 @@ class FlightPlan:
         for index, item in enumerate(self.mission.items):
             if item.command not in _PLACES or (item.lat_deg, item.lon_deg) == (0.0, 0.0):
                 continue
-            here = self._place_m(item)
+            here = self.place_m(item)
             if before is not None:
                 legs[index] = np.vstack([before, here])
             before = here
         return legs
 
-    def _place_m(self, item: MissionItem) -> FloatArray:
+    def place_m(self, item: MissionItem) -> FloatArray:
+        """(3,) ENU, the position of an item as it was planned."""
         alt_amsl_m = item.alt_m + (self.home.alt_amsl_m if item.frame is Frame.ABOVE_HOME else 0.0)
         place_m: FloatArray = self.frame.enu_from_geodetic(item.lat_deg, item.lon_deg, alt_amsl_m)[0]
         return place_m

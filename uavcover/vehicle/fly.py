@@ -12,10 +12,9 @@ from uavcover.vehicle.applied_limits import AppliedLimits
 from uavcover.vehicle.arming import (
     arm_and_start,
     disarm_on_ground,
+    fly_from_item,
     hold_mode,
     is_flying,
-    set_current_item,
-    start_mission,
     wire_seq,
 )
 from uavcover.vehicle.clearance import ALONE, Clearance
@@ -25,7 +24,8 @@ from uavcover.vehicle.follow import follow_mission
 from uavcover.vehicle.modes import Mode, custom_mode, require_multirotor
 from uavcover.vehicle.monitor import Monitor
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightFailedError, FlightFaultError, FlightOutcome
-from uavcover.vehicle.precautions import USUAL, Precautions, simulated_by
+from uavcover.vehicle.precautions import USUAL, Precautions, require_answers, simulated_by
+from uavcover.vehicle.preconditions import Preconditions
 from uavcover.vehicle.progress import MissionProgress
 from uavcover.vehicle.readiness import (
     check_home,
@@ -170,12 +170,13 @@ class _Flight:
 
         Raises:
             FlightFaultError: it may be real, and the user did not say that it may be flown.
-            VehicleError: it is not a multirotor.
+            VehicleError: it is not a multirotor, or answers nothing.
         """
         client, monitor = self.session.client, self.session.monitor
         client.wait_for_vehicle()
         vehicle = require_multirotor(client)
         refuse(self.session)
+        require_answers(client)
         monitor.listen_to(vehicle.address)
         monitor.begin()
         self.session.tell(EventKind.STAGE, f"vehicle {vehicle.system_id}, {vehicle.described}")
@@ -302,13 +303,14 @@ def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn)
         check_mission(session, plan)
         flight.limits.put_back_older()
         flight.limits.check(plan)
+        preconditions = Preconditions(session, plan, flight.limits.values)
         _wait_for_clearance(session, flight.orders.clearance)
         _refuse_armed(session)
         flight.orders.on_begin()
         progress = flight.record(plan)
         flight.touched = True
         arm_and_start(session)
-        follow_mission(session, plan, progress, flight.orders.clearance.must_go_home)
+        follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, preconditions)
     except Stopped as stop:
         return flight.home(plan_return, stop.cause)
     return flight.outcome(Ending.LANDED)
@@ -345,6 +347,8 @@ def _from_the_air(flight: _Flight, plan_continuation: PlanContinuation, plan_ret
             raise FlightFaultError(Ending.FAILED, f"no checked way on from here: {error}; left holding") from error
         plan = onward.plan
         check_home_position(session, plan)
+        flight.limits.look(plan)
+        preconditions = Preconditions(session, plan, flight.limits.values)
         if onward.upload:
             session.tell(EventKind.STAGE, "the rest of the mission is being sent")
             client = session.client
@@ -357,14 +361,12 @@ def _from_the_air(flight: _Flight, plan_continuation: PlanContinuation, plan_ret
                 )
         if session.stop():
             raise Stopped
-        seq = wire_seq(session, onward.first_item)
-        session.steer(lambda: set_current_item(session, seq), while_in=[hold_mode(session)])
         session.monitor.forget(m.MissionCurrent)
         progress = flight.record(plan)
-        session.steer(lambda: start_mission(session), while_in=[hold_mode(session), Mode.MISSION])
+        fly_from_item(session, wire_seq(session, onward.first_item))
         session.watch.take_off()
         session.tell(EventKind.STAGE, "going on with the mission")
-        follow_mission(session, plan, progress, flight.orders.clearance.must_go_home)
+        follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, preconditions)
     except Stopped as stop:
         return flight.home(plan_return, stop.cause)
     return flight.outcome(Ending.LANDED)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from mission_io.errors import CommandRefusedError
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
-from uavcover.vehicle.arming import hold_mode, send_disarm, set_mode
+from uavcover.vehicle.arming import continue_mission, hold_mode, send_disarm, set_mode
 from uavcover.vehicle.fall_watch import FallWatch
 from uavcover.vehicle.flight_plan import FlightPlan
 from uavcover.vehicle.hold_watch import HoldState, HoldWatch
@@ -15,6 +15,7 @@ from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
 from uavcover.vehicle.policy import Phase, policy, reaction
 from uavcover.vehicle.precautions import OnBreach
+from uavcover.vehicle.preconditions import Preconditions
 from uavcover.vehicle.progress import MissionProgress
 from uavcover.vehicle.schedule import Schedule
 from uavcover.vehicle.session import Session, Stopped, TakenOverError, Timer
@@ -24,8 +25,15 @@ _METRES_PER_DEGREE = 111_320.0
 _GOING_ON_S = 2.0
 """After a pause the vehicle may still report for a moment that its mission is paused."""
 _LASTING = (
-    Ending.MISSION_CHANGED, Ending.WIND_ABOVE_LIMITS, Ending.OFF_ROUTE, Ending.FENCE_BREACHED, Ending.RESERVE_USED,
-)  # fmt: skip
+    Ending.MISSION_CHANGED,
+    Ending.HOME_MOVED,
+    Ending.SETTINGS_CHANGED,
+    Ending.FENCE_CHANGED,
+    Ending.WIND_ABOVE_LIMITS,
+    Ending.OFF_ROUTE,
+    Ending.FENCE_BREACHED,
+    Ending.RESERVE_USED,
+)
 _COMES_TO_REST_S = 10.0
 """Time to wait for a disarmed vehicle to come to rest; one that has landed is at rest at once."""
 _LOOK_S = 0.1
@@ -40,6 +48,7 @@ def follow_mission(
     plan: FlightPlan,
     progress: MissionProgress,
     must_go_home: Callable[[], str | None] | None = None,
+    preconditions: Preconditions | None = None,
 ) -> None:
     """Listen until the vehicle has flown the mission, landed and disarmed; the user may pause it meanwhile.
 
@@ -48,6 +57,7 @@ def follow_mission(
         plan: what it flies.
         progress: along it.
         must_go_home: why it must end its mission now, as text; None takes the plan's own battery and endurance.
+        preconditions: what was checked before arming, to be watched; None watches nothing of it.
 
     Raises:
         FlightFaultError: it did not; the ending says why.
@@ -76,6 +86,8 @@ def follow_mission(
         meanwhile()
         if aloft:
             schedule.look()
+        if preconditions is not None and session.monitor.on_ground is False:
+            preconditions.look(meanwhile)
         follower.react()
         returns = (
             reaction(Ending.RESERVE_KEPT, follower.phase, simulated=session.simulated, chosen=None) is OnBreach.RETURN
@@ -387,10 +399,9 @@ class _Follower:
             self._upside_down = self._pause()
 
     def _go_on(self, text: str) -> None:
-        session = self._session
-        session.steer(lambda: set_mode(session, Mode.MISSION), while_in=[hold_mode(session), Mode.MISSION])
-        session.tell(EventKind.STOP, text)
-        self._going_on, self._hold = Timer(session, _GOING_ON_S), None
+        continue_mission(self._session)
+        self._session.tell(EventKind.STOP, text)
+        self._going_on, self._hold = Timer(self._session, _GOING_ON_S), None
 
     def _end_at_users_wish(self, stops: int) -> None:
         """Home, unless something else has the vehicle: then the first stop is told, and the second ends the record."""

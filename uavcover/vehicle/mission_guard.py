@@ -4,12 +4,12 @@ The mission is read back while it is flown, without disturbing the flight.
 """
 
 import math
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 
 from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.errors import FormatError, MissionIoError, TransferCancelledError
-from mission_io.model.items import MissionType
+from mission_io.model.items import MissionItem, MissionType
 from mission_io.wire import messages as m
 from uavcover.vehicle.flight_plan import FlightPlan, OperatingVolume
 from uavcover.vehicle.modes import Mode, custom_mode
@@ -26,45 +26,60 @@ _AGAIN_S = 5.0
 _LOOK_S = 0.1
 
 
-class MissionReading:
-    """Compares the vehicle's mission with the planned one at each sign of a change, and every minute.
+class ListReading:
+    """Compares one of the vehicle's lists with what it is to be at each sign of a change, and now and then.
 
     Positions that arrive meanwhile are recorded as ever, and what has to be looked at all the time is looked at. The user's
     stop or pause ends a reading at once. One that fails is tried again, later each time.
 
     Args:
         session: with the vehicle.
-        plan: what it is to fly.
+        wanted: what it is to hold, in wire order.
         meanwhile: what else has to be done all the time.
+        mission_type: which list.
+        every_s: vehicle time between two periodic readings.
+
+    Attributes:
+        held: what it held when it was read last.
+        asked: whether it is to be read as soon as possible.
     """
 
-    def __init__(self, session: Session, plan: FlightPlan, meanwhile: Callable[[], None]) -> None:
+    def __init__(
+        self,
+        session: Session,
+        wanted: Sequence[MissionItem],
+        meanwhile: Callable[[], None],
+        *,
+        mission_type: MissionType = MissionType.MISSION,
+        every_s: float = _EVERY_S,
+    ) -> None:
         self._session, self._meanwhile = session, meanwhile
-        self._wanted = wire_items(plan.mission, session.autopilot)
-        self._every = Timer(session, _EVERY_S)
-        self._asked = False
+        self._wanted, self._type = tuple(wanted), mission_type
+        self._every = Timer(session, every_s)
+        self.held: tuple[MissionItem, ...] = self._wanted
+        self.asked = False
         self._failures = 0
         self._not_before_s = self._rest_until_s = 0.0
 
     def ask(self) -> None:
         """Read as soon as possible, because of a sign of a change."""
-        self._asked = True
+        self.asked = True
 
     @property
     def due(self) -> bool:
         """Whether it is time to read."""
         now = self._session.client.clock.now()
-        return now >= self._not_before_s and (self._asked or (self._every.over and now >= self._rest_until_s))
+        return now >= self._not_before_s and (self.asked or (self._every.over and now >= self._rest_until_s))
 
     def difference(self) -> str | None:
-        """The largest difference from the planned mission; None when there is none, or when it could not be read.
+        """The largest difference from what it is to hold; None when there is none, or when it could not be read.
 
         Raises:
             FlightFaultError: the vehicle is gone, or it restarted.
         """
         session, began_s = self._session, self._session.client.clock.now()
         stops, pause = session.stop(), session.pause()
-        self._asked = False
+        self.asked = False
 
         looked_s = began_s
 
@@ -80,36 +95,43 @@ class MissionReading:
             return wanted_else or now - began_s > _LONGEST_S
 
         try:
-            held = session.client.download(MissionType.MISSION, stop=stop)
+            held = session.client.download(self._type, stop=stop)
         except FormatError as error:
             held = None
             difference = f"it holds what no plan has: {error}"
         except TransferCancelledError:
             if session.client.clock.now() - began_s > _LONGEST_S:
                 self._note_failure(f"not read in {_LONGEST_S:g} s")
-            self._asked = True
+            self.asked = True
             return None
         except MissionIoError as error:
             self._note_failure(str(error))
             return None
         now = session.client.clock.now()
         if self._failures:
-            session.tell(EventKind.WARNING, "the mission has been read back again")
+            session.tell(EventKind.WARNING, f"the {self._name} has been read back again")
         self._failures = 0
         self._rest_until_s = now + (now - began_s) / _BUSY_SHARE
         self._not_before_s = now + max(1.0, now - began_s)
         self._every.restart()
         if held is None:
             return difference
-        return fault_text(compare_items(self._wanted, held, session.autopilot))
+        self.held = held
+        return fault_text(compare_items(self._wanted, held, session.autopilot, self._type))
+
+    @property
+    def _name(self) -> str:
+        return {MissionType.FENCE: "fence", MissionType.RALLY: "list of rally points"}.get(self._type, "mission")
 
     def _note_failure(self, why: str) -> None:
         """Try again later; told the first time."""
         if not self._failures:
-            self._session.tell(EventKind.WARNING, f"the mission could not be read back in flight: {why}; tried again")
+            self._session.tell(
+                EventKind.WARNING, f"the {self._name} could not be read back in flight: {why}; tried again"
+            )
         self._not_before_s = self._session.client.clock.now() + _AGAIN_S * 2.0 ** min(self._failures, 4)
         self._failures += 1
-        self._asked = True
+        self.asked = True
 
 
 _SETTLE_S = 2.0
@@ -195,7 +217,7 @@ class MissionGuard:
         self, session: Session, plan: FlightPlan, progress: MissionProgress, meanwhile: Callable[[], None]
     ) -> None:
         self._session, self._plan, self._progress = session, plan, progress
-        self._reading = MissionReading(session, plan, meanwhile)
+        self._reading = ListReading(session, wire_items(plan.mission, session.autopilot), meanwhile)
         self._found: str | None = None
         self._mission_id = 0
         self._words, self._uploads = session.watch.mission_words, session.monitor.uploads_taken

@@ -160,6 +160,8 @@ class Monitor:
         counts: how many messages of each kind arrived.
         reached: the highest mission item that the vehicle said it reached.
         uploads_taken: how often it thanked somebody for a mission, us or another ground station.
+        lists_taken: the same for fences and rally points, by MAV_MISSION_TYPE.
+        parameters: the latest PARAM_VALUE of each parameter.
         terrain_asked: the different requests for terrain heights; one more shows that an answer to an earlier one arrived.
     """
 
@@ -179,6 +181,8 @@ class Monitor:
         self.counts: Counter[type[m.Message]] = Counter()
         self.reached = -1
         self.uploads_taken = 0
+        self.lists_taken: Counter[int] = Counter()
+        self.parameters: dict[str, m.ParamValue] = {}
         self.terrain_asked: set[m.TerrainRequest] = set()
         self._assembler = TextAssembler()
         self._other_assemblers: dict[int, TextAssembler] = {}
@@ -301,6 +305,10 @@ class Monitor:
                 self.uploads_taken += 1
             case m.ExtendedSysState():
                 self.ground.take_word(message.landed_state, self.time_s)
+            case m.MissionAck(result=MissionResult.ACCEPTED):
+                self.lists_taken[message.mission_type] += 1
+            case m.ParamValue():
+                self.parameters[message.name] = message
             case m.MissionItemReached():
                 self.reached = max(self.reached, message.seq)
             case m.TerrainRequest() if len(self.terrain_asked) < _MAX_TERRAIN_ASKED:
@@ -337,7 +345,7 @@ class Monitor:
             self.other_texts.extend((received.component_id, text) for text in assembler.take(said))
 
 
-def open_vehicle(link: Link | str, *, timing: Timing | None = None) -> tuple[Client, Monitor]:
+def open_vehicle(link: Link | str, *, timing: Timing | None = None, own_system: int = 255) -> tuple[Client, Monitor]:
     """A client on a link or a link's URL, with a monitor that hears everything it hears.
 
     Raises:
@@ -345,4 +353,5 @@ def open_vehicle(link: Link | str, *, timing: Timing | None = None) -> tuple[Cli
         mission_io.errors.LinkError: the link cannot be opened.
     """
     monitor = Monitor()
-    return Client(open_link(link) if isinstance(link, str) else link, timing=timing, listener=monitor), monitor
+    opened = open_link(link) if isinstance(link, str) else link
+    return Client(opened, timing=timing, listener=monitor, system_id=own_system), monitor

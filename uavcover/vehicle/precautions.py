@@ -3,6 +3,7 @@
 Only a vehicle that is proved to be simulated may be armed without the user's confirmation.
 """
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
@@ -10,12 +11,15 @@ from enum import Enum
 from mission_io.errors import VehicleSilentError
 from mission_io.model.enums import AutopilotId
 from mission_io.wire import messages as m
+from uavcover.errors import VehicleError
 from uavcover.vehicle.client import VehicleClient
 
 MOCK_UID = int.from_bytes(b"uavcover", "big")
 """The ``uid`` in the mock vehicle's AUTOPILOT_VERSION: how it says that it is no real vehicle."""
 
-_ANSWER_S = 8.0
+_ANSWER_S, _AGAIN_S = 8.0, 0.7
+_GCS_PARAMETERS = ("MAV_GCS_SYSID", "SYSID_MYGCS")
+"""Newer and older: the ground station that ArduPilot minds, which every one of its vehicles has."""
 
 
 def simulated_by(client: VehicleClient) -> str | None:
@@ -41,6 +45,36 @@ def simulated_by(client: VehicleClient) -> str | None:
     if name == "SIM_SPEEDUP":
         return "ArduPilot's simulator"
     return "PX4 with simulated hardware" if value != 0.0 else None
+
+
+def require_answers(client: VehicleClient) -> None:
+    """Refuse an ArduPilot that sends heartbeats and answers nothing: it may listen to another ground station alone.
+
+    Its parameter for that cannot be read then, so silence is the sign.
+
+    Raises:
+        VehicleError: it does not answer.
+    """
+    vehicle = client.vehicle
+    if vehicle.mav_autopilot != AutopilotId.ARDUPILOT:
+        return
+    until_s, again_s = client.clock.now() + _ANSWER_S, -math.inf
+    while client.clock.now() < until_s:
+        if client.clock.now() >= again_s:
+            again_s = client.clock.now() + _AGAIN_S
+            for name in _GCS_PARAMETERS:
+                client.send(m.ParamRequestRead(vehicle.system_id, vehicle.component_id, name))
+        for received in client.poll(0.1):
+            ours = (received.system_id, received.component_id) == (vehicle.system_id, vehicle.component_id)
+            if ours and isinstance(received.message, m.ParamValue):
+                return
+    if client.heartbeat_age_s < _ANSWER_S:
+        own = client.local.system_id
+        raise VehicleError(
+            f"vehicle {vehicle.system_id} sends heartbeats, and answers nothing that we, system {own}, send"
+            f"{client.signing_advice()}; it may listen to one ground station alone (MAV_OPTIONS 1, SYSID_ENFORCE): say "
+            f"--own-system with the number in its MAV_GCS_SYSID (SYSID_MYGCS), or set that to {own}"
+        )
 
 
 class OnBreach(Enum):

@@ -7,7 +7,7 @@ from mission_io.errors import MissionIoError
 from mission_io.model.items import Mission
 from mission_io.wire import messages as m
 from uavcover.errors import UavcoverError
-from uavcover.vehicle.arming import first_seq, hold_mode, is_flying, set_current_item, set_mode, start_mission
+from uavcover.vehicle.arming import first_seq, fly_from_item, hold_mode, is_flying, set_mode
 from uavcover.vehicle.follow import follow_home
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
@@ -89,9 +89,8 @@ def return_home(
         return _leave(session, "the way home was read back changed")
     if session.stop() > stops:
         return _leave(session, _ASKED)
-    session.steer(lambda: set_current_item(session, first_seq(session)), while_in=[hold_mode(session)])
     session.monitor.forget(m.MissionCurrent)
-    session.steer(lambda: start_mission(session), while_in=[hold_mode(session), Mode.MISSION])
+    fly_from_item(session, first_seq(session))
     session.tell(EventKind.STOP, "flying home along checked legs")
     try:
         follow_home(session, stops_before=stops, longest_wait_s=longest_wait_s)

@@ -1,0 +1,104 @@
+"""Parameters and commands of a second station that change how the mock vehicle flies its mission."""
+
+import math
+
+import pytest
+
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.model.enums import CommandResult
+from mission_io.model.items import Command
+from mission_io.wire import messages as m
+from tests.mock.bench import Bench, go, ready, up_there
+from tests.mock.test_failsafes import BOTH, set_parameter, texts
+from tests.vehicle.scene import HOME
+from uavcover.vehicle.modes import Mode
+
+
+def flying(autopilot, *items, **parameters: float) -> Bench:
+    bench = ready(autopilot)
+    for name, value in parameters.items():
+        set_parameter(bench, name, value)
+    bench.load(*up_there(*(items or (go(0, 100, 20), go(0, 300, 20)))))
+    bench.take_off()
+    return bench
+
+
+@pytest.mark.parametrize(("restart", "before"), [(0, False), (1, True)])
+def test_mis_restart_begins_the_mission_anew_on_entering_auto(restart, before):
+    bench = flying(ARDUPILOT, MIS_RESTART=restart)
+    while bench.vehicle.current_seq < 3:
+        bench.run(1.0)
+    assert bench.set_mode(Mode.GUIDED) is CommandResult.ACCEPTED
+    assert bench.command(Command.DO_SET_MISSION_CURRENT, 3.0) is CommandResult.ACCEPTED
+    assert bench.set_mode(Mode.MISSION) is CommandResult.ACCEPTED
+    assert (bench.vehicle.current_seq < 3) is before
+    assert bench.command(Command.DO_SET_MISSION_CURRENT, 3.0) is CommandResult.ACCEPTED
+    assert bench.vehicle.current_seq == 3
+
+
+@pytest.mark.parametrize(
+    ("autopilot", "parameters", "heading_deg"),
+    [
+        (ARDUPILOT, {}, 90.0),
+        (ARDUPILOT, {"WP_YAW_BEHAVIOR": 0}, 0.0),
+        (PX4, {"MPC_YAW_MODE": 4}, 90.0),
+        (PX4, {"MPC_YAW_MODE": 1}, 270.0),
+        (PX4, {"MPC_YAW_MODE": 5}, 0.0),
+    ],
+)
+def test_the_nose_turns_as_the_parameter_says(autopilot, parameters, heading_deg):
+    bench = flying(autopilot, go(200, 0, 20), **parameters)
+    bench.run(15.0)
+    assert math.degrees(bench.vehicle.body.point.yaw_rad) % 360.0 == pytest.approx(heading_deg, abs=5.0)
+
+
+@pytest.mark.parametrize(("kinds", "mode"), [(8, Mode.RETURN), (7, Mode.MISSION)])
+def test_the_floor_of_the_fence_breaks_a_mission_off_that_goes_below_it(kinds, mode):
+    bench = flying(ARDUPILOT, go(0, 40, 30), go(0, 150, 12), FENCE_ENABLE=1, FENCE_TYPE=kinds, FENCE_ALT_MIN=15)
+    bench.run(25.0)
+    assert bench.vehicle.mode is mode
+    assert ("Min Alt fence breached" in texts(bench)) is (kinds == 8)
+
+
+def test_landing_ends_the_floor_of_the_fence():
+    bench = flying(ARDUPILOT, FENCE_ENABLE=1, FENCE_TYPE=8, FENCE_ALT_MIN=15)
+    assert bench.set_mode(Mode.LAND) is CommandResult.ACCEPTED
+    bench.run(40.0)
+    assert bench.vehicle.body.on_ground
+    assert "breached" not in texts(bench)
+
+
+@BOTH
+def test_home_moved_in_flight_lowers_the_legs_at_once_or_from_the_next_item_on(autopilot):
+    bench = flying(autopilot)
+    while bench.vehicle.current_seq < (2 if autopilot is ARDUPILOT else 1):
+        bench.run(0.2)
+    place = (0.0, 0.0, 0.0, 0.0, HOME.lat_deg, HOME.lon_deg, HOME.alt_amsl_m - 8.0)
+    assert bench.command(Command.DO_SET_HOME, *place) is CommandResult.ACCEPTED
+    assert bench.heard(m.HomePosition)[-1].alt_amsl_m == pytest.approx(HOME.alt_amsl_m - 8.0)
+    while bench.vehicle.body.point.position_m[1] < 80.0:
+        bench.run(0.5)
+    assert bench.up_m == pytest.approx(20.0 if autopilot is ARDUPILOT else 12.0, abs=1.5)
+    while bench.vehicle.body.point.position_m[1] < 290.0:
+        bench.run(0.5)
+    assert bench.up_m == pytest.approx(12.0, abs=1.5)
+
+
+def test_px4_without_home_by_command_keeps_its_home():
+    bench = flying(PX4, COM_HOME_EN=0)
+    assert bench.command(Command.DO_SET_HOME, 1.0) is CommandResult.DENIED
+
+
+def test_ardupilot_may_listen_to_one_ground_station_alone():
+    bench = ready(ARDUPILOT)
+    set_parameter(bench, "MAV_GCS_SYSID", 250)
+    assert bench.command(Command.GET_HOME_POSITION) is CommandResult.ACCEPTED
+    set_parameter(bench, "MAV_OPTIONS", 1)
+    assert bench.send(m.CommandLong(1, 1, Command.GET_HOME_POSITION, (0.0,) * 7)) == []
+
+
+def test_a_command_takes_the_fence_out_of_force():
+    bench = ready(ARDUPILOT)
+    set_parameter(bench, "FENCE_ENABLE", 1)
+    assert bench.command(Command.DO_FENCE_ENABLE, 0.0) is CommandResult.ACCEPTED
+    assert not bench.vehicle.fence.in_force

@@ -1,0 +1,414 @@
+"""Watches in flight what was checked before arming: home, parameters, fence, rally points, who the vehicle is, and our own id.
+
+A change is an alarm that says what comes of it, in metres where it has any; ``--on-breach`` acts on it.
+"""
+
+import contextlib
+import math
+from collections.abc import Callable, Mapping
+
+import numpy as np
+import shapely
+
+from mission_io.client.peers import two_in_one
+from mission_io.errors import CommandRefusedError, FormatError, MissionIoError
+from mission_io.model.areas import fence_from_items
+from mission_io.model.enums import AutopilotId, LandedState
+from mission_io.model.items import Command, GeoPoint, MissionItem, MissionType
+from mission_io.wire import messages as m
+from uavcover.kernels.arrays import FloatArray
+from uavcover.scenario.frames import LocalFrame
+from uavcover.vehicle.applied_limits import numbers
+from uavcover.vehicle.flight_plan import FlightPlan
+from uavcover.vehicle.limit_table import HOME_SLACK_M, limit_table
+from uavcover.vehicle.mission_guard import ListReading
+from uavcover.vehicle.outcome import Ending, EventKind
+from uavcover.vehicle.parameter_rules import Limit, Weight, parameter_table
+from uavcover.vehicle.session import Session, Timer
+
+_ASIDE_M = 5.0
+"""A home that is farther aside was moved; arming sets it within the error of satellites."""
+_PLACE_EACH_S = 5.0
+_PARAMETER_EACH_S = 2.0
+_LIST_EACH_S = 120.0
+_SAMPLES = 400
+_FENCE_BIT = 0x100000
+_ORDER = (Weight.NONE, Weight.NOTE, Weight.WARNING, Weight.REFUSED)
+
+ReturnsChanged = Callable[[Mapping[str, float]], None]
+"""Told all parameters that are known when one that changes the autopilot's own way home, or the rally points, were changed."""
+
+
+class Preconditions:
+    """What was checked before arming, watched until the landing.
+
+    Made before arming: it reads the fence and the rally points, and asks for home and the origin now and then.
+
+    Args:
+        session: with the vehicle.
+        plan: what it is to fly.
+        values: the vehicle's parameters of the table, in their own units, as they were judged.
+        returns_changed: judges the autopilot's own way home anew.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        plan: FlightPlan,
+        values: Mapping[str, float],
+        *,
+        returns_changed: ReturnsChanged = lambda _: None,
+    ) -> None:
+        self._session, self._plan = session, plan
+        self._px4 = session.client.vehicle.mav_autopilot == AutopilotId.PX4
+        for kind in (m.HomePosition, m.GpsGlobalOrigin):
+            with contextlib.suppress(CommandRefusedError):  # both autopilots send them by themselves when they change
+                session.client.request_message_interval(kind, _PLACE_EACH_S)
+        self._home = _HomeWatch(session, plan, px4=self._px4)
+        self._settings = _SettingsWatch(session, plan, values, px4=self._px4, returns_changed=returns_changed)
+        self._lists = [
+            _ListWatch(session, plan, kind, lambda: returns_changed(self._settings.values)) for kind in _LISTS
+        ]
+        self._was_in_force = self._is_off = False
+        self._told: set[str] = set()
+
+    def look(self, meanwhile: Callable[[], None]) -> None:
+        """Look at everything once; called while the vehicle is in the air.
+
+        Args:
+            meanwhile: what has to be done all the time, also while a list is read.
+        """
+        self._home.look()
+        self._settings.look()
+        self._look_at_ids()
+        off = self._fence_off_text()
+        for one in self._lists:
+            one.look(meanwhile)
+            text = (off if one.kind is Ending.FENCE_CHANGED else "") or one.text
+            if text:
+                self._session.watch.open(one.kind, text)
+            else:
+                self._session.watch.close(one.kind, f"the vehicle's {one.name} as before")
+
+    def _fence_off_text(self) -> str:
+        """ArduPilot says in SYS_STATUS whether its fence is in force, also after a command that no parameter shows."""
+        status, state = self._session.monitor.latest(m.SysStatus), self._session.monitor.latest(m.ExtendedSysState)
+        lands = state is not None and state.landed_state == LandedState.LANDING  # which ends the least height
+        if not self._px4 and status is not None and not lands:
+            in_force = bool(status.sensors_enabled & _FENCE_BIT)
+            self._was_in_force |= in_force
+            self._is_off = self._was_in_force and not in_force
+        return (
+            "the vehicle's fence was put out of force in flight: it does not act at its limits" if self._is_off else ""
+        )
+
+    def _look_at_ids(self) -> None:
+        client = self._session.client
+        if client.impostor is not None:
+            self._tell_once(
+                f"{two_in_one(client.vehicle, client.impostor)}: what is heard and commanded may be of either"
+            )
+        for address in client.peers.same_ids:
+            self._tell_once(
+                f"another ground station (component {address.component_id}) uses our system id {address.system_id}: while it is "
+                "heard the vehicle does not notice that we are gone; give one of the two another id, ours by --own-system"
+            )
+
+    def _tell_once(self, text: str) -> None:
+        if text not in self._told:
+            self._told.add(text)
+            self._session.tell(EventKind.WARNING, text, alarm=True)
+
+
+class _HomeWatch:
+    """Home and the origin of the position filter, compared with what they were before arming, or at the take-off."""
+
+    def __init__(self, session: Session, plan: FlightPlan, *, px4: bool) -> None:
+        self._session, self._plan, self._px4 = session, plan, px4
+        self._checked = [] if (home := session.monitor.latest(m.HomePosition)) is None else [_point(home)]
+        here = session.monitor.latest(m.GlobalPositionInt)
+        if here is not None and session.monitor.on_ground is not False:
+            self._checked.append(GeoPoint(here.lat_deg, here.lon_deg, here.alt_amsl_m))  # arming sets home there
+        self._origin = session.monitor.latest(m.GpsGlobalOrigin)
+        self._judged: m.HomePosition | None = None
+        self._amount: float | None = None
+        self._text = ""
+
+    def look(self) -> None:
+        home = self._session.monitor.latest(m.HomePosition)
+        if home is not None and home != self._judged:
+            self._judged = home
+            self._amount, self._text = self._judge(_point(home))
+        origin = self._session.monitor.latest(m.GpsGlobalOrigin)
+        moved_m = 0.0
+        if origin is not None:
+            self._origin = origin if self._origin is None else self._origin
+            moved_m = math.dist((0.0, 0.0, 0.0), _offset_m(_point(self._origin), _point(origin)))
+        amount, text = self._amount, self._text
+        if amount is None and moved_m > HOME_SLACK_M:
+            amount = moved_m
+            text = f"the origin of the vehicle's heights and positions was moved by {moved_m:.1f} m in flight"
+        if amount is not None or self._session.watch.is_open(Ending.HOME_MOVED):
+            self._session.watch.measure(Ending.HOME_MOVED, amount, text, "the vehicle's home is where it was")
+
+    def _judge(self, home: GeoPoint) -> tuple[float | None, str]:
+        """By how much home was moved, and what comes of it; None for what arming alone explains."""
+        offsets = [_offset_m(place, home) for place in self._checked] or [_offset_m(self._plan.home, home)]
+        east, north, up = min(offsets, key=lambda offset: math.dist((0.0, 0.0, 0.0), offset))
+        aside_m = math.hypot(east, north)
+        if abs(up) <= HOME_SLACK_M and aside_m <= _ASIDE_M:
+            return None, ""
+        parts = [f"{abs(up):.1f} m {'higher' if up > 0.0 else 'lower'}"] if abs(up) > HOME_SLACK_M else []
+        parts += [f"{aside_m:.0f} m aside"] if aside_m > _ASIDE_M else []
+        text = f"the vehicle's home was moved {' and '.join(parts)} in flight"
+        if abs(up) > HOME_SLACK_M:
+            text += f": {self._lowered_by(home.alt_amsl_m - self._plan.home.alt_amsl_m)}"
+        if aside_m > _ASIDE_M:
+            text += "; a return of the autopilot's own ends at the new home, by a way that was not checked"
+        return math.hypot(aside_m, up), text
+
+    def _lowered_by(self, off_m: float) -> str:
+        """What comes of heights above home that begin elsewhere."""
+        since = "at once" if self._px4 else "from the next item on"
+        side = "higher" if off_m > 0.0 else "lower"
+        text = f"{since} the rest of the mission is flown {abs(off_m):.1f} m {side} than planned"
+        heights_m, volume = self._rest_agl_m(), self._plan.volume
+        if volume is None or not len(heights_m):
+            return text
+        low_m, high_m = float(heights_m.min()), float(heights_m.max())
+        if off_m < 0.0:
+            return (
+                f"{text}, and its clearance above the ground goes from {low_m:.1f} m to {low_m + off_m:.1f} m, where "
+                f"{volume.min_height_agl_m:g} m are required"
+            )
+        return (
+            f"{text}, and its largest height above the ground goes from {high_m:.1f} m to {high_m + off_m:.1f} m, where "
+            f"{volume.max_height_agl_m:g} m are allowed"
+        )
+
+    def _rest_agl_m(self) -> FloatArray:
+        """Planned heights above the ground along the legs that are left, those of planned waypoints where there are any."""
+        plan, session = self._plan, self._session
+        if plan.volume is None:
+            return np.array([])
+        legs_m = rest_of_legs(plan, session)
+        spacing = max(5.0, sum(float(np.linalg.norm(leg[1] - leg[0])) for leg in legs_m) / _SAMPLES)
+        heights = []
+        for leg in legs_m:
+            count = max(2, math.ceil(float(np.linalg.norm(leg[1] - leg[0])) / spacing) + 1)
+            for share in np.linspace(0.0, 1.0, count):
+                east, north, up = (leg[0] + share * (leg[1] - leg[0])).tolist()
+                heights.append(up - plan.volume.ground_up_m(east, north))
+        return np.array([height for height in heights if math.isfinite(height)])
+
+
+def rest_of_legs(plan: FlightPlan, session: Session) -> list[FloatArray]:
+    """(2, 3) ENU each, the legs between waypoints from the one that is flown on; transits only where nothing else is left."""
+    current = plan.index_of(session.monitor.current_seq, session.autopilot)
+    legs = {
+        index: leg
+        for index, leg in plan.legs_m().items()
+        if index >= current and plan.mission.items[index].command == Command.NAV_WAYPOINT
+    }
+    wire = 1 if session.autopilot.home_in_item_0 else 0
+    planned = [leg for index, leg in legs.items() if plan.waypoint_of(index + wire, session.autopilot) > 0]
+    return planned or list(legs.values())
+
+
+class _SettingsWatch:
+    """The parameters of the table: those that are broadcast when they change, and each one read again now and then."""
+
+    def __init__(
+        self,
+        session: Session,
+        plan: FlightPlan,
+        values: Mapping[str, float],
+        *,
+        px4: bool,
+        returns_changed: ReturnsChanged,
+    ) -> None:
+        self._session, self._plan, self._px4, self._returns_changed = session, plan, px4, returns_changed
+        self.values = dict(values)
+        self._before = dict(values)
+        self._rows_before = self._rows()
+        self._names = list(values)
+        self._next = Timer(session, _PARAMETER_EACH_S)
+        self._worse = ""
+        session.monitor.parameters.clear()
+
+    def look(self) -> None:
+        session = self._session
+        if self._names and self._next.over:
+            self._next.restart()
+            self._names.append(name := self._names.pop(0))
+            vehicle = session.client.vehicle
+            session.client.send(m.ParamRequestRead(vehicle.system_id, vehicle.component_id, name))
+        heard = session.monitor.parameters
+        if heard:
+            told = numbers(heard, px4=self._px4)
+            heard.clear()
+            changed = {
+                name: value
+                for name, value in told.items()
+                if name in self.values and not math.isclose(value, self.values[name], rel_tol=1e-5, abs_tol=1e-6)
+            }
+            if changed:
+                self._take(changed)
+        if self._worse or session.watch.is_open(Ending.SETTINGS_CHANGED):
+            session.watch.measure(
+                Ending.SETTINGS_CHANGED,
+                0.0 if self._worse else None,
+                self._worse,
+                "the parameters that the mission depends on are as they were",
+            )
+
+    def _rows(self) -> dict[str, Limit]:
+        rows = limit_table(
+            self.values,
+            self._plan,
+            px4=self._px4,
+            home_alt_amsl_m=None,
+            own_system=self._session.client.local.system_id,
+        )
+        return {row.parameter: row for row in rows if row.parameter}
+
+    def _take(self, changed: Mapping[str, float]) -> None:
+        table, session = parameter_table(px4=self._px4), self._session
+        was, was_rows = dict(self.values), self._rows()
+        self.values.update(changed)
+        rows = self._rows()
+        worse = [row for name, row in rows.items() if _grew(row, was_rows.get(name))]
+        what = ", ".join(f"{name} was changed in flight from {was[name]:g} to {now:g}" for name, now in changed.items())
+        flown = [
+            row.flown
+            for name in changed
+            if (row := table.row_of(name)) is not None
+            and row.flown
+            and name in rows
+            and rows[name].weight is not Weight.NONE
+        ]
+        reasons = flown + [row.sentence for row in worse]
+        text = f"{what}: {'; '.join(reasons)}" if reasons else f"{what}; the mission does not depend on it"
+        breaches = [row for row in rows.values() if self._is_breach(row)]
+        if breaches:
+            self._worse = text if any(row in breaches for row in worse) else self._worse or text
+        else:
+            self._worse = ""
+        if not any(row in breaches for row in worse):
+            session.tell(
+                EventKind.WARNING, text, alarm=bool(flown) or any(row.weight is Weight.WARNING for row in worse)
+            )
+        if any((row := table.row_of(name)) is not None and row.returns for name in changed):
+            self._returns_changed(self.values)
+
+    def _is_breach(self, row: Limit) -> bool:
+        """Whether a vehicle that is set so would not have been armed, and was."""
+        return row.weight is Weight.REFUSED and _grew(row, self._rows_before.get(row.parameter))
+
+
+def _grew(row: Limit, before: Limit | None) -> bool:
+    return _ORDER.index(row.weight) > (0 if before is None else _ORDER.index(before.weight))
+
+
+_LISTS = (MissionType.FENCE, MissionType.RALLY)
+
+
+class _ListWatch:
+    """The fence or the rally points that the vehicle holds, read again at each sign of a change, and now and then."""
+
+    def __init__(
+        self, session: Session, plan: FlightPlan, mission_type: MissionType, returns_changed: Callable[[], None]
+    ) -> None:
+        self._session, self._plan, self._type, self._returns_changed = session, plan, mission_type, returns_changed
+        fence = mission_type is MissionType.FENCE
+        self.kind = Ending.FENCE_CHANGED if fence else Ending.RALLY_CHANGED
+        self.name = "fence is" if fence else "rally points are"
+        self.text = ""
+        try:
+            self._before: tuple[MissionItem, ...] | None = session.client.download(mission_type)
+        except (MissionIoError, FormatError) as error:
+            self._before = None
+            session.tell(EventKind.WARNING, f"the vehicle's {self.name} not watched, since not read: {error}")
+        self._reading: ListReading | None = None
+        self._signs = self._signs_now
+
+    @property
+    def _signs_now(self) -> tuple[int, int]:
+        current = self._session.monitor.latest(m.MissionCurrent)
+        ids = (0, 0) if current is None else (current.fence_id, current.rally_points_id)
+        return ids[0 if self._type is MissionType.FENCE else 1], self._session.monitor.lists_taken[self._type]
+
+    def look(self, meanwhile: Callable[[], None]) -> None:
+        if self._before is None:
+            return
+        session = self._session
+        if self._reading is None:
+            self._reading = ListReading(session, self._before, meanwhile, mission_type=self._type, every_s=_LIST_EACH_S)
+        signs = self._signs_now
+        if signs != self._signs:
+            self._signs = signs
+            self._reading.ask()
+        if not self._reading.due:
+            return
+        difference = self._reading.difference()
+        if self._reading.asked:  # it could not be read
+            return
+        text = "" if difference is None else self._told(difference, self._reading.held)
+        if text != self.text:
+            self.text = text
+            self._returns_changed()
+
+    def _told(self, difference: str, held: tuple[MissionItem, ...]) -> str:
+        what = "fence" if self._type is MissionType.FENCE else "rally points"
+        text = f"somebody else changed the vehicle's {what} in flight: {difference}"
+        if self._type is MissionType.RALLY:
+            return f"{text}; the autopilot's own return may go there, by a way that was not checked"
+        if not held:
+            return f"{text}; it has no fence any more"
+        outside_m = _outside_m(held, self._plan.frame, rest_of_legs(self._plan, self._session))
+        if outside_m > 0.0:
+            return f"{text}; the rest of the mission leads {outside_m:.0f} m out of it: the vehicle would break it off"
+        return f"{text}; the rest of the mission stays inside of it"
+
+
+def _outside_m(items: tuple[MissionItem, ...], frame: LocalFrame, legs_m: list[FloatArray]) -> float:
+    """How far the legs lead out of a fence, or into one of its exclusions."""
+    fence = fence_from_items(items)
+
+    def east_north(lat_deg: float, lon_deg: float) -> tuple[float, float]:
+        east, north, _ = frame.enu_from_geodetic(lat_deg, lon_deg, frame.alt_amsl_m)[0].tolist()
+        return east, north
+
+    shapes = [
+        (polygon.inclusion, shapely.Polygon([east_north(v.lat_deg, v.lon_deg) for v in polygon.vertices]).buffer(0.0))
+        for polygon in fence.polygons
+    ]
+    shapes += [
+        (
+            circle.inclusion,
+            shapely.Point(east_north(circle.center.lat_deg, circle.center.lon_deg)).buffer(circle.radius_m),
+        )
+        for circle in fence.circles
+    ]
+    inside = shapely.union_all([shape for inclusion, shape in shapes if inclusion])
+    outside_m = 0.0
+    for leg in legs_m:
+        line = shapely.LineString(leg[:, :2])
+        if not inside.is_empty:
+            outside_m = max(outside_m, float(np.max(shapely.distance(inside, shapely.points(leg[:, :2])))))
+        for inclusion, shape in shapes:
+            if not inclusion:
+                part = line.intersection(shape)
+                outside_m = max(outside_m, part.hausdorff_distance(shape.boundary) if not part.is_empty else 0.0)
+    return float(outside_m)
+
+
+def _point(message: m.HomePosition | m.GpsGlobalOrigin) -> GeoPoint:
+    return GeoPoint(message.lat_deg, message.lon_deg, message.alt_amsl_m)
+
+
+def _offset_m(of: GeoPoint, place: GeoPoint) -> tuple[float, float, float]:
+    """East, north and up from one place to another."""
+    frame = LocalFrame(of.lat_deg, of.lon_deg, of.alt_amsl_m)
+    east, north, up = frame.enu_from_geodetic(place.lat_deg, place.lon_deg, place.alt_amsl_m)[0].tolist()
+    return east, north, up
