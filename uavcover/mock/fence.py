@@ -13,7 +13,7 @@ from uavcover.scenario.frames import LocalFrame
 
 Ring = tuple[tuple[float, float], ...]
 
-_HEIGHT, _CIRCLE, _AREAS = 1, 2, 4
+_HEIGHT, _CIRCLE, _AREAS, _FLOOR = 1, 2, 4, 8
 """Bits of FENCE_TYPE."""
 
 
@@ -34,12 +34,30 @@ class FenceWatch:
         self._exclusions: list[Ring] = []
         self._circles: list[tuple[float, float, float, bool]] = []
 
+    @property
+    def highest_m(self) -> float:
+        """Height above home up to where ArduPilot returns while its fence has a ceiling; infinite without one."""
+        get = self._parameters
+        if not self._ardupilot or not get["FENCE_ENABLE"] or not int(get["FENCE_TYPE"]) & _HEIGHT:
+            return math.inf
+        return get["FENCE_ALT_MAX"] - get["FENCE_MARGIN"]
+
     def breach(self) -> str | None:
         """The limit that the believed position breaches, named as the autopilot names it; None inside all limits."""
+        return self._breach_at(self._body.believed.position_m)
+
+    def allows(self, place_m: Vector) -> bool:
+        """Whether the limits in force hold at a place."""
+        get = self._parameters
+        has_floor = self._ardupilot and get["FENCE_ENABLE"] and int(get["FENCE_TYPE"]) & _FLOOR
+        if has_floor and place_m[2] - self._body.home_m[2] < get["FENCE_ALT_MIN"]:
+            return False
+        return self._breach_at(place_m) is None
+
+    def _breach_at(self, where: Vector) -> str | None:
         items = self._missions.items(MissionType.FENCE)
         if items is not self._items:
             self._read(items, self._body.frame)
-        where = self._body.believed.position_m
         ardupilot, get = self._ardupilot, self._parameters
         if ardupilot and not get["FENCE_ENABLE"]:
             return None

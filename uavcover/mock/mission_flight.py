@@ -7,6 +7,7 @@ from uavcover.mock.faults import FaultKind
 from uavcover.mock.itinerary import mission_steps
 from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import tell
+from uavcover.mock.way_home import return_steps
 
 _REPEAT_S = 1.0
 _REPORT_S = 0.1
@@ -62,7 +63,7 @@ class MissionFlight:
             place=state.place,
             settings=state.settings,
             speeds=state.speeds,
-            home_m=state.body.home_m,
+            way_home=lambda seq, begin, speeds: return_steps(state, speeds, seq=seq, begin=begin),
         )
         state.mission_state = MissionState.ACTIVE
         state.follow(steps)

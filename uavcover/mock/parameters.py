@@ -50,6 +50,14 @@ PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
             "LAND_SPEED": _bound("land_m_s", 100.0),
             "WPNAV_RADIUS": _bound("acceptance_radius_m", 100.0),
             "RTL_ALT": _bound("return_height_m", 100.0),
+            "RTL_ALT_FINAL": MockParameter(0.0),  # above home; 0: land
+            "RTL_ALT_TYPE": _whole(0),  # 0 above home, 1 above the terrain
+            "RTL_CLIMB_MIN": MockParameter(0.0),
+            "RTL_CONE_SLOPE": MockParameter(3.0),
+            "RTL_LOIT_TIME": MockParameter(5000.0),
+            "RTL_SPEED": MockParameter(0.0),  # 0: WPNAV_SPEED
+            "RALLY_LIMIT_KM": MockParameter(0.3),
+            "RALLY_INCL_HOME": _whole(1),
             "BATT_FS_LOW_ACT": _whole(0),  # 0 none, 1 land, 2 return
             "BATT_FS_CRT_ACT": _whole(0),
             "BATT_LOW_MAH": MockParameter(0.0),  # 0: no threshold
@@ -57,10 +65,13 @@ PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
             "FENCE_ENABLE": _whole(0),
             "FENCE_ACTION": _whole(1),  # 0 report, 1 return, 2 land, 4 brake
             "FENCE_ALT_MAX": MockParameter(100.0),
+            "FENCE_ALT_MIN": MockParameter(-10.0),
+            "FENCE_MARGIN": MockParameter(2.0),
             "FENCE_RADIUS": MockParameter(300.0),
             "FENCE_TYPE": _whole(7),  # 1 height, 2 circle around home, 4 polygons and circles
             "FS_GCS_ENABLE": _whole(0),  # 0 none, 1 return, 5 land
             "FS_GCS_TIMEOUT": MockParameter(5.0),
+            "FS_OPTIONS": _whole(16),  # 2: the mission goes on without a ground station
             "FRAME_CLASS": _whole(1),
             "FRAME_TYPE": _whole(1),
             "SYSID_THISMAV": _whole(1),
@@ -76,10 +87,16 @@ PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
             "MPC_LAND_SPEED": _bound("land_m_s"),
             "NAV_ACC_RAD": _bound("acceptance_radius_m"),
             "RTL_RETURN_ALT": _bound("return_height_m"),
+            "RTL_CONE_ANG": _whole(45),
+            "RTL_DESCEND_ALT": MockParameter(30.0),
+            "RTL_LAND_DELAY": MockParameter(0.0),  # below 0: it waits there
+            "RTL_MIN_DIST": MockParameter(10.0),
+            "RTL_TYPE": _whole(0),  # 1: safe points before home; the others count as 0
             "BAT_CRIT_THR": MockParameter(0.07),
             "BAT_EMERGEN_THR": MockParameter(0.05),
             "BAT_LOW_THR": MockParameter(0.15),
             "COM_DL_LOSS_T": _whole(10),
+            "COM_FAIL_ACT_T": MockParameter(5.0),  # it holds for this long before it returns or lands
             "COM_LOW_BAT_ACT": _whole(0),  # 0 warn, 2 land, 3 return, land when nearly empty
             "GF_ACTION": _whole(2),  # 0 none, 1 warn, 2 hold, 3 return, 5 land
             "GF_MAX_HOR_DIST": MockParameter(0.0),  # 0: no limit

@@ -220,7 +220,7 @@ class _Model:
 
     def _seconds(self, points: FloatArray) -> FloatArray:
         """(n,) flying time along (n, k, 3) points."""
-        return np.sum([self._seconds_between(a, b) for a, b in _pairs(points)], axis=0)
+        return np.asarray(np.sum([self._seconds_between(a, b) for a, b in _pairs(points)], axis=0), float)
 
     def _seconds_of_legs(self, line: FloatArray) -> FloatArray:
         return self._seconds_between(line[:-1], line[1:])
