@@ -42,6 +42,8 @@ from uavcover.model.vehicle import AutopilotName
 from uavcover.vehicle.modes import Mode, custom_mode
 
 _SPEEDS: Final = MappingProxyType({"arducopter": 8.0, "px4": 4.0})
+_LINK_SPEED: Final = 4.0
+"""Where the ground station's silence is the trigger: its heartbeats come once a second of the wall clock."""
 _TRIGGERS: Final[Mapping[str, Sequence[str]]] = MappingProxyType(
     {
         "mock": ("commanded", "ground station", "fence", "battery"),
@@ -59,7 +61,8 @@ def fly_in_simulator(name: str, case: FailsafeCase, folder: Path) -> Flown:
     """Fly a case on ArduCopter or PX4."""
     folder.mkdir(parents=True)
     start: Start = ardupilot.starter(ardupilot.COPTER) if name == "arducopter" else px4.start
-    with start(StartRequest(folder, HOME, _SPEEDS[name], case.parameters)) as vehicle:
+    speed = _LINK_SPEED if case.trigger == "ground station" else _SPEEDS[name]
+    with start(StartRequest(folder, HOME, speed, case.parameters)) as vehicle:
         run = Case(vehicle=vehicle, autopilot=case.autopilot, client="native", folder=folder, seed=case.seed)
         if case.trigger != "ground station":
             with run.station() as station:

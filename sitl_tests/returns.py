@@ -122,7 +122,7 @@ def make_case(seed: int, autopilot: AutopilotName, *, triggers: Sequence[str]) -
         en = np.array([[r * math.cos(a), r * math.sin(a)]])
         up = float(terrain.heights_m(en)[0]) + float(rng.choice([0.0, 3.0, 20.0, 45.0]))
         rally.append(((float(en[0, 0]), float(en[0, 1]), float(round(up))), bool(rng.integers(2))))
-    trigger = str(rng.choice(list(triggers)))
+    trigger = triggers[seed // 2 % len(triggers)]
     parameters, in_flight = (_copter if autopilot == "ardupilot" else _px4)(rng, trigger, route)
     return FailsafeCase(
         seed, autopilot, terrain, route, tuple(rally), parameters, trigger, in_flight,
@@ -138,7 +138,9 @@ def _above(terrain: Ridges, route_en: FloatArray, clearance_m: float) -> tuple[P
     return tuple((float(e), float(n), round(up, 1)) for e, n in route_en)
 
 
-def _copter(rng: np.random.Generator, trigger: str, route_m: tuple[Point, ...]) -> tuple[dict[str, float], dict[str, float]]:
+def _copter(
+    rng: np.random.Generator, trigger: str, route_m: tuple[Point, ...]
+) -> tuple[dict[str, float], dict[str, float]]:
     def pick(*values: float) -> float:
         return float(rng.choice(values))
 
@@ -150,7 +152,7 @@ def _copter(rng: np.random.Generator, trigger: str, route_m: tuple[Point, ...]) 
     if rng.random() < 0.3:
         parameters |= {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 1.0, "FENCE_ALT_MAX": pick(130, 170), "FENCE_ACTION": 1.0}
     if trigger == "ground station":
-        return parameters | {"FS_GCS_ENABLE": pick(1, 1, 5)}, {}
+        return parameters | {"FS_GCS_ENABLE": pick(1, 1, 5), "FS_GCS_TIMEOUT": 12.0}, {}
     if trigger == "battery":
         return parameters | {"BATT_FS_LOW_ACT": pick(1, 2, 2)}, {"BATT_LOW_MAH": 1e6}
     if trigger == "fence":
@@ -160,7 +162,9 @@ def _copter(rng: np.random.Generator, trigger: str, route_m: tuple[Point, ...]) 
     return parameters, {}
 
 
-def _px4(rng: np.random.Generator, trigger: str, route_m: tuple[Point, ...]) -> tuple[dict[str, float], dict[str, float]]:
+def _px4(
+    rng: np.random.Generator, trigger: str, route_m: tuple[Point, ...]
+) -> tuple[dict[str, float], dict[str, float]]:
     def pick(*values: float) -> float:
         return float(rng.choice(values))
 
@@ -356,10 +360,9 @@ def fly_on_mock(case: FailsafeCase) -> Flown:
     now, since_s, beaten_s, triggered = 5.0, math.inf, -math.inf, False
     while vehicle.mode is Mode.MISSION and now < _LONGEST_S:
         now += _TICK_S
-        if not triggered or case.trigger != "ground station":
-            if now >= beaten_s + 1.0:
-                vehicle.receive(m.Received(m.Heartbeat(8, 6), 255, 190), now)
-                beaten_s = now
+        if (not triggered or case.trigger != "ground station") and now >= beaten_s + 1.0:
+            vehicle.receive(m.Received(m.Heartbeat(8, 6), 255, 190), now)
+            beaten_s = now
         vehicle.advance(now)
         if math.isinf(since_s) and vehicle.current_seq >= first_seq_of(case, case.leg):
             since_s = now

@@ -42,12 +42,14 @@ class FlightStates:
         velocities_m_s: (n, 2) east, north.
         times_s: (n,) since take-off.
         legs: (n,) vertex of the route that the vehicle flies to.
+        ahead_m: (n,) way to that vertex, before which the vehicle slows down; none: it flies on.
     """
 
     places_m: FloatArray
     velocities_m_s: FloatArray
     times_s: FloatArray
     legs: IntArray
+    ahead_m: FloatArray | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,6 +104,28 @@ class FailsafePaths:
         return np.asarray(points[np.concatenate([[True], moved])], float)
 
 
+def states_along(line_m: FloatArray, times_s: FloatArray, *, step_m: float, step_s: float) -> FlightStates:
+    """Moments along a (k, 3) line that is flown at (k,) times, both ends of every leg among them.
+
+    Args:
+        line_m: east, north, height above sea level.
+        times_s: when each vertex is passed.
+        step_m: largest distance between two moments.
+        step_s: largest time between them.
+    """
+    steps, spans = np.diff(line_m, axis=0), np.diff(times_s)
+    lengths = np.linalg.norm(steps, axis=1)
+    counts = np.maximum(1, np.ceil(np.maximum(lengths / step_m, spans / step_s))).astype(np.int64)
+    leg = np.repeat(np.arange(len(steps)), counts + 1)
+    first = np.cumsum(counts + 1) - (counts + 1)
+    t = (np.arange(len(leg)) - first[leg]) / counts[leg]
+    velocities = steps[leg, :2] / np.maximum(spans[leg], 1e-9)[:, None]
+    level = np.hypot(steps[leg, 0], steps[leg, 1])
+    return FlightStates(
+        line_m[leg] + t[:, None] * steps[leg], velocities, times_s[leg] + t * spans[leg], leg + 1, (1.0 - t) * level
+    )
+
+
 def predict(
     settings: FailsafeSettings, states: FlightStates, to: Destinations, ground: GroundHeights
 ) -> list[FailsafePaths]:
@@ -131,6 +155,38 @@ def direct_return(
     """The return straight to home or a rally point, as when it is commanded."""
     paths = _Model(settings, states, to, ground, holds=False).direct()
     return replace(paths, responses=(Response("return", "commanded"),))
+
+
+def wings_return(
+    settings: FailsafeSettings,
+    states: FlightStates,
+    to: Destinations,
+    ground: GroundHeights,
+    *,
+    climb_slope: float,
+    descent_slope: float,
+) -> FailsafePaths:
+    """The commanded return of an aircraft on wings: it climbs or descends on the way, and circles above the destination.
+
+    Args:
+        settings: what the parameters mean; of ArduPlane the return height and those of rally points.
+        states: from where.
+        to: where to.
+        ground: heights of the ground.
+        climb_slope: rise per metre.
+        descent_slope: fall per metre.
+    """
+    model = _Model(settings, states, to, ground, holds=False)
+    number, target, wanted = model.wings_destination()
+    at = states.places_m
+    slopes = np.where(wanted > at[:, 2], climb_slope, descent_slope)
+    way = np.hypot(*(target[:, :2] - at[:, :2]).T)
+    share = np.minimum(1.0, np.abs(wanted - at[:, 2]) / np.maximum(slopes * way, 1e-9))
+    reached = at[:, 2] + np.copysign(1.0, wanted - at[:, 2]) * np.minimum(np.abs(wanted - at[:, 2]), slopes * way)
+    knee = np.column_stack([at[:, :2] + share[:, None] * (target[:, :2] - at[:, :2]), reached])
+    points = np.stack([at, knee, _lifted(target, reached)], axis=1)
+    seconds = way / max(settings["cruise_m_s"], 0.1)
+    return FailsafePaths((Response("return", "commanded"),), points, ("return", "return"), number, seconds)
 
 
 class _Model:
@@ -245,6 +301,8 @@ class _Model:
         else:
             kp = _POSITION_GAIN_1_S
             way = np.where(speed < a / kp, speed / kp, 0.5 * a / kp**2 + speed**2 / (2.0 * a))
+        if self._states.ahead_m is not None:
+            way = np.minimum(way, self._states.ahead_m)
         unit = velocity / np.maximum(speed, 1e-9)[:, None]
         return np.column_stack([self._at[:, :2] + way[:, None] * unit, self._at[:, 2]])
 
@@ -303,6 +361,14 @@ class _Model:
     def _landing_alt(self, at: FloatArray) -> FloatArray:
         ground = self._ground(at[:, :2])
         return np.asarray(np.where(np.isfinite(ground), ground, self._to.home_m[2]), float)
+
+    def wings_destination(self) -> tuple[IntArray, FloatArray, FloatArray]:
+        """Number, (n, 3) place, and (n,) height above sea level at which wings fly there."""
+        number, target = self._px4_destination() if self._is_px4 else self._ardupilot_destination()
+        up = target[:, 2] + self._get["return_height_m"]
+        if self._is_px4:
+            return number, target, np.maximum(up, self._at[:, 2])
+        return number, target, np.where(number == HOME, up, target[:, 2])
 
     def _ardupilot_destination(self) -> tuple[IntArray, FloatArray]:
         """Number and (n, 3) place of the nearest rally point, or home."""

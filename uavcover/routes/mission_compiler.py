@@ -43,10 +43,9 @@ from uavcover.routes.corner_checks import find_corner_problems
 from uavcover.routes.energy import FlightEnergy, battery_in_words, battery_used_s, longest_flight_in_words, usable_s
 from uavcover.routes.fence import fence_of
 from uavcover.routes.leg_checks import find_problems
+from uavcover.routes.return_advice import ReturnAdvice, return_advice
 from uavcover.routes.transit import (
-    ReturnAdvice,
     check_column,
-    check_straight_return,
     check_transit,
     check_way_home,
     check_way_there,
@@ -294,7 +293,14 @@ def _compiled(
             f"the flight{before} uses {battery_in_words(site, before_s + used_s)}; ask for less coverage (--select), plan a "
             "smaller area, or fly in less wind"
         )
-    advice = check_straight_return(site, path, first_waypoint=len(there_m) - 1, waypoint_count=len(planned))
+    advice = return_advice(
+        site,
+        path,
+        first_waypoint=len(there_m) - 1,
+        waypoint_count=len(planned),
+        autopilot=autopilot,
+        begin_s=begin.time_s,
+    )
     fence, rally = fence_of(site, frame, path), _rally(frame, home, advice)
     for content in (mission, fence.fence, rally):
         _check_autopilot(content, AUTOPILOTS[autopilot], item_limit=vehicle.max_mission_items)
