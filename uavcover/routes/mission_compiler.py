@@ -43,6 +43,7 @@ from uavcover.routes.corner_checks import find_corner_problems
 from uavcover.routes.energy import FlightEnergy, battery_in_words, battery_used_s, longest_flight_in_words, usable_s
 from uavcover.routes.fence import fence_of
 from uavcover.routes.leg_checks import find_problems
+from uavcover.routes.rally_proposal import propose_rally
 from uavcover.routes.return_advice import ReturnAdvice, return_advice
 from uavcover.routes.transit import (
     check_column,
@@ -130,7 +131,7 @@ class CompiledMission:
     Attributes:
         mission: home and items.
         fence: one inclusion polygon, then its holes and no-fly zones as exclusions.
-        rally: home at a safe height; empty when no safe height is known.
+        rally: home at a safe height, unless none is known; then proposed points, where the scenario asks for them.
         first_waypoint_item: index in ``mission.items`` of the first planned waypoint.
         waypoint_count: how many planned waypoints there are from it on.
         items_per_waypoint: how many items each of them takes, itself first.
@@ -293,15 +294,12 @@ def _compiled(
             f"the flight{before} uses {battery_in_words(site, before_s + used_s)}; ask for less coverage (--select), plan a "
             "smaller area, or fly in less wind"
         )
+    proposed = _proposed_rally(site, path, autopilot)
     advice = return_advice(
-        site,
-        path,
-        first_waypoint=len(there_m) - 1,
-        waypoint_count=len(planned),
-        autopilot=autopilot,
+        site, path, first_waypoint=len(there_m) - 1, waypoint_count=len(planned), autopilot=autopilot, rally_m=proposed,
         begin_s=begin.time_s,
-    )
-    fence, rally = fence_of(site, frame, path), _rally(frame, home, advice)
+    )  # fmt: skip
+    fence, rally = fence_of(site, frame, path), _rally(frame, home, advice, proposed)
     for content in (mission, fence.fence, rally):
         _check_autopilot(content, AUTOPILOTS[autopilot], item_limit=vehicle.max_mission_items)
     return CompiledMission(
@@ -378,12 +376,27 @@ def _home_point(frame: LocalFrame, home_m: FloatArray) -> GeoPoint:
     return dataclasses.replace(home, alt_amsl_m=round(home.alt_amsl_m, _HEIGHT_DECIMALS))
 
 
-def _rally(frame: LocalFrame, home_m: FloatArray, advice: ReturnAdvice) -> RallyPoints:
-    if not math.isfinite(advice.safe_return_height_m):
-        return RallyPoints(())
-    place = _geo_point(frame, home_m)
-    height = max(advice.return_height_m, math.ceil(advice.safe_return_height_m))
-    return RallyPoints((FramedPoint(place.lat_deg, place.lon_deg, float(height), Frame.ABOVE_HOME),))
+def _proposed_rally(site: Site, path_m: FloatArray, autopilot: AutopilotName) -> FloatArray:
+    """(r, 3) ENU rally points beside home; sorties are compiled several times, and searched for once."""
+    if site.scenario.planner.rally != "auto":
+        return np.empty((0, 3))
+    known: dict[tuple[bytes, str], FloatArray] = site.derived.setdefault("proposed rally points", {})
+    key = (path_m.tobytes(), autopilot)
+    if key not in known:
+        known[key] = propose_rally(site, path_m, autopilot=autopilot)
+    return known[key]
+
+
+def _rally(frame: LocalFrame, home_m: FloatArray, advice: ReturnAdvice, proposed_m: FloatArray) -> RallyPoints:
+    home = _geo_point(frame, home_m)
+    points = []
+    if math.isfinite(advice.safe_return_height_m):
+        height = max(advice.return_height_m, math.ceil(advice.safe_return_height_m))
+        points.append(FramedPoint(home.lat_deg, home.lon_deg, float(height), Frame.ABOVE_HOME))
+    for place in (_geo_point(frame, point) for point in proposed_m):
+        up_m = round(place.alt_amsl_m - home.alt_amsl_m, _HEIGHT_DECIMALS)
+        points.append(FramedPoint(place.lat_deg, place.lon_deg, up_m, Frame.ABOVE_HOME))
+    return RallyPoints(tuple(points))
 
 
 def _place(point_m: FloatArray) -> tuple[float, float, float]:

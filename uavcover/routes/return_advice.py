@@ -1,5 +1,6 @@
 """Whether what the autopilot does by itself is safe from every second of a planned flight."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -46,6 +47,26 @@ class ReturnAdvice:
     def sentences(self) -> tuple[str, ...]:
         """What is unsafe, from where to where, for people; without landings in place, which no plan can make safe."""
         return tuple(map(_sentence, (one for one in self.unsafe if one.destination != IN_PLACE)))
+
+    @property
+    def needed_height_m(self) -> float:
+        """The return height to set: what was checked, or more where that makes returns over the terrain safe."""
+        low = any(one.danger in ("terrain", "obstacle") and one.destination != IN_PLACE for one in self.unsafe)
+        if not low or not math.isfinite(self.safe_return_height_m):
+            return self.return_height_m
+        return max(self.return_height_m, math.ceil(self.safe_return_height_m))
+
+    @property
+    def remedy(self) -> str:
+        """What to do about unsafe returns, for people."""
+        if self.needed_height_m > self.return_height_m:
+            return (
+                f"set the autopilot's return height to at least {self.needed_height_m:.0f} m (vehicle.return_height_m), or let "
+                "plan --rally auto propose rally points"
+            )
+        if not math.isfinite(self.safe_return_height_m):
+            return "some ground on the way is not known, so no return height is safe; give elevation data of it"
+        return "no return height makes these safe: try plan --rally auto, or fly home by the mission (Ctrl-C plans a way around)"
 
 
 def _sentence(one: UnsafeReturn) -> str:

@@ -215,7 +215,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
         volume=_operating_volume(site, compiled),
         needs=PlanNeeds(
             pace=pace_of(site),
-            return_height_m=site.scenario.vehicle.return_height_m,
+            return_height_m=compiled.return_advice.needed_height_m,
             fence=bool(compiled.fence.polygons or compiled.fence.circles),
             longest_flight_s=site.scenario.vehicle.longest_flight_s,
             vehicle=site.scenario.vehicle,
