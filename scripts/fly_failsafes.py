@@ -87,24 +87,37 @@ def _fly(
         station.client.request_message_interval(m.GlobalPositionInt, _POSITION_S)
     station.client.request_message_interval(m.Heartbeat, _POSITION_S)
     seq, auto = first_seq_of(case, case.leg), custom_mode(station.client.vehicle.autopilot, Mode.MISSION)
-    station.wait(lambda: station.monitor.current_seq >= seq, within_s=300.0, what=f"does not fly to item {seq}")
-    station.wait_s(case.after_s)
+
+    def flies_there() -> bool:
+        if pilot is not None:
+            pilot.client.poll(0.0)  # its heartbeats are sent while it listens
+        return station.monitor.current_seq >= seq
+
+    station.wait(flies_there, within_s=300.0, what=f"does not fly to item {seq}")
+    since_s = path.times_s[-1]
+    station.wait(
+        lambda: flies_there() and path.times_s[-1] >= since_s + case.after_s,
+        within_s=60.0,
+        what="its clock stands still",
+    )
     heard = len(station.monitor.texts)
-    if pilot is not None:
-        pilot.client.close()
     trigger()
     station.wait(
         lambda: station.client.vehicle.custom_mode != auto or _speaks(station, heard), within_s=60.0,
         what="no failsafe comes",
     )  # fmt: skip
     begun = len(path.enu_m) - 1
-    velocity = np.diff(path.enu_m[begun - 2 : begun + 1 : 2], axis=0)[0] / (path.times_s[begun] - path.times_s[begun - 2])
+    velocity = np.diff(path.enu_m[begun - 2 : begun + 1 : 2], axis=0)[0] / (
+        path.times_s[begun] - path.times_s[begun - 2]
+    )
     end_s = path.times_s[begun] + _FLIGHT_S
 
     def is_over() -> bool:
         if not station.client.vehicle.armed or path.times_s[-1] > end_s:
             return True
-        since = [enu for time_s, enu in zip(path.times_s, path.enu_m, strict=True) if time_s >= path.times_s[-1] - _STILL_S]
+        since = [
+            enu for time_s, enu in zip(path.times_s, path.enu_m, strict=True) if time_s >= path.times_s[-1] - _STILL_S
+        ]
         has_waited = path.times_s[-1] - path.times_s[begun] > _STILL_S + 5.0
         return has_waited and float(np.ptp(np.array(since), axis=0).max()) < _STILL_M
 
@@ -132,11 +145,17 @@ def flown_row(name: str, seed: int, folder: Path) -> dict[str, Any]:
     if file.exists():
         kept: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         return kept
-    autopilot: AutopilotName = ("ardupilot", "px4")[seed % 2] if name == "mock" else "px4" if name == "px4" else "ardupilot"
+    autopilot: AutopilotName = (
+        ("ardupilot", "px4")[seed % 2] if name == "mock" else "px4" if name == "px4" else "ardupilot"
+    )
     case = make_case(seed, autopilot, triggers=_TRIGGERS[name])
-    flown = fly_on_mock(case) if name == "mock" else fly_in_simulator(name, case, folder / "logs" / f"{name}-{seed:03d}")
+    flown = (
+        fly_on_mock(case) if name == "mock" else fly_in_simulator(name, case, folder / "logs" / f"{name}-{seed:03d}")
+    )
     compared = compare(case, flown, flat=name != "mock")
-    np.savez_compressed(folder / f"{name}-{seed:03d}.npz", track=flown.track_m, start=[*flown.place_m, *flown.velocity_m_s])
+    np.savez_compressed(
+        folder / f"{name}-{seed:03d}.npz", track=flown.track_m, start=[*flown.place_m, *flown.velocity_m_s]
+    )
     row = {
         "simulator": name, "seed": seed, "autopilot": autopilot, "trigger": case.trigger, "rally_points": len(case.rally),
         **{key: round(value, 2) if isinstance(value, float) else value for key, value in asdict(compared).items()},

@@ -150,7 +150,12 @@ def _copter(
         "RALLY_LIMIT_KM": pick(0, 0.1, 0.3), "RALLY_INCL_HOME": pick(0, 1), "WPNAV_SPEED": 700.0,
     }  # fmt: skip
     if rng.random() < 0.3:
-        parameters |= {"FENCE_ENABLE": 1.0, "FENCE_TYPE": 1.0, "FENCE_ALT_MAX": pick(130, 170), "FENCE_ACTION": 1.0}
+        parameters |= {
+            "FENCE_ENABLE": 1.0,
+            "FENCE_TYPE": 1.0,
+            "FENCE_ALT_MAX": route_m[0][2] + pick(20, 60),
+            "FENCE_ACTION": 1.0,
+        }
     if trigger == "ground station":
         return parameters | {"FS_GCS_ENABLE": pick(1, 1, 5), "FS_GCS_TIMEOUT": 12.0}, {}
     if trigger == "battery":

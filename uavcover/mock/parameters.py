@@ -72,6 +72,9 @@ PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
             "FS_GCS_ENABLE": _whole(0),  # 0 none, 1 return, 5 land
             "FS_GCS_TIMEOUT": MockParameter(5.0),
             "FS_OPTIONS": _whole(16),  # 2: the mission goes on without a ground station
+            "FS_EKF_ACTION": _whole(1),  # it always lands; it has no remote control, and no dead reckoning
+            "FS_THR_ENABLE": _whole(0),
+            "FS_DR_ENABLE": _whole(0),
             "FRAME_CLASS": _whole(1),
             "FRAME_TYPE": _whole(1),
             "SYSID_THISMAV": _whole(1),
@@ -97,6 +100,12 @@ PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
             "BAT_LOW_THR": MockParameter(0.15),
             "COM_DL_LOSS_T": _whole(10),
             "COM_FAIL_ACT_T": MockParameter(5.0),  # it holds for this long before it returns or lands
+            "COM_DLL_EXCEPT": _whole(0),
+            "COM_FLTT_LOW_ACT": _whole(0),  # these four, and NAV_RCL_ACT: it has no such failsafes
+            "COM_POS_LOW_ACT": _whole(0),
+            "COM_RCL_EXCEPT": _whole(0),
+            "COM_WIND_MAX_ACT": _whole(0),
+            "NAV_RCL_ACT": _whole(0),
             "COM_LOW_BAT_ACT": _whole(0),  # 0 warn, 2 land, 3 return, land when nearly empty
             "GF_ACTION": _whole(2),  # 0 none, 1 warn, 2 hold, 3 return, 5 land
             "GF_MAX_HOR_DIST": MockParameter(0.0),  # 0: no limit

@@ -373,10 +373,12 @@ class _Judged:
             return
         points = self._line.reshape(self._n, self._k + 1, 3)[:, : self._k]
         shapely.prepare(fence)
-        # A route that leaves the fence is told as such.
-        ends = shapely.points(points[:, :2, :2])
-        starts_inside = shapely.covers(fence, ends).all(axis=1)
-        lines = np.asarray(shapely.linestrings(points[:, :, :2]))
+        starts_inside = shapely.covers(fence, shapely.points(points[:, 0, :2]))
+        # A route that leaves the fence is told as such: its returns begin where it is, not where it would come to rest.
+        stops_outside = ~shapely.covers(fence, shapely.points(points[:, 1, :2]))
+        at_stop = (points[:, :, :2] == points[:, 1:2, :2]).all(axis=2) & stops_outside[:, None]
+        level = np.where(at_stop[..., None], points[:, :1, :2], points[:, :, :2])
+        lines = np.asarray(shapely.linestrings(level))
         moves = shapely.length(lines) > 0.0
         leaves = starts_inside & moves
         leaves[leaves] = ~shapely.covers(fence, lines[leaves])

@@ -44,7 +44,7 @@ from uavcover.routes.energy import FlightEnergy, battery_in_words, battery_used_
 from uavcover.routes.fence import fence_of
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.rally_proposal import propose_rally
-from uavcover.routes.return_advice import ReturnAdvice, return_advice
+from uavcover.routes.return_advice import OwnReturns, ReturnAdvice
 from uavcover.routes.transit import (
     check_column,
     check_transit,
@@ -137,7 +137,8 @@ class CompiledMission:
         items_per_waypoint: how many items each of them takes, itself first.
         path_m: (k, 3) ENU: top of the column at home (or the vehicle's position), transit, planned waypoints, transit home,
             top of the column.
-        return_advice: whether the autopilot's own return is safe.
+        own_returns: judges the autopilot's own returns by a vehicle's parameters.
+        return_advice: whether they are safe by what the scenario says.
         max_height_above_home_m: highest point of the whole path above home: what the autopilot's maximum altitude must allow.
         flight_time_s: of the whole path, take-off and landing included.
         battery_used: share of a full battery, in the worst of the winds that it is planned for; none without an endurance.
@@ -152,6 +153,7 @@ class CompiledMission:
     waypoint_count: int
     items_per_waypoint: int
     path_m: FloatArray
+    own_returns: OwnReturns
     return_advice: ReturnAdvice
     max_height_above_home_m: float
     flight_time_s: float
@@ -295,11 +297,13 @@ def _compiled(
             "smaller area, or fly in less wind"
         )
     proposed = _proposed_rally(site, path, autopilot)
-    advice = return_advice(
-        site, path, first_waypoint=len(there_m) - 1, waypoint_count=len(planned), autopilot=autopilot, rally_m=proposed,
-        begin_s=begin.time_s,
+    returns = OwnReturns(
+        site=site, path_m=path, first_waypoint=len(there_m) - 1, waypoint_count=len(planned), autopilot=autopilot,
+        rally=_rally_points(frame, home, proposed), begin_s=begin.time_s,
     )  # fmt: skip
-    fence, rally = fence_of(site, frame, path), _rally(frame, home, advice, proposed)
+    advice = returns.advice({})
+    fence, rally = fence_of(site, frame, path), _rally(frame, home, advice, returns.rally)
+    returns = dataclasses.replace(returns, rally=rally.points)
     for content in (mission, fence.fence, rally):
         _check_autopilot(content, AUTOPILOTS[autopilot], item_limit=vehicle.max_mission_items)
     return CompiledMission(
@@ -310,6 +314,7 @@ def _compiled(
         waypoint_count=len(planned),
         items_per_waypoint=items_per_waypoint(sensor),
         path_m=path,
+        own_returns=returns,
         return_advice=advice,
         zones_in_fence=fence.zones,
         zones_left_out=fence.left_out,
@@ -387,16 +392,25 @@ def _proposed_rally(site: Site, path_m: FloatArray, autopilot: AutopilotName) ->
     return known[key]
 
 
-def _rally(frame: LocalFrame, home_m: FloatArray, advice: ReturnAdvice, proposed_m: FloatArray) -> RallyPoints:
+def _rally(frame: LocalFrame, home_m: FloatArray, advice: ReturnAdvice, more: tuple[FramedPoint, ...]) -> RallyPoints:
+    """Home at a safe height, and more."""
     home = _geo_point(frame, home_m)
-    points = []
-    if math.isfinite(advice.safe_return_height_m):
-        height = max(advice.return_height_m, math.ceil(advice.safe_return_height_m))
-        points.append(FramedPoint(home.lat_deg, home.lon_deg, float(height), Frame.ABOVE_HOME))
-    for place in (_geo_point(frame, point) for point in proposed_m):
-        up_m = round(place.alt_amsl_m - home.alt_amsl_m, _HEIGHT_DECIMALS)
-        points.append(FramedPoint(place.lat_deg, place.lon_deg, up_m, Frame.ABOVE_HOME))
-    return RallyPoints(tuple(points))
+    if not math.isfinite(advice.safe_return_height_m):
+        return RallyPoints(more)
+    height = max(advice.return_height_m, math.ceil(advice.safe_return_height_m))
+    return RallyPoints((FramedPoint(home.lat_deg, home.lon_deg, float(height), Frame.ABOVE_HOME), *more))
+
+
+def _rally_points(frame: LocalFrame, home_m: FloatArray, proposed_m: FloatArray) -> tuple[FramedPoint, ...]:
+    """(r, 3) ENU places above home."""
+    home_alt = _geo_point(frame, home_m).alt_amsl_m
+    places = [_geo_point(frame, point) for point in proposed_m]
+    return tuple(
+        FramedPoint(
+            place.lat_deg, place.lon_deg, round(place.alt_amsl_m - home_alt, _HEIGHT_DECIMALS), Frame.ABOVE_HOME
+        )
+        for place in places
+    )
 
 
 def _place(point_m: FloatArray) -> tuple[float, float, float]:

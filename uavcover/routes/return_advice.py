@@ -6,6 +6,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from mission_io.model.areas import FramedPoint
+from mission_io.model.items import Frame, GeoPoint
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.failsafe_checks import ReturnJudgement, ReturnLimits, UnsafeReturn, judge_returns
@@ -203,3 +205,64 @@ def return_advice(
         ),
         assumed=judged.settings.assumed,
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class OwnReturns:
+    """The returns of a compiled flight, to be judged by any parameters: the vehicle's, and again when they change.
+
+    Attributes:
+        site: the scenario on its ground.
+        path_m: (k, 3) ENU, the whole flight between the columns above home.
+        first_waypoint: row of the first planned waypoint in it.
+        waypoint_count: how many planned waypoints follow.
+        autopilot: who returns.
+        rally: rally points that the vehicle holds.
+        begin_s: when the path begins.
+    """
+
+    site: Site
+    path_m: FloatArray
+    first_waypoint: int
+    waypoint_count: int
+    autopilot: AutopilotName
+    rally: tuple[FramedPoint, ...] = ()
+    begin_s: float = 0.0
+
+    def advice(
+        self,
+        parameters: Mapping[str, float],
+        *,
+        rally: Sequence[FramedPoint] | None = None,
+        home: GeoPoint | None = None,
+    ) -> ReturnAdvice:
+        """Judge the returns by a vehicle's parameters.
+
+        Args:
+            parameters: names and values as the vehicle has them.
+            rally: the rally points that it holds now; none: as uploaded.
+            home: where its home is now; none: as planned.
+        """
+        site, frame = self.site, self.site.frame
+        if home is not None and frame is not None:
+            moved = frame.enu_from_geodetic(home.lat_deg, home.lon_deg, home.alt_amsl_m)[0]
+            site = replace(site, home_m=moved)
+        points = self.rally if rally is None else tuple(rally)
+        return return_advice(
+            site, self.path_m, first_waypoint=self.first_waypoint, waypoint_count=self.waypoint_count,
+            autopilot=self.autopilot, rally_m=rally_places_m(site, points), parameters=parameters, begin_s=self.begin_s,
+        )  # fmt: skip
+
+
+def rally_places_m(site: Site, rally: Sequence[FramedPoint]) -> FloatArray:
+    """(r, 3) ENU of rally points as the autopilot takes them; NaN without a place on Earth."""
+    if site.frame is None or not rally:
+        return np.full((len(rally), 3), np.nan)
+    home_alt = 0.0 if site.home_m is None else float(site.alts_amsl_m(site.home_m[None])[0])
+    places = []
+    for point in rally:
+        ground = site.ground_alt_amsl_m(point.lat_deg, point.lon_deg)
+        base = {Frame.AMSL: 0.0, Frame.ABOVE_TERRAIN: math.nan if ground is None else ground}.get(point.frame, home_alt)
+        places.append((point.lat_deg, point.lon_deg, base + point.alt_m))
+    lat, lon, alt = np.array(places).T
+    return np.asarray(site.frame.enu_from_geodetic(lat, lon, alt), float)

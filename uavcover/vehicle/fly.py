@@ -25,6 +25,7 @@ from uavcover.vehicle.follow import follow_mission
 from uavcover.vehicle.modes import Mode, custom_mode, require_multirotor
 from uavcover.vehicle.monitor import Monitor
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightFailedError, FlightFaultError, FlightOutcome
+from uavcover.vehicle.own_returns import tell_own_returns
 from uavcover.vehicle.precautions import USUAL, Precautions, simulated_by
 from uavcover.vehicle.progress import MissionProgress
 from uavcover.vehicle.readiness import (
@@ -302,6 +303,7 @@ def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn)
         check_mission(session, plan)
         flight.limits.put_back_older()
         flight.limits.check(plan)
+        tell_own_returns(session, plan.returns)
         _wait_for_clearance(session, flight.orders.clearance)
         _refuse_armed(session)
         flight.orders.on_begin()
