@@ -26,7 +26,8 @@ from uavcover.mock.behaviour import Settings
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.vehicle import MOTIONS, AutopilotName
 from uavcover.routes.failsafe_parameters import Response, failsafe_settings
-from uavcover.routes.failsafe_path import Destinations, FailsafePaths, FlightStates, predict
+from uavcover.routes.failsafe_path import predict
+from uavcover.routes.failsafe_states import Destinations, FailsafePaths, FlightStates
 from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.vehicle.modes import Mode
 
@@ -110,12 +111,12 @@ def make_case(seed: int, autopilot: AutopilotName, *, triggers: Sequence[str]) -
         tuple(
             (float(rng.uniform(0.0, math.tau)), float(rng.uniform(90.0, 260.0)), float(rng.uniform(-80.0, 80.0)),
              float(rng.uniform(15.0, 40.0)), float(rng.uniform(30.0, 100.0)), float(rng.uniform(20.0, 120.0)))
-            for _ in range(rng.integers(2, 6))
+            for _ in range(rng.integers(5, 11))
         ),
     )  # fmt: skip
     places = [(float(rng.uniform(60.0, 320.0)), float(rng.uniform(0.0, math.tau))) for _ in range(rng.integers(3, 6))]
     route_en = np.array([(r * math.cos(a), r * math.sin(a)) for r, a in places])
-    route = _above(terrain, route_en, float(rng.uniform(20.0, 40.0)))
+    route = _above(terrain, route_en, float(rng.uniform(10.0, 30.0)))
     rally = []
     for _ in range(rng.integers(0, 4)):
         r, a = float(rng.uniform(40.0, 320.0)), float(rng.uniform(0.0, math.tau))

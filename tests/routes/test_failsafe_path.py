@@ -5,7 +5,8 @@ import pytest
 import shapely
 
 from uavcover.routes.failsafe_parameters import failsafe_parameter_groups, failsafe_settings
-from uavcover.routes.failsafe_path import HOME, IN_PLACE, Destinations, FlightStates, direct_return, predict
+from uavcover.routes.failsafe_path import direct_return, predict
+from uavcover.routes.failsafe_states import HOME, IN_PLACE, Destinations, FlightStates
 
 HOME_M = np.array([0.0, 0.0, 400.0])
 

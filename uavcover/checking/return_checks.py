@@ -17,9 +17,11 @@ from uavcover.checking.segments import FlownPath, Segment
 from uavcover.checking.world import World
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.obstacles import Obstacles
-from uavcover.routes.failsafe_checks import Danger, ReturnLimits, UnsafeReturn, judge_paths, judge_returns
+from uavcover.routes.failsafe_checks import ReturnLimits, judge_paths, judge_returns
 from uavcover.routes.failsafe_parameters import FailsafeSettings, failsafe_settings
-from uavcover.routes.failsafe_path import IN_PLACE, Destinations, FlightStates, wings_return
+from uavcover.routes.failsafe_path import wings_return
+from uavcover.routes.failsafe_states import IN_PLACE, Destinations, FlightStates
+from uavcover.routes.unsafe_returns import Danger, UnsafeReturn
 from uavcover.scenario.airspace.zones import ZoneCheck
 
 _STEP_S, _MOST_STEP_M = 1.0, 20.0
@@ -242,7 +244,7 @@ def rally_findings(
                     number, where, "breaks", high - highest, f"it is {high:.0f} m above ground", "give a lower height"
                 )
             )
-        if fence is not None and not fence.covers(shapely.Point(east, north)):
+        if fence is not None and not bool(shapely.covers(fence, shapely.Point(east, north))):
             away = float(shapely.distance(fence, shapely.Point(east, north)))
             found.append(
                 _rally(

@@ -15,7 +15,7 @@ from uavcover.model.verdict import Gap
 from uavcover.report.cell_layers import REASON_WORDS, Bounds, cell_layers, cells_bounds_m, data_uri, photo_layers
 from uavcover.report.content import Flight, ReportContent
 from uavcover.report.plots import flight_style
-from uavcover.routes.failsafe_path import IN_PLACE
+from uavcover.routes.failsafe_states import IN_PLACE
 from uavcover.routes.mission_compiler import compile_mission
 from uavcover.routes.return_advice import flight_states
 from uavcover.run.photo_verdict import PhotoVerdict, footprints_m

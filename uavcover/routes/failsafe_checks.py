@@ -2,8 +2,8 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal, Protocol
+from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import shapely
@@ -11,14 +11,14 @@ import shapely
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.obstacle_breach import tops_near_m
 from uavcover.model.obstacles import Obstacles
-from uavcover.routes.failsafe_parameters import FailsafeSettings, Response
-from uavcover.routes.failsafe_path import HOME, IN_PLACE, Destinations, FailsafePaths, FlightStates, Stage, predict
+from uavcover.routes.failsafe_parameters import FailsafeSettings
+from uavcover.routes.failsafe_path import predict
+from uavcover.routes.failsafe_states import HOME, Destinations, FailsafePaths, FlightStates, Stage
+from uavcover.routes.unsafe_returns import Danger, UnsafeReturn, joined_returns
 from uavcover.scenario.airspace.zones import ZoneCheck
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground
 from uavcover.scenario.obstacles import Prism, leg_breaches
-
-Danger = Literal["terrain", "descent", "unknown ground", "obstacle", "fence", "zone", "battery"]
 
 CONTACT_M = 1.0
 """Least height above ground where the vehicle stops, climbs, or waits above its destination."""
@@ -86,69 +86,6 @@ class ReturnLimits:
         return np.asarray(self.frame.alt_amsl_m + fall, float)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class UnsafeReturn:
-    """Consecutive moments from which one response is unsafe in one respect.
-
-    Attributes:
-        responses: that lead there.
-        danger: in which respect.
-        begin_s: first moment, since take-off.
-        end_s: last moment.
-        first_leg: vertex of the route that the vehicle flies to at the first moment.
-        last_leg: at the last one.
-        value: worst value: least height above ground; metres of missing clearance, outside the fence or inside the zone;
-            seconds of flight.
-        limit: the allowed value.
-        place_m: (east, north, up) where it is worst.
-        worst_s: the moment whose path is worst.
-        destination: number of the rally point there, ``HOME`` or ``IN_PLACE``.
-        name: of the obstacle or zone.
-        note: what the path depends on.
-    """
-
-    responses: tuple[Response, ...]
-    danger: Danger
-    begin_s: float
-    end_s: float
-    first_leg: int
-    last_leg: int
-    value: float
-    limit: float
-    place_m: tuple[float, float, float]
-    worst_s: float
-    destination: int
-    name: str = ""
-    note: str = ""
-
-    @property
-    def what(self) -> str:
-        """What is wrong, for people: without the moments and the place."""
-        to = {HOME: "home", IN_PLACE: "down where it is"}.get(
-            self.destination, f"to rally point {self.destination + 1}"
-        )
-        path = f"the way {to}{f', {self.note},' if self.note else ''}"
-        match self.danger:
-            case "terrain" if self.value < 0.0:
-                return f"{path} goes {-self.value:.1f} m below the ground"
-            case "terrain":
-                return f"{path} is {self.value:.1f} m above ground, at least {self.limit:.1f} m are required"
-            case "descent" if self.value < 0.0:
-                return f"{path} descends {-self.value:.1f} m below the ground at flying speed"
-            case "descent":
-                return f"{path} comes within {self.value:.1f} m of the ground at flying speed"
-            case "unknown ground":
-                return f"{path} leads over unknown ground"
-            case "obstacle":
-                return f"{path} lacks {self.value:.1f} m of clearance from obstacle {self.name!r}"
-            case "fence":
-                return f"{path} comes {self.value:.1f} m outside the fence"
-            case "zone":
-                return f"{path} comes {self.value:.1f} m into no-fly zone {self.name!r}"
-            case "battery":
-                return f"{path} ends after {self.value:.0f} s, the battery lasts {self.limit:.0f} s"
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class ReturnJudgement:
     """How safe the ways home are, from every moment.
@@ -203,24 +140,7 @@ def judge_paths(
             least, safe_m = min(least, lowest) if lowest == lowest else math.nan, max(safe_m, needed)
         if not paths.responses[0].parameter and not paths.note:
             destinations = paths.destinations
-    return ReturnJudgement(tuple(_joined(unsafe)), bad, destinations, least, safe_m, settings)
-
-
-def _joined(unsafe: list[UnsafeReturn]) -> list[UnsafeReturn]:
-    """Intervals of different responses that lead the same way from the same legs as one, which tells of the worst."""
-    found: dict[tuple[object, ...], UnsafeReturn] = {}
-    for one in unsafe:
-        key = (one.danger, one.destination, one.name, one.note, one.first_leg, one.last_leg)
-        other = found.get(key)
-        if other is None:
-            found[key] = one
-            continue
-        worse = one if abs(one.value - one.limit) > abs(other.value - other.limit) else other
-        found[key] = replace(
-            worse, responses=(*other.responses, *one.responses), begin_s=min(one.begin_s, other.begin_s),
-            end_s=max(one.end_s, other.end_s),
-        )  # fmt: skip
-    return list(found.values())
+    return ReturnJudgement(tuple(joined_returns(unsafe)), bad, destinations, least, safe_m, settings)
 
 
 class _Judged:
@@ -375,7 +295,7 @@ class _Judged:
         shapely.prepare(fence)
         starts_inside = shapely.covers(fence, shapely.points(points[:, 0, :2]))
         # A route that leaves the fence is told as such: its returns begin where it is, not where it would come to rest.
-        stops_outside = ~shapely.covers(fence, shapely.points(points[:, 1, :2]))
+        stops_outside = ~np.asarray(shapely.covers(fence, shapely.points(points[:, 1, :2])))
         at_stop = (points[:, :, :2] == points[:, 1:2, :2]).all(axis=2) & stops_outside[:, None]
         level = np.where(at_stop[..., None], points[:, :1, :2], points[:, :, :2])
         lines = np.asarray(shapely.linestrings(level))

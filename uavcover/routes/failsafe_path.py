@@ -1,25 +1,19 @@
 """The path that an autopilot flies by itself, from any moment of a flight: ArduCopter 4.7 and PX4 1.17.
 
 Written from the autopilots' sources (named in ``data/failsafes.toml``). The mock vehicle has its own implementation, so that a
-flight on it tests this one. Positions here are (east, north, height above sea level): autopilots keep a level above the sea.
+flight on it tests this one.
 """
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import replace
 
 import numpy as np
 import shapely
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.routes.failsafe_parameters import FailsafeSettings, Response
-
-Stage = Literal["stop", "climb", "return", "descend", "land", "mission"]
-"""``descend`` is a descent that does not expect the ground; ``land`` one that does; ``mission`` joins legs of the mission."""
-
-HOME, IN_PLACE = -1, -2
-"""Destinations that are no rally points."""
+from uavcover.routes.failsafe_states import HOME, IN_PLACE, Destinations, FailsafePaths, FlightStates, Stage
 
 GroundHeights = Callable[[FloatArray], FloatArray]
 """Heights of the ground above sea level (n,) at (n, 2) positions; NaN where unknown."""
@@ -31,99 +25,6 @@ _CEILING_BIT, _CIRCLE_BIT, _POLYGON_BIT, _FLOOR_BIT = 1, 2, 4, 8
 _NEARER_BY_M, _TOO_NEAR_HOME_M = 2.0, 10.0  # PX4: MIN_DIST_THRESHOLD, and a safe point this near is home
 _TERRAIN_STEP_M = 30.0
 _SLOW_LANDING_M = 10.0
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FlightStates:
-    """n moments of a flight.
-
-    Attributes:
-        places_m: (n, 3) east, north, height above sea level.
-        velocities_m_s: (n, 2) east, north.
-        times_s: (n,) since take-off.
-        legs: (n,) vertex of the route that the vehicle flies to.
-        ahead_m: (n,) way to that vertex, before which the vehicle slows down; none: it flies on.
-    """
-
-    places_m: FloatArray
-    velocities_m_s: FloatArray
-    times_s: FloatArray
-    legs: IntArray
-    ahead_m: FloatArray | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Destinations:
-    """Where a vehicle can go, in positions as in :class:`FlightStates`.
-
-    Attributes:
-        home_m: (3,) on the ground.
-        rally_m: (r, 3).
-        fence: area that the vehicle's fence allows, by its polygons; none without polygons.
-        route_m: (m, 3) vertices of the flown mission, take-off's top to landing's top.
-        landing: vertex of the route where the mission's landing begins; none without one.
-    """
-
-    home_m: FloatArray
-    rally_m: FloatArray
-    route_m: FloatArray
-    fence: shapely.Geometry | None = None
-    landing: int | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FailsafePaths:
-    """What the vehicle flies from each of n moments, for one kind of response.
-
-    Attributes:
-        responses: that lead to these paths.
-        points_m: (n, k, 3) vertices; legs without length where a stage is left out.
-        stages: k - 1 of them.
-        destinations: (n,) number of a rally point, ``HOME`` or ``IN_PLACE``.
-        duration_s: (n,) until it lands or holds.
-        tail_m: (m, 3) legs of the mission that follow; none without them.
-        joins: (n,) first vertex of the tail that is flown to.
-        note: what else the paths depend on, for people.
-    """
-
-    responses: tuple[Response, ...]
-    points_m: FloatArray
-    stages: tuple[Stage, ...]
-    destinations: IntArray
-    duration_s: FloatArray
-    tail_m: FloatArray | None = None
-    joins: IntArray | None = None
-    note: str = ""
-
-    def path_m(self, moment: int) -> FloatArray:
-        """(j, 3) the whole path from one moment, without legs that have no length."""
-        points = self.points_m[moment]
-        if self.tail_m is not None and self.joins is not None:
-            points = np.vstack([points, self.tail_m[self.joins[moment] :]])
-        moved = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6
-        return np.asarray(points[np.concatenate([[True], moved])], float)
-
-
-def states_along(line_m: FloatArray, times_s: FloatArray, *, step_m: float, step_s: float) -> FlightStates:
-    """Moments along a (k, 3) line that is flown at (k,) times, both ends of every leg among them.
-
-    Args:
-        line_m: east, north, height above sea level.
-        times_s: when each vertex is passed.
-        step_m: largest distance between two moments.
-        step_s: largest time between them.
-    """
-    steps, spans = np.diff(line_m, axis=0), np.diff(times_s)
-    lengths = np.linalg.norm(steps, axis=1)
-    counts = np.maximum(1, np.ceil(np.maximum(lengths / step_m, spans / step_s))).astype(np.int64)
-    leg = np.repeat(np.arange(len(steps)), counts + 1)
-    first = np.cumsum(counts + 1) - (counts + 1)
-    t = (np.arange(len(leg)) - first[leg]) / counts[leg]
-    velocities = steps[leg, :2] / np.maximum(spans[leg], 1e-9)[:, None]
-    level = np.hypot(steps[leg, 0], steps[leg, 1])
-    return FlightStates(
-        line_m[leg] + t[:, None] * steps[leg], velocities, times_s[leg] + t * spans[leg], leg + 1, (1.0 - t) * level
-    )
 
 
 def predict(
@@ -203,27 +104,30 @@ class _Model:
 
     def paths(self, action: str) -> list[FailsafePaths]:
         """Of one action; several where what happens depends on what is not known beforehand."""
+        match action:
+            case "land":
+                return [self._column("land")]
+            case "terminate":
+                return [self._column("land", note="the motors stop: it falls")]
+            case "hold" | "hold-land":
+                return [self._column("stop")]
+            case "retrace":
+                return [self._retrace(), replace(self.direct(), note="when it has no SmartRTL path")]
+            case "retrace-land":
+                return [self._retrace(), replace(self._column("land"), note="when it has no SmartRTL path")]
+            case "mission-landing" if self._to.landing is not None:
+                return [self._join_landing(climbs=False)]
+        return self._px4_ways() if self._is_px4 else self._direct_ways()
+
+    def _px4_ways(self) -> list[FailsafePaths]:
+        """Of a return, by its type; several where the nearer end of the mission, or of two places, decides."""
         has_landing = self._to.landing is not None
-        if action == "land":
-            return [self._column("land")]
-        if action == "terminate":
-            return [self._column("land", note="the motors stop: it falls")]
-        if action in ("hold", "hold-land"):
-            return [self._column("stop")]
-        if action in ("retrace", "retrace-land"):
-            otherwise = self.direct() if action == "retrace" else self._column("land")
-            return [self._retrace(), replace(otherwise, note="when it has no SmartRTL path")]
-        if action == "mission-landing":
-            return [self._join_landing(climbs=False)] if has_landing else self._direct_ways()
-        if self._is_px4 and action == "return":
-            kind = round(self._get["return_type"])
-            if kind == 2 or (kind == 4 and has_landing):
-                onward, back = self._onward() if has_landing else self._retrace(), self._retrace()
-                return [onward] if kind == 2 else [onward, back]
-            if kind == 4:
-                return [self._retrace()]
-            if kind in (1, 3) and has_landing:
-                # The nearer of the two at that moment; both are judged.
+        match round(self._get["return_type"]):
+            case 2:
+                return [self._onward() if has_landing else self._retrace()]
+            case 4:
+                return [self._onward(), self._retrace()] if has_landing else [self._retrace()]
+            case 1 | 3 if has_landing:
                 return [self._join_landing(climbs=True), self.direct()]
         return self._direct_ways()
 

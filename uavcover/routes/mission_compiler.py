@@ -20,7 +20,7 @@ from mission_io.autopilots import autopilot as autopilots
 from mission_io.autopilots.autopilot import MissionList, items_of, mission_type_of
 from mission_io.autopilots.checks import check_for_autopilot
 from mission_io.model.actions import PointGimbal, PointMount, StartPictures, TakePicture, item_of
-from mission_io.model.areas import Fence, FramedPoint, RallyPoints
+from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.items import (
     Frame,
     GeoPoint,
@@ -43,7 +43,7 @@ from uavcover.routes.corner_checks import find_corner_problems
 from uavcover.routes.energy import FlightEnergy, battery_in_words, battery_used_s, longest_flight_in_words, usable_s
 from uavcover.routes.fence import fence_of
 from uavcover.routes.leg_checks import find_problems
-from uavcover.routes.rally_proposal import propose_rally
+from uavcover.routes.rally_proposal import returns_and_rally
 from uavcover.routes.return_advice import OwnReturns, ReturnAdvice
 from uavcover.routes.transit import (
     check_column,
@@ -296,14 +296,15 @@ def _compiled(
             f"the flight{before} uses {battery_in_words(site, before_s + used_s)}; ask for less coverage (--select), plan a "
             "smaller area, or fly in less wind"
         )
-    proposed = _proposed_rally(site, path, autopilot)
-    returns = OwnReturns(
-        site=site, path_m=path, first_waypoint=len(there_m) - 1, waypoint_count=len(planned), autopilot=autopilot,
-        rally=_rally_points(frame, home, proposed), begin_s=begin.time_s,
-    )  # fmt: skip
-    advice = returns.advice({})
-    fence, rally = fence_of(site, frame, path), _rally(frame, home, advice, returns.rally)
-    returns = dataclasses.replace(returns, rally=rally.points)
+    returns, advice = returns_and_rally(
+        site,
+        path,
+        first_waypoint=len(there_m) - 1,
+        waypoint_count=len(planned),
+        autopilot=autopilot,
+        begin_s=begin.time_s,
+    )
+    fence, rally = fence_of(site, frame, path), RallyPoints(returns.rally)
     for content in (mission, fence.fence, rally):
         _check_autopilot(content, AUTOPILOTS[autopilot], item_limit=vehicle.max_mission_items)
     return CompiledMission(
@@ -379,38 +380,6 @@ def _geo_point(frame: LocalFrame, point_m: FloatArray) -> GeoPoint:
 def _home_point(frame: LocalFrame, home_m: FloatArray) -> GeoPoint:
     home = _geo_point(frame, home_m)
     return dataclasses.replace(home, alt_amsl_m=round(home.alt_amsl_m, _HEIGHT_DECIMALS))
-
-
-def _proposed_rally(site: Site, path_m: FloatArray, autopilot: AutopilotName) -> FloatArray:
-    """(r, 3) ENU rally points beside home; sorties are compiled several times, and searched for once."""
-    if site.scenario.planner.rally != "auto":
-        return np.empty((0, 3))
-    known: dict[tuple[bytes, str], FloatArray] = site.derived.setdefault("proposed rally points", {})
-    key = (path_m.tobytes(), autopilot)
-    if key not in known:
-        known[key] = propose_rally(site, path_m, autopilot=autopilot)
-    return known[key]
-
-
-def _rally(frame: LocalFrame, home_m: FloatArray, advice: ReturnAdvice, more: tuple[FramedPoint, ...]) -> RallyPoints:
-    """Home at a safe height, and more."""
-    home = _geo_point(frame, home_m)
-    if not math.isfinite(advice.safe_return_height_m):
-        return RallyPoints(more)
-    height = max(advice.return_height_m, math.ceil(advice.safe_return_height_m))
-    return RallyPoints((FramedPoint(home.lat_deg, home.lon_deg, float(height), Frame.ABOVE_HOME), *more))
-
-
-def _rally_points(frame: LocalFrame, home_m: FloatArray, proposed_m: FloatArray) -> tuple[FramedPoint, ...]:
-    """(r, 3) ENU places above home."""
-    home_alt = _geo_point(frame, home_m).alt_amsl_m
-    places = [_geo_point(frame, point) for point in proposed_m]
-    return tuple(
-        FramedPoint(
-            place.lat_deg, place.lon_deg, round(place.alt_amsl_m - home_alt, _HEIGHT_DECIMALS), Frame.ABOVE_HOME
-        )
-        for place in places
-    )
 
 
 def _place(point_m: FloatArray) -> tuple[float, float, float]:

@@ -2,15 +2,26 @@
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 import shapely
 
+from mission_io.model.areas import FramedPoint
+from mission_io.model.items import Frame
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.failsafe_checks import judge_paths
-from uavcover.routes.failsafe_path import FlightStates, direct_return
-from uavcover.routes.return_advice import destinations, flight_states, return_limits, settings_of
+from uavcover.routes.failsafe_path import direct_return
+from uavcover.routes.failsafe_states import FlightStates
+from uavcover.routes.return_advice import (
+    OwnReturns,
+    ReturnAdvice,
+    destinations,
+    flight_states,
+    return_limits,
+    settings_of,
+)
 from uavcover.scenario.site import Site
 
 MOST_POINTS = 5
@@ -25,6 +36,62 @@ _MOST_CANDIDATES, _MOST_MOMENTS = 80, 400
 _MORE_HEIGHTS_M = (0.0, 30.0, 60.0)
 """A rally point of ArduPilot is a least height of the return to it as well."""
 _SLACK_M = 1.0
+_HEIGHT_DECIMALS = 3
+
+
+def returns_and_rally(
+    site: Site,
+    path_m: FloatArray,
+    *,
+    first_waypoint: int,
+    waypoint_count: int,
+    autopilot: AutopilotName,
+    begin_s: float,
+) -> tuple[OwnReturns, ReturnAdvice]:
+    """The returns of a flight, with its rally points: home at a safe height, and proposed ones where the scenario asks for them.
+
+    Args:
+        site: the scenario on its ground, with a home.
+        path_m: (k, 3) ENU, the whole flight between the columns above home.
+        first_waypoint: row of the first planned waypoint in it.
+        waypoint_count: how many planned waypoints follow.
+        autopilot: who returns.
+        begin_s: when the path begins.
+    """
+    proposed = _above_home(site, _proposed(site, path_m, autopilot))
+    returns = OwnReturns(
+        site=site, path_m=path_m, first_waypoint=first_waypoint, waypoint_count=waypoint_count, autopilot=autopilot,
+        rally=proposed, begin_s=begin_s,
+    )  # fmt: skip
+    advice = returns.advice({})
+    if site.home_m is None or not math.isfinite(advice.safe_return_height_m):
+        return returns, advice
+    (home,) = _above_home(site, site.home_m[None])
+    height = max(advice.return_height_m, math.ceil(advice.safe_return_height_m))
+    return replace(returns, rally=(replace(home, alt_m=float(height)), *proposed)), advice
+
+
+def _proposed(site: Site, path_m: FloatArray, autopilot: AutopilotName) -> FloatArray:
+    """(r, 3) ENU rally points beside home; sorties are compiled several times, and searched for once."""
+    if site.scenario.planner.rally != "auto":
+        return np.empty((0, 3))
+    known: dict[tuple[bytes, str], FloatArray] = site.derived.setdefault("proposed rally points", {})
+    key = (path_m.tobytes(), autopilot)
+    if key not in known:
+        known[key] = propose_rally(site, path_m, autopilot=autopilot)
+    return known[key]
+
+
+def _above_home(site: Site, places_m: FloatArray) -> tuple[FramedPoint, ...]:
+    """(r, 3) ENU places above home."""
+    if site.frame is None or site.home_m is None or not len(places_m):
+        return ()
+    lat, lon, alt = site.frame.geodetic_from_enu(places_m)
+    above = alt - site.alts_amsl_m(site.home_m[None])[0]
+    return tuple(
+        FramedPoint(float(a), float(o), round(float(up), _HEIGHT_DECIMALS), Frame.ABOVE_HOME)
+        for a, o, up in zip(lat, lon, above, strict=True)
+    )
 
 
 def propose_rally(site: Site, path_m: FloatArray, *, autopilot: AutopilotName) -> FloatArray:

@@ -10,9 +10,10 @@ from mission_io.model.areas import FramedPoint
 from mission_io.model.items import Frame, GeoPoint
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.vehicle import AutopilotName
-from uavcover.routes.failsafe_checks import ReturnJudgement, ReturnLimits, UnsafeReturn, judge_returns
+from uavcover.routes.failsafe_checks import ReturnJudgement, ReturnLimits, judge_returns
 from uavcover.routes.failsafe_parameters import FailsafeSettings, failsafe_settings
-from uavcover.routes.failsafe_path import IN_PLACE, Destinations, FlightStates, states_along
+from uavcover.routes.failsafe_states import IN_PLACE, Destinations, FlightStates, states_along
+from uavcover.routes.unsafe_returns import UnsafeReturn
 from uavcover.scenario.site import Site
 
 _STEP_M = 5.0
