@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import shapely
 
-from mission_io.model.areas import Fence, FenceCircle, FencePolygon, LatLon
+from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
 from tests.checking.worlds import (
     COPTER,
@@ -28,6 +28,7 @@ from uavcover.checking.check import Checked, CheckRequest, check_mission
 from uavcover.checking.endurance_checks import flight_time_s
 from uavcover.checking.flown_path import flown_path
 from uavcover.checking.limits import Limits
+from uavcover.checking.return_checks import OwnReturn
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle
 
@@ -153,7 +154,8 @@ def test_a_return_out_of_the_fence_and_into_a_zone() -> None:
         ring = [(240.0, north_m - 20.0), (260.0, north_m - 20.0), (260.0, north_m + 20.0), (240.0, north_m + 20.0)]
         return NoFly(polygon_lon_lat_deg=tuple(lat_lon(*at)[::-1] for at in ring), name="Z", **heights)
 
-    assert found(checked(*legs, zones=(zone_at(100.0),))) == [("return-no-fly", (3, 5))]
+    # Out and back past the place from where the zone is in the way: two intervals.
+    assert found(checked(*legs, zones=(zone_at(100.0),))) == [("return-no-fly", (3, 4)), ("return-no-fly", (4, 5))]
     assert found(checked(*legs, zones=(zone_at(300.0),))) == []
     assert found(checked(*legs, zones=(zone_at(100.0, floor_agl_m=140.0),))) == []
     # Above the leg, below the return altitude: the climb enters it.
@@ -334,3 +336,64 @@ def test_what_a_stranger_would_write() -> None:
     assert ("ground", (2, 3)) in found(checked(*mixed))
     splines = (up(115.0), *(item(Command.NAV_SPLINE_WAYPOINT, east, 0.0, 115.0) for east in (300.0, 600.0)))
     assert found(checked(*splines)) == []
+
+
+def rally_outcome(*points: FramedPoint, parameters=None, fenced=None, legs=None, aircraft=HIGH) -> Checked:
+    own = OwnReturn(parameters=parameters or {}, rally=points)
+    return checked(*(legs or OVER), fence=fenced, own_return=own, aircraft=aircraft)
+
+
+def rally_at(east_m: float, north_m: float, alt_m: float, frame: Frame = Frame.ABOVE_HOME) -> FramedPoint:
+    return FramedPoint(*lat_lon(east_m, north_m), alt_m, frame)
+
+
+def rally_words(outcome: Checked) -> list[str]:
+    return [one.what for one in outcome.findings if one.kind == "rally"]
+
+
+def test_a_rally_point_inside_a_ridge() -> None:
+    outcome = rally_outcome(rally_at(400.0, 100.0, -40.0))
+    assert rally_words(outcome) == ["rally point 1: it is 140 m below the ground"]
+    assert outcome.verdict == "failed"
+    assert rally_words(rally_outcome(rally_at(400.0, 100.0, 100.0))) == []
+
+
+def test_a_rally_point_whose_height_above_the_sea_is_taken_as_one_above_home() -> None:
+    limits = Limits(max_height_agl_m=120.0)
+    own = OwnReturn(parameters={}, rally=(rally_at(200.0, 0.0, 705.0),))
+    outcome = checked(*OVER, limits=limits, own_return=own)
+    assert rally_words(outcome) == [
+        "rally point 1: 705 m above home is 705 m above ground; the number is a height above sea level"
+    ]
+    own = OwnReturn(parameters={}, rally=(rally_at(200.0, 0.0, 705.0, Frame.AMSL),))
+    assert rally_words(checked(*OVER, limits=limits, own_return=own)) == []
+
+
+def test_a_rally_point_outside_the_fence() -> None:
+    outcome = rally_outcome(rally_at(200.0, 500.0, 20.0), fenced=fence(SQUARE))
+    assert any("outside the fence" in words for words in rally_words(outcome))
+
+
+def test_a_rally_point_behind_a_ridge() -> None:
+    """Nearer than home, with a ridge in between: the way there hits it at a height at which the way home is clear."""
+    legs = (up(), way(300.0, 0.0, 60.0), way(300.0, 200.0, 60.0), way(0.0, 0.0, 60.0), home())
+    low = Aircraft(return_height_m=60.0)
+    behind = rally_at(520.0, 0.0, 30.0)
+    assert found(rally_outcome(legs=legs, aircraft=low)) == []
+    outcome = rally_outcome(behind, legs=legs, aircraft=low)
+    returns = [one.what for one in outcome.findings if one.kind == "return"]
+    assert returns
+    assert all("to rally point 1" in words for words in returns)
+    assert "below the ground" in returns[0]
+    # ArduCopter flies to none that is farther away than RALLY_LIMIT_KM.
+    assert found(rally_outcome(behind, legs=legs, aircraft=low, parameters={"RALLY_LIMIT_KM": 0.1})) == []
+
+
+def test_issue_31968_a_final_height_above_home_is_in_the_ground_of_a_higher_rally_point() -> None:
+    legs = (up(), way(300.0, 0.0, 115.0), way(0.0, 0.0, 115.0), home())
+    on_top = rally_at(400.0, 0.0, 105.0)
+    parameters = {"RTL_ALT_FINAL": 1000.0}
+    outcome = rally_outcome(on_top, legs=legs, parameters=parameters)
+    (sunk,) = [one for one in outcome.findings if one.kind == "return"]
+    assert "descends 90.0 m below the ground at flying speed" in sunk.what
+    assert found(rally_outcome(on_top, legs=legs)) == []

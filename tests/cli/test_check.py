@@ -292,3 +292,32 @@ def test_a_long_mission_is_split_and_each_part_is_checked(cli: Cli, tmp_path: Pa
     again = cli("check", file, *options, "--fix", "-o", tmp_path / "part.waypoints")
     assert (again.code, "--force" in again.err) == (2, True)
     assert cli("check", file, *options[:-2], "3").code == 2
+
+
+def test_rally_points_and_parameters_of_files(cli: Cli, tmp_path: Path) -> None:
+    """They were read and ignored: a rally point inside the ground passed."""
+    from mission_io.formats import wpl
+    from mission_io.formats.files import read_mission
+    from mission_io.model.areas import FramedPoint, RallyPoints
+
+    file = mission(tmp_path, *GOOD)
+    home = read_mission(file).home
+    assert home is not None
+    rally = tmp_path / "rally.waypoints"
+    rally.write_text(wpl.write_rally(RallyPoints((FramedPoint(36.4762, -84.2160, -60.0),)), home))
+    plain = ("check", file, "--dem", DEM, "--return-height", "70m", "--json")
+    assert cli(*plain).code == 0
+    ended = cli(*plain, "--rally", rally)
+    assert ended.code == 1
+    assert "rally point 1: it is" in {one["kind"]: one["what"] for one in ended.document["findings"]}["rally"]
+    low = tmp_path / "low.param"
+    low.write_text("# saved\nRTL_ALT,200\nRTL_CONE_SLOPE 0\n1\t1\tFS_GCS_ENABLE\t1\t2\n")
+    ended = cli("check", file, "--dem", DEM, "--parameters", low, "--json")
+    assert (
+        any("FS_GCS_ENABLE 1" in one["what"] for one in ended.document["findings"] if one["kind"] == "return")
+        or ended.code == 0
+    )
+    low.write_text("RTL_ALT high\n")
+    assert (
+        "line 1: 'RTL_ALT high' is not a name and a number" in cli("check", file, "--dem", DEM, "--parameters", low).err
+    )

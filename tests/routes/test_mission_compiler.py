@@ -289,9 +289,9 @@ def test_the_ways_there_and_home_lead_over_an_obstacle() -> None:
             beside = math.hypot(max(-60 - e, 0.0, e + 50), max(40 - n, 0.0, n - 60))
             assert beside >= 12.0 - 1e-6 or u >= 97.0 - 1e-6
     assert path[:, 2].max() >= 97.0
-    assert found.return_advice.safe_return_height_m == pytest.approx(97.0)
+    assert found.return_advice.safe_return_height_m == pytest.approx(97.0, abs=0.03)
     assert found.return_advice.unsafe_waypoints == (0, 1, 2, 3)
-    assert found.return_advice.worst_clearance_m == pytest.approx(60.0 - 97.0 + 20.0)
+    assert found.return_advice.worst_clearance_m == pytest.approx(60.0 - 97.0 + 20.0, abs=0.03)
 
 
 def test_a_planned_leg_into_an_obstacle_is_refused_with_its_name() -> None:

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import shapely
 
 from mission_io.model.items import Command, Frame, GeoPoint, Mission
+from mission_io.model.places import FAR_FROM_HOME_M, ground_distance_m
 from uavcover.checking.aircraft import Aircraft
 from uavcover.checking.boundary_checks import distance_findings, fence_findings, zone_findings
 from uavcover.checking.endurance_checks import endurance_findings, speed_findings, wing_findings
@@ -20,7 +21,7 @@ from uavcover.checking.item_values import impossible_numbers, value_findings
 from uavcover.checking.limits import Limits, Surroundings
 from uavcover.checking.obstacle_checks import obstacle_findings, with_obstacles
 from uavcover.checking.places import Heights, places_of
-from uavcover.checking.return_checks import return_findings
+from uavcover.checking.return_checks import OwnReturn, return_findings
 from uavcover.checking.segments import FlownPath
 from uavcover.checking.sight_checks import sight_findings
 from uavcover.checking.turns import in_turns, turns_of
@@ -57,6 +58,7 @@ class CheckRequest:
         home: latitude and longitude of the take-off place; none: the mission's.
         pilot: latitude and longitude of the pilot; none: at home.
         obstacles: in longitude and latitude.
+        own_return: what is known of the autopilot's own returns.
     """
 
     mission: Mission
@@ -66,6 +68,7 @@ class CheckRequest:
     home: tuple[float, float] | None = None
     pilot: tuple[float, float] | None = None
     obstacles: tuple[Obstacle, ...] = ()
+    own_return: OwnReturn = field(default_factory=lambda: OwnReturn(parameters={}))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -139,7 +142,7 @@ def check_mission(
         of_legs = judge(path)
         findings += [*of_legs, *in_turns(judge, turns, of_legs)]
     findings += distance_findings(path, world, limits)
-    findings += return_findings(path, world, limits, aircraft, surroundings)
+    findings += return_findings(mission, path, world, limits, aircraft, surroundings, request.own_return)
     if surroundings.pilot_m is not None:
         findings += sight_findings(path, world, surroundings.pilot_m)
     findings += speed_findings(path, aircraft)
@@ -184,6 +187,12 @@ def _world(
     """The ground wherever the mission may come, and the obstacles on it."""
     frame = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m)
     lat_lon = [(home.lat_deg, home.lon_deg), *([] if request.pilot is None else [request.pilot])]
+    # A rally point may lie in the ground data, or on another continent: then its finding says that the ground is unknown.
+    lat_lon += [
+        (point.lat_deg, point.lon_deg)
+        for point in request.own_return.rally
+        if ground_distance_m(home.lat_deg, home.lon_deg, point.lat_deg, point.lon_deg) < FAR_FROM_HOME_M
+    ]
     around_m = _AROUND_M + 2.0 * request.aircraft.loiter_radius_m
     splines = False
     for number, item in enumerate(request.mission.items, 1):

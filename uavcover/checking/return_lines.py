@@ -1,11 +1,10 @@
-"""Lines from many places of a path: the ways on which an autopilot returns, and the least height above ground of lines."""
+"""Lines from many places of a path, and their least height above ground."""
 
 import math
 from dataclasses import dataclass
 
 import numpy as np
 
-from uavcover.checking.aircraft import Aircraft, return_height_m
 from uavcover.checking.segments import Segment
 from uavcover.checking.world import World
 from uavcover.kernels.arrays import FloatArray, IntArray
@@ -60,58 +59,6 @@ def with_gaps(points_m: FloatArray, owner: IntArray) -> Lines:
     """Points (m, 3) of lines, by their numbers (m,) in order, as lines."""
     last = np.flatnonzero(np.diff(owner, append=-1)) + 1
     return Lines(np.insert(points_m, last, np.nan, axis=0), np.insert(owner, last, owner[last - 1]))
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class ReturnWays:
-    """The autopilot's own return from n places.
-
-    Attributes:
-        places_m: (n, 3) ENU.
-        heights_m: (n,) above home, at which each ends.
-        home: from above each place, or from the place for wings, to above home.
-        columns: straight up at the place, straight down at home; empty for wings.
-    """
-
-    places_m: FloatArray
-    heights_m: FloatArray
-    home: Lines
-    columns: Lines
-
-
-def return_ways(world: World, places_m: FloatArray, alts_amsl_m: FloatArray, aircraft: Aircraft) -> ReturnWays:
-    """What the autopilot flies when it is told to return: a multirotor straight up first, wings climb or descend on the way.
-
-    Args:
-        world: where home is.
-        places_m: (n, 3) ENU, from where.
-        alts_amsl_m: (n,) their heights above sea level.
-        aircraft: who returns.
-    """
-    n, home_alt_m = len(places_m), world.home_alt_amsl_m
-    distances_m = np.array([math.hypot(*place) for place in places_m[:, :2].tolist()])
-    above_home_m = np.array([
-        return_height_m(alt - home_alt_m, distance, aircraft)
-        for alt, distance in zip(alts_amsl_m.tolist(), distances_m.tolist(), strict=True)
-    ])  # fmt: skip
-    heights_m = home_alt_m + above_home_m
-    owner, t = cut(np.maximum(1, np.ceil(distances_m / PIECE_M)).astype(np.int64))
-    line_alts_m = heights_m[owner]
-    if aircraft.has_wings:  # climbs, or descends, on the way
-        climbs = heights_m > alts_amsl_m
-        slopes = np.where(climbs, aircraft.max_climb_m_s, aircraft.max_descent_m_s) / aircraft.cruise_speed_m_s
-        change_m = np.minimum(slopes[owner] * (t * distances_m[owner]), np.abs(heights_m - alts_amsl_m)[owner])
-        line_alts_m = alts_amsl_m[owner] + np.copysign(1.0, heights_m - alts_amsl_m)[owner] * change_m
-    line_m = world.at_alts((1.0 - t)[:, None] * places_m[owner, :2], line_alts_m)
-    home = with_gaps(line_m, owner)
-    if aircraft.has_wings:
-        return ReturnWays(places_m, above_home_m, home, Lines(np.empty((0, 3)), np.empty(0, dtype=np.int64)))
-    last = np.cumsum(np.bincount(owner, minlength=n)) - 1
-    first = np.concatenate([[0], last[:-1] + 1])
-    columns = np.full((n, 6, 3), np.nan)  # up, a gap, down, a gap
-    columns[:, 0], columns[:, 1] = places_m, line_m[first]
-    columns[:, 3], columns[:, 4] = line_m[last], 0.0
-    return ReturnWays(places_m, above_home_m, home, Lines(columns.reshape(-1, 3), np.repeat(np.arange(n), 6)))
 
 
 def lowest_of(world: World, lines: Lines) -> tuple[float, FloatArray, int]:

@@ -52,6 +52,14 @@ class AircraftOptions:
             metavar="LENGTH",
         ),
     ] = None
+    parameters: Annotated[
+        Path | None,
+        typer.Option(
+            "--parameters",
+            help="The vehicle's parameters, as a ground station saves them: returns and failsafes; default: the autopilot's.",
+            metavar="FILE",
+        ),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,6 +119,12 @@ class AroundOptions:
             "--fence",
             help="Fence (.plan, .waypoints, .fen), or an area to stay inside; default: the fence of a .plan.",
             metavar="FILE",
+        ),
+    ] = None
+    rally: Annotated[
+        Path | None,
+        typer.Option(
+            "--rally", help="Rally points (.plan, .waypoints); default: the rally points of a .plan.", metavar="FILE"
         ),
     ] = None
     no_fly: Annotated[
@@ -265,6 +279,7 @@ def check(
     query = CheckQuery(
         flight_window_utc=None if around.at is None else flight_window(around.at, option="--at"),
         file=file, elevation=dem.data(), surface=tuple(around.dsm or ()), fence=around.fence,
+        rally=around.rally, parameters=aircraft.parameters,
         no_fly=tuple(around.no_fly or ()), obstacles=around.obstacles,
         vehicle=aircraft.vehicle,
         autopilot=aircraft.autopilot, kind=aircraft.flies_as,

@@ -64,6 +64,14 @@ class Search:
             "there can be."
         ),
     ] = None
+    rally: Annotated[
+        str | None,
+        typer.Option(
+            help="auto: propose rally points where the autopilot's own return home is not safe; home: home alone. Default: the "
+            "scenario's.",
+            metavar="auto|home",
+        ),
+    ] = None
     autopilot: options.Autopilot = None
     vehicles: options.Vehicles = None
     workers: Annotated[int | None, typer.Option(help="Threads; the result does not depend on it.")] = None
@@ -110,6 +118,7 @@ def plan(
         folder=run, command=sys.argv, force=force, seed=search.seed,
         evaluations=search.evaluations, budget_s=options.seconds(search.budget), algorithm=search.algorithm,
         parts=_parts(search.parts), max_waypoints=search.max_waypoints, waypoint_price=search.waypoint_price,
+        rally=_rally(search.rally),
         select=search.select, vehicles=search.vehicles, autopilot=search.autopilot, workers=search.workers,
         bounds_s=options.seconds(search.bounds, option="--bounds"), scheduler=search.scheduler,
         memory_bytes=None if search.memory is None else memory_bytes(search.memory, option="--memory"),
@@ -135,6 +144,15 @@ def _parts(text: str | None) -> "int | Literal['auto'] | None":
     if not (text.isascii() and text.isdigit()) or int(text) < 1:
         raise InputError(f"--parts: {text!r} is neither a number of parts, 1 at least, nor auto")
     return int(text)
+
+
+def _rally(text: str | None) -> "Literal['auto', 'home'] | None":
+    """How rally points are chosen; none where it was not given."""
+    from uavcover.errors import InputError
+
+    if text not in (None, "auto", "home"):
+        raise InputError(f"--rally: {text!r} is neither auto nor home")
+    return text  # type: ignore[return-value]
 
 
 def _site(source: str, survey: SurveyOptions, console: "Console", *, autopilot: str | None) -> "str | Site":

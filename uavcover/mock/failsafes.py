@@ -13,13 +13,27 @@ from uavcover.vehicle.modes import Mode
 _POSITION_TIMEOUT_S = 1.0
 _WARNING, _CRITICAL, _EMERGENCY = 4, 2, 0
 _LOW_CHARGE, _CRITICAL_CHARGE = 0.2, 0.1
-_BATTERY_ACTIONS = {1.0: Mode.LAND, 2.0: Mode.RETURN}
-_GCS_ACTIONS = {True: {1.0: Mode.RETURN, 5.0: Mode.LAND}, False: {1.0: Mode.HOLD, 2.0: Mode.RETURN, 3.0: Mode.LAND}}
+_BATTERY_ACTIONS = {
+    1.0: Mode.LAND,
+    2.0: Mode.RETURN,
+    3.0: Mode.RETURN,
+    4.0: Mode.LAND,
+    6.0: Mode.RETURN,
+    7.0: Mode.HOLD,
+}
+_GCS_ACTIONS = {
+    True: {
+        1.0: Mode.RETURN, 2.0: Mode.RETURN, 3.0: Mode.RETURN, 4.0: Mode.LAND, 5.0: Mode.LAND, 6.0: Mode.RETURN, 7.0: Mode.HOLD,
+    },
+    False: {1.0: Mode.HOLD, 2.0: Mode.RETURN, 3.0: Mode.LAND},
+}  # fmt: skip
 _FENCE_ACTIONS = {
-    True: {1.0: Mode.RETURN, 2.0: Mode.LAND, 4.0: Mode.HOLD},
+    True: {1.0: Mode.RETURN, 2.0: Mode.LAND, 3.0: Mode.RETURN, 4.0: Mode.HOLD, 5.0: Mode.LAND},
     False: {2.0: Mode.HOLD, 3.0: Mode.RETURN, 5.0: Mode.LAND},
 }
-"""Parameter value to mode; ArduPilot under True, PX4 under False."""
+"""Parameter value to mode; ArduPilot under True, PX4 under False. It has no SmartRTL: then ArduPilot takes the next best."""
+_GCS_CONTINUES_MISSION = 2
+"""Bit of FS_OPTIONS."""
 
 
 class Failsafes:
@@ -48,6 +62,12 @@ class Failsafes:
         if self._state.flying:
             self._check_ground_station()
             self._check_fence()
+        self._control.end_delay()
+
+    @property
+    def _delay_s(self) -> float:
+        """How long it holds before it returns or lands."""
+        return 0.0 if self._state.is_ardupilot else self._state.parameters["COM_FAIL_ACT_T"]
 
     def _once(self, what: str) -> bool:
         """Whether this is the first reaction to a failure."""
@@ -81,7 +101,7 @@ class Failsafes:
             return
         for level, mode in _battery_actions(vehicle):
             if battery.remaining <= level and self._once(f"battery {level} {mode.value}"):
-                self._control.fail_safe("Battery", mode)
+                self._control.fail_safe("Battery", mode, delay_s=self._delay_s)
 
     def _check_ground_station(self) -> None:
         vehicle = self._state
@@ -92,8 +112,9 @@ class Failsafes:
         patience_s = get["FS_GCS_TIMEOUT" if ardupilot else "COM_DL_LOSS_T"]
         if vehicle.behaviour.transfer_clock is TransferClock.LINK:
             patience_s *= vehicle.speed
-        if vehicle.time_s >= self._heard_at_s + patience_s and self._once("ground station"):
-            self._control.fail_safe("GCS" if ardupilot else "Data link lost", mode)
+        goes_on = ardupilot and vehicle.mode is Mode.MISSION and int(get["FS_OPTIONS"]) & _GCS_CONTINUES_MISSION
+        if vehicle.time_s >= self._heard_at_s + patience_s and not goes_on and self._once("ground station"):
+            self._control.fail_safe("GCS" if ardupilot else "Data link lost", mode, delay_s=self._delay_s)
 
     def _check_fence(self) -> None:
         vehicle = self._state
@@ -106,7 +127,7 @@ class Failsafes:
             action = vehicle.parameters["FENCE_ACTION" if ardupilot else "GF_ACTION"]
             mode = _FENCE_ACTIONS[ardupilot].get(action)
             if mode is not None:
-                self._control.fail_safe("Fence" if ardupilot else "Geofence", mode)
+                self._control.fail_safe("Fence" if ardupilot else "Geofence", mode, delay_s=self._delay_s)
 
 
 def _battery_actions(vehicle: MockState) -> list[tuple[float, Mode]]:

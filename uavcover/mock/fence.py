@@ -44,12 +44,33 @@ class FenceWatch:
         """Whether the vehicle keeps to its fence: PX4 to any that it holds, ArduPilot by its parameter and by command."""
         return not self._ardupilot or bool(self._parameters["FENCE_ENABLE"] and not self.switched_off)
 
+    @property
+    def highest_m(self) -> float:
+        """Height above home up to where ArduPilot returns while its fence has a ceiling; infinite without one."""
+        get = self._parameters
+        if not self._ardupilot or not get["FENCE_ENABLE"] or not int(get["FENCE_TYPE"]) & _HEIGHT:
+            return math.inf
+        return get["FENCE_ALT_MAX"] - get["FENCE_MARGIN"]
+
     def breach(self) -> str | None:
         """The limit that the believed position breaches, named as the autopilot names it; None inside all limits."""
+        where = self._body.believed.position_m
+        has_floor = self._ardupilot and self.in_force and int(self._parameters["FENCE_TYPE"]) & _FLOOR
+        below = has_floor and self._below_floor(where[2] - self._body.home_m[2])
+        return self._breach_at(where) or ("Min Alt" if below else None)
+
+    def allows(self, place_m: Vector) -> bool:
+        """Whether the limits in force hold at a place."""
+        get = self._parameters
+        has_floor = self._ardupilot and self.in_force and int(get["FENCE_TYPE"]) & _FLOOR
+        if has_floor and place_m[2] - self._body.home_m[2] < get["FENCE_ALT_MIN"]:
+            return False
+        return self._breach_at(place_m) is None
+
+    def _breach_at(self, where: Vector) -> str | None:
         items = self._missions.items(MissionType.FENCE)
         if items is not self._items:
             self._read(items, self._body.frame)
-        where = self._body.believed.position_m
         up_m = where[2] - self._body.home_m[2]
         ardupilot, get = self._ardupilot, self._parameters
         if not self.in_force:
@@ -59,8 +80,6 @@ class FenceWatch:
         farthest_m = get["FENCE_RADIUS" if ardupilot else "GF_MAX_HOR_DIST"]
         if kinds & _HEIGHT and 0.0 < highest_m < up_m:
             return "Max Alt"
-        if kinds & _FLOOR and ardupilot and self._below_floor(up_m):
-            return "Min Alt"
         if kinds & _CIRCLE and 0.0 < farthest_m < math.dist(where[:2], self._body.home_m[:2]):
             return "Circle"
         return "Polygon" if kinds & _AREAS and self._outside_areas(where) else None

@@ -9,10 +9,11 @@ from mission_io.wire import messages as m
 from uavcover.mock.body import STEP_S
 from uavcover.mock.faults import FaultKind
 from uavcover.mock.guidance import Speeds
-from uavcover.mock.itinerary import Step, StepKind, return_steps
+from uavcover.mock.itinerary import Step, StepKind
 from uavcover.mock.mission_flight import MissionFlight
 from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import tell
+from uavcover.mock.way_home import return_steps
 from uavcover.vehicle.modes import Mode, has_mode
 
 _INFO, _WARNING, _CRITICAL = 6, 4, 2
@@ -47,6 +48,7 @@ class FlightControl:
     def __init__(self, state: MockState) -> None:
         self.state = state
         self.mission = MissionFlight(state)
+        self._delayed: tuple[Mode, float] | None = None
 
     def arm(self) -> CommandResult:
         """Start the motors."""
@@ -159,8 +161,11 @@ class FlightControl:
         self.state.speeds = speeds
         self._fly_on()
 
-    def fail_safe(self, what: str, mode: Mode) -> None:
-        """Change to a failsafe mode in flight and report the reason; do nothing on the ground or when already in it."""
+    def fail_safe(self, what: str, mode: Mode, *, delay_s: float = 0.0) -> None:
+        """Change to a failsafe mode in flight and report the reason; do nothing on the ground or when already in it.
+
+        With a delay it holds first, as PX4 does, unless somebody chooses another mode meanwhile.
+        """
         state = self.state
         if not state.armed or state.body.on_ground or state.mode is mode:
             return
@@ -168,7 +173,22 @@ class FlightControl:
             state.say(_CRITICAL, f"{what} Failsafe: changed to {_FAILSAFE_NAMES[mode]}")
         else:
             state.say(_CRITICAL, f"Failsafe activated: {what.lower()}, switching to {mode.value}")
+        if delay_s > 0.0 and mode in (Mode.RETURN, Mode.LAND):
+            self.set_mode(Mode.HOLD)
+            self._delayed = (mode, state.time_s + delay_s)
+            return
         self.set_mode(mode)
+
+    def end_delay(self) -> None:
+        """Do what a failsafe has delayed, once it is due."""
+        if self._delayed is None:
+            return
+        mode, due_s = self._delayed
+        if self.state.mode is not Mode.HOLD or not self.state.flying:
+            self._delayed = None
+        elif self.state.time_s >= due_s:
+            self._delayed = None
+            self.set_mode(mode)
 
     def power_off(self, seconds: float) -> None:
         """Lose power for a while: motors off, queued messages lost; the vehicle boots again afterwards."""
@@ -277,7 +297,7 @@ class FlightControl:
     def _mode_steps(self, mode: Mode) -> list[Step]:
         state = self.state
         if mode is Mode.RETURN:
-            return return_steps(None, state.settings, state.settings.speeds, home_m=state.body.home_m)
+            return return_steps(state, state.settings.speeds)
         if mode is Mode.LAND:
             return [Step(None, StepKind.DESCEND, state.settings.speeds)]
         return []

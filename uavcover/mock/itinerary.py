@@ -96,16 +96,6 @@ class Step:
     camera: tuple[CameraOrder, ...] = ()
 
 
-def return_steps(seq: int | None, settings: Settings, speeds: Speeds, *, home_m: Vector) -> list[Step]:
-    """Climb to the return height, go home in a straight line, land: an autopilot's own way home."""
-    above_home = (home_m[0], home_m[1], home_m[2] + settings.return_height_m)
-    return [
-        Step(seq, StepKind.CLIMB, speeds, above_home),
-        Step(seq, StepKind.LEVEL, speeds, above_home),
-        Step(seq, StepKind.DESCEND, speeds),
-    ]
-
-
 def mission_steps(
     items: Sequence[MissionItem],
     first_seq: int,
@@ -113,7 +103,7 @@ def mission_steps(
     place: Callable[[MissionItem], Vector],
     settings: Settings,
     speeds: Speeds,
-    home_m: Vector = (0.0, 0.0, 0.0),
+    way_home: Callable[[int, Vector | None, Speeds], list[Step]],
 ) -> list[Step]:
     """The steps of a mission from item ``first_seq`` on, starting with ``speeds``.
 
@@ -123,7 +113,7 @@ def mission_steps(
         place: position of an item in the vehicle's frame, east, north, up in metres.
         settings: the vehicle's.
         speeds: as they are now; the mission's speed changes apply from where they stand.
-        home_m: where home is, in the vehicle's frame.
+        way_home: the steps of a return that an item asks for, by its number, where the items before it end, and the speeds.
     """
     steps: list[Step] = []
     for seq in range(first_seq, len(items)):
@@ -147,7 +137,8 @@ def mission_steps(
                 steps.append(Step(seq, StepKind.LEVEL, speeds, place(item) if somewhere else None))
                 steps.append(Step(seq, StepKind.DESCEND, speeds))
             case Command.NAV_RETURN_TO_LAUNCH:
-                steps.extend(return_steps(seq, settings, speeds, home_m=home_m))
+                points = [step.point_m for step in steps if step.point_m is not None]
+                steps.extend(way_home(seq, points[-1] if points else None, speeds))
             case Command.NAV_DELAY:
                 steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=max(0.0, item.params[0])))
             case Command.DO_CHANGE_SPEED:

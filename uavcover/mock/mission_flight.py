@@ -7,6 +7,7 @@ from uavcover.mock.faults import FaultKind
 from uavcover.mock.itinerary import mission_steps
 from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import tell
+from uavcover.mock.way_home import return_steps
 
 _NAV_LAST = 95
 _TAKEOFFS = (Command.NAV_TAKEOFF, 24, 84)
@@ -78,7 +79,7 @@ class MissionFlight:
             place=state.place,
             settings=state.settings,
             speeds=state.speeds,
-            home_m=state.body.home_m,
+            way_home=lambda seq, begin, speeds: return_steps(state, speeds, seq=seq, begin=begin),
         )
         state.mission_state = MissionState.ACTIVE
         state.follow(steps)

@@ -50,6 +50,14 @@ PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
             "LAND_SPEED": _bound("land_m_s", 100.0),
             "WPNAV_RADIUS": _bound("acceptance_radius_m", 100.0),
             "RTL_ALT": _bound("return_height_m", 100.0),
+            "RTL_ALT_FINAL": MockParameter(0.0),  # above home; 0: land
+            "RTL_ALT_TYPE": _whole(0),  # 0 above home, 1 above the terrain
+            "RTL_CLIMB_MIN": MockParameter(0.0),
+            "RTL_CONE_SLOPE": MockParameter(3.0),
+            "RTL_LOIT_TIME": MockParameter(5000.0),
+            "RTL_SPEED": MockParameter(0.0),  # 0: WPNAV_SPEED
+            "RALLY_LIMIT_KM": MockParameter(0.3),
+            "RALLY_INCL_HOME": _whole(1),
             "BATT_FS_LOW_ACT": _whole(0),  # 0 none, 1 land, 2 return
             "BATT_FS_CRT_ACT": _whole(0),
             "BATT_LOW_MAH": MockParameter(0.0),  # 0: no threshold
@@ -63,6 +71,10 @@ PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
             "FENCE_TYPE": _whole(7),  # 1 height, 2 circle around home, 4 polygons and circles, 8 least height
             "FS_GCS_ENABLE": _whole(0),  # 0 none, 1 return, 5 land
             "FS_GCS_TIMEOUT": MockParameter(5.0),
+            "FS_OPTIONS": _whole(16),  # 2: the mission goes on without a ground station
+            "FS_EKF_ACTION": _whole(1),  # it always lands; it has no remote control, and no dead reckoning
+            "FS_THR_ENABLE": _whole(0),
+            "FS_DR_ENABLE": _whole(0),
             "FRAME_CLASS": _whole(1),
             "FRAME_TYPE": _whole(1),
             "MAV_GCS_SYSID": _whole(255),  # whose silence counts
@@ -82,11 +94,23 @@ PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
             "MPC_LAND_SPEED": _bound("land_m_s"),
             "NAV_ACC_RAD": _bound("acceptance_radius_m"),
             "RTL_RETURN_ALT": _bound("return_height_m"),
+            "RTL_CONE_ANG": _whole(45),
+            "RTL_DESCEND_ALT": MockParameter(30.0),
+            "RTL_LAND_DELAY": MockParameter(0.0),  # below 0: it waits there
+            "RTL_MIN_DIST": MockParameter(10.0),
+            "RTL_TYPE": _whole(0),  # 1: safe points before home; the others count as 0
             "BAT_CRIT_THR": MockParameter(0.07),
             "BAT_EMERGEN_THR": MockParameter(0.05),
             "BAT_LOW_THR": MockParameter(0.15),
             "COM_DL_LOSS_T": _whole(10),
             "COM_HOME_EN": _whole(1),
+            "COM_FAIL_ACT_T": MockParameter(5.0),  # it holds for this long before it returns or lands
+            "COM_DLL_EXCEPT": _whole(0),
+            "COM_FLTT_LOW_ACT": _whole(0),  # these four, and NAV_RCL_ACT: it has no such failsafes
+            "COM_POS_LOW_ACT": _whole(0),
+            "COM_RCL_EXCEPT": _whole(0),
+            "COM_WIND_MAX_ACT": _whole(0),
+            "NAV_RCL_ACT": _whole(0),
             "COM_LOW_BAT_ACT": _whole(0),  # 0 warn, 2 land, 3 return, land when nearly empty
             "GF_ACTION": _whole(2),  # 0 none, 1 warn, 2 hold, 3 return, 5 land
             "GF_MAX_HOR_DIST": MockParameter(0.0),  # 0: no limit

@@ -116,6 +116,8 @@ class PlannerSettings:
         waypoint_price: cost of every waypoint, in metres of path or in seconds (of hovering with "energy"). Default: 1 % of the
             radius that the sensor sees from the middle of the band, or its time at cruise speed; 0 for a sensor that looks from
             the waypoints.
+        rally: rally points of the mission. "home": home alone, at a safe height. "auto": also places to land where the
+            autopilot's own return home is not safe, as far as there are any.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -134,6 +136,7 @@ class PlannerSettings:
     objective: Objective | None = None
     band_deviation_price: float = 0.0
     waypoint_price: float | None = None
+    rally: Literal["home", "auto"] = "home"
 
     def __post_init__(self) -> None:
         require(self.population_size >= 20, f"population_size: {self.population_size} is below 20")

@@ -7,12 +7,17 @@ from typing import Any
 import numpy as np
 import shapely
 
+from uavcover.errors import UavcoverError
 from uavcover.judging.verify import Verdict
 from uavcover.kernels.arrays import FloatArray
+from uavcover.model.route import Route
 from uavcover.model.verdict import Gap
 from uavcover.report.cell_layers import REASON_WORDS, Bounds, cell_layers, cells_bounds_m, data_uri, photo_layers
 from uavcover.report.content import Flight, ReportContent
 from uavcover.report.plots import flight_style
+from uavcover.routes.failsafe_states import IN_PLACE
+from uavcover.routes.mission_compiler import compile_mission
+from uavcover.routes.return_advice import flight_states
 from uavcover.run.photo_verdict import PhotoVerdict, footprints_m
 from uavcover.scenario.airspace.zone_lines import zone_lines_m
 from uavcover.scenario.airspace.zones import Zone
@@ -67,6 +72,7 @@ def map_data(content: ReportContent) -> dict[str, Any]:
         "tracks": [_track(flight, number) for number, flight in enumerate(content.flights)],
         "gaps": [] if verdict is None else _gaps(verdict.report.gaps),
         "violations": [] if verdict is None else _violations(verdict, content.flights),
+        "unsafeReturns": _unsafe_returns(site, content.sorties_m or (content.planned.route.waypoints_m,)),
         "surface": _surface(site, bounds),
     }
 
@@ -88,7 +94,7 @@ def photo_map_data(verdict: PhotoVerdict) -> dict[str, Any]:
         "area": [rounded(ring) for ring in rings_of(site.area)],
         "drawn": [rounded(ring) for ring in rings_of(area_as_drawn(site))] if site.scenario.area.margin_m > 0.0 else [],
         "fence": [], "obstacles": [], "noFly": [], "home": None, "plan": [], "planHeights": [], "sorties": [], "tracks": [],
-        "violations": [], "background": None,
+        "violations": [], "unsafeReturns": [], "background": None,
         "cellBounds": rounded(np.array(cells_bounds_m(verdict.coverage))),
         "cells": [_layer(layer) for layer in photo_layers(verdict)],
         "pictures": {"planned": [], "flown": rounded(eyes), "unknown": 0},
@@ -216,6 +222,31 @@ def _violations(verdict: Verdict, flights: Sequence[Flight]) -> list[dict[str, A
         }
         for v in verdict.report.violations
     ]
+
+
+def _unsafe_returns(site: Site, routes_m: Sequence[FloatArray]) -> list[dict[str, Any]]:
+    """Parts of the flights from where the autopilot's own return is not safe; none where there is no mission."""
+    found = []
+    for route_m in routes_m:
+        try:
+            compiled = compile_mission(site, Route(route_m), autopilot=site.scenario.vehicle.autopilot)
+        except UavcoverError:
+            continue  # the report says elsewhere that there is no mission
+        advice = compiled.return_advice
+        states = flight_states(site, compiled.path_m, begin_s=compiled.own_returns.begin_s)
+        away = [one for one in advice.unsafe if one.destination != IN_PLACE]
+        for one, words in zip(away, advice.sentences, strict=True):
+            inside = (states.times_s >= one.begin_s) & (states.times_s <= one.end_s)
+            points = states.places_m[inside, :2]
+            found.append(
+                {
+                    "points": rounded(points[:: drawn_every(len(points))]),
+                    "east": round(one.place_m[0], 1),
+                    "north": round(one.place_m[1], 1),
+                    "words": words,
+                }
+            )
+    return found
 
 
 def _surface(site: Site, bounds: Bounds) -> dict[str, Any]:

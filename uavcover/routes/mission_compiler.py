@@ -20,7 +20,7 @@ from mission_io.autopilots import autopilot as autopilots
 from mission_io.autopilots.autopilot import MissionList, items_of, mission_type_of
 from mission_io.autopilots.checks import check_for_autopilot
 from mission_io.model.actions import PointGimbal, PointMount, StartPictures, TakePicture, item_of
-from mission_io.model.areas import Fence, FramedPoint, RallyPoints
+from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.items import (
     Frame,
     GeoPoint,
@@ -43,10 +43,10 @@ from uavcover.routes.corner_checks import find_corner_problems
 from uavcover.routes.energy import FlightEnergy, battery_in_words, battery_used_s, longest_flight_in_words, usable_s
 from uavcover.routes.fence import fence_of
 from uavcover.routes.leg_checks import find_problems
+from uavcover.routes.rally_proposal import returns_and_rally
+from uavcover.routes.return_advice import OwnReturns, ReturnAdvice
 from uavcover.routes.transit import (
-    ReturnAdvice,
     check_column,
-    check_straight_return,
     check_transit,
     check_way_home,
     check_way_there,
@@ -131,13 +131,14 @@ class CompiledMission:
     Attributes:
         mission: home and items.
         fence: one inclusion polygon, then its holes and no-fly zones as exclusions.
-        rally: home at a safe height; empty when no safe height is known.
+        rally: home at a safe height, unless none is known; then proposed points, where the scenario asks for them.
         first_waypoint_item: index in ``mission.items`` of the first planned waypoint.
         waypoint_count: how many planned waypoints there are from it on.
         items_per_waypoint: how many items each of them takes, itself first.
         path_m: (k, 3) ENU: top of the column at home (or the vehicle's position), transit, planned waypoints, transit home,
             top of the column.
-        return_advice: whether the autopilot's own return is safe.
+        own_returns: judges the autopilot's own returns by a vehicle's parameters.
+        return_advice: whether they are safe by what the scenario says.
         max_height_above_home_m: highest point of the whole path above home: what the autopilot's maximum altitude must allow.
         flight_time_s: of the whole path, take-off and landing included.
         battery_used: share of a full battery, in the worst of the winds that it is planned for; none without an endurance.
@@ -152,6 +153,7 @@ class CompiledMission:
     waypoint_count: int
     items_per_waypoint: int
     path_m: FloatArray
+    own_returns: OwnReturns
     return_advice: ReturnAdvice
     max_height_above_home_m: float
     flight_time_s: float
@@ -294,8 +296,15 @@ def _compiled(
             f"the flight{before} uses {battery_in_words(site, before_s + used_s)}; ask for less coverage (--select), plan a "
             "smaller area, or fly in less wind"
         )
-    advice = check_straight_return(site, path, first_waypoint=len(there_m) - 1, waypoint_count=len(planned))
-    fence, rally = fence_of(site, frame, path), _rally(frame, home, advice)
+    returns, advice = returns_and_rally(
+        site,
+        path,
+        first_waypoint=len(there_m) - 1,
+        waypoint_count=len(planned),
+        autopilot=autopilot,
+        begin_s=begin.time_s,
+    )
+    fence, rally = fence_of(site, frame, path), RallyPoints(returns.rally)
     for content in (mission, fence.fence, rally):
         _check_autopilot(content, AUTOPILOTS[autopilot], item_limit=vehicle.max_mission_items)
     return CompiledMission(
@@ -306,6 +315,7 @@ def _compiled(
         waypoint_count=len(planned),
         items_per_waypoint=items_per_waypoint(sensor),
         path_m=path,
+        own_returns=returns,
         return_advice=advice,
         zones_in_fence=fence.zones,
         zones_left_out=fence.left_out,
@@ -370,14 +380,6 @@ def _geo_point(frame: LocalFrame, point_m: FloatArray) -> GeoPoint:
 def _home_point(frame: LocalFrame, home_m: FloatArray) -> GeoPoint:
     home = _geo_point(frame, home_m)
     return dataclasses.replace(home, alt_amsl_m=round(home.alt_amsl_m, _HEIGHT_DECIMALS))
-
-
-def _rally(frame: LocalFrame, home_m: FloatArray, advice: ReturnAdvice) -> RallyPoints:
-    if not math.isfinite(advice.safe_return_height_m):
-        return RallyPoints(())
-    place = _geo_point(frame, home_m)
-    height = max(advice.return_height_m, math.ceil(advice.safe_return_height_m))
-    return RallyPoints((FramedPoint(place.lat_deg, place.lon_deg, float(height), Frame.ABOVE_HOME),))
 
 
 def _place(point_m: FloatArray) -> tuple[float, float, float]:

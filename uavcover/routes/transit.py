@@ -1,16 +1,13 @@
-"""Transit legs between the column above home and the planned route, and the autopilot's own return."""
+"""Transit legs between the column above home and the planned route."""
 
 import dataclasses
 import math
-from dataclasses import dataclass
 
 import numpy as np
 import shapely
 
 from uavcover.errors import InfeasibleError, InputError
-from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.kernels.coverage import sample_path
-from uavcover.kernels.obstacle_breach import tops_near_m
+from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.route import follow_terrain
 from uavcover.routes.leg_checks import LegProblem, find_problems
 from uavcover.scenario.airspace.flyable import transit_area, transit_area_between_walls
@@ -30,31 +27,6 @@ _ASIDE, _ALONG = (0.1, -0.1, 0.2, -0.2, 0.4, -0.4, 0.8, -0.8), (0.5, 0.3, 0.7, 0
 
 _COLUMN_M = 0.1
 """Legs with less horizontal distance than this are vertical columns, exempt from the climb limit."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReturnAdvice:
-    """Whether the autopilot's own return, straight home at one height, is safe from every waypoint.
-
-    Checked from everywhere along the legs, not only from waypoints: a ridge can lie between home and the middle of a leg.
-
-    Attributes:
-        return_height_m: height above home that was checked.
-        unsafe_waypoints: numbers of the planned waypoints from which, or from the leg to which, the return is unsafe. The
-            transit counts as the leg to waypoint 0, the transit home as part of the last waypoint.
-        worst_clearance_m: lowest point of all straight lines above ground; NaN where ground is unknown.
-        safe_return_height_m: height above home from which every straight line keeps the transit clearance; infinite where
-            ground is unknown.
-        no_fly: names of the no-fly zones that straight lines enter.
-        no_fly_waypoints: numbers of the waypoints from which they do, as ``unsafe_waypoints``.
-    """
-
-    return_height_m: float
-    unsafe_waypoints: tuple[int, ...]
-    worst_clearance_m: float
-    safe_return_height_m: float
-    no_fly: tuple[str, ...] = ()
-    no_fly_waypoints: tuple[int, ...] = ()
 
 
 def frame_and_home(site: Site) -> tuple[LocalFrame, FloatArray]:
@@ -292,103 +264,3 @@ def refuse(what: str, problems: list[LegProblem]) -> None:
     if problems:
         more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
         raise InfeasibleError(f"{what}: {problems[0]}{more}")
-
-
-def check_straight_return(site: Site, path_m: FloatArray, *, first_waypoint: int, waypoint_count: int) -> ReturnAdvice:
-    """Check the autopilot's own return from everywhere along a path: climb to the return height, then straight home.
-
-    Args:
-        site: the scenario on its ground.
-        path_m: (k, 3) ENU, the whole flight between the columns above home.
-        first_waypoint: row of the first planned waypoint in it.
-        waypoint_count: how many planned waypoints follow.
-    """
-    _, home = frame_and_home(site)
-    height = site.scenario.vehicle.return_height_m
-    clearance = site.scenario.limits.transit_clearance_m
-    # Routes of one Pareto set share many legs.
-    known_legs: dict[bytes, _ReturnFromLeg] = site.derived.setdefault("returns from legs", {})
-    legs = []
-    for row in range(len(path_m)):
-        leg_m = np.ascontiguousarray(path_m[max(row - 1, 0) : row + 1])
-        key = leg_m.tobytes()
-        if key not in known_legs:
-            known_legs[key] = _return_from(site, leg_m, home)
-        legs.append(known_legs[key])
-    lowest = np.array([leg.lowest_m for leg in legs])
-    through = np.array([bool(leg.zones) for leg in legs])
-    entered = set[str]().union(*(leg.zones for leg in legs))
-    highest_ground = float(np.max([leg.highest_ground_m for leg in legs], initial=-np.inf))
-
-    def waypoints(rows: BoolArray) -> tuple[int, ...]:
-        numbers = np.unique(np.clip(np.flatnonzero(rows) - first_waypoint, 0, waypoint_count - 1))
-        return tuple(int(k) for k in numbers)
-
-    known = math.isfinite(highest_ground)
-    safe_up_m = highest_ground + clearance
-    # At a different height, the ground along plumb lines lies slightly aside.
-    safe_up_m += site.ground.lean_error_m(abs(safe_up_m - float(home[2]) - height)) if known else 0.0
-    return ReturnAdvice(
-        return_height_m=height,
-        unsafe_waypoints=waypoints(~(lowest >= clearance)),
-        worst_clearance_m=float(lowest.min()),
-        safe_return_height_m=max(0.0, safe_up_m - float(home[2])) if known else math.inf,
-        no_fly=tuple(sorted(entered)),
-        no_fly_waypoints=waypoints(through),
-    )
-
-
-@dataclass(frozen=True, slots=True)
-class _ReturnFromLeg:
-    """Of the straight returns from everywhere on a leg: lowest height above ground, highest ground, zones they enter."""
-
-    lowest_m: float
-    highest_ground_m: float
-    zones: frozenset[str]
-
-
-def _return_from(site: Site, leg_m: FloatArray, home_m: FloatArray) -> _ReturnFromLeg:
-    """The straight returns from a (2, 3) leg, or from a (1, 3) point."""
-    clearance = site.scenario.limits.transit_clearance_m
-    starts = sample_path(leg_m, min(_SAMPLE_SPACING_M, site.ground.surface.step_m))
-    ups = np.maximum(starts[:, 2], home_m[2] + site.scenario.vehicle.return_height_m)
-    clear = np.minimum(
-        _lowest_on_the_way_home_m(site, starts, ups, home_m), _clear_of_tops_m(site, starts, ups, home_m) + clearance
-    )
-    # On a level line, the lowest height above ground is over the highest ground.
-    highest_ground_m = float(np.max(ups - clear, initial=-np.inf))
-    lowest_m = float(np.min(clear, initial=np.inf))
-    return _ReturnFromLeg(lowest_m, highest_ground_m, frozenset(_zones_on_the_way_home(site, starts, ups, home_m)))
-
-
-def _zones_on_the_way_home(site: Site, starts_m: FloatArray, ups_m: FloatArray, home_m: FloatArray) -> set[str]:
-    """Names of the zones that level lines from above (n, 3) positions to the landing column enter."""
-    if not site.zones:
-        return set()
-    line = np.empty((2 * len(starts_m), 3))
-    line[0::2] = np.column_stack([starts_m[:, :2], ups_m])
-    line[1::2] = np.column_stack([np.tile(home_m[:2], (len(starts_m), 1)), ups_m])
-    returns = np.arange(len(line) - 1) % 2 == 0
-    return {site.zones[breach.zone].name for breach in site.flown_zones.leg_breaches(line, returns)}
-
-
-def _lowest_on_the_way_home_m(site: Site, starts_m: FloatArray, ups_m: FloatArray, home_m: FloatArray) -> FloatArray:
-    """(n,) lowest height above ground of level lines from above (n, 3) positions to the landing column; NaN if unknown."""
-    to_home = home_m[:2] - starts_m[:, :2]
-    distance = np.hypot(to_home[:, 0], to_home[:, 1])
-    # The last metres belong to the landing column.
-    share = np.maximum(0.0, 1.0 - site.scenario.vehicle.acceptance_radius_m / np.maximum(distance, 1e-9))
-    ends = starts_m[:, :2] + share[:, None] * to_home
-    # One line of 2 n points back and forth: every second leg is one return.
-    line = np.empty((2 * len(starts_m), 3))
-    line[0::2] = np.column_stack([starts_m[:, :2], ups_m])
-    line[1::2] = np.column_stack([ends, ups_m])
-    return site.ground.leg_height_ranges_m(line)[0::2, 0]
-
-
-def _clear_of_tops_m(site: Site, starts_m: FloatArray, ups_m: FloatArray, home_m: FloatArray) -> FloatArray:
-    """(n,) excess clearance of the same lines over obstacles; infinite where there is none, negative if too low."""
-    lines = np.hstack([starts_m[:, :2], np.tile(home_m[:2], (len(starts_m), 1))])
-    limits = site.scenario.obstacles
-    tops = tops_near_m(site.ground.surface.obstacles, np.ascontiguousarray(lines), limits.clearance_beside_m)
-    return np.asarray(ups_m - tops - limits.clearance_above_m)

@@ -8,7 +8,7 @@ from mission_io.autopilots.vehicle_types import VehicleKind, kind_of
 from mission_io.errors import FormatError
 from mission_io.formats import files, litchi, plan, wpml
 from mission_io.formats.text import text_from_bytes
-from mission_io.model.areas import Fence
+from mission_io.model.areas import Fence, FramedPoint
 from mission_io.model.enums import AutopilotId
 from mission_io.model.items import Command, Mission
 from uavcover.checking.aircraft import BANK_DEG, KINDS, Aircraft, Kind, default_aircraft, radius_of_bank_m
@@ -17,6 +17,7 @@ from uavcover.checking.fences import FenceSource
 from uavcover.checking.findings import CheckFinding
 from uavcover.checking.limits import Limits
 from uavcover.checking.obstacle_checks import with_obstacles
+from uavcover.checking.return_checks import OwnReturn
 from uavcover.errors import InputError, ScenarioError
 from uavcover.intake.vehicles import VehicleType, vehicle_named
 from uavcover.model.active_times import window_of
@@ -52,6 +53,8 @@ class CheckQuery:
         elevation: the elevation data of the ground.
         surface: files of a surface model, with trees and roofs, that flights keep clear of too.
         fence: file of a fence, or of an area to stay inside; none: the mission file's own.
+        rally: file of rally points; none: the mission file's own.
+        parameters: file of the vehicle's parameters; none: the autopilot's defaults.
         no_fly: files of no-fly zones.
         flight_window_utc: when it is flown; none: at any time.
         vehicle: a vehicle by name; none: the autopilot's defaults.
@@ -74,6 +77,8 @@ class CheckQuery:
     elevation: ElevationData
     surface: tuple[str, ...] = ()
     fence: Path | None = None
+    rally: Path | None = None
+    parameters: Path | None = None
     no_fly: tuple[str, ...] = ()
     flight_window_utc: tuple[str, str] | None = None
     vehicle: str | None = None
@@ -124,6 +129,7 @@ class ReadMission:
         speed_m_s: likewise.
         points: of a route, the item that each of its points became.
         home: latitude and longitude of a home without a height, which is none to ``mission``.
+        rally: its rally points.
     """
 
     mission: Mission
@@ -135,6 +141,7 @@ class ReadMission:
     speed_m_s: float | None = None
     points: tuple[int, ...] = ()
     home: tuple[float, float] | None = None
+    rally: tuple[FramedPoint, ...] = ()
 
 
 def check(query: CheckQuery, user: User) -> CheckOutcome:
@@ -160,6 +167,10 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         mission=read.mission, aircraft=aircraft, limits=query.limits, home=home, pilot=query.pilot,
         fence=_read_fence(query.fence) if query.fence is not None else read.fence,
         obstacles=_read_obstacles(query.obstacles),
+        own_return=OwnReturn(
+            parameters={} if query.parameters is None else read_parameter_file(query.parameters),
+            rally=read.rally if query.rally is None else _read_rally(query.rally),
+        ),
     )  # fmt: skip
 
     def zones(near: Bounds) -> Sequence[NoFly]:
@@ -251,7 +262,7 @@ def read_mission_file(path: Path) -> ReadMission:
         fence = document.fence if document.fence != Fence() else None
         return ReadMission(
             document.mission, fence, _autopilot_of(document.mav_autopilot), _kind_of(document.vehicle_type, document.mission),
-            (*decoded.repairs, *document.repairs), home=_home_without_height(document),
+            (*decoded.repairs, *document.repairs), home=_home_without_height(document), rally=document.rally.points,
         )  # fmt: skip
     read = files.read_file(path)
     if read.mission is None:
@@ -327,6 +338,38 @@ def _read_obstacles(path: Path | None) -> tuple[Obstacle, ...]:
         return read_obstacles(path)
     except (ScenarioError, InputError) as error:
         raise InputError(f"--obstacles: {str(error).removeprefix('obstacles.file: ')}") from error
+
+
+def _read_rally(path: Path) -> tuple[FramedPoint, ...]:
+    read = files.read_file(path) if path.is_file() else None
+    if read is None or read.rally is None:
+        raise InputError(
+            f"--rally: {path}: {'no such file' if read is None else 'holds no rally points'}; give a rally file"
+        )
+    return read.rally.points
+
+
+def read_parameter_file(path: Path) -> dict[str, float]:
+    """The parameters of a file as ground stations save them: a name and a number a line, or QGroundControl's five columns.
+
+    Raises:
+        InputError: there is no such file, or a line is neither.
+    """
+    if not path.is_file():
+        raise InputError(f"--parameters: {path}: no such file; give a file of parameters as a ground station saves it")
+    found: dict[str, float] = {}
+    for number, line in enumerate(text_from_bytes(path.read_bytes()).text.splitlines(), 1):
+        words = line.split("#")[0].replace(",", " ").split()
+        if not words:
+            continue
+        name, value = (words[2], words[3]) if len(words) == 5 else (words[0], words[1] if len(words) == 2 else "")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise InputError(
+                f"--parameters: {path}: line {number}: {line.strip()!r} is not a name and a number"
+            ) from None
+    return found
 
 
 def _read_fence(path: Path) -> FenceSource:

@@ -20,8 +20,8 @@ from uavcover.model.terrain import RasterTerrain
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.energy import longest_flight_in_words
 from uavcover.routes.mission_compiler import CompiledMission
+from uavcover.routes.return_advice import ReturnAdvice
 from uavcover.routes.sorties import Sortie, compile_sorties
-from uavcover.routes.transit import ReturnAdvice
 from uavcover.run.file_group import settle
 from uavcover.run.folder import RunFolder
 from uavcover.run.mission import compile_plan, export_text

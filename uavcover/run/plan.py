@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from uavcover.errors import INTERRUPTED, InfeasibleError, InputError
 from uavcover.model.route import Plan, Route
@@ -58,6 +58,7 @@ class PlanRequest(SearchRequest):
         bounds_s: prove bounds for so long, after the search.
         waypoint_price: cost of every waypoint, in metres of path or in seconds, as the objective is.
         vehicles: how many fly at the same time.
+        rally: "home" or "auto".
     """
 
     scenario: str | Site
@@ -67,6 +68,7 @@ class PlanRequest(SearchRequest):
     bounds_s: float | None = None
     waypoint_price: float | None = None
     vehicles: int | None = None
+    rally: Literal["home", "auto"] | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -104,6 +106,9 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         site = site.minimising(waypoint_price=request.waypoint_price)
     if request.vehicles is not None:
         site = site.flown_by(request.vehicles)
+    if request.rally is not None:
+        planner = dataclasses.replace(site.scenario.planner, rally=request.rally)
+        site = dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, planner=planner))
     if request.autopilot is not None and site.scenario.vehicles:
         raise InputError("--autopilot: each [[vehicle]] has its own; leave it out")
     for own in part_sites(site) if groups_of(site.scenario) else vehicle_sites(site):

@@ -16,11 +16,13 @@ from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie
 from uavcover.run.documents import bounds_in_words
 from uavcover.run.folder import RunFolder
-from uavcover.run.user import User, metres, percent, to_paste
+from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map
 
+_MOST_RETURNS = 6
+"""Intervals of unsafe returns that are said on the console."""
 _SHOWN_ZONES = 6
 _NEARLY_ALL = 0.999
 _FLOWN_EXACTLY_M = 3.0
@@ -86,7 +88,7 @@ def say_older(user: User, older: RunFolder | None) -> None:
 
 
 def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, sorties: Sequence[Sortie]) -> None:
-    """Say which mission files there are, and where a straight return is not safe."""
+    """Say which mission files there are, and from where the autopilot's own return is not safe."""
     if compiled is not None:
         _say_return(user, compiled, "")
         user.say(f"written: {run.file('mission.waypoints')} and mission.plan, fence, rally, kml beside it")
@@ -238,25 +240,12 @@ def _say_return(user: User, compiled: CompiledMission, which: str) -> None:
             f"{which}no-fly zone {zone.name!r} ({zone.heights_in_words()}) is not in the uploaded fence: the mission passes over "
             "or under it, and a fence has neither floors nor ceilings"
         )
-    if advice.no_fly:
-        names = ", ".join(map(repr, advice.no_fly))
-        user.warn(
-            f"{which}a straight return enters no-fly zone {names} from some waypoints; let the mission fly home, or stop it with "
-            "Ctrl-C, which plans a way around"
-        )
-    if advice.unsafe_waypoints:
-        numbers = ", ".join(map(str, advice.unsafe_waypoints[:8])) + (
-            " ..." if len(advice.unsafe_waypoints) > 8 else ""
-        )
-        remedy = (
-            f"set the autopilot's return height to at least {advice.safe_return_height_m:.0f} m"
-            if math.isfinite(advice.safe_return_height_m)
-            else "some ground on the way is not known, so no height is"
-        )
-        user.warn(
-            f"{which}a straight return at {advice.return_height_m:.0f} m above home is not safe from waypoints {numbers} "
-            f"(lowest {metres(advice.worst_clearance_m)} above ground); {remedy}"
-        )
+    for line in advice.sentences[:_MOST_RETURNS]:
+        user.warn(f"{which}the autopilot's own return is not safe {line}")
+    if len(advice.sentences) > _MOST_RETURNS:
+        user.warn(f"{which}{len(advice.sentences) - _MOST_RETURNS} more such parts of the flight are in the report")
+    if advice.sentences:
+        user.warn(f"{which}{advice.remedy}")
 
 
 def figures_header(objective: Objective) -> str:

@@ -222,9 +222,10 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
         max_climb_m_s=site.scenario.vehicle.max_climb_m_s,
         max_descent_m_s=site.scenario.vehicle.max_descent_m_s,
         volume=_operating_volume(site, compiled),
+        returns=compiled.own_returns,
         needs=PlanNeeds(
             pace=pace_of(site),
-            return_height_m=site.scenario.vehicle.return_height_m,
+            return_height_m=compiled.return_advice.needed_height_m,
             fence=bool(compiled.fence.polygons or compiled.fence.circles),
             camera_turns=isinstance(sensor, FrameCamera) and sensor.heading_deg is None,
             longest_flight_s=site.scenario.vehicle.longest_flight_s,

@@ -20,7 +20,10 @@ from uavcover.run.provenance import note_files
 from uavcover.run.session import Connected, VehicleLink, check_home, connect, require_home
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
+from uavcover.vehicle.flight_plan import FlightTimeouts
 from uavcover.vehicle.modes import require_multirotor
+from uavcover.vehicle.own_returns import read_return_parameters, return_warnings
+from uavcover.vehicle.session import Session
 
 
 def upload(
@@ -118,6 +121,11 @@ def send_and_compare(
     note_files(run, "upload", [UPLOAD_FILE], command=sys.argv)
     for result in results:
         say_comparison(user, result)
+    session = Session(
+        vehicle.client, vehicle.monitor, timeouts=FlightTimeouts(), on_event=lambda _: None, stop=lambda: 0
+    )
+    for words in return_warnings(compiled.own_returns.advice(read_return_parameters(session))):
+        user.warn(words)
     user.say(
         f"set the autopilot's maximum height to at least {document['autopilot_max_height_above_home_m']:.0f} m above home "
         "(fence items carry no height)"

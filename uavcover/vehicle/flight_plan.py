@@ -12,6 +12,7 @@ from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import Pace
 from uavcover.model.vehicle import Vehicle
+from uavcover.routes.return_advice import OwnReturns
 from uavcover.scenario.frames import LocalFrame
 from uavcover.vehicle.ground_contact import GroundAt
 
@@ -79,6 +80,7 @@ class FlightPlan:
         needs: what else the plan assumes, for the table of limits before arming; None skips the table.
         items_per_waypoint: how many items each planned waypoint takes: itself, then commands that are carried out there.
         volume: ground, fence and height band to check positions against in flight; None skips the check.
+        returns: judges the vehicle's own returns by its parameters; None skips the check.
     """
 
     mission: Mission
@@ -96,6 +98,7 @@ class FlightPlan:
     volume: OperatingVolume | None = None
     needs: PlanNeeds | None = None
     items_per_waypoint: int = 1
+    returns: OwnReturns | None = None
 
     @property
     def _end_item(self) -> int:

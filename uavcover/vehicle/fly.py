@@ -1,7 +1,7 @@
 """Flies a mission: get ready, check, arm, start, follow, record, land; or return along checked legs when the user stops it."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from mission_io.errors import MissionIoError, TransferSilentError, VehicleSilentError
@@ -24,6 +24,7 @@ from uavcover.vehicle.follow import follow_mission
 from uavcover.vehicle.modes import Mode, custom_mode, require_multirotor
 from uavcover.vehicle.monitor import Monitor
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightFailedError, FlightFaultError, FlightOutcome
+from uavcover.vehicle.own_returns import tell_own_returns, tell_returns_by
 from uavcover.vehicle.precautions import USUAL, Precautions, require_answers, simulated_by
 from uavcover.vehicle.preconditions import Preconditions
 from uavcover.vehicle.progress import MissionProgress
@@ -189,6 +190,16 @@ class _Flight:
         self.session.on_breach = self.precautions.on_breach
         self.session.simulated = self.simulator is not None
 
+    def preconditions(self, plan: FlightPlan) -> Preconditions:
+        """What was checked, to be watched in flight; changes of the returns' parameters judge the returns again."""
+        session, returns = self.session, plan.returns
+
+        def returns_changed(parameters: Mapping[str, float]) -> None:
+            if returns is not None:
+                tell_returns_by(session, returns, parameters)
+
+        return Preconditions(session, plan, self.limits.values, returns_changed=returns_changed)
+
     def record(self, plan: FlightPlan) -> MissionProgress:
         """Record from the next position on, and count the planned waypoints."""
         session = self.session
@@ -303,7 +314,8 @@ def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn)
         check_mission(session, plan)
         flight.limits.put_back_older()
         flight.limits.check(plan)
-        preconditions = Preconditions(session, plan, flight.limits.values)
+        preconditions = flight.preconditions(plan)
+        tell_own_returns(session, plan.returns)
         _wait_for_clearance(session, flight.orders.clearance)
         _refuse_armed(session)
         flight.orders.on_begin()
@@ -348,7 +360,7 @@ def _from_the_air(flight: _Flight, plan_continuation: PlanContinuation, plan_ret
         plan = onward.plan
         check_home_position(session, plan)
         flight.limits.look(plan)
-        preconditions = Preconditions(session, plan, flight.limits.values)
+        preconditions = flight.preconditions(plan)
         if onward.upload:
             session.tell(EventKind.STAGE, "the rest of the mission is being sent")
             client = session.client

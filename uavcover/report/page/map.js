@@ -198,6 +198,17 @@ report.trackLook = ({ style }) => {
     key("violation", { r: 5, fill: "#b3261e", stroke: "#ffffff", "stroke-width": 1.5 });
   }
 
+  if (data.unsafeReturns.length) {
+    overlays[`Unsafe return (${data.unsafeReturns.length})`] = L.layerGroup(data.unsafeReturns.flatMap((part) => {
+      const words = () => popup("unsafe return", [["why", part.words], ["worst", placeWords(part.east, part.north)]]);
+      return [
+        L.polyline(part.points.map((p) => [p[1], p[0]]), { color: "#b3261e", weight: 7, opacity: 0.55, className: "unsafe-return" }).bindPopup(words),
+        L.circleMarker([part.north, part.east], { pane: "above", radius: 6, color: "#b3261e", weight: 2, fillColor: "#fff", fillOpacity: 1 }).bindPopup(words),
+      ];
+    }));
+    key("from here the autopilot's own return is not safe", { r: 5, fill: "none", stroke: "#b3261e", "stroke-width": 3 });
+  }
+
   // One picture of the cells at a time; the relief lies under all of them.
   const grounds = {};
   const cellLayers = data.cells.map((layer) => {

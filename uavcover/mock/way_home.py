@@ -1,0 +1,161 @@
+"""The mock vehicle's own return: ArduCopter's RTL mode and PX4's Return mode, by the vehicle's parameters.
+
+It shares no code with ``uavcover/routes/failsafe_path.py``, which predicts returns: a flight on the mock tests the prediction.
+"""
+
+import math
+
+from mission_io.model.items import Command, Frame, MissionItem, MissionType
+from uavcover.mock.dynamics import Vector
+from uavcover.mock.guidance import Speeds
+from uavcover.mock.itinerary import Step, StepKind, halting_point
+from uavcover.mock.state import MockState
+
+_TERRAIN_STEP_M = 30.0
+_SETTLED_M = 0.2
+_RALLY_FRAMES = {
+    "ardupilot": (Frame.AMSL, Frame.ABOVE_HOME, Frame.ABOVE_TERRAIN),
+    "px4": (Frame.AMSL, Frame.ABOVE_HOME),
+}
+
+
+def return_steps(
+    state: MockState, speeds: Speeds, *, seq: int | None = None, begin: Vector | None = None
+) -> list[Step]:
+    """The steps of a return.
+
+    Args:
+        state: of the vehicle.
+        speeds: to fly at.
+        seq: mission item that asks for it.
+        begin: where it begins, at rest; none: here, at the present speed.
+    """
+    if state.is_ardupilot:
+        return _rtl(state, speeds, seq, begin)
+    return _return_mode(state, speeds, seq, begin)
+
+
+def _rtl(state: MockState, speeds: Speeds, seq: int | None, begin: Vector | None) -> list[Step]:
+    get, home = state.parameters, state.body.home_m
+    here = state.body.believed.position_m if begin is None else begin
+    rest = halting_point(state.body.believed) if begin is None else begin
+    rally = _copters_rally_point(state, here)
+    there = home if rally is None else rally
+    above_home = here[2] - home[2]
+    lowest = max(0.3, above_home + max(0.0, get["RTL_CLIMB_MIN"] / 100.0))
+    steps: list[Step] = []
+    if begin is None:
+        (vx, vy, _), pull = state.body.believed.velocity_m_s, state.body.point.airframe.max_acceleration_m_s2
+        steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=math.hypot(vx, vy) / pull))
+    if get["RTL_SPEED"] > 0.0:
+        speeds = Speeds(get["RTL_SPEED"] / 100.0, speeds.climb_m_s, speeds.descent_m_s)
+    if get["RTL_ALT_TYPE"] == 1.0 and get["TERRAIN_ENABLE"]:
+        steps += _over_terrain(state, speeds, seq, (here, rest, there))
+    else:
+        height = max(there[2] - home[2], get["RTL_ALT"] / 100.0, lowest)
+        if get["RTL_CONE_SLOPE"] >= 0.5:
+            away = math.dist(rest[:2], there[:2])
+            height = min(height, max(away * get["RTL_CONE_SLOPE"], lowest))
+        height = max(min(height, state.fence.highest_m), above_home)
+        top = (rest[0], rest[1], home[2] + height)
+        steps.append(Step(seq, StepKind.CLIMB, speeds, top))
+        steps.append(Step(seq, StepKind.LEVEL, speeds, (there[0], there[1], top[2])))
+    steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=get["RTL_LOIT_TIME"] / 1000.0))
+    if get["RTL_ALT_FINAL"] > 0.0:  # above home, wherever the rally point is
+        end = (there[0], there[1], home[2] + get["RTL_ALT_FINAL"] / 100.0)
+        steps.append(Step(seq, StepKind.GO, speeds, end, _SETTLED_M))
+    else:
+        steps.append(Step(seq, StepKind.DESCEND, speeds))
+    return steps
+
+
+def _over_terrain(state: MockState, speeds: Speeds, seq: int | None, way: tuple[Vector, Vector, Vector]) -> list[Step]:
+    get, (here, rest, there) = state.parameters, way
+    height = here[2] - _ground_m(state, here[0], here[1])
+    lowest = max(0.3, height + max(0.0, get["RTL_CLIMB_MIN"] / 100.0))
+    wanted = max(there[2] - _ground_m(state, there[0], there[1]), get["RTL_ALT"] / 100.0, lowest)
+    length = math.dist(rest[:2], there[:2])
+    if get["RTL_CONE_SLOPE"] >= 0.5:
+        wanted = min(wanted, max(length * get["RTL_CONE_SLOPE"], lowest))
+    pieces = max(1, math.ceil(length / _TERRAIN_STEP_M))
+    steps = []
+    for k in range(pieces + 1):
+        east, north = (a + k / pieces * (b - a) for a, b in zip(rest[:2], there[:2], strict=True))
+        up = _ground_m(state, east, north) + wanted
+        steps.append(Step(seq, StepKind.GO, speeds, (east, north, up), 1.0))
+    return steps
+
+
+def _return_mode(state: MockState, speeds: Speeds, seq: int | None, begin: Vector | None) -> list[Step]:
+    get = state.parameters
+    here = state.body.believed.position_m if begin is None else begin
+    there = _safe_point(state, here)
+    highest = there[2] + get["RTL_RETURN_ALT"]
+    up = max(here[2], highest)
+    if get["RTL_CONE_ANG"] > 0.0:
+        up = max(here[2], min(highest, _cone_m(state, here, there)))
+    steps = []
+    if up > here[2]:
+        steps.append(Step(seq, StepKind.GO, speeds, (here[0], here[1], up), _SETTLED_M))
+    steps.append(Step(seq, StepKind.GO, speeds, (there[0], there[1], up)))
+    if get["RTL_LAND_DELAY"] != 0.0:
+        waits = min(there[2] + get["RTL_DESCEND_ALT"], up)
+        steps.append(Step(seq, StepKind.GO, speeds, (there[0], there[1], waits), _SETTLED_M))
+        delay = get["RTL_LAND_DELAY"]
+        steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=delay if delay > 0.0 else math.inf))
+    steps.append(Step(seq, StepKind.DESCEND, speeds))
+    return steps
+
+
+def _cone_m(state: MockState, here: Vector, there: Vector) -> float:
+    """Up to where PX4's cone lets it climb."""
+    get, away, accept = state.parameters, math.dist(here[:2], there[:2]), state.settings.acceptance_radius_m
+    if away <= accept:
+        return there[2] + 2.0 * away
+    up = there[2] + get["RTL_RETURN_ALT"]
+    if away <= get["RTL_MIN_DIST"]:
+        up = min(up, there[2] + away / math.tan(math.radians(max(1.0, min(89.0, get["RTL_CONE_ANG"])))))
+    return max(up, there[2] + 2.0 * accept)
+
+
+def _rally_points(state: MockState) -> list[Vector]:
+    frames = _RALLY_FRAMES["ardupilot" if state.is_ardupilot else "px4"]
+    items = state.missions.items(MissionType.RALLY)
+    return [state.place(item) for item in items if item.command == Command.NAV_RALLY_POINT and _is_usable(item, frames)]
+
+
+def _is_usable(item: MissionItem, frames: tuple[Frame, ...]) -> bool:
+    return item.frame in frames and (item.lat_deg, item.lon_deg) != (0.0, 0.0)
+
+
+def _copters_rally_point(state: MockState, here: Vector) -> Vector | None:
+    """The nearest rally point inside its fence, unless it is too far, or home is as near."""
+    get = state.parameters
+    inside = [point for point in _rally_points(state) if state.fence.allows(point)]
+    nearest = min(inside, key=lambda point: math.dist(point[:2], here[:2]), default=None)
+    if nearest is None:
+        return None
+    away = math.dist(nearest[:2], here[:2])
+    if 0.0 < get["RALLY_LIMIT_KM"] * 1000.0 < away:
+        return None
+    if get["RALLY_INCL_HOME"] and away >= math.dist(state.body.home_m[:2], here[:2]):
+        return None
+    return nearest
+
+
+def _safe_point(state: MockState, here: Vector) -> Vector:
+    """PX4's destination: home, or a safe point that is nearer."""
+    home = state.body.home_m
+    best, least = home, math.dist(here[:2], home[:2])
+    if state.parameters["RTL_TYPE"] == 1.0:
+        least = math.inf
+    for point in _rally_points(state):
+        away = math.dist(here[:2], point[:2])
+        if math.dist(home[:2], point[:2]) > 10.0 and away + 2.0 < least:
+            best, least = point, away
+    return best
+
+
+def _ground_m(state: MockState, east: float, north: float) -> float:
+    at = state.body.geodetic_of((east, north, 0.0))
+    return state.body.ground_alt_amsl_m(at.lat_deg, at.lon_deg) - state.body.frame.alt_amsl_m
