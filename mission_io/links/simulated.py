@@ -117,6 +117,10 @@ def _damaged(data: bytes, rng: Random) -> bytes:
     return bytes(damaged)
 
 
+_BUFFERED: Final = 270
+"""Datagrams that a UDP socket keeps by default on Linux: 208 KiB, in which each small one takes 768 bytes."""
+
+
 class SimulatedLink:
     """A link to ``peer`` through bad conditions, on a clock of its own."""
 
@@ -131,11 +135,26 @@ class SimulatedLink:
         self._order = itertools.count()
         self._arrived: deque[bytes] = deque()
         self._closed = False
+        self._dark_until_s = -math.inf
 
     @property
     def clock(self) -> Clock:
         """The simulated clock that this link moves on."""
         return self._clock
+
+    def go_dark(self, seconds: float) -> None:
+        """Lose every datagram that is sent from now on, both ways, for some seconds."""
+        self._dark_until_s = self._clock.now() + seconds
+
+    def stand_still(self, seconds: float) -> None:
+        """Let time pass as while this side's process is stopped: its buffer keeps the oldest datagrams and loses the rest."""
+        kept, until_s = list(self._arrived), self._clock.now() + seconds
+        self._arrived.clear()
+        while (left_s := until_s - self._clock.now()) > 0.0:
+            data = self.receive(left_s)
+            if data is not None and len(kept) < _BUFFERED:
+                kept.append(data)
+        self._arrived.extend(kept)
 
     def send(self, data: bytes) -> None:
         """Send one datagram to the peer."""
@@ -182,6 +201,8 @@ class SimulatedLink:
             self._dispatch(data, to_peer=False)
 
     def _dispatch(self, data: bytes, *, to_peer: bool) -> None:
+        if self._clock.now() < self._dark_until_s:
+            return
         direction = self._to_peer if to_peer else self._from_peer
         for arrival, copy in direction.arrivals(data, self._clock.now()):
             heapq.heappush(self._in_flight, (arrival, next(self._order), to_peer, copy))

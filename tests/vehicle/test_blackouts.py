@@ -9,12 +9,10 @@ from mission_io.links.simulated import Conditions
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
-from tests.vehicle.dark import DarkPeer, FreezingLink
 from tests.vehicle.scene import FRAME, HOME, Scene, make_scene, mission, plan_for
 from uavcover.mock.dynamics import BatteryData
 from uavcover.vehicle.flight_plan import FlightTimeouts, OperatingVolume
 from uavcover.vehicle.modes import Mode
-from uavcover.vehicle.monitor import open_vehicle
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightFailedError
 from uavcover.vehicle.precautions import OnBreach, Precautions
 
@@ -34,10 +32,15 @@ STEERING = frozenset(
 class Witness:
     """Reads every datagram of ours, and notes the commands that steer, with the vehicle's true mode at that moment."""
 
-    def __init__(self, scene: Scene, link: FreezingLink) -> None:
+    def __init__(self, scene: Scene) -> None:
         self._scene, self._codec = scene, Codec(system_id=1, component_id=1)
         self.steered: list[tuple[float, int, Mode]] = []
-        link.on_send = self._read
+        self._send = scene.link.send
+        scene.link.send = self._listen  # type: ignore[method-assign]
+
+    def _listen(self, data: bytes) -> None:
+        self._read(data)
+        self._send(data)
 
     def _read(self, data: bytes) -> None:
         for received in self._codec.decode(data):
@@ -54,18 +57,15 @@ class Witness:
         return [row for row in self.steered if row[2] in (Mode.RETURN, Mode.LAND)]
 
 
-def dark_scene(autopilot, *, speed: float = 1.0, **options) -> tuple[Scene, DarkPeer, FreezingLink, Witness]:
-    scene = make_scene(autopilot, speed=speed, make_peer=lambda v, s: DarkPeer(v, speed=s), **options)
-    link = FreezingLink(scene.link)
-    scene.client, scene.monitor = open_vehicle(link)
-    witness = Witness(scene, link)
+def dark_scene(autopilot, **options) -> tuple[Scene, Witness]:
+    scene = make_scene(autopilot, **options)
+    witness = Witness(scene)
     name, timeout = ("FS_GCS_ENABLE", None) if autopilot is ARDUPILOT else ("NAV_DLL_ACT", "COM_DL_LOSS_T")
     scene.vehicle.parameters.put(name, 1.0 if autopilot is ARDUPILOT else 2.0)
     if timeout:
         scene.vehicle.parameters.put(timeout, 5.0)
     scene.upload(mission())
-    assert isinstance(scene.peer, DarkPeer)
-    return scene, scene.peer, link, witness
+    return scene, witness
 
 
 def fly_with(scene: Scene, disturb: Callable[[], None], *, at_waypoint: int, on_breach: OnBreach = OnBreach.HOLD):
@@ -93,8 +93,8 @@ def fly_with(scene: Scene, disturb: Callable[[], None], *, at_waypoint: int, on_
 @pytest.mark.parametrize("at_waypoint", [0, 1, 3])
 @pytest.mark.parametrize("on_breach", [OnBreach.HOLD, OnBreach.RETURN])
 def test_a_failsafe_return_is_never_interrupted_after_a_blackout(autopilot, seconds, at_waypoint, on_breach):
-    scene, peer, _, witness = dark_scene(autopilot, battery=BatteryData(endurance_s=900.0))
-    outcome, text = fly_with(scene, lambda: peer.go_dark(seconds), at_waypoint=at_waypoint, on_breach=on_breach)
+    scene, witness = dark_scene(autopilot, battery=BatteryData(endurance_s=900.0))
+    outcome, text = fly_with(scene, lambda: scene.link.go_dark(seconds), at_waypoint=at_waypoint, on_breach=on_breach)
     assert witness.against == []
     assert outcome.ending in (Ending.LINK_LOST, Ending.LANDED), text
     assert not scene.vehicle.armed
@@ -105,8 +105,8 @@ def test_a_failsafe_return_is_never_interrupted_after_a_blackout(autopilot, seco
 @AUTOPILOTS
 @pytest.mark.parametrize("seconds", [5.0, 20.0, 60.0])
 def test_a_process_that_stood_still_believes_no_old_datagram(autopilot, seconds):
-    scene, _, link, witness = dark_scene(autopilot, battery=BatteryData(endurance_s=900.0))
-    outcome, text = fly_with(scene, lambda: link.freeze(seconds), at_waypoint=1)
+    scene, witness = dark_scene(autopilot, battery=BatteryData(endurance_s=900.0))
+    outcome, text = fly_with(scene, lambda: scene.link.stand_still(seconds), at_waypoint=1)
     assert witness.against == []
     assert outcome.ending in (Ending.LINK_LOST, Ending.LANDED), text
 
@@ -114,22 +114,22 @@ def test_a_process_that_stood_still_believes_no_old_datagram(autopilot, seconds)
 @AUTOPILOTS
 @pytest.mark.parametrize("seed", range(3))
 def test_late_and_reordered_datagrams_after_a_blackout(autopilot, seed):
-    scene, peer, _, witness = dark_scene(
+    scene, witness = dark_scene(
         autopilot, seed=seed, conditions=Conditions(delay_s=0.1, jitter_s=0.8, loss=0.05, duplication=0.1),
         battery=BatteryData(endurance_s=900.0),
     )  # fmt: skip
-    outcome, text = fly_with(scene, lambda: peer.go_dark(25.0), at_waypoint=1)
+    outcome, text = fly_with(scene, lambda: scene.link.go_dark(25.0), at_waypoint=1)
     assert witness.against == []
     assert outcome.ending is Ending.LINK_LOST, text
 
 
 @AUTOPILOTS
 def test_a_pilot_who_took_over_in_the_dark_keeps_the_vehicle(autopilot):
-    scene, peer, _, witness = dark_scene(autopilot, battery=BatteryData(endurance_s=900.0))
+    scene, witness = dark_scene(autopilot, battery=BatteryData(endurance_s=900.0))
     scene.vehicle.parameters.put("FS_GCS_ENABLE" if autopilot is ARDUPILOT else "NAV_DLL_ACT", 0.0)
 
     def take_over() -> None:
-        peer.go_dark(10.0)
+        scene.link.go_dark(10.0)
         scene.vehicle.control.set_mode(Mode.LAND)
 
     outcome, _ = fly_with(scene, take_over, at_waypoint=1)
