@@ -8,7 +8,7 @@ import math
 import re
 from collections import deque
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from mission_io.model.enums import AutopilotId, EkfFlag
@@ -80,13 +80,15 @@ class Sign:
         cause: what it speaks for.
         text: what was reported, for people.
         at_s: when, on the link's clock.
-        time_s: vehicle time; None where it is not known.
+        time_s: vehicle time when it began; None where that is not known.
+        seen_s: vehicle time when it was seen last; None where that is not known.
     """
 
     cause: Ending
     text: str
     at_s: float
     time_s: float | None
+    seen_s: float | None
 
     def __str__(self) -> str:
         """For people."""
@@ -167,11 +169,10 @@ class Causes:
         """What the vehicle most likely reacts to, by its own words and state; None without evidence.
 
         Args:
-            within_s: how old evidence may be, in seconds of the link's clock.
+            within_s: how old evidence may be, in seconds of vehicle time where that is known, else of the link's clock.
             among: the causes that count; None for all.
         """
-        now = self._client.clock.now()
-        signs = [sign for sign in (*self._signs, *self._lasting.values()) if now - sign.at_s <= within_s]
+        signs = [sign for sign in (*self._signs, *self._lasting.values()) if self._age_s(sign) <= within_s]
         for cause, _ in _WORDS:
             found = [sign for sign in signs if sign.cause is cause and (among is None or cause in among)]
             if found:
@@ -208,6 +209,13 @@ class Causes:
         text = "no failsafe is reported: a pilot or another ground station changed the mode"
         return Cause(Ending.PILOT_TOOK_OVER, text, (text,))
 
+    def _age_s(self, sign: Sign) -> float:
+        """Since it was seen last; a simulated vehicle's time may pass a hundred times as fast as the link's."""
+        now_s = self._monitor.time_s
+        if now_s is None or sign.seen_s is None:
+            return self._client.clock.now() - sign.at_s
+        return now_s - sign.seen_s
+
     def _look_for_jump(self) -> None:
         before, here = self._before, self._monitor.latest(m.GlobalPositionInt)
         self._before = here
@@ -221,18 +229,17 @@ class Causes:
             self._note(Ending.GPS_LOST, f"its position jumped by {jump_m:.0f} m")
 
     def _sign(self, cause: Ending, text: str) -> Sign:
-        return Sign(cause, text, self._client.clock.now(), self._monitor.time_s)
+        now_s = self._monitor.time_s
+        return Sign(cause, text, self._client.clock.now(), now_s, now_s)
 
     def _note(self, cause: Ending, text: str) -> None:
         self._signs.append(self._sign(cause, text))
 
     def _last(self, cause: Ending, text: str) -> None:
         """Note a state that lasts: its beginning is kept, and that it is still so."""
-        known, now = self._lasting.get(cause), self._client.clock.now()
-        begun_s = self._monitor.time_s
-        if known is not None and known.text == text and now - known.at_s <= _WITHIN_S:
-            begun_s = known.time_s
-        self._lasting[cause] = Sign(cause, text, now, begun_s)
+        known, seen = self._lasting.get(cause), self._sign(cause, text)
+        lasts = known is not None and known.text == text and self._age_s(known) <= _WITHIN_S
+        self._lasting[cause] = replace(seen, time_s=known.time_s) if lasts and known is not None else seen
 
 
 _ACTED_ON = (
