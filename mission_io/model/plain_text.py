@@ -4,6 +4,7 @@ A STATUSTEXT with escape sequences clears the pilot's screen, a name with a bidi
 a line feed forges a line of ours. Text from a link is cleaned as it is decoded; text from files where it leaves the program.
 """
 
+import json
 import re
 from collections.abc import Mapping
 from typing import Any
@@ -36,6 +37,16 @@ def plain_text(text: str) -> str:
 def plain_lines(text: str) -> str:
     """The same for text of several lines, which keeps its line feeds and tabs."""
     return "\n".join("\t".join(map(plain_text, line.split("\t"))) for line in text.split("\n"))
+
+
+def escaped_json(text: str) -> str:
+    """The same JSON with escapes in place of what a terminal must not be shown raw; line feeds between values stay."""
+    return text if text.isascii() else _HOSTILE.sub(_escape, text)
+
+
+def _escape(found: re.Match[str]) -> str:
+    character = found[0]
+    return character if character in "\t\n\r" else json.dumps(character)[1:-1]
 
 
 def plain_values(value: Any) -> Any:

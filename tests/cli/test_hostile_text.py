@@ -75,7 +75,7 @@ def test_texts_of_a_vehicle_are_harmless_wherever_they_go(
     assert control_characters(page) <= {"\n", "\t"}
 
 
-@pytest.mark.parametrize("text", TOGETHER)
+@pytest.mark.parametrize("text", TOGETHER, ids=["a", "b", "c"])
 def test_names_of_areas_are_harmless(cli: Cli, tmp_path: Path, text: str) -> None:
     bad_inputs.prepare(tmp_path)
     document = json.loads(written.geojson(tmp_path / "area.geojson", square_parts(bad_inputs.AT) * 2).read_text())
@@ -90,7 +90,7 @@ def test_names_of_areas_are_harmless(cli: Cli, tmp_path: Path, text: str) -> Non
     (tmp_path / "s.toml").unlink(missing_ok=True)
 
 
-@pytest.mark.parametrize("text", TOGETHER)
+@pytest.mark.parametrize("text", TOGETHER, ids=["a", "b", "c"])
 def test_names_in_missions_are_harmless(cli: Cli, tmp_path: Path, text: str) -> None:
     file = mission(tmp_path, *GOOD, name=f"m{text.replace(chr(0), '')}.waypoints".replace("/", ""))
     assert_harmless(cli("check", file, "--dem", DEM, "--return-height", "70m"))
@@ -107,7 +107,7 @@ def test_names_in_missions_are_harmless(cli: Cli, tmp_path: Path, text: str) -> 
     assert_harmless(cli("check", tmp_path / "m.plan", "--dem", DEM))
 
 
-@pytest.mark.parametrize("text", TOGETHER)
+@pytest.mark.parametrize("text", TOGETHER, ids=["a", "b", "c"])
 def test_scenarios_are_harmless(cli: Cli, tmp_path: Path, text: str) -> None:
     good = Path("uavcover/scenarios/jacksboro.toml").read_text(encoding="utf-8")
     line = next(line for line in good.splitlines() if line.startswith("name"))

@@ -1,11 +1,12 @@
 """Text that arrives over a link is harmless wherever it is shown, whatever message carries it."""
 
+import json
 import random
 import unicodedata
 
 import pytest
 
-from mission_io.model.plain_text import plain_lines, plain_text, plain_values
+from mission_io.model.plain_text import escaped_json, plain_lines, plain_text, plain_values
 from mission_io.wire.codec import Codec
 from mission_io.wire.framing import mavlink2_frame
 from mission_io.wire.message_table import ROWS
@@ -57,6 +58,14 @@ def test_hostile_text_becomes_plain(text):
     assert plain_text(shown) == shown
     assert control_characters(plain_lines(text)) <= {"\n", "\t"}
     assert plain_values({text: [text, 1, {"a": (text,)}]}) == {shown: [shown, 1, {"a": [shown]}]}
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_json_keeps_hostile_text_in_escapes(text):
+    document = {"name": text, "ü": [text]}
+    shown = escaped_json(json.dumps(document, ensure_ascii=False, indent=1))
+    assert control_characters(shown) <= {"\n"}
+    assert json.loads(shown) == document
 
 
 @pytest.mark.parametrize("text", ["Überflug 50 m²", "日本語 测试", "नमस्ते", "Ω ≤ 20°", "🛩 42", ""])

@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from mission_io.model.plain_text import escaped_json
 from uavcover.errors import InputError, OutputError
 from uavcover.run.file_group import change_together, is_unsettled, settle, write_file, writing
 
@@ -208,13 +209,13 @@ def write_text(path: Path, text: str) -> None:
 
 
 def json_text(document: dict[str, Any]) -> str:
-    """JSON for people and programs: two spaces, numbers unrounded, NaN and infinity as null."""
-    return json.dumps(_without_nan(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    """JSON for people and programs: two spaces, numbers unrounded, NaN and infinity as null, no control character raw."""
+    return escaped_json(json.dumps(_without_nan(document), indent=2, ensure_ascii=False, allow_nan=False)) + "\n"
 
 
 def json_line(document: dict[str, Any]) -> str:
     """The same on one line, without its end."""
-    return json.dumps(_without_nan(document), ensure_ascii=False, allow_nan=False)
+    return escaped_json(json.dumps(_without_nan(document), ensure_ascii=False, allow_nan=False))
 
 
 def _without_nan(value: Any) -> Any:
