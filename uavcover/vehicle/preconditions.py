@@ -22,7 +22,7 @@ from uavcover.vehicle.applied_limits import numbers
 from uavcover.vehicle.flight_plan import FlightPlan
 from uavcover.vehicle.limit_table import HOME_SLACK_M, limit_table
 from uavcover.vehicle.mission_guard import ListReading
-from uavcover.vehicle.outcome import Ending, EventKind
+from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
 from uavcover.vehicle.parameter_rules import Limit, Weight, parameter_table
 from uavcover.vehicle.session import Session, Timer
 
@@ -81,9 +81,20 @@ class Preconditions:
         self._home.look()
         self._settings.look()
         self._look_at_ids()
-        off = self._fence_off_text()
         for one in self._lists:
             one.look(meanwhile)
+        self._tell_lists()
+
+    def look_once_more(self) -> None:
+        """After the landing: a list that was changed in the last minute is one, too."""
+        for one in self._lists:
+            if not self._session.watch.is_open(one.kind):
+                one.look_once_more()
+        self._tell_lists()
+
+    def _tell_lists(self) -> None:
+        off = self._fence_off_text()
+        for one in self._lists:
             text = (off if one.kind is Ending.FENCE_CHANGED else "") or one.text
             if text:
                 self._session.watch.open(one.kind, text)
@@ -348,12 +359,20 @@ class _ListWatch:
         if signs != self._signs:
             self._signs = signs
             self._reading.ask()
-        if not self._reading.due:
+        if self._reading.due:
+            self._read(self._reading)
+
+    def look_once_more(self) -> None:
+        """Read it after the landing; a vehicle that is switched off by then is not asked."""
+        if self._reading is not None:
+            with contextlib.suppress(FlightFaultError):
+                self._read(self._reading)
+
+    def _read(self, reading: ListReading) -> None:
+        difference = reading.difference()
+        if reading.asked:  # it could not be read
             return
-        difference = self._reading.difference()
-        if self._reading.asked:  # it could not be read
-            return
-        text = "" if difference is None else self._told(difference, self._reading.held)
+        text = "" if difference is None else self._told(difference, reading.held)
         if text != self.text:
             self.text = text
             self._returns_changed()
