@@ -386,40 +386,30 @@ class _ListWatch:
             return f"{text}; it has no fence any more"
         outside_m = _outside_m(held, self._plan.frame, rest_of_legs(self._plan, self._session))
         if outside_m > 0.0:
-            return f"{text}; the rest of the mission leads {outside_m:.0f} m out of it: the vehicle would break it off"
+            return f"{text}; the rest of the mission leads {outside_m:.0f} m out of it: a fence in force breaks it off there"
         return f"{text}; the rest of the mission stays inside of it"
 
 
 def _outside_m(items: tuple[MissionItem, ...], frame: LocalFrame, legs_m: list[FloatArray]) -> float:
-    """How far the legs lead out of a fence, or into one of its exclusions."""
+    """How far the legs lead out of a fence, or how long they are inside of its exclusions."""
     fence = fence_from_items(items)
 
     def east_north(lat_deg: float, lon_deg: float) -> tuple[float, float]:
         east, north, _ = frame.enu_from_geodetic(lat_deg, lon_deg, frame.alt_amsl_m)[0].tolist()
         return east, north
 
-    shapes = [
-        (polygon.inclusion, shapely.Polygon([east_north(v.lat_deg, v.lon_deg) for v in polygon.vertices]).buffer(0.0))
-        for polygon in fence.polygons
-    ]
-    shapes += [
-        (
-            circle.inclusion,
-            shapely.Point(east_north(circle.center.lat_deg, circle.center.lon_deg)).buffer(circle.radius_m),
-        )
-        for circle in fence.circles
-    ]
-    inside = shapely.union_all([shape for inclusion, shape in shapes if inclusion])
-    outside_m = 0.0
+    kept = [shapely.Polygon([east_north(v.lat_deg, v.lon_deg) for v in one.vertices]) for one in fence.polygons]
+    kept += [shapely.Point(east_north(c.center.lat_deg, c.center.lon_deg)).buffer(c.radius_m) for c in fence.circles]
+    inclusions = [one.inclusion for one in fence.polygons] + [one.inclusion for one in fence.circles]
+    shapes = [(shape.buffer(0.0), inclusion) for shape, inclusion in zip(kept, inclusions, strict=True)]
+    inside = shapely.union_all([shape for shape, inclusion in shapes if inclusion])
+    outside = shapely.union_all([shape for shape, inclusion in shapes if not inclusion])
+    distances_m = [0.0]
     for leg in legs_m:
-        line = shapely.LineString(leg[:, :2])
-        if not inside.is_empty:
-            outside_m = max(outside_m, float(np.max(shapely.distance(inside, shapely.points(leg[:, :2])))))
-        for inclusion, shape in shapes:
-            if not inclusion:
-                part = line.intersection(shape)
-                outside_m = max(outside_m, part.hausdorff_distance(shape.boundary) if not part.is_empty else 0.0)
-    return float(outside_m)
+        ends = [shapely.Point(place) for place in leg[:, :2].tolist()]
+        distances_m += [] if inside.is_empty else [float(inside.distance(end)) for end in ends]
+        distances_m.append(float(shapely.LineString(ends).intersection(outside).length))
+    return max(distances_m)
 
 
 def _point(message: m.HomePosition | m.GpsGlobalOrigin) -> GeoPoint:
