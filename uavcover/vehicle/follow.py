@@ -102,6 +102,8 @@ def follow_mission(
     follower.settle()
     progress.update()
     guard.look_once_more()
+    if preconditions is not None:
+        preconditions.look_once_more()
     _judge(session, plan, progress, follower)
     session.tell(EventKind.STAGE, "disarmed")
 

@@ -66,7 +66,8 @@ def require_answers(client: VehicleClient) -> None:
                 client.send(m.ParamRequestRead(vehicle.system_id, vehicle.component_id, name))
         for received in client.poll(0.1):
             ours = (received.system_id, received.component_id) == (vehicle.system_id, vehicle.component_id)
-            if ours and isinstance(received.message, m.ParamValue):
+            # It also broadcasts parameters that it changes by itself, such as its running time.
+            if ours and isinstance(received.message, m.ParamValue) and received.message.name in _GCS_PARAMETERS:
                 return
     if client.heartbeat_age_s < _ANSWER_S:
         own = client.local.system_id

@@ -22,7 +22,7 @@ from uavcover.vehicle.applied_limits import numbers
 from uavcover.vehicle.flight_plan import FlightPlan
 from uavcover.vehicle.limit_table import HOME_SLACK_M, limit_table
 from uavcover.vehicle.mission_guard import ListReading
-from uavcover.vehicle.outcome import Ending, EventKind
+from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
 from uavcover.vehicle.parameter_rules import Limit, Weight, parameter_table
 from uavcover.vehicle.session import Session, Timer
 
@@ -81,9 +81,20 @@ class Preconditions:
         self._home.look()
         self._settings.look()
         self._look_at_ids()
-        off = self._fence_off_text()
         for one in self._lists:
             one.look(meanwhile)
+        self._tell_lists()
+
+    def look_once_more(self) -> None:
+        """After the landing: a list that was changed in the last minute is one, too."""
+        for one in self._lists:
+            if not self._session.watch.is_open(one.kind):
+                one.look_once_more()
+        self._tell_lists()
+
+    def _tell_lists(self) -> None:
+        off = self._fence_off_text()
+        for one in self._lists:
             text = (off if one.kind is Ending.FENCE_CHANGED else "") or one.text
             if text:
                 self._session.watch.open(one.kind, text)
@@ -348,12 +359,20 @@ class _ListWatch:
         if signs != self._signs:
             self._signs = signs
             self._reading.ask()
-        if not self._reading.due:
+        if self._reading.due:
+            self._read(self._reading)
+
+    def look_once_more(self) -> None:
+        """Read it after the landing; a vehicle that is switched off by then is not asked."""
+        if self._reading is not None:
+            with contextlib.suppress(FlightFaultError):
+                self._read(self._reading)
+
+    def _read(self, reading: ListReading) -> None:
+        difference = reading.difference()
+        if reading.asked:  # it could not be read
             return
-        difference = self._reading.difference()
-        if self._reading.asked:  # it could not be read
-            return
-        text = "" if difference is None else self._told(difference, self._reading.held)
+        text = "" if difference is None else self._told(difference, reading.held)
         if text != self.text:
             self.text = text
             self._returns_changed()
@@ -367,40 +386,30 @@ class _ListWatch:
             return f"{text}; it has no fence any more"
         outside_m = _outside_m(held, self._plan.frame, rest_of_legs(self._plan, self._session))
         if outside_m > 0.0:
-            return f"{text}; the rest of the mission leads {outside_m:.0f} m out of it: the vehicle would break it off"
+            return f"{text}; the rest of the mission leads {outside_m:.0f} m out of it: a fence in force breaks it off there"
         return f"{text}; the rest of the mission stays inside of it"
 
 
 def _outside_m(items: tuple[MissionItem, ...], frame: LocalFrame, legs_m: list[FloatArray]) -> float:
-    """How far the legs lead out of a fence, or into one of its exclusions."""
+    """How far the legs lead out of a fence, or how long they are inside of its exclusions."""
     fence = fence_from_items(items)
 
     def east_north(lat_deg: float, lon_deg: float) -> tuple[float, float]:
         east, north, _ = frame.enu_from_geodetic(lat_deg, lon_deg, frame.alt_amsl_m)[0].tolist()
         return east, north
 
-    shapes = [
-        (polygon.inclusion, shapely.Polygon([east_north(v.lat_deg, v.lon_deg) for v in polygon.vertices]).buffer(0.0))
-        for polygon in fence.polygons
-    ]
-    shapes += [
-        (
-            circle.inclusion,
-            shapely.Point(east_north(circle.center.lat_deg, circle.center.lon_deg)).buffer(circle.radius_m),
-        )
-        for circle in fence.circles
-    ]
-    inside = shapely.union_all([shape for inclusion, shape in shapes if inclusion])
-    outside_m = 0.0
+    kept = [shapely.Polygon([east_north(v.lat_deg, v.lon_deg) for v in one.vertices]) for one in fence.polygons]
+    kept += [shapely.Point(east_north(c.center.lat_deg, c.center.lon_deg)).buffer(c.radius_m) for c in fence.circles]
+    inclusions = [one.inclusion for one in fence.polygons] + [one.inclusion for one in fence.circles]
+    shapes = [(shape.buffer(0.0), inclusion) for shape, inclusion in zip(kept, inclusions, strict=True)]
+    inside = shapely.union_all([shape for shape, inclusion in shapes if inclusion])
+    outside = shapely.union_all([shape for shape, inclusion in shapes if not inclusion])
+    distances_m = [0.0]
     for leg in legs_m:
-        line = shapely.LineString(leg[:, :2])
-        if not inside.is_empty:
-            outside_m = max(outside_m, float(np.max(shapely.distance(inside, shapely.points(leg[:, :2])))))
-        for inclusion, shape in shapes:
-            if not inclusion:
-                part = line.intersection(shape)
-                outside_m = max(outside_m, part.hausdorff_distance(shape.boundary) if not part.is_empty else 0.0)
-    return float(outside_m)
+        ends = [shapely.Point(place) for place in leg[:, :2].tolist()]
+        distances_m += [] if inside.is_empty else [float(inside.distance(end)) for end in ends]
+        distances_m.append(float(shapely.LineString(ends).intersection(outside).length))
+    return max(distances_m)
 
 
 def _point(message: m.HomePosition | m.GpsGlobalOrigin) -> GeoPoint:
