@@ -2,15 +2,15 @@
 
 Usage: .venv/bin/python scripts/disturbed_flights.py [-o docs/results/safety.md] [--flights 300] [--seed 0] [--tlogs FOLDER]
 
-Everything happens in this process on simulated clocks: a mock vehicle (ArduPilot or PX4), a link, and ``uavcover.run.session.fly``
-over the bundled scenario. Two disturbances of different kinds are drawn for each flight, each with its moment, the failsafes that
-are enabled, and ``--on-breach``. What is required of each flight:
+Everything happens in this process on simulated clocks: a mock vehicle (ArduPilot or PX4), a link, and
+``uavcover.run.session.fly`` over the bundled scenario. Two disturbances of different kinds are drawn for each flight, each with
+its moment, the failsafes that are enabled, and ``--on-breach``. What is required of each flight:
 
 - it ends in a name that one of its disturbances, or a good flight, may have; never in another error;
-- pymavlink alone reads the .tlog of the flight: every command of ours that steers the vehicle follows heartbeats that show it in a
-  mode that we commanded, with no gap of 2 s between them and the command;
-- the true mode of the vehicle, noted beside, is never a failsafe's or a pilot's when such a command is sent, but for the second and
-  a half that a heartbeat and its way may take.
+- pymavlink alone reads the .tlog of the flight: every command of ours that steers the vehicle follows heartbeats that show it in
+  a mode that we commanded, with no gap of 2 s between them and the command;
+- the true mode of the vehicle, noted beside, is never a failsafe's or a pilot's when such a command is sent, but for the second
+  and a half that a heartbeat and its way may take.
 
 Flights whose row is in the .csv already are not flown again. Exit 1 when something of this is not so.
 """
@@ -145,7 +145,10 @@ KINDS: dict[str, Kind] = {
     "gps-glitch": Kind(_fault("gps-glitch", 20.0, 120.0), frozenset({Ending.GPS_LOST, *_OFF})),
     "wind": Kind(_fault("strong-wind", 15.0, 28.0), frozenset({Ending.WIND_ABOVE_LIMITS, Ending.STUCK, Ending.CRASHED, *_OFF})),
     "motor": Kind(_fault("motor-failure", 0.0, 0.0), frozenset({Ending.CRASHED})),
-    "battery": Kind(_fault("battery-failsafe", 0.0, 0.0), frozenset({Ending.BATTERY_FAILSAFE, Ending.RESERVE_USED, Ending.CRASHED, Ending.BATTERY_LOW})),
+    "battery": Kind(
+        _fault("battery-failsafe", 0.0, 0.0),
+        frozenset({Ending.BATTERY_FAILSAFE, Ending.RESERVE_USED, Ending.CRASHED, Ending.BATTERY_LOW}),
+    ),
     "mission-lowered": Kind(_fault("mission-lowered", 5.0, 30.0), frozenset({Ending.MISSION_CHANGED})),
     "mission-changed": Kind(_fault("mission-changed", 0.0, 0.0), frozenset({Ending.MISSION_CHANGED})),
     "item-set-back": Kind(_fault("item-set-back", 0.0, 0.0), frozenset({Ending.MISSION_CHANGED})),
@@ -374,9 +377,7 @@ def kept_rows(path: Path) -> list[Row]:
 def main() -> int:
     """Fly, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument(
-        "-o", "--output", type=file_to_write, default=None, help="the page; the CSV lands beside it"
-    )
+    parser.add_argument("-o", "--output", type=file_to_write, default=None, help="the page; the CSV lands beside it")
     parser.add_argument("--flights", type=int, default=300)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--tlogs", type=Path, default=None, help="folder that keeps the telemetry logs")
@@ -404,10 +405,10 @@ def summary(rows: Sequence[Row]) -> str:
     """The result in words."""
     endings = Counter(row.ending for row in rows)
     return (
-        f"{len(rows)} flights with two disturbances each: {sum(not row.named for row in rows)} ended in a name that none of their "
-        f"disturbances may have; {sum(row.commands for row in rows)} steering commands in the air, "
-        f"{sum(row.unproved for row in rows)} without current evidence in the .tlog, {sum(row.against for row in rows)} against a "
-        f"failsafe or a pilot. Endings: {', '.join(f'{name} {count}' for name, count in endings.most_common())}."
+        f"{len(rows)} flights with two disturbances each: {sum(not row.named for row in rows)} ended in a name that none of "
+        f"their disturbances may have; {sum(row.commands for row in rows)} steering commands in the air, "
+        f"{sum(row.unproved for row in rows)} without current evidence in the .tlog, {sum(row.against for row in rows)} "
+        f"against a failsafe or a pilot. Endings: {', '.join(f'{name} {count}' for name, count in endings.most_common())}."
     )
 
 
