@@ -19,7 +19,7 @@ from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightOutco
 from uavcover.vehicle.precautions import OnBreach
 
 _AWAY_M = ((0.0, 30.0), (0.0, 500.0), (40.0, 500.0))
-_FAILSAFE_S, _THEN_DARK_S = 20.0, 4.0
+_FAILSAFE_S, _THEN_DARK_S = {"ardupilot": 20.0, "px4": 5.0}, 4.0
 """The failsafe's time-out in ``matrix.toml``, and for how long after it the link stays dark."""
 _BAND_M = (HEIGHT_M - 8.0, HEIGHT_M + 8.0)
 _ASIDE_M = 93.0
@@ -88,8 +88,10 @@ def strong_wind(case: Case) -> Finding:
 
 def blackout(case: Case) -> Finding:
     """The link is dark, both ways, while the vehicle returns by its failsafe, above the height band; then it is back."""
-    link_speed = 1.0 if case.vehicle.inject is not None else case.speed  # the mock counts silence on the link's clock
-    on_breach, dark_s = OnBreach.HOLD, _FAILSAFE_S / link_speed + _THEN_DARK_S
+    # Simulated ArduCopter counts silence in vehicle time; PX4 multiplies its time-out by the speed, as the mock does.
+    in_vehicle_time = case.autopilot == "ardupilot" and case.vehicle.inject is None
+    failsafe_s = _FAILSAFE_S[case.autopilot] / (case.speed if in_vehicle_time else 1.0)
+    on_breach, dark_s = OnBreach.HOLD, failsafe_s + _THEN_DARK_S
     dark: list[int] = []
     with Relay(case.vehicle.url, seed=case.seed) as relay, case.station(relay.url) as station:
 
