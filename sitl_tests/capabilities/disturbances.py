@@ -19,7 +19,7 @@ from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightOutco
 from uavcover.vehicle.precautions import OnBreach
 
 _AWAY_M = ((0.0, 30.0), (0.0, 500.0), (40.0, 500.0))
-_FAILSAFE_S, _THEN_DARK_S = {"ardupilot": 20.0, "px4": 5.0}, 4.0
+_FAILSAFE_S, _THEN_DARK_S = {"ardupilot": 20.0, "px4": 10.0}, 4.0
 """The failsafe's time-out in ``matrix.toml``, and for how long after it the link stays dark."""
 _BAND_M = (HEIGHT_M - 8.0, HEIGHT_M + 8.0)
 _ASIDE_M = 93.0

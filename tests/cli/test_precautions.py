@@ -55,11 +55,11 @@ def test_without_a_terminal_it_needs_yes(tmp_path, monkeypatch, capsys):
     assert precautions(tmp_path, agreed=True).agree("RTL_ALT 1500 -> 6000") is True
 
 
-def test_on_breach_knows_three_words():
-    assert [options.on_breach(word) for word in ("tell", "hold", "return")] == list(OnBreach)
+def test_on_breach_knows_four_words():
+    assert [options.on_breach(word) for word in ("tell", "hold", "return", "land")] == list(OnBreach)
     assert options.on_breach(None) is None
-    with pytest.raises(InputError, match="--on-breach: 'land' is none of tell, hold, return"):
-        options.on_breach("land")
+    with pytest.raises(InputError, match="--on-breach: 'fly' is none of tell, hold, return, land"):
+        options.on_breach("fly")
 
 
 def test_the_file_is_plain_json(tmp_path):

@@ -13,6 +13,7 @@ from mission_io import SigningKey
 from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.client.client import Client
+from mission_io.errors import TransferSilentError, VehicleSilentError
 from mission_io.links.opening import Link, open_link
 from mission_io.links.shared import SharedLink
 from mission_io.links.telemetry_log import LoggedLink
@@ -159,10 +160,14 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
         if site is not None:
             require_multirotor(client)
             answer_from_site(client, site)
-        require_answers(client)
+            require_answers(client)
         monitor.listen_to(vehicle.address)
         own: AutopilotName = "px4" if vehicle.autopilot is AUTOPILOTS["px4"] else "ardupilot"
-        yield Connected(client, monitor, own, link, at.url)
+        try:
+            yield Connected(client, monitor, own, link, at.url)
+        except (VehicleSilentError, TransferSilentError):
+            require_answers(client)  # a vehicle that answers nothing at all has a reason of its own
+            raise
 
 
 def _open_mavsdk(link: Link, own_system: int) -> tuple[Client, Monitor]:
