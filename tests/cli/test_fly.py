@@ -77,10 +77,11 @@ def test_total_link_loss_at_speed_is_found(cli: Cli, planned: Path) -> None:
     """Time synchronisation got through an outage, so that a vehicle faster than real time was never silent."""
     with mock_vehicle("--speed", 30, "--fault", "link-outage:8@20s") as (port, _):
         url = upload(cli, planned, port)
-        ended = cli("fly", planned, "--to", url, "--deadman", 0.5, "--link-lost", 2, "--json")
+        ended = cli("fly", planned, "--to", url, "--deadman", 0.5, "--link-lost", 2)
     assert ended.code == 3
-    assert ended.document["ending"] == "link_lost"
-    assert "nothing from vehicle 1 for 2" in ended.document["error"]
+    assert json.loads((planned / "run.json").read_text())["flight"]["ending"] == "link_lost"
+    assert "nothing from vehicle 1 for 2" in ended.error
+    assert "to the end: link_lost: nothing from vehicle 1 for" in ended.out
 
 
 def upload(cli: Cli, run: Path, port: int) -> str:

@@ -151,7 +151,7 @@ class FlightLog:
 
     def _show_line(self, sample: TrackSample) -> None:
         """Show what the vehicle does, twice a second."""
-        flown_s, now = self._flown_s(sample.time_s), self._vehicle.client.clock.now()
+        flown_s, now = self.flown_s(sample.time_s), self._vehicle.client.clock.now()
         if flown_s is None or (
             now - self._line_at[0] < _LINE_EVERY_S and flown_s - self._line_at[1] < _LINE_EVERY_FLOWN_S
         ):
@@ -163,7 +163,7 @@ class FlightLog:
             _log.exception("the line of the flight ended")
             self._line_at = (math.inf, math.inf)
 
-    def _flown_s(self, time_s: float | None) -> float | None:
+    def flown_s(self, time_s: float | None) -> float | None:
         """Seconds since the take-off at a vehicle time; None before it."""
         if time_s is None:
             return None
@@ -201,7 +201,7 @@ class FlightLog:
             if event.alarm:
                 self._user.ring()
         else:
-            flown_s = self._flown_s(event.time_s)
+            flown_s = self.flown_s(event.time_s)
             self._user.say(f"  {'' if flown_s is None else f'{flown_s:.1f} s '}{event.text}")
 
     def close(self) -> None:

@@ -161,6 +161,7 @@ def record_flight(
             reserve.release()
             if log.begun:
                 _note_outcome(run, error.outcome, user)
+            _say_incidents(error.outcome, log, user)
             if log.sample_count:
                 user.say(f"kept: {log.sample_count} samples in {run.file('track.csv')}; fly --resume goes on with them")
             raise
@@ -175,6 +176,7 @@ def record_flight(
             _keep_recording(run, site, route, log, user)
     if log.begun:
         _note_outcome(run, outcome, user)
+    _say_incidents(outcome, log, user)
     if log.error is not None:
         raise log.error
     document = {
@@ -185,6 +187,16 @@ def record_flight(
     }
     user.say(f"{outcome.ending.value}: {outcome.sample_count} samples over {outcome.duration_s:.0f} s of flight")
     return outcome, document
+
+
+def _say_incidents(outcome: FlightOutcome, log: FlightLog, user: User) -> None:
+    """Print what went wrong, ridden out or not, each with its time since the take-off and its evidence."""
+    for incident in outcome.incidents:
+        begin_s, end_s = (None if at is None else log.flown_s(at) for at in (incident.begin_s, incident.end_s))
+        begin = "before the take-off" if begin_s is None else f"{begin_s:.0f} s"
+        end = "to the end" if incident.end_s is None else f"to {end_s:.0f} s" if end_s is not None else ""
+        evidence = "".join(f"; evidence: {sign}" for sign in incident.evidence if sign not in incident.text)
+        user.say(f"incident, {begin} {end}: {incident.kind.key}: {incident.text}{evidence}")
 
 
 def _utc_offset_s(vehicle: Connected) -> float:
