@@ -2,7 +2,8 @@
 
 Usage: .venv/bin/python -m scripts.fly_failsafes FOLDER [--mock 100] [--arducopter 20] [--px4 20] [--first 0]
 
-Leaves FOLDER/SIMULATOR-SEED.json for each flight and goes on where it was interrupted; then writes FOLDER/returns.csv and
+Leaves FOLDER/SIMULATOR-SEED.json and the track (.npz) of each flight and goes on where it was interrupted; without the .json a
+track is compared again, and not flown again. Then writes FOLDER/returns.csv and
 prints the table. Simulators fly over flat ground (docs/how-to/sitl.md names their variables): the path is compared there, and
 the flown track is held against the case's terrain as well. On the mock the terrain is real: it crashes where it hits it.
 """
@@ -152,19 +153,26 @@ def flown_row(name: str, seed: int, folder: Path) -> dict[str, Any]:
     """One flight's row: from its file, or flown now."""
     file = folder / f"{name}-{seed:03d}.json"
     if file.exists():
-        kept: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-        return kept
+        known: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        return known
     autopilot: AutopilotName = (
         ("ardupilot", "px4")[seed % 2] if name == "mock" else "px4" if name == "px4" else "ardupilot"
     )
     case = make_case(seed, autopilot, triggers=_TRIGGERS[name])
-    logs = folder / "logs" / f"{name}-{seed:03d}"
-    shutil.rmtree(logs, ignore_errors=True)  # of a flight that was interrupted
-    flown = fly_on_mock(case) if name == "mock" else fly_in_simulator(name, case, logs)
+    kept_track = folder / f"{name}-{seed:03d}.npz"
+    if kept_track.exists():
+        with np.load(kept_track) as kept:
+            east, north, up, v_east, v_north = (float(value) for value in kept["start"])
+            flown = Flown(
+                (east, north, up), (v_east, v_north), kept["track"], bool(kept["crashed"]), str(kept["version"])
+            )
+    else:
+        logs = folder / "logs" / f"{name}-{seed:03d}"
+        shutil.rmtree(logs, ignore_errors=True)  # of a flight that was interrupted
+        flown = fly_on_mock(case) if name == "mock" else fly_in_simulator(name, case, logs)
+        start = [*flown.place_m, *flown.velocity_m_s]
+        np.savez_compressed(kept_track, track=flown.track_m, start=start, crashed=flown.crashed, version=flown.version)
     compared = compare(case, flown, flat=name != "mock")
-    np.savez_compressed(
-        folder / f"{name}-{seed:03d}.npz", track=flown.track_m, start=[*flown.place_m, *flown.velocity_m_s]
-    )
     row = {
         "simulator": name, "seed": seed, "autopilot": autopilot, "trigger": case.trigger, "rally_points": len(case.rally),
         **{key: round(value, 2) if isinstance(value, float) else value for key, value in asdict(compared).items()},
