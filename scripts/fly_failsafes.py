@@ -2,7 +2,8 @@
 
 Usage: .venv/bin/python -m scripts.fly_failsafes FOLDER [--mock 100] [--arducopter 20] [--px4 20] [--first 0]
 
-Leaves FOLDER/SIMULATOR-SEED.json for each flight and goes on where it was interrupted; then writes FOLDER/returns.csv and
+Leaves FOLDER/SIMULATOR-SEED.json and the track (.npz) of each flight and goes on where it was interrupted; without the .json a
+track is compared again, and not flown again. Then writes FOLDER/returns.csv and
 prints the table. Simulators fly over flat ground (docs/how-to/sitl.md names their variables): the path is compared there, and
 the flown track is held against the case's terrain as well. On the mock the terrain is real: it crashes where it hits it.
 """
@@ -22,7 +23,9 @@ from typing import Any, Final
 
 import numpy as np
 
+from mission_io.client.commands import mode_params
 from mission_io.errors import CommandRefusedError
+from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from sitl_tests.case import Case, Station
 from sitl_tests.flying import Path as FlownPath
@@ -104,14 +107,13 @@ def _fly(
         within_s=60.0,
         what="its clock stands still",
     )
-    heard, begun = len(station.monitor.texts), len(path.enu_m) - 1
+    heard = len(station.monitor.texts)
     trigger()
     station.wait(
         lambda: station.client.vehicle.custom_mode != auto or _speaks(station, heard), within_s=60.0,
         what="no failsafe comes",
     )  # fmt: skip
-    if case.trigger in ("battery", "ground station"):  # these take their time
-        begun = len(path.enu_m) - 1
+    begun = len(path.enu_m) - 1
     velocity = np.diff(path.enu_m[begun - 2 : begun + 1 : 2], axis=0)[0] / (
         path.times_s[begun] - path.times_s[begun - 2]
     )
@@ -134,33 +136,43 @@ def _fly(
 
 def _speaks(station: Station, heard: int) -> bool:
     texts = list(station.monitor.texts)[heard:]
-    return any("failsafe" in text.text.lower() or text.text.startswith("RTL: start") for text in texts)
+    words = ("failsafe", "geofence", "fence breached", "rtl: start")
+    return any(word in text.text.lower() for text in texts for word in words)
 
 
 def _trigger(station: Station, case: FailsafeCase) -> None:
     for name, value in case.in_flight.items():
         station.client.set_parameter(name, value)
     if case.trigger == "commanded":
-        station.client.set_mode(custom_mode(station.client.vehicle.autopilot, Mode.RETURN))
+        vehicle = station.client.vehicle
+        # Not set_mode, which waits for the next heartbeat: PX4's come once a second.
+        station.client.command(Command.DO_SET_MODE, *mode_params(vehicle, custom_mode(vehicle.autopilot, Mode.RETURN)))
 
 
 def flown_row(name: str, seed: int, folder: Path) -> dict[str, Any]:
     """One flight's row: from its file, or flown now."""
     file = folder / f"{name}-{seed:03d}.json"
     if file.exists():
-        kept: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
-        return kept
+        known: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
+        return known
     autopilot: AutopilotName = (
         ("ardupilot", "px4")[seed % 2] if name == "mock" else "px4" if name == "px4" else "ardupilot"
     )
     case = make_case(seed, autopilot, triggers=_TRIGGERS[name])
-    logs = folder / "logs" / f"{name}-{seed:03d}"
-    shutil.rmtree(logs, ignore_errors=True)  # of a flight that was interrupted
-    flown = fly_on_mock(case) if name == "mock" else fly_in_simulator(name, case, logs)
+    kept_track = folder / f"{name}-{seed:03d}.npz"
+    if kept_track.exists():
+        with np.load(kept_track) as kept:
+            east, north, up, v_east, v_north = (float(value) for value in kept["start"])
+            flown = Flown(
+                (east, north, up), (v_east, v_north), kept["track"], bool(kept["crashed"]), str(kept["version"])
+            )
+    else:
+        logs = folder / "logs" / f"{name}-{seed:03d}"
+        shutil.rmtree(logs, ignore_errors=True)  # of a flight that was interrupted
+        flown = fly_on_mock(case) if name == "mock" else fly_in_simulator(name, case, logs)
+        start = [*flown.place_m, *flown.velocity_m_s]
+        np.savez_compressed(kept_track, track=flown.track_m, start=start, crashed=flown.crashed, version=flown.version)
     compared = compare(case, flown, flat=name != "mock")
-    np.savez_compressed(
-        folder / f"{name}-{seed:03d}.npz", track=flown.track_m, start=[*flown.place_m, *flown.velocity_m_s]
-    )
     row = {
         "simulator": name, "seed": seed, "autopilot": autopilot, "trigger": case.trigger, "rally_points": len(case.rally),
         **{key: round(value, 2) if isinstance(value, float) else value for key, value in asdict(compared).items()},

@@ -291,10 +291,14 @@ class Compared:
 def compare(case: FailsafeCase, flown: Flown, *, flat: bool) -> Compared:
     """The prediction that is nearest to a flight; there are several where the autopilot's choice cannot be known.
 
-    Where two destinations are nearly as far, the way that it takes to stop decides: it is taken as shorter, too.
+    Where two destinations are nearly as far, the way that it takes to stop decides: it is taken as shorter, too. PX4 brakes from
+    the speed that it is set to fly, which after a corner is more than it has (``trajectory_setpoint`` in its log).
     """
     (vx, vy), found = flown.velocity_m_s, list[Compared]()
-    for share in (1.0, 0.6):
+    shares = [1.0, 0.6]
+    if case.autopilot == "px4":
+        shares.append(max(1.0, _SPEED_M_S / max(math.hypot(vx, vy), 1.0)))
+    for share in shares:
         ways = predicted(case, flown.place_m, (share * vx, share * vy), flat=flat)
         found += [_compared(case, flown, paths) for paths in ways]
     return min(found, key=lambda one: max(one.off_m, one.left_out_m))

@@ -295,3 +295,8 @@ def test_parts_are_a_number_or_auto(cli: Cli, tmp_path: Path, parts: str) -> Non
     assert result.code == 2
     assert f"--parts: {parts!r} is neither a number of parts, 1 at least, nor auto" in result.err
     assert not (tmp_path / "run").exists()
+
+
+def test_rally_is_home_or_auto(cli: Cli, tmp_path: Path) -> None:
+    result = cli("plan", "jacksboro", "-o", tmp_path / "run", "--rally", "everywhere")
+    assert (result.code, "--rally: 'everywhere' is neither auto nor home" in result.err) == (2, True)

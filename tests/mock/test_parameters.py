@@ -5,10 +5,12 @@ import struct
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.model.enums import AutopilotId
 from mission_io.wire import messages as m
 from tests.mock.bench import ready
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.parameters import PARAMETERS
+from uavcover.routes.failsafe_parameters import failsafe_parameter_groups
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 
@@ -49,3 +51,9 @@ def test_px4_sends_the_bits_of_integers_and_ardupilot_their_values():
 def test_settings_refuse_what_makes_no_sense():
     with pytest.raises(ValueError, match="cruise_m_s: 0 must be above 0"):
         Settings(cruise_m_s=0)
+
+
+@pytest.mark.parametrize(("name", "number"), [("ardupilot", AutopilotId.ARDUPILOT), ("px4", AutopilotId.PX4)])
+def test_the_mock_has_what_returns_depend_on(name, number):
+    """A name that it lacked would be waited for before every flight."""
+    assert not [names for names in failsafe_parameter_groups(name) if not set(names) & set(PARAMETERS[number])]

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 import shapely
 
-from uavcover.routes.failsafe_parameters import failsafe_parameter_groups, failsafe_settings
+from uavcover.errors import UavcoverError
+from uavcover.routes.failsafe_parameters import _check, failsafe_parameter_groups, failsafe_settings
 from uavcover.routes.failsafe_path import direct_return, predict
 from uavcover.routes.failsafe_states import HOME, IN_PLACE, Destinations, FlightStates
 
@@ -189,3 +190,19 @@ def test_px4_flies_to_the_missions_landing_when_its_type_says_so():
     places = to(landing=2)
     first = predict(settings, states((300.0, 0.0, 430.0)), places, flat)[0]
     assert first.path_m(0).tolist() == [[300, 0, 430], [300, 0, 460], [0, 0, 430], [0, 0, 400]]
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        ({"actions": {"1": "fly away"}}, "'fly away' is no action"),
+        ({"surprise": 1}, "keys are actions, continues"),
+    ],
+)
+def test_a_table_that_is_not_understood_is_refused(change, words):
+    rule = {"trigger": "t", "parameter": "P", "default": 0, "other": "none", "actions": {"0": "none"}}
+    _check("px4", {"settings": {}, "failsafes": [rule]})
+    with pytest.raises(UavcoverError, match=words):
+        _check("px4", {"settings": {}, "failsafes": [{**rule, **change}]})
+    with pytest.raises(UavcoverError, match=r"px4.settings.height_m: needs names"):
+        _check("px4", {"settings": {"height_m": {"names": {}, "default": 1.0}}, "failsafes": []})

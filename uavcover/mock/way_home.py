@@ -45,8 +45,7 @@ def _rtl(state: MockState, speeds: Speeds, seq: int | None, begin: Vector | None
     lowest = max(0.3, above_home + max(0.0, get["RTL_CLIMB_MIN"] / 100.0))
     steps: list[Step] = []
     if begin is None:
-        (vx, vy, _), pull = state.body.believed.velocity_m_s, state.body.point.airframe.max_acceleration_m_s2
-        steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=math.hypot(vx, vy) / pull))
+        steps.append(_brake(state, speeds, seq))
     if get["RTL_SPEED"] > 0.0:
         speeds = Speeds(get["RTL_SPEED"] / 100.0, speeds.climb_m_s, speeds.descent_m_s)
     if get["RTL_ALT_TYPE"] == 1.0 and get["TERRAIN_ENABLE"]:
@@ -67,6 +66,12 @@ def _rtl(state: MockState, speeds: Speeds, seq: int | None, begin: Vector | None
     else:
         steps.append(Step(seq, StepKind.DESCEND, speeds))
     return steps
+
+
+def _brake(state: MockState, speeds: Speeds, seq: int | None) -> Step:
+    """Come to rest."""
+    (vx, vy, _), pull = state.body.believed.velocity_m_s, state.body.point.airframe.max_acceleration_m_s2
+    return Step(seq, StepKind.WAIT, speeds, wait_s=math.hypot(vx, vy) / pull)
 
 
 def _over_terrain(state: MockState, speeds: Speeds, seq: int | None, way: tuple[Vector, Vector, Vector]) -> list[Step]:
@@ -97,6 +102,8 @@ def _return_mode(state: MockState, speeds: Speeds, seq: int | None, begin: Vecto
     steps = []
     if up > here[2]:
         steps.append(Step(seq, StepKind.GO, speeds, (here[0], here[1], up), _SETTLED_M))
+    elif begin is None:
+        steps.append(_brake(state, speeds, seq))
     steps.append(Step(seq, StepKind.GO, speeds, (there[0], there[1], up)))
     if get["RTL_LAND_DELAY"] != 0.0:
         waits = min(there[2] + get["RTL_DESCEND_ALT"], up)

@@ -143,6 +143,8 @@ class _Model:
         origin = self._stop if self._holds or not self._is_px4 else self._at
         if self._is_px4:
             up = self._px4_return_alt(target, origin)
+            # A climb is at the place of the command; without one it turns while it brakes, and goes straight from there.
+            origin = np.where((up > origin[:, 2])[:, None], origin, self._stop)
         else:
             up = self._ardupilot_return_alt(target, over_terrain=over_terrain)
         climbed = _lifted(origin, up)

@@ -32,8 +32,8 @@ _STEEPEST = 0.15
 """Rise per metre of ground to land on."""
 _FOOT_M = 4.0
 _FROM_FENCE_M, _FROM_HOME_M = 10.0, 20.0
-_MOST_CANDIDATES, _MOST_MOMENTS = 80, 400
-_MORE_HEIGHTS_M = (0.0, 30.0, 60.0)
+_MOST_CANDIDATES, _MOST_MOMENTS = 40, 400
+_MORE_HEIGHTS_M = (0.0, 40.0)
 """A rally point of ArduPilot is a least height of the return to it as well."""
 _SLACK_M = 1.0
 _HEIGHT_DECIMALS = 3

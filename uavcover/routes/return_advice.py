@@ -76,7 +76,7 @@ def _sentence(one: UnsafeReturn) -> str:
     east, north, _ = one.place_m
     why = ", ".join(str(response) for response in one.responses)
     return (
-        f"from waypoint {one.first_leg} ({one.begin_s:.0f} s) to waypoint {one.last_leg} ({one.end_s:.0f} s) {one.what}, "
+        f"from waypoint {one.first_leg} ({one.begin_s:.0f} s) to waypoint {one.last_leg} ({one.end_s:.0f} s): {one.what}, "
         f"at {east:.0f} m east, {north:.0f} m north ({why})"
     )
 
