@@ -85,6 +85,13 @@ class Preconditions:
             one.look(meanwhile)
         self._tell_lists()
 
+    def home_moved_up_m(self) -> float:
+        """By how much home is higher than when it was checked; heights above home that are sent now are off by it."""
+        with contextlib.suppress(MissionIoError):  # the vehicle tells a move by itself, too
+            self._session.client.request_message(m.HomePosition)
+        self._home.look()
+        return self._home.moved_up_m
+
     def look_once_more(self) -> None:
         """After the landing: a list that was changed in the last minute is one, too."""
         for one in self._lists:
@@ -144,6 +151,7 @@ class _HomeWatch:
         self._judged: m.HomePosition | None = None
         self._amount: float | None = None
         self._text = ""
+        self.moved_up_m = 0.0
 
     def look(self) -> None:
         home = self._session.monitor.latest(m.HomePosition)
@@ -159,14 +167,23 @@ class _HomeWatch:
         if amount is None and moved_m > HOME_SLACK_M:
             amount = moved_m
             text = f"the origin of the vehicle's heights and positions was moved by {moved_m:.1f} m in flight"
-        if amount is not None or self._session.watch.is_open(Ending.HOME_MOVED):
-            self._session.watch.measure(Ending.HOME_MOVED, amount, text, "the vehicle's home is where it was")
+        watch = self._session.watch
+        if amount is not None:
+            watch.measure(Ending.HOME_MOVED, amount, text, "")
+        elif watch.is_open(Ending.HOME_MOVED):
+            left = [incident.text for incident in watch.incidents if incident.kind is Ending.BAND_LEFT]
+            if left:  # what was flown meanwhile was not as planned, and stays so
+                was = f"the vehicle's home was moved in flight and was put back, and meanwhile {left[-1]}"
+                watch.open(Ending.HOME_MOVED, was, math.inf)
+            else:
+                watch.measure(Ending.HOME_MOVED, None, "", "the vehicle's home is where it was")
 
     def _judge(self, home: GeoPoint) -> tuple[float | None, str]:
         """By how much home was moved, and what comes of it; None for what arming alone explains."""
         offsets = [_offset_m(place, home) for place in self._checked] or [_offset_m(self._plan.home, home)]
         east, north, up = min(offsets, key=lambda offset: math.dist((0.0, 0.0, 0.0), offset))
         aside_m = math.hypot(east, north)
+        self.moved_up_m = up if abs(up) > HOME_SLACK_M else 0.0
         if abs(up) <= HOME_SLACK_M and aside_m <= _ASIDE_M:
             return None, ""
         parts = [f"{abs(up):.1f} m {'higher' if up > 0.0 else 'lower'}"] if abs(up) > HOME_SLACK_M else []
