@@ -251,3 +251,14 @@ def test_a_station_with_our_system_id_is_told_once():
     assert len(told) == 1
     assert "--own-system" in told[0]
     assert scene.vehicle.mode is not Mode.GUIDED
+
+
+def test_a_vehicle_that_does_not_listen_any_more_is_told():
+    scene = scene_of()
+
+    def turn_away(scene: Scene) -> None:
+        scene.vehicle.parameters.put("MAV_GCS_SYSID", 250)
+        scene.vehicle.parameters.put("MAV_OPTIONS", 1)
+
+    flown(scene, turn_away, at=0)
+    assert len([text for text in scene.told(EventKind.WARNING) if "has not answered 8 questions in a row" in text]) == 1

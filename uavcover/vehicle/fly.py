@@ -192,7 +192,7 @@ class _Flight:
         self.session.simulated = self.simulator is not None
 
     def watch_preconditions(self, plan: FlightPlan) -> None:
-        """What was checked, to be watched in flight; changes of the returns' parameters judge the returns again."""
+        """Watch in flight what was checked; a change of what returns depend on judges the returns again."""
         session, returns = self.session, plan.returns
 
         def returns_changed(parameters: Mapping[str, float]) -> None:
