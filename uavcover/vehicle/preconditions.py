@@ -28,7 +28,7 @@ from uavcover.vehicle.session import Session, Timer
 
 _PLACE_EACH_S = 5.0
 _PARAMETER_EACH_S, _UNANSWERED = 2.0, 8
-_LIST_EACH_S = 120.0
+_LIST_EACH_S = 60.0
 _FENCE_BIT = 0x100000
 _ORDER = (Weight.NONE, Weight.NOTE, Weight.WARNING, Weight.REFUSED)
 
