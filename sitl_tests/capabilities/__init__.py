@@ -63,6 +63,7 @@ ALL: Mapping[str, Callable[[Case], Finding | Judge]] = MappingProxyType(
         "mission-broken-off": preconditions.refused_settings,
         "other-station-minded": preconditions.other_station_minded,
         "home-moved": preconditions.home_moved,
+        "home-moved-return": preconditions.home_moved_return,
         "setting-changed": preconditions.setting_changed,
         "fence-changed": preconditions.fence_changed,
         "log-download": logs.log_download,

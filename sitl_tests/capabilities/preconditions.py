@@ -1,19 +1,23 @@
 """Settings that change a mission, refused before arming; and what was checked, changed in flight by a second station."""
 
+import math
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 from mission_io.model.items import Command
 from sitl_tests.case import Case, Finding, Station
 from sitl_tests.errors import require
-from sitl_tests.flying import fly_mission
+from sitl_tests.flying import fly_mission, require_at_home
 from sitl_tests.missions import fence_around, route_mission
 from uavcover.kernels.flight_time import Pace
 from uavcover.vehicle.applied_limits import set_parameter
 from uavcover.vehicle.flight_plan import FlightPlan, OperatingVolume, PlanNeeds
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightOutcome
+from uavcover.vehicle.precautions import OnBreach
 
 _LOWER_M = 8.0
+_NEAR_HOME_M, _HEIGHT_M = 3.0, 2.5
 _BAND_M = (20.0, 30.0)
 _WIDE_M, _OTHER_M = 300.0, 250.0
 _NOT_FLOWN = frozenset({Ending.NOT_ARMED, Ending.NOT_READY, Ending.ARMING_REFUSED})
@@ -43,13 +47,38 @@ def other_station_minded(case: Case) -> Finding:
 
 def home_moved(case: Case) -> Finding:
     """A second station moves home down in flight."""
+    return _changed(case, partial(_lower, case))
+
+
+def home_moved_return(case: Case) -> Finding:
+    """The same, and our side flies it home: at the height at which it held, though heights above home are now others."""
+    held_s: list[float] = []
+    moved: list[float] = []
+    with case.station() as first, case.second_station() as second:
+
+        def interfere(event: FlightEvent) -> None:
+            if event.kind is EventKind.WAYPOINT and event.waypoint == 2 and not moved:
+                moved.append(event.time_s or 0.0)
+                _lower(case, second)
+            if "holds its place" in event.text:
+                held_s.append(event.time_s or 0.0)
+
+        mission = route_mission(case.vehicle.home)
+        outcome, path = fly_mission(case, first, mission, on_event=interfere, on_breach=OnBreach.RETURN, plan=_turning)
+    require(bool(held_s), f"it was not told to hold: {case.events[-1]}")
+    require_at_home(path)
+    after = [enu for time_s, enu in zip(path.times_s, path.enu_m, strict=True) if time_s > held_s[0]]
+    arrived_m = max(up for east, north, up in after if math.hypot(east, north) < _NEAR_HOME_M)
+    off_m = arrived_m - after[0][2]
+    flown = f"it held at {after[0][2]:.1f} m and came home at {arrived_m:.1f} m above the planned home"
+    require(abs(off_m) <= _HEIGHT_M, flown)
+    return Finding(outcome.ending.key, flown)
+
+
+def _lower(case: Case, second: Station) -> None:
     home = case.vehicle.home
-
-    def lower(second: Station) -> None:
-        place = (home.lat_deg, home.lon_deg, home.alt_amsl_m - _LOWER_M)
-        second.client.command(Command.DO_SET_HOME, 0.0, 0.0, 0.0, 0.0, *place)
-
-    return _changed(case, lower)
+    place = (home.lat_deg, home.lon_deg, home.alt_amsl_m - _LOWER_M)
+    second.client.command(Command.DO_SET_HOME, 0.0, 0.0, 0.0, 0.0, *place)
 
 
 def setting_changed(case: Case) -> Finding:

@@ -10,6 +10,7 @@ from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from tests.vehicle.scene import HOME, Scene, above_home, make_scene, mission
 from tests.vehicle.test_limits import the_plan
+from uavcover.mock.commands import handle
 from uavcover.vehicle.flight_plan import FlightTimeouts
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFailedError
@@ -100,12 +101,49 @@ def test_a_home_that_is_put_back_is_an_incident_that_is_over():
     assert "the vehicle's home is where it was" in scene.told(EventKind.WARNING)
 
 
-def test_on_breach_acts_on_it():
+def test_a_home_that_is_put_back_after_the_band_was_left_is_no_good_ending():
     scene = scene_of()
-    outcome, text = flown(scene, lambda scene: second_station(scene, home_at(up=-25.0)), on_breach=OnBreach.RETURN)
+    outcome, text = flown(
+        scene,
+        lambda scene: second_station(scene, home_at(up=-25.0)),
+        back=lambda scene: [scene.vehicle.advance(scene.vehicle.powered_s), Later(scene, 15.0, home_at())],
+    )
+    assert any(incident.kind is Ending.BAND_LEFT for incident in outcome.incidents)
+    assert outcome.ending is Ending.HOME_MOVED
+    assert "was put back, and meanwhile the vehicle is " in text
+
+
+class Later:
+    """A second station says something after a while of vehicle time."""
+
+    def __init__(self, scene: Scene, after_s: float, message: m.Message) -> None:
+        at_s, go_on = scene.vehicle.powered_s + after_s, scene.vehicle.control.mission.go_on
+
+        def listen(now: float) -> None:
+            go_on(now)
+            if scene.vehicle.powered_s >= at_s and not self.said:
+                self.said = True
+                control = scene.vehicle.control
+                scene.vehicle.send_all(handle(control, scene.vehicle.failsafes, m.Received(message, 254, 190)))
+
+        self.said = False
+        scene.vehicle.control.mission.go_on = listen
+
+
+@BOTH
+@pytest.mark.parametrize("up", [-25.0, 12.0])
+def test_the_way_home_that_we_fly_then_has_its_planned_heights(autopilot, up):
+    scene = scene_of(autopilot)
+    outcome, text = flown(scene, lambda scene: second_station(scene, home_at(up=up)), on_breach=OnBreach.RETURN)
     assert outcome.ending is Ending.HOME_MOVED
     assert "flown home along checked legs" in text
     assert not scene.vehicle.armed
+    over_home = [
+        s.alt_amsl_m
+        for s in scene.samples[len(scene.samples) // 2 :]
+        if abs(s.lat_deg - HOME.lat_deg) < 1e-5 and abs(s.lon_deg - HOME.lon_deg) < 1e-5
+    ]
+    assert max(over_home) == pytest.approx(HOME.alt_amsl_m + 30.0, abs=2.0), "as way_home plans it"
 
 
 @pytest.mark.parametrize(
@@ -213,3 +251,14 @@ def test_a_station_with_our_system_id_is_told_once():
     assert len(told) == 1
     assert "--own-system" in told[0]
     assert scene.vehicle.mode is not Mode.GUIDED
+
+
+def test_a_vehicle_that_does_not_listen_any_more_is_told():
+    scene = scene_of()
+
+    def turn_away(scene: Scene) -> None:
+        scene.vehicle.parameters.put("MAV_GCS_SYSID", 250)
+        scene.vehicle.parameters.put("MAV_OPTIONS", 1)
+
+    flown(scene, turn_away, at=0)
+    assert len([text for text in scene.told(EventKind.WARNING) if "has not answered 8 questions in a row" in text]) == 1

@@ -160,6 +160,7 @@ class _Flight:
         self._on_sample = orders.on_sample
         self.recorder: Recorder | None = None
         self.progress: MissionProgress | None = None
+        self.preconditions: Preconditions | None = None
         self.simulator: str | None = None
         self.touched = False
 
@@ -190,15 +191,15 @@ class _Flight:
         self.session.on_breach = self.precautions.on_breach
         self.session.simulated = self.simulator is not None
 
-    def preconditions(self, plan: FlightPlan) -> Preconditions:
-        """What was checked, to be watched in flight; changes of the returns' parameters judge the returns again."""
+    def watch_preconditions(self, plan: FlightPlan) -> None:
+        """Watch in flight what was checked; a change of what returns depend on judges the returns again."""
         session, returns = self.session, plan.returns
 
         def returns_changed(parameters: Mapping[str, float]) -> None:
             if returns is not None:
                 tell_returns_by(session, returns, parameters)
 
-        return Preconditions(session, plan, self.limits.values, returns_changed=returns_changed)
+        self.preconditions = Preconditions(session, plan, self.limits.values, returns_changed=returns_changed)
 
     def record(self, plan: FlightPlan) -> MissionProgress:
         """Record from the next position on, and count the planned waypoints."""
@@ -236,12 +237,12 @@ class _Flight:
             return self.outcome(Ending.NOT_FLOWN)
         if self.recorder is not None:
             self.recorder.waypoint_of = lambda _: -1  # the items of the way home are no planned waypoints
-        if cause is None:
-            landed = return_home(self.session, plan_return, clear=self.orders.clearance.may_go_home)
-        else:
-            landed = return_home(
-                self.session, plan_return, stops=self.session.stop(), clear=self.orders.clearance.may_go_home
-            )
+        landed = return_home(
+            self.session, plan_return, stops=1 if cause is None else self.session.stop(),
+            home_moved_up_m=(lambda: 0.0) if self.preconditions is None else self.preconditions.home_moved_up_m,
+            clear=self.orders.clearance.may_go_home,
+        )  # fmt: skip
+        if cause is not None:
             if cause is Ending.RESERVE_KEPT:
                 if landed:
                     return self.outcome(cause)
@@ -314,7 +315,7 @@ def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn)
         check_mission(session, plan)
         flight.limits.put_back_older()
         flight.limits.check(plan)
-        preconditions = flight.preconditions(plan)
+        flight.watch_preconditions(plan)
         tell_own_returns(session, plan.returns)
         _wait_for_clearance(session, flight.orders.clearance)
         _refuse_armed(session)
@@ -322,7 +323,7 @@ def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn)
         progress = flight.record(plan)
         flight.touched = True
         arm_and_start(session)
-        follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, preconditions)
+        follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)
     except Stopped as stop:
         return flight.home(plan_return, stop.cause)
     return flight.outcome(Ending.LANDED)
@@ -360,7 +361,7 @@ def _from_the_air(flight: _Flight, plan_continuation: PlanContinuation, plan_ret
         plan = onward.plan
         check_home_position(session, plan)
         flight.limits.look(plan)
-        preconditions = flight.preconditions(plan)
+        flight.watch_preconditions(plan)
         if onward.upload:
             session.tell(EventKind.STAGE, "the rest of the mission is being sent")
             client = session.client
@@ -378,7 +379,7 @@ def _from_the_air(flight: _Flight, plan_continuation: PlanContinuation, plan_ret
         fly_from_item(session, wire_seq(session, onward.first_item))
         session.watch.take_off()
         session.tell(EventKind.STAGE, "going on with the mission")
-        follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, preconditions)
+        follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)
     except Stopped as stop:
         return flight.home(plan_return, stop.cause)
     return flight.outcome(Ending.LANDED)

@@ -79,6 +79,8 @@ def follow_mission(
 
     def look() -> None:
         aloft = not session.monitor.on_ground
+        if preconditions is not None and session.monitor.on_ground is False:
+            preconditions.look(meanwhile)  # first: what changed here is the cause of what the others see
         if aloft and follower.in_mission:
             guard.look()
         elif aloft and follower.holds:
@@ -86,8 +88,6 @@ def follow_mission(
         meanwhile()
         if aloft:
             schedule.look()
-        if preconditions is not None and session.monitor.on_ground is False:
-            preconditions.look(meanwhile)
         follower.react()
         returns = (
             reaction(Ending.RESERVE_KEPT, follower.phase, simulated=session.simulated, chosen=None) is OnBreach.RETURN

@@ -7,31 +7,28 @@ import contextlib
 import math
 from collections.abc import Callable, Mapping
 
-import numpy as np
 import shapely
 
 from mission_io.client.peers import two_in_one
 from mission_io.errors import CommandRefusedError, FormatError, MissionIoError
 from mission_io.model.areas import fence_from_items
 from mission_io.model.enums import AutopilotId, LandedState
-from mission_io.model.items import Command, GeoPoint, MissionItem, MissionType
+from mission_io.model.items import MissionItem, MissionType
 from mission_io.wire import messages as m
 from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.frames import LocalFrame
 from uavcover.vehicle.applied_limits import numbers
 from uavcover.vehicle.flight_plan import FlightPlan
-from uavcover.vehicle.limit_table import HOME_SLACK_M, limit_table
+from uavcover.vehicle.home_watch import HomeWatch, rest_of_legs
+from uavcover.vehicle.limit_table import limit_table
 from uavcover.vehicle.mission_guard import ListReading
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
 from uavcover.vehicle.parameter_rules import Limit, Weight, parameter_table
 from uavcover.vehicle.session import Session, Timer
 
-_ASIDE_M = 5.0
-"""A home that is farther aside was moved; arming sets it within the error of satellites."""
 _PLACE_EACH_S = 5.0
-_PARAMETER_EACH_S = 2.0
-_LIST_EACH_S = 120.0
-_SAMPLES = 400
+_PARAMETER_EACH_S, _UNANSWERED = 2.0, 8
+_LIST_EACH_S = 60.0
 _FENCE_BIT = 0x100000
 _ORDER = (Weight.NONE, Weight.NOTE, Weight.WARNING, Weight.REFUSED)
 
@@ -64,7 +61,7 @@ class Preconditions:
         for kind in (m.HomePosition, m.GpsGlobalOrigin):
             with contextlib.suppress(CommandRefusedError):  # both autopilots send them by themselves when they change
                 session.client.request_message_interval(kind, _PLACE_EACH_S)
-        self._home = _HomeWatch(session, plan, px4=self._px4)
+        self._home = HomeWatch(session, plan, px4=self._px4)
         self._settings = _SettingsWatch(session, plan, values, px4=self._px4, returns_changed=returns_changed)
         self._lists = [
             _ListWatch(session, plan, kind, lambda: returns_changed(self._settings.values)) for kind in _LISTS
@@ -84,6 +81,13 @@ class Preconditions:
         for one in self._lists:
             one.look(meanwhile)
         self._tell_lists()
+
+    def home_moved_up_m(self) -> float:
+        """By how much home is higher than when it was checked; heights above home that are sent now are off by it."""
+        with contextlib.suppress(MissionIoError):  # the vehicle tells a move by itself, too
+            self._session.client.request_message(m.HomePosition)
+        self._home.look()
+        return self._home.moved_up_m
 
     def look_once_more(self) -> None:
         """After the landing: a list that was changed in the last minute is one, too."""
@@ -131,101 +135,6 @@ class Preconditions:
             self._session.tell(EventKind.WARNING, text, alarm=True)
 
 
-class _HomeWatch:
-    """Home and the origin of the position filter, compared with what they were before arming, or at the take-off."""
-
-    def __init__(self, session: Session, plan: FlightPlan, *, px4: bool) -> None:
-        self._session, self._plan, self._px4 = session, plan, px4
-        self._checked = [] if (home := session.monitor.latest(m.HomePosition)) is None else [_point(home)]
-        here = session.monitor.latest(m.GlobalPositionInt)
-        if here is not None and session.monitor.on_ground is not False:
-            self._checked.append(GeoPoint(here.lat_deg, here.lon_deg, here.alt_amsl_m))  # arming sets home there
-        self._origin = session.monitor.latest(m.GpsGlobalOrigin)
-        self._judged: m.HomePosition | None = None
-        self._amount: float | None = None
-        self._text = ""
-
-    def look(self) -> None:
-        home = self._session.monitor.latest(m.HomePosition)
-        if home is not None and home != self._judged:
-            self._judged = home
-            self._amount, self._text = self._judge(_point(home))
-        origin = self._session.monitor.latest(m.GpsGlobalOrigin)
-        moved_m = 0.0
-        if origin is not None:
-            self._origin = origin if self._origin is None else self._origin
-            moved_m = math.dist((0.0, 0.0, 0.0), _offset_m(_point(self._origin), _point(origin)))
-        amount, text = self._amount, self._text
-        if amount is None and moved_m > HOME_SLACK_M:
-            amount = moved_m
-            text = f"the origin of the vehicle's heights and positions was moved by {moved_m:.1f} m in flight"
-        if amount is not None or self._session.watch.is_open(Ending.HOME_MOVED):
-            self._session.watch.measure(Ending.HOME_MOVED, amount, text, "the vehicle's home is where it was")
-
-    def _judge(self, home: GeoPoint) -> tuple[float | None, str]:
-        """By how much home was moved, and what comes of it; None for what arming alone explains."""
-        offsets = [_offset_m(place, home) for place in self._checked] or [_offset_m(self._plan.home, home)]
-        east, north, up = min(offsets, key=lambda offset: math.dist((0.0, 0.0, 0.0), offset))
-        aside_m = math.hypot(east, north)
-        if abs(up) <= HOME_SLACK_M and aside_m <= _ASIDE_M:
-            return None, ""
-        parts = [f"{abs(up):.1f} m {'higher' if up > 0.0 else 'lower'}"] if abs(up) > HOME_SLACK_M else []
-        parts += [f"{aside_m:.0f} m aside"] if aside_m > _ASIDE_M else []
-        text = f"the vehicle's home was moved {' and '.join(parts)} in flight"
-        if abs(up) > HOME_SLACK_M:
-            text += f": {self._lowered_by(home.alt_amsl_m - self._plan.home.alt_amsl_m)}"
-        if aside_m > _ASIDE_M:
-            text += "; a return of the autopilot's own ends at the new home, by a way that was not checked"
-        return math.hypot(aside_m, up), text
-
-    def _lowered_by(self, off_m: float) -> str:
-        """What comes of heights above home that begin elsewhere."""
-        since = "at once" if self._px4 else "from the next item on"
-        side = "higher" if off_m > 0.0 else "lower"
-        text = f"{since} the rest of the mission is flown {abs(off_m):.1f} m {side} than planned"
-        heights_m, volume = self._rest_agl_m(), self._plan.volume
-        if volume is None or not len(heights_m):
-            return text
-        low_m, high_m = float(heights_m.min()), float(heights_m.max())
-        if off_m < 0.0:
-            return (
-                f"{text}, and its clearance above the ground goes from {low_m:.1f} m to {low_m + off_m:.1f} m, where "
-                f"{volume.min_height_agl_m:g} m are required"
-            )
-        return (
-            f"{text}, and its largest height above the ground goes from {high_m:.1f} m to {high_m + off_m:.1f} m, where "
-            f"{volume.max_height_agl_m:g} m are allowed"
-        )
-
-    def _rest_agl_m(self) -> FloatArray:
-        """Planned heights above the ground along the legs that are left, those of planned waypoints where there are any."""
-        plan, session = self._plan, self._session
-        if plan.volume is None:
-            return np.array([])
-        legs_m = rest_of_legs(plan, session)
-        spacing = max(5.0, sum(float(np.linalg.norm(leg[1] - leg[0])) for leg in legs_m) / _SAMPLES)
-        heights = []
-        for leg in legs_m:
-            count = max(2, math.ceil(float(np.linalg.norm(leg[1] - leg[0])) / spacing) + 1)
-            for share in np.linspace(0.0, 1.0, count):
-                east, north, up = (leg[0] + share * (leg[1] - leg[0])).tolist()
-                heights.append(up - plan.volume.ground_up_m(east, north))
-        return np.array([height for height in heights if math.isfinite(height)])
-
-
-def rest_of_legs(plan: FlightPlan, session: Session) -> list[FloatArray]:
-    """(2, 3) ENU each, the legs between waypoints from the one that is flown on; transits only where nothing else is left."""
-    current = plan.index_of(session.monitor.current_seq, session.autopilot)
-    legs = {
-        index: leg
-        for index, leg in plan.legs_m().items()
-        if index >= current and plan.mission.items[index].command == Command.NAV_WAYPOINT
-    }
-    wire = 1 if session.autopilot.home_in_item_0 else 0
-    planned = [leg for index, leg in legs.items() if plan.waypoint_of(index + wire, session.autopilot) > 0]
-    return planned or list(legs.values())
-
-
 class _SettingsWatch:
     """The parameters of the table: those that are broadcast when they change, and each one read again now and then."""
 
@@ -245,17 +154,16 @@ class _SettingsWatch:
         self._names = list(values)
         self._next = Timer(session, _PARAMETER_EACH_S)
         self._worse = ""
+        self._unanswered = 0
         session.monitor.parameters.clear()
 
     def look(self) -> None:
         session = self._session
         if self._names and self._next.over:
-            self._next.restart()
-            self._names.append(name := self._names.pop(0))
-            vehicle = session.client.vehicle
-            session.client.send(m.ParamRequestRead(vehicle.system_id, vehicle.component_id, name))
+            self._ask_next()
         heard = session.monitor.parameters
         if heard:
+            self._unanswered = 0
             told = numbers(heard, px4=self._px4)
             heard.clear()
             changed = {
@@ -272,6 +180,20 @@ class _SettingsWatch:
                 self._worse,
                 "the parameters that the mission depends on are as they were",
             )
+
+    def _ask_next(self) -> None:
+        session, vehicle = self._session, self._session.client.vehicle
+        self._next.restart()
+        self._names.append(name := self._names.pop(0))
+        if self._unanswered == _UNANSWERED and not session.watch.is_open(Ending.LINK_LOST):
+            session.tell(
+                EventKind.WARNING,
+                f"vehicle {vehicle.system_id} is heard and has not answered {_UNANSWERED} questions in a row: our commands may "
+                "not reach it; the link to it may be gone, or it listens to another ground station alone",
+                alarm=True,
+            )
+        self._unanswered += 1
+        session.client.send(m.ParamRequestRead(vehicle.system_id, vehicle.component_id, name))
 
     def _rows(self) -> dict[str, Limit]:
         rows = limit_table(
@@ -410,14 +332,3 @@ def _outside_m(items: tuple[MissionItem, ...], frame: LocalFrame, legs_m: list[F
         distances_m += [] if inside.is_empty else [float(inside.distance(end)) for end in ends]
         distances_m.append(float(shapely.LineString(ends).intersection(outside).length))
     return max(distances_m)
-
-
-def _point(message: m.HomePosition | m.GpsGlobalOrigin) -> GeoPoint:
-    return GeoPoint(message.lat_deg, message.lon_deg, message.alt_amsl_m)
-
-
-def _offset_m(of: GeoPoint, place: GeoPoint) -> tuple[float, float, float]:
-    """East, north and up from one place to another."""
-    frame = LocalFrame(of.lat_deg, of.lon_deg, of.alt_amsl_m)
-    east, north, up = frame.enu_from_geodetic(place.lat_deg, place.lon_deg, place.alt_amsl_m)[0].tolist()
-    return east, north, up

@@ -2,9 +2,10 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 
 from mission_io.errors import MissionIoError
-from mission_io.model.items import Mission
+from mission_io.model.items import Frame, Mission
 from mission_io.wire import messages as m
 from uavcover.errors import UavcoverError
 from uavcover.vehicle.arming import first_seq, fly_from_item, hold_mode, is_flying, set_mode
@@ -44,11 +45,13 @@ def return_home(
     *,
     stops: int = 1,
     longest_wait_s: float = 0.0,
+    home_moved_up_m: Callable[[], float] = lambda: 0.0,
     clear: Callable[[Mission], bool] = lambda _: True,
 ) -> bool:
     """Hold, fly home along checked legs, land; one more stop of the user than ``stops`` leaves the vehicle holding.
 
-    Beside other vehicles it holds until ``clear`` says that the way home is free.
+    Beside other vehicles it holds until ``clear`` says that the way home is free. Heights above a home that was moved in flight
+    are sent so that the planned ones are flown.
 
     Returns:
         Whether the vehicle landed; False when it was left holding, which was told.
@@ -78,6 +81,12 @@ def return_home(
             is_clear = clear(mission)
         except UavcoverError as error:
             return _leave(session, f"no way home apart from the others: {error}")
+    moved_m = home_moved_up_m()
+    if moved_m:
+        session.tell(
+            EventKind.STOP, f"home was moved by {moved_m:+.1f} m: the way home is sent with heights that make up for it"
+        )
+        mission = _above_moved_home(mission, moved_m)
     session.tell(EventKind.STOP, "the way home is being sent")
     try:
         checked = session.steer(
@@ -100,6 +109,13 @@ def return_home(
         hold(session)
         return _leave(session, _ASKED)
     return True
+
+
+def _above_moved_home(mission: Mission, up_m: float) -> Mission:
+    """The same places, for a vehicle whose home is higher by ``up_m`` than it was planned for."""
+    above_home = Frame.ABOVE_HOME
+    items = [replace(i, alt_m=i.alt_m - up_m) if i.frame is above_home and i.has_position else i for i in mission.items]
+    return replace(mission, items=tuple(items))
 
 
 def _leave(session: Session, why: str) -> bool:
