@@ -42,12 +42,16 @@ class HomeWatch:
             self._checked.append(GeoPoint(here.lat_deg, here.lon_deg, here.alt_amsl_m))  # arming sets home there
         self._origin = session.monitor.latest(m.GpsGlobalOrigin)
         self._judged: m.HomePosition | None = None
+        self._begun = self._settled = False
         self._amount: float | None = None
         self._text = ""
         self.moved_up_m = 0.0
 
     def look(self) -> None:
         """Compare the latest of both, and tell a move."""
+        if not self._begun:  # both autopilots set home anew at arming or take-off: wait for one that is fresh
+            self._begun = True
+            self._session.monitor.forget(m.HomePosition)
         home = self._session.monitor.latest(m.HomePosition)
         if home is not None and home != self._judged:
             self._judged = home
@@ -79,6 +83,8 @@ class HomeWatch:
         aside_m = math.hypot(east, north)
         self.moved_up_m = up if abs(up) > HOME_SLACK_M else 0.0
         if abs(up) <= HOME_SLACK_M and aside_m <= _ASIDE_M:
+            if not self._settled:  # the home of this flight, from which a move counts
+                self._checked, self._settled = [home], True
             return None, ""
         parts = [f"{abs(up):.1f} m {'higher' if up > 0.0 else 'lower'}"] if abs(up) > HOME_SLACK_M else []
         parts += [f"{aside_m:.0f} m aside"] if aside_m > _ASIDE_M else []
