@@ -104,9 +104,10 @@ def way_home(site: Site, enu: tuple[float, float, float]) -> np.ndarray:
     assert site.frame is not None
     lat, lon, alt = (float(v[0]) for v in site.frame.geodetic_from_enu(enu))
     mission = compile_return(site, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
-    assert [item.command for item in mission.items] == [16] * (len(mission.items) - 1) + [21]
+    assert [item.command for item in mission.items] == [178, *[16] * (len(mission.items) - 2), 21]
     assert mission.home is not None
-    raised = [dataclasses.replace(item, alt_m=item.alt_m + mission.home.alt_amsl_m) for item in mission.items]
+    assert mission.items[0].params[1] == site.scenario.vehicle.cruise_speed_m_s
+    raised = [dataclasses.replace(item, alt_m=item.alt_m + mission.home.alt_amsl_m) for item in mission.items[1:]]
     return np.vstack([enu, enu_of(raised)])
 
 

@@ -346,8 +346,9 @@ def compile_return(site: Site, *, lat_deg: float, lon_deg: float, alt_amsl_m: fl
         highest_agl_m=None,
         zones=site.flown_zones,
     )
+    speed = change_speed(site.scenario.vehicle.cruise_speed_m_s)  # another station may have commanded a slower one
     items = [_item(waypoint, frame, point, home) for point in back[1:]]
-    return Mission(_home_point(frame, home), (*items, _item(land, frame, home, home)))
+    return Mission(_home_point(frame, home), (speed, *items, _item(land, frame, home, home)))
 
 
 def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, item_limit: int | None) -> None:

@@ -237,11 +237,16 @@ class _Flight:
             return self.outcome(Ending.NOT_FLOWN)
         if self.recorder is not None:
             self.recorder.waypoint_of = lambda _: -1  # the items of the way home are no planned waypoints
-        landed = return_home(
-            self.session, plan_return, stops=1 if cause is None else self.session.stop(),
-            home_moved_up_m=(lambda: 0.0) if self.preconditions is None else self.preconditions.home_moved_up_m,
-            clear=self.orders.clearance.may_go_home,
-        )  # fmt: skip
+        try:
+            landed = return_home(
+                self.session, plan_return, stops=1 if cause is None else self.session.stop(),
+                home_moved_up_m=(lambda: 0.0) if self.preconditions is None else self.preconditions.home_moved_up_m,
+                clear=self.orders.clearance.may_go_home,
+            )  # fmt: skip
+        except FlightFaultError as error:
+            if cause is None or cause is Ending.RESERVE_KEPT or error.ending not in (Ending.FAILED, Ending.STUCK):
+                raise
+            raise FlightFaultError(cause, f"{self.session.watch.text_of(cause)}; {error}") from error
         if cause is not None:
             if cause is Ending.RESERVE_KEPT:
                 if landed:
@@ -349,8 +354,10 @@ def _from_the_air(flight: _Flight, plan_continuation: PlanContinuation, plan_ret
         request_telemetry(session)
         check_telemetry(session)
         flight.orders.on_begin()
-        hold(session, "the vehicle is told to hold")
+        at_rest = hold(session, "the vehicle is told to hold")
         flight.touched = True
+        if not at_rest:
+            raise FlightFaultError(Ending.FAILED, "the vehicle does not come to rest; it was left holding")
         here = session.monitor.latest(m.GlobalPositionInt)
         if here is None:
             raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not tell where it is; it was left holding")

@@ -78,7 +78,7 @@ def follow_mission(
     guard = MissionGuard(session, plan, progress, meanwhile)
 
     def look() -> None:
-        aloft = not session.monitor.on_ground
+        aloft = not session.monitor.on_ground and not session.watch.is_open(Ending.FALLING)
         if preconditions is not None and session.monitor.on_ground is False:
             preconditions.look(meanwhile)  # first: what changed here is the cause of what the others see
         if aloft and follower.in_mission:
@@ -321,7 +321,8 @@ class _Follower:
         """
         session, watch = self._session, self._session.watch
         self._acted_on &= watch.open_kinds
-        if not self.in_mission or session.monitor.on_ground is not False or self._going_on is not None:
+        falls = watch.is_open(Ending.FALLING)  # what follows from a fall is no breach of its own
+        if falls or not self.in_mission or session.monitor.on_ground is not False or self._going_on is not None:
             return
         beat_s = session.monitor.arrived_at_s(m.Heartbeat)
         for breach, phase in policy():

@@ -12,7 +12,7 @@ from uavcover.vehicle.arming import first_seq, fly_from_item, hold_mode, is_flyi
 from uavcover.vehicle.follow import follow_home
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
-from uavcover.vehicle.session import Session, Stopped
+from uavcover.vehicle.session import Session, Stopped, Timer
 
 _AT_REST_M_S = 0.3
 _ASKED = "second stop"
@@ -21,22 +21,28 @@ PlanReturn = Callable[[float, float, float], Mission]
 """Plans a mission home with checked legs from latitude, longitude (degrees) and height above sea level (metres)."""
 
 
-def hold(session: Session, text: str = "stop: the vehicle is told to hold") -> None:
+def hold(session: Session, text: str = "stop: the vehicle is told to hold") -> bool:
     """Tell ``text``, make the vehicle stay where it is, and wait until it has come to rest.
 
+    Returns:
+        Whether it did; False for one that the wind carries along, which was told.
+
     Raises:
-        FlightFaultError: it is gone, or does not come to rest.
+        FlightFaultError: it is gone, or something else has it.
         mission_io.errors.CommandRefusedError: it refuses to hold.
     """
     session.tell(EventKind.STOP, text)
     ours = (Mode.MISSION, Mode.HOLD, hold_mode(session))
     session.steer(lambda: set_mode(session, hold_mode(session)), while_in=ours)
-    session.wait(
-        lambda: _speed_m_s(session) <= _AT_REST_M_S,
-        timeout_s=session.timeouts.halt_s,
-        what=lambda: f"the vehicle, in {session.mode_name}, does not come to rest",
-    )
+    timer = Timer(session, session.timeouts.halt_s)
+    while _speed_m_s(session) > _AT_REST_M_S:
+        if timer.over:
+            text = f"the vehicle, in {session.mode_name}, does not come to rest within {session.timeouts.halt_s:g} s"
+            session.tell(EventKind.WARNING, text, alarm=True)
+            return False
+        session.pump()
     session.tell(EventKind.STOP, "the vehicle holds its place")
+    return True
 
 
 def return_home(
@@ -60,6 +66,7 @@ def return_home(
         FlightFaultError: the vehicle is gone, or does something else.
     """
     session.paused = False
+    session.watch.stop_repeating()
     hold(session)
     if session.stop() > stops:
         return _leave(session, _ASKED)

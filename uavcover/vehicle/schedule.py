@@ -136,14 +136,15 @@ class Schedule:
 
     def _look_at_reserve(self, place_m: FloatArray, left_s: float) -> None:
         vehicle, use = self._vehicle, self._use
-        if vehicle.endurance_s is None:
-            return
         status = self._session.monitor.latest(SysStatus)
         told = None if status is None else status.battery_remaining_percent
-        by_time = 100.0 * (1.0 - self.aloft_s / vehicle.endurance_s)
-        percent = by_time if told is None or told < 0 else float(told)
+        if told is not None and told >= 0:
+            source, percent = "the battery", float(told)
+        elif vehicle.endurance_s is not None:
+            source, percent = "its endurance", 100.0 * (1.0 - self.aloft_s / vehicle.endurance_s)
+        else:
+            return
         use.take(percent, aloft_s=self.aloft_s)
-        source = "its endurance" if percent is by_time else "the battery"
         below = percent < 100.0 * vehicle.reserve_fraction
         self._session.watch.measure(
             Ending.RESERVE_USED, 100.0 / max(1.0, percent) if below else None,

@@ -87,6 +87,7 @@ _OTHER_MISSION = ("changed", "received", "updated", "uploaded", "new")
 """Words beside "mission" or "flight plan" that speak of another one."""
 
 _SILENCE = frozenset({Ending.LINK_LOST, Ending.HEARTBEAT_LOST, Ending.POSITION_LOST})
+_OF_THE_VEHICLE = frozenset({Ending.GPS_LOST, Ending.BATTERY_LOW, Ending.FALLING})
 _SETTLE_S = 2.0
 _CAUSE_WITHIN_S = 10.0
 _LOW_BATTERY_PERCENT = 15
@@ -186,6 +187,12 @@ class Watch:
             going.amount = None
             if self._measure(kind, going, None) is Told.ENDED:
                 self.close(kind, over)
+
+    def stop_repeating(self) -> None:
+        """The mission is over before its end: what is judged by it stays open, and is not repeated any more."""
+        for kind, going in self._open.items():
+            if kind not in _SILENCE | _OF_THE_VEHICLE:
+                going.amount = None
 
     def close(self, kind: Ending, text: str) -> None:
         """Tell that it is over, if it was there."""
