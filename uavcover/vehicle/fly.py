@@ -20,7 +20,7 @@ from uavcover.vehicle.arming import (
 from uavcover.vehicle.clearance import ALONE, Clearance
 from uavcover.vehicle.client import VehicleClient
 from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts
-from uavcover.vehicle.follow import follow_mission
+from uavcover.vehicle.follow import follow_mission, follow_taken
 from uavcover.vehicle.modes import Mode, custom_mode, require_multirotor
 from uavcover.vehicle.monitor import Monitor
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightFailedError, FlightFaultError, FlightOutcome
@@ -37,7 +37,7 @@ from uavcover.vehicle.readiness import (
     wait_until_ready,
 )
 from uavcover.vehicle.return_home import PlanReturn, hold, return_home
-from uavcover.vehicle.session import Session, Stopped
+from uavcover.vehicle.session import Session, Stopped, TakenOverError
 from uavcover.vehicle.track_file import Recorder
 
 __all__ = ["Continuation", "Ending", "FlightOutcome", "Orders", "fly", "fly_on"]
@@ -236,12 +236,8 @@ class _Flight:
             return self.outcome(Ending.NOT_FLOWN)
         if self.recorder is not None:
             self.recorder.waypoint_of = lambda _: -1  # the items of the way home are no planned waypoints
-        if cause is None:
-            landed = return_home(self.session, plan_return, clear=self.orders.clearance.may_go_home)
-        else:
-            landed = return_home(
-                self.session, plan_return, stops=self.session.stop(), clear=self.orders.clearance.may_go_home
-            )
+        landed = self._come_home(plan_return, 1 if cause is None else self.session.stop())
+        if cause is not None:
             if cause is Ending.RESERVE_KEPT:
                 if landed:
                     return self.outcome(cause)
@@ -251,6 +247,35 @@ class _Flight:
             how = "it was flown home along checked legs, and landed" if landed else "it was left holding"
             raise FlightFaultError(cause, f"{self.session.watch.text_of(cause)}; {how}")
         return self.outcome(Ending.RETURNED if landed else Ending.LEFT_HOLDING)
+
+    def _come_home(self, plan_return: PlanReturn, stops: int) -> bool:
+        """Whether the vehicle landed; what something else has meanwhile is recorded until it is on the ground."""
+        session = self.session
+        while True:
+            try:
+                return return_home(session, plan_return, stops=stops, clear=self.orders.clearance.may_go_home)
+            except TakenOverError as error:
+                session.tell(EventKind.WARNING, str(error), alarm=True)
+                if error.ending is Ending.STATE_UNKNOWN:
+                    self._wait_until_known()
+                    continue
+            except VehicleSilentError as error:
+                session.tell(EventKind.WARNING, f"{error}; it is followed all the same", alarm=True)
+            stops = max(stops, session.stop())
+            try:
+                follow_taken(session)
+            except Stopped:
+                continue
+            return True
+
+    def _wait_until_known(self) -> None:
+        session, stops = self.session, self.session.stop()
+        while not session.evidence.current:
+            if session.stop() > stops:
+                raise FlightFaultError(
+                    Ending.STATE_UNKNOWN, f"{session.watch.text_of(Ending.STATE_UNKNOWN)}; stopped following"
+                )
+            session.pump()
 
     def outcome(self, ending: Ending) -> FlightOutcome:
         """How it ended."""
@@ -317,11 +342,16 @@ def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn)
         preconditions = flight.preconditions(plan)
         tell_own_returns(session, plan.returns)
         _wait_for_clearance(session, flight.orders.clearance)
-        _refuse_armed(session)
+        session.prepare(lambda: _refuse_armed(session), while_in=tuple(Mode))
         flight.orders.on_begin()
         progress = flight.record(plan)
         flight.touched = True
-        arm_and_start(session)
+        try:
+            arm_and_start(session)
+        except TakenOverError as error:
+            if not session.client.vehicle.armed:
+                raise
+            session.tell(EventKind.WARNING, str(error), alarm=True)  # and follow it: somebody may fly it
         follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, preconditions)
     except Stopped as stop:
         return flight.home(plan_return, stop.cause)
@@ -375,7 +405,10 @@ def _from_the_air(flight: _Flight, plan_continuation: PlanContinuation, plan_ret
             raise Stopped
         session.monitor.forget(m.MissionCurrent)
         progress = flight.record(plan)
-        fly_from_item(session, wire_seq(session, onward.first_item))
+        try:
+            fly_from_item(session, wire_seq(session, onward.first_item))
+        except TakenOverError as error:
+            session.tell(EventKind.WARNING, str(error), alarm=True)  # and follow it to the ground
         session.watch.take_off()
         session.tell(EventKind.STAGE, "going on with the mission")
         follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, preconditions)

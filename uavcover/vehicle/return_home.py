@@ -24,14 +24,20 @@ def hold(session: Session, text: str = "stop: the vehicle is told to hold") -> N
     """Tell ``text``, make the vehicle stay where it is, and wait until it has come to rest.
 
     Raises:
+        TakenOverError: something else has it, or its state stays unknown.
         FlightFaultError: it is gone, or does not come to rest.
         mission_io.errors.CommandRefusedError: it refuses to hold.
     """
     session.tell(EventKind.STOP, text)
     ours = (Mode.MISSION, Mode.HOLD, hold_mode(session))
     session.steer(lambda: set_mode(session, hold_mode(session)), while_in=ours)
+
+    def at_rest() -> bool:
+        session.require_obedience(ours)
+        return _speed_m_s(session) <= _AT_REST_M_S
+
     session.wait(
-        lambda: _speed_m_s(session) <= _AT_REST_M_S,
+        at_rest,
         timeout_s=session.timeouts.halt_s,
         what=lambda: f"the vehicle, in {session.mode_name}, does not come to rest",
     )
@@ -54,10 +60,17 @@ def return_home(
         Whether the vehicle landed; False when it was left holding, which was told.
 
     Raises:
+        TakenOverError: something else has the vehicle, or its state stays unknown.
         FlightFaultError: the vehicle is gone, or does something else.
     """
     session.paused = False
-    hold(session)
+    session.watch.rest()
+    try:
+        hold(session)
+    except FlightFaultError as error:
+        if error.ending is not Ending.FAILED:
+            raise
+        session.tell(EventKind.WARNING, f"{error}: it is flown home all the same", alarm=True)  # as in a strong wind
     if session.stop() > stops:
         return _leave(session, _ASKED)
     here = session.monitor.latest(m.GlobalPositionInt)
@@ -74,6 +87,7 @@ def return_home(
         if session.stop() > stops:
             return _leave(session, _ASKED)
         session.pump()
+        session.require_obedience([hold_mode(session)])
         try:
             is_clear = clear(mission)
         except UavcoverError as error:

@@ -130,6 +130,7 @@ class Watch:
         self._client, self._monitor, self._timeouts = client, monitor, timeouts
         self._tell, self._sound = tell, sound
         self._open: dict[Ending, _Going] = {}
+        self._taken: tuple[Ending, _Going] | None = None
         self._closed_at_s: dict[Ending, float] = {}
         self.causes = Causes(client, monitor)
         self._in_flight = False
@@ -196,6 +197,24 @@ class Watch:
         self.incidents[going.number] = replace(self.incidents[going.number], end_s=self._monitor.time_s)
         self._tell(EventKind.WARNING, text)
 
+    def taken(self, kind: Ending, text: str, evidence: tuple[str, ...]) -> None:
+        """Something else has the vehicle: an incident of its own, which does not end with the alarm that may be its cause."""
+        self._taken = kind, _Going(len(self.incidents), Alarm(), self._client.clock.now(), text)
+        self.incidents.append(Incident(kind, text, self._monitor.time_s, evidence=evidence))
+        self._measure(*self._taken, 0.0)
+
+    def given_back(self, text: str) -> None:
+        """Tell that nothing else has the vehicle any more."""
+        if self._taken is not None:
+            number, self._taken = self._taken[1].number, None
+            self.incidents[number] = replace(self.incidents[number], end_s=self._monitor.time_s)
+            self._tell(EventKind.WARNING, text)
+
+    def rest(self) -> None:
+        """What is open and not measured any more is not told again, as on the way home."""
+        for going in self._open.values():
+            going.amount = None
+
     def _measure(self, kind: Ending, going: "_Going", amount: float | None) -> Told | None:
         now, vehicle_s = self._client.clock.now(), self._monitor.time_s
         if kind not in _SILENCE and vehicle_s is not None:  # the vehicle's own time stands still while nothing is heard
@@ -252,13 +271,15 @@ class Watch:
         if self._in_flight:
             self._look_at_fix()
             self._look_at_battery()
-        for kind, going in self._open.items():
+        for kind, going in [*self._open.items(), *([] if self._taken is None else [self._taken])]:
             if going.amount is not None:
                 self._measure(kind, going, going.amount)
 
     def _look_at_silence(self, silence_s: float) -> None:
         vehicle = self._client.vehicle.system_id
-        if silence_s > self._timeouts.link_lost_s:
+        if silence_s > self._timeouts.link_lost_s and self.is_open(
+            Ending.LINK_LOST
+        ):  # a pause of ours is no silence yet
             text = f"link lost: nothing from vehicle {vehicle} for {silence_s:.1f} s"
             self.open(Ending.LINK_LOST, text)
             raise FlightFaultError(Ending.LINK_LOST, f"{text}; look for it, and at the link")
