@@ -233,3 +233,30 @@ def test_a_vehicle_that_a_failsafe_landed_is_not_told_to_disarm(autopilot, monke
     assert witness.steered == []
     assert outcome.ending is Ending.FENCE_BREACHED
     assert "on the ground and stays armed: left to whoever controls it" in text
+
+
+def test_a_pilot_on_the_ground_after_the_start_is_no_failed_start(monkeypatch):
+    scene, witness = scene_and_witness()
+
+    def start(control: FlightControl) -> CommandResult:
+        control.set_mode(Mode.MANUAL)
+        return CommandResult.ACCEPTED
+
+    monkeypatch.setattr(FlightControl, "start_mission", start)
+    monkeypatch.setattr(FlightControl, "disarm", lambda *_, **__: CommandResult.DENIED)
+    outcome, text = flown(scene)
+    assert outcome.ending is Ending.PILOT_TOOK_OVER, text
+    assert [row for row in witness.steered if row[2] is Mode.MANUAL and row[0] > 12.0] == []
+
+
+@AUTOPILOTS
+def test_a_stop_that_the_vehicle_does_not_hear_ends_no_record(autopilot):
+    """Only the way to the vehicle is lost: what it does is heard, and it flies its mission to the end."""
+    scene, witness = scene_and_witness(autopilot)
+    send, lost_from_s = scene.link.send, 34.0
+    scene.link.send = lambda data: None if scene.vehicle.powered_s > lost_from_s else send(data)
+    outcome, text = flown(scene, stop=presses(scene, 35.0), timeouts=FlightTimeouts())
+    assert not scene.vehicle.armed, text
+    assert outcome.ending is Ending.FAILED
+    assert "it was followed, and landed and disarmed" in text
+    assert any("it is followed all the same" in told for told in scene.told(EventKind.WARNING))

@@ -45,6 +45,8 @@ def arm_and_start(session: Session) -> None:
         session.steer(lambda: session.client.command(Command.MISSION_START), while_in=[Mode.MISSION])
 
     def off_the_ground() -> bool:
+        if session.client.vehicle.armed:
+            session.require_obedience([Mode.MISSION])
         on_ground = session.monitor.on_ground
         return on_ground is False or (on_ground is None and session.monitor.current_seq > first)
 

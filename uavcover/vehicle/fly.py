@@ -259,14 +259,23 @@ class _Flight:
                 if error.ending is Ending.STATE_UNKNOWN:
                     self._wait_until_known()
                     continue
+                again, why = False, FlightFaultError(error.ending, str(error))
             except VehicleSilentError as error:
                 session.tell(EventKind.WARNING, f"{error}; it is followed all the same", alarm=True)
+                again, why = True, FlightFaultError(Ending.FAILED, str(error))
+            landed = not session.client.vehicle.armed
             stops = max(stops, session.stop())
             try:
                 follow_taken(session)
             except Stopped:
                 continue
-            return True
+            except FlightFaultError as error:
+                if error.ending is Ending.STUCK and again:  # it holds, and may be heard again
+                    continue
+                raise
+            if landed:
+                return True
+            raise FlightFaultError(why.ending, f"{why}; it was followed, and landed and disarmed")
 
     def _wait_until_known(self) -> None:
         session, stops = self.session, self.session.stop()

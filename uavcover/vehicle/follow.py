@@ -142,11 +142,12 @@ def follow_taken(session: Session) -> None:
     """Record a vehicle that something else has, or that answers no command, until it is on the ground.
 
     Raises:
-        FlightFaultError: its cause, once the vehicle is on the ground and disarmed; or the vehicle is gone.
+        FlightFaultError: its cause, once the vehicle is on the ground and disarmed; the vehicle is gone, or holds on in a mode
+            of ours.
         Stopped: the user asked once more, and the vehicle is in a mode of ours.
     """
     follower = _Follower(
-        session, math.inf, stops_before=session.stop(), pause=lambda: False, progress=None,
+        session, session.timeouts.stuck_s, stops_before=session.stop(), pause=lambda: False, progress=None,
         ours=(Mode.MISSION, Mode.HOLD, hold_mode(session)),
     )  # fmt: skip
     falls = FallWatch(session, None)
