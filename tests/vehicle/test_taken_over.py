@@ -252,7 +252,7 @@ def test_a_pilot_on_the_ground_after_the_start_is_no_failed_start(monkeypatch):
 @AUTOPILOTS
 def test_a_stop_that_the_vehicle_does_not_hear_ends_no_record(autopilot):
     """Only the way to the vehicle is lost: what it does is heard, and it flies its mission to the end."""
-    scene, witness = scene_and_witness(autopilot)
+    scene, _ = scene_and_witness(autopilot)
     send, lost_from_s = scene.link.send, 34.0
     scene.link.send = lambda data: None if scene.vehicle.powered_s > lost_from_s else send(data)
     outcome, text = flown(scene, stop=presses(scene, 35.0), timeouts=FlightTimeouts())
