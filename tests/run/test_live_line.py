@@ -97,3 +97,11 @@ def test_ground_without_data_is_no_height(site: Site) -> None:
     assert " m AGL" not in line(site, {}).text(sample(site, 1e6, 1)) or math.isfinite(
         float(site.ground.heights_agl_m(np.array([[0.0, 1e6, 0.0]]))[0])
     )
+
+
+def test_on_the_way_home_after_a_stop_no_planned_waypoint_is_flown_to(site: Site) -> None:
+    shown = line(site, {})
+    shown.text(sample(site, 300.0, 1))
+    text = shown.text(sample(site, 250.0, -1))
+    assert "off the plan" in text
+    assert "left" not in text

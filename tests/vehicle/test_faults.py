@@ -35,8 +35,20 @@ def ended(scene: Scene, **options) -> tuple[FlightOutcome, str]:
     ("autopilot", "fault", "ending", "says", "now"),
     [
         (ARDUPILOT, "heartbeat-loss@30s", "HEARTBEAT_LOST", "it is on the ground and may be armed", "on the ground"),
-        (ARDUPILOT, "gps-loss@30s", "GPS_LOST", "lost its satellite fix", "on the ground, disarmed, in land mode"),
-        (PX4, "gps-loss:5@30s", "GPS_LOST", "lost its satellite fix", "on the ground, disarmed, in land mode"),
+        (
+            ARDUPILOT,
+            "gps-loss@30s",
+            "GPS_LOST",
+            'mode: it says (critical): "GPS 1: lost fix"',
+            "on the ground, disarmed, in land mode",
+        ),
+        (
+            PX4,
+            "gps-loss:5@30s",
+            "GPS_LOST",
+            'mode: it says (critical): "GNSS data fusion',
+            "on the ground, disarmed, in land mode",
+        ),
         (ARDUPILOT, "battery-failsafe@30s", "BATTERY_FAILSAFE", "changed to return mode", "disarmed, in return mode"),
         (PX4, "battery-failsafe:land@30s", "BATTERY_FAILSAFE", "changed to land mode", "disarmed, in land mode"),
         (

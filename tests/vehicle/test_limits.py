@@ -4,19 +4,23 @@ import dataclasses
 import itertools
 import random
 from collections.abc import Mapping
+from dataclasses import replace
 
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.errors import VehicleSilentError
+from mission_io.wire import messages as m
 from tests.vehicle.scene import HOME, make_scene, mission, plan_for
 from uavcover.kernels.flight_time import Pace
 from uavcover.mock.faults import parse_fault
-from uavcover.vehicle.flight_plan import OperatingVolume, PlanNeeds
+from uavcover.vehicle.applied_limits import read_parameters
+from uavcover.vehicle.flight_plan import FlightTimeouts, OperatingVolume, PlanNeeds
 from uavcover.vehicle.fly import Ending
 from uavcover.vehicle.limit_table import Weight, limit_table, parameter_groups
 from uavcover.vehicle.outcome import EventKind, FlightEvent, FlightFailedError
 from uavcover.vehicle.precautions import OnBreach, Precautions
+from uavcover.vehicle.session import Session
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 FINE = {
@@ -274,3 +278,21 @@ def test_a_vehicle_left_in_the_air_keeps_what_its_flight_needs():
     assert values_of(scene, LOW[ARDUPILOT.name]) == pytest.approx(SET[ARDUPILOT.name])
     assert keeper.kept[-1] == pytest.approx(LOW[ARDUPILOT.name])
     assert any("left changed on the vehicle (it is in the air" in e.text and e.alarm for e in scene.events)
+
+
+def test_a_parameter_that_the_vehicle_counts_by_itself_is_not_taken_for_an_answer():
+    """ArduPilot broadcasts STAT_RUNTIME every 30 s, which in flight was reported as changed by somebody."""
+    scene = make_scene()
+    scene.client.wait_for_vehicle()
+    poll = scene.client.poll
+
+    def with_counter(timeout_s: float) -> list[m.Received]:
+        counter = m.ParamValue("STAT_RUNTIME", 123.0, 9, 1, 0)
+        heard = poll(timeout_s)
+        return [replace(heard[0], message=counter), *heard] if heard else heard
+
+    scene.client.poll = with_counter
+    session = Session(
+        scene.client, scene.monitor, timeouts=FlightTimeouts(), on_event=scene.events.append, stop=lambda: 0
+    )
+    assert set(read_parameters(session, [["FENCE_ENABLE"]])) == {"FENCE_ENABLE"}

@@ -19,6 +19,7 @@ from mission_io.errors import (
     TransferCancelledError,
     TransferError,
     VehicleSilentError,
+    WaitCancelledError,
 )
 from mission_io.links.opening import UdpLink
 from mission_io.links.simulated import Conditions, LossyLink
@@ -40,6 +41,7 @@ from uavcover.vehicle.precautions import OnBreach, Precautions
 client_module = pytest.importorskip("uavcover.vehicle.mavsdk.client", reason="MAVSDK is not installed")
 pytestmark = pytest.mark.timeout(120)
 
+COMMAND_LONG = 76
 CORNERS = tuple(LatLon(36.51 + i * i * 0.01, -84.22 + i * 0.01) for i in range(4))
 FENCE = Fence((FencePolygon(CORNERS),), (FenceCircle(LatLon(36.52, -84.21), 123.0, inclusion=False),))
 
@@ -135,6 +137,39 @@ def test_commands_are_answered_refused_and_wait(autopilot):
         with pytest.raises(MisuseError, match="not finite"):
             client.command(Command.COMPONENT_ARM_DISARM, float("nan"))
         assert not vehicle.armed
+
+
+def test_a_command_that_is_given_up_is_not_sent_again():
+    """MAVSDK sends a command again by itself; after a gap of the link that may be against a failsafe."""
+    with served(ARDUPILOT) as (_, port), connected(port) as (client, _):
+        client.wait_for_vehicle()
+        sent: list[int] = []
+        link = client.link._link
+        send = link.send
+
+        def lose_commands(data: bytes) -> None:
+            number = int.from_bytes(data[7:10], "little")
+            command = int.from_bytes(data[38:40], "little") if number == COMMAND_LONG else 0  # behind seven floats
+            sent.append(command)
+            if command != Command.DO_SET_MODE:
+                send(data)
+
+        link.send = lose_commands
+        client.give_up = lambda: Command.DO_SET_MODE in sent
+        with pytest.raises(WaitCancelledError):
+            client.command(Command.DO_SET_MODE, 1.0, 4.0)
+        client.give_up = None
+        sent.clear()
+        until_s = client.clock.now() + 2.0
+        while client.clock.now() < until_s:
+            client.poll(0.1)
+        assert Command.DO_SET_MODE not in sent
+        assert 0 in sent, "heartbeats go on"
+        link.send = send
+        until_s = client.clock.now() + 3.0
+        while client.clock.now() < until_s:
+            client.poll(0.1)
+        assert client.command(Command.DO_SET_MODE, 1.0, 4.0).result == 0
 
 
 def test_nobody_there_is_a_silent_vehicle():

@@ -42,10 +42,12 @@ class LiveLine:
         client, monitor = self._vehicle.client, self._vehicle.monitor
         mode = mode_from_custom(client.vehicle.autopilot, client.vehicle.custom_mode)
         # Item and mode tell that the last waypoint is behind: in another mode no planned waypoint is flown to.
-        homeward = sample.current_waypoint < 0 and self._waypoint == self._count - 1 and mode is Mode.MISSION
+        between = sample.current_waypoint < 0 and mode is Mode.MISSION
+        homeward = between and self._waypoint == self._count - 1
+        elsewhere = between and 0 < self._waypoint < self._count - 1  # as on the way home after a stop
         parts = [
             f"mode {client.vehicle.custom_mode}" if mode is None else mode.value,
-            "homeward" if homeward else f"waypoint {self._waypoint} of {self._count}",
+            "homeward" if homeward else "off the plan" if elsewhere else f"waypoint {self._waypoint} of {self._count}",
         ]
         height_m = float(self._site.ground.heights_agl_m(at_m[None])[0])
         if math.isfinite(height_m):
@@ -60,7 +62,7 @@ class LiveLine:
         covered = self._covered()
         if covered is not None:
             parts.append(f"covered {100.0 * covered:.0f} %")
-        if self._left is not None:
+        if self._left is not None and not elsewhere:
             left_s = self._left.seconds(at_m, None if homeward else self._waypoint)
             parts.append(f"{int(left_s) // 60}:{int(left_s) % 60:02d} left")
         return ", ".join(parts)

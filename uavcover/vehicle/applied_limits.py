@@ -38,7 +38,8 @@ def read_parameters(session: Session, groups: Iterable[Collection[str]]) -> dict
             break
         for first in range(0, len(left), _AT_ONCE):
             quiet_s = _ask(session, left[first : first + _AT_ONCE], found, quiet_s)
-    return found
+    asked = frozenset[str]().union(*wanted)  # ArduPilot also broadcasts parameters that it counts by itself
+    return {name: value for name, value in found.items() if name in asked}
 
 
 def _ask(session: Session, groups: Collection[Collection[str]], found: dict[str, ParamValue], quiet_s: float) -> float:

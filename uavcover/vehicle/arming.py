@@ -8,7 +8,7 @@ from mission_io.model.items import Command
 from mission_io.wire.messages import MissionCurrent, MissionSetCurrent
 from uavcover.vehicle.modes import Mode, custom_mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
-from uavcover.vehicle.session import Session, Stopped, Timer
+from uavcover.vehicle.session import Session, Stopped, TakenOverError, Timer
 
 _ANSWER_S = 3.0
 _TRIES = 4
@@ -25,24 +25,28 @@ def arm_and_start(session: Session) -> None:
     ArduPilot: GUIDED, arm, AUTO, MISSION_START. PX4: mission mode, then arm, which starts it.
 
     Raises:
+        TakenOverError: something else has it, or its state stays unknown; nothing more was commanded.
         FlightFaultError: it refuses to arm, or does not leave the ground.
         mission_io.errors.CommandRefusedError: it refuses another step.
         Stopped: the user asked to stop; it may be armed.
     """
     ardupilot = session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT
     first = first_seq(session)
-    set_current_item(session, first)
+    session.prepare(lambda: set_current_item(session, first))
     if session.stop():
         raise Stopped
-    set_mode(session, Mode.GUIDED if ardupilot else Mode.MISSION)
+    start = Mode.GUIDED if ardupilot else Mode.MISSION
+    session.prepare(lambda: set_mode(session, start))
     session.monitor.forget(MissionCurrent)  # the item of an older flight may still be told
-    _arm(session)
+    _arm(session, start)
     session.tell(EventKind.STAGE, "armed")
     if ardupilot:
-        set_mode(session, Mode.MISSION)
-        session.client.command(Command.MISSION_START)
+        session.steer(lambda: set_mode(session, Mode.MISSION), while_in=[start, Mode.MISSION])
+        session.steer(lambda: session.client.command(Command.MISSION_START), while_in=[Mode.MISSION])
 
     def off_the_ground() -> bool:
+        if session.client.vehicle.armed:
+            session.require_obedience([Mode.MISSION])
         on_ground = session.monitor.on_ground
         return on_ground is False or (on_ground is None and session.monitor.current_seq > first)
 
@@ -151,12 +155,17 @@ def disarm_on_ground(session: Session) -> bool:
     """
     if not session.client.vehicle.armed:
         return True
+    ours = [Mode.MISSION, Mode.HOLD, hold_mode(session)]
+    try:
+        return session.steer(lambda: _disarm_where_it_stands(session), while_in=ours)
+    except (CommandRefusedError, TakenOverError):
+        return not session.client.vehicle.armed
+
+
+def _disarm_where_it_stands(session: Session) -> bool:
     if session.monitor.on_ground is not True:
         return False
-    try:
-        send_disarm(session)
-    except CommandRefusedError:
-        return False
+    send_disarm(session)
     return True
 
 
@@ -194,11 +203,11 @@ class _Patience:
         return self._any.over and not (lacks_terrain and not self._terrain.over)
 
 
-def _arm(session: Session) -> None:
+def _arm(session: Session, mode: Mode) -> None:
     patience = _Patience(session)
     while True:
         try:
-            session.client.command(Command.COMPONENT_ARM_DISARM, 1.0)
+            session.prepare(lambda: session.client.command(Command.COMPONENT_ARM_DISARM, 1.0), while_in=[mode])
         except CommandRefusedError as error:
             if error.result not in _AGAIN or patience.over:
                 raise FlightFaultError(Ending.ARMING_REFUSED, f"{error}{session.recent_warnings}") from error

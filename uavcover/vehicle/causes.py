@@ -199,13 +199,15 @@ class Causes:
                 return Cause(kind, incidents[kind], (incidents[kind], *signs))
         if found is not None:
             return found
-        if self._pilot is not None:
+        if self._pilot is not None and self._age_s(self._pilot) <= _WITHIN_S:
             return Cause(Ending.PILOT_TOOK_OVER, self._pilot.text, (str(self._pilot),))
         if state in _CRITICAL_STATES:
             text = f"its heartbeat reports the state {_CRITICAL_STATES[state]}, and nothing says why"
             return Cause(Ending.FAILSAFE, text, (text,))
-        if any(kind is not Ending.BATTERY_LOW for kind in incidents):
-            return Cause(Ending.TAKEN_OVER, "the cause is not known", tuple(incidents.values()))
+        gaps = (f"the link was silent for {self._monitor.gap_s:.0f} s",) if silent else ()
+        doubts = (*gaps, *(text for kind, text in incidents.items() if kind not in _NO_CAUSE))
+        if doubts:
+            return Cause(Ending.TAKEN_OVER, "the cause is not known", doubts)
         text = "no failsafe is reported: a pilot or another ground station changed the mode"
         return Cause(Ending.PILOT_TOOK_OVER, text, (text,))
 
@@ -243,9 +245,11 @@ class Causes:
 
 
 _ACTED_ON = (
-    Ending.BATTERY_LOW, Ending.FENCE_BREACHED, Ending.GPS_LOST, Ending.POSITION_LOST, Ending.LINK_LOST, Ending.FALLING,
+    Ending.BATTERY_LOW, Ending.FENCE_BREACHED, Ending.GPS_LOST, Ending.POSITION_LOST, Ending.FALLING,
 )  # fmt: skip
-"""What autopilots act on by themselves, among what is watched here."""
+"""What autopilots act on by themselves, among what is watched here; gaps of the link are judged by their length."""
+_NO_CAUSE = (Ending.BATTERY_LOW, Ending.LATE, Ending.HOLD_LOST)
+"""What no autopilot reacts to by changing its mode."""
 
 
 def _named(text: str) -> Ending | None:

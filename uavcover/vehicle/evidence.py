@@ -6,6 +6,9 @@ only what arrives after the answer counts. Until mode, armed state, landed state
 known, and nothing may be commanded.
 """
 
+from collections.abc import Mapping
+from types import MappingProxyType
+
 from mission_io.wire import messages as m
 from uavcover.vehicle.client import VehicleClient
 from uavcover.vehicle.monitor import Monitor
@@ -15,7 +18,9 @@ _OLD_BEAT_S = 3.5
 _ASK_S = 0.25
 _UNANSWERED_S = 10.0
 """A vehicle that never answers the question for its time is believed after this time without another gap."""
-_KINDS: tuple[type[m.Message], ...] = (m.ExtendedSysState, m.MissionCurrent)
+_KINDS: Mapping[type[m.Message], str] = MappingProxyType(
+    {m.ExtendedSysState: "EXTENDED_SYS_STATE", m.MissionCurrent: "MISSION_CURRENT"}
+)
 _AGREEING_BEATS = 2
 
 
@@ -36,6 +41,7 @@ class Evidence:
         self._ask_at_s = self._gap_ended_s
         self._proved_at_s: float | None = self._gap_ended_s
         self._complete = True
+        self._unknown_since_s: float | None = None
 
     @property
     def current(self) -> bool:
@@ -44,8 +50,32 @@ class Evidence:
         silent = monitor.has_gap(now) or self._client.heartbeat_age_s > _OLD_BEAT_S
         return not silent and self._gap_ended_s == monitor.gap_ended_at_s and self._complete
 
+    @property
+    def unknown_s(self) -> float:
+        """For how long the vehicle has been heard, and what it does has not been known; 0 while nothing is heard."""
+        return 0.0 if self._unknown_since_s is None else self._client.clock.now() - self._unknown_since_s
+
+    @property
+    def missing(self) -> str:
+        """What has to be heard before the vehicle's state is known."""
+        if self._client.heartbeat_age_s > _OLD_BEAT_S:
+            return "a heartbeat"
+        if self._proved_at_s is None:
+            return "an answer to our question for its time"
+        proved_at_s = self._proved_at_s
+        lacking = [name for kind, name in _KINDS.items() if self._monitor.arrived_at_s(kind) < proved_at_s]
+        return " and ".join(lacking) or "two heartbeats that agree"
+
     def look(self) -> None:
         """Ask for fresh evidence where it is needed, and take what has come; called whenever messages were received."""
+        self._look()
+        now = self._client.clock.now()
+        if self.current or self._monitor.has_gap(now):
+            self._unknown_since_s = None
+        elif self._unknown_since_s is None:
+            self._unknown_since_s = now
+
+    def _look(self) -> None:
         now, monitor = self._client.clock.now(), self._monitor
         if monitor.gap_ended_at_s > self._gap_ended_s:
             self._gap_ended_s = self._ask_at_s = monitor.gap_ended_at_s
@@ -67,8 +97,8 @@ class Evidence:
         self._complete = agree and all(monitor.arrived_at_s(kind) >= self._proved_at_s for kind in _KINDS)
 
     def _proof(self, now: float) -> float | None:
-        """When the first answer to a question since the gap arrived; the gap's end where the vehicle answers none."""
+        """When the first answer to a question since the gap arrived; now, after a while, where the vehicle answers none."""
         for arrived_s, answer in self._monitor.time_answers:
             if answer.asked_ns in self._asked:
                 return arrived_s
-        return self._gap_ended_s if now - self._gap_ended_s > _UNANSWERED_S else None
+        return now if now - self._gap_ended_s > _UNANSWERED_S else None

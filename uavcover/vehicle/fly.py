@@ -20,7 +20,7 @@ from uavcover.vehicle.arming import (
 from uavcover.vehicle.clearance import ALONE, Clearance
 from uavcover.vehicle.client import VehicleClient
 from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts
-from uavcover.vehicle.follow import follow_mission
+from uavcover.vehicle.follow import follow_mission, follow_taken
 from uavcover.vehicle.modes import Mode, custom_mode, require_multirotor
 from uavcover.vehicle.monitor import Monitor
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightFailedError, FlightFaultError, FlightOutcome
@@ -37,7 +37,7 @@ from uavcover.vehicle.readiness import (
     wait_until_ready,
 )
 from uavcover.vehicle.return_home import PlanReturn, hold, return_home
-from uavcover.vehicle.session import Session, Stopped
+from uavcover.vehicle.session import Session, Stopped, TakenOverError
 from uavcover.vehicle.track_file import Recorder
 
 __all__ = ["Continuation", "Ending", "FlightOutcome", "Orders", "fly", "fly_on"]
@@ -238,11 +238,7 @@ class _Flight:
         if self.recorder is not None:
             self.recorder.waypoint_of = lambda _: -1  # the items of the way home are no planned waypoints
         try:
-            landed = return_home(
-                self.session, plan_return, stops=1 if cause is None else self.session.stop(),
-                home_moved_up_m=(lambda: 0.0) if self.preconditions is None else self.preconditions.home_moved_up_m,
-                clear=self.orders.clearance.may_go_home,
-            )  # fmt: skip
+            landed = self._come_home(plan_return, 1 if cause is None else self.session.stop())
         except FlightFaultError as error:
             if cause is None or cause is Ending.RESERVE_KEPT or error.ending not in (Ending.FAILED, Ending.STUCK):
                 raise
@@ -257,6 +253,48 @@ class _Flight:
             how = "it was flown home along checked legs, and landed" if landed else "it was left holding"
             raise FlightFaultError(cause, f"{self.session.watch.text_of(cause)}; {how}")
         return self.outcome(Ending.RETURNED if landed else Ending.LEFT_HOLDING)
+
+    def _come_home(self, plan_return: PlanReturn, stops: int) -> bool:
+        """Whether the vehicle landed; what something else has meanwhile is recorded until it is on the ground."""
+        session = self.session
+        moved_up_m = (lambda: 0.0) if self.preconditions is None else self.preconditions.home_moved_up_m
+        while True:
+            try:
+                return return_home(
+                    session, plan_return, stops=stops, home_moved_up_m=moved_up_m,
+                    clear=self.orders.clearance.may_go_home,
+                )  # fmt: skip
+            except TakenOverError as error:
+                session.tell(EventKind.WARNING, str(error), alarm=True)
+                if error.ending is Ending.STATE_UNKNOWN:
+                    self._wait_until_known()
+                    continue
+                again, why = False, FlightFaultError(error.ending, str(error))
+            except VehicleSilentError as error:
+                session.tell(EventKind.WARNING, f"{error}; it is followed all the same", alarm=True)
+                again, why = True, FlightFaultError(Ending.FAILED, str(error))
+            landed = not session.client.vehicle.armed
+            stops = max(stops, session.stop())
+            try:
+                follow_taken(session)
+            except Stopped:
+                continue
+            except FlightFaultError as error:
+                if error.ending is Ending.STUCK and again:  # it holds, and may be heard again
+                    continue
+                raise
+            if landed:
+                return True
+            raise FlightFaultError(why.ending, f"{why}; it was followed, and landed and disarmed")
+
+    def _wait_until_known(self) -> None:
+        session, stops = self.session, self.session.stop()
+        while not session.evidence.current:
+            if session.stop() > stops:
+                raise FlightFaultError(
+                    Ending.STATE_UNKNOWN, f"{session.watch.text_of(Ending.STATE_UNKNOWN)}; stopped following"
+                )
+            session.pump()
 
     def outcome(self, ending: Ending) -> FlightOutcome:
         """How it ended."""
@@ -323,11 +361,16 @@ def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn)
         flight.watch_preconditions(plan)
         tell_own_returns(session, plan.returns)
         _wait_for_clearance(session, flight.orders.clearance)
-        _refuse_armed(session)
+        session.prepare(lambda: _refuse_armed(session), while_in=tuple(Mode))
         flight.orders.on_begin()
         progress = flight.record(plan)
         flight.touched = True
-        arm_and_start(session)
+        try:
+            arm_and_start(session)
+        except TakenOverError as error:
+            if not session.client.vehicle.armed:
+                raise
+            session.tell(EventKind.WARNING, str(error), alarm=True)  # and follow it: somebody may fly it
         follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)
     except Stopped as stop:
         return flight.home(plan_return, stop.cause)
@@ -354,10 +397,8 @@ def _from_the_air(flight: _Flight, plan_continuation: PlanContinuation, plan_ret
         request_telemetry(session)
         check_telemetry(session)
         flight.orders.on_begin()
-        at_rest = hold(session, "the vehicle is told to hold")
+        hold(session, "the vehicle is told to hold")
         flight.touched = True
-        if not at_rest:
-            raise FlightFaultError(Ending.FAILED, "the vehicle does not come to rest; it was left holding")
         here = session.monitor.latest(m.GlobalPositionInt)
         if here is None:
             raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not tell where it is; it was left holding")
@@ -383,7 +424,10 @@ def _from_the_air(flight: _Flight, plan_continuation: PlanContinuation, plan_ret
             raise Stopped
         session.monitor.forget(m.MissionCurrent)
         progress = flight.record(plan)
-        fly_from_item(session, wire_seq(session, onward.first_item))
+        try:
+            fly_from_item(session, wire_seq(session, onward.first_item))
+        except TakenOverError as error:
+            session.tell(EventKind.WARNING, str(error), alarm=True)  # and follow it to the ground
         session.watch.take_off()
         session.tell(EventKind.STAGE, "going on with the mission")
         follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)

@@ -1,9 +1,9 @@
 """Follows a vehicle along its mission until it has landed and disarmed."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 
-from mission_io.errors import CommandRefusedError
+from mission_io.errors import CommandRefusedError, VehicleSilentError
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from uavcover.vehicle.arming import continue_mission, hold_mode, send_disarm, set_mode
@@ -86,8 +86,10 @@ def follow_mission(
         elif aloft and follower.holds:
             guard.look_at_place()
         meanwhile()
-        if aloft:
+        if aloft and follower.is_ours:
             schedule.look()
+        elif aloft:
+            session.watch.rest()  # what is measured against the plan is not told of a vehicle that something else has
         follower.react()
         returns = (
             reaction(Ending.RESERVE_KEPT, follower.phase, simulated=session.simulated, chosen=None) is OnBreach.RETURN
@@ -131,8 +133,37 @@ def follow_home(session: Session, *, stops_before: int, longest_wait_s: float) -
         raise FlightFaultError(Ending.CRASHED, f"{fallen} on its way home{session.recent_warnings}")
     if follower.cause is not None:
         raise FlightFaultError(
-            follower.cause, "the vehicle did not fly its way home to the end; it has landed and disarmed"
+            follower.cause, f"{follower.why}; it did not fly its way home to the end, and it landed and disarmed"
         )
+    session.tell(EventKind.STAGE, "disarmed")
+
+
+def follow_taken(session: Session) -> None:
+    """Record a vehicle that something else has, or that answers no command, until it is on the ground.
+
+    Raises:
+        FlightFaultError: its cause, once the vehicle is on the ground and disarmed; the vehicle is gone, or holds on in a mode
+            of ours.
+        Stopped: the user asked once more, and the vehicle is in a mode of ours.
+    """
+    follower = _Follower(
+        session, session.timeouts.stuck_s, stops_before=session.stop(), pause=lambda: False, progress=None,
+        ours=(Mode.MISSION, Mode.HOLD, hold_mode(session)),
+    )  # fmt: skip
+    falls = FallWatch(session, None)
+
+    def look() -> None:
+        if not session.monitor.on_ground:
+            falls.look()
+
+    while session.client.vehicle.armed:
+        follower.step(look)
+    follower.settle()
+    fallen = _fallen(session, follower)
+    if fallen is not None:
+        raise FlightFaultError(Ending.CRASHED, f"{fallen}{session.recent_warnings}")
+    if follower.cause is not None:
+        raise FlightFaultError(follower.cause, f"{follower.why}; it landed and disarmed")
     session.tell(EventKind.STAGE, "disarmed")
 
 
@@ -148,10 +179,12 @@ def _judge(session: Session, plan: FlightPlan, progress: MissionProgress, follow
     if fallen is not None:
         before = [follower.cause] if follower.cause is not None else []
         before += [kind for kind in _LASTING if watch.is_open(kind)]
-        why = f"; before, {watch.text_of(before[0])}" if before else ""
+        why = ""
+        if before:
+            why = f"; before, {follower.why if follower.cause is not None else watch.text_of(before[0])}"
         raise FlightFaultError(Ending.CRASHED, f"{fallen} after {flown}{why}{session.recent_warnings}")
     if follower.cause is not None:
-        raise FlightFaultError(follower.cause, f"{watch.text_of(follower.cause)}; it landed and disarmed after {flown}")
+        raise FlightFaultError(follower.cause, f"{follower.why}; it landed and disarmed after {flown}")
     how = "it landed and disarmed"
     for kind in _LASTING:
         if watch.is_open(kind):
@@ -166,7 +199,7 @@ def _judge(session: Session, plan: FlightPlan, progress: MissionProgress, follow
         raise FlightFaultError(lasting, f"{watch.text_of(lasting)}; {how} after {flown}")
     raise FlightFaultError(
         Ending.ENDED_EARLY,
-        f"the vehicle landed and disarmed after {flown}, in {session.mode_name}{session.recent_warnings}",
+        f"the vehicle landed and disarmed after {flown}, in {session.mode_name}{follower.unseen}{session.recent_warnings}",
     )
 
 
@@ -199,6 +232,7 @@ class _Follower:
         stops_before: how many stops of the user are known already.
         pause: whether the vehicle is to wait now.
         progress: along the planned waypoints; None on the way home.
+        ours: the modes that were commanded where nothing is flown by it.
 
     Attributes:
         last_armed_s: vehicle time when it was last known to be armed.
@@ -212,8 +246,11 @@ class _Follower:
         stops_before: int,
         pause: Callable[[], bool],
         progress: MissionProgress | None,
+        ours: Collection[Mode] = (Mode.MISSION,),
     ) -> None:
         self._session, self._stops_before, self._pause, self._progress = session, stops_before, pause, progress
+        self._ours = ours
+        self._known_until_s = session.monitor.gap_ended_at_s
         self._override = ModeOverride(session)
         self._stillness = Stillness(session, stuck_s)
         self._elsewhere = Stillness(session, session.timeouts.override_s)
@@ -224,6 +261,7 @@ class _Follower:
         self._holds_for: dict[Ending, int] = {}
         self._acted_on: set[Ending] = set()
         self._upside_down = False
+        self._declined: bool | None = None
         self._going_on: Timer | None = None
         self._mode_changes = session.monitor.mode_changes
         self.last_armed_s = session.monitor.time_s
@@ -241,7 +279,14 @@ class _Follower:
     @property
     def is_ours(self) -> bool:
         """Whether current evidence shows that the vehicle does what we commanded."""
-        return not self._override.begun and self._session.evidence.current
+        return not self._override.begun and self._session.obeys(self._commanded)
+
+    @property
+    def _commanded(self) -> Collection[Mode]:
+        """The modes that were commanded last."""
+        if self._lands_for is not None:
+            return [Mode.LAND]
+        return self._ours if self._hold is None else [hold_mode(self._session)]
 
     @property
     def phase(self) -> Phase:
@@ -259,6 +304,19 @@ class _Follower:
     def cause(self) -> Ending | None:
         """Why something else, a pilot or a failsafe, has the vehicle; None when nothing has."""
         return self._override.cause
+
+    @property
+    def why(self) -> str:
+        """What was told of the cause."""
+        return self._override.text
+
+    @property
+    def unseen(self) -> str:
+        """The gap in which the flight ended, as the end of a clause; empty where its end was seen."""
+        monitor = self._session.monitor
+        if monitor.gap_ended_at_s <= self._known_until_s:
+            return ""
+        return f"; what happened in the silence of {monitor.gap_s:.0f} s before that is not known"
 
     def settle(self) -> None:
         """Find the cause of what happened in the last moment, or in the gap before it."""
@@ -287,10 +345,14 @@ class _Follower:
                 self._going_on, session.paused = None, self._hold is not None
             session.pump()
             look()
+            if self._hold is not None and self.is_ours and session.monitor.on_ground is not True:
+                self._look_at_hold(self._hold)
         except TakenOverError as error:
             session.tell(EventKind.WARNING, str(error), alarm=True)
         if session.evidence.current:
             self._look_at_mode()
+            if session.client.vehicle.armed:
+                self._known_until_s = session.monitor.gap_ended_at_s
         if session.monitor.on_ground:
             self._wait_until_disarmed()
             return
@@ -300,15 +362,13 @@ class _Follower:
             if self._elsewhere.too_long and self.cause is not None:
                 raise FlightFaultError(
                     self.cause,
-                    f"{session.watch.text_of(self.cause)}; it has not moved for {self._elsewhere.timeout_s:g} s and is "
+                    f"{self.why}; it has not moved for {self._elsewhere.timeout_s:g} s and is "
                     "left to whoever controls it",
                 )
             return
         self._elsewhere.restart()
         if self._hold is not None:
             self._stillness.restart()
-            if self.is_ours:
-                self._look_at_hold(self._hold)
         elif self._stillness.too_long:
             self._raise_stuck()
 
@@ -343,10 +403,9 @@ class _Follower:
     def _look_at_mode(self) -> None:
         """Look whether the vehicle is in the mode that we commanded, and whether it has just come back to its mission."""
         session, progress = self._session, self._progress
-        expected = Mode.LAND if self._lands_for is not None else hold_mode(session) if self._hold else Mode.MISSION
-        self._override.update({expected})
+        self._override.update(self._commanded)
         changes, self._mode_changes = self._mode_changes, session.monitor.mode_changes
-        came_back = changes != self._mode_changes and not self._override.begun and expected is Mode.MISSION
+        came_back = changes != self._mode_changes and not self._override.begun and Mode.MISSION in self._commanded
         if not came_back or progress is None or progress.heading_for < 0:
             return
         progress.rejoin()
@@ -357,14 +416,15 @@ class _Follower:
         session = self._session
         session.paused = True
         try:
-            session.steer(lambda: set_mode(session, hold_mode(session)), while_in=[Mode.MISSION, hold_mode(session)])
-        except CommandRefusedError as error:
+            obeyed = self._obeys(hold_mode(session), "hold")
+        except TakenOverError as error:
             session.paused = False
-            session.tell(EventKind.WARNING, f"the vehicle refuses to hold: {error}", alarm=True)
-            return
-        except TakenOverError:
-            session.paused = False
+            if error.ending is Ending.STATE_UNKNOWN:
+                self._acted_on.discard(breach)
             raise
+        if not obeyed:
+            session.paused = False
+            return
         self._holds_for[breach] = self._holds_for.get(breach, 0) + 1
         again = self._holds_for[breach] < _MOST_HOLDS and self._progress is not None
         self._hold = HoldWatch(session, breach, may_go_on=again)
@@ -377,10 +437,22 @@ class _Follower:
 
     def _land(self, breach: Ending) -> None:
         session = self._session
-        session.paused = True
-        session.steer(lambda: set_mode(session, Mode.LAND), while_in=[Mode.MISSION, Mode.LAND])
-        self._lands_for = breach
-        session.tell(EventKind.STOP, "the vehicle therefore lands where it is")
+        if self._obeys(Mode.LAND, "land"):
+            session.paused, self._lands_for = True, breach
+            session.tell(EventKind.STOP, "the vehicle therefore lands where it is")
+
+    def _obeys(self, mode: Mode, what: str) -> bool:
+        """Change a vehicle in its mission to a mode; one that refuses or does not answer is told, and followed on."""
+        session = self._session
+        try:
+            session.steer(lambda: set_mode(session, mode), while_in=[Mode.MISSION, mode])
+        except CommandRefusedError as error:
+            session.tell(EventKind.WARNING, f"the vehicle refuses to {what}: {error}", alarm=True)
+            return False
+        except VehicleSilentError as error:
+            session.tell(EventKind.WARNING, f"the vehicle was told to {what}, and does not obey: {error}", alarm=True)
+            return False
+        return True
 
     def _look_at_hold(self, hold: HoldWatch) -> None:
         session, state = self._session, hold.look()
@@ -398,13 +470,26 @@ class _Follower:
             if problem is not None and hold.purpose is not None:
                 session.tell(EventKind.STOP, f"the mission is not continued: {problem}")
                 raise Stopped(hold.purpose)
-            self._go_on("what it held for is over: the vehicle goes on with its mission")
+            if not self._goes_on("what it held for is over: the vehicle goes on with its mission"):
+                raise Stopped(hold.purpose)
             self._upside_down = self._pause()
 
-    def _go_on(self, text: str) -> None:
-        continue_mission(self._session)
-        self._session.tell(EventKind.STOP, text)
-        self._going_on, self._hold = Timer(self._session, _GOING_ON_S), None
+    def _goes_on(self, text: str) -> bool:
+        """Continue the mission; a vehicle that refuses holds on, and one that flies another item is flown home."""
+        session = self._session
+        try:
+            continue_mission(session)
+        except FlightFaultError as error:
+            if error.ending is not Ending.FAILED:
+                raise
+            session.watch.open(Ending.FAILED, str(error))
+            raise Stopped(Ending.FAILED) from error
+        except (CommandRefusedError, VehicleSilentError) as error:
+            session.tell(EventKind.WARNING, f"the mission is not continued: {error}", alarm=True)
+            return False
+        session.tell(EventKind.STOP, text)
+        self._going_on, self._hold = Timer(session, _GOING_ON_S), None
+        return True
 
     def _end_at_users_wish(self, stops: int) -> None:
         """Home, unless something else has the vehicle: then the first stop is told, and the second ends the record."""
@@ -414,7 +499,7 @@ class _Follower:
             self._override.settle()
             if self.cause is None:
                 raise Stopped
-        why = "what the vehicle does is not known" if self.cause is None else session.watch.text_of(self.cause)
+        why = "what the vehicle does is not known" if self.cause is None else self.why
         if self._record_goes_on or stops > self._stops_before + 1:
             raise FlightFaultError(
                 self.cause or Ending.STATE_UNKNOWN,
@@ -437,21 +522,37 @@ class _Follower:
 
     def _pause_or_go_on(self) -> None:
         session = self._session
-        wanted = self._pause() is not self._upside_down  # a key that was pressed before a breach does not end its hold
-        if wanted == (self._hold is not None) or not self.is_ours or session.monitor.on_ground is not False:
+        pressed = self._pause()
+        if self._declined is not pressed:
+            self._declined = None
+        wanted = pressed is not self._upside_down  # a key that was pressed before a breach does not end its hold
+        if (
+            self._declined is not None
+            or wanted == (self._hold is not None)
+            or not self.is_ours
+            or session.monitor.on_ground is not False
+        ):
             return
         if wanted:
-            session.paused = True
-            session.steer(lambda: set_mode(session, hold_mode(session)), while_in=[Mode.MISSION, hold_mode(session)])
+            session.paused, self._declined = True, pressed  # until it holds
+            try:
+                session.paused = self._obeys(hold_mode(session), "hold")
+            except TakenOverError:
+                session.paused = False
+                raise
+            if not session.paused:
+                return
+            self._declined = None
             self._hold = HoldWatch(session, None, may_go_on=False)
             session.tell(EventKind.STOP, f"paused: the vehicle holds its place in {session.mode_name}")
             return
         problem = None if self._progress is None else self._progress.line_problem()
         if problem is not None:
-            self._upside_down = not self._upside_down
+            self._declined = pressed
             session.tell(EventKind.WARNING, f"the mission is not continued: {problem}; Ctrl-C flies home", alarm=True)
             return
-        self._go_on("the vehicle goes on with its mission")
+        if not self._goes_on("the vehicle goes on with its mission"):
+            self._declined = pressed
 
     def _raise_stuck(self) -> None:
         session = self._session
@@ -474,17 +575,25 @@ class _Follower:
             self._landed = Timer(session, session.timeouts.disarm_s)
             session.tell(EventKind.STAGE, "on the ground")
         elif self._landed.over:
-            if self.cause is Ending.PILOT_TOOK_OVER:
+            if self.cause is not None:
                 raise FlightFaultError(
-                    self.cause,
-                    f"{session.watch.text_of(self.cause)}; it is on the ground and stays armed: left to whoever controls it",
+                    self.cause, f"{self.why}; it is on the ground and stays armed: left to whoever controls it"
                 )
+            if not session.evidence.current:
+                return
             if self._told_to_disarm:
                 raise FlightFaultError(
                     Ending.STAYED_ARMED, f"the vehicle has landed but stays armed{session.recent_warnings}"
                 )
             self._told_to_disarm = True
-            send_disarm(session)
+            ours = [Mode.MISSION, Mode.LAND, Mode.HOLD, hold_mode(session)]
+            try:
+                session.steer(lambda: send_disarm(session), while_in=ours)
+            except (TakenOverError, CommandRefusedError, VehicleSilentError) as error:
+                if session.client.vehicle.armed:
+                    session.tell(
+                        EventKind.WARNING, f"the vehicle is on the ground and stays armed: {error}", alarm=True
+                    )
             self._landed.restart()
 
 

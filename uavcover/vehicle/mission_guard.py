@@ -146,12 +146,14 @@ class ModeOverride:
 
     Attributes:
         cause: why; None while the vehicle is in the commanded mode, or has only just left it.
+        text: what was told of it.
     """
 
     def __init__(self, session: Session) -> None:
         self._session = session
         self._left: Timer | None = None
         self.cause: Ending | None = None
+        self.text = ""
 
     @property
     def begun(self) -> bool:
@@ -166,7 +168,7 @@ class ModeOverride:
             self.settle()  # PX4 returns to the commanded mode after landing: that does not end an override
         elif session.client.vehicle.custom_mode in numbers:
             if self.cause is not None:
-                session.watch.close(self.cause, f"the vehicle is back in {session.mode_name}")
+                session.watch.given_back(f"the vehicle is back in {session.mode_name}")
             self._left = self.cause = None
         elif self._left is None:
             self._left = Timer(session, _SETTLE_S)
@@ -180,10 +182,8 @@ class ModeOverride:
         session = self._session
         found = session.watch.cause_of_mode_change()
         self.cause = found.kind
-        text = f"the vehicle changed to {session.mode_name}: {found.text}"
-        if session.watch.is_open(self.cause):
-            session.tell(EventKind.WARNING, text)
-        session.watch.open(self.cause, text, evidence=found.evidence)
+        self.text = f"the vehicle changed to {session.mode_name}: {found.text}"
+        session.watch.taken(self.cause, self.text, found.evidence)
 
 
 _DOUBT_S = 3.0

@@ -12,7 +12,7 @@ from uavcover.vehicle.arming import first_seq, fly_from_item, hold_mode, is_flyi
 from uavcover.vehicle.follow import follow_home
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
-from uavcover.vehicle.session import Session, Stopped, Timer
+from uavcover.vehicle.session import Session, Stopped
 
 _AT_REST_M_S = 0.3
 _ASKED = "second stop"
@@ -21,28 +21,28 @@ PlanReturn = Callable[[float, float, float], Mission]
 """Plans a mission home with checked legs from latitude, longitude (degrees) and height above sea level (metres)."""
 
 
-def hold(session: Session, text: str = "stop: the vehicle is told to hold") -> bool:
+def hold(session: Session, text: str = "stop: the vehicle is told to hold") -> None:
     """Tell ``text``, make the vehicle stay where it is, and wait until it has come to rest.
 
-    Returns:
-        Whether it did; False for one that the wind carries along, which was told.
-
     Raises:
-        FlightFaultError: it is gone, or something else has it.
+        TakenOverError: something else has it, or its state stays unknown.
+        FlightFaultError: it is gone, or does not come to rest.
         mission_io.errors.CommandRefusedError: it refuses to hold.
     """
     session.tell(EventKind.STOP, text)
     ours = (Mode.MISSION, Mode.HOLD, hold_mode(session))
     session.steer(lambda: set_mode(session, hold_mode(session)), while_in=ours)
-    timer = Timer(session, session.timeouts.halt_s)
-    while _speed_m_s(session) > _AT_REST_M_S:
-        if timer.over:
-            text = f"the vehicle, in {session.mode_name}, does not come to rest within {session.timeouts.halt_s:g} s"
-            session.tell(EventKind.WARNING, text, alarm=True)
-            return False
-        session.pump()
+
+    def at_rest() -> bool:
+        session.require_obedience(ours)
+        return _speed_m_s(session) <= _AT_REST_M_S
+
+    session.wait(
+        at_rest,
+        timeout_s=session.timeouts.halt_s,
+        what=lambda: f"the vehicle, in {session.mode_name}, does not come to rest",
+    )
     session.tell(EventKind.STOP, "the vehicle holds its place")
-    return True
 
 
 def return_home(
@@ -63,11 +63,17 @@ def return_home(
         Whether the vehicle landed; False when it was left holding, which was told.
 
     Raises:
+        TakenOverError: something else has the vehicle, or its state stays unknown.
         FlightFaultError: the vehicle is gone, or does something else.
     """
     session.paused = False
-    session.watch.stop_repeating()
-    hold(session)
+    session.watch.rest()
+    try:
+        hold(session)
+    except FlightFaultError as error:
+        if error.ending is not Ending.FAILED:
+            raise
+        session.tell(EventKind.WARNING, f"{error}: it is flown home all the same", alarm=True)  # as in a strong wind
     if session.stop() > stops:
         return _leave(session, _ASKED)
     here = session.monitor.latest(m.GlobalPositionInt)
@@ -84,6 +90,7 @@ def return_home(
         if session.stop() > stops:
             return _leave(session, _ASKED)
         session.pump()
+        session.require_obedience([hold_mode(session)])
         try:
             is_clear = clear(mission)
         except UavcoverError as error:

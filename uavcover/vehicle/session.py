@@ -21,6 +21,8 @@ ResultT = TypeVar("ResultT")
 
 _POLL_S = 0.1
 _WARNING_SEVERITY = 4
+_UNKNOWN_S = 10.0
+"""So long a vehicle may be heard without its state being known before that is an alarm; evidence takes about 3 s."""
 
 
 class Stopped(Exception):  # noqa: N818 - the user's wish is no error
@@ -164,6 +166,22 @@ class Session:
             self.tell(EventKind.TEXT, f"component {component}: {said.text}")
         self.evidence.look()
         self.watch.look()
+        self._look_at_evidence()
+
+    def _look_at_evidence(self) -> None:
+        """A vehicle in flight that is heard, and whose state is not known; a heartbeat that is lost says that already."""
+        unknown_s, lost = self.evidence.unknown_s, self.watch.is_open(Ending.HEARTBEAT_LOST)
+        if unknown_s > _UNKNOWN_S and not lost and self.client.vehicle.armed:
+            self.watch.open(Ending.STATE_UNKNOWN, self._unknown_text, unknown_s)
+        else:
+            self.watch.measure(Ending.STATE_UNKNOWN, None, "", "the vehicle's state is known again")
+
+    @property
+    def _unknown_text(self) -> str:
+        return (
+            f"the vehicle is heard, and its state has not been known for {self.evidence.unknown_s:.0f} s: "
+            f"{self.evidence.missing} is missing; nothing is commanded until it comes"
+        )
 
     def listen(self, seconds: float) -> None:
         """Listen for some seconds on the link's clock, whatever goes wrong."""
@@ -181,26 +199,57 @@ class Session:
         """Command the vehicle in flight, as long as current evidence shows it in a mode that we commanded.
 
         Nothing is sent, and nothing is sent again, while the evidence is older than the last gap, or when it shows another mode:
-        a failsafe or a pilot has the vehicle then. Silence is waited for until the link counts as lost.
+        a failsafe or a pilot has the vehicle then. Silence is waited for until the link counts as lost, a vehicle that is heard
+        and not known for some seconds.
 
         Args:
             act: sends the command and waits for its answer.
             while_in: the modes that we commanded, and the one that ``act`` commands.
 
         Raises:
-            TakenOverError: the vehicle is in another mode, or disarmed.
+            TakenOverError: the vehicle is in another mode, or disarmed, or its state stays unknown.
             FlightFaultError: the vehicle is gone.
             mission_io.errors.MissionIoError: whatever ``act`` raises but silence; silence too, when other messages arrive.
         """
+        return self._command(act, lambda: self.obeys(while_in))
+
+    def prepare(self, act: Callable[[], ResultT], *, while_in: Collection[Mode] = ()) -> ResultT:
+        """Command a vehicle on the ground, as long as current evidence shows it disarmed, or in one of these modes.
+
+        Raises:
+            TakenOverError: it is armed, and in another mode, or its state stays unknown.
+            FlightFaultError: the vehicle is gone.
+            mission_io.errors.MissionIoError: as for ``steer``.
+        """
+
+        def may() -> bool:
+            return self.evidence.current and (not self.client.vehicle.armed or self.obeys(while_in))
+
+        return self._command(act, may)
+
+    def require_obedience(self, modes: Collection[Mode]) -> None:
+        """Nothing, unless current evidence shows the vehicle disarmed, or in none of these modes.
+
+        Raises:
+            TakenOverError: it does.
+        """
+        if self.evidence.current and not self.obeys(modes):
+            raise self._withheld()
+
+    def _withheld(self) -> TakenOverError:
+        how = f"armed, in {self.mode_name}" if self.client.vehicle.armed else "disarmed"
+        return TakenOverError(Ending.TAKEN_OVER, f"nothing was commanded: the vehicle is {how}")
+
+    def _command(self, act: Callable[[], ResultT], may: Callable[[], bool]) -> ResultT:
         began_s = self.client.clock.now()
         while True:
             while not self.evidence.current:
+                if self.evidence.unknown_s > _UNKNOWN_S:
+                    raise TakenOverError(Ending.STATE_UNKNOWN, f"nothing was commanded: {self._unknown_text}")
                 self.pump()
-            if not self.obeys(while_in):
-                cause = self.watch.cause_of_mode_change()
-                how = f"in {self.mode_name}" if self.client.vehicle.armed else "disarmed"
-                raise TakenOverError(cause.kind, f"the vehicle is {how}, and nothing was commanded: {cause.text}")
-            self.client.give_up = lambda: not self.obeys(while_in)
+            if not may():
+                raise self._withheld()
+            self.client.give_up = lambda: not may()
             try:
                 return act()
             except WaitCancelledError:

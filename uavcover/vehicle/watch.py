@@ -87,7 +87,6 @@ _OTHER_MISSION = ("changed", "received", "updated", "uploaded", "new")
 """Words beside "mission" or "flight plan" that speak of another one."""
 
 _SILENCE = frozenset({Ending.LINK_LOST, Ending.HEARTBEAT_LOST, Ending.POSITION_LOST})
-_OF_THE_VEHICLE = frozenset({Ending.GPS_LOST, Ending.BATTERY_LOW, Ending.FALLING})
 _SETTLE_S = 2.0
 _CAUSE_WITHIN_S = 10.0
 _LOW_BATTERY_PERCENT = 15
@@ -131,6 +130,7 @@ class Watch:
         self._client, self._monitor, self._timeouts = client, monitor, timeouts
         self._tell, self._sound = tell, sound
         self._open: dict[Ending, _Going] = {}
+        self._taken: tuple[Ending, _Going] | None = None
         self._closed_at_s: dict[Ending, float] = {}
         self.causes = Causes(client, monitor)
         self._in_flight = False
@@ -188,12 +188,6 @@ class Watch:
             if self._measure(kind, going, None) is Told.ENDED:
                 self.close(kind, over)
 
-    def stop_repeating(self) -> None:
-        """The mission is over before its end: what is judged by it stays open, and is not repeated any more."""
-        for kind, going in self._open.items():
-            if kind not in _SILENCE | _OF_THE_VEHICLE:
-                going.amount = None
-
     def close(self, kind: Ending, text: str) -> None:
         """Tell that it is over, if it was there."""
         going = self._open.pop(kind, None)
@@ -202,6 +196,24 @@ class Watch:
         self._closed_at_s[kind] = self._client.clock.now()
         self.incidents[going.number] = replace(self.incidents[going.number], end_s=self._monitor.time_s)
         self._tell(EventKind.WARNING, text)
+
+    def taken(self, kind: Ending, text: str, evidence: tuple[str, ...]) -> None:
+        """Something else has the vehicle: an incident of its own, which does not end with the alarm that may be its cause."""
+        self._taken = kind, _Going(len(self.incidents), Alarm(), self._client.clock.now(), text)
+        self.incidents.append(Incident(kind, text, self._monitor.time_s, evidence=evidence))
+        self._measure(*self._taken, 0.0)
+
+    def given_back(self, text: str) -> None:
+        """Tell that nothing else has the vehicle any more."""
+        if self._taken is not None:
+            number, self._taken = self._taken[1].number, None
+            self.incidents[number] = replace(self.incidents[number], end_s=self._monitor.time_s)
+            self._tell(EventKind.WARNING, text)
+
+    def rest(self) -> None:
+        """What is open and not measured any more is not told again, as on the way home."""
+        for going in self._open.values():
+            going.amount = None
 
     def _measure(self, kind: Ending, going: "_Going", amount: float | None) -> Told | None:
         now, vehicle_s = self._client.clock.now(), self._monitor.time_s
@@ -259,13 +271,15 @@ class Watch:
         if self._in_flight:
             self._look_at_fix()
             self._look_at_battery()
-        for kind, going in self._open.items():
+        for kind, going in [*self._open.items(), *([] if self._taken is None else [self._taken])]:
             if going.amount is not None:
                 self._measure(kind, going, going.amount)
 
     def _look_at_silence(self, silence_s: float) -> None:
         vehicle = self._client.vehicle.system_id
-        if silence_s > self._timeouts.link_lost_s:
+        if silence_s > self._timeouts.link_lost_s and self.is_open(
+            Ending.LINK_LOST
+        ):  # a pause of ours is no silence yet
             text = f"link lost: nothing from vehicle {vehicle} for {silence_s:.1f} s"
             self.open(Ending.LINK_LOST, text)
             raise FlightFaultError(Ending.LINK_LOST, f"{text}; look for it, and at the link")

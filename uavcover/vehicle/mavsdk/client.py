@@ -19,6 +19,7 @@ from mission_io.errors import (
     TransferSilentError,
     VehicleHolds,
     VehicleSilentError,
+    WaitCancelledError,
 )
 from mission_io.links.opening import Link
 from mission_io.model.enums import CommandResult, MissionResult
@@ -307,7 +308,11 @@ class MavsdkClient(Client):
             answer = call.take_answer()
             return answer is not None or (stop is not None and stop())
 
-        self._listen(hear, is_over, deadline)
+        try:
+            self._listen(hear, is_over, deadline)
+        except WaitCancelledError:
+            self._session.drop(call)
+            raise
         return answer
 
     def _listen(self, hear: Heard, is_over: Callable[[], bool], deadline: float) -> None:

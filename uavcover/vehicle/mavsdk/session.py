@@ -108,6 +108,11 @@ class Call:
         """The answer, once; None while the call goes on."""
         return None if self._answers.empty() else self._answers.get()
 
+    @property
+    def over(self) -> bool:
+        """Whether an answer is there that nothing has taken."""
+        return not self._answers.empty()
+
 
 class MavsdkSession:
     """One MAVSDK instance that speaks as ``local`` and sends its own heartbeats.
@@ -123,6 +128,7 @@ class MavsdkSession:
         mavsdk.log_subscribe(_log_line)
         self._local, self._vehicle = local, local
         self._outgoing: SimpleQueue[bytes] = SimpleQueue()
+        self._dropped: list[Call] = []
         self._mavsdk = mavsdk.Mavsdk(mavsdk.Configuration.create_manual(local.system_id, local.component_id, True))
         result = self._mavsdk.add_any_connection("raw://")
         if result != mavsdk.ConnectionResult.SUCCESS:
@@ -145,7 +151,14 @@ class MavsdkSession:
     def take_outgoing(self) -> Iterator[bytes]:
         """What it wants to be sent by now."""
         while not self._outgoing.empty():
-            yield self._outgoing.get()
+            data = self._outgoing.get()
+            self._dropped = [call for call in self._dropped if not call.over]
+            if not self._dropped or _message_id(data) in _OF_NO_CALL:
+                yield data
+
+    def drop(self, call: Call) -> None:
+        """Send nothing more of a call: MAVSDK cannot be stopped from sending a command again before it gives it up."""
+        self._dropped.append(call)
 
     def has_found(self, vehicle: Address) -> bool:
         """Whether it knows the vehicle by now; the calls below are for that one."""
@@ -240,6 +253,18 @@ def _log_line(level: Any, text: str, file: str | None, line: int) -> bool:
 
 _SLICE_S = 0.002
 """How long what MAVSDK wants to be sent may wait."""
+
+
+_OF_NO_CALL = frozenset({0, 111})
+"""HEARTBEAT and TIMESYNC."""
+
+
+def _message_id(data: bytes) -> int:
+    """The number of a datagram's message."""
+    return int.from_bytes(data[7:10], "little") if data[0] == _MAVLINK_2 else data[5]
+
+
+_MAVLINK_2 = 0xFD
 
 
 class TappedLink(WrappingLink):
