@@ -16,7 +16,7 @@ import shutil
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -57,6 +57,8 @@ _TRIGGERS: Final[Mapping[str, Sequence[str]]] = MappingProxyType(
         "px4": ("commanded", "fence", "battery"),
     }
 )
+_PX4_KEEPS: Final = MappingProxyType({("RTL_RETURN_ALT", 60.0): 30.0, ("RTL_DESCEND_ALT", 30.0): 10.0})
+"""A value that equals the firmware's own default is no change to PX4's ``param set``: then rc.mc_defaults holds."""
 _POSITION_S = 0.1
 _STILL_S, _STILL_M = 20.0, 0.5
 _FLIGHT_S = 500.0
@@ -159,6 +161,9 @@ def flown_row(name: str, seed: int, folder: Path) -> dict[str, Any]:
         ("ardupilot", "px4")[seed % 2] if name == "mock" else "px4" if name == "px4" else "ardupilot"
     )
     case = make_case(seed, autopilot, triggers=_TRIGGERS[name])
+    if name == "px4":
+        held = {key: _PX4_KEEPS.get((key, value), value) for key, value in case.parameters.items()}
+        case = replace(case, parameters=held)
     kept_track = folder / f"{name}-{seed:03d}.npz"
     if kept_track.exists():
         with np.load(kept_track) as kept:

@@ -113,7 +113,7 @@ def test_a_plan_brings_its_autopilot_and_its_fence(cli: Cli, tmp_path: Path) -> 
     file = tmp_path / "m.plan"
     file.write_text(plan.write(made))
     ended = cli("check", file, "--dem", DEM, "--json")
-    # PX4 returns 60 m above home, ArduCopter 15 m; the circle of 60 m is left.
+    # PX4 returns 30 m above home, ArduCopter 15 m; the circle of 60 m is left.
     assert {one["kind"] for one in ended.document["findings"] if one["weight"] == "breaks"} == {"fence"}
 
 

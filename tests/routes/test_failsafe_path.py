@@ -120,17 +120,22 @@ def test_a_fast_arducopter_climbs_where_it_comes_to_rest():
 
 
 def test_px4_returns_above_the_destination_and_lands_or_waits_above_it():
-    line, number = path("px4", {}, (300.0, 0.0, 430.0))
+    line, number = path("px4", {"RTL_RETURN_ALT": 60.0}, (300.0, 0.0, 430.0))
     assert number == HOME
     assert line.tolist() == [[300, 0, 30], [300, 0, 60], [0, 0, 60], [0, 0, 0]]
-    line, _ = path("px4", {"RTL_LAND_DELAY": 5.0}, (300.0, 0.0, 430.0))
-    assert line[-2:].tolist() == [[0, 0, 30], [0, 0, 0]]
+    line, _ = path("px4", {"RTL_LAND_DELAY": 5.0}, (300.0, 0.0, 420.0))  # rc.mc_defaults: 30 m and 10 m
+    assert line.tolist() == [[300, 0, 20], [300, 0, 30], [0, 0, 30], [0, 0, 10], [0, 0, 0]]
     line, _ = path("px4", {"RTL_LAND_DELAY": -1.0}, (300.0, 0.0, 430.0))
-    assert line[-1].tolist() == [0, 0, 30]
+    assert line[-1].tolist() == [0, 0, 10]
 
 
 def test_px4_counts_its_heights_from_the_safe_point():
-    line, number = path("px4", {"RTL_LAND_DELAY": 5.0}, (350.0, 0.0, 430.0), (200.0, 0.0, 350.0))
+    line, number = path(
+        "px4",
+        {"RTL_LAND_DELAY": 5.0, "RTL_RETURN_ALT": 60.0, "RTL_DESCEND_ALT": 30.0},
+        (350.0, 0.0, 430.0),
+        (200.0, 0.0, 350.0),
+    )
     assert number == 0
     assert line.tolist() == [[350, 0, 30], [200, 0, 30], [200, 0, -20], [200, 0, 0]]
 
@@ -144,7 +149,7 @@ def test_px4_ignores_safe_points_at_home_and_those_nearer_by_less_than_2_m():
 
 @pytest.mark.parametrize(("distance_m", "up_m"), [(1.5, 3.0), (8.0, 8.0), (9.0, 9.0), (11.0, 60.0)])
 def test_px4s_cone_holds_within_rtl_min_dist(distance_m, up_m):
-    line, _ = path("px4", {"RTL_CONE_ANG": 45.0}, (distance_m, 0.0, 401.0))
+    line, _ = path("px4", {"RTL_CONE_ANG": 45.0, "RTL_RETURN_ALT": 60.0}, (distance_m, 0.0, 401.0))
     assert line[1, 2] == pytest.approx(up_m)
 
 
@@ -176,7 +181,8 @@ def test_landing_in_place_and_retracing_are_paths_too():
 
 def test_px4_holds_before_a_failsafe_and_brakes_there():
     settings = failsafe_settings(
-        "px4", {"NAV_DLL_ACT": 2.0, "NAV_RCL_ACT": 0.0, "COM_POS_LOW_ACT": 0.0, "GF_ACTION": 0.0}
+        "px4",
+        {"NAV_DLL_ACT": 2.0, "NAV_RCL_ACT": 0.0, "COM_POS_LOW_ACT": 0.0, "GF_ACTION": 0.0, "RTL_RETURN_ALT": 60.0},
     )
     commanded, failsafe = predict(settings, states((300.0, 0.0, 430.0), velocity=(0.0, 6.0)), to(), flat)
     stop_m = 6.0 * (6.0 / 6.0 + 3.0 / 4.0)
@@ -186,7 +192,7 @@ def test_px4_holds_before_a_failsafe_and_brakes_there():
 
 
 def test_px4_flies_to_the_missions_landing_when_its_type_says_so():
-    settings = failsafe_settings("px4", {"RTL_TYPE": 3.0})
+    settings = failsafe_settings("px4", {"RTL_TYPE": 3.0, "RTL_RETURN_ALT": 60.0})
     places = to(landing=2)
     first = predict(settings, states((300.0, 0.0, 430.0)), places, flat)[0]
     assert first.path_m(0).tolist() == [[300, 0, 430], [300, 0, 460], [0, 0, 430], [0, 0, 400]]

@@ -70,7 +70,7 @@ def default_aircraft(autopilot: AutopilotName, kind: Kind) -> Aircraft:
     if kind == "multirotor":
         if autopilot == "px4":
             return Aircraft(
-                autopilot=autopilot, cruise_speed_m_s=5.0, max_climb_m_s=3.0, max_descent_m_s=1.5, return_height_m=60.0,
+                autopilot=autopilot, cruise_speed_m_s=5.0, max_climb_m_s=3.0, max_descent_m_s=1.5, return_height_m=30.0,
                 loiter_radius_m=80.0, acceptance_m=10.0,
             )  # fmt: skip
         return Aircraft(autopilot=autopilot)

@@ -95,7 +95,7 @@ PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
             "NAV_ACC_RAD": _bound("acceptance_radius_m"),
             "RTL_RETURN_ALT": _bound("return_height_m"),
             "RTL_CONE_ANG": _whole(45),
-            "RTL_DESCEND_ALT": MockParameter(30.0),
+            "RTL_DESCEND_ALT": MockParameter(10.0),  # of multirotors, by rc.mc_defaults
             "RTL_LAND_DELAY": MockParameter(0.0),  # below 0: it waits there
             "RTL_MIN_DIST": MockParameter(10.0),
             "RTL_TYPE": _whole(0),  # 1: safe points before home; the others count as 0
