@@ -286,3 +286,22 @@ def test_a_vehicle_that_a_pilot_gives_back_in_its_hold_holds_its_new_place(autop
     assert Ending.PILOT_TOOK_OVER in kinds
     assert Ending.HOLD_LOST not in kinds
     assert outcome.ending is Ending.LANDED, text
+
+
+def test_a_vehicle_that_is_switched_off_after_a_landing_in_a_gap_is_no_lost_link():
+    scene, _ = scene_and_witness()
+    done: list[float] = []
+    receive = scene.link.receive
+
+    def until_it_is_off(timeout_s: float) -> bytes | None:
+        if not done and scene.vehicle.body.on_ground and scene.vehicle.powered_s > 60.0:
+            done.append(scene.vehicle.powered_s)
+            scene.link.go_dark(4.0)
+        if done and not scene.client.vehicle.armed:
+            scene.link.go_dark(1000.0)
+        return receive(timeout_s)
+
+    scene.link.receive = until_it_is_off  # type: ignore[method-assign]
+    outcome, text = flown(scene, timeouts=FlightTimeouts())
+    assert done
+    assert outcome.ending is Ending.LANDED, text

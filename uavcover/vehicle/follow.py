@@ -322,8 +322,8 @@ class _Follower:
         """Find the cause of what happened in the last moment, or in the gap before it."""
         session, timer = self._session, Timer(self._session, _EVIDENCE_S)
         in_a_gap = not session.evidence.current
-        while not (session.evidence.current or timer.over):
-            session.pump()
+        while not (session.evidence.current or timer.over or session.silence_s > session.timeouts.deadman_s):
+            session.pump()  # a vehicle that is switched off after its landing is not waited for
         if in_a_gap and (self._progress is None or not self._progress.all_reached):
             self._look_at_mode()
         self._override.settle()
