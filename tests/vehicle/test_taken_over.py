@@ -260,3 +260,48 @@ def test_a_stop_that_the_vehicle_does_not_hear_ends_no_record(autopilot):
     assert outcome.ending is Ending.FAILED
     assert "it was followed, and landed and disarmed" in text
     assert any("it is followed all the same" in told for told in scene.told(EventKind.WARNING))
+
+
+@AUTOPILOTS
+def test_a_vehicle_that_a_pilot_gives_back_in_its_hold_holds_its_new_place(autopilot):
+    scene, _ = scene_and_witness(autopilot)
+    holds = Mode.HOLD if autopilot is PX4 else Mode.GUIDED
+    done: set[str] = set()
+
+    def pause() -> bool:
+        now = scene.vehicle.powered_s
+        if now > 50.0 and "taken" not in done:
+            done.add("taken")
+            scene.vehicle.control.set_mode(Mode.MANUAL)
+        if now > 60.0 and "given" not in done:
+            done.add("given")
+            x, y, z = scene.vehicle.body.point.position_m
+            scene.vehicle.body.point.position_m = (x + 40.0, y, z)
+            scene.vehicle.body.believed.step()
+            scene.vehicle.control.set_mode(holds)
+        return 32.0 < now < 85.0
+
+    outcome, text = flown(scene, pause=pause)
+    kinds = [i.kind for i in outcome.incidents]
+    assert Ending.PILOT_TOOK_OVER in kinds
+    assert Ending.HOLD_LOST not in kinds
+    assert outcome.ending is Ending.LANDED, text
+
+
+def test_a_vehicle_that_is_switched_off_after_a_landing_in_a_gap_is_no_lost_link():
+    scene, _ = scene_and_witness()
+    done: list[float] = []
+    receive = scene.link.receive
+
+    def until_it_is_off(timeout_s: float) -> bytes | None:
+        if not done and scene.vehicle.body.on_ground and scene.vehicle.powered_s > 60.0:
+            done.append(scene.vehicle.powered_s)
+            scene.link.go_dark(4.0)
+        if done and not scene.client.vehicle.armed:
+            scene.link.go_dark(1000.0)
+        return receive(timeout_s)
+
+    scene.link.receive = until_it_is_off  # type: ignore[method-assign]
+    outcome, text = flown(scene, timeouts=FlightTimeouts())
+    assert done
+    assert outcome.ending is Ending.LANDED, text

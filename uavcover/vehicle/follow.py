@@ -322,8 +322,8 @@ class _Follower:
         """Find the cause of what happened in the last moment, or in the gap before it."""
         session, timer = self._session, Timer(self._session, _EVIDENCE_S)
         in_a_gap = not session.evidence.current
-        while not (session.evidence.current or timer.over):
-            session.pump()
+        while not (session.evidence.current or timer.over or session.silence_s > session.timeouts.deadman_s):
+            session.pump()  # a vehicle that is switched off after its landing is not waited for
         if in_a_gap and (self._progress is None or not self._progress.all_reached):
             self._look_at_mode()
         self._override.settle()
@@ -405,8 +405,10 @@ class _Follower:
         session, progress = self._session, self._progress
         self._override.update(self._commanded)
         changes, self._mode_changes = self._mode_changes, session.monitor.mode_changes
-        came_back = changes != self._mode_changes and not self._override.begun and Mode.MISSION in self._commanded
-        if not came_back or progress is None or progress.heading_for < 0:
+        came_back = changes != self._mode_changes and not self._override.begun
+        if came_back and self._hold is not None:
+            self._hold.begin_again()
+        if not came_back or Mode.MISSION not in self._commanded or progress is None or progress.heading_for < 0:
             return
         progress.rejoin()
         if (problem := progress.line_problem()) is not None:

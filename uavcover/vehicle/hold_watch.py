@@ -44,6 +44,11 @@ class HoldWatch:
         self._calm: Timer | None = None
         self._place: m.GlobalPositionInt | None = None
 
+    def begin_again(self) -> None:
+        """Hold where the vehicle comes to rest from now on: a pilot may have flown it elsewhere and given it back."""
+        self._place = None
+        self._rest.restart()
+
     def look(self) -> HoldState:
         """Judge it now."""
         if self._drifts():
