@@ -1,12 +1,13 @@
 """Whatever has the vehicle keeps it, at every stage, and the record goes on; what cannot be known is said."""
 
+import numpy as np
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
-from tests.vehicle.scene import Scene, make_scene, mission, plan_for, presses, way_home
+from tests.vehicle.scene import FRAME, Scene, geodetic, make_scene, mission, plan_for, presses, way_home
 from tests.vehicle.test_blackouts import BAND, Witness, dark_scene
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.flight_control import FlightControl
@@ -16,6 +17,8 @@ from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.monitor import Monitor
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightFailedError
 from uavcover.vehicle.precautions import OnBreach, Precautions
+from uavcover.vehicle.progress import MissionProgress
+from uavcover.vehicle.session import Session
 
 AUTOPILOTS = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 
@@ -305,3 +308,27 @@ def test_a_vehicle_that_is_switched_off_after_a_landing_in_a_gap_is_no_lost_link
     outcome, text = flown(scene, timeouts=FlightTimeouts())
     assert done
     assert outcome.ending is Ending.LANDED, text
+
+
+def test_px4_climbs_first_when_its_mission_is_continued_and_that_is_judged(monkeypatch):
+    """Flown by PX4 1.17 (its mission mode climbs to the next item's height before it flies there): 102 m above the band."""
+    scene, _ = scene_and_witness(PX4)
+    ground = BAND.ground_up_m(0.0, 0.0)
+    east_of = 30.0  # the ground falls away where the vehicle is held, and the band is kept along the planned leg alone
+    around = OperatingVolume(
+        ground_up_m=lambda east, _n: ground - 20.0 if east < east_of else ground, outside_fence_m=lambda _e, _n: 0.0,
+        min_height_agl_m=30.0, max_height_agl_m=85.0,
+    )  # fmt: skip
+    session = Session(
+        scene.client, scene.monitor, timeouts=FlightTimeouts(), on_event=scene.events.append, stop=lambda: 0
+    )
+    progress = MissionProgress(session, plan_for(mission(), volume=around))
+    monkeypatch.setattr(MissionProgress, "place_m", np.array([*FRAME.enu_from_geodetic(*_point())[0]]))
+    monkeypatch.setattr(MissionProgress, "_index", 4)
+    progress.heading_for = 1
+    assert "climbs where it is before it flies to waypoint 1: up to 90 m" in (progress.line_problem() or "")
+
+
+def _point() -> tuple[float, float, float]:
+    place = geodetic((0.0, 60.0, 60.0))
+    return place.lat_deg, place.lon_deg, place.alt_amsl_m

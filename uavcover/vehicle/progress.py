@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 
+from mission_io.model.enums import Firmware
 from mission_io.wire import messages as m
 from uavcover.kernels.arrays import FloatArray
 from uavcover.vehicle.flight_plan import FlightPlan
@@ -51,28 +52,29 @@ class MissionProgress:
     @property
     def off_leg_m(self) -> float:
         """Distance from the leg that is flown, the ways there and home too; 0 where there is none."""
-        here, leg = self.place_m, self._leg()
-        return 0.0 if here is None or leg is None else _distance_m(here, leg)
+        toward = self.off_leg_toward_m
+        return 0.0 if toward is None else float(np.linalg.norm(toward))
 
     @property
     def off_leg_toward_m(self) -> FloatArray | None:
         """(3,) ENU from the vehicle to the nearest point of its leg; None where there is none."""
         here, leg = self.place_m, self._leg()
-        return None if here is None or leg is None else _nearest_m(here, leg) - here
+        if here is None or leg is None:
+            return None
+        ways = [leg] if self._rejoins is None else [leg, *_pieces(self._way_on(leg[0], leg[1]))]
+        return min((_nearest_m(here, way) - here for way in ways), key=lambda toward: float(np.linalg.norm(toward)))
 
     def rejoin(self) -> None:
-        """The mission was continued where the mode changed last: autopilots fly straight to the item from there."""
+        """The mission was continued where the mode changed last: autopilots fly to the item from there, see ``_way_on``."""
         here = self._place_m(self._session.monitor.mode_changed_here)
         self._rejoins = None if here is None else (self._index, here)
 
     def line_problem(self) -> str | None:
-        """What is wrong with the straight line from here to the current item; None when it is clear, or off the route."""
+        """What is wrong with the way from here to the current item; None when it is clear, or off the route."""
         here, leg, around = self.place_m, self._legs_m.get(self._index), self._plan.volume
         if here is None or leg is None or around is None or self.heading_for <= 0:
             return None
-        line = leg[1] - here
-        fractions = np.linspace(0.0, 1.0, 2 + math.ceil(float(np.linalg.norm(line)) / _STEP_M))
-        points = here + fractions[:, None] * line
+        points = np.vstack([_along(piece) for piece in _pieces(self._way_on(here, leg[1]))])
         heights = [up - around.ground_up_m(east, north) for east, north, up in points.tolist()]
         lowest = min((h for h in heights if not math.isnan(h)), default=math.inf)
         to = f"the straight line from here to waypoint {self.heading_for}"
@@ -80,7 +82,23 @@ class MissionProgress:
             return f"{to} leads over ground without elevation data"
         if lowest < around.min_height_agl_m - _SLACK_M:
             return f"{to} comes within {lowest:.0f} m of the ground, where {around.min_height_agl_m:g} m are required"
+        highest = max(heights)
+        if highest > around.max_height_agl_m + _SLACK_M and self._climbs_first:
+            return (
+                f"the vehicle climbs where it is before it flies to waypoint {self.heading_for}: up to {highest:.0f} m "
+                f"above the ground, where {around.max_height_agl_m:g} m are allowed"
+            )
         return None
+
+    @property
+    def _climbs_first(self) -> bool:
+        return self._session.autopilot.firmware is Firmware.PX4
+
+    def _way_on(self, here: FloatArray, item: FloatArray) -> FloatArray:
+        """(k, 3) ENU, how a mission is continued: straight to the item; PX4 climbs to its height first, where it is higher."""
+        if not self._climbs_first or item[2] <= here[2]:
+            return np.vstack([here, item])
+        return np.vstack([here, [here[0], here[1], item[2]], item])
 
     @property
     def _index(self) -> int:
@@ -143,9 +161,17 @@ class MissionProgress:
         self._seen_s = here.time_boot_s
 
 
-def _distance_m(here: FloatArray, leg: FloatArray) -> float:
-    """Distance of a (3,) place from a (2, 3) leg."""
-    return float(np.linalg.norm(_nearest_m(here, leg) - here))
+def _pieces(way: FloatArray) -> list[FloatArray]:
+    """(2, 3) each, the straight pieces of a (k, 3) way."""
+    return [way[number : number + 2] for number in range(len(way) - 1)]
+
+
+def _along(piece: FloatArray) -> FloatArray:
+    """(n, 3) points along a (2, 3) piece, a few metres apart."""
+    line = piece[1] - piece[0]
+    fractions = np.linspace(0.0, 1.0, 2 + math.ceil(float(np.linalg.norm(line)) / _STEP_M))
+    points: FloatArray = piece[0] + fractions[:, None] * line
+    return points
 
 
 def _nearest_m(here: FloatArray, leg: FloatArray) -> FloatArray:
