@@ -11,7 +11,7 @@ from tests.vehicle.scene import FRAME, Scene, geodetic, make_scene, mission, pla
 from tests.vehicle.test_blackouts import BAND, Witness, dark_scene
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.flight_control import FlightControl
-from uavcover.vehicle import follow
+from uavcover.vehicle import follower
 from uavcover.vehicle.flight_plan import FlightTimeouts, OperatingVolume
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.monitor import Monitor
@@ -100,13 +100,13 @@ def test_a_command_for_a_vehicle_that_stays_unknown_is_withheld_and_following_go
 @AUTOPILOTS
 def test_a_failsafe_at_the_end_of_a_hold_ends_no_record(autopilot, monkeypatch):
     scene, witness = scene_and_witness(autopilot)
-    goes_on = follow.continue_mission
+    goes_on = follower.continue_mission
 
     def late(session) -> None:
         taken_at_once(scene)
         goes_on(session)
 
-    monkeypatch.setattr(follow, "continue_mission", late)
+    monkeypatch.setattr(follower, "continue_mission", late)
     outside = OperatingVolume(
         ground_up_m=BAND.ground_up_m, outside_fence_m=lambda _e, _n: 5.0 if 30.0 < scene.vehicle.powered_s < 33.0 else 0.0,
         min_height_agl_m=45.0, max_height_agl_m=80.0,

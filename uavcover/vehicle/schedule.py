@@ -121,7 +121,8 @@ class Schedule:
         self.late_s = self.aloft_s - done_s
         pace = max(1.0, self.aloft_s / done_s) if done_s > _LATE_S else 1.0
         self.left_s = pace * (total_s - done_s)
-        late = self.late_s > max(_LATE_S, _LATE_RATIO * done_s)
+        astray = self._session.watch.is_open(Ending.MISSION_CHANGED)  # what is flown then has another timetable
+        late = not astray and self.late_s > max(_LATE_S, _LATE_RATIO * done_s)
         self._session.watch.measure(
             Ending.LATE, self.late_s if late else None,
             f"the flight is {self.late_s:.0f} s late: {self.aloft_s:.0f} s in the air where {done_s:.0f} s are planned; it "
