@@ -143,7 +143,10 @@ KINDS: dict[str, Kind] = {
     "pilot": Kind(_mode, _TAKEN),
     "gps-loss": Kind(_fault("gps-loss", 5.0, 60.0), frozenset({Ending.GPS_LOST, Ending.POSITION_LOST, *_OFF})),
     "gps-glitch": Kind(_fault("gps-glitch", 20.0, 120.0), frozenset({Ending.GPS_LOST, *_OFF})),
-    "wind": Kind(_fault("strong-wind", 15.0, 28.0), frozenset({Ending.WIND_ABOVE_LIMITS, Ending.STUCK, Ending.CRASHED, *_OFF})),
+    "wind": Kind(  # blown over ground without elevation data there is no checked way home, and it is left holding
+        _fault("strong-wind", 15.0, 28.0),
+        frozenset({Ending.WIND_ABOVE_LIMITS, Ending.STUCK, Ending.CRASHED, Ending.BATTERY_LOW, *_OFF}),
+    ),
     "motor": Kind(_fault("motor-failure", 0.0, 0.0), frozenset({Ending.CRASHED})),
     "battery": Kind(
         _fault("battery-failsafe", 0.0, 0.0),
