@@ -395,7 +395,7 @@ def main() -> int:
             if any(row.flight == flight for row in rows):
                 continue
             row = measure(site, run, flight, options.seed, tlogs)
-            rows.append(row)
+            rows = sorted([*rows, row], key=lambda one: one.flight)
             print(f"{'  ' if row.good else '! '}{row}", flush=True)
             if options.output is not None:
                 write(options.output, rows, options)
