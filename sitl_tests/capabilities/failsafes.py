@@ -53,7 +53,7 @@ def link_loss(case: Case) -> Finding:
     require(bool(lost_s), f"it did not come to the second waypoint; {said}: {case.events[-1]}")
     if reaction == "returns":
         require_at_home(path)
-        require(not outcome.ending.good, said)
+        require(outcome.ending is Ending.LINK_LOST, said)
     return Finding(reaction, f"cut off on the way to the second waypoint; {said}")
 
 

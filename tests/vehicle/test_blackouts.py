@@ -135,3 +135,21 @@ def test_a_pilot_who_took_over_in_the_dark_keeps_the_vehicle(autopilot):
     outcome, _ = fly_with(scene, take_over, at_waypoint=1)
     assert witness.against == []
     assert outcome.ending in (Ending.LINK_LOST, Ending.TAKEN_OVER, Ending.PILOT_TOOK_OVER)
+
+
+@AUTOPILOTS
+def test_a_return_because_the_vehicle_hears_nothing_of_us_is_a_lost_link_and_no_pilot(autopilot):
+    """We hear the vehicle all the time; it says nothing of a failsafe, as PX4 in flight."""
+    scene, witness = dark_scene(autopilot, battery=BatteryData(endurance_s=900.0))
+    name = "FS_GCS_TIMEOUT" if autopilot is ARDUPILOT else "COM_DL_LOSS_T"
+    scene.vehicle.parameters.put(name, 25.0)
+    scene.vehicle.say = lambda _severity, _text: None  # type: ignore[method-assign]
+    send = scene.link.send
+
+    def cut() -> None:
+        scene.link.send = lambda data: None if witness.steered else send(data)  # type: ignore[method-assign]
+
+    outcome, text = fly_with(scene, cut, at_waypoint=0)
+    assert outcome.ending is Ending.LINK_LOST, text
+    assert "has not answered" in text
+    assert not scene.vehicle.armed

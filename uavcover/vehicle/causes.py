@@ -179,11 +179,12 @@ class Causes:
                 return Cause(cause, found[0].text, tuple(dict.fromkeys(str(sign) for sign in found)))
         return None
 
-    def of_mode_change(self, incidents: Mapping[Ending, str]) -> Cause:
+    def of_mode_change(self, incidents: Mapping[Ending, str], *, unanswered: str = "") -> Cause:
         """Why the vehicle left the mode that we commanded, a moment ago.
 
         Args:
             incidents: what goes wrong now, or did until a moment ago, with what was reported of it.
+            unanswered: that it is heard and does not answer, so that it may not hear us; empty while it answers.
         """
         state = self._client.vehicle.system_status
         found = self.recent(within_s=_WITHIN_S)
@@ -197,6 +198,8 @@ class Causes:
         for kind in _ACTED_ON:
             if kind in incidents:
                 return Cause(kind, incidents[kind], (incidents[kind], *signs))
+        if unanswered:
+            return Cause(Ending.LINK_LOST, unanswered, (unanswered, *signs))
         if found is not None:
             return found
         if self._pilot is not None and self._age_s(self._pilot) <= _WITHIN_S:

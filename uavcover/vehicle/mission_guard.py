@@ -69,6 +69,8 @@ class ListReading:
     def due(self) -> bool:
         """Whether it is time to read."""
         now = self._session.client.clock.now()
+        if self._session.watch.unanswered:
+            return False
         return now >= self._not_before_s and (self.asked or (self._every.over and now >= self._rest_until_s))
 
     def difference(self) -> str | None:
@@ -78,7 +80,7 @@ class ListReading:
             FlightFaultError: the vehicle is gone, or it restarted.
         """
         session, began_s = self._session, self._session.client.clock.now()
-        stops, pause = session.stop(), session.pause()
+        stops, pause, mode = session.stop(), session.pause(), session.client.vehicle.custom_mode
         self.asked = False
 
         looked_s = began_s
@@ -92,6 +94,7 @@ class ListReading:
             session.attend()
             self._meanwhile()
             wanted_else = session.stop() != stops or session.pause() != pause
+            wanted_else = wanted_else or session.client.vehicle.custom_mode != mode  # which is not ours to wait with
             return wanted_else or now - began_s > _LONGEST_S
 
         try:

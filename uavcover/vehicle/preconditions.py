@@ -163,7 +163,7 @@ class _SettingsWatch:
             self._ask_next()
         heard = session.monitor.parameters
         if heard:
-            self._unanswered = 0
+            self._unanswered, session.watch.unanswered = 0, ""
             told = numbers(heard, px4=self._px4)
             heard.clear()
             changed = {
@@ -186,10 +186,12 @@ class _SettingsWatch:
         self._next.restart()
         self._names.append(name := self._names.pop(0))
         if self._unanswered == _UNANSWERED and not session.watch.is_open(Ending.LINK_LOST):
+            text = f"vehicle {vehicle.system_id} is heard and has not answered {_UNANSWERED} questions in a row"
+            session.watch.unanswered = text
             session.tell(
                 EventKind.WARNING,
-                f"vehicle {vehicle.system_id} is heard and has not answered {_UNANSWERED} questions in a row: our commands may "
-                "not reach it; the link to it may be gone, or it listens to another ground station alone",
+                f"{text}: our commands may not reach it; the link to it may be gone, or it listens to another ground "
+                "station alone",
                 alarm=True,
             )
         self._unanswered += 1

@@ -116,6 +116,7 @@ class Watch:
     Attributes:
         incidents: all that went wrong so far, in the order in which it began.
         causes: evidence for what the vehicle does by itself.
+        unanswered: that the vehicle is heard and does not answer, as text; empty while it answers.
         mission_words: how many lines of the vehicle spoke of another mission.
     """
 
@@ -133,6 +134,7 @@ class Watch:
         self._taken: tuple[Ending, _Going] | None = None
         self._closed_at_s: dict[Ending, float] = {}
         self.causes = Causes(client, monitor)
+        self.unanswered = ""
         self._in_flight = False
         self._heard_again_at_s = client.clock.now()
         self.incidents: list[Incident] = []
@@ -243,7 +245,7 @@ class Watch:
 
     def cause_of_mode_change(self) -> Cause:
         """Why the vehicle left the mode that we commanded, a moment ago."""
-        return self.causes.of_mode_change(self._recent_incidents(_CAUSE_WITHIN_S))
+        return self.causes.of_mode_change(self._recent_incidents(_CAUSE_WITHIN_S), unanswered=self.unanswered)
 
     def _recent_incidents(self, within_s: float) -> dict[Ending, str]:
         """What goes wrong, or did until some seconds of the link's clock ago, by its kind."""
