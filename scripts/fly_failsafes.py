@@ -71,7 +71,9 @@ def fly_in_simulator(name: str, case: FailsafeCase, folder: Path) -> Flown:
     start: Start = ardupilot.starter(ardupilot.COPTER) if name == "arducopter" else px4.start
     speed = _LINK_SPEED if case.trigger == "ground station" else _SPEEDS[name]
     with start(StartRequest(folder, HOME, speed, case.parameters)) as vehicle:
-        run = Case(vehicle=vehicle, autopilot=case.autopilot, client="native", folder=folder, seed=case.seed)
+        run = Case(
+            vehicle=vehicle, autopilot=case.autopilot, client="native", folder=folder, seed=case.seed, speed=speed
+        )  # fmt: skip
         if case.trigger != "ground station":
             with run.station() as station:
                 return _fly(run, station, case, vehicle.version, trigger=lambda: _trigger(station, case))
