@@ -173,6 +173,7 @@ def pilot_gives_back(case: Case) -> Finding:
     """A pilot takes the vehicle, flies it 93 m aside and gives it back in its mission: it is not stopped."""
     aside = Path(case.vehicle.home)  # ours reads nothing while the other station flies it
     with case.station() as first, case.second_station() as second:
+        second.client.request_message_interval(m.GlobalPositionInt, 0.1)
         second.monitor.on_position = aside.take
 
         def take_aside() -> None:
