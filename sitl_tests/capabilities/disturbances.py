@@ -178,6 +178,7 @@ def pilot_gives_back(case: Case) -> Finding:
 
         def take_aside() -> None:
             autopilot = first.session.autopilot
+            second.session.listen(0.5)  # until what has waited in its buffer is read, its clock is old
             hold = Mode.GUIDED if case.autopilot == "ardupilot" else Mode.HOLD
             second.client.set_mode(custom_mode(autopilot, hold))
             lat, lon, alt = frame_at(case.vehicle.home).geodetic_from_enu((_ASIDE_M, 150.0, HEIGHT_M))
