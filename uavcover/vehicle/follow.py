@@ -108,6 +108,18 @@ def follow_home(session: Session, *, stops_before: int, longest_wait_s: float) -
     """
     stuck_s = session.timeouts.stuck_s + longest_wait_s
     follower = Follower(session, stuck_s, stops_before=stops_before, pause=lambda: False, progress=None)
+    fallen = _follow_to_the_ground(session, follower)
+    if fallen is not None:
+        raise FlightFaultError(Ending.CRASHED, f"{fallen} on its way home{session.recent_warnings}")
+    if follower.cause is not None:
+        raise FlightFaultError(
+            follower.cause, f"{follower.why}; it did not fly its way home to the end, and it landed and disarmed"
+        )
+    session.tell(EventKind.STAGE, "disarmed")
+
+
+def _follow_to_the_ground(session: Session, follower: Follower) -> str | None:
+    """Listen until the vehicle is disarmed; how it fell, or None when it has landed."""
     falls = FallWatch(session, None)
 
     def look() -> None:
@@ -117,14 +129,7 @@ def follow_home(session: Session, *, stops_before: int, longest_wait_s: float) -
     while session.client.vehicle.armed:
         follower.step(look)
     follower.settle()
-    fallen = _fallen(session, follower)
-    if fallen is not None:
-        raise FlightFaultError(Ending.CRASHED, f"{fallen} on its way home{session.recent_warnings}")
-    if follower.cause is not None:
-        raise FlightFaultError(
-            follower.cause, f"{follower.why}; it did not fly its way home to the end, and it landed and disarmed"
-        )
-    session.tell(EventKind.STAGE, "disarmed")
+    return _fallen(session, follower)
 
 
 def follow_taken(session: Session) -> None:
@@ -139,16 +144,7 @@ def follow_taken(session: Session) -> None:
         session, session.timeouts.stuck_s, stops_before=session.stop(), pause=lambda: False, progress=None,
         ours=(Mode.MISSION, Mode.HOLD, hold_mode(session)),
     )  # fmt: skip
-    falls = FallWatch(session, None)
-
-    def look() -> None:
-        if not session.monitor.on_ground:
-            falls.look()
-
-    while session.client.vehicle.armed:
-        follower.step(look)
-    follower.settle()
-    fallen = _fallen(session, follower)
+    fallen = _follow_to_the_ground(session, follower)
     if fallen is not None:
         raise FlightFaultError(Ending.CRASHED, f"{fallen}{session.recent_warnings}")
     if follower.cause is not None:
