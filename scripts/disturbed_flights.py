@@ -10,7 +10,7 @@ its moment, the failsafes that are enabled, and ``--on-breach``. What is require
 - pymavlink alone reads the .tlog of the flight: every command of ours that steers the vehicle follows heartbeats that show it in
   a mode that we commanded, with no gap of 2 s between them and the command;
 - the true mode of the vehicle, noted beside, is never a failsafe's or a pilot's when such a command is sent, but for the second
-  and a half that a heartbeat and its way may take.
+  and a half that a heartbeat and its way may take (and two more where the link falls behind without a gap).
 
 Flights whose row is in the .csv already are not flown again. Exit 1 when something of this is not so.
 """
@@ -65,7 +65,7 @@ GOOD = frozenset({Ending.LANDED, Ending.RESERVE_KEPT})
 ALWAYS = frozenset({Ending.STATE_UNKNOWN, Ending.ENDED_EARLY})
 STEERING_IDS = frozenset({176, 300, 224, 400})
 """DO_SET_MODE, MISSION_START, DO_SET_MISSION_CURRENT, COMPONENT_ARM_DISARM."""
-GAP_S, BEAT_OLD_S, RACE_S = 2.0, 3.5, 1.5
+GAP_S, BEAT_OLD_S, RACE_S, BEHIND_S = 2.0, 3.5, 1.5, 2.0
 
 Act = Callable[[MockVehicle, SimulatedLink], None]
 
@@ -110,6 +110,14 @@ def _freeze(rng: np.random.Generator) -> tuple[str, Act]:
     return f"freeze:{seconds:.0f}", lambda _, link: link.stand_still(seconds)
 
 
+def _behind(rng: np.random.Generator) -> tuple[str, Act]:
+    seconds = float(rng.uniform(3.0, 30.0))
+    return (
+        f"behind:{seconds:.0f}",
+        lambda _, link: link.fall_behind(by_s=seconds, over_s=1.5 * seconds, until_s=4.0 * seconds),
+    )
+
+
 def _home(rng: np.random.Generator) -> tuple[str, Act]:
     lower_m = float(rng.uniform(10.0, 40.0))
 
@@ -139,6 +147,7 @@ _TAKEN = frozenset({Ending.PILOT_TOOK_OVER, Ending.TAKEN_OVER})
 _OFF = frozenset({Ending.OFF_ROUTE, Ending.BAND_LEFT, Ending.FENCE_BREACHED, Ending.UNSAFE_LINE, Ending.HOLD_LOST})
 KINDS: dict[str, Kind] = {
     "blackout": Kind(_dark, frozenset({Ending.LINK_LOST})),
+    "behind": Kind(_behind, frozenset({Ending.LINK_LOST})),
     "freeze": Kind(_freeze, frozenset({Ending.LINK_LOST})),
     "pilot": Kind(_mode, _TAKEN),
     "gps-loss": Kind(_fault("gps-loss", 5.0, 60.0), frozenset({Ending.GPS_LOST, Ending.POSITION_LOST, *_OFF})),
@@ -296,14 +305,16 @@ def steering_commands(tlog: Path, ours: frozenset[int]) -> list[Steered]:
     return found
 
 
-def against(commands: Sequence[Steered], modes: Sequence[tuple[float, Mode, bool]], ours: frozenset[Mode]) -> int:
+def against(
+    commands: Sequence[Steered], modes: Sequence[tuple[float, Mode, bool]], ours: frozenset[Mode], race_s: float
+) -> int:
     """How many commands were sent while the vehicle was, for longer than the race lasts, in the air in another mode."""
     count = 0
     for command in commands:
         before = [row for row in modes if row[0] <= command.at_s]
         if before:
             since_s, mode, flying = before[-1]
-            count += flying and mode not in ours and command.at_s - since_s > RACE_S
+            count += flying and mode not in ours and command.at_s - since_s > race_s
     return count
 
 
@@ -361,7 +372,7 @@ def measure(site: Site, run: RunFolder, flight: int, seed: int, tlogs: Path) -> 
         incidents=" ".join(incident.kind.key for incident in outcome.incidents),
         commands=len(commands),
         unproved=sum(not command.proved for command in commands),
-        against=against(commands, witness.modes, frozenset(ours)),
+        against=against(commands, witness.modes, frozenset(ours), RACE_S + BEHIND_S * ("behind" in names)),
     )
 
 

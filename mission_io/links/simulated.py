@@ -121,6 +121,21 @@ _BUFFERED: Final = 270
 """Datagrams that a UDP socket keeps by default on Linux: 208 KiB, in which each small one takes 768 bytes."""
 
 
+class _Backlog:
+    """A buffer on the way that fills and is emptied; see ``SimulatedLink.fall_behind``."""
+
+    def __init__(
+        self, began_s: float = math.inf, *, by_s: float = 0.0, over_s: float = 1.0, until_s: float = 0.0
+    ) -> None:
+        self._began_s, self._by_s, self._over_s, self._until_s = began_s, by_s, over_s, until_s
+
+    def arrival_s(self, now: float, arrival_s: float) -> float:
+        since_s, empty_s = now - self._began_s, self._began_s + self._until_s
+        if not 0.0 <= since_s < self._until_s:
+            return arrival_s
+        return max(arrival_s, min(arrival_s + self._by_s * min(1.0, since_s / self._over_s), empty_s))
+
+
 class SimulatedLink:
     """A link to ``peer`` through bad conditions, on a clock of its own."""
 
@@ -136,6 +151,7 @@ class SimulatedLink:
         self._arrived: deque[bytes] = deque()
         self._closed = False
         self._dark_until_s = -math.inf
+        self._backlog = _Backlog()
 
     @property
     def clock(self) -> Clock:
@@ -145,6 +161,16 @@ class SimulatedLink:
     def go_dark(self, seconds: float) -> None:
         """Lose every datagram that is sent from now on, both ways, for some seconds."""
         self._dark_until_s = self._clock.now() + seconds
+
+    def fall_behind(self, *, by_s: float, over_s: float, until_s: float) -> None:
+        """Deliver what the peer sends later and later, in order and without a gap, as a radio whose buffer fills.
+
+        Args:
+            by_s: the delay that is reached.
+            over_s: how long the delay grows.
+            until_s: after this time from now the buffer is empty again.
+        """
+        self._backlog = _Backlog(self._clock.now(), by_s=by_s, over_s=over_s, until_s=until_s)
 
     def stand_still(self, seconds: float) -> None:
         """Let time pass as while this side's process is stopped: its buffer keeps the oldest datagrams and loses the rest."""
@@ -205,7 +231,8 @@ class SimulatedLink:
             return
         direction = self._to_peer if to_peer else self._from_peer
         for arrival, copy in direction.arrivals(data, self._clock.now()):
-            heapq.heappush(self._in_flight, (arrival, next(self._order), to_peer, copy))
+            arrival_s = arrival if to_peer else self._backlog.arrival_s(self._clock.now(), arrival)
+            heapq.heappush(self._in_flight, (arrival_s, next(self._order), to_peer, copy))
 
 
 class LossyLink(WrappingLink):

@@ -68,7 +68,9 @@ def dark_scene(autopilot, **options) -> tuple[Scene, Witness]:
     return scene, witness
 
 
-def fly_with(scene: Scene, disturb: Callable[[], None], *, at_waypoint: int, on_breach: OnBreach = OnBreach.HOLD):
+def fly_with(
+    scene: Scene, disturb: Callable[[], None], *, at_waypoint: int, on_breach: OnBreach = OnBreach.HOLD, **options
+):
     done: list[float] = []
 
     def listen(event: FlightEvent) -> None:
@@ -83,6 +85,7 @@ def fly_with(scene: Scene, disturb: Callable[[], None], *, at_waypoint: int, on_
             on_event=listen,
             timeouts=FlightTimeouts(link_lost_s=90.0),
             precautions=Precautions(on_breach=on_breach),
+            **options,
         ), ""
     except FlightFailedError as error:
         return error.outcome, str(error)
@@ -153,3 +156,31 @@ def test_a_return_because_the_vehicle_hears_nothing_of_us_is_a_lost_link_and_no_
     assert outcome.ending is Ending.LINK_LOST, text
     assert "has not answered" in text
     assert not scene.vehicle.armed
+
+
+@AUTOPILOTS
+@pytest.mark.parametrize(
+    ("late_s", "stopped_after_s"),
+    [(3.0, 5.0), *((late_s, after_s) for late_s in (6.0, 12.0, 30.0) for after_s in (0.0, 1.0, 4.0, 9.0))],
+)
+def test_a_link_that_falls_behind_without_a_gap_hides_no_return(autopilot, late_s, stopped_after_s):
+    """Something is heard all the time, and all of it is old: the vehicle returns, and the user stops the flight."""
+    scene, witness = dark_scene(autopilot, battery=BatteryData(endurance_s=900.0))
+    began_s: list[float] = []
+    returned_s: list[float] = []
+
+    def fall_behind() -> None:
+        scene.link.fall_behind(by_s=late_s, over_s=1.5 * late_s, until_s=4.0 * late_s)
+        began_s.append(scene.link.clock.now())
+
+    def stop() -> int:
+        now = scene.link.clock.now()
+        if began_s and not returned_s and now > began_s[0] + 2.0 * late_s:
+            scene.vehicle.control.set_mode(Mode.RETURN)
+            returned_s.append(now)
+        return int(bool(returned_s) and now >= returned_s[0] + stopped_after_s)
+
+    outcome, text = fly_with(scene, fall_behind, at_waypoint=0, stop=stop)
+    assert returned_s
+    assert witness.against == []
+    assert outcome.ending in (Ending.TAKEN_OVER, Ending.PILOT_TOOK_OVER, Ending.LANDED), text

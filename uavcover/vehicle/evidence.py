@@ -4,8 +4,13 @@ While nothing is heard, a failsafe, a pilot or another ground station can take t
 may have waited in a buffer and be older than the gap. So the vehicle is asked for its time, with a number of our own (TIMESYNC):
 only what arrives after the answer counts. Until mode, armed state, landed state and mission item are heard again, nothing is
 known, and nothing may be commanded.
+
+A link can fall behind without a gap: every second something arrives, and all of it is old. So the question is asked once a
+second all the time. What arrives is no older than the question that the vehicle answered last; where that grows beyond what the
+link needs at its best, nothing is known either.
 """
 
+import math
 from collections.abc import Mapping
 from types import MappingProxyType
 
@@ -15,13 +20,18 @@ from uavcover.vehicle.monitor import Monitor
 
 _OLD_BEAT_S = 3.5
 """A mode that was reported longer ago is not known: heartbeats come once a second, and three may be lost."""
-_ASK_S = 0.25
+_BEHIND_S = 2.0
+"""What is older than this, beyond the shortest round trip of the link, may hide a failsafe: as long as a gap."""
+_ASK_S, _ASK_AGAIN_S = 1.0, 0.25
+"""Time from one question to the next, and while an answer is overdue."""
 _UNANSWERED_S = 10.0
-"""A vehicle that never answers the question for its time is believed after this time without another gap."""
+"""A vehicle that is heard, and answers no question for its time, is believed after this time without another gap."""
 _KINDS: Mapping[type[m.Message], str] = MappingProxyType(
     {m.ExtendedSysState: "EXTENDED_SYS_STATE", m.MissionCurrent: "MISSION_CURRENT"}
 )
 _AGREEING_BEATS = 2
+_REMEMBERED = 500
+"""Questions whose answers are still taken."""
 
 
 class Evidence:
@@ -37,8 +47,10 @@ class Evidence:
     def __init__(self, client: VehicleClient, monitor: Monitor) -> None:
         self._client, self._monitor = client, monitor
         self._gap_ended_s = monitor.gap_ended_at_s
-        self._asked: set[int] = set()
-        self._ask_at_s = self._gap_ended_s
+        self._asked_s: dict[int, float] = {}
+        self._ask_at_s = -math.inf
+        self._answered_question_s = self._answer_arrived_s = -math.inf
+        self._round_trip_s = math.inf
         self._proved_at_s: float | None = self._gap_ended_s
         self._complete = True
         self._unknown_since_s: float | None = None
@@ -48,7 +60,7 @@ class Evidence:
         """Whether mode, armed state, landed state and mission item are known since the last gap."""
         now, monitor = self._client.clock.now(), self._monitor
         silent = monitor.has_gap(now) or self._client.heartbeat_age_s > _OLD_BEAT_S
-        return not silent and self._gap_ended_s == monitor.gap_ended_at_s and self._complete
+        return not (silent or self._behind) and self._gap_ended_s == monitor.gap_ended_at_s and self._complete
 
     @property
     def unknown_s(self) -> float:
@@ -60,6 +72,8 @@ class Evidence:
         """What has to be heard before the vehicle's state is known."""
         if self._client.heartbeat_age_s > _OLD_BEAT_S:
             return "a heartbeat"
+        if self._behind:
+            return f"an answer to our question for its time (the link is {self._age_s:.0f} s behind)"
         if self._proved_at_s is None:
             return "an answer to our question for its time"
         proved_at_s = self._proved_at_s
@@ -75,30 +89,55 @@ class Evidence:
         elif self._unknown_since_s is None:
             self._unknown_since_s = now
 
+    @property
+    def _age_s(self) -> float:
+        """How old what arrives now can be: the age of the question that was answered last; 0 while none is answered."""
+        now = self._client.clock.now()
+        return now - self._answered_question_s if now - self._answer_arrived_s <= _UNANSWERED_S else 0.0
+
+    @property
+    def _behind(self) -> bool:
+        return self._age_s > _BEHIND_S + self._round_trip_s
+
     def _look(self) -> None:
         now, monitor = self._client.clock.now(), self._monitor
+        answers = self._take_answers()
         if monitor.gap_ended_at_s > self._gap_ended_s:
             self._gap_ended_s = self._ask_at_s = monitor.gap_ended_at_s
             self._proved_at_s, self._complete = None, False
-            self._asked.clear()
-        if self._complete or monitor.has_gap(now):
+        if monitor.has_gap(now):
+            return
+        if now >= self._ask_at_s:
+            self._ask(now)
+        if self._complete:
             return
         if self._proved_at_s is None:
-            self._proved_at_s = self._proof(now)
+            since_gap = (arrived_s for arrived_s, asked_s in answers if asked_s >= self._gap_ended_s)
+            self._proved_at_s = next(since_gap, now if now - self._gap_ended_s > _UNANSWERED_S else None)
         if self._proved_at_s is None:
-            if now >= self._ask_at_s:
-                self._ask_at_s = now + _ASK_S
-                number = round(now * 1e9) or 1
-                self._asked.add(number)
-                self._client.send(m.TimeSync(answered_ns=0, asked_ns=number))
             return
         beats = [beat for arrived_s, beat in monitor.beats if arrived_s >= self._proved_at_s]
         agree = len(beats) >= _AGREEING_BEATS and len({(b.armed, b.custom_mode) for b in beats[-_AGREEING_BEATS:]}) == 1
         self._complete = agree and all(monitor.arrived_at_s(kind) >= self._proved_at_s for kind in _KINDS)
 
-    def _proof(self, now: float) -> float | None:
-        """When the first answer to a question since the gap arrived; now, after a while, where the vehicle answers none."""
-        for arrived_s, answer in self._monitor.time_answers:
-            if answer.asked_ns in self._asked:
-                return arrived_s
-        return now if now - self._gap_ended_s > _UNANSWERED_S else None
+    def _ask(self, now: float) -> None:
+        number = round(now * 1e9) or 1
+        self._asked_s[number] = now
+        while len(self._asked_s) > _REMEMBERED:
+            del self._asked_s[next(iter(self._asked_s))]
+        overdue = self._proved_at_s is None or self._age_s > _ASK_S + self._round_trip_s
+        self._ask_at_s = now + (_ASK_AGAIN_S if overdue else _ASK_S)
+        self._client.send(m.TimeSync(answered_ns=0, asked_ns=number))
+
+    def _take_answers(self) -> list[tuple[float, float]]:
+        """The answers to questions of ours since the last look: when each arrived, and when it was asked for."""
+        answers = []
+        while self._monitor.time_answers:
+            arrived_s, answer = self._monitor.time_answers.popleft()
+            asked_s = self._asked_s.get(answer.asked_ns)
+            if asked_s is not None:
+                answers.append((arrived_s, asked_s))
+                self._round_trip_s = min(self._round_trip_s, arrived_s - asked_s)
+                self._answered_question_s = max(asked_s, self._answered_question_s)
+                self._answer_arrived_s = arrived_s
+        return answers

@@ -242,6 +242,11 @@ class Session:
 
     def _command(self, act: Callable[[], ResultT], may: Callable[[], bool]) -> ResultT:
         began_s = self.client.clock.now()
+
+        def withheld() -> bool:
+            self.evidence.look()  # nothing else asks while a long call waits
+            return not may()
+
         while True:
             while not self.evidence.current:
                 if self.evidence.unknown_s > _UNKNOWN_S:
@@ -249,7 +254,7 @@ class Session:
                 self.pump()
             if not may():
                 raise self._withheld()
-            self.client.give_up = lambda: not may()
+            self.client.give_up = withheld
             try:
                 return act()
             except WaitCancelledError:
