@@ -10,6 +10,7 @@ from mission_io.formats import wpl
 from mission_io.formats.files import FORMATS
 from tests.cli.conftest import Cli, command, limited_to
 from tests.mission_io.formats.wpml_tables import check_kmz
+from uavcover.report.print_page import clock
 
 
 @pytest.mark.parametrize("file_format", FORMATS)
@@ -129,7 +130,6 @@ def test_an_aircraft_that_is_none(cli: Cli, planned: Path, tmp_path: Path, befor
         (["--format", "litchi", "-o", "x.csv", "--max-waypoints-per-file", "3"], "3 is too few"),
         (["--format", "litchi", "-o", "x.csv", "--max-waypoints-per-file", "-1"], "-1 is too few"),
         (["--format", "litchi", "-o", "x.csv", "--sortie", "1"], "has no sorties"),
-        (["--format", "print", "-o", "x.html", "--drone", "m3e"], "--drone: goes with --format wpml"),
         (["--format", "print", "-o", "x.pdf"], "-o: x.pdf: print is an HTML page; name it .html, and save it as PDF"),
         (["--format", "gpx", "-o", "x.gpx", "--contact", "me"], "--contact: goes with --format print, not with gpx"),
         (["--format", "litchi"], "give a run folder, --format and -o"),
@@ -161,6 +161,25 @@ def test_a_page_for_paper(cli: Cli, planned: Path, tmp_path: Path) -> None:
     assert cli("export", planned, "--format", "print", "-o", out).code == 2
     split = cli("export", planned, "--format", "print", "-o", out, "--force", "--max-waypoints-per-file", 12, "--json")
     assert split.document["flights"] > 1
+
+
+def test_the_page_of_an_aircraft_has_the_flights_of_its_files(cli: Cli, planned: Path, tmp_path: Path) -> None:
+    """An endurance that needs several flights, more of them with a stop at each point."""
+    run = tmp_path / "short"
+    scenario = (planned / "scenario.toml").read_text().replace("[vehicle]", "[vehicle]\nendurance_s = 260.0")
+    (tmp_path / "short.toml").write_text(scenario)
+    assert cli("plan", tmp_path / "short.toml", "-o", run, "--evaluations", 40, "--seed", 1).code == 0
+    drone = ["--drone", "dji-m3e"]
+    files = cli("export", run, "--format", "wpml", *drone, "-o", tmp_path / "x.kmz", "--json").document["files"]
+    page = cli("export", run, "--format", "print", *drone, "-o", tmp_path / "x.html", "--json").document
+    assert page["flights"] == len(files) > 1
+    text = (tmp_path / "x.html").read_text()
+    assert all(f'<td class="n">{clock(file["flight_time_s"])}</td>' in text for file in files)
+    sorties = sorted(run.glob("sortie-*"))
+    missions = cli("export", run, "--format", "plan", "-o", tmp_path / "x.plan", "--json").document["files"]
+    assert len(missions) == len(sorties) > 1
+    for mission, sortie in zip(missions, sorties, strict=True):
+        assert Path(mission["file"]).read_bytes() == (sortie / "mission.plan").read_bytes()
 
 
 def test_a_full_disk_leaves_nothing(planned: Path, tmp_path: Path) -> None:

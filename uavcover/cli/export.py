@@ -20,7 +20,11 @@ class ControllerOptions:
 
     drone: Annotated[
         str | None,
-        typer.Option("--drone", help="Aircraft of wpml: list, a name, or a TOML file of your own.", metavar="NAME"),
+        typer.Option(
+            "--drone",
+            help="Aircraft of wpml, and of print for the same flights on paper: list, a name, or a TOML file.",
+            metavar="NAME",
+        ),
     ] = None
     heights: Annotated[
         str,

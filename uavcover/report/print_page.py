@@ -17,9 +17,8 @@ from uavcover.errors import InputError
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.model.vehicle import AutopilotName
 from uavcover.report.print_drawings import map_svg, place_text, profile_svg, style_of
-from uavcover.routes.flights import compile_flights
-from uavcover.routes.sorties import Sortie, compile_sorties
-from uavcover.run.export import ExportRequest, refuse_unlike, time_with_stops_s, write_exported
+from uavcover.routes.sorties import Sortie
+from uavcover.run.export import ExportRequest, flights_for, refuse_unlike, time_with_stops_s, write_exported
 from uavcover.run.folder import RunFolder
 from uavcover.run.planned import read_planned
 from uavcover.run.provenance import sha256_of_content
@@ -47,37 +46,33 @@ class PrintNotes:
 def print_plan(run: RunFolder, request: ExportRequest, notes: PrintNotes) -> int:
     """Write the print-out of a run: of all its flights, or of one sortie; split as the files that are flown.
 
+    With an aircraft in the request these are the flights of its ``wpml`` files, with stops.
+
     Returns:
         How many flights are on it.
 
     Raises:
-        InputError: the run cannot be read, has no place or home, or the aircraft is named, which a page has no use for.
+        InputError: the run cannot be read, or has no place or home.
         InfeasibleError: a leg breaks a limit.
         OutputError: the page is there already, or cannot be written.
     """
-    if request.aircraft is not None:
-        raise InputError("--drone: goes with --format wpml, not with print")
     folder = run if request.sortie is None else run.flight(request.sortie)
     site, planned = read_planned(folder)
     refuse_unlike(site, run, request.sortie)
     name = request.autopilot or site.scenario.vehicle.autopilot
-    if request.most_points is None:
-        flights = compile_flights(site, planned.route, autopilot=name, vehicles=planned.vehicles)
-    else:
-        flights = compile_sorties(
-            site, planned.route, autopilot=name, most_points=request.most_points, vehicles=planned.vehicles
-        )
+    flights = flights_for(site, planned.route, request, vehicles=planned.vehicles)
     plan_sha256 = sha256_of_content(folder.file("plan.json").read_text(encoding="utf-8"))
     page = render_print(
-        site, flights, notes=notes, autopilot=name, coverage=planned.coverage_of_coverable, plan_sha256=plan_sha256
-    )
+        site, flights, notes=notes, autopilot=name, coverage=planned.coverage_of_coverable, plan_sha256=plan_sha256,
+        aircraft=None if request.aircraft is None else request.aircraft.title,
+    )  # fmt: skip
     write_exported(request.out, {request.out.name: page.encode()}, force=request.force)
     return len(flights)
 
 
 def render_print(
     site: Site, flights: Sequence[Sortie], *, notes: PrintNotes, autopilot: AutopilotName, coverage: float,
-    plan_sha256: str,
+    plan_sha256: str, aircraft: str | None = None,
 ) -> str:  # fmt: skip
     """The page; every text from files and options is escaped."""
     environment = jinja2.Environment(
@@ -96,7 +91,11 @@ def render_print(
             home=_home(site),
             map=drawing,
             interval_m=interval_m,
-            flights=[_flight_row(site, number, sortie, autopilot) for number, sortie in enumerate(flights)],
+            flights=[
+                _flight_row(site, number, sortie, autopilot, stops=aircraft is not None)
+                for number, sortie in enumerate(flights)
+            ],
+            aircraft=aircraft,
             limits=_limits(site, flights),
             camera=_camera(site),
             notes={field.name: getattr(notes, field.name) for field in fields(notes)},
@@ -122,7 +121,7 @@ def _home(site: Site) -> dict[str, str]:
     return {"place": place_text(float(lat[0]), float(lon[0])), "alt": f"{float(alt[0]):.0f} m"}
 
 
-def _flight_row(site: Site, number: int, sortie: Sortie, autopilot: AutopilotName) -> dict[str, Any]:
+def _flight_row(site: Site, number: int, sortie: Sortie, autopilot: AutopilotName, *, stops: bool) -> dict[str, Any]:
     compiled, longest_s = sortie.compiled, site.scenario.vehicle.longest_flight_s
     home_alt_m = 0.0 if site.home_m is None else float(site.alts_amsl_m(site.home_m)[0])
     return {
@@ -131,9 +130,8 @@ def _flight_row(site: Site, number: int, sortie: Sortie, autopilot: AutopilotNam
         "waypoints": f"{sortie.first} to {sortie.last}",
         "points": len(compiled.path_m),
         "length_m": float(sum(math.dist(a, b) for a, b in zip(compiled.path_m[:-1], compiled.path_m[1:], strict=True))),
-        "time": clock(compiled.flight_time_s),
-        "time_with_stops": clock(time_with_stops_s(site, compiled, autopilot)),
-        "battery": "" if compiled.battery_used is None else f"{compiled.battery_used:.0%}",
+        "time": clock(time_with_stops_s(site, compiled, autopilot) if stops else compiled.flight_time_s),
+        "battery": "" if stops or compiled.battery_used is None else f"{compiled.battery_used:.0%}",
         "latest": "" if longest_s is None else clock(longest_s),
         "highest_m": compiled.max_height_above_home_m,
         "highest_amsl_m": compiled.max_height_above_home_m + home_alt_m,

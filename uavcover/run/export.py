@@ -19,6 +19,7 @@ from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, SphereSe
 from uavcover.model.terrain import RasterTerrain
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.energy import longest_flight_in_words
+from uavcover.routes.flights import compile_flights
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.return_advice import ReturnAdvice
 from uavcover.routes.sorties import Sortie, compile_sorties
@@ -52,10 +53,10 @@ class ExportRequest:
     Attributes:
         file_format: one of MISSION_FORMATS.
         out: the file to write; several files have numbers before the suffix.
-        sortie: which flight of a plan that is flown as several; none: the one, or all where the format takes several files.
+        sortie: which flight of a plan that is flown as several; none: all, one file each.
         autopilot: for whom; default: the scenario's.
         most_points: how many points a file may have; none: as many as the format's controller takes.
-        aircraft: for ``wpml``: what flies it.
+        aircraft: for ``wpml``, and for ``print``: what flies it.
         heights: for ``wpml``: "takeoff", above the place of take-off, or "ellipsoid", above the ellipsoid of WGS 84.
         force: whether files are replaced.
     """
@@ -68,6 +69,11 @@ class ExportRequest:
     aircraft: DjiAircraft | None = None
     heights: str = TAKEOFF_HEIGHTS
     force: bool = False
+
+    @property
+    def stops(self) -> bool:
+        """Whether it is flown by a controller that stops at each point."""
+        return self.file_format in CONTROLLER_POINTS or self.aircraft is not None
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,7 +108,7 @@ class ExportedFile:
 
 
 def export_mission(run: RunFolder, request: ExportRequest) -> tuple[ExportedFile, ...]:
-    """Write the chosen route of a run to one file, or to one file for each flight that the limit of points makes of it.
+    """Write the chosen route of a run to one file, or to one file for each flight: sorties, or what a limit of points asks for.
 
     Each of them takes off and lands at home on legs that are checked like those of sorties. All files are written, or none.
 
@@ -113,11 +119,11 @@ def export_mission(run: RunFolder, request: ExportRequest) -> tuple[ExportedFile
         mission_io.errors.FormatError: the format cannot express the mission.
     """
     _check(request)
-    several = request.file_format in CONTROLLER_POINTS or request.most_points is not None
-    site, planned = read_planned(run if several and request.sortie is None else run.flight(request.sortie))
+    site, planned = read_planned(run if request.sortie is None else run.flight(request.sortie))
     refuse_unlike(site, run, request.sortie)
     flights = flight_files(site, planned.route, request, vehicles=planned.vehicles)
     names = [request.out.name if len(flights) == 1 else numbered(request.out, k + 1) for k in range(len(flights))]
+    several = request.stops or request.most_points is not None or len(flights) > 1
     older = _names_of_older_exports(request.out) if several else []
     contents = {name: flight.content for name, flight in zip(names, flights, strict=True)}
     write_exported(request.out, contents, force=request.force, older=older)
@@ -139,11 +145,8 @@ def refuse_unlike(site: Site, run: RunFolder, sortie: int | None) -> None:
 def flight_files(site: Site, route: Route, request: ExportRequest, *, vehicles: int = 1) -> list[FlightFile]:
     """The contents of the files of an export, one for each flight; errors as of :func:`export_mission`."""
     autopilot = request.autopilot or site.scenario.vehicle.autopilot
-    if request.file_format in CONTROLLER_POINTS:
-        flights = _flights_with_stops(site, route, request, autopilot, vehicles)
-    elif request.most_points is not None:
-        sorties = compile_sorties(site, route, autopilot=autopilot, most_points=request.most_points, vehicles=vehicles)
-        flights = [sortie.compiled for sortie in sorties]
+    if request.stops or request.most_points is not None or request.sortie is None:
+        flights = [sortie.compiled for sortie in flights_for(site, route, request, vehicles=vehicles)]
     else:
         flights = [compile_plan(site, route, autopilot=autopilot)]
     name = site.scenario.name
@@ -151,6 +154,20 @@ def flight_files(site: Site, route: Route, request: ExportRequest, *, vehicles: 
     return [
         _flight_file(site, compiled, request, autopilot, title) for compiled, title in zip(flights, titles, strict=True)
     ]
+
+
+def flights_for(site: Site, route: Route, request: ExportRequest, *, vehicles: int = 1) -> Sequence[Sortie]:
+    """The flights of a route for the target of a request: the same ones for its files and for its page on paper.
+
+    Raises:
+        InfeasibleError: a leg breaks a limit, or no flight of so few points reaches a part of the route.
+    """
+    autopilot = request.autopilot or site.scenario.vehicle.autopilot
+    if request.stops:
+        return _flights_with_stops(site, route, request, autopilot, vehicles)
+    if request.most_points is None:
+        return compile_flights(site, route, autopilot=autopilot, vehicles=vehicles)
+    return compile_sorties(site, route, autopilot=autopilot, most_points=request.most_points, vehicles=vehicles)
 
 
 def numbered(out: Path, number: int) -> str:
@@ -306,21 +323,20 @@ def _pitch_deg(site: Site) -> float | None:
 
 def _flights_with_stops(
     site: Site, route: Route, request: ExportRequest, autopilot: AutopilotName, vehicles: int
-) -> list[CompiledMission]:
+) -> Sequence[Sortie]:
     """Flights of few points that a vehicle which stops at each of them completes inside its endurance."""
-    most = request.most_points or CONTROLLER_POINTS[request.file_format]
+    most = request.most_points or CONTROLLER_POINTS["wpml" if request.aircraft is not None else request.file_format]
     longest_s = site.scenario.vehicle.longest_flight_s
     for _ in range(_TIGHTER_SPLITS):
         sorties: Sequence[Sortie] = compile_sorties(
             site, route, autopilot=autopilot, most_points=most, vehicles=vehicles
         )
-        flights = [sortie.compiled for sortie in sorties]
-        times_s = [time_with_stops_s(site, compiled, autopilot) for compiled in flights]
-        worst = max(range(len(flights)), key=times_s.__getitem__)
+        times_s = [time_with_stops_s(site, sortie.compiled, autopilot) for sortie in sorties]
+        worst = max(range(len(sorties)), key=times_s.__getitem__)
         if longest_s is None or times_s[worst] <= longest_s:
-            return flights
+            return sorties
         # Fewer points a file: as many as would fit if the time were even.
-        most = min(most - 1, int(len(flights[worst].path_m) * longest_s / times_s[worst]))
+        most = min(most - 1, int(len(sorties[worst].compiled.path_m) * longest_s / times_s[worst]))
         if most < _FEWEST_POINTS:
             break
     raise InfeasibleError(
