@@ -13,7 +13,6 @@ import jinja2
 from markupsafe import Markup
 
 from mission_io.model.plain_text import plain_lines
-from uavcover.errors import InputError
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.model.vehicle import AutopilotName
 from uavcover.report.print_drawings import map_svg, place_text, profile_svg, style_of
