@@ -3,6 +3,8 @@
 Results are answers to commands; refusals are worded as the autopilot words them.
 """
 
+from collections.abc import Callable
+
 from mission_io.model.enums import CommandResult, MissionState
 from mission_io.model.items import GeoPoint, MissionType
 from mission_io.wire import messages as m
@@ -114,7 +116,7 @@ class FlightControl:
         if mode is Mode.MISSION and (flying or not state.is_ardupilot):
             if state.is_ardupilot and state.parameters["MIS_RESTART"]:
                 self.mission.rewind()
-            self._fly_mission()
+            self._fly_mission(self.mission.enter)
         elif mode is not Mode.MISSION:
             self.mission.pause()
             state.follow(self._mode_steps(mode, was) if flying else [])
@@ -304,13 +306,13 @@ class FlightControl:
             return mode.name
         return "BRAKE" if mode is Mode.HOLD and self.state.custom_mode == _BRAKE else _ARDUPILOT_NAMES[mode]
 
-    def _fly_mission(self) -> None:
+    def _fly_mission(self, begin: Callable[[], None] | None = None) -> None:
         """Fly the mission, or return home when terrain heights are missing."""
         if self.mission.needs_terrain:
             self.state.say(_CRITICAL, "Failsafe: Terrain data missing")
             self.set_mode(Mode.RETURN)
         else:
-            self.mission.start()
+            (begin or self.mission.start)()
 
     def _fly_on(self) -> None:
         """Apply a change to the mission that is being flown."""

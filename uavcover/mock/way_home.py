@@ -140,7 +140,7 @@ def _return_mode(state: MockState, speeds: Speeds, seq: int | None, begin: Vecto
 
 def _along_mission(state: MockState, speeds: Speeds, was: Mode, seq: int | None, begin: Vector | None) -> list[Step]:
     """PX4's RTL_TYPE 2 and 4: on to the mission's landing, or back to its first item and home."""
-    places, current = _mission_places(state), state.current_seq if seq is None else seq
+    places, current = mission_places(state), state.current_seq if seq is None else seq
     if not places:
         return []
     here = halting_point(state.body.believed) if begin is None else begin
@@ -164,7 +164,7 @@ def _along_mission(state: MockState, speeds: Speeds, was: Mode, seq: int | None,
 def _onward(state: MockState, speeds: Speeds, seq: int | None, first: int | None) -> list[Step]:
     """The mission's items from one of them to its landing, without waits."""
     steps: list[Step] = []
-    for number, point in _mission_places(state).items():
+    for number, point in mission_places(state).items():
         if first is None or number < first:
             continue
         if state.mission_items[number].command in _LANDINGS:
@@ -173,7 +173,7 @@ def _onward(state: MockState, speeds: Speeds, seq: int | None, first: int | None
     return steps
 
 
-def _mission_places(state: MockState) -> dict[int, Vector]:
+def mission_places(state: MockState) -> dict[int, Vector]:
     """The mission's positions by item number."""
     return {
         number: state.place(replace(item, command=Command.NAV_WAYPOINT))
@@ -234,7 +234,7 @@ def _safe_point(state: MockState, here: Vector) -> tuple[Vector, bool]:
     least = math.inf if kind == 1.0 else math.dist(here[:2], home[:2])
     if kind in (1.0, 3.0) and _land_start(state) is not None:
         landing = next(
-            point for n, point in _mission_places(state).items() if state.mission_items[n].command in _LANDINGS
+            point for n, point in mission_places(state).items() if state.mission_items[n].command in _LANDINGS
         )
         if math.dist(here[:2], landing[:2]) + 2.0 < least:
             best, least, is_landing = landing, math.dist(here[:2], landing[:2]), True
