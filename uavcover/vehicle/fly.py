@@ -257,11 +257,10 @@ class _Flight:
     def _come_home(self, plan_return: PlanReturn, stops: int) -> bool:
         """Whether the vehicle landed; what something else has meanwhile is recorded until it is on the ground."""
         session = self.session
-        moved_up_m = (lambda: 0.0) if self.preconditions is None else self.preconditions.home_moved_up_m
         while True:
             try:
                 return return_home(
-                    session, plan_return, stops=stops, home_moved_up_m=moved_up_m,
+                    session, plan_return, stops=stops, preconditions=self.preconditions,
                     clear=self.orders.clearance.may_go_home,
                 )  # fmt: skip
             except TakenOverError as error:

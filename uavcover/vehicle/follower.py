@@ -66,7 +66,8 @@ class Follower:
         self._hold: HoldWatch | None = None
         self._lands_for: Ending | None = None
         self._holds_for: dict[Ending, int] = {}
-        self._acted_on: set[Ending] = set()
+        # What goes wrong since before the way home was planned was acted on by that.
+        self._acted_on: set[Ending] = set() if progress is not None else set(session.watch.open_kinds)
         self._upside_down = False
         self._declined: bool | None = None
         self._going_on: Timer | None = None
@@ -238,10 +239,13 @@ class Follower:
         again = self._holds_for[breach] < _MOST_HOLDS and self._progress is not None
         self._hold = HoldWatch(session, breach, may_go_on=again)
         self._upside_down = not self._pause()
+        then = "flies home: p continues, Ctrl-C flies it home now"
+        if self._progress is None:
+            then = "the way home is planned again: Ctrl-C leaves it holding"
         session.tell(
             EventKind.STOP,
             f"the vehicle therefore holds its place in {session.mode_name} for at most {session.timeouts.held_s:g} s, then "
-            "flies home: p continues, Ctrl-C flies it home now",
+            f"{then}",
         )
 
     def _land(self, breach: Ending) -> None:
