@@ -235,7 +235,7 @@ def test_a_vehicle_that_a_failsafe_landed_is_not_told_to_disarm(autopilot, monke
     outcome, text = flown(scene, on_event=at_waypoint(scene, 1, land))
     assert witness.steered == []
     assert outcome.ending is Ending.FENCE_BREACHED
-    assert "on the ground and stays armed: left to whoever controls it" in text
+    assert "on the ground and stays armed: left to the pilot or station that controls it" in text
 
 
 def test_a_pilot_on_the_ground_after_the_start_is_no_failed_start(monkeypatch):

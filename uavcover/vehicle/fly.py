@@ -68,7 +68,7 @@ PlanContinuation = Callable[[float, float, float], Continuation]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Orders:
-    """What the user wants of a flight, and who is told about it.
+    """What the user wants of a flight, and who receives its events.
 
     Attributes:
         on_sample: called with every sample as it is recorded, also when the flight fails.
@@ -104,7 +104,7 @@ def fly(
         client: talks to the vehicle; made with ``monitor`` as its listener, see ``open_vehicle``.
         monitor: receives everything that the client receives.
         plan: the mission that the vehicle must hold, and what was planned with it.
-        orders: what the user wants, and who is told.
+        orders: what the user wants, and who receives the events.
         plan_return: plans the checked way home after a stop.
 
     Raises:
@@ -132,7 +132,7 @@ def fly_on(
         client: talks to the vehicle.
         monitor: receives everything that the client receives.
         plan_continuation: plans the checked way on from where the vehicle holds.
-        orders: what the user wants, and who is told.
+        orders: what the user wants, and who receives the events.
         plan_return: plans the checked way home after a stop.
 
     Raises:
@@ -343,7 +343,7 @@ class _Flight:
             text += session.recent_warnings
         outcome = self.outcome(ending)
         if self.touched:
-            text += f"; now: {outcome.vehicle_now}"
+            text += f"; {outcome.vehicle_now}" if session.is_silent else f"; now: {outcome.vehicle_now}"
         return FlightFailedError(text, outcome)
 
 
@@ -396,7 +396,7 @@ def _from_the_air(flight: _Flight, plan_continuation: PlanContinuation, plan_ret
         request_telemetry(session)
         check_telemetry(session)
         flight.orders.on_begin()
-        hold(session, "the vehicle is told to hold")
+        hold(session, "the vehicle is commanded to hold")
         flight.touched = True
         here = session.monitor.latest(m.GlobalPositionInt)
         if here is None:

@@ -24,7 +24,7 @@ PlanReturn = Callable[[float, float, float], Mission]
 """Plans a mission home with checked legs from latitude, longitude (degrees) and height above sea level (metres)."""
 
 
-def hold(session: Session, text: str = "stop: the vehicle is told to hold") -> None:
+def hold(session: Session, text: str = "stop: the vehicle is commanded to hold") -> None:
     """Tell ``text``, make the vehicle stay where it is, and wait until it has come to rest.
 
     Raises:
