@@ -117,7 +117,7 @@ class Session:
 
     @property
     def is_silent(self) -> bool:
-        """Whether nothing has been heard of the vehicle for longer than the deadman time, so that its present state is unknown."""
+        """Whether nothing has been heard of the vehicle for longer than the deadman time: its present state is unknown."""
         return self.silence_s > self.timeouts.deadman_s
 
     @property
