@@ -4,15 +4,18 @@ import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
 from mission_io.autopilots.autopilot import wire_items
 from mission_io.model.areas import FramedPoint, RallyPoints, items_from_rally
 from mission_io.model.items import (
+    Command,
     Frame,
     GeoPoint,
     Mission,
+    MissionItem,
     MissionType,
     change_speed,
     land,
@@ -21,7 +24,7 @@ from mission_io.model.items import (
 )
 from mission_io.wire import messages as m
 from sitl_tests.flying import frame_at
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.vehicle import MOTIONS, AutopilotName
@@ -41,6 +44,11 @@ _SETTLED_S = 12.0
 HOME_ALT_M = 300.0
 HOME = GeoPoint(36.51234567, -84.21234567, HOME_ALT_M)
 Point = tuple[float, float, float]
+Ending = Literal["home", "beside", "pattern", "return"]
+_BESIDE_M = (-45.0, 70.0)
+_LANDING_M = 5.0
+_MEETS_M = 6.0
+"""A path whose parts are this near to each other may be left out between them by SmartRTL."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,6 +92,8 @@ class FailsafeCase:
         in_flight: parameters whose change triggers it.
         leg: waypoint that it flies to when it is triggered.
         after_s: so long after it has begun to fly there.
+        ends: how the mission ends: with a landing at home or beside it, with a landing pattern from its last waypoint on
+            (DO_LAND_START), or with a return (without a landing).
     """
 
     seed: int
@@ -96,6 +106,18 @@ class FailsafeCase:
     in_flight: Mapping[str, float]
     leg: int
     after_s: float
+    ends: Ending = "home"
+
+    @property
+    def landing(self) -> int | None:
+        """Vertex of the route where the mission's landing begins for PX4; none without one."""
+        last = len(self.route_m) + 1
+        return {"home": last, "beside": last, "pattern": last - 1, "return": None}[self.ends]
+
+    @property
+    def lands_at_m(self) -> tuple[float, float]:
+        """Where the mission ends."""
+        return _BESIDE_M if self.ends == "beside" else (0.0, 0.0)
 
     @property
     def all_parameters(self) -> dict[str, float]:
@@ -129,6 +151,39 @@ def make_case(seed: int, autopilot: AutopilotName, *, triggers: Sequence[str]) -
         seed, autopilot, terrain, route, tuple(rally), parameters, trigger, in_flight,
         int(rng.integers(1, len(route))), float(rng.uniform(0.5, 8.0)),
     )  # fmt: skip
+
+
+def make_way_case(seed: int, autopilot: AutopilotName, *, kind: float) -> FailsafeCase:
+    """A case whose return goes along the mission or the flown path, by its seed.
+
+    Args:
+        seed: of everything else.
+        autopilot: who flies.
+        kind: PX4's RTL_TYPE; of ArduCopter 1 is SmartRTL or RTL, 2 SmartRTL or LAND.
+    """
+    rng = np.random.default_rng([seed, 21])
+    case = make_case(seed, autopilot, triggers=("ground station", "fence", "battery"))
+    if autopilot == "px4":
+        case = make_case(seed, autopilot, triggers=("commanded", "ground station", "fence", "battery"))
+        ends: Ending = ("home", "beside", "pattern", "return")[rng.integers(4)]
+        action = {
+            "ground station": {"NAV_DLL_ACT": 2.0},
+            "battery": {"COM_LOW_BAT_ACT": 3.0},
+            "fence": {"GF_ACTION": 3.0},
+        }
+        parameters = {**case.parameters, "RTL_TYPE": kind, **action.get(case.trigger, {})}
+        return replace(case, parameters=parameters, ends=ends)
+    values = {
+        "ground station": ("FS_GCS_ENABLE", 3.0, 4.0), "battery": ("BATT_FS_LOW_ACT", 3.0, 4.0),
+        "fence": ("FENCE_ACTION", 3.0, 5.0),
+    }  # fmt: skip
+    name, otherwise_return, otherwise_land = values[case.trigger]
+    srtl = {
+        "SRTL_ACCURACY": float(rng.choice([2.0, 2.0, 5.0])),
+        "SRTL_POINTS": float(rng.choice([300, 300, 300, 40, 0])),
+    }
+    value = otherwise_return if kind == 1.0 else otherwise_land
+    return replace(case, parameters={**case.parameters, name: value, **srtl})
 
 
 def _above(terrain: Ridges, route_en: FloatArray, clearance_m: float) -> tuple[Point, ...]:
@@ -188,16 +243,23 @@ def _px4(
 
 
 def mission_of(case: FailsafeCase) -> Mission:
-    """Take off, the route, home, land."""
+    """Take off, the route, above where it ends, land or return."""
     up = case.route_m[0][2]
-    points = [_waypoint(point) for point in (*case.route_m, (0.0, 0.0, up))]
+    end = _waypoint((*case.lands_at_m, up))
+    points = [_waypoint(point) for point in case.route_m]
+    if case.ends == "pattern":
+        points.insert(len(points) - 1, MissionItem(Command.DO_LAND_START, Frame.COMMAND))
     first = (takeoff(HOME.lat_deg, HOME.lon_deg, up, frame=Frame.ABOVE_HOME), change_speed(_SPEED_M_S))
-    return Mission(HOME, (*first, *points, land(HOME.lat_deg, HOME.lon_deg, 0.0, frame=Frame.ABOVE_HOME)))
+    last = land(end.lat_deg, end.lon_deg, 0.0, frame=Frame.ABOVE_HOME)
+    if case.ends == "return":
+        last = MissionItem(Command.NAV_RETURN_TO_LAUNCH, Frame.COMMAND)
+    return Mission(HOME, (*first, *points, end, last))
 
 
 def first_seq_of(case: FailsafeCase, leg: int) -> int:
     """Wire number of the item that makes a waypoint of the route."""
-    return leg + 2 + (1 if AUTOPILOTS[case.autopilot].home_in_item_0 else 0)
+    marker = case.ends == "pattern" and leg == len(case.route_m) - 1
+    return leg + 2 + marker + (1 if AUTOPILOTS[case.autopilot].home_in_item_0 else 0)
 
 
 def rally_of(case: FailsafeCase) -> RallyPoints:
@@ -222,8 +284,9 @@ def predicted(
     """The paths from a moment; on flat ground, as simulators have it, or on the case's terrain."""
     settings = failsafe_settings(case.autopilot, case.all_parameters)
     up = case.route_m[0][2]
-    route = np.array([(0.0, 0.0, up), *case.route_m, (0.0, 0.0, up)])
-    to = Destinations(np.zeros(3), np.array([point for point, _ in case.rally]).reshape(-1, 3), route)
+    route = np.array([(0.0, 0.0, up), *case.route_m, (*case.lands_at_m, up)])
+    landing = case.landing if case.autopilot == "px4" else None
+    to = Destinations(np.zeros(3), np.array([point for point, _ in case.rally]).reshape(-1, 3), route, landing=landing)
     states = FlightStates(np.array([place_m]), np.array([velocity_m_s]), np.zeros(1), np.array([case.leg + 1]))
     ground = (lambda en: np.zeros(len(en))) if flat else case.terrain.heights_m
     paths = predict(settings, states, to, ground)
@@ -307,19 +370,33 @@ def compare(case: FailsafeCase, flown: Flown, *, flat: bool) -> Compared:
 def _compared(case: FailsafeCase, flown: Flown, paths: FailsafePaths) -> Compared:
     line = paths.path_m(0)
     samples = _sampled(line)
+    if any(response.action.startswith("retrace") for response in paths.responses) and "mission" in paths.stages:
+        samples = samples[~_between_meetings(samples)]
     off = distances_m(flown.track_m, line)
-    lands = paths.stages[-1] == "land" and bool(np.any(paths.points_m[0, -1] != paths.points_m[0, -2]))
-    body = _sampled(paths.points_m[0, :-1] if lands else line)
-    bottom = paths.points_m[0, -2, :2] if lands else np.full(2, np.nan)
-    above = flown.track_m[:, 2] - case.terrain.heights_m(flown.track_m[:, :2])
-    landing = np.hypot(*(flown.track_m[:, :2] - bottom).T) < 5.0
+    lands = len(line) > 1 and bool(np.all(line[-1, :2] == line[-2, :2])) and line[-1, 2] < line[-2, 2]
+    bottom = line[-1, :2] if lands else np.full(2, np.nan)
+
+    def clearance_m(places: FloatArray) -> float:
+        above = places[:, 2] - case.terrain.heights_m(places[:, :2])
+        return float(above[~(np.hypot(*(places[:, :2] - bottom).T) < _LANDING_M)].min(initial=math.inf))
+
     return Compared(
         float(off.max()),
         0.0 if flown.crashed else float(distances_m(samples, flown.track_m).max()),
-        float(above[~landing].min(initial=math.inf)),
-        float((body[:, 2] - case.terrain.heights_m(body[:, :2])).min()),
+        clearance_m(flown.track_m),
+        clearance_m(_sampled(line)),
         int(paths.destinations[0]),
     )
+
+
+def _between_meetings(samples: FloatArray) -> BoolArray:
+    """(n,) whether a place of a path is between two others where the path comes near to itself: SmartRTL cuts across there."""
+    n = len(samples)
+    near = np.linalg.norm(samples[:, None] - samples[None], axis=2) < _MEETS_M
+    between = np.zeros(n, dtype=bool)
+    for i, j in np.argwhere(np.triu(near, k=int(2.0 * _MEETS_M / _SAMPLE_M))):
+        between[i + 1 : j] = True
+    return between
 
 
 def _sampled(line: FloatArray) -> FloatArray:

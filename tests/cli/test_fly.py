@@ -111,7 +111,7 @@ def test_second_interrupt_leaves_it_holding(cli: Cli, planned: Path) -> None:
         with started(command("fly", planned, "--to", url)) as process:
             wait_for_line(process, "in the air")
             process.send_signal(signal.SIGINT)
-            wait_for_line(process, "told to hold")
+            wait_for_line(process, "commanded to hold")
             process.send_signal(signal.SIGINT)
             out, err = process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 130, err

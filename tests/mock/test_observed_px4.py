@@ -19,6 +19,7 @@ from tests.vehicle.scene import HOME, mission
 from uavcover.mock.behaviour import OBSERVED
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
+from uavcover.vehicle.modes import Mode
 
 SEEN = OBSERVED[PX4.mav_autopilot]
 PUNCTUAL = replace(SEEN, stale_read_back=0.0)
@@ -178,3 +179,36 @@ def test_at_50_times_real_time_its_time_outs_are_shorter_than_a_round_trip(speed
         else:
             with pytest.raises(MissionIoError):
                 client.upload_and_verify(mission())
+
+
+# mission_base.cpp, checkClimbRequired: "Climb to %.1f meters above home"
+
+
+def test_it_climbs_where_it_is_to_the_next_items_height_when_it_enters_its_mission_again():
+    bench = switched_on()
+    bench.load(*up_there(go(0, 150, 20), go(0, 300, 60), go(0, 320, 60)))
+    bench.take_off()
+    while bench.vehicle.current_seq < 2:
+        bench.run(0.5)
+    bench.run(6.0)
+    bench.set_mode(Mode.HOLD)
+    bench.run(8.0)
+    _, north_m, up_m = bench.vehicle.body.point.position_m
+    assert 20.0 < up_m < 50.0
+    bench.said.clear()
+    bench.set_mode(Mode.MISSION)
+    bench.run(0.1)
+    texts = [message.text for message in bench.heard(m.StatusText)]
+    assert "Climb to 60.0 meters above home" in texts
+    while bench.vehicle.body.point.position_m[2] < 58.5:
+        bench.run(0.2)
+        assert abs(bench.vehicle.body.point.position_m[1] - north_m) < 2.0
+    bench.set_mode(Mode.HOLD)
+    bench.run(5.0)
+    bench.said.clear()
+    bench.set_mode(Mode.MISSION)
+    bench.run(1.0)
+    texts = [message.text for message in bench.heard(m.StatusText)]
+    assert not any(text.startswith("Climb") for text in texts), "it is there already"
+    bench.run(60.0)
+    assert bench.vehicle.current_seq > 2

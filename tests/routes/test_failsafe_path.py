@@ -175,7 +175,7 @@ def test_landing_in_place_and_retracing_are_paths_too():
     assert down.destinations.tolist() == [IN_PLACE]
     assert down.path_m(0).tolist() == [[300, 0, 430], [300, 0, 400]]
     back, otherwise = [each for each in found if each.responses[0].action == "retrace"]
-    assert back.path_m(0).tolist() == [[300, 0, 430], [0, 0, 430], [0, 0, 400]]
+    assert back.path_m(0).tolist() == [[300, 0, 430], [0, 0, 430], [0, 0, 402], [0, 0, 400]]
     assert otherwise.note
 
 
@@ -195,7 +195,7 @@ def test_px4_flies_to_the_missions_landing_when_its_type_says_so():
     settings = failsafe_settings("px4", {"RTL_TYPE": 3.0, "RTL_RETURN_ALT": 60.0})
     places = to(landing=2)
     first = predict(settings, states((300.0, 0.0, 430.0)), places, flat)[0]
-    assert first.path_m(0).tolist() == [[300, 0, 430], [300, 0, 460], [0, 0, 430], [0, 0, 400]]
+    assert first.path_m(0).tolist() == [[300, 0, 430], [300, 0, 460], [0, 0, 460], [0, 0, 400]]  # as to home
 
 
 @pytest.mark.parametrize(

@@ -150,7 +150,7 @@ def test_the_way_home_that_we_fly_then_has_its_planned_heights(autopilot, up):
     ("autopilot", "parameter", "value", "ending", "said"),
     [
         (ARDUPILOT, "MIS_RESTART", 1, Ending.LANDED, "MIS_RESTART was changed in flight from 0 to 1"),
-        (ARDUPILOT, "RTL_ALT", 1000, Ending.LANDED, "only the planned height was checked"),
+        (ARDUPILOT, "RTL_ALT", 1000, Ending.LANDED, "were planned for the other height; they are predicted anew with it"),
         (ARDUPILOT, "FENCE_ALT_MAX", 60, Ending.SETTINGS_CHANGED, "the mission goes beyond it: the vehicle would break it off"),
         (ARDUPILOT, "WPNAV_SPEED", 200, Ending.LANDED, "the vehicle flies at it at once"),
         (ARDUPILOT, "FENCE_MARGIN", 3, Ending.LANDED, "the mission does not depend on it"),

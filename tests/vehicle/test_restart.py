@@ -9,7 +9,7 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.model.enums import CommandResult
 from tests.vehicle.scene import Scene, make_scene, mission, plan_for, presses, way_home
 from uavcover.mock.flight_control import FlightControl
-from uavcover.vehicle.fly import Continuation, fly_on
+from uavcover.vehicle.fly_on import Continuation, fly_on
 from uavcover.vehicle.outcome import Ending, FlightFailedError
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)

@@ -108,9 +108,9 @@ def test_a_vehicle_that_does_not_hold_is_an_error(monkeypatch):
     scene = scene_with_mission()
     original = FlightControl.set_mode
 
-    def refuses_guided_in_the_air(control, mode):
+    def refuses_guided_in_the_air(control, mode, **options):
         in_air = mode is Mode.GUIDED and not control.state.body.on_ground
-        return CommandResult.DENIED if in_air else original(control, mode)
+        return CommandResult.DENIED if in_air else original(control, mode, **options)
 
     monkeypatch.setattr(FlightControl, "set_mode", refuses_guided_in_the_air)
     with pytest.raises(VehicleError, match=r"DO_SET_MODE \(176\) with DENIED"):

@@ -205,9 +205,9 @@ def test_a_pause_that_is_refused_ends_no_flight(monkeypatch):
     scene, _ = scene_and_witness()
     original = FlightControl.set_mode
 
-    def refuses_guided_in_the_air(control, mode):
+    def refuses_guided_in_the_air(control, mode, **options):
         in_air = mode is Mode.GUIDED and not control.state.body.on_ground
-        return CommandResult.DENIED if in_air else original(control, mode)
+        return CommandResult.DENIED if in_air else original(control, mode, **options)
 
     monkeypatch.setattr(FlightControl, "set_mode", refuses_guided_in_the_air)
     outcome, text = flown(scene, pause=lambda: (scene.monitor.time_s or 0.0) > 35.0)
@@ -235,7 +235,7 @@ def test_a_vehicle_that_a_failsafe_landed_is_not_told_to_disarm(autopilot, monke
     outcome, text = flown(scene, on_event=at_waypoint(scene, 1, land))
     assert witness.steered == []
     assert outcome.ending is Ending.FENCE_BREACHED
-    assert "on the ground and stays armed: left to whoever controls it" in text
+    assert "on the ground and stays armed: left to the pilot or station that controls it" in text
 
 
 def test_a_pilot_on_the_ground_after_the_start_is_no_failed_start(monkeypatch):

@@ -78,10 +78,7 @@ def _change_mode(control: FlightControl, mode: Mode | None, number: int) -> Comm
     """Change the mode, and keep ArduPilot's number of it in heartbeats: BRAKE holds as LOITER does, and cannot be armed in."""
     if mode is None:
         return CommandResult.DENIED
-    result = control.set_mode(mode)
-    if result is CommandResult.ACCEPTED and control.state.is_ardupilot:
-        control.state.mode_number = number
-    return result
+    return control.set_mode(mode, number=number if control.state.is_ardupilot else None)
 
 
 def _start(control: FlightControl, params: Params) -> CommandResult:

@@ -4,6 +4,8 @@ Whether and how it acts is set by its parameters, with the autopilots' own names
 """
 
 import math
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 from uavcover.mock.behaviour import TransferClock
 from uavcover.mock.flight_control import FlightControl
@@ -13,25 +15,30 @@ from uavcover.vehicle.modes import Mode
 _POSITION_TIMEOUT_S = 1.0
 _WARNING, _CRITICAL, _EMERGENCY = 4, 2, 0
 _LOW_CHARGE, _CRITICAL_CHARGE = 0.2, 0.1
-_BATTERY_ACTIONS = {
-    1.0: Mode.LAND,
-    2.0: Mode.RETURN,
-    3.0: Mode.RETURN,
-    4.0: Mode.LAND,
-    6.0: Mode.RETURN,
-    7.0: Mode.HOLD,
-}
-_GCS_ACTIONS = {
-    True: {
-        1.0: Mode.RETURN, 2.0: Mode.RETURN, 3.0: Mode.RETURN, 4.0: Mode.LAND, 5.0: Mode.LAND, 6.0: Mode.RETURN, 7.0: Mode.HOLD,
-    },
-    False: {1.0: Mode.HOLD, 2.0: Mode.RETURN, 3.0: Mode.LAND},
+
+
+@dataclass(frozen=True, slots=True)
+class Smart:
+    """ArduCopter's SmartRTL, or another mode where that is not available."""
+
+    otherwise: Mode
+
+
+_RETURN, _LAND, _HOLD = Mode.RETURN, Mode.LAND, Mode.HOLD
+_BATTERY_ACTIONS: Mapping[float, Mode | Smart] = {
+    1.0: _LAND, 2.0: _RETURN, 3.0: Smart(_RETURN), 4.0: Smart(_LAND), 6.0: _RETURN, 7.0: _HOLD,
 }  # fmt: skip
-_FENCE_ACTIONS = {
-    True: {1.0: Mode.RETURN, 2.0: Mode.LAND, 3.0: Mode.RETURN, 4.0: Mode.HOLD, 5.0: Mode.LAND},
-    False: {2.0: Mode.HOLD, 3.0: Mode.RETURN, 5.0: Mode.LAND},
+_GCS_ACTIONS: Mapping[bool, Mapping[float, Mode | Smart]] = {
+    True: {
+        1.0: _RETURN, 2.0: _RETURN, 3.0: Smart(_RETURN), 4.0: Smart(_LAND), 5.0: _LAND, 6.0: _RETURN, 7.0: _HOLD,
+    },
+    False: {1.0: _HOLD, 2.0: _RETURN, 3.0: _LAND},
+}  # fmt: skip
+_FENCE_ACTIONS: Mapping[bool, Mapping[float, Mode | Smart]] = {
+    True: {1.0: _RETURN, 2.0: _LAND, 3.0: Smart(_RETURN), 4.0: _HOLD, 5.0: Smart(_LAND)},
+    False: {2.0: _HOLD, 3.0: _RETURN, 5.0: _LAND},
 }
-"""Parameter value to mode; ArduPilot under True, PX4 under False. It has no SmartRTL: then ArduPilot takes the next best."""
+"""Parameter value to action; ArduPilot under True, PX4 under False. It knows no AUTO_RTL: then ArduPilot returns."""
 _GCS_CONTINUES_MISSION = 2
 """Bit of FS_OPTIONS."""
 
@@ -99,22 +106,28 @@ class Failsafes:
                 vehicle.say(severity, volts if vehicle.is_ardupilot else f"{word.capitalize()} battery level")
         if not vehicle.flying:
             return
-        for level, mode in _battery_actions(vehicle):
-            if battery.remaining <= level and self._once(f"battery {level} {mode.value}"):
-                self._control.fail_safe("Battery", mode, delay_s=self._delay_s)
+        for level, action in _battery_actions(vehicle):
+            if battery.remaining <= level and self._once(f"battery {level} {action}"):
+                self._act("Battery", action)
+
+    def _act(self, what: str, action: Mode | Smart) -> None:
+        if isinstance(action, Smart):
+            self._control.fail_safe_smartly(what, action.otherwise)
+        else:
+            self._control.fail_safe(what, action, delay_s=self._delay_s)
 
     def _check_ground_station(self) -> None:
         vehicle = self._state
         ardupilot, get = vehicle.is_ardupilot, vehicle.parameters
-        mode = _GCS_ACTIONS[ardupilot].get(get["FS_GCS_ENABLE" if ardupilot else "NAV_DLL_ACT"])
-        if mode is None or self._heard_at_s is None:
+        action = _GCS_ACTIONS[ardupilot].get(get["FS_GCS_ENABLE" if ardupilot else "NAV_DLL_ACT"])
+        if action is None or self._heard_at_s is None:
             return
         patience_s = get["FS_GCS_TIMEOUT" if ardupilot else "COM_DL_LOSS_T"]
         if vehicle.behaviour.transfer_clock is TransferClock.LINK:
             patience_s *= vehicle.speed
         goes_on = ardupilot and vehicle.mode is Mode.MISSION and int(get["FS_OPTIONS"]) & _GCS_CONTINUES_MISSION
         if vehicle.time_s >= self._heard_at_s + patience_s and not goes_on and self._once("ground station"):
-            self._control.fail_safe("GCS" if ardupilot else "Data link lost", mode, delay_s=self._delay_s)
+            self._act("GCS" if ardupilot else "Data link lost", action)
 
     def _check_fence(self) -> None:
         vehicle = self._state
@@ -124,19 +137,18 @@ class Failsafes:
         elif self._once("fence"):
             ardupilot = vehicle.is_ardupilot
             vehicle.say(_CRITICAL, f"{limit} fence breached" if ardupilot else f"Geofence violation: {limit}")
-            action = vehicle.parameters["FENCE_ACTION" if ardupilot else "GF_ACTION"]
-            mode = _FENCE_ACTIONS[ardupilot].get(action)
-            if mode is not None:
-                self._control.fail_safe("Fence" if ardupilot else "Geofence", mode, delay_s=self._delay_s)
+            action = _FENCE_ACTIONS[ardupilot].get(vehicle.parameters["FENCE_ACTION" if ardupilot else "GF_ACTION"])
+            if action is not None:
+                self._act("Fence" if ardupilot else "Geofence", action)
 
 
-def _battery_actions(vehicle: MockState) -> list[tuple[float, Mode]]:
-    """Battery failsafes: remaining charge (1 is full) below which the vehicle changes to a mode."""
+def _battery_actions(vehicle: MockState) -> list[tuple[float, Mode | Smart]]:
+    """Battery failsafes: remaining charge (1 is full) below which the vehicle acts, and how."""
     get, battery = vehicle.parameters, vehicle.body.battery
     if vehicle.is_ardupilot:
         pairs = [(get["BATT_LOW_MAH"], get["BATT_FS_LOW_ACT"]), (get["BATT_CRT_MAH"], get["BATT_FS_CRT_ACT"])]
         found = [(mah / battery.capacity_mah if mah > 0.0 else -math.inf, _BATTERY_ACTIONS.get(a)) for mah, a in pairs]
-        return [(level, mode) for level, mode in found if mode is not None]
+        return [(level, action) for level, action in found if action is not None]
     action = get["COM_LOW_BAT_ACT"]
     if action == 2.0:
         return [(get["BAT_CRIT_THR"], Mode.LAND)]

@@ -3,6 +3,8 @@
 Results are answers to commands; refusals are worded as the autopilot words them.
 """
 
+from collections.abc import Callable
+
 from mission_io.model.enums import CommandResult, MissionState
 from mission_io.model.items import GeoPoint, MissionType
 from mission_io.wire import messages as m
@@ -11,6 +13,7 @@ from uavcover.mock.faults import FaultKind
 from uavcover.mock.guidance import Speeds
 from uavcover.mock.itinerary import Step, StepKind
 from uavcover.mock.mission_flight import MissionFlight
+from uavcover.mock.smart_return import SMART_RTL
 from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import tell
 from uavcover.mock.way_home import return_steps
@@ -61,6 +64,10 @@ class FlightControl:
         state.armed, state.body.crashed = True, False
         state.body.set_home_here()
         state.missions.set_home(state.body.home)
+        get = state.parameters
+        if state.is_ardupilot:
+            here = None if state.body.believed.lost else state.body.believed.position_m
+            state.trail.begin(here, state.time_s, accuracy_m=get["SRTL_ACCURACY"], most=get["SRTL_POINTS"])
         state.stay_armed()
         state.speeds = state.settings.speeds
         self.mission.rewind()
@@ -82,8 +89,8 @@ class FlightControl:
         tell(state, m.ExtendedSysState)
         return CommandResult.ACCEPTED
 
-    def set_mode(self, mode: Mode) -> CommandResult:
-        """Change the flight mode."""
+    def set_mode(self, mode: Mode, *, number: int | None = None) -> CommandResult:
+        """Change the flight mode; of several ArduPilot modes that mean the same to the one with a number."""
         state = self.state
         if not has_mode(state.autopilot, mode):
             return CommandResult.DENIED
@@ -97,17 +104,22 @@ class FlightControl:
         if mode not in (Mode.MANUAL, Mode.LAND) and not (state.home_known and not state.body.believed.lost):
             state.say(_WARNING, f"Mode change to {self._name(mode)} failed: requires position")
             return CommandResult.FAILED
-        was, state.mode, state.mode_number = state.mode, mode, None
-        if was is mode or not state.armed:
+        if number == SMART_RTL and not state.trail.is_active:
+            state.say(_WARNING, "Mode change to SMARTRTL failed: init failed")
+            return CommandResult.FAILED
+        before, was = state.custom_mode, state.mode
+        state.mode, state.mode_number = mode, number
+        is_same = was is mode and (before == SMART_RTL) == (state.custom_mode == SMART_RTL)
+        if is_same or not state.armed:
             return CommandResult.ACCEPTED
         flying = not state.body.on_ground
         if mode is Mode.MISSION and (flying or not state.is_ardupilot):
             if state.is_ardupilot and state.parameters["MIS_RESTART"]:
                 self.mission.rewind()
-            self._fly_mission()
+            self._fly_mission(self.mission.enter)
         elif mode is not Mode.MISSION:
             self.mission.pause()
-            state.follow(self._mode_steps(mode) if flying else [])
+            state.follow(self._mode_steps(mode, was) if flying else [])
         return CommandResult.ACCEPTED
 
     def start_mission(self) -> CommandResult:
@@ -160,6 +172,19 @@ class FlightControl:
         """Fly at other speeds from here on."""
         self.state.speeds = speeds
         self._fly_on()
+
+    def fail_safe_smartly(self, what: str, otherwise: Mode) -> None:
+        """Return by SmartRTL where that is available; else return or land, as ArduCopter's failsafes say of themselves."""
+        state = self.state
+        if state.trail.is_active and not state.body.believed.lost:
+            if state.flying and state.custom_mode != SMART_RTL:
+                state.say(_CRITICAL, f"{what} Failsafe: changed to SmartRTL Mode")
+                self.set_mode(Mode.RETURN, number=SMART_RTL)
+            return
+        if what != "Fence":
+            next_best = "Trying RTL Mode" if otherwise is Mode.RETURN else "Using Land Mode"
+            state.say(_WARNING, f"SmartRTL Unavailable, {next_best}")
+        self.fail_safe(what, otherwise)
 
     def fail_safe(self, what: str, mode: Mode, *, delay_s: float = 0.0) -> None:
         """Change to a failsafe mode in flight and report the reason; do nothing on the ground or when already in it.
@@ -281,23 +306,23 @@ class FlightControl:
             return mode.name
         return "BRAKE" if mode is Mode.HOLD and self.state.custom_mode == _BRAKE else _ARDUPILOT_NAMES[mode]
 
-    def _fly_mission(self) -> None:
+    def _fly_mission(self, begin: Callable[[], None] | None = None) -> None:
         """Fly the mission, or return home when terrain heights are missing."""
         if self.mission.needs_terrain:
             self.state.say(_CRITICAL, "Failsafe: Terrain data missing")
             self.set_mode(Mode.RETURN)
         else:
-            self.mission.start()
+            (begin or self.mission.start)()
 
     def _fly_on(self) -> None:
         """Apply a change to the mission that is being flown."""
         if self.state.mode is Mode.MISSION and self.state.flying:
             self._fly_mission()
 
-    def _mode_steps(self, mode: Mode) -> list[Step]:
+    def _mode_steps(self, mode: Mode, was: Mode) -> list[Step]:
         state = self.state
         if mode is Mode.RETURN:
-            return return_steps(state, state.settings.speeds)
+            return return_steps(state, state.settings.speeds, was=was)
         if mode is Mode.LAND:
             return [Step(None, StepKind.DESCEND, state.settings.speeds)]
         return []

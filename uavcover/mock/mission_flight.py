@@ -1,19 +1,24 @@
 """Flying the mission that the mock vehicle holds: which item is current, which were reached, and what it reports of that."""
 
+from collections.abc import Sequence
+
 from mission_io.model.enums import MissionState
 from mission_io.model.items import Command, Frame
 from mission_io.wire import messages as m
 from uavcover.mock.faults import FaultKind
-from uavcover.mock.itinerary import mission_steps
+from uavcover.mock.itinerary import Step, StepKind, mission_steps
 from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import tell
-from uavcover.mock.way_home import return_steps
+from uavcover.mock.way_home import mission_places, return_steps
 
 _NAV_LAST = 95
 _TAKEOFFS = (Command.NAV_TAKEOFF, 24, 84)
 """MAV_CMD_NAV_TAKEOFF, NAV_TAKEOFF_LOCAL and NAV_VTOL_TAKEOFF."""
 _REPEAT_S = 1.0
 _REPORT_S = 0.1
+_INFO = 6
+_CLIMB_FROM_M = 0.8
+"""NAV_MC_ALT_RAD: an item that is higher by less needs no climb of its own."""
 
 
 class MissionFlight:
@@ -68,8 +73,24 @@ class MissionFlight:
         if self._state.mission_state is MissionState.ACTIVE:
             self._state.mission_state = MissionState.PAUSED
 
-    def start(self) -> None:
-        """Fly the mission from its current item on."""
+    def enter(self) -> None:
+        """Fly it on after another mode: PX4 first climbs where it is to the next item's height (checkClimbRequired)."""
+        state, here = self._state, self._state.body.believed.position_m
+        ahead = [place[2] for seq, place in mission_places(state).items() if seq >= state.current_seq]
+        if state.is_ardupilot or not state.flying or not ahead or ahead[0] - here[2] <= _CLIMB_FROM_M:
+            self.start()
+            return
+        seq = max(state.current_seq, self.first_seq)
+        top = Step(seq, StepKind.GO, state.speeds, (here[0], here[1], ahead[0]), _CLIMB_FROM_M)
+        self.start([top, Step(seq, StepKind.WAIT, state.speeds)])
+        state.say(_INFO, f"Climb to {ahead[0] - state.body.home_m[2]:.1f} meters above home")
+
+    def start(self, before: Sequence[Step] = ()) -> None:
+        """Fly the mission from its current item on.
+
+        Args:
+            before: what to do first.
+        """
         state = self._state
         self.heights_are_old = False
         state.current_seq = max(state.current_seq, self.first_seq)
@@ -82,7 +103,7 @@ class MissionFlight:
             way_home=lambda seq, begin, speeds: return_steps(state, speeds, seq=seq, begin=begin),
         )
         state.mission_state = MissionState.ACTIVE
-        state.follow(steps)
+        state.follow([*before, *steps])
         state.body.itinerary.stuck = state.faults.is_going_on(FaultKind.STUCK)
         tell(state, m.MissionCurrent)
 

@@ -56,20 +56,22 @@ PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
             "RTL_CONE_SLOPE": MockParameter(3.0),
             "RTL_LOIT_TIME": MockParameter(5000.0),
             "RTL_SPEED": MockParameter(0.0),  # 0: WPNAV_SPEED
+            "SRTL_ACCURACY": MockParameter(2.0),
+            "SRTL_POINTS": _whole(300),  # 0: no SmartRTL
             "RALLY_LIMIT_KM": MockParameter(0.3),
             "RALLY_INCL_HOME": _whole(1),
-            "BATT_FS_LOW_ACT": _whole(0),  # 0 none, 1 land, 2 return
+            "BATT_FS_LOW_ACT": _whole(0),  # 0 none, 1 land, 2 return, 3 and 4 SmartRTL
             "BATT_FS_CRT_ACT": _whole(0),
             "BATT_LOW_MAH": MockParameter(0.0),  # 0: no threshold
             "BATT_CRT_MAH": MockParameter(0.0),
             "FENCE_ENABLE": _whole(0),
-            "FENCE_ACTION": _whole(1),  # 0 report, 1 return, 2 land, 4 brake
+            "FENCE_ACTION": _whole(1),  # 0 report, 1 return, 2 land, 3 and 5 SmartRTL, 4 brake
             "FENCE_ALT_MAX": MockParameter(100.0),
             "FENCE_ALT_MIN": MockParameter(-10.0),
             "FENCE_MARGIN": MockParameter(2.0),
             "FENCE_RADIUS": MockParameter(300.0),
             "FENCE_TYPE": _whole(7),  # 1 height, 2 circle around home, 4 polygons and circles, 8 least height
-            "FS_GCS_ENABLE": _whole(0),  # 0 none, 1 return, 5 land
+            "FS_GCS_ENABLE": _whole(0),  # 0 none, 1 return, 3 and 4 SmartRTL, 5 land
             "FS_GCS_TIMEOUT": MockParameter(5.0),
             "FS_OPTIONS": _whole(16),  # 2: the mission goes on without a ground station
             "FS_EKF_ACTION": _whole(1),  # it always lands; it has no remote control, and no dead reckoning
@@ -98,7 +100,7 @@ PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
             "RTL_DESCEND_ALT": MockParameter(10.0),  # of multirotors, by rc.mc_defaults
             "RTL_LAND_DELAY": MockParameter(0.0),  # below 0: it waits there
             "RTL_MIN_DIST": MockParameter(10.0),
-            "RTL_TYPE": _whole(0),  # 1: safe points before home; the others count as 0
+            "RTL_TYPE": _whole(0),  # 1 and 3: safe points, mission landing; 2 and 4: along the mission
             "BAT_CRIT_THR": MockParameter(0.07),
             "BAT_EMERGEN_THR": MockParameter(0.05),
             "BAT_LOW_THR": MockParameter(0.15),

@@ -27,6 +27,7 @@ from uavcover.mock.list_files import ListFiles
 from uavcover.mock.mission_store import MissionStore
 from uavcover.mock.parameters import Parameters
 from uavcover.mock.positioning import GpsError
+from uavcover.mock.smart_return import Trail
 from uavcover.mock.terrain_feed import TerrainFeed
 from uavcover.model.vehicle import MOTIONS
 from uavcover.vehicle.modes import Mode, custom_mode, has_mode, mode_from_custom
@@ -85,6 +86,7 @@ class MockState:
         faults: what has gone wrong and what will; ``faults.add`` takes more.
         missions: mission, fence and rally points that it holds.
         mode_number: the number by which its mode was asked for, where several numbers mean the same; None is the usual one.
+        trail: of ArduCopter's SmartRTL.
         mission_state: progress of the mission.
         current_seq: wire number of the mission item that it flies to.
         streams: which messages are due when.
@@ -127,6 +129,7 @@ class MockState:
         self.faults = FaultSchedule(config.faults, link_speed=config.speed)
         self.mode, self.armed = Mode.MANUAL, False
         self.mode_number: int | None = None
+        self.trail = Trail()
         self.mission_state, self.current_seq = MissionState.NOT_STARTED, 0
         self.missions = MissionStore(
             autopilot,

@@ -15,6 +15,7 @@ from uavcover.mock.failsafes import Failsafes
 from uavcover.mock.fault_effects import apply_faults
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.positioning import OnTruth
+from uavcover.mock.smart_return import SMART_RTL
 from uavcover.mock.state import MockConfig, MockState
 from uavcover.mock.telemetry import tell, truth_sample
 
@@ -23,7 +24,7 @@ __all__ = ["MockConfig", "MockVehicle"]
 _DISARM_AFTER_LANDING_S = 2.0
 _CHECK_EVERY = 10
 """Steps between two checks of battery and failsafes."""
-_INFO, _CRITICAL = 6, 2
+_INFO, _WARNING, _CRITICAL = 6, 4, 2
 
 
 class MockVehicle(MockState):
@@ -116,10 +117,22 @@ class MockVehicle(MockState):
     def _check(self) -> None:
         """Draw power, check the failsafes, send what mission transfers have due, and note what terrain is wanted."""
         self.body.draw_power(_CHECK_EVERY * STEP_S, motors=self.flying)
+        self._note_trail()
         self.failsafes.check()
         self.send_all(self.missions.messages_to_send(self.powered_s))
         if self.terrain is not None and self.home_known:
             self.terrain.want_for(self.body.home, self.mission_items)
+
+    def _note_trail(self) -> None:
+        """Keep SmartRTL's positions, of which it flies one after the other."""
+        if not (self.armed and self.is_ardupilot):
+            return
+        here = None if self.body.believed.lost else self.body.believed.position_m
+        if self.custom_mode != SMART_RTL:
+            if (words := self.trail.note(here, self.time_s)) is not None:
+                self.say(_WARNING, words)
+        elif here is not None:
+            self.trail.pop_near(here)
 
     def _boot(self) -> None:
         self._texts_said = 0

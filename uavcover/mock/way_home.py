@@ -1,18 +1,25 @@
-"""The mock vehicle's own return: ArduCopter's RTL mode and PX4's Return mode, by the vehicle's parameters.
+"""The mock vehicle's own return: ArduCopter's RTL and SmartRTL modes and PX4's Return mode, by the vehicle's parameters.
 
 It shares no code with ``uavcover/routes/failsafe_path.py``, which predicts returns: a flight on the mock tests the prediction.
 """
 
 import math
+from dataclasses import replace
 
 from mission_io.model.items import Command, Frame, MissionItem, MissionType
 from uavcover.mock.dynamics import Vector
 from uavcover.mock.guidance import Speeds
 from uavcover.mock.itinerary import Step, StepKind, halting_point
+from uavcover.mock.smart_return import ABOVE_START_M, SMART_RTL
 from uavcover.mock.state import MockState
+from uavcover.vehicle.modes import Mode
 
 _TERRAIN_STEP_M = 30.0
 _SETTLED_M = 0.2
+_DO_LAND_START = 189
+_PATTERN = (16, 17, 19, 21, 22, 31, 84, 85)
+"""Commands whose items have a position for PX4: waypoint, loiter, land, take-off (MissionBlock::item_contains_position)."""
+_LANDINGS, _TAKEOFFS = (21, 85), (22, 84)
 _RALLY_FRAMES = {
     "ardupilot": (Frame.AMSL, Frame.ABOVE_HOME, Frame.ABOVE_TERRAIN),
     "px4": (Frame.AMSL, Frame.ABOVE_HOME),
@@ -20,19 +27,34 @@ _RALLY_FRAMES = {
 
 
 def return_steps(
-    state: MockState, speeds: Speeds, *, seq: int | None = None, begin: Vector | None = None
+    state: MockState, speeds: Speeds, *, was: Mode = Mode.MISSION, seq: int | None = None, begin: Vector | None = None
 ) -> list[Step]:
     """The steps of a return.
 
     Args:
         state: of the vehicle.
         speeds: to fly at.
+        was: the mode before: PX4 returns along its mission from another item where that was not its mission.
         seq: mission item that asks for it.
         begin: where it begins, at rest; none: here, at the present speed.
     """
     if state.is_ardupilot:
+        if state.custom_mode == SMART_RTL and seq is None:
+            return _smart_rtl(state, speeds)
         return _rtl(state, speeds, seq, begin)
+    if state.parameters["RTL_TYPE"] in (2.0, 4.0):
+        return _along_mission(state, speeds, was, seq, begin)
     return _return_mode(state, speeds, seq, begin)
+
+
+def _smart_rtl(state: MockState, speeds: Speeds) -> list[Step]:
+    """Back along the flown path to above where it was armed."""
+    x, y, z = (back := state.trail.back())[-1]
+    steps = [_brake(state, speeds, None)]
+    steps += [Step(None, StepKind.GO, speeds, point) for point in (*back[:-1], (x, y, z + ABOVE_START_M))]
+    if (final_m := state.parameters["RTL_ALT_FINAL"] / 100.0) > 0.0:
+        return [*steps, Step(None, StepKind.GO, speeds, (x, y, state.body.home_m[2] + final_m), _SETTLED_M)]
+    return [*steps, Step(None, StepKind.DESCEND, speeds)]
 
 
 def _rtl(state: MockState, speeds: Speeds, seq: int | None, begin: Vector | None) -> list[Step]:
@@ -94,7 +116,7 @@ def _over_terrain(state: MockState, speeds: Speeds, seq: int | None, way: tuple[
 def _return_mode(state: MockState, speeds: Speeds, seq: int | None, begin: Vector | None) -> list[Step]:
     get = state.parameters
     here = state.body.believed.position_m if begin is None else begin
-    there = _safe_point(state, here)
+    there, is_landing = _safe_point(state, here)
     highest = there[2] + get["RTL_RETURN_ALT"]
     up = max(here[2], highest)
     if get["RTL_CONE_ANG"] > 0.0:
@@ -104,6 +126,8 @@ def _return_mode(state: MockState, speeds: Speeds, seq: int | None, begin: Vecto
         steps.append(Step(seq, StepKind.GO, speeds, (here[0], here[1], up), _SETTLED_M))
     elif begin is None:
         steps.append(_brake(state, speeds, seq))
+    if is_landing:
+        return steps + _onward(state, speeds, seq, _land_start(state))
     steps.append(Step(seq, StepKind.GO, speeds, (there[0], there[1], up)))
     if get["RTL_LAND_DELAY"] != 0.0:
         waits = min(there[2] + get["RTL_DESCEND_ALT"], up)
@@ -112,6 +136,59 @@ def _return_mode(state: MockState, speeds: Speeds, seq: int | None, begin: Vecto
         steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=delay if delay > 0.0 else math.inf))
     steps.append(Step(seq, StepKind.DESCEND, speeds))
     return steps
+
+
+def _along_mission(state: MockState, speeds: Speeds, was: Mode, seq: int | None, begin: Vector | None) -> list[Step]:
+    """PX4's RTL_TYPE 2 and 4: on to the mission's landing, or back to its first item and home."""
+    places, current = mission_places(state), state.current_seq if seq is None else seq
+    if not places:
+        return []
+    here = halting_point(state.body.believed) if begin is None else begin
+    start = _land_start(state)
+    onward = start is not None
+    if state.parameters["RTL_TYPE"] == 4.0 and start is not None:
+        onward = start - current < current  # RTL::reverseIsFurther
+    nearest = min(places, key=lambda number: math.dist(places[number], here))
+    if onward:
+        return _onward(state, speeds, seq, current if was is Mode.MISSION else nearest)
+    first = max((number for number in places if number < max(current, 1)), default=min(places))
+    steps = [] if begin is not None else [_brake(state, speeds, seq)]
+    for number in sorted((n for n in places if n <= (first if was is Mode.MISSION else nearest)), reverse=True):
+        steps.append(Step(seq, StepKind.GO, speeds, places[number], state.settings.acceptance_radius_m))
+        if state.mission_items[number].command in _TAKEOFFS:
+            break
+    home = state.body.home_m
+    return [*steps, Step(seq, StepKind.LEVEL, speeds, home), Step(seq, StepKind.DESCEND, speeds)]
+
+
+def _onward(state: MockState, speeds: Speeds, seq: int | None, first: int | None) -> list[Step]:
+    """The mission's items from one of them to its landing, without waits."""
+    steps: list[Step] = []
+    for number, point in mission_places(state).items():
+        if first is None or number < first:
+            continue
+        if state.mission_items[number].command in _LANDINGS:
+            return [*steps, Step(seq, StepKind.LEVEL, speeds, point), Step(seq, StepKind.DESCEND, speeds)]
+        steps.append(Step(seq, StepKind.GO, speeds, point, state.settings.acceptance_radius_m))
+    return steps
+
+
+def mission_places(state: MockState) -> dict[int, Vector]:
+    """The mission's positions by item number."""
+    return {
+        number: state.place(replace(item, command=Command.NAV_WAYPOINT))
+        for number, item in enumerate(state.mission_items)
+        if item.command in _PATTERN and item.has_position
+    }
+
+
+def _land_start(state: MockState) -> int | None:
+    """Number of the item where the mission's landing begins; none without a landing."""
+    commands = [int(item.command) for item in state.mission_items]
+    landing = next((n for n, command in enumerate(commands) if command in _LANDINGS), None)
+    if landing is None:
+        return None
+    return commands.index(_DO_LAND_START) if _DO_LAND_START in commands else landing
 
 
 def _cone_m(state: MockState, here: Vector, there: Vector) -> float:
@@ -150,17 +227,22 @@ def _copters_rally_point(state: MockState, here: Vector) -> Vector | None:
     return nearest
 
 
-def _safe_point(state: MockState, here: Vector) -> Vector:
-    """PX4's destination: home, or a safe point that is nearer."""
-    home = state.body.home_m
-    best, least = home, math.dist(here[:2], home[:2])
-    if state.parameters["RTL_TYPE"] == 1.0:
-        least = math.inf
+def _safe_point(state: MockState, here: Vector) -> tuple[Vector, bool]:
+    """PX4's destination: home, or a safe point or the mission's landing that is nearer; whether it is the landing."""
+    home, kind = state.body.home_m, state.parameters["RTL_TYPE"]
+    best, is_landing = home, False
+    least = math.inf if kind == 1.0 else math.dist(here[:2], home[:2])
+    if kind in (1.0, 3.0) and _land_start(state) is not None:
+        landing = next(
+            point for n, point in mission_places(state).items() if state.mission_items[n].command in _LANDINGS
+        )
+        if math.dist(here[:2], landing[:2]) + 2.0 < least:
+            best, least, is_landing = landing, math.dist(here[:2], landing[:2]), True
     for point in _rally_points(state):
         away = math.dist(here[:2], point[:2])
         if math.dist(home[:2], point[:2]) > 10.0 and away + 2.0 < least:
-            best, least = point, away
-    return best
+            best, least, is_landing = point, away, False
+    return best, is_landing
 
 
 def _ground_m(state: MockState, east: float, north: float) -> float:

@@ -9,11 +9,20 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
-import shapely
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.routes.failsafe_parameters import FailsafeSettings, Response
-from uavcover.routes.failsafe_states import HOME, IN_PLACE, Destinations, FailsafePaths, FlightStates, Stage
+from uavcover.routes.failsafe_states import (
+    CEILING_BIT,
+    HOME,
+    IN_PLACE,
+    Destinations,
+    FailsafePaths,
+    FlightStates,
+    Stage,
+    ardupilot_destination,
+    px4_destination,
+)
 
 GroundHeights = Callable[[FloatArray], FloatArray]
 """Heights of the ground above sea level (n,) at (n, 2) positions; NaN where unknown."""
@@ -21,10 +30,9 @@ GroundHeights = Callable[[FloatArray], FloatArray]
 _LEAST_RETURN_M = 0.3  # RTL_ALT_MIN of ArduCopter
 _LEAST_CONE_SLOPE = 0.5  # RTL_MIN_CONE_SLOPE
 _POSITION_GAIN_1_S = 1.0  # PSC_POSXY_P
-_CEILING_BIT, _CIRCLE_BIT, _POLYGON_BIT, _FLOOR_BIT = 1, 2, 4, 8
-_NEARER_BY_M, _TOO_NEAR_HOME_M = 2.0, 10.0  # PX4: MIN_DIST_THRESHOLD, and a safe point this near is home
 _TERRAIN_STEP_M = 30.0
 _SLOW_LANDING_M = 10.0
+_ABOVE_START_M = 2.0  # mode_smart_rtl.cpp: where it begins to land
 
 
 def predict(
@@ -112,23 +120,32 @@ class _Model:
             case "hold" | "hold-land":
                 return [self._column("stop")]
             case "retrace":
-                return [self._retrace(), replace(self.direct(), note="when it has no SmartRTL path")]
+                return self._smart_ways(self._direct_ways())
             case "retrace-land":
-                return [self._retrace(), replace(self._column("land"), note="when it has no SmartRTL path")]
+                return self._smart_ways([self._column("land")])
             case "mission-landing" if self._to.landing is not None:
                 return [self._join_landing(climbs=False)]
         return self._px4_ways() if self._is_px4 else self._direct_ways()
 
+    def _smart_ways(self, otherwise: list[FailsafePaths]) -> list[FailsafePaths]:
+        """SmartRTL, and what ArduCopter does where its buffer was full or its position bad; that alone without a buffer."""
+        if min(self._get["smart_points"], self._get["smart_accuracy_m"]) <= 0.0:
+            return otherwise
+        return [self._retrace(), *(replace(one, note=one.note or "when it has no SmartRTL path") for one in otherwise)]
+
     def _px4_ways(self) -> list[FailsafePaths]:
-        """Of a return, by its type; several where the nearer end of the mission, or of two places, decides."""
-        has_landing = self._to.landing is not None
+        """Of a return, by its type; two where the number of items before the landing decides, or a landing pattern's place."""
+        landing = self._to.landing
         match round(self._get["return_type"]):
             case 2:
-                return [self._onward() if has_landing else self._retrace()]
+                return [self._reversed() if landing is None else self._onward()]
             case 4:
-                return [self._onward(), self._retrace()] if has_landing else [self._retrace()]
-            case 1 | 3 if has_landing:
-                return [self._join_landing(climbs=True), self.direct()]
+                return [self._reversed()] if landing is None else [self._onward(), self._reversed()]
+            case 1 | 3 if landing is not None and landing < len(self._to.route_m) - 1:
+                return [
+                    self._join_landing(climbs=True),
+                    replace(self.direct(), note="when home or a safe point is nearer"),
+                ]
         return self._direct_ways()
 
     def _direct_ways(self) -> list[FailsafePaths]:
@@ -139,7 +156,7 @@ class _Model:
 
     def direct(self, *, over_terrain: bool = False) -> FailsafePaths:
         """Up, level to the destination, down."""
-        number, target = self._px4_destination() if self._is_px4 else self._ardupilot_destination()
+        number, target, by_mission = self._destination()
         origin = self._stop if self._holds or not self._is_px4 else self._at
         if self._is_px4:
             up = self._px4_return_alt(target, origin)
@@ -153,9 +170,10 @@ class _Model:
             climbed = level[:, 0]
         else:
             level = np.stack([climbed, _lifted(target, up)], axis=1)
-        final = self._final_alt(target, level[:, -1, 2])
+        # The mission's landing knows nothing of RTL_DESCEND_ALT and RTL_LAND_DELAY.
+        final = np.where(by_mission, level[:, -1, 2], self._final_alt(target, level[:, -1, 2]))
         ends = _lifted(target, final)
-        lands = self._lands()
+        lands = self._lands() | by_mission
         bottom = np.where(lands, self._landing_alt(target), final)
         points = np.concatenate(
             [
@@ -219,33 +237,56 @@ class _Model:
         return self._made(points, ("stop", stage), np.full(self._n, IN_PLACE), note)
 
     def _retrace(self) -> FailsafePaths:
-        """Back along the route, and down at home."""
-        line = np.vstack([self._to.home_m, self._to.route_m])
-        line[0, 2] = self._to.route_m[0, 2]
-        final = self._final_alt(self._to.home_m[None], line[:1, 2])[0]
-        bottom = self._landing_alt(self._to.home_m[None])[0] if self._lands() else final
-        down = np.array([[*self._to.home_m[:2], bottom]])
-        tail = np.vstack([line[::-1], down])
-        # The vertex before the one that it flies to; home stands before the route.
-        joins = np.clip(len(line) - 1 - self._states.legs, 0, len(tail) - 1)
+        """SmartRTL: back along the flown path to 2 m above where it was armed. Loops that it may leave out are not known."""
+        start, route = self._to.home_m, self._to.route_m
+        line = np.vstack([start, route])
+        line[0, 2] = route[0, 2]
+        low = np.array([[*start[:2], start[2] + _ABOVE_START_M]])
+        final = self._landing_alt(start[None]) if self._lands() else self._final_alt(start[None], low[:, 2])
+        tail = np.vstack([line[::-1], low, _lifted(low, final)])
+        joins = np.clip(
+            len(line) - 1 - self._states.legs, 0, len(tail) - 1
+        )  # the vertex before the one that it flies to
         points = np.stack([self._at, self._stop, tail[joins]], axis=1)
-        return self._made(points, ("stop", "mission"), np.full(self._n, HOME), "back along the route", tail, joins)
+        note = "back along the flown path; SmartRTL may cut across where that meets itself"
+        return self._made(points, ("stop", "mission"), np.full(self._n, HOME), note, tail, joins)
+
+    def _reversed(self) -> FailsafePaths:
+        """PX4: back through the mission's items to its first, and down at home."""
+        items = self._to.items_m[::-1]
+        home = self._to.home_m
+        over = np.array([*home[:2], items[-1, 2]])
+        tail = np.vstack([items, over, [*home[:2], self._landing_alt(home[None])[0]]])
+        # In its mission it goes to the item before the one that it flies to; after a hold to the nearest, a landing among them.
+        joins = self._nearest(items) if self._holds else np.clip(len(items) - self._states.legs, 0, len(items) - 1)
+        points = np.stack([self._at, self._stop, tail[joins]], axis=1)
+        note = "back along the route"
+        return self._made(points, ("stop", "mission"), np.full(self._n, HOME), note, tail, joins)
 
     def _onward(self) -> FailsafePaths:
-        """On along the mission to its landing, without its waits."""
-        tail = np.vstack([self._to.route_m, self._to.home_m])
-        joins = np.clip(self._states.legs, 0, len(tail) - 1)
-        points = np.stack([self._at, tail[joins]], axis=1)
-        return self._made(points, ("mission",), np.full(self._n, HOME), "on along the mission", tail, joins)
+        """PX4: on through the mission's items to its landing, without its waits."""
+        tail = self._to.items_m.copy()
+        joins = self._nearest(tail) if self._holds else np.clip(self._states.legs, 0, len(tail) - 1)
+        origin = self._stop if self._holds else self._at
+        first = tail[joins]
+        first[joins == len(tail) - 1, 2] = origin[joins == len(tail) - 1, 2]  # level to above the landing
+        tail[-1:, 2] = self._landing_alt(tail[-1:])
+        points = np.stack([self._at, origin, first], axis=1)
+        return self._made(points, ("stop", "mission"), np.full(self._n, HOME), "on along the mission", tail, joins)
+
+    def _nearest(self, items: FloatArray) -> IntArray:
+        """(n,) number of the item that is nearest in space to where it holds."""
+        return np.asarray(np.linalg.norm(self._stop[:, None] - items[None], axis=2).argmin(axis=1), np.int64)
 
     def _join_landing(self, *, climbs: bool) -> FailsafePaths:
         """Straight to where the mission's landing begins; PX4 climbs before."""
-        tail = np.vstack([self._to.route_m[self._to.landing or 0 :], self._to.home_m])
+        tail = np.vstack([self._to.route_m[self._to.landing or 0 :], self._to.items_m[-1]])
+        tail[-1, 2] = self._landing_alt(tail[-1:])[0]
         begin = np.broadcast_to(tail[0], (self._n, 3))
         origin = self._stop if self._holds or not self._is_px4 else self._at
         up = self._at[:, 2]
         if climbs:
-            up = self._px4_return_alt(np.broadcast_to(tail[-1], (self._n, 3)), origin)
+            up = self._px4_return_alt(np.broadcast_to(self._to.items_m[-1], (self._n, 3)), origin)
         points = np.stack([self._at, self._stop, origin, _lifted(origin, up), begin], axis=1)
         joins, number = np.zeros(self._n, dtype=np.int64), np.full(self._n, HOME)
         stages: tuple[Stage, ...] = ("stop", "stop", "climb", "return")
@@ -270,60 +311,17 @@ class _Model:
 
     def wings_destination(self) -> tuple[IntArray, FloatArray, FloatArray]:
         """Number, (n, 3) place, and (n,) height above sea level at which wings fly there."""
-        number, target = self._px4_destination() if self._is_px4 else self._ardupilot_destination()
+        number, target, _ = self._destination()
         up = target[:, 2] + self._get["return_height_m"]
         if self._is_px4:
             return number, target, np.maximum(up, self._at[:, 2])
         return number, target, np.where(number == HOME, up, target[:, 2])
 
-    def _ardupilot_destination(self) -> tuple[IntArray, FloatArray]:
-        """Number and (n, 3) place of the nearest rally point, or home."""
-        get, home = self._get, self._to.home_m
-        number, place = np.full(self._n, HOME), np.tile(home, (self._n, 1))
-        valid = np.flatnonzero(self._is_rally_valid())
-        if not len(valid):
-            return number, place
-        away = self._distances(self._at, self._to.rally_m[valid])
-        nearest, distance = away.argmin(axis=1), away.min(axis=1)
-        limit = get["rally_limit_m"]
-        taken = (distance <= limit) if limit > 0.0 else np.ones(self._n, dtype=bool)
-        if round(get["rally_with_home"]):
-            taken &= distance < np.hypot(*(self._at[:, :2] - home[:2]).T)
-        number[taken], place[taken] = valid[nearest[taken]], self._to.rally_m[valid[nearest[taken]]]
-        return number, place
-
-    def _is_rally_valid(self) -> BoolArray:
-        """(r,) inside every fence that is enabled: ArduCopter leaves out the others."""
-        get, rally, home = self._get, self._to.rally_m, self._to.home_m
-        valid = np.asarray(np.isfinite(rally).all(axis=1))
-        if not round(get["fence_enabled"]):
-            return valid
-        kinds, above_home = round(get["fence_kinds"]), rally[:, 2] - home[2]
-        if kinds & _CEILING_BIT:
-            valid &= above_home <= get["fence_top_m"]
-        if kinds & _FLOOR_BIT:
-            valid &= above_home >= get["fence_floor_m"]
-        if kinds & _CIRCLE_BIT:
-            valid &= np.hypot(*(rally[:, :2] - home[:2]).T) <= get["fence_radius_m"]
-        if kinds & _POLYGON_BIT and self._to.fence is not None:
-            valid &= shapely.covers(self._to.fence, shapely.points(rally[:, :2]))
-        return np.asarray(valid)
-
-    def _px4_destination(self) -> tuple[IntArray, FloatArray]:
-        """Number and (n, 3) place of the nearest safe point, or home."""
-        home, begin = self._to.home_m, self._stop if self._holds else self._at
-        number, place = np.full(self._n, HOME), np.tile(home, (self._n, 1))
-        least = np.hypot(*(begin[:, :2] - home[:2]).T)
-        if round(self._get["return_type"]) == 1:
-            least = np.full(self._n, math.inf)
-        for k, rally in enumerate(self._to.rally_m):
-            if not np.isfinite(rally).all() or math.dist(rally[:2], home[:2]) <= _TOO_NEAR_HOME_M:
-                continue
-            away = np.hypot(*(begin[:, :2] - rally[:2]).T)
-            nearer = away + _NEARER_BY_M < least
-            least, number = np.where(nearer, away, least), np.where(nearer, k, number)
-            place[nearer] = rally
-        return number, place
+    def _destination(self) -> tuple[IntArray, FloatArray, BoolArray]:
+        """Number and (n, 3) place of what is returned to, and whether it is the mission's landing."""
+        if self._is_px4:
+            return px4_destination(self._get, self._to, self._stop if self._holds else self._at)
+        return *ardupilot_destination(self._get, self._to, self._at), np.zeros(self._n, dtype=bool)
 
     def _ardupilot_return_alt(self, target: FloatArray, *, over_terrain: bool) -> FloatArray:
         """(n,) height above sea level of the return; above the terrain where it follows that."""
@@ -340,7 +338,7 @@ class _Model:
         if get["cone_slope"] >= _LEAST_CONE_SLOPE:
             distance = np.hypot(*(target[:, :2] - self._stop[:, :2]).T)
             wanted = np.minimum(wanted, np.maximum(distance * get["cone_slope"], least))
-        if round(get["fence_enabled"]) and round(get["fence_kinds"]) & _CEILING_BIT:
+        if round(get["fence_enabled"]) and round(get["fence_kinds"]) & CEILING_BIT:
             over = wanted + target_base - home_alt - (get["fence_top_m"] - get["fence_margin_m"])
             wanted = wanted - np.maximum(over, 0.0)
         wanted = np.maximum(wanted, current)
@@ -366,10 +364,6 @@ class _Model:
         level = (1.0 - t) * origin[:, None, :2] + t * target[:, None, :2]
         ground = self._ground(level.reshape(-1, 2)).reshape(level.shape[:2])
         return np.concatenate([level, (ground + height[:, None])[..., None]], axis=2)
-
-    def _distances(self, places: FloatArray, others: FloatArray) -> FloatArray:
-        """(n, r) horizontal."""
-        return np.asarray(np.hypot(*np.moveaxis(places[:, None, :2] - others[None, :, :2], 2, 0)), float)
 
 
 def _lifted(places: FloatArray, alts_m: FloatArray) -> FloatArray:

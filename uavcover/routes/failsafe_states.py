@@ -3,20 +3,25 @@
 Positions are (east, north, height above sea level): autopilots keep a level above the sea.
 """
 
+import math
 from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 import shapely
 
-from uavcover.kernels.arrays import FloatArray, IntArray
-from uavcover.routes.failsafe_parameters import Response
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.routes.failsafe_parameters import FailsafeSettings, Response
 
 Stage = Literal["stop", "climb", "return", "descend", "land", "mission"]
 """``descend`` is a descent that does not expect the ground; ``land`` one that does; ``mission`` joins legs of the mission."""
 
 HOME, IN_PLACE = -1, -2
 """Destinations that are no rally points."""
+
+CEILING_BIT = 1
+_CIRCLE_BIT, _POLYGON_BIT, _FLOOR_BIT = 2, 4, 8
+_NEARER_BY_M, _TOO_NEAR_HOME_M = 2.0, 10.0  # PX4: MIN_DIST_THRESHOLD, and a safe point this near is home
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,6 +60,13 @@ class Destinations:
     route_m: FloatArray
     fence: shapely.Geometry | None = None
     landing: int | None = None
+
+    @property
+    def items_m(self) -> FloatArray:
+        """(m, 3) vertices of the mission, and its landing at home's height where it has one."""
+        if self.landing is None:
+            return self.route_m
+        return np.vstack([self.route_m, [*self.route_m[-1, :2], self.home_m[2]]])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,3 +122,72 @@ def states_along(line_m: FloatArray, times_s: FloatArray, *, step_m: float, step
     return FlightStates(
         line_m[leg] + t[:, None] * steps[leg], velocities, times_s[leg] + t * spans[leg], leg + 1, (1.0 - t) * level
     )
+
+
+def ardupilot_destination(get: FailsafeSettings, to: Destinations, begin_m: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Number (n,) and place (n, 3) of the nearest rally point, or home, as ArduCopter takes it from (n, 3) places."""
+    home, number = to.home_m, np.full(len(begin_m), HOME)
+    place = np.tile(home, (len(begin_m), 1))
+    valid = np.flatnonzero(_is_rally_valid(get, to))
+    if not len(valid):
+        return number, place
+    away = np.stack([_away_m(begin_m, rally) for rally in to.rally_m[valid]], axis=1)
+    nearest, distance = away.argmin(axis=1), away.min(axis=1)
+    limit = get["rally_limit_m"]
+    taken = (distance <= limit) if limit > 0.0 else np.ones(len(begin_m), dtype=bool)
+    if round(get["rally_with_home"]):
+        taken &= distance < _away_m(begin_m, home)
+    number[taken], place[taken] = valid[nearest[taken]], to.rally_m[valid[nearest[taken]]]
+    return number, place
+
+
+def _is_rally_valid(get: FailsafeSettings, to: Destinations) -> BoolArray:
+    """(r,) inside every fence that is enabled: ArduCopter leaves out the others."""
+    rally, home = to.rally_m, to.home_m
+    valid = np.asarray(np.isfinite(rally).all(axis=1))
+    if not round(get["fence_enabled"]):
+        return valid
+    kinds, above_home = round(get["fence_kinds"]), rally[:, 2] - home[2]
+    if kinds & CEILING_BIT:
+        valid &= above_home <= get["fence_top_m"]
+    if kinds & _FLOOR_BIT:
+        valid &= above_home >= get["fence_floor_m"]
+    if kinds & _CIRCLE_BIT:
+        valid &= _away_m(rally, home) <= get["fence_radius_m"]
+    if kinds & _POLYGON_BIT and to.fence is not None:
+        valid &= shapely.covers(to.fence, shapely.points(rally[:, :2]))
+    return np.asarray(valid)
+
+
+def px4_destination(
+    get: FailsafeSettings, to: Destinations, begin_m: FloatArray
+) -> tuple[IntArray, FloatArray, BoolArray]:
+    """The nearest of home, the mission's landing and safe points, as PX4 takes it from (n, 3) places by RTL_TYPE 0, 1 and 3.
+
+    A landing pattern before the landing is left to the caller.
+
+    Returns:
+        Number (n,), place (n, 3), and whether it is the mission's landing (n,); its number is that of home.
+    """
+    home, count = to.home_m, len(begin_m)
+    number, place, at_landing = np.full(count, HOME), np.tile(home, (count, 1)), np.zeros(count, dtype=bool)
+    kind = round(get["return_type"])
+    least = np.full(count, np.inf) if kind == 1 else _away_m(begin_m, home)
+    if kind in (1, 3) and to.landing == len(to.route_m) - 1:
+        landing = to.items_m[-1]
+        away = _away_m(begin_m, landing)
+        at_landing = away + _NEARER_BY_M < least
+        least, place[at_landing] = np.where(at_landing, away, least), landing
+    for k, rally in enumerate(to.rally_m):
+        if not np.isfinite(rally).all() or math.dist(rally[:2], home[:2]) <= _TOO_NEAR_HOME_M:
+            continue
+        away = _away_m(begin_m, rally)
+        nearer = away + _NEARER_BY_M < least
+        least, number = np.where(nearer, away, least), np.where(nearer, k, number)
+        place[nearer], at_landing = rally, at_landing & ~nearer
+    return number, place, at_landing
+
+
+def _away_m(places_m: FloatArray, other_m: FloatArray) -> FloatArray:
+    """(n,) horizontal."""
+    return np.asarray(np.hypot(places_m[:, 0] - other_m[0], places_m[:, 1] - other_m[1]), float)

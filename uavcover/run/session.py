@@ -36,9 +36,10 @@ from uavcover.run.vehicle_terrain import answer_from_site
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts, OperatingVolume, PlanNeeds
-from uavcover.vehicle.fly import Continuation, FlightOutcome, Orders, PlanContinuation
+from uavcover.vehicle.fly import FlightOutcome, Orders
 from uavcover.vehicle.fly import fly as fly_plan
-from uavcover.vehicle.fly import fly_on as fly_on_plan
+from uavcover.vehicle.fly_on import Continuation, PlanContinuation
+from uavcover.vehicle.fly_on import fly_on as fly_on_plan
 from uavcover.vehicle.modes import require_multirotor
 from uavcover.vehicle.monitor import Monitor, open_vehicle
 from uavcover.vehicle.precautions import require_answers

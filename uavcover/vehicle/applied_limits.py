@@ -138,7 +138,7 @@ class AppliedLimits:
                 self._session.tell(EventKind.WARNING, row.sentence, alarm=row.weight is Weight.REFUSED)
 
     def put_back(self) -> None:
-        """Put the old values back; what cannot be is told, and stays kept for the next time."""
+        """Put the old values back; what cannot be is reported, and stays kept for the next time."""
         session = self._session
         if not self._before:
             return

@@ -62,7 +62,7 @@ def arm_and_start(session: Session) -> None:
 
 
 def fly_from_item(session: Session, seq: int) -> None:
-    """Fly the mission that a vehicle in the air holds, from item ``seq`` on; where that fails the vehicle is told to hold.
+    """Fly the mission that a vehicle in the air holds, from item ``seq`` on; where that fails the vehicle is commanded to hold.
 
     ArduPilot begins its mission anew each time that it enters AUTO when MIS_RESTART is 1. So the item is set again once it has
     entered AUTO, and MISSION_CURRENT has to show it.

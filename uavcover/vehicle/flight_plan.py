@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -99,6 +99,24 @@ class FlightPlan:
     needs: PlanNeeds | None = None
     items_per_waypoint: int = 1
     returns: OwnReturns | None = None
+
+    def way_home(self, mission: Mission, *, home_up_m: float) -> "FlightPlan":
+        """The plan of a way home that the vehicle holds now, without planned waypoints.
+
+        Args:
+            mission: as it was sent.
+            home_up_m: how much higher than planned the vehicle's home is.
+        """
+        home = replace(self.home, alt_amsl_m=self.home.alt_amsl_m + home_up_m)
+        return replace(
+            self, mission=mission, home=home, first_waypoint_item=len(mission.items), waypoint_count=0, passed_before=0,
+            items_per_waypoint=1, returns=None,
+        )  # fmt: skip
+
+    @property
+    def is_way_home(self) -> bool:
+        """Whether it only leads home."""
+        return self.waypoint_count == 0
 
     @property
     def _end_item(self) -> int:

@@ -5,23 +5,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from mission_io.errors import MissionIoError, TransferSilentError, VehicleSilentError
-from mission_io.wire import messages as m
-from uavcover.errors import UavcoverError, VehicleError
+from uavcover.errors import VehicleError
 from uavcover.model.track import TrackSample
 from uavcover.vehicle.applied_limits import AppliedLimits
 from uavcover.vehicle.arming import (
     arm_and_start,
     disarm_on_ground,
-    fly_from_item,
-    hold_mode,
     is_flying,
-    wire_seq,
 )
 from uavcover.vehicle.clearance import ALONE, Clearance
 from uavcover.vehicle.client import VehicleClient
 from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts
 from uavcover.vehicle.follow import follow_mission, follow_taken
-from uavcover.vehicle.modes import Mode, custom_mode, require_multirotor
+from uavcover.vehicle.modes import Mode, require_multirotor
 from uavcover.vehicle.monitor import Monitor
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightFailedError, FlightFaultError, FlightOutcome
 from uavcover.vehicle.own_returns import tell_own_returns, tell_returns_by
@@ -30,45 +26,24 @@ from uavcover.vehicle.preconditions import Preconditions
 from uavcover.vehicle.progress import MissionProgress
 from uavcover.vehicle.readiness import (
     check_home,
-    check_home_position,
     check_mission,
-    check_telemetry,
     request_telemetry,
     wait_until_ready,
 )
-from uavcover.vehicle.return_home import PlanReturn, hold, return_home
+from uavcover.vehicle.return_home import PlanReturn, return_home
 from uavcover.vehicle.session import Session, Stopped, TakenOverError
 from uavcover.vehicle.track_file import Recorder
 
-__all__ = ["Continuation", "Ending", "FlightOutcome", "Orders", "fly", "fly_on"]
+__all__ = ["Ending", "FlightOutcome", "Orders", "fly"]
 
 
 _AFTER_RESTART_S = 3.0
 """Time to listen to a vehicle that restarted, to report what it does now."""
 
 
-@dataclass(frozen=True, slots=True)
-class Continuation:
-    """How a vehicle in the air continues.
-
-    Attributes:
-        plan: what it flies from here.
-        upload: whether the mission must be uploaded; otherwise the vehicle holds it already.
-        first_item: index in ``plan.mission.items`` of the first item to fly to.
-    """
-
-    plan: FlightPlan
-    upload: bool
-    first_item: int
-
-
-PlanContinuation = Callable[[float, float, float], Continuation]
-"""Plans a checked continuation from latitude, longitude (degrees) and height above sea level (metres)."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Orders:
-    """What the user wants of a flight, and who is told about it.
+    """What the user wants of a flight, and who receives its events.
 
     Attributes:
         on_sample: called with every sample as it is recorded, also when the flight fails.
@@ -104,45 +79,18 @@ def fly(
         client: talks to the vehicle; made with ``monitor`` as its listener, see ``open_vehicle``.
         monitor: receives everything that the client receives.
         plan: the mission that the vehicle must hold, and what was planned with it.
-        orders: what the user wants, and who is told.
+        orders: what the user wants, and who receives the events.
         plan_return: plans the checked way home after a stop.
 
     Raises:
         FlightFailedError: the flight failed; the error says what happened and what the vehicle does now, and carries the
             outcome. All recorded samples have been delivered.
     """
-    flight = _Flight(client, monitor, orders)
+    flight = FlightRun(client, monitor, orders)
     return flight.ended(lambda: _from_the_ground(flight, plan, plan_return))
 
 
-def fly_on(
-    client: VehicleClient,
-    monitor: Monitor,
-    plan_continuation: PlanContinuation,
-    orders: Orders,
-    *,
-    plan_return: PlanReturn,
-) -> FlightOutcome:
-    """Take control of a vehicle in the air and fly the rest of a plan.
-
-    The vehicle is commanded to hold first. A vehicle that is neither in its mission nor holding is left alone: a pilot or a
-    failsafe controls it.
-
-    Args:
-        client: talks to the vehicle.
-        monitor: receives everything that the client receives.
-        plan_continuation: plans the checked way on from where the vehicle holds.
-        orders: what the user wants, and who is told.
-        plan_return: plans the checked way home after a stop.
-
-    Raises:
-        FlightFailedError: as for ``fly``.
-    """
-    flight = _Flight(client, monitor, orders)
-    return flight.ended(lambda: _from_the_air(flight, plan_continuation, plan_return))
-
-
-class _Flight:
+class FlightRun:
     """What every flight needs from its start to its end, from the ground or from the air."""
 
     def __init__(self, client: VehicleClient, monitor: Monitor, orders: Orders) -> None:
@@ -257,11 +205,10 @@ class _Flight:
     def _come_home(self, plan_return: PlanReturn, stops: int) -> bool:
         """Whether the vehicle landed; what something else has meanwhile is recorded until it is on the ground."""
         session = self.session
-        moved_up_m = (lambda: 0.0) if self.preconditions is None else self.preconditions.home_moved_up_m
         while True:
             try:
                 return return_home(
-                    session, plan_return, stops=stops, home_moved_up_m=moved_up_m,
+                    session, plan_return, stops=stops, preconditions=self.preconditions,
                     clear=self.orders.clearance.may_go_home,
                 )  # fmt: skip
             except TakenOverError as error:
@@ -344,11 +291,11 @@ class _Flight:
             text += session.recent_warnings
         outcome = self.outcome(ending)
         if self.touched:
-            text += f"; now: {outcome.vehicle_now}"
+            text += f"; {outcome.vehicle_now}" if session.is_silent else f"; now: {outcome.vehicle_now}"
         return FlightFailedError(text, outcome)
 
 
-def _from_the_ground(flight: _Flight, plan: FlightPlan, plan_return: PlanReturn) -> FlightOutcome:
+def _from_the_ground(flight: FlightRun, plan: FlightPlan, plan_return: PlanReturn) -> FlightOutcome:
     session = flight.session
     flight.find(_refuse_armed)
     try:
@@ -390,52 +337,6 @@ def _wait_for_clearance(session: Session, clearance: Clearance) -> None:
         session.pump()
 
 
-def _from_the_air(flight: _Flight, plan_continuation: PlanContinuation, plan_return: PlanReturn) -> FlightOutcome:
-    session = flight.session
-    flight.find(_refuse_taken)
-    try:
-        request_telemetry(session)
-        check_telemetry(session)
-        flight.orders.on_begin()
-        hold(session, "the vehicle is told to hold")
-        flight.touched = True
-        here = session.monitor.latest(m.GlobalPositionInt)
-        if here is None:
-            raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not tell where it is; it was left holding")
-        try:
-            onward = plan_continuation(here.lat_deg, here.lon_deg, here.alt_amsl_m)
-        except UavcoverError as error:
-            raise FlightFaultError(Ending.FAILED, f"no checked way on from here: {error}; left holding") from error
-        plan = onward.plan
-        check_home_position(session, plan)
-        flight.limits.look(plan)
-        flight.watch_preconditions(plan)
-        if onward.upload:
-            session.tell(EventKind.STAGE, "the rest of the mission is being sent")
-            client = session.client
-            sent = session.steer(
-                lambda: client.upload_and_verify(plan.mission, in_flight=True), while_in=[hold_mode(session)]
-            )
-            if not sent.passed:
-                raise FlightFaultError(
-                    Ending.FAILED, "the rest of the mission was read back changed; the vehicle was left holding"
-                )
-        if session.stop():
-            raise Stopped
-        session.monitor.forget(m.MissionCurrent)
-        progress = flight.record(plan)
-        try:
-            fly_from_item(session, wire_seq(session, onward.first_item))
-        except TakenOverError as error:
-            session.tell(EventKind.WARNING, str(error), alarm=True)  # and follow it to the ground
-        session.watch.take_off()
-        session.tell(EventKind.STAGE, "going on with the mission")
-        follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)
-    except Stopped as stop:
-        return flight.home(plan_return, stop.cause)
-    return flight.outcome(Ending.LANDED)
-
-
 def _refuse_armed(session: Session) -> None:
     vehicle = session.client.vehicle
     if vehicle.armed:
@@ -443,15 +344,4 @@ def _refuse_armed(session: Session) -> None:
             Ending.NOT_ARMED,
             f"vehicle {vehicle.system_id} is armed already, in {session.mode_name}; not touched; --resume goes on with "
             "a flight that ended early",
-        )
-
-
-def _refuse_taken(session: Session) -> None:
-    """Refuse a vehicle that is neither in its mission nor holding."""
-    allowed = {custom_mode(session.autopilot, mode) for mode in (Mode.MISSION, Mode.HOLD, hold_mode(session))}
-    if session.client.vehicle.custom_mode not in allowed:
-        raise FlightFaultError(
-            Ending.NOT_ARMED,
-            f"vehicle {session.client.vehicle.system_id} is in the air in {session.mode_name}: a pilot or a failsafe "
-            "has it; not touched; let it land, or change it to hold, and resume then",
         )

@@ -17,11 +17,9 @@ from uavcover.vehicle.progress import MissionProgress
 from uavcover.vehicle.schedule import Schedule
 from uavcover.vehicle.session import Session, Stopped, Timer
 
+_CHANGES = (Ending.MISSION_CHANGED, Ending.HOME_MOVED, Ending.SETTINGS_CHANGED, Ending.FENCE_CHANGED)
 _LASTING = (
-    Ending.MISSION_CHANGED,
-    Ending.HOME_MOVED,
-    Ending.SETTINGS_CHANGED,
-    Ending.FENCE_CHANGED,
+    *_CHANGES,
     Ending.WIND_ABOVE_LIMITS,
     Ending.OFF_ROUTE,
     Ending.FENCE_BREACHED,
@@ -99,32 +97,63 @@ def follow_mission(
     session.tell(EventKind.STAGE, "disarmed")
 
 
-def follow_home(session: Session, *, stops_before: int, longest_wait_s: float) -> None:
+def follow_home(
+    session: Session, *, stops_before: int, plan: FlightPlan | None = None, preconditions: Preconditions | None = None
+) -> None:
     """Listen until the vehicle has flown its way home, landed and disarmed.
 
+    Args:
+        session: with the vehicle.
+        stops_before: how many stops of the user are known already.
+        plan: of the way home, to be read back while it is flown; None reads nothing.
+        preconditions: what was checked before arming, to be watched on.
+
     Raises:
-        FlightFaultError: it is gone, stuck, or on the ground and does not disarm.
-        Stopped: the user asked once more.
+        FlightFaultError: it is gone, stuck, on the ground and does not disarm, or flew home with a change of another station.
+        Stopped: the user asked once more, or the way home has to be planned again: the cause says why.
     """
-    stuck_s = session.timeouts.stuck_s + longest_wait_s
-    follower = Follower(session, stuck_s, stops_before=stops_before, pause=lambda: False, progress=None)
-    fallen = _follow_to_the_ground(session, follower)
+    watch, known = session.watch, session.watch.open_kinds
+    follower = Follower(
+        session, session.timeouts.stuck_s, stops_before=stops_before, pause=lambda: False, progress=None
+    )
+    progress = None if plan is None else MissionProgress(session, plan)
+    guard = None if plan is None or progress is None else MissionGuard(session, plan, progress, lambda: None)
+
+    def look() -> None:
+        if session.monitor.on_ground is not False or watch.is_open(Ending.FALLING):
+            return
+        if preconditions is not None:
+            preconditions.look(lambda: None)
+        if progress is not None and guard is not None and follower.in_mission:
+            progress.update()
+            guard.look()
+        follower.react()
+
+    fallen = _follow_to_the_ground(session, follower, look)
     if fallen is not None:
         raise FlightFaultError(Ending.CRASHED, f"{fallen} on its way home{session.recent_warnings}")
     if follower.cause is not None:
         raise FlightFaultError(
             follower.cause, f"{follower.why}; it did not fly its way home to the end, and it landed and disarmed"
         )
+    if guard is not None:
+        guard.look_once_more()
+    for kind in _CHANGES:
+        if watch.is_open(kind) and kind not in known:
+            raise FlightFaultError(kind, f"{watch.text_of(kind)}; on its way home it landed and disarmed")
     session.tell(EventKind.STAGE, "disarmed")
 
 
-def _follow_to_the_ground(session: Session, follower: Follower) -> str | None:
+def _follow_to_the_ground(
+    session: Session, follower: Follower, meanwhile: Callable[[], None] = lambda: None
+) -> str | None:
     """Listen until the vehicle is disarmed; how it fell, or None when it has landed."""
     falls = FallWatch(session, None)
 
     def look() -> None:
         if not session.monitor.on_ground:
             falls.look()
+        meanwhile()
 
     while session.client.vehicle.armed:
         follower.step(look)

@@ -66,7 +66,8 @@ class Follower:
         self._hold: HoldWatch | None = None
         self._lands_for: Ending | None = None
         self._holds_for: dict[Ending, int] = {}
-        self._acted_on: set[Ending] = set()
+        # What goes wrong since before the way home was planned was acted on by that.
+        self._acted_on: set[Ending] = set() if progress is not None else set(session.watch.open_kinds)
         self._upside_down = False
         self._declined: bool | None = None
         self._going_on: Timer | None = None
@@ -75,12 +76,12 @@ class Follower:
 
     @property
     def holds(self) -> bool:
-        """Whether the vehicle was told to hold, and holds."""
+        """Whether the vehicle was commanded to hold, and holds."""
         return self._hold is not None and not self._override.begun
 
     @property
     def in_mission(self) -> bool:
-        """Whether current evidence shows the vehicle in the mission that it was told to fly."""
+        """Whether current evidence shows the vehicle in the mission that it was commanded to fly."""
         return self.is_ours and self._hold is None and self._lands_for is None
 
     @property
@@ -170,7 +171,7 @@ class Follower:
                 raise FlightFaultError(
                     self.cause,
                     f"{self.why}; it has not moved for {self._elsewhere.timeout_s:g} s and is "
-                    "left to whoever controls it",
+                    "left to the pilot or station that controls it",
                 )
             return
         self._elsewhere.restart()
@@ -238,10 +239,13 @@ class Follower:
         again = self._holds_for[breach] < _MOST_HOLDS and self._progress is not None
         self._hold = HoldWatch(session, breach, may_go_on=again)
         self._upside_down = not self._pause()
+        then = "flies home: p continues, Ctrl-C flies it home now"
+        if self._progress is None:
+            then = "the way home is planned again: Ctrl-C leaves it holding"
         session.tell(
             EventKind.STOP,
             f"the vehicle therefore holds its place in {session.mode_name} for at most {session.timeouts.held_s:g} s, then "
-            "flies home: p continues, Ctrl-C flies it home now",
+            f"{then}",
         )
 
     def _land(self, breach: Ending) -> None:
@@ -251,7 +255,7 @@ class Follower:
             session.tell(EventKind.STOP, "the vehicle therefore lands where it is")
 
     def _obeys(self, mode: Mode, what: str) -> bool:
-        """Change a vehicle in its mission to a mode; one that refuses or does not answer is told, and followed on."""
+        """Change a vehicle in its mission to a mode; one that refuses or does not answer is reported, and followed on."""
         session = self._session
         try:
             session.steer(lambda: set_mode(session, mode), while_in=[Mode.MISSION, mode])
@@ -259,7 +263,9 @@ class Follower:
             session.tell(EventKind.WARNING, f"the vehicle refuses to {what}: {error}", alarm=True)
             return False
         except VehicleSilentError as error:
-            session.tell(EventKind.WARNING, f"the vehicle was told to {what}, and does not obey: {error}", alarm=True)
+            session.tell(
+                EventKind.WARNING, f"the vehicle was commanded to {what}, and does not obey: {error}", alarm=True
+            )
             return False
         return True
 
@@ -301,7 +307,7 @@ class Follower:
         return True
 
     def _end_at_users_wish(self, stops: int) -> None:
-        """Home, unless something else has the vehicle: then the first stop is told, and the second ends the record."""
+        """Home, unless something else has the vehicle: then the first stop is reported, and the second ends the record."""
         session = self._session
         if session.evidence.current:
             self._look_at_mode()
@@ -312,7 +318,7 @@ class Follower:
         if self._record_goes_on or stops > self._stops_before + 1:
             raise FlightFaultError(
                 self.cause or Ending.STATE_UNKNOWN,
-                f"{why}; stopped following: the vehicle is left to whoever controls it",
+                f"{why}; stopped following: the vehicle is left to the pilot or station that controls it",
             )
         if self.cause is None:
             if not self._told_to_wait:
@@ -386,7 +392,8 @@ class Follower:
         elif self._landed.over:
             if self.cause is not None:
                 raise FlightFaultError(
-                    self.cause, f"{self.why}; it is on the ground and stays armed: left to whoever controls it"
+                    self.cause,
+                    f"{self.why}; it is on the ground and stays armed: left to the pilot or station that controls it",
                 )
             if not session.evidence.current:
                 return

@@ -14,7 +14,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.frames import LocalFrame
 from uavcover.vehicle.flight_plan import FlightPlan
 from uavcover.vehicle.limit_table import HOME_SLACK_M
-from uavcover.vehicle.outcome import Ending
+from uavcover.vehicle.outcome import Ending, EventKind
 from uavcover.vehicle.session import Session
 
 _ASIDE_M = 5.0
@@ -93,26 +93,25 @@ class HomeWatch:
             text += f": {self._lowered_by(home.alt_amsl_m - self._plan.home.alt_amsl_m)}"
         if aside_m > _ASIDE_M:
             text += "; a return of the autopilot's own ends at the new home, by a way that was not checked"
+        if self._plan.is_way_home and abs(up) <= HOME_SLACK_M:  # its items stand where they stood
+            self._session.tell(EventKind.WARNING, f"{text}; our way home does not depend on it", alarm=True)
+            return None, ""
         return math.hypot(aside_m, up), text
 
     def _lowered_by(self, off_m: float) -> str:
         """What comes of heights above home that begin elsewhere."""
         since = "at once" if self._px4 else "from the next item on"
-        side = "higher" if off_m > 0.0 else "lower"
-        text = f"{since} the rest of the mission is flown {abs(off_m):.1f} m {side} than planned"
+        side, flown = "higher" if off_m > 0.0 else "lower", "way home" if self._plan.is_way_home else "mission"
+        text = f"{since} the rest of the {flown} is flown {abs(off_m):.1f} m {side} than planned"
         heights_m, volume = self._rest_agl_m(), self._plan.volume
         if volume is None or not len(heights_m):
             return text
         low_m, high_m = float(heights_m.min()), float(heights_m.max())
+        what, was_m, limit = "largest height", high_m, f"{volume.max_height_agl_m:g} m are allowed"
         if off_m < 0.0:
-            return (
-                f"{text}, and its clearance above the ground goes from {low_m:.1f} m to {low_m + off_m:.1f} m, where "
-                f"{volume.min_height_agl_m:g} m are required"
-            )
-        return (
-            f"{text}, and its largest height above the ground goes from {high_m:.1f} m to {high_m + off_m:.1f} m, where "
-            f"{volume.max_height_agl_m:g} m are allowed"
-        )
+            what, was_m, limit = "clearance", low_m, f"{volume.min_height_agl_m:g} m are required"
+        text = f"{text}, and its {what} above the ground goes from {was_m:.1f} m to {was_m + off_m:.1f} m"
+        return text if self._plan.is_way_home else f"{text}, where {limit}"  # the band is that of the route
 
     def _rest_agl_m(self) -> FloatArray:
         """Planned heights above the ground along the legs that are left, those of planned waypoints where there are any."""

@@ -104,6 +104,8 @@ def _extent(plan: FlightPlan) -> dict[str, float]:
     found = {"highest": float(path_m[:, 2].max() - home_m[2]), "farthest": float(away_m.max())}
     waypoints_m = plan.waypoints_m()
     places_m = np.vstack([plan.place_m(i) for i in plan.mission.items if i.command == Command.NAV_WAYPOINT] or [home_m])
+    if plan.is_way_home:
+        waypoints_m = places_m
     if len(waypoints_m):
         to_first_m = np.linalg.norm(waypoints_m - places_m[0], axis=1)
         found |= {

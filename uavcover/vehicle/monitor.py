@@ -1,6 +1,6 @@
 """What the vehicle has reported so far, and its clock.
 
-The monitor hears every message, whoever was waiting for it. It joins status texts that arrive in pieces of 50 characters, and
+The monitor hears every message, whichever call waited for it. It joins status texts that arrive in pieces of 50 characters, and
 derives vehicle time from the time stamps of the messages: a single wrong stamp is rejected, several that agree are believed.
 """
 

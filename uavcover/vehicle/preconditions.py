@@ -13,7 +13,7 @@ from mission_io.client.peers import two_in_one
 from mission_io.errors import CommandRefusedError, FormatError, MissionIoError
 from mission_io.model.areas import fence_from_items
 from mission_io.model.enums import AutopilotId, LandedState
-from mission_io.model.items import MissionItem, MissionType
+from mission_io.model.items import Mission, MissionItem, MissionType
 from mission_io.wire import messages as m
 from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.frames import LocalFrame
@@ -68,6 +68,7 @@ class Preconditions:
         ]
         self._was_in_force = self._is_off = False
         self._told: set[str] = set()
+        self._moved_before_m = 0.0
 
     def look(self, meanwhile: Callable[[], None]) -> None:
         """Look at everything once; called while the vehicle is in the air.
@@ -82,12 +83,28 @@ class Preconditions:
             one.look(meanwhile)
         self._tell_lists()
 
+    def go_home(self, sent: Mission) -> FlightPlan:
+        """Watch a way home from here on, whose heights make up for the home that was moved; returns its plan.
+
+        What was changed before and still lasts is judged by the way home.
+        """
+        watch = self._session.watch
+        self._moved_before_m += self._home.moved_up_m
+        plan = self._plan.way_home(sent, home_up_m=self._moved_before_m)
+        watch.close(Ending.MISSION_CHANGED, "the vehicle holds the way home that was sent")
+        watch.close(Ending.HOME_MOVED, "the way home makes up for the home that was moved")
+        self._home = HomeWatch(self._session, plan, px4=self._px4)
+        self._settings.go_home(plan)
+        for one in self._lists:
+            one.go_home(plan)
+        return plan
+
     def home_moved_up_m(self) -> float:
         """By how much home is higher than when it was checked; heights above home that are sent now are off by it."""
         with contextlib.suppress(MissionIoError):  # the vehicle tells a move by itself, too
             self._session.client.request_message(m.HomePosition)
         self._home.look()
-        return self._home.moved_up_m
+        return self._moved_before_m + self._home.moved_up_m
 
     def look_once_more(self) -> None:
         """After the landing: a list that was changed in the last minute is one, too."""
@@ -181,6 +198,11 @@ class _SettingsWatch:
                 "the parameters that the mission depends on are as they were",
             )
 
+    def go_home(self, plan: FlightPlan) -> None:
+        """Judge by a way home what is changed from here on; the autopilot's own returns were judged for the route."""
+        self._plan, self._returns_changed = plan, lambda _: None
+        self._rows_before = self._rows()
+
     def _ask_next(self) -> None:
         session, vehicle = self._session, self._session.client.vehicle
         self._next.restart()
@@ -223,7 +245,8 @@ class _SettingsWatch:
             and rows[name].weight is not Weight.NONE
         ]
         reasons = flown + [row.sentence for row in worse]
-        text = f"{what}: {'; '.join(reasons)}" if reasons else f"{what}; the mission does not depend on it"
+        flight = "way home" if self._plan.is_way_home else "mission"
+        text = f"{what}: {'; '.join(reasons)}" if reasons else f"{what}; the {flight} does not depend on it"
         breaches = [row for row in rows.values() if self._is_breach(row)]
         if breaches:
             self._worse = text if any(row in breaches for row in worse) else self._worse or text
@@ -286,6 +309,13 @@ class _ListWatch:
         if self._reading.due:
             self._read(self._reading)
 
+    def go_home(self, plan: FlightPlan) -> None:
+        """Judge it by a way home from here on."""
+        self._plan, self._returns_changed = plan, lambda: None
+        if self.text and self._reading is not None and self._type is MissionType.FENCE:
+            problem = self._consequence(self._reading.held)
+            self._session.tell(EventKind.WARNING, f"of the fence that was changed in flight: {problem}", alarm=True)
+
     def look_once_more(self) -> None:
         """Read it after the landing; a vehicle that is switched off by then is not asked."""
         if self._reading is not None:
@@ -306,12 +336,17 @@ class _ListWatch:
         text = f"somebody else changed the vehicle's {what} in flight: {difference}"
         if self._type is MissionType.RALLY:
             return f"{text}; the autopilot's own return may go there, by a way that was not checked"
+        return f"{text}; {self._consequence(held)}"
+
+    def _consequence(self, held: tuple[MissionItem, ...]) -> str:
+        """What another fence means for the rest of the flight."""
         if not held:
-            return f"{text}; it has no fence any more"
+            return "it has no fence any more"
+        flight = "way home" if self._plan.is_way_home else "mission"
         outside_m = _outside_m(held, self._plan.frame, rest_of_legs(self._plan, self._session))
         if outside_m > 0.0:
-            return f"{text}; the rest of the mission leads {outside_m:.0f} m out of it: a fence in force breaks it off there"
-        return f"{text}; the rest of the mission stays inside of it"
+            return f"the rest of the {flight} leads {outside_m:.0f} m out of it: a fence in force breaks it off there"
+        return f"the rest of the {flight} stays inside of it"
 
 
 def _outside_m(items: tuple[MissionItem, ...], frame: LocalFrame, legs_m: list[FloatArray]) -> float:

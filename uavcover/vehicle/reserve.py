@@ -49,7 +49,7 @@ class BatteryUse:
 
     @property
     def each_s(self) -> float:
-        """Percent of a battery that a second in the air uses: as planned at first, and as measured once it tells of any use."""
+        """Percent of a battery that a second in the air uses: as planned at first, and as measured once it reports any use."""
         if self.first is None or self.aloft_s - self.first[0] < _MEASURED_S or self.percent >= self.first[1]:
             return self.planned_each_s
         return (self.first[1] - self.percent) / (self.aloft_s - self.first[0])
@@ -68,7 +68,7 @@ class BatteryUse:
         return self.spare >= _USE_ON * self.each_s * seconds
 
     def may_wait_s(self, seconds: float) -> float:
-        """How long it may hang in the air before so much more of the mission; infinite while nothing is told of the battery."""
+        """How long it may hold before that much more of the mission; infinite while the battery reports nothing."""
         if math.isnan(self.percent):
             return math.inf
         return self.spare / self.each_s - _USE_ON * seconds

@@ -116,6 +116,11 @@ class Session:
         return self.monitor.silence_s(self.client.clock.now())
 
     @property
+    def is_silent(self) -> bool:
+        """Whether nothing has been heard of the vehicle for longer than the deadman time: its present state is unknown."""
+        return self.silence_s > self.timeouts.deadman_s
+
+    @property
     def vehicle_now(self) -> str:
         """What the vehicle does, or did when it was last heard, as text."""
         monitor = self.monitor
@@ -131,8 +136,7 @@ class Session:
             old = self.client.clock.now() - (monitor.position_at_s or 0.0) > self.timeouts.deadman_s + self.silence_s
             place = f"{here.lat_deg:.6f}, {here.lon_deg:.6f}, {here.alt_above_home_m:.0f} m above home"
             parts.append(f"last known at {place}" if old else f"at {place}")
-        heard = f" (heard {self.silence_s:.0f} s ago)" if self.silence_s > self.timeouts.deadman_s else ""
-        return ", ".join(parts) + heard
+        return (f"last heard {self.silence_s:.0f} s ago: " if self.is_silent else "") + ", ".join(parts)
 
     def tell(self, kind: EventKind, text: str, *, waypoint: int | None = None, alarm: bool = False) -> None:
         """Pass on an event."""

@@ -21,7 +21,7 @@ REPEAT_S = 30.0
 
 
 class Told(Enum):
-    """Why an alarm is told now."""
+    """Why an alarm is reported now."""
 
     BEGUN = "it has begun"
     DOUBLED = "it is twice as much as when that was told last"
@@ -36,7 +36,7 @@ class Alarm:
 
     Args:
         settle_s: how long it has to be away before it counts as over.
-        repeat_s: how often it is told while it lasts.
+        repeat_s: how often it is reported while it lasts.
 
     Attributes:
         largest: the largest amount since it began.
