@@ -17,6 +17,7 @@ SLOW = {
     "tests/cli/test_terrain_server.py::test_serves_until_it_is_told_to_stop_and_says_how_much[15]": "the same with SIGINT",
     "tests/cli/test_mock_vehicle.py::test_tells_its_port_and_ends_when_told[15]": "the same with SIGINT",
     "tests/cli/test_bench_link.py::test_stopped_and_resumed[9]": "the same with SIGINT; tests/cli/test_bench_mmf.py with SIGKILL",
+    "tests/test_docs_commands.py::test_the_commands_of_a_page_work_one_after_the_other[quick_start]": "its other pages",
     "tests/test_notebooks.py::test_the_notebook_runs[judge_a_log]": "its other cases; tests/cli/test_verify.py judges logs",
     "tests/test_notebooks.py::test_the_notebook_runs[paper_benchmark]": "its other cases; tests/benchmarks/test_mmf_bench.py",
     "tests/vehicle/test_limits.py::test_what_cannot_be_put_back_is_said_kept_and_put_back_by_the_next_flight[PX4]": "the same with ArduPilot",  # noqa: E501

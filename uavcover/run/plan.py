@@ -17,6 +17,7 @@ from uavcover.routes.flights import compile_flights
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie
 from uavcover.run.bounds import bounds, least_length_m
+from uavcover.run.documents import bounds_in_words
 from uavcover.run.fleet import fleet_document, say_fleet
 from uavcover.run.folder import OF_A_PLAN, PARTS, PLAN_FILES, RunFolder
 from uavcover.run.kept_parts import KeptParts
@@ -32,8 +33,10 @@ from uavcover.run.plan_words import (
     say_plan,
     say_size,
     say_steps,
+    say_summary,
     say_window,
     say_zones,
+    telling_bounds,
 )
 from uavcover.run.user import ProgressBar, StopRequests, User
 from uavcover.scenario.site import Site, load_site
@@ -145,11 +148,15 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     say_older(user, older)
     if refused is not None:
         raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
-    say_plan(user, run, site, result, bounds, time.monotonic() - started, asked=_asked(site, request, result))
+    say_summary(user, site, result, flights)
+    shown = bounds if request.bounds_s is not None else telling_bounds(site, bounds)
+    say_plan(
+        user, run, site, result, bounds_in_words(shown), time.monotonic() - started, asked=_asked(site, request, result)
+    )
     say_zones(user, site, result.chosen.metrics)
     say_steps(user, site)
     say_hidden(user, site)
-    if "shortest_path_m" in bounds and (small := _made_small(site)) is not None:
+    if "shortest_path_m" in shown and (small := _made_small(site)) is not None:
         user.say(
             f"this plan makes the {small} of the whole mission small (the last column), not the length of the route"
         )

@@ -14,13 +14,18 @@ from uavcover.planning.selection_rule import parse_rule, select
 from uavcover.routes.flights import makespan_s
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie
-from uavcover.run.documents import bounds_in_words
 from uavcover.run.folder import RunFolder
 from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
+from uavcover.scenario.vehicle_parts import own_sensors
 from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.pictures import planned_poses, takes_pictures
+from uavcover.sensing.sensors import focal_px
 
+_TELLING_GAP = 0.5
+"""A bound that is farther below the route says of the bound that it is weak, and nothing of the route."""
+_MOST_SHARES = 6
 _MOST_RETURNS = 6
 """Intervals of unsafe returns that are said on the console."""
 _SHOWN_ZONES = 6
@@ -40,13 +45,48 @@ def progress_in_words(progress: SearchProgress, unit: str, least: float | None) 
     words = f"{100.0 * progress.best_coverage:.1f} %"
     if progress.least_cost is not None:
         words += f", {progress.least_cost:.0f} {unit}"
-        if least:
+        if least and progress.least_cost <= (1.0 + _TELLING_GAP) * least:
             words += f", gap {100.0 * (progress.least_cost / least - 1.0):.1f} %"
     return words
 
 
+def say_summary(user: User, site: Site, result: Plan, flights: Sequence[Sortie]) -> None:
+    """Say what is flown, what it needs, and who made the route."""
+    if flights:
+        flown_s = [flight.compiled.flight_time_s for flight in flights]
+        words = (
+            f"{len(flights)} flight{'s' if len(flights) > 1 else ''}, {math.fsum(flown_s) / 60.0:.1f} min in the air"
+        )
+        if len(flights) > 1:
+            words += f", done after {makespan_s(site, flights) / 60.0:.1f} min with the changes of battery"
+        used = [flight.compiled.battery_used for flight in flights]
+        shares = [f"{share:.0%}" for share in used if share is not None]
+        user.say(f"{'mission':22}{words}" + (f", {_listed(shares)} of a battery" if shares else ""))
+    if takes_pictures(site.scenario) and not own_sensors(site.scenario):
+        routes = [flight.route.waypoints_m for flight in flights] or [result.chosen.route.waypoints_m]
+        words = f"{len(planned_poses(judging_map(site), routes).eyes)}"
+        focal = focal_px(site.scenario.sensor)
+        if math.isfinite(focal):
+            ends = [
+                100.0 * m / focal
+                for m in (result.chosen.metrics.min_height_agl_m, result.chosen.metrics.max_height_agl_m)
+            ]
+            words += f", {ends[0]:.2f} to {ends[1]:.2f} cm a pixel straight below"
+        user.say(f"{'photos':22}{words}")
+    maker = result.chosen.origin
+    search = f"{result.evaluations} evaluations of {result.algorithm}"
+    beaten = any(member.origin == maker for member in result.baselines)
+    user.say(f"{'route made by':22}{maker}" + (f"; {search} found no better one" if beaten else f"; {search}"))
+
+
+def _listed(shares: Sequence[str]) -> str:
+    if len(shares) > _MOST_SHARES:
+        return f"{', '.join(shares[:_MOST_SHARES])} and so on"
+    return " and ".join(filter(None, (", ".join(shares[:-1]), shares[-1])))
+
+
 def say_plan(
-    user: User, run: RunFolder, site: Site, result: Plan, bounds: dict[str, Any], wall_s: float, *, asked: str
+    user: User, run: RunFolder, site: Site, result: Plan, bounds: Sequence[str], wall_s: float, *, asked: str
 ) -> None:
     """Say what was chosen beside the baselines, what is proved, and what was missed.
 
@@ -55,7 +95,7 @@ def say_plan(
         run: where it was written.
         site: the scenario on its ground.
         result: the plan.
-        bounds: as in ``plan.json``.
+        bounds: what is proved, a line each.
         wall_s: what it took.
         asked: what the chosen route was to meet.
     """
@@ -70,15 +110,24 @@ def say_plan(
         tuned = [tuned[select(tuned, rule).index]]
     for label, member in shown + [(m.origin, m) for m in plain + tuned[:1]]:
         user.say(figures_in_words(label, member, objective))
-    user.say(
-        f"{len(result.members)} routes in the Pareto set, {result.evaluations} evaluations of {result.algorithm}, {wall_s:.1f} s"
-    )
-    for line in bounds_in_words(bounds):
+    user.say(f"{len(result.members)} routes in the Pareto set, {wall_s:.1f} s")
+    for line in bounds:
         user.say(line)
     if not result.rule_met:
         user.warn(f"no route meets {asked}; the best there is has been written")
     if result.interrupted:
         user.warn(f"interrupted: the best route found so far has been written to {run}")
+
+
+def telling_bounds(site: Site, bounds: dict[str, Any]) -> dict[str, Any]:
+    """The bounds that say something of the plan: near what was found, and of what the planner makes small."""
+    length = site.scenario.objective == "length"
+    return {
+        name: entry
+        for name, entry in bounds.items()
+        if not isinstance(entry, dict)
+        or ((length or name != "shortest_path_m") and entry["gap"] is not None and entry["gap"] <= _TELLING_GAP)
+    }
 
 
 def say_older(user: User, older: RunFolder | None) -> None:
@@ -104,13 +153,8 @@ def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, s
         )
         _say_return(user, sortie.compiled, f"sortie {number}: ")
     if sorties:
-        total_s = sum(sortie.compiled.flight_time_s for sortie in sorties)
-        flyers = {sortie.vehicle for sortie in sorties}
-        why = "one flight is not enough: " if len(flyers) == 1 and len(sorties) > 1 else ""
-        count = f"{len(sorties)} {'sorties' if len(sorties) > 1 else 'sortie'}"
         user.say(
-            f"{why}{count}, {total_s:.0f} s in all, in {run.file('sortie-1')} and so on; "
-            "each is uploaded and flown with --sortie N"
+            f"written: {run.file('sortie-1')} and so on, a folder each; they are uploaded and flown with --sortie N"
         )
 
 
@@ -132,10 +176,7 @@ def upload_in_words(run: RunFolder, fleet: dict[str, Any] | None, sorties: int) 
 
 
 def say_size(user: User, plan: Plan) -> None:
-    """Say when one vehicle has flown several sorties, and when other numbers of vehicles would be done."""
-    size = plan.chosen.mission
-    if size is not None and size.vehicles == 1 and size.sorties > 1:
-        user.say(f"one vehicle, with the changes of battery: done after {size.makespan_s:.0f} s")
+    """Say when other numbers of vehicles would be done."""
     if line := sizes_by_vehicles_in_words([dataclasses.asdict(each) for each in plan.by_vehicles]):
         user.say(line)
 
