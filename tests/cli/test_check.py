@@ -321,3 +321,19 @@ def test_rally_points_and_parameters_of_files(cli: Cli, tmp_path: Path) -> None:
     assert (
         "line 1: 'RTL_ALT high' is not a name and a number" in cli("check", file, "--dem", DEM, "--parameters", low).err
     )
+
+
+def test_the_time_is_that_of_the_plan_or_of_the_vehicles_parameters(cli: Cli, planned: Path, tmp_path: Path) -> None:
+    dem = ("--dem", "uavcover/data/jacksboro.tif")
+    planned_s = json.loads((planned / "plan.json").read_text())["metrics"]["mission_time_s"]
+    ended = cli("check", planned / "mission.waypoints", *dem, "--json")
+    assert ended.document["figures"]["time_s"] == pytest.approx(planned_s, rel=0.01)
+    assert f"from the plan in {planned}" in ended.err
+    elsewhere = tmp_path / "mission.waypoints"
+    elsewhere.write_bytes((planned / "mission.waypoints").read_bytes())
+    slow = cli("check", elsewhere, *dem, "--json")
+    assert slow.document["figures"]["time_s"] > 1.1 * planned_s
+    assert "climb 2.5 m/s, descent 1.5 m/s, acceleration 2.5 m/s2; from the defaults of ArduPilot" in slow.err
+    (tmp_path / "own.param").write_text("WPNAV_SPEED_UP,500\nWPNAV_SPEED_DN,500\n")
+    own = cli("check", elsewhere, *dem, "--parameters", tmp_path / "own.param", "--json")
+    assert own.document["figures"]["time_s"] == pytest.approx(planned_s, rel=0.02)

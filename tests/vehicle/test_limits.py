@@ -296,3 +296,10 @@ def test_a_parameter_that_the_vehicle_counts_by_itself_is_not_taken_for_an_answe
         scene.client, scene.monitor, timeouts=FlightTimeouts(), on_event=scene.events.append, stop=lambda: 0
     )
     assert set(read_parameters(session, [["FENCE_ENABLE"]])) == {"FENCE_ENABLE"}
+
+
+def test_a_flight_that_the_vehicles_own_speeds_make_longer_is_a_warning() -> None:
+    slow = {"WPNAV_SPEED": 800.0, "WPNAV_SPEED_UP": 60.0, "WPNAV_SPEED_DN": 60.0}
+    row = table(False, the_plan(), **slow)["flight time"]
+    assert row.weight is Weight.WARNING
+    assert "climb 0.6 of 4 m/s, descent 0.6 of 3 m/s" in row.matters

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, Literal
 
-from uavcover.model.vehicle import AutopilotName
+from uavcover.model.vehicle import MOTIONS, AutopilotName
 
 Kind = Literal["multirotor", "fixed-wing", "vtol"]
 KINDS: Final[tuple[Kind, ...]] = ("multirotor", "fixed-wing", "vtol")
@@ -34,6 +34,7 @@ class Aircraft:
         acceptance_m: how far before a waypoint the next leg is taken, where its item does not say.
         endurance_s: time in the air; none: unknown.
         reserve_fraction: share of it that a flight leaves.
+        speeds_from: where the speeds are from, for people.
     """
 
     autopilot: AutopilotName = "ardupilot"
@@ -48,6 +49,15 @@ class Aircraft:
     acceptance_m: float = 0.0
     endurance_s: float | None = None
     reserve_fraction: float = 0.2
+    speeds_from: str = "the autopilot's defaults"
+
+    @property
+    def speeds_in_words(self) -> str:
+        """The speeds that times are reckoned with, and where they are from."""
+        words = f"{self.cruise_speed_m_s:g} m/s, climb {self.max_climb_m_s:g} m/s, descent {self.max_descent_m_s:g} m/s"
+        if not self.has_wings:
+            words += f", acceleration {MOTIONS[self.autopilot].acceleration_m_s2:g} m/s2"
+        return f"{words}; from {self.speeds_from}"
 
     @property
     def has_wings(self) -> bool:

@@ -1,8 +1,10 @@
 """The workflow of ``uavcover check``: somebody's mission file and elevation data in, findings out."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from types import MappingProxyType
 
 from mission_io.autopilots.vehicle_types import VehicleKind, kind_of
 from mission_io.errors import FormatError
@@ -24,6 +26,7 @@ from uavcover.model.active_times import window_of
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle
 from uavcover.model.vehicle import AutopilotName, autopilot_name
+from uavcover.routes.failsafe_parameters import failsafe_settings
 from uavcover.run.check_elevation import open_check_elevation
 from uavcover.run.planned_view import MissionView, ViewQuery, planned_view
 from uavcover.run.route_file import ROUTE_SUFFIXES, read_route_file
@@ -34,6 +37,7 @@ from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground
 from uavcover.scenario.obstacles import read_obstacles
+from uavcover.scenario.scenario_file import load_scenario
 
 MISSION_SUFFIXES = (".plan", ".waypoints", ".txt", ".mission", ".csv", *ROUTE_SUFFIXES)
 _MOST_POINTS = {
@@ -103,10 +107,12 @@ class CheckOutcome:
 
     Attributes:
         checked: the findings, also of what would be seen, and the path.
+        aircraft: whose speeds and returns were counted on.
         view: what would be seen; none where nobody asked, or nothing is flown.
     """
 
     checked: Checked
+    aircraft: Aircraft
     view: MissionView | None = None
 
     @property
@@ -196,7 +202,7 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
     checked = check_mission(request, elevation.heights_amsl_m, elevation.read_ground, zones, surface)
     checked = checked.with_findings(_too_many(query, read))
     if query.view is None:
-        return CheckOutcome(checked)
+        return CheckOutcome(checked, aircraft)
     obstacles = request.obstacles, query.limits.obstacle_clearance_m
 
     def looked_at(frame: LocalFrame, bounds_m: Bounds) -> tuple[Ground, Ground | None]:
@@ -206,7 +212,7 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         return top, None if higher is None else bare
 
     view = planned_view(query.view, read.mission, checked, aircraft, looked_at)
-    return CheckOutcome(checked if view is None else checked.with_findings(view.findings), view)
+    return CheckOutcome(checked if view is None else checked.with_findings(view.findings), aircraft, view)
 
 
 def _too_many(query: CheckQuery, read: ReadMission) -> list[CheckFinding]:
@@ -277,12 +283,12 @@ def _home_without_height(document: plan.PlanFile) -> tuple[float, float] | None:
 
 
 def aircraft_of(query: CheckQuery, read: ReadMission) -> Aircraft:
-    """The aircraft: the autopilot's defaults, the vehicle's data sheet over them, the user's own values over both.
+    """The aircraft: the autopilot's defaults, over them data sheet or plan, the vehicle's parameters, the user's own values.
 
     Raises:
         InputError: a name is not known.
     """
-    vehicle = None if query.vehicle is None else vehicle_named(query.vehicle)
+    vehicle = planned_vehicle(query.file) if query.vehicle is None else vehicle_named(query.vehicle)
     stated = vehicle.autopilot if vehicle is not None else None
     autopilot = autopilot_name(query.autopilot, stated or read.autopilot or "ardupilot")
     kind: Kind = read.kind or "multirotor"
@@ -293,24 +299,55 @@ def aircraft_of(query: CheckQuery, read: ReadMission) -> Aircraft:
         kind = known[query.kind]
     own = default_aircraft(autopilot, kind)
     sheet = vehicle or VehicleType("", "")
+    set_m_s: Mapping[str, float] = {}
+    if query.parameters is not None and kind == "multirotor":
+        settings = failsafe_settings(autopilot, read_parameter_file(query.parameters), known=_NOT_SET)
+        set_m_s = {name: value for name, value in settings.values.items() if name in _NOT_SET and not math.isnan(value)}
 
     def first(*values: float | None, default: float) -> float:
         return next((value for value in values if value is not None), default)
 
-    cruise_m_s = first(query.speed_m_s, read.speed_m_s, sheet.cruise_speed_m_s, default=own.cruise_speed_m_s)
+    set_cruise_m_s = set_m_s.get("cruise_m_s")
+    cruise_m_s = first(
+        query.speed_m_s, read.speed_m_s, set_cruise_m_s, sheet.cruise_speed_m_s, default=own.cruise_speed_m_s
+    )
     bank_deg = BANK_DEG[autopilot] if query.bank_deg is None else query.bank_deg
+    parts = ["your options"] * (query.speed_m_s is not None) + [str(query.parameters)] * bool(set_m_s)
+    parts += [sheet.title] if vehicle is not None else []
     return replace(
         own,
+        speeds_from=", then ".join([*parts, f"the defaults of {'PX4' if autopilot == 'px4' else 'ArduPilot'}"]),
         cruise_speed_m_s=cruise_m_s,
         turn_radius_m=radius_of_bank_m(cruise_m_s, bank_deg) if own.has_wings else 0.0,
         acceptance_m=own.acceptance_m * (cruise_m_s / own.cruise_speed_m_s if own.has_wings else 1.0),
-        max_climb_m_s=first(sheet.max_climb_m_s, default=own.max_climb_m_s),
-        max_descent_m_s=first(sheet.max_descent_m_s, default=own.max_descent_m_s),
+        max_climb_m_s=first(set_m_s.get("climb_m_s"), sheet.max_climb_m_s, default=own.max_climb_m_s),
+        max_descent_m_s=first(set_m_s.get("descent_m_s"), sheet.max_descent_m_s, default=own.max_descent_m_s),
         max_airspeed_m_s=sheet.max_speed_m_s,
         return_height_m=first(query.return_height_m, read.return_height_m, default=own.return_height_m),
         endurance_s=query.endurance_s if query.endurance_s is not None else sheet.endurance_s,
         reserve_fraction=query.reserve_fraction,
     )
+
+
+_NOT_SET: Mapping[str, float] = MappingProxyType(dict.fromkeys(("cruise_m_s", "climb_m_s", "descent_m_s"), math.nan))
+
+
+def planned_vehicle(mission: Path) -> VehicleType | None:
+    """The vehicle that a run's mission file was planned for, from the scenario beside it; none for other files.
+
+    Raises:
+        ScenarioError: the scenario cannot be used.
+    """
+    folder = mission.resolve().parent
+    if not (folder / "plan.json").is_file() or not (folder / "scenario.toml").is_file():
+        return None
+    scenario = load_scenario(folder / "scenario.toml")
+    own = scenario.vehicle
+    return VehicleType(
+        name="plan", title=f"the plan in {mission.parent}", endurance_s=own.endurance_s, autopilot=own.autopilot,
+        cruise_speed_m_s=own.cruise_speed_m_s, max_speed_m_s=own.max_airspeed_m_s, max_climb_m_s=own.max_climb_m_s,
+        max_descent_m_s=own.max_descent_m_s, acceleration_m_s2=own.acceleration_m_s2,
+    )  # fmt: skip
 
 
 def _autopilot_of(mav_autopilot: int) -> AutopilotName | None:

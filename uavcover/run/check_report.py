@@ -90,6 +90,10 @@ def say_findings(outcome: CheckOutcome, user: User) -> None:
     told = [f"{name} {figures[key]:.0f} {unit}" for key, (name, unit) in words.items() if figures[key] is not None]
     if told:
         user.say("; ".join(told))
+    if figures["time_s"] is not None:
+        user.say(
+            f"the time is that of {outcome.aircraft.speeds_in_words}; where the mission sets a speed, that one holds"
+        )
     for line in () if outcome.view is None else outcome.view.lines:
         user.say(line)
     user.say(f"verdict: {checked.verdict}")

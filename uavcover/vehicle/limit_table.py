@@ -19,6 +19,8 @@ __all__ = ["Limit", "Weight", "limit_table", "parameter_groups", "plan_facts"]
 
 HOME_SLACK_M = 3.0
 """A home that is higher or lower by less is within the error of a barometer."""
+_LONGER = 1.1
+"""A flight that takes longer than planned by more than a tenth is a warning."""
 _GROUND_STATION = 255
 _POINTS_GIMBAL = (Command.DO_MOUNT_CONTROL, Command.DO_GIMBAL_MANAGER_PITCHYAW)
 _TAKES_PHOTO = (Command.DO_DIGICAM_CONTROL, Command.IMAGE_START_CAPTURE)
@@ -51,7 +53,7 @@ def limit_table(
     if time is not None:
         facts["flight_time"] = time.vehicle
     rows = [row for row in parameter_table(px4=px4).judge(values, facts) if plan.needs or row.weight is not Weight.NONE]
-    rows += [] if time is None or time.planned is None else [time]
+    rows += [] if time is None else [time]
     rows += [] if home_alt_amsl_m is None else [_home(plan, home_alt_amsl_m)]
     return tuple(rows)
 
@@ -127,7 +129,7 @@ def _path_m(plan: FlightPlan) -> np.ndarray:
 def _flight_time(values: Mapping[str, float], plan: FlightPlan, *, px4: bool) -> Limit | None:
     """The time of the mission by the vehicle's own speeds, and with its acceleration, against the endurance."""
     needs = plan.needs
-    if needs is None or (needs.longest_flight_s is None and not px4):
+    if needs is None:
         return None
     own = {
         row.key: values[name] / per_unit
@@ -152,16 +154,33 @@ def _flight_time(values: Mapping[str, float], plan: FlightPlan, *, px4: bool) ->
             jerk_m_s3=own.get("jerk", 0.0) or pace.jerk_m_s3,
         )
     )
-    end_s = needs.longest_flight_s
+    end_s, planned_s = needs.longest_flight_s, time_s(needs.pace)
     if end_s is None:
-        return Limit("flight time", None, round(with_turns_s, 1), "s", "", Weight.NONE, "no endurance is planned with")
+        weight, matters = Weight.NONE, "by the vehicle's own speeds and acceleration"
+        if with_turns_s > _LONGER * planned_s:
+            weight, matters = Weight.WARNING, f"it takes longer than planned {matters}: {_slower(own, needs.pace)}"
+        return Limit("flight time", round(planned_s, 1), round(with_turns_s, 1), "s", "", weight, matters)
     longer = f"it takes longer than the {end_s:g} s that endurance and reserve allow"
     weight, matters = Weight.NONE, f"by the vehicle's own speeds and acceleration; at most {end_s:g} s"
     if by_speeds_s > end_s:
         weight, matters = Weight.REFUSED, f"by its own speeds {longer}"
     elif with_turns_s > end_s:
         weight, matters = Weight.WARNING, f"with its acceleration {longer}"
-    return Limit("flight time", round(time_s(needs.pace), 1), round(with_turns_s, 1), "s", "", weight, matters)
+    return Limit("flight time", round(planned_s, 1), round(with_turns_s, 1), "s", "", weight, matters)
+
+
+def _slower(own: Mapping[str, float], pace: Pace) -> str:
+    """Which of a vehicle's own values are below the planned ones."""
+    planned = {
+        "climb": (pace.climb_m_s, "m/s"), "descent": (pace.descent_m_s, "m/s"),
+        "acceleration": (pace.acceleration_m_s2, "m/s2"), "jerk": (pace.jerk_m_s3, "m/s3"),
+    }  # fmt: skip
+    below = [
+        f"{name} {own[name]:g} of {value:g} {unit}"
+        for name, (value, unit) in planned.items()
+        if 0.0 < own.get(name, 0.0) < value and math.isfinite(value)
+    ]
+    return ", ".join(below) or "its turns"
 
 
 def _home(plan: FlightPlan, alt_amsl_m: float) -> Limit:
