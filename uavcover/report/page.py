@@ -120,6 +120,7 @@ def _facts(content: ReportContent) -> dict[str, Any]:
         "site": site,
         "plan": content.plan,
         "planned": content.planned,
+        "planned_tiles": [] if report is not None else _planned_tiles(content),
         "flights": content.flights,
         "report": report,
         "notices": content.notices,
@@ -148,6 +149,22 @@ def _facts(content: ReportContent) -> dict[str, Any]:
         "duration_s": sum(flight.duration_s for flight in content.flights),
         "max_rows": _MAX_TABLE_ROWS,
     }
+
+
+def _planned_tiles(content: ReportContent) -> list[tuple[str, str]]:
+    """What is to be flown, and who made the route."""
+    mission, pictures = content.plan.get("mission"), content.planned_view.statistics
+    rows = []
+    if isinstance(mission, dict):
+        rows = [
+            ("Flights", str(mission["sorties"])),
+            ("First take-off to last landing", _duration(mission["makespan_s"])),
+        ]
+    if pictures is not None:
+        rows.append(("Photos", str(pictures.taken)))
+        if pictures.ground_sample_median_m is not None:
+            rows.append(("Ground sample, median", f"{100.0 * pictures.ground_sample_median_m:.2f} cm"))
+    return [*rows, ("Route made by", str(content.plan.get("made_by", "unknown")))]
 
 
 def _bounds(plan: dict[str, Any]) -> list[tuple[str, str]]:

@@ -243,7 +243,8 @@ report.trackLook = ({ style }) => {
   map.on("baselayerchange", (event) => show(event.layer.cells));
   (cellLayers[0] || bare).addTo(map);
   for (const [name, layer] of Object.entries(overlays)) {
-    if (!(name.startsWith("Pictures, planned") && data.pictures.flown.length)) layer.addTo(map);
+    const buries = data.pictures.flown.length || data.pictures.planned.length > 100;  // the route below them
+    if (!(name.startsWith("Pictures, planned") && buries)) layer.addTo(map);
   }
   const control = L.control.layers(grounds, overlays, { collapsed: false, autoZIndex: false }).addTo(map);
   const box = control.getContainer();
