@@ -3,6 +3,7 @@
 import json
 import select
 import signal
+import sys
 from pathlib import Path
 
 import pytest
@@ -114,3 +115,13 @@ def test_stopped_hard_in_the_middle_and_resumed_gives_the_same_sets(
     assert {name: (broken / name).stat().st_mtime_ns for name in before} == stamps
     assert (broken / "summary.csv").read_bytes() == (whole / "summary.csv").read_bytes()
     assert not list(broken.glob("sets/*/*/.*"))
+
+
+def test_a_missing_package_is_refused_before_anything_is_computed(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pymoo.core.problem", None)
+    ended = cli("bench", "mmf", "-o", tmp_path / "mmf", "--functions", "MMF1", "--algorithms", "imodbo,nsga2")
+    assert ended.code == 2
+    assert "needs pymoo" in ended.error
+    assert not (tmp_path / "mmf").exists()

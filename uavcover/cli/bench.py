@@ -234,7 +234,7 @@ def bench_mmf(
     """
     from uavcover.benchmarks.mmf.problems import PROBLEMS
     from uavcover.benchmarks.mmf.results import write_results
-    from uavcover.benchmarks.mmf.runs import Budget, MmfFolder, contender_names, make_runs, missing_runs
+    from uavcover.benchmarks.mmf.runs import Budget, MmfFolder, contender_names, make_runs, missing_runs, try_each
     from uavcover.errors import InputError
 
     console = output.console()
@@ -248,6 +248,7 @@ def bench_mmf(
     if out is None:
         raise InputError("-o/--out: name the folder of the results, as: uavcover bench mmf -o mmf")
     folder, budget = MmfFolder(out), Budget(size.population, size.iterations, size.archive)
+    try_each(chosen_algorithms, budget)
     with folder.reserved(budget):
         missing = missing_runs(folder, functions=chosen_functions, algorithms=chosen_algorithms, runs=runs)
         wanted = len(chosen_functions) * len(chosen_algorithms) * runs

@@ -7,7 +7,8 @@ import select
 import signal
 import sys
 import threading
-from collections.abc import Iterable, Iterator
+import time
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Self, TextIO
@@ -23,7 +24,7 @@ from uavcover.errors import OutputError
 from uavcover.run.folder import json_line
 
 _SHOW_AFTER_S = 2.0
-_STATUS_EVERY_S = 30.0
+_STATUS_EVERY_S, _LINE_EVERY_S = 30.0, 60.0
 _BAR_WIDTH = 24
 """So that a note of 36 characters fits beside it into 80."""
 
@@ -99,9 +100,9 @@ class Console:
 
     @contextmanager
     def progress(self, what: str, total: float | None = None) -> Iterator["Bar"]:
-        """A progress bar on a terminal, for what takes over two seconds; nothing when stderr is piped."""
+        """A progress bar on a terminal, for what takes over two seconds; a line every minute when stderr is piped."""
         if self.quiet or not self._terminal.is_interactive:
-            yield Bar(None, None, self)
+            yield Bar(None, None, self, what=what, total=total)
             return
         columns = (
             TextColumn("{task.description}", markup=False),
@@ -145,16 +146,31 @@ class _OneLine(Progress):
 
 
 class Bar:
-    """A progress bar, or nothing; then a line of status every 30 s."""
+    """A progress bar, or nothing; then a line of progress every minute, of status every 30 s."""
 
-    def __init__(self, progress: Progress | None, task: TaskID | None, console: Console) -> None:
+    def __init__(
+        self, progress: Progress | None, task: TaskID | None, console: Console, *, what: str = "",
+        total: float | None = None, clock: Callable[[], float] = time.monotonic,
+    ) -> None:  # fmt: skip
         self._progress, self._task, self._console = progress, task, console
+        self._what, self._total, self._clock = what, total, clock
         self._said_s = 0.0
+        self._began_s = self._line_s = clock()
 
     def update(self, done: float, *, total: float | None = None, note: str = "") -> None:
         """Show how far it is."""
+        self._total = total if total is not None else self._total
         if self._progress is not None and self._task is not None:
             self._progress.update(self._task, completed=done, total=total, note=plain_text(note))
+        elif (now := self._clock()) - self._line_s >= _LINE_EVERY_S:
+            self._line_s = now
+            self._console.say(f"  {self._what}: {self._share(done, now - self._began_s)}{f'; {note}' if note else ''}")
+
+    def _share(self, done: float, took_s: float) -> str:
+        if not self._total or done <= 0.0:
+            return f"{took_s / 60.0:.0f} min so far"
+        left_min = took_s / 60.0 * (self._total / done - 1.0)
+        return f"{min(1.0, done / self._total):.0%} done, about {max(0.0, left_min):.0f} min left"
 
     def count(self, done: int, total: int) -> None:
         """Show ``done`` of ``total``."""

@@ -10,7 +10,7 @@ import io
 import json
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any, Final
@@ -78,6 +78,16 @@ def contender_names(asked: Iterable[str] = ()) -> list[str]:
     for name in others:
         optimizer_class(name)
     return table_order([*CONTENDERS, *others])
+
+
+def try_each(algorithms: Iterable[str], budget: "Budget") -> None:
+    """Run each contender for one iteration, so that none fails after hours: a missing package, a budget too small for it.
+
+    Raises:
+        OptimizerError: one cannot be run.
+    """
+    for algorithm in algorithms:
+        solve(PROBLEMS["MMF1"], algorithm, seed=1, budget=replace(budget, iterations=1))
 
 
 def table_order(names: Iterable[str]) -> list[str]:
