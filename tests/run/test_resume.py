@@ -184,7 +184,8 @@ def test_after_a_failsafe_that_brought_it_back(site, run, undisturbed, autopilot
     field = Field(site, run, "battery-failsafe@60s", autopilot=autopilot)
     first = field.fly()
     assert first is not None
-    assert first.ending is Ending.BATTERY_FAILSAFE
+    # ArduCopter waits BATT_LOW_TIMER before it acts; meanwhile fly sees that the reserve will not last, and flies it home.
+    assert first.ending is (Ending.RESERVE_KEPT if autopilot == "ardupilot" else Ending.BATTERY_FAILSAFE)
     assert field.report().coverage_fraction < undisturbed.coverage_fraction - 0.1
     unfinished = find_unfinished(field.run, site)
     assert unfinished.broken.waypoint == first.waypoints_reached
