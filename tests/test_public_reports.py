@@ -5,11 +5,15 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pytest
+import rasterio
 import shapely
+from rasterio.transform import Affine
 
 from uavcover.errors import InputError
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
+from uavcover.scenario.suspect_heights import suspect_places
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +46,8 @@ def hole_on_the_edge(_: Path) -> str:
 
 
 def holes_that_overlap(_: Path) -> str:
-    holes = [f"(8.00{a} 46.00{a}, 8.00{b} 46.00{a}, 8.00{b} 46.00{b}, 8.00{a} 46.00{b}, 8.00{a} 46.00{a})" for a, b in ((2, 6), (4, 8))]  # fmt: skip
+    corners = ((2, 2), (6, 2), (6, 6), (2, 6), (2, 2))
+    holes = [f"({', '.join(f'8.00{x + d} 46.00{y + d}' for x, y in corners)})" for d in (0, 2)]
     return _mended([_OUTLINE, *holes])
 
 
@@ -53,10 +58,57 @@ def hole_that_takes_all(_: Path) -> str:
         return str(error)
 
 
+def _dem(folder: Path, heights: np.ndarray) -> Path:
+    """A file of pixels of 10 m around 46 N, 8 E."""
+    path = folder / "dem.tif"
+    with rasterio.open(
+        path, "w", driver="GTiff", width=heights.shape[1], height=heights.shape[0], count=1, crs="EPSG:4326",
+        dtype="float32", transform=Affine(1.3e-4, 0.0, 8.0, 0.0, -9e-5, 46.02),
+    ) as file:  # fmt: skip
+        file.write(heights.astype(np.float32), 1)
+    return path
+
+
+def _doubts(heights: np.ndarray, folder: Path) -> str:
+    return "; ".join(one.words for one in suspect_places(_dem(folder, heights), "EGM96", (8.0, 46.0, 8.025, 46.02)))
+
+
+def _relief() -> np.ndarray:
+    rows, columns = np.mgrid[0:220, 0:220]
+    return 700.0 + 60.0 * np.sin(rows / 19.0) * np.cos(columns / 23.0) + 0.3 * columns
+
+
+def void_filled_with_zero(folder: Path) -> str:
+    heights = _relief()
+    heights[80:120, 90:130] = 0.0
+    return _doubts(heights, folder)
+
+
+def warp_collar(folder: Path) -> str:
+    rows, columns = np.mgrid[0:220, 0:220]
+    return _doubts(np.where(rows < 0.2 * columns, 0.0, _relief()), folder)
+
+
+def tile_in_feet_beside_one_in_metres(folder: Path) -> str:
+    heights = _relief()
+    heights[:, 110:] /= 0.3048
+    return _doubts(heights, folder)
+
+
+def lake(folder: Path) -> str:
+    return f"{_doubts(np.maximum(_relief(), 720.0), folder)}nothing"
+
+
 REPORTS = (
     Report("a hole on the outline's edge is filled", hole_on_the_edge, r"^91 .* ha as written, .* ha now$"),
     Report("holes that overlap are half filled", holes_that_overlap, r"^72 .* ha as written, .* ha now$"),
     Report("a hole takes all of the area", hole_that_takes_all, "nothing is left of the area inside its holes; remove"),
+    Report(
+        "a void filled with 0 reads as ground", void_filled_with_zero, "^a block .* of exactly 0 m whose rim is at 7"
+    ),
+    Report("a warp's collar reads as ground", warp_collar, "^a block .* of exactly 0 m whose rim is at"),
+    Report("tiles do not fit", tile_in_feet_beside_one_in_metres, "^a straight step of 1.* m over 1.* m, like tiles"),
+    Report("a lake is no void", lake, "^nothing$"),
 )
 
 

@@ -46,6 +46,13 @@ At = Annotated[
         metavar="TIME",
     ),
 ]
+TrustDem = Annotated[
+    bool,
+    typer.Option(
+        "--trust-dem",
+        help="Take heights as they are where they look like a filled void, a warp's collar, a spike or a step between tiles.",
+    ),
+]
 Band = Annotated[
     str | None, typer.Option("--band", help="Number or name of the elevation data's band; default: the first.")
 ]
@@ -97,6 +104,7 @@ class SurveyOptions:
     dem_crs: DemCrs = None
     height_unit: HeightUnit = None
     band: Band = None
+    trust_dem: TrustDem = False
     fill_lakes: Annotated[
         str | None,
         typer.Option("--fill-lakes", help="Interpolate gaps of the elevation data up to this long.", metavar="LENGTH"),
@@ -165,5 +173,5 @@ class SurveyOptions:
             mount=self.mount, vertical_datum=self.vertical_datum, autopilot=autopilot,
             dem_crs=self.dem_crs, height_unit=self.height_unit, band=self.band, fill_lakes=self.fill_lakes,
             no_fly=tuple(self.no_fly or ()), at=self.at, pattern=self.pattern,
-            dsm=tuple(self.dsm or ()),
+            dsm=tuple(self.dsm or ()), trust_dem=self.trust_dem,
         )  # fmt: skip

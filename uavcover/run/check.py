@@ -71,6 +71,7 @@ class CheckQuery:
         view: what should be seen; none: nobody asks.
         obstacles: file of obstacles with heights.
         most_items: that the vehicle or its controller takes; none: not judged.
+        trust_dem: whether heights are taken as they are where they do not look like ground.
     """
 
     file: Path
@@ -95,6 +96,7 @@ class CheckQuery:
     view: ViewQuery | None = None
     obstacles: Path | None = None
     most_items: int | None = None
+    trust_dem: bool = False
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -162,7 +164,7 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         raise InputError(f"{query.file}: the mission has no items; give a file that flies somewhere")
     aircraft = aircraft_of(query, read)
     home = read.home if query.home is None else query.home
-    elevation = open_check_elevation(query.elevation, query.surface, read.mission, home, user)
+    elevation = open_check_elevation(query.elevation, query.surface, read.mission, home, user, trusted=query.trust_dem)
     request = CheckRequest(
         mission=read.mission, aircraft=aircraft, limits=query.limits, home=home, pilot=query.pilot,
         fence=_read_fence(query.fence) if query.fence is not None else read.fence,
@@ -193,7 +195,9 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         return counting
 
     surface = None if elevation.over is None else elevation.read_surface
-    checked = check_mission(request, elevation.heights_amsl_m, elevation.read_ground, zones, surface)
+    checked = check_mission(
+        request, elevation.heights_amsl_m, elevation.read_ground, zones, surface, doubt=elevation.doubt
+    )
     checked = checked.with_findings(_too_many(query, read))
     if query.view is None:
         return CheckOutcome(checked)

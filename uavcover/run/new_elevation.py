@@ -5,17 +5,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
+import shapely
+
 from uavcover.errors import InputError, TerrainError
 from uavcover.intake import quantities
 from uavcover.intake.elevation_words import bands_in_words, feet_in_words, shading_in_words, surface_in_words
 from uavcover.intake.surface_look import SurfaceLook, look_at_surface, read_as_needed
 from uavcover.intake.survey import SurveyDesign
 from uavcover.intake.terrain_look import TerrainLook, known_margin_m
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.terrain import HeightUnit
 from uavcover.run.user import User
+from uavcover.scenario.airspace.zones import Polygons
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.suspect_heights import suspect_places
 from uavcover.scenario.terrain_source import TerrainSource, find_tiles
 
+_MOST_SUSPECTS = 5
 AROUND_M = 200.0
 """Around the area the ground is looked at for the way home: the fence is 150 m outside."""
 
@@ -47,6 +55,7 @@ class NewRequest:
         at: when it is flown, as "2026-07-01T09:00Z/2h".
         pattern: "single", "crosshatch" or "oblique".
         dsm: a surface model: files, folders or patterns of tiles.
+        trust_dem: whether heights are taken as they are where they do not look like ground.
     """
 
     area: AreaQuery
@@ -71,6 +80,7 @@ class NewRequest:
     at: str | None = None
     pattern: str | None = None
     dsm: tuple[str, ...] = ()
+    trust_dem: bool = False
 
 
 def _files(names: tuple[str, ...], area: FoundArea, option: str) -> tuple[Path, ...]:
@@ -138,6 +148,44 @@ def inside_data(design: SurveyDesign, dem: TerrainSource, look: TerrainLook, use
             f"(margin {margin_m:g} m instead of {design.margin_m:g} m)"
         )
     return replace(design, margin_m=float(margin_m))
+
+
+def trust_asked_for(
+    source: TerrainSource, datum: str, region: Polygons, frame: LocalFrame, user: User, *, trusted: bool
+) -> bool:
+    """Whether heights that do not look like ground are taken as they are; asks where there are any.
+
+    Args:
+        source: the elevation data of the ground.
+        datum: of its heights.
+        region: where flights may go, (east, north) metres.
+        frame: of the region.
+        user: is asked.
+        trusted: whether the answer was given: then nothing is looked at.
+
+    Raises:
+        InputError: there are such heights, and the user does not want them, or was not there to be asked.
+    """
+    if trusted:
+        return True
+    on_earth = shapely.transform(region, lambda p: _lon_lat_deg(p, frame))
+    found = suspect_places(source, datum, on_earth.bounds, on_earth)
+    if not found:
+        return False
+    for one in found[:_MOST_SUSPECTS]:
+        user.warn(f"{source.name} has {one.words}")
+    if user.agrees("is the ground really like that?"):
+        return True
+    more = f" and {len(found) - 1} more places like it" if len(found) > 1 else ""
+    raise InputError(
+        f"{source}: has {found[0].words}{more}; give other data, or mark its missing heights (gdal_edit.py -a_nodata); if the "
+        "ground is like that, give --trust-dem (terrain.trust_heights = true)"
+    )
+
+
+def _lon_lat_deg(east_north_m: FloatArray, frame: LocalFrame) -> FloatArray:
+    lat, lon, _ = frame.geodetic_from_enu(np.column_stack([east_north_m, np.zeros(len(east_north_m))]))
+    return np.column_stack([frame.lon_deg + np.mod(lon - frame.lon_deg + 180.0, 360.0) - 180.0, lat])
 
 
 def ask_about_surface(dem: TerrainSource, user: User, *, beside_surface: bool) -> None:

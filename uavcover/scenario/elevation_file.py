@@ -154,7 +154,12 @@ def _readable(path: TerrainSource) -> Iterator[None]:
 
 
 @contextmanager
-def _open(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_Raster]:
+def open_raster(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_Raster]:
+    """Open a file or tiles and check what they say of themselves.
+
+    Raises:
+        TerrainError: they cannot be used.
+    """
     path = as_source(source)
     if vertical_datum not in DATUMS:
         known = f"give {', '.join(DATUMS)}, or convert the file (gdalwarp with -t_srs EPSG:4326+5773)"
@@ -214,7 +219,7 @@ def read_height_amsl_m(path: Path | TerrainSource, vertical_datum: str, *, lat_d
     Raises:
         TerrainError: the file cannot be used, or has no data there.
     """
-    with _open(path, vertical_datum) as raster:
+    with open_raster(path, vertical_datum) as raster:
         height = float(raster.sample_m(np.array([lat_deg]), np.array([lon_deg]))[0])
         if not np.isfinite(height):
             raise TerrainError(f"{path}: no elevation at {lat_deg}, {lon_deg} ({_extent(raster)})")
@@ -229,7 +234,7 @@ def read_heights_amsl_m(
     Raises:
         TerrainError: the file cannot be used.
     """
-    with _open(path, vertical_datum) as raster:
+    with open_raster(path, vertical_datum) as raster:
         return raster.sample_scattered_m(lat_deg, lon_deg)
 
 
@@ -257,7 +262,7 @@ def read_ground(
         TerrainError: the file cannot be used, has too many pixels there, or cannot be represented in the local frame within
             ``MAX_ERROR_M``.
     """
-    with _open(path, vertical_datum) as raster:
+    with open_raster(path, vertical_datum) as raster:
         if grid_step_m is None:
             ground = _ground_of_pixels(raster, frame, bounds_m)
         else:

@@ -226,7 +226,8 @@ def test_mended_area_is_the_outline_without_any_hole(drawn):
     try:
         found = read_area(AreaQuery(source=source, make_valid=True))
     except InputError as error:
-        assert re.search("nothing is left|on one line|square metres", str(error))
+        if not re.search("nothing is left|on one line|square metres", str(error)):
+            raise
         found = None
     mended = shapely.union_all([shapely.Polygon(r[0], r[1:]) for r in found.parts]) if found else shapely.Polygon()
     places = shapely.points([(8.0 + 1e-3 * (x + 0.31), 46.0 + 1e-3 * (y + 0.37)) for x in range(10) for y in range(10)])
