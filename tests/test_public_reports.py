@@ -13,7 +13,10 @@ from rasterio.transform import Affine
 
 from uavcover.errors import InputError
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
+from uavcover.scenario.scenario_file import parse_scenario
+from uavcover.scenario.site import build_site
 from uavcover.scenario.suspect_heights import suspect_places
+from uavcover.sensing.coverage_map import CoverageMap
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,6 +102,29 @@ def lake(folder: Path) -> str:
     return f"{_doubts(np.maximum(_relief(), 720.0), folder)}nothing"
 
 
+def narrow_sensor(folder: Path) -> str:
+    text = """
+name = "disc"
+[area]
+polygon_east_north_m = [[0, 0], [60, 0], [60, 3], [0, 3]]
+cell_size_m = 0.5
+[terrain]
+kind = "sine-cosine"
+scale_m = 1e-3
+[sensor]
+kind = "disc"
+radius_m = 1.5
+sensing = "along-path"
+[limits]
+min_height_agl_m = 5.0
+max_height_agl_m = 20.0
+"""
+    site = build_site(parse_scenario(text, source="disc", folder=folder))
+    coverage = CoverageMap(site, cell_size_m=0.5)
+    seen = coverage.seen(np.array([[0.0, 1.5, 10.0], [60.0, 1.5, 10.0]]))
+    return f"{100.0 * float(np.mean(seen)):.0f} %"
+
+
 REPORTS = (
     Report("a hole on the outline's edge is filled", hole_on_the_edge, r"^91 .* ha as written, .* ha now$"),
     Report("holes that overlap are half filled", holes_that_overlap, r"^72 .* ha as written, .* ha now$"),
@@ -108,6 +134,7 @@ REPORTS = (
     ),
     Report("a warp's collar reads as ground", warp_collar, "^a block .* of exactly 0 m whose rim is at"),
     Report("tiles do not fit", tile_in_feet_beside_one_in_metres, "^a straight step of 1.* m over 1.* m, like tiles"),
+    Report("a narrow sensor counts only spots of its swath", narrow_sensor, "^(9[5-9]|100) %$"),
     Report("a lake is no void", lake, "^nothing$"),
 )
 
