@@ -13,9 +13,11 @@ from rasterio.transform import Affine
 
 from uavcover.errors import InputError
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
+from uavcover.scenario.elevation_file import read_heights_amsl_m
 from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.scenario.site import build_site
 from uavcover.scenario.suspect_heights import suspect_places
+from uavcover.scenario.terrain_source import TerrainSource
 from uavcover.sensing.coverage_map import CoverageMap
 
 
@@ -98,6 +100,14 @@ def tile_in_feet_beside_one_in_metres(folder: Path) -> str:
     return _doubts(heights, folder)
 
 
+def sea_without_data(folder: Path) -> str:
+    rows, columns = np.mgrid[0:220, 0:220]
+    land = 0.8 * (columns - 110.0 - 10.0 * np.sin(rows / 15.0))
+    source = TerrainSource((_dem(folder, np.where(land > 0.0, land, np.nan)),), water_height_m=0.0)
+    heights = read_heights_amsl_m(source, "EGM96", np.array([46.01, 46.01]), np.array([8.001, 7.99]))
+    return f"{heights} {suspect_places(source, 'EGM96', (7.99, 46.005, 8.02, 46.015))}"
+
+
 def lake(folder: Path) -> str:
     return f"{_doubts(np.maximum(_relief(), 720.0), folder)}nothing"
 
@@ -135,6 +145,7 @@ REPORTS = (
     Report("a warp's collar reads as ground", warp_collar, "^a block .* of exactly 0 m whose rim is at"),
     Report("tiles do not fit", tile_in_feet_beside_one_in_metres, "^a straight step of 1.* m over 1.* m, like tiles"),
     Report("a narrow sensor counts only spots of its swath", narrow_sensor, "^(9[5-9]|100) %$"),
+    Report("the sea has no data, or no tile", sea_without_data, r"^\[0\. 0\.\] \(\)$"),
     Report("a lake is no void", lake, "^nothing$"),
 )
 

@@ -185,6 +185,8 @@ def _terrain(scenario: SurveyScenario, folder: Path) -> list[str]:
         lines.append(
             _line("fill_no_data_m", source.fill_no_data_m, "gaps up to this long are interpolated from their rim")
         )
+    if source.water_height_m is not None:
+        lines.append(_line("water_height_m", source.water_height_m, "open water wherever the files have no height"))
     if scenario.trust_heights:
         lines.append(_line("trust_heights", True, "heights that do not look like ground were confirmed"))
     if scenario.surface is not None:

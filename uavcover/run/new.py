@@ -111,6 +111,11 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     wish = _wish(request)
     dem = ground_asked_for(request, area)
     look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=AROUND_M, datum=_wanted_datum(request))
+    if dem.water_height_m is not None:
+        user.warn(
+            f"--water-height: places without data in {dem.name}, and around it, count as open water "
+            f"{dem.water_height_m:g} m above sea level; missing land would too"
+        )
     closed = _closed_to_home(request, look, user)
     dem = over_lakes(dem, look, user)
     datum, stated = _datum(look, user)

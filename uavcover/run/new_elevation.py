@@ -51,6 +51,7 @@ class NewRequest:
         height_unit: of the elevation data: "m", "dm", "cm", "ft" or "us-ft".
         band: its band, number or name.
         fill_lakes: gaps up to this long are interpolated, as "200m".
+        water_height: of open water above sea level, as "0m".
         no_fly: files of no-fly zones.
         at: when it is flown, as "2026-07-01T09:00Z/2h".
         pattern: "single", "crosshatch" or "oblique".
@@ -76,6 +77,7 @@ class NewRequest:
     height_unit: str | None = None
     band: str | None = None
     fill_lakes: str | None = None
+    water_height: str | None = None
     no_fly: tuple[str, ...] = ()
     at: str | None = None
     pattern: str | None = None
@@ -109,8 +111,9 @@ def surface_asked_for(
     if not request.dsm:
         return None
     source = TerrainSource(
-        _files(request.dsm, area, "--dsm"), fill_no_data_m=dem.fill_no_data_m, key="terrain.surface_file"
-    )
+        _files(request.dsm, area, "--dsm"), fill_no_data_m=dem.fill_no_data_m, water_height_m=dem.water_height_m,
+        key="terrain.surface_file",
+    )  # fmt: skip
     source = read_as_needed(source, crs=request.dem_crs, height_unit=dem.height_unit)
     return look_at_surface(source, dem, look, ground_datum=datum, around_m=AROUND_M)
 
@@ -122,9 +125,12 @@ def ground_asked_for(request: NewRequest, area: FoundArea) -> TerrainSource:
     if unit not in (None, *get_args(HeightUnit)):
         raise InputError(f"--height-unit: {request.height_unit!r} is not known; give m, dm, cm, ft or us-ft")
     filled_m = request.fill_lakes and quantities.length_m(request.fill_lakes, option="--fill-lakes", example="200m")
+    if request.water_height is not None and filled_m:
+        raise InputError("--water-height: makes water of all gaps, and --fill-lakes ground; give one of the two")
     return TerrainSource(
-        files, crs=request.dem_crs, band=request.band, height_unit=unit, fill_no_data_m=filled_m or 0.0
-    )
+        files, crs=request.dem_crs, band=request.band, height_unit=unit, fill_no_data_m=filled_m or 0.0,
+        water_height_m=quantities.water_height_m(request.water_height),
+    )  # fmt: skip
 
 
 def over_lakes(dem: TerrainSource, look: TerrainLook, user: User) -> TerrainSource:

@@ -353,6 +353,9 @@ def _pixels_around(
         frame = LocalFrame(float(at[0, 0]), math.remainder(float(at[0, 1]), 360.0), 0.0)
         sides = np.linalg.norm(np.diff(frame.enu_from_geodetic(at[:, 0], at[:, 1], 0.0)[[1, 0, 2]], axis=0), axis=1)
         as_stored = replace(raster, undulation=None)
+        water_m = raster.path.water_height_m
+        if water_m is not None and raster.undulation is not None:
+            water_m += float(raster.undulation.heights_m(at[:1, 0], at[:1, 1])[0])
         step = max(4 * margin, _STRIP_PIXELS // columns)
         for row in range(0, rows, step):
             top, bottom = max(0, row - margin), min(rows, row + step + margin)
@@ -362,8 +365,11 @@ def _pixels_around(
                 lats, lons = raster.places_of(pixels + corner)
                 return np.column_stack([west + np.mod(lons - west + 180.0, 360.0) - 180.0, lats])
 
+            heights = as_stored.read(Window(corner[0], corner[1], columns, bottom - top))
+            if water_m is not None:
+                heights = np.where(np.isnan(heights), water_m, heights)
             yield _PixelWindow(
-                as_stored.read(Window(corner[0], corner[1], columns, bottom - top)),
+                heights,
                 (float(sides[0]), float(sides[1])), lon_lat_deg,
             )  # fmt: skip
 
