@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +11,11 @@ import rasterio
 import shapely
 from rasterio.transform import Affine
 
-from uavcover.errors import InputError
+from tests.judging.track_logs.samples import FRAME, GROUND_M, write_dataflash, write_tlog, write_ulog
+from tests.planning.sites import make_site
+from uavcover.errors import InputError, TrackError
+from uavcover.judging.elevation_bias import elevation_biases, widened
+from uavcover.judging.track_logs.readers import read_foreign_log
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.elevation_file import read_heights_amsl_m
 from uavcover.scenario.scenario_file import parse_scenario
@@ -108,6 +112,37 @@ def sea_without_data(folder: Path) -> str:
     return f"{heights} {suspect_places(source, 'EGM96', (7.99, 46.005, 8.02, 46.015))}"
 
 
+def rangefinder_and_dem(folder: Path) -> str:
+    site = make_site()
+    path = folder / "flight.bin"
+    write_dataflash(path, ranging=True)
+    track = read_foreign_log(path, FRAME).track
+    ranged = np.column_stack(
+        [np.full(len(track.ranged), site.frame.lat_deg), np.full(len(track.ranged), site.frame.lon_deg)]
+    )
+    level_m = site.ground_alt_amsl_m(site.frame.lat_deg, site.frame.lon_deg) + track.ranged[:, 2] - GROUND_M + 4.0
+    track = replace(track, ranged=np.column_stack([ranged, level_m]))
+    return "; ".join(widened(site, elevation_biases(site, [track]))[1])
+
+
+def station_with_a_position(folder: Path) -> str:
+    path = folder / "flight.tlog"
+    write_tlog(path, stations=((255, 6, 8),))
+    track = read_foreign_log(path, FRAME).track
+    write_tlog(path, systems=(1, 2))
+    try:
+        read_foreign_log(path, FRAME)
+    except TrackError as error:
+        return f"{len(track)} positions; {error}"
+    return "no error"
+
+
+def log_without_an_estimate(folder: Path) -> str:
+    path = folder / "flight.ulg"
+    write_ulog(path, receiver="vehicle_gps_position")
+    return "; ".join(read_foreign_log(path, FRAME).warnings)
+
+
 def lake(folder: Path) -> str:
     return f"{_doubts(np.maximum(_relief(), 720.0), folder)}nothing"
 
@@ -146,6 +181,13 @@ REPORTS = (
     Report("tiles do not fit", tile_in_feet_beside_one_in_metres, "^a straight step of 1.* m over 1.* m, like tiles"),
     Report("a narrow sensor counts only spots of its swath", narrow_sensor, "^(9[5-9]|100) %$"),
     Report("the sea has no data, or no tile", sea_without_data, r"^\[0\. 0\.\] \(\)$"),
+    Report(
+        "is my elevation data right?", rangefinder_and_dem, r"has the ground 4\.\d m above the .*uncertainty of 4\.\d m"
+    ),
+    Report(
+        "a ground station counts as a vehicle", station_with_a_position, "^40 positions; .*choose one with --system$"
+    ),
+    Report("a log has GPS positions alone", log_without_an_estimate, "the positions of its receiver are taken"),
     Report("a lake is no void", lake, "^nothing$"),
 )
 
