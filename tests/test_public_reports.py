@@ -16,13 +16,17 @@ from tests.planning.sites import make_site
 from uavcover.errors import InputError, TrackError
 from uavcover.judging.elevation_bias import elevation_biases, widened
 from uavcover.judging.track_logs.readers import read_foreign_log
+from uavcover.model.track import COLUMNS
+from uavcover.run.check import read_parameter_file
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.elevation_file import read_heights_amsl_m
+from uavcover.scenario.obstacles import read_obstacles
 from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.scenario.site import build_site
 from uavcover.scenario.suspect_heights import suspect_places
 from uavcover.scenario.terrain_source import TerrainSource
 from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.vehicle.track_file import read_track_with_warnings
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +147,23 @@ def log_without_an_estimate(folder: Path) -> str:
     return "; ".join(read_foreign_log(path, FRAME).warnings)
 
 
+def table_of_another_country(folder: Path) -> str:
+    """Obstacles, parameters and a track, as a spreadsheet in German saves them."""
+    path = folder / "boxes.csv"
+    path.write_text(
+        '"name";"east_m";"north_m";"length_m";"width_m";"heading_deg";"height_m"\nmast;1,5;2,5;4;4;0;12,5\n'
+    )
+    (mast,) = read_obstacles(path)
+    (folder / "a.param").write_text("RTL_ALT;2500,5\nWPNAV_SPEED;500\n")
+    parameters = read_parameter_file(folder / "a.param")
+    sample = dict.fromkeys(COLUMNS, "0") | {"lat_deg": "46,5", "lon_deg": "8,5", "alt_amsl_m": "500,5"}
+    rows = [sample, sample | {"time_s": "0,5"}]
+    table = [";".join(COLUMNS), *(";".join(row.values()) for row in rows)]
+    (folder / "track.csv").write_text("\n".join(table) + "\n")
+    read = read_track_with_warnings(folder / "track.csv")
+    return f"{mast.height_m} {parameters['RTL_ALT']} {read.track.geodetic[1].tolist()} {read.track.time_s[1]} {read.warnings[0]}"
+
+
 def lake(folder: Path) -> str:
     return f"{_doubts(np.maximum(_relief(), 720.0), folder)}nothing"
 
@@ -188,6 +209,11 @@ REPORTS = (
         "a ground station counts as a vehicle", station_with_a_position, "^40 positions; .*choose one with --system$"
     ),
     Report("a log has GPS positions alone", log_without_an_estimate, "the positions of its receiver are taken"),
+    Report(
+        "semicolons, quoted headers and decimal commas",
+        table_of_another_country,
+        r"^12\.5 2500\.5 \[46\.5, 8\.5, 500\.5\] 0\.5 .*read as columns separated by semicolons, decimal commas$",
+    ),
     Report("a lake is no void", lake, "^nothing$"),
 )
 

@@ -14,6 +14,7 @@ from types import MappingProxyType
 from mission_io.autopilots.autopilot import home_item, jumps_moved
 from mission_io.autopilots.parameter_meanings import Meaning, has_no_place, meaning_of, number_for_nan
 from mission_io.errors import FormatError
+from mission_io.formats.dialects import words_of
 from mission_io.formats.text import clean_text, degrees_text, finite_number, place_problem, plain_decimal
 from mission_io.model.areas import (
     Fence,
@@ -28,7 +29,8 @@ from mission_io.model.places import doubts_about
 
 _HEADER = "QGC WPL 110"
 _HEADER_PATTERN = re.compile(r"QGC\s+WPL\s+([0-9]{1,9})", re.ASCII | re.IGNORECASE)
-_SEPARATORS = re.compile(r"[\s,;]+")
+_UNUSUAL = frozenset(' ,;"')
+"""Characters of a row that is not written as the format says."""
 _COMMENT = re.compile(r"(?<!1\.)#")
 """Not the sign in "1.#QNAN", which is NaN."""
 _NAN_PATTERN = re.compile(r"[-+]?(nan|1\.#(qnan|snan|ind)0*)", re.ASCII | re.IGNORECASE)
@@ -285,14 +287,20 @@ class _Row:
 
     def _split(self, repairs: list[str]) -> list[str]:
         columns = self._content.split("\t")
-        if len(columns) != _COLUMNS or " " in self._content or "" in columns:
-            columns = _SEPARATORS.split(self._content)
-            if len(columns) == _COLUMNS:
-                repairs.append(f"line {self.number}: changed the separators to tabs")
-        elif self._line != self._content:
+        if len(columns) != _COLUMNS or "" in columns or not _UNUSUAL.isdisjoint(self._content):
+            where = f"line {self.number}"
+            try:
+                found = words_of(self._content, _COLUMNS, usual="\t")
+            except FormatError as error:
+                what = error.what.replace(f"{_COLUMNS} are expected", f"a row has {_COLUMNS}")
+                raise FormatError(what, where=where, advice=error.advice) from None
+            if found.changed:
+                tabs = " to tabs" if found.changed.endswith("separators") else ""
+                repairs.append(f"{where}: {found.changed}{tabs}")
+            self._content = "\t".join(found.words)
+            return [*found.words]
+        if self._line != self._content:
             repairs.append(f"line {self.number}: removed space around the row")
-        if len(columns) != _COLUMNS:
-            raise FormatError(f"{len(columns)} columns, a row has {_COLUMNS}", where=f"line {self.number}")
         return columns
 
     def _numbers(self, command: int, repairs: list[str]) -> list[float]:

@@ -1,6 +1,5 @@
 """Verifying any flight by whatever is left of it: its log, its pictures, or both, with or without a run folder."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from mission_io.formats.dialects import header_of
 from uavcover.errors import InputError
 from uavcover.intake.quantities import length_m
 from uavcover.judging.photos.evidence import PictureEvidence
@@ -84,9 +84,9 @@ def _is_track(path: Path) -> bool:
     """Whether a table is a flown track: it has a time in each row and no names."""
     if not path.is_file():
         return True
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        columns = next(csv.reader([file.readline(10_000)], delimiter=","), [])
-    return "time_s" in [column.strip() for column in columns]
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        first = "".join(file.readline(10_000) for _ in range(2))
+    return "time_s" in header_of(first)
 
 
 def verify_evidence(

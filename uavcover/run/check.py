@@ -1,5 +1,6 @@
 """The workflow of ``uavcover check``: somebody's mission file and elevation data in, findings out."""
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 from mission_io.autopilots.vehicle_types import VehicleKind, kind_of
 from mission_io.errors import FormatError
 from mission_io.formats import files, litchi, plan, wpml
+from mission_io.formats.dialects import words_of
 from mission_io.formats.text import text_from_bytes
 from mission_io.model.areas import Fence, FramedPoint
 from mission_io.model.enums import AutopilotId
@@ -363,10 +365,14 @@ def read_parameter_file(path: Path) -> dict[str, float]:
         raise InputError(f"--parameters: {path}: no such file; give a file of parameters as a ground station saves it")
     found: dict[str, float] = {}
     for number, line in enumerate(text_from_bytes(path.read_bytes()).text.splitlines(), 1):
-        words = line.split("#")[0].replace(",", " ").split()
-        if not words:
+        content = line.split("#")[0].strip()
+        if not content:
             continue
-        name, value = (words[2], words[3]) if len(words) == 5 else (words[0], words[1] if len(words) == 2 else "")
+        words: tuple[str, ...] = ()
+        for count in (2, 5):
+            with contextlib.suppress(FormatError):
+                words = words or words_of(content, count).words
+        name, value = (words[2], words[3]) if len(words) == 5 else words if len(words) == 2 else ("", "")
         try:
             found[name] = float(value)
         except ValueError:
