@@ -1,6 +1,8 @@
 """Classes of mistakes in public bug reports of planners and ground stations, with made-up data and the right answer for each."""
 
+import json
 import re
+import zipfile
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,13 +13,15 @@ import rasterio
 import shapely
 from rasterio.transform import Affine
 
+from mission_io.errors import FormatError
+from mission_io.formats import plan
 from tests.judging.track_logs.samples import FRAME, GROUND_M, write_dataflash, write_tlog, write_ulog
 from tests.planning.sites import make_site
 from uavcover.errors import InputError, TrackError
 from uavcover.judging.elevation_bias import elevation_biases, widened
 from uavcover.judging.track_logs.readers import read_foreign_log
 from uavcover.model.track import COLUMNS
-from uavcover.run.check import read_parameter_file
+from uavcover.run.check import read_mission_file, read_parameter_file
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.elevation_file import read_heights_amsl_m
 from uavcover.scenario.obstacles import read_obstacles
@@ -164,6 +168,48 @@ def table_of_another_country(folder: Path) -> str:
     return f"{mast.height_m} {parameters['RTL_ALT']} {read.track.geodetic[1].tolist()} {read.track.time_s[1]} {read.warnings[0]}"
 
 
+def take_off_in_row_0(folder: Path) -> str:
+    path = folder / "m.waypoints"
+    rows = ["0\t0\t3\t22\t0\t0\t0\t0\t46.5\t8.5\t50\t1", "1\t0\t3\t16\t0\t0\t0\t0\t46.51\t8.5\t50\t1"]
+    path.write_text("QGC WPL 110\n" + "\n".join(rows) + "\n")
+    read = read_mission_file(path)
+    return f"{read.mission.home} {[item.command for item in read.mission.items]} {read.repairs[0]}"
+
+
+def plan_that_contradicts_itself(folder: Path) -> str:
+    item = {
+        "type": "SimpleItem", "command": 16, "frame": 3, "autoContinue": True, "doJumpId": 1, "Altitude": 120,
+        "AltitudeMode": 2, "AMSLAltAboveTerrain": None, "params": [0, 0, 0, None, 46.5, 8.5, 50],
+    }  # fmt: skip
+    ring = {"polygon": [[46, 8], [46, 9], [47, 9]], "inclusion": True, "version": 1}
+    fence = {"version": 2, "circles": [], "polygons": [ring], "breachReturn": [48, 8, 50]}
+    mission = {
+        "version": 2, "firmwareType": 3, "vehicleType": 2, "cruiseSpeed": 15, "hoverSpeed": 5, "items": [item],
+        "plannedHomePosition": [46.5, 8.5, 500],
+    }  # fmt: skip
+    text = json.dumps({
+        "fileType": "Plan", "version": 1, "groundStation": "QGroundControl", "mission": mission, "geoFence": fence,
+        "rallyPoints": {"version": 2, "points": []},
+    })  # fmt: skip
+    (folder / "m.plan").write_text(text)
+    read = read_mission_file(folder / "m.plan")
+    return "; ".join([*read.repairs, *plan.read(text).doubts()])
+
+
+def template_of_dji(folder: Path) -> str:
+    kml = '<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2" xmlns:wpml="http://www.dji.com/wpmz/1.0.2"><Document/></kml>'
+    (folder / "template.kml").write_text(kml)
+    with zipfile.ZipFile(folder / "flight.kmz", "w") as archive:
+        archive.writestr("wpmz/template.kml", kml)
+    said = []
+    for name in ("template.kml", "flight.kmz"):
+        try:
+            read_mission_file(folder / name)
+        except FormatError as error:
+            said.append(str(error).replace(str(folder), ""))
+    return "; ".join(said)
+
+
 def lake(folder: Path) -> str:
     return f"{_doubts(np.maximum(_relief(), 720.0), folder)}nothing"
 
@@ -213,6 +259,21 @@ REPORTS = (
         "semicolons, quoted headers and decimal commas",
         table_of_another_country,
         r"^12\.5 2500\.5 \[46\.5, 8\.5, 500\.5\] 0\.5 .*read as columns separated by semicolons, decimal commas$",
+    ),
+    Report(
+        "a take-off in row 0 becomes a home of 50 m",
+        take_off_in_row_0,
+        r"^None \[22, 16\] the first row is command 22 and not home: it is kept as item 1, and the file has no home$",
+    ),
+    Report(
+        "a plan contradicts itself",
+        plan_that_contradicts_itself,
+        "AltitudeMode 2 is AMSL, its frame ABOVE_HOME.*Altitude is 120, params.6. 50.*return point.* outside the fence",
+    ),
+    Report(
+        "DJI's template is no flight",
+        template_of_dji,
+        "^/template.kml: kml: is DJI's template.kml.*/flight.kmz: holds DJI's template .* and no wpmz/waylines.wpml",
     ),
     Report("a lake is no void", lake, "^nothing$"),
 )

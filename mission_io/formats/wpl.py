@@ -41,6 +41,8 @@ _NO_HOME = frozenset(
     {*range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1), Command.NAV_RALLY_POINT}
 )
 """Commands that say that the first row is not home: MAVProxy's fence and rally files have no home row."""
+_HOME_COMMANDS = (Command.NAV_WAYPOINT, 0)
+"""Of a first row that is home; any other is an item, of a program that knows no home row."""
 _PARAM_NAMES = ("param1", "param2", "param3", "param4")
 _LEFT_TO_THE_VEHICLE = "NaN that leaves a parameter to the vehicle is written as"
 _NAN_AS_NUMBER: Mapping[Meaning, str] = MappingProxyType(
@@ -63,7 +65,7 @@ class WplFile:
     Attributes:
         version: 110 (the first row is home) or 120 (it is not).
         home: The first row of a version 110 file; None in a version 120 file, when there are no rows, and when the first
-            row is a fence item or a rally point, as in MAVProxy's files.
+            row is no waypoint: a fence item or a rally point, as in MAVProxy's files, or a take-off.
         items: The other rows.
         repairs: What had to be repaired to read it, one line each; empty for a file in strict form.
     """
@@ -215,7 +217,7 @@ def read(text: str) -> WplFile:
             continue
         row = _Row(line_number, content, line)
         items.append(row.item(len(items), repairs))
-        if version == 110 and len(items) == 1 and items[0].command not in _NO_HOME:
+        if version == 110 and len(items) == 1 and items[0].command in _HOME_COMMANDS:
             _note_what_home_says(items[0], row, repairs)
     if version is None:
         raise FormatError("no header", where="line 1", advice=f"a .waypoints file starts with {_HEADER!r}")
@@ -227,6 +229,11 @@ def read(text: str) -> WplFile:
     if first.command in _NO_HOME:
         repairs.append("the first row is not home: the file has none")
         return WplFile(version, None, tuple(items), tuple(repairs))
+    if first.command not in _HOME_COMMANDS:
+        repairs.append(
+            f"the first row is command {first.command} and not home: it is kept as item 1, and the file has no home"
+        )
+        return WplFile(version, None, tuple(jumps_moved(items, by=1)), tuple(repairs))
     return WplFile(version, GeoPoint(first.lat_deg, first.lon_deg, first.alt_m), tuple(rest), tuple(repairs))
 
 
@@ -244,10 +251,11 @@ def _version(content: str, line_number: int) -> int:
 
 def _note_what_home_says(item: MissionItem, row: "_Row", repairs: list[str]) -> None:
     """List what the first row of version 110, which is home, says beyond a position: it is not kept."""
-    if item.command not in (Command.NAV_WAYPOINT, 0):
-        repairs.append(f"line {row.number}: the first row is home, its command {item.command} is not kept")
     if item.frame is not Frame.AMSL:
-        repairs.append(f"line {row.number}: the height of home is read as above sea level, not {item.frame.name}")
+        repairs.append(
+            f"line {row.number}: the height of home is read as above sea level, not {item.frame.name}; if it is the first "
+            "waypoint, put a row for home before it"
+        )
     if any(item.params):
         repairs.append(f"line {row.number}: the first row is home, its parameters are not kept")
 

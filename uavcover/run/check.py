@@ -13,6 +13,7 @@ from mission_io.formats.text import text_from_bytes
 from mission_io.model.areas import Fence, FramedPoint
 from mission_io.model.enums import AutopilotId
 from mission_io.model.items import Command, Mission
+from mission_io.model.places import doubts_about_fence
 from uavcover.checking.aircraft import BANK_DEG, KINDS, Aircraft, Kind, default_aircraft, radius_of_bank_m
 from uavcover.checking.check import Bounds, Checked, CheckRequest, check_mission
 from uavcover.checking.fences import FenceSource
@@ -162,6 +163,9 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         user.say(
             f"point 1 of {query.file} is item {read.points[0]}, the last one, {len(read.points)}, item {read.points[-1]}"
         )
+    if read.fence is not None:
+        for doubt in doubts_about_fence(read.fence):
+            user.warn(f"{query.file}: doubtful: {doubt}")
     if not read.mission.items:
         raise InputError(f"{query.file}: the mission has no items; give a file that flies somewhere")
     aircraft = aircraft_of(query, read)
