@@ -124,6 +124,21 @@ def terraces(heights, rng):
     return np.floor(up / tall) * tall + 0.02 * (heights - 600.0)
 
 
+def steep_terraces(heights, rng):
+    """Walls of 14 m between fields that are level to the bit."""
+    up = 0.35 * 10.0 * (ROWS + 0.4 * COLUMNS) + 700.0 + 0.0 * heights
+    return 14.0 * np.floor(up / 14.0) + 0.0 * rng.random()
+
+
+def flat_roofs(heights, rng):
+    """As models of cities have them: whole houses at one height."""
+    out = heights.copy()
+    for _ in range(40):
+        row, column = rng.integers(10, SIZE - 30, 2)
+        out[row : row + 6, column : column + 9] = out[row, column] + rng.uniform(6.0, 60.0)
+    return out
+
+
 def sea_with_some_cliffs(heights, rng):
     """A coast of which half falls from 60 m."""
     land = 0.4 * (COLUMNS - 120.0 - 30.0 * np.sin(ROWS / 40.0))
@@ -139,7 +154,19 @@ def plain(heights, rng):
     return np.full_like(heights, rng.uniform(0.0, 500.0))
 
 
-REAL = (lambda heights, _: heights, lake, sea, whole_metres, whole_feet, terraces, sea_with_some_cliffs, no_data, plain)
+REAL = (
+    lambda heights, _: heights,
+    lake,
+    sea,
+    whole_metres,
+    whole_feet,
+    terraces,
+    steep_terraces,
+    flat_roofs,
+    sea_with_some_cliffs,
+    no_data,
+    plain,
+)
 
 
 @pytest.mark.parametrize("made", REAL, ids=lambda made: made.__name__)

@@ -26,6 +26,8 @@ from uavcover.scenario.terrain_source import TerrainSource
 Kind = Literal["block", "spike", "step"]
 
 _AROUND = np.ones((3, 3), dtype=int)
+_TIP_PIXELS = 40
+"""Of a block, narrower than two pixels, that reach beyond it."""
 _LEAST_SQUARES = 3
 """Of 2 x 2 equal pixels that make a block."""
 _RIM_PIXELS, _SLOPE_PIXELS = 3, 4
@@ -33,7 +35,9 @@ _RIM_PIXELS, _SLOPE_PIXELS = 3, 4
 _RIM_TIMES, _RIM_M = 2.0, 5.0
 """A rim is steep where it rises so many times as fast as the ground beyond, and by so much more."""
 _RIM_SHARE = 0.75
-"""Of a block's rim that is steep: shores of lakes and seas are gentle somewhere, and cliffs stand on one side of a terrace."""
+"""Of a block's rim that is steep to one side, up or down: shores are gentle somewhere, and a terrace has both."""
+_ROOF_M = 100.0
+"""A block that is not so far above its rim may be a roof, and hides no hill."""
 _SPIKE_TIMES, _SPIKE_M = 3.0, 20.0
 """A spike stands over all ground around by so many times the range of that ground, and by so much or a pixel's length more."""
 _STEP_PIXELS, _STEP_M, _STEP_ERRORS, _STEP_TIMES, _STEP_SHARE = 64, 2.0, 10.0, 1.5, 0.7
@@ -116,9 +120,10 @@ def _blocks(heights: FloatArray) -> list[SuspectPixels]:
         for columns in (slice(0, -1), slice(1, None)):
             np.maximum(pixels[rows, columns], labels, out=pixels[rows, columns])
     squares = np.bincount(labels.ravel(), minlength=count + 1)
-    whole, steep, rims = _rims(heights, pixels.astype(np.int64), count)
+    whole, below, above, rims = _rims(heights, pixels.astype(np.int64), count)
     with np.errstate(invalid="ignore", divide="ignore"):
-        chosen = (whole >= 4) & (steep >= _RIM_SHARE * whole) & (squares >= _LEAST_SQUARES)
+        steep = np.maximum(below, above) >= _RIM_SHARE * whole
+        chosen = (whole >= 4) & steep & (squares >= _LEAST_SQUARES)
     found = []
     taken = np.zeros(heights.shape, dtype=bool)
     places = ndimage.find_objects(pixels)
@@ -128,26 +133,28 @@ def _blocks(heights: FloatArray) -> list[SuspectPixels]:
             continue
         # With what is narrower than two pixels and joined to it, such as the tip of a wedge.
         value = float(heights[places[number - 1]][core][0])
-        alike, _ = ndimage.label(heights == value, structure=_AROUND)
-        whole_block = alike == alike[places[number - 1]][core][0]
-        taken |= whole_block
-        ends = [np.flatnonzero(whole_block.any(axis=axis))[[0, -1]].tolist() for axis in (1, 0)]
-        grown = tuple(
-            _grown(slice(first, last + 1), size) for (first, last), size in zip(ends, heights.shape, strict=True)
+        rows, columns = (
+            _grown(part, size, _TIP_PIXELS) for part, size in zip(places[number - 1], heights.shape, strict=True)
         )
-        mask = ndimage.binary_dilation(whole_block[grown], _AROUND, _RIM_PIXELS)
-        found.append(SuspectPixels("block", (grown[0].start, grown[1].start), mask, value, float(rims[number])))
+        alike, _ = ndimage.label(heights[rows, columns] == value, structure=_AROUND)
+        block = alike == alike[pixels[rows, columns] == number][0]
+        taken[rows, columns] |= block
+        mask = ndimage.binary_dilation(block, _AROUND, _RIM_PIXELS)
+        (box,) = ndimage.find_objects(mask.astype(np.int8))
+        first = (rows.start + box[0].start, columns.start + box[1].start)
+        found.append(SuspectPixels("block", first, mask[box], value, float(rims[number])))
     return found
 
 
-def _grown(part: slice, size: int) -> slice:
-    return slice(max(0, part.start - _RIM_PIXELS), min(size, part.stop + _RIM_PIXELS))
+def _grown(part: slice, size: int, by: int) -> slice:
+    return slice(max(0, part.start - by), min(size, part.stop + by))
 
 
-def _rims(heights: FloatArray, pixels: IntArray, count: int) -> tuple[FloatArray, IntArray, FloatArray]:
-    """Of every block by its number: places of its rim where the ground beyond is known, how many are steep, their mean height.
+def _rims(heights: FloatArray, pixels: IntArray, count: int) -> tuple[FloatArray, IntArray, IntArray, FloatArray]:
+    """Of every block by its number: places of its rim, of these those steeply above and below the block, their mean height.
 
-    In each of the four directions a rim is a pixel of the block, the ground ``_RIM_PIXELS`` farther, and the mean slope beyond.
+    Places count where the ground beyond is known. In each of the four directions a rim is a pixel of the block, the ground
+    ``_RIM_PIXELS`` farther, and the mean slope beyond.
     """
     rises, slopes, numbers, grounds = [], [], [], []
     reach = _RIM_PIXELS + _SLOPE_PIXELS
@@ -157,7 +164,7 @@ def _rims(heights: FloatArray, pixels: IntArray, count: int) -> tuple[FloatArray
         row, column = np.nonzero(edge)
         number = n[row, column]
         ground = h[row, column + _RIM_PIXELS]
-        rise = np.abs(ground - h[row, column])
+        rise = ground - h[row, column]
         slope = np.mean(
             [np.abs(h[row, column + k + 1] - h[row, column + k]) for k in range(_RIM_PIXELS, reach)], axis=0
         )
@@ -172,8 +179,9 @@ def _rims(heights: FloatArray, pixels: IntArray, count: int) -> tuple[FloatArray
     with np.errstate(invalid="ignore", divide="ignore"):
         usual = np.bincount(number, slope, count + 1) / whole
         mean = np.bincount(number, ground, count + 1) / whole
-    steep = rise > _RIM_TIMES * _RIM_PIXELS * np.maximum(slope, usual[number]) + _RIM_M
-    return whole, np.bincount(number[steep], minlength=count + 1), mean
+    usually = _RIM_TIMES * _RIM_PIXELS * np.maximum(slope, usual[number])
+    below = np.bincount(number[rise > usually + _RIM_M], minlength=count + 1)
+    return whole, below, np.bincount(number[-rise > usually + _ROOF_M], minlength=count + 1), mean
 
 
 def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPixels]:
@@ -191,7 +199,7 @@ def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPi
     labels, _ = ndimage.label(spike, structure=_AROUND)
     found = []
     for number, (rows, columns) in enumerate(ndimage.find_objects(labels), start=1):
-        grown = _grown(rows, heights.shape[0]), _grown(columns, heights.shape[1])
+        grown = _grown(rows, heights.shape[0], _RIM_PIXELS), _grown(columns, heights.shape[1], _RIM_PIXELS)
         mask = ndimage.binary_dilation(labels[grown] == number, _AROUND)
         own = labels[rows, columns] == number
         inside = heights[rows, columns][own]
