@@ -95,6 +95,7 @@ _EXAMPLES = {
     "terrain.band": "1",
     "terrain.crs": '"EPSG:32632"',
     "terrain.fill_no_data_m": "300.0",
+    "terrain.water_height_m": "0.0",
     "terrain.grid_step_m": "5.0",
     "terrain.height_unit": '"ft"',
     "terrain.scale_m": "100.0",

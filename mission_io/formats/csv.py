@@ -1,11 +1,11 @@
 """CSV: every item of a mission, one row each, with units in the column names."""
 
-import csv
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mission_io.errors import FormatError
+from mission_io.formats.dialects import sniff
 from mission_io.formats.text import clean_text, finite_number, place_problem
 from mission_io.model.items import Frame, GeoPoint, Mission, MissionItem
 
@@ -47,34 +47,31 @@ def read_mission(text: str) -> CsvFile:
         FormatError: with line and column, for a missing value, an invalid number or position, or a wrong order.
     """
     clean = clean_text(text)
-    repairs = list(clean.repairs)
-    reader = csv.reader(clean.text.split("\n"), strict=True)
-    try:
-        header = [name.strip() for name in next(reader, [])]
-        for name in _COLUMNS:
-            if header.count(name) != 1:
-                raise FormatError(f"{header.count(name)} columns {name}, there has to be 1", where="line 1")
-        left_out = [name for name in header if name not in _COLUMNS]
-        if left_out:
-            repairs.append(f"line 1: left out {len(left_out)} columns, the first is {left_out[0][:30]!r}")
-        home: GeoPoint | None = None
-        items: list[MissionItem] = []
-        for cells in reader:
-            if not any(cells):
-                continue
-            where = f"line {reader.line_num}"
-            if len(cells) != len(header):
-                raise FormatError(f"{len(cells)} columns, the header has {len(header)}", where=where)
-            row = dict(zip(header, cells, strict=True))
-            number, item = _whole(row, "item", where), _item(row, where)
-            if number == 0 and home is None and not items:
-                home = GeoPoint(item.lat_deg, item.lon_deg, item.alt_m)
-                continue
-            items.append(item)
-            if number != len(items):
-                repairs.append(f"{where}: renumbered from {number} to {len(items)}")
-    except csv.Error as error:
-        raise FormatError(f"no CSV: {error}", where=f"line {reader.line_num}") from None
+    dialect = sniff(clean.text)
+    repairs = [*clean.repairs, *dialect.repairs]
+    rows = dialect.rows(clean.text)
+    first, header = next(rows, (1, []))
+    for name in _COLUMNS:
+        if header.count(name) != 1:
+            what = f"{header.count(name)} columns {name}, there has to be 1"
+            raise FormatError(what, where=f"line {first}", advice=f"it was read as {dialect}")
+    left_out = [name for name in header if name not in _COLUMNS]
+    if left_out:
+        repairs.append(f"line {first}: left out {len(left_out)} columns, the first is {left_out[0][:30]!r}")
+    home: GeoPoint | None = None
+    items: list[MissionItem] = []
+    for line, cells in rows:
+        where = f"line {line}"
+        if len(cells) < len(header):
+            raise FormatError(f"{len(cells)} columns, the header has {len(header)}", where=where)
+        row = dict(zip(header, cells, strict=False))
+        number, item = _whole(row, "item", where), _item(row, where)
+        if number == 0 and home is None and not items:
+            home = GeoPoint(item.lat_deg, item.lon_deg, item.alt_m)
+            continue
+        items.append(item)
+        if number != len(items):
+            repairs.append(f"{where}: renumbered from {number} to {len(items)}")
     return CsvFile(Mission(home, tuple(items)), tuple(repairs))
 
 

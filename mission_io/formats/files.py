@@ -27,7 +27,7 @@ from mission_io.formats import csv, geojson, gpx, kml, mavros, old_qgc_json, pla
 from mission_io.formats.text import text_from_bytes
 from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.items import Command, Mission, MissionType
-from mission_io.model.places import doubts_about
+from mission_io.model.places import doubts_about, doubts_about_fence
 
 _log = logging.getLogger(__name__)
 
@@ -74,8 +74,9 @@ class MissionFile:
         return tuple(one for one in self.lists if items_of(one, ARDUPILOT)[isinstance(one, Mission) :])
 
     def doubts(self) -> tuple[str, ...]:
-        """Probable mistakes in the mission, such as a route far from home, one line each."""
-        return () if self.mission is None else doubts_about(self.mission)
+        """Probable mistakes, such as a route far from home, or a return point outside the fence, one line each."""
+        of_mission = () if self.mission is None else doubts_about(self.mission)
+        return of_mission if self.fence is None else (*of_mission, *doubts_about_fence(self.fence))
 
 
 def read_file(path: str | Path, *, mission_type: MissionType | None = None) -> MissionFile:

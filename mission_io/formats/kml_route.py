@@ -14,6 +14,8 @@ from mission_io.formats.point_route import (
 )
 from mission_io.model.items import Frame
 
+_HEAD = 2000
+"""Characters in which a document names its formats."""
 _FRAMES = {"absolute": Frame.AMSL, "relativeToGround": Frame.ABOVE_TERRAIN}
 
 
@@ -29,6 +31,11 @@ def read_route(text: str) -> PointRoute:
     root, repairs = xml_root(text)
     if local_name(root) != "kml":
         raise FormatError(f"the document is a {local_name(root)[:40]!r}", where="XML", advice="give a KML file")
+    if "dji.com/wpmz" in text[:_HEAD]:
+        raise FormatError(
+            "is DJI's template.kml, the settings from which a flight is made, and not a flight", where="kml",
+            advice="give the .kmz with its waylines.wpml, or the area in it to new",
+        )  # fmt: skip
     lines = [element for element in root.iter() if local_name(element) == "LineString"]
     high = [line for line in lines if (child_text(line, "altitudeMode") or "") in _FRAMES]
     if len(high) != 1:

@@ -1,10 +1,9 @@
 """CSV of Litchi's Mission Hub, metric, as a mission (litchiutilities.com/docs/litchiCsv.php)."""
 
-import csv
 import dataclasses
-import io
 
 from mission_io.errors import FormatError
+from mission_io.formats.dialects import header_of, sniff
 from mission_io.formats.point_route import PointRoute, RouteStop, number_in, route_from_stops
 from mission_io.formats.route_cameras import StopCamera
 from mission_io.formats.text import clean_text
@@ -17,8 +16,9 @@ _FRAMES = {0: Frame.ABOVE_HOME, 1: Frame.ABOVE_TERRAIN}
 
 
 def is_litchi(text: str) -> bool:
-    """Whether a CSV text has the header of Litchi's Mission Hub."""
-    return text.lstrip("\ufeff \r\n")[:40].lower().startswith("latitude,longitude,altitude(")
+    """Whether a CSV text has the header of Litchi's Mission Hub, in any dialect."""
+    names = [name.lower() for name in header_of(text)[:3]]
+    return names[:2] == ["latitude", "longitude"] and len(names) == 3 and names[2].startswith("altitude(")
 
 
 def read_route(text: str) -> PointRoute:
@@ -33,17 +33,15 @@ def read_route(text: str) -> PointRoute:
     clean = clean_text(text)
     if not is_litchi(clean.text):
         raise FormatError("the header is not that of Litchi's Mission Hub", where="line 1")
-    try:
-        rows = list(csv.DictReader(io.StringIO(clean.text.strip())))
-    except csv.Error as error:
-        raise FormatError(f"no CSV ({error})", where="text") from None
-    header = {str(name).strip().lower() for name in (rows[0] if rows else {})}
+    dialect = sniff(clean.text)
+    (first, header), *rows = dialect.rows(clean.text)
+    header = [name.lower() for name in header]
     if "altitude(m)" not in header and rows:
-        raise FormatError("heights are not in metres", where="line 1", advice="export it with metric units")
-    repairs = list(clean.repairs)
+        raise FormatError("heights are not in metres", where=f"line {first}", advice="export it with metric units")
+    repairs = [*clean.repairs, *dialect.repairs]
     stops, curves, looks_at_poi = [], 0, 0
-    for line, row in enumerate(rows, start=2):
-        fields = {str(name).strip().lower(): value if isinstance(value, str) else "" for name, value in row.items()}
+    for line, cells in rows:
+        fields = dict(zip(header, cells, strict=False))
         where = f"line {line}"
         lat, lon, alt = (
             number_in(fields.get(name), f"{where}, {name}") for name in ("latitude", "longitude", "altitude(m)")

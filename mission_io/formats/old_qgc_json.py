@@ -61,7 +61,7 @@ def read(text: str) -> OldFile:
         raise FormatError(f"version {version!r:.20} is not known", where="file.version", advice="it has to be 1 or 2")
     extras: dict[str, Mapping[str, Any]] = {}
     home = read_home(root.get("plannedHomePosition"), repairs, extras)
-    items, entries = read_items(root.get("items"))
+    items, entries = read_items(root.get("items"), repairs)
     _refuse_surveys(not all(entry.is_flyable for entry in entries))
     return OldFile(Mission(home, items), repairs=tuple(repairs))
 

@@ -15,13 +15,13 @@ from typing import Any
 from mission_io.errors import FormatError
 from mission_io.formats.json_node import Node, parse_json
 from mission_io.formats.plan_areas import fence_json, framed_json, read_fence_part, read_rally_part
-from mission_io.formats.plan_items import PlanEntry, read_complex, read_simple, simple_json
+from mission_io.formats.plan_items import PlanEntry, contradictions, read_complex, read_simple, simple_json
 from mission_io.formats.text import clean_text
 from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.diff import diff_items
 from mission_io.model.enums import VehicleClass
 from mission_io.model.items import Command, GeoPoint, Mission, MissionItem, same_item
-from mission_io.model.places import doubts_about
+from mission_io.model.places import doubts_about, doubts_about_fence
 
 _CONSTANTS: Mapping[str, Mapping[str, Any]] = {
     "": {"fileType": "Plan", "groundStation": "QGroundControl", "version": 1},
@@ -73,7 +73,7 @@ class PlanFile:
 
     def doubts(self) -> tuple[str, ...]:
         """Probable mistakes, such as a route far from home; see ``model.places.doubts_about``."""
-        return doubts_about(self.mission)
+        return (*doubts_about(self.mission), *doubts_about_fence(self.fence))
 
     def with_mission(self, mission: Mission) -> "PlanFile":
         """The same plan with another mission. Entries whose items were changed become simple items.
@@ -232,7 +232,7 @@ def read_to_keep(text: str) -> PlanFile:
         rally = read_rally_part(root.get("rallyPoints"))
     mission = root.get("mission")
     home = read_home(mission.get(_HOME), repairs, extras)
-    items, entries = read_items(mission.get("items"))
+    items, entries = read_items(mission.get("items"), repairs)
     return PlanFile(
         Mission(home, items),
         fence,
@@ -289,8 +289,8 @@ def _read_part(node: Node, name: str, repairs: list[str], extras: dict[str, Mapp
         extras[name] = others
 
 
-def read_items(node: Node) -> tuple[tuple[MissionItem, ...], tuple[PlanEntry, ...]]:
-    """The items of an item list in flying order, and the entries that say more than they fly."""
+def read_items(node: Node, repairs: list[str]) -> tuple[tuple[MissionItem, ...], tuple[PlanEntry, ...]]:
+    """The items of an item list in flying order, and the entries that say more than they fly; contradictions are listed."""
     items: list[MissionItem] = []
     entries: list[PlanEntry] = []
     by_jump_id: dict[object, int] = {}
@@ -306,6 +306,7 @@ def read_items(node: Node) -> tuple[tuple[MissionItem, ...], tuple[PlanEntry, ..
         if kind != "SimpleItem":
             raise FormatError(f"{str(kind)[:30]!r} is neither SimpleItem nor ComplexItem", where=f"{entry.where}.type")
         item = read_simple(entry)
+        repairs += contradictions(entry, item)
         items.append(item)
         by_jump_id.setdefault(entry.optional("doJumpId", Node.whole, first + 1), first + 1)
         if item.command == Command.DO_JUMP:

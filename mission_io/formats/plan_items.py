@@ -19,6 +19,10 @@ _PARAMS = 7
 _LARGEST = 1e300
 _NUMBERS = frozenset({int, float})
 _PLAIN_FRAMES = {int(frame): frame for frame in Frame}
+_ABOVE_TERRAIN_AS_AMSL = 3
+"""AltitudeMode of heights above the terrain that QGroundControl turned into heights above sea level."""
+_MODE_FRAMES = {1: Frame.ABOVE_HOME, 2: Frame.AMSL, _ABOVE_TERRAIN_AS_AMSL: Frame.AMSL, 4: Frame.ABOVE_TERRAIN}
+_SAME_HEIGHT_M = 0.01
 _NOTHING = (math.nan, math.nan, math.nan)
 
 
@@ -93,6 +97,23 @@ def read_simple(node: Node) -> MissionItem:
         lat, lon, alt = (0.0 if math.isnan(value) else value for value in (lat, lon, alt))
     autocontinue = node.optional("autoContinue", Node.truth, default=True)
     return MissionItem(command, frame, (p1, p2, p3, p4), lat, lon, alt, autocontinue)
+
+
+def contradictions(node: Node, item: MissionItem) -> list[str]:
+    """What an entry says twice and differently, one line each; ``frame`` and ``params`` are what vehicles are sent."""
+    entry, where = node.value, node.where
+    mode, height, amsl = (entry.get(key) for key in ("AltitudeMode", "Altitude", "AMSLAltAboveTerrain"))
+    found: list[str] = []
+    if not item.has_position or isinstance(mode, bool) or not isinstance(mode, int):
+        return found
+    frame = _MODE_FRAMES.get(mode)
+    if frame is not None and item.frame is not frame:
+        found.append(f"{where}: AltitudeMode {mode} is {frame.name}, its frame {item.frame.name}; the frame is flown")
+    stated = amsl if mode == _ABOVE_TERRAIN_AS_AMSL else height
+    if isinstance(stated, int | float) and not isinstance(stated, bool) and abs(stated - item.alt_m) > _SAME_HEIGHT_M:
+        key = "AMSLAltAboveTerrain" if mode == _ABOVE_TERRAIN_AS_AMSL else "Altitude"
+        found.append(f"{where}: {key} is {stated:g}, params[6] {item.alt_m:g}; {item.alt_m:g} m is flown")
+    return found
 
 
 def read_complex(node: Node) -> tuple[MissionItem, ...] | None:

@@ -4,17 +4,16 @@ A ``.poly`` file is an area. A ``.fen`` file is a fence of the old kind: the ret
 polygon. Both begin with a comment and repeat the first corner at the end.
 """
 
-import re
 from dataclasses import dataclass
 
 from mission_io.errors import FormatError
+from mission_io.formats.dialects import words_of
 from mission_io.formats.drawings import DrawnArea, open_ring
 from mission_io.formats.text import clean_text, degrees_text, finite_number, place_problem
 from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon
 from mission_io.model.items import Frame
 
 _HEADER = "#saved by mission_io"
-_SEPARATORS = re.compile(r"[ \t,;]+")
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,12 +107,15 @@ def _places(text: str) -> tuple[list[LatLon], list[str]]:
         if not content:
             continue
         where = f"line {line_number}"
-        columns = _SEPARATORS.split(content)
-        if len(columns) != 2:
-            raise FormatError(f"{len(columns)} numbers, a place has 2", where=where, advice="latitude, then longitude")
-        if "," in content or ";" in content:
-            repairs.append(f"{where}: changed the separators to spaces")
-        lat_deg, lon_deg = (finite_number(column, where) for column in columns)
+        try:
+            found = words_of(content, 2)
+        except FormatError as error:
+            what = error.what.replace("columns, 2 are expected", "numbers, a place has 2")
+            raise FormatError(what, where=where, advice=error.advice or "latitude, then longitude") from None
+        if found.changed:
+            spaces = " to spaces" if found.changed.endswith("separators") else ""
+            repairs.append(f"{where}: {found.changed}{spaces}")
+        lat_deg, lon_deg = (finite_number(word, where) for word in found.words)
         problem = place_problem(lat_deg, lon_deg)
         if problem is not None:
             raise FormatError(problem.what, where=where, advice=problem.advice)

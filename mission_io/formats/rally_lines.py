@@ -6,6 +6,7 @@
 from dataclasses import dataclass
 
 from mission_io.errors import FormatError
+from mission_io.formats.dialects import words_of
 from mission_io.formats.text import clean_text, finite_number, place_problem
 from mission_io.model.areas import FramedPoint, RallyPoints
 from mission_io.model.items import Frame
@@ -32,13 +33,22 @@ def read_rally(text: str) -> RallyFile:
     repairs = list(clean.repairs)
     points: list[FramedPoint] = []
     for line_number, line in enumerate(clean.text.split("\n"), start=1):
-        columns = line.split("#", 1)[0].split()
-        if not columns:
+        content = line.split("#", 1)[0].strip()
+        if not content:
             continue
         where = f"line {line_number}"
-        if columns[0] != _WORD or len(columns) != _COLUMNS:
-            what = f"{len(columns)} columns beginning with {columns[0][:20]!r}"
+        try:
+            found = words_of(content, _COLUMNS)
+        except FormatError as error:
+            what = f"{len(content.split())} columns beginning with {content.split()[0][:20]!r}"
+            advice = error.advice or f"a rally point is {_WORD} and {_COLUMNS - 1} numbers"
+            raise FormatError(what, where=where, advice=advice) from None
+        columns = found.words
+        if columns[0] != _WORD:
+            what = f"{_COLUMNS} columns beginning with {columns[0][:20]!r}"
             raise FormatError(what, where=where, advice=f"a rally point is {_WORD} and {_COLUMNS - 1} numbers")
+        if found.changed:
+            repairs.append(f"{where}: {found.changed}")
         lat_deg, lon_deg, alt_m, *dropped = (finite_number(column, where) for column in columns[1:])
         problem = place_problem(lat_deg, lon_deg)
         if problem is not None:

@@ -14,6 +14,7 @@ from types import MappingProxyType
 from mission_io.autopilots.autopilot import home_item, jumps_moved
 from mission_io.autopilots.parameter_meanings import Meaning, has_no_place, meaning_of, number_for_nan
 from mission_io.errors import FormatError
+from mission_io.formats.dialects import words_of
 from mission_io.formats.text import clean_text, degrees_text, finite_number, place_problem, plain_decimal
 from mission_io.model.areas import (
     Fence,
@@ -28,7 +29,8 @@ from mission_io.model.places import doubts_about
 
 _HEADER = "QGC WPL 110"
 _HEADER_PATTERN = re.compile(r"QGC\s+WPL\s+([0-9]{1,9})", re.ASCII | re.IGNORECASE)
-_SEPARATORS = re.compile(r"[\s,;]+")
+_UNUSUAL = frozenset(' ,;"')
+"""Characters of a row that is not written as the format says."""
 _COMMENT = re.compile(r"(?<!1\.)#")
 """Not the sign in "1.#QNAN", which is NaN."""
 _NAN_PATTERN = re.compile(r"[-+]?(nan|1\.#(qnan|snan|ind)0*)", re.ASCII | re.IGNORECASE)
@@ -39,6 +41,8 @@ _NO_HOME = frozenset(
     {*range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1), Command.NAV_RALLY_POINT}
 )
 """Commands that say that the first row is not home: MAVProxy's fence and rally files have no home row."""
+_HOME_COMMANDS = (Command.NAV_WAYPOINT, 0)
+"""Of a first row that is home; any other is an item, of a program that knows no home row."""
 _PARAM_NAMES = ("param1", "param2", "param3", "param4")
 _LEFT_TO_THE_VEHICLE = "NaN that leaves a parameter to the vehicle is written as"
 _NAN_AS_NUMBER: Mapping[Meaning, str] = MappingProxyType(
@@ -61,7 +65,7 @@ class WplFile:
     Attributes:
         version: 110 (the first row is home) or 120 (it is not).
         home: The first row of a version 110 file; None in a version 120 file, when there are no rows, and when the first
-            row is a fence item or a rally point, as in MAVProxy's files.
+            row is no waypoint: a fence item or a rally point, as in MAVProxy's files, or a take-off.
         items: The other rows.
         repairs: What had to be repaired to read it, one line each; empty for a file in strict form.
     """
@@ -213,7 +217,7 @@ def read(text: str) -> WplFile:
             continue
         row = _Row(line_number, content, line)
         items.append(row.item(len(items), repairs))
-        if version == 110 and len(items) == 1 and items[0].command not in _NO_HOME:
+        if version == 110 and len(items) == 1 and items[0].command in _HOME_COMMANDS:
             _note_what_home_says(items[0], row, repairs)
     if version is None:
         raise FormatError("no header", where="line 1", advice=f"a .waypoints file starts with {_HEADER!r}")
@@ -225,6 +229,11 @@ def read(text: str) -> WplFile:
     if first.command in _NO_HOME:
         repairs.append("the first row is not home: the file has none")
         return WplFile(version, None, tuple(items), tuple(repairs))
+    if first.command not in _HOME_COMMANDS:
+        repairs.append(
+            f"the first row is command {first.command} and not home: it is kept as item 1, and the file has no home"
+        )
+        return WplFile(version, None, tuple(jumps_moved(items, by=1)), tuple(repairs))
     return WplFile(version, GeoPoint(first.lat_deg, first.lon_deg, first.alt_m), tuple(rest), tuple(repairs))
 
 
@@ -242,10 +251,11 @@ def _version(content: str, line_number: int) -> int:
 
 def _note_what_home_says(item: MissionItem, row: "_Row", repairs: list[str]) -> None:
     """List what the first row of version 110, which is home, says beyond a position: it is not kept."""
-    if item.command not in (Command.NAV_WAYPOINT, 0):
-        repairs.append(f"line {row.number}: the first row is home, its command {item.command} is not kept")
     if item.frame is not Frame.AMSL:
-        repairs.append(f"line {row.number}: the height of home is read as above sea level, not {item.frame.name}")
+        repairs.append(
+            f"line {row.number}: the height of home is read as above sea level, not {item.frame.name}; if it is the first "
+            "waypoint, put a row for home before it"
+        )
     if any(item.params):
         repairs.append(f"line {row.number}: the first row is home, its parameters are not kept")
 
@@ -285,14 +295,20 @@ class _Row:
 
     def _split(self, repairs: list[str]) -> list[str]:
         columns = self._content.split("\t")
-        if len(columns) != _COLUMNS or " " in self._content or "" in columns:
-            columns = _SEPARATORS.split(self._content)
-            if len(columns) == _COLUMNS:
-                repairs.append(f"line {self.number}: changed the separators to tabs")
-        elif self._line != self._content:
+        if len(columns) != _COLUMNS or "" in columns or not _UNUSUAL.isdisjoint(self._content):
+            where = f"line {self.number}"
+            try:
+                found = words_of(self._content, _COLUMNS, usual="\t")
+            except FormatError as error:
+                what = error.what.replace(f"{_COLUMNS} are expected", f"a row has {_COLUMNS}")
+                raise FormatError(what, where=where, advice=error.advice) from None
+            if found.changed:
+                tabs = " to tabs" if found.changed.endswith("separators") else ""
+                repairs.append(f"{where}: {found.changed}{tabs}")
+            self._content = "\t".join(found.words)
+            return [*found.words]
+        if self._line != self._content:
             repairs.append(f"line {self.number}: removed space around the row")
-        if len(columns) != _COLUMNS:
-            raise FormatError(f"{len(columns)} columns, a row has {_COLUMNS}", where=f"line {self.number}")
         return columns
 
     def _numbers(self, command: int, repairs: list[str]) -> list[float]:

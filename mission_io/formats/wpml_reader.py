@@ -18,6 +18,8 @@ from mission_io.model.items import Frame, MissionItem, land, return_to_launch
 
 DOCUMENT = "wpmz/waylines.wpml"
 """Its name in the archive."""
+TEMPLATE = "wpmz/template.kml"
+"""What planning programs keep beside it: the settings from which they make it, not the flight."""
 _FRAMES = {"relativeToStartPoint": Frame.ABOVE_HOME, "realTimeFollowSurface": Frame.ABOVE_TERRAIN}
 
 

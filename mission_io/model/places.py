@@ -4,7 +4,9 @@ A doubt is something that a file can hold but hardly anybody means: a position a
 """
 
 import math
+from collections.abc import Sequence
 
+from mission_io.model.areas import Fence, LatLon
 from mission_io.model.items import Command, GeoPoint, Mission
 
 EQUATOR_RADIUS_M = 6378137.0
@@ -31,6 +33,39 @@ def ground_distance_m(lat_a_deg: float, lon_a_deg: float, lat_b_deg: float, lon_
     chord_m = math.dist(a, b)
     radius_m = 0.5 * (math.hypot(*a) + math.hypot(*b))
     return 2.0 * radius_m * math.asin(min(1.0, chord_m / (2.0 * radius_m)))
+
+
+def doubts_about_fence(fence: Fence) -> tuple[str, ...]:
+    """Probable mistakes, one line each: a return point where the vehicle must not be, which would be a breach of its own."""
+    point = fence.return_point
+    if point is None:
+        return ()
+    polygons = [(area.inclusion, _is_in_ring(point.lat_deg, point.lon_deg, area.vertices)) for area in fence.polygons]
+    circles = [
+        (
+            area.inclusion,
+            ground_distance_m(point.lat_deg, point.lon_deg, area.center.lat_deg, area.center.lon_deg) <= area.radius_m,
+        )
+        for area in fence.circles
+    ]
+    allowed = [inside for inclusion, inside in (*polygons, *circles) if inclusion]
+    where = f"the return point, latitude {point.lat_deg:.6f}, longitude {point.lon_deg:.6f}, is"
+    if allowed and not any(allowed):
+        return (f"{where} outside the fence: a vehicle that flies there after a breach leaves it again",)
+    if any(inside for inclusion, inside in (*polygons, *circles) if not inclusion):
+        return (f"{where} in an area that the fence excludes",)
+    return ()
+
+
+def _is_in_ring(lat_deg: float, lon_deg: float, ring: Sequence[LatLon]) -> bool:
+    """By the number of edges that a line to the east crosses; longitudes count from the place, the short way."""
+    inside = False
+    for begin, end in zip(ring, (*ring[1:], *ring[:1]), strict=True):
+        if (begin.lat_deg > lat_deg) != (end.lat_deg > lat_deg):
+            east, west = (math.remainder(corner.lon_deg - lon_deg, 360.0) for corner in (begin, end))
+            at = east + (lat_deg - begin.lat_deg) / (end.lat_deg - begin.lat_deg) * (west - east)
+            inside ^= at > 0.0
+    return inside
 
 
 FAR_FROM_HOME_M = 100_000.0

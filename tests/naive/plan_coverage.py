@@ -86,6 +86,24 @@ def along(route, spacing_m, noses=None):
     return np.array(places), np.array(headings)
 
 
+def spacing_m(scenario):
+    """Between two looks along the path: said, or a third of half of what is seen of flat ground, 10 m at most."""
+    sensor, limits = scenario["sensor"], scenario["limits"]
+    if "sample_spacing_m" in sensor:
+        return sensor["sample_spacing_m"]
+    low = limits["min_height_agl_m"]
+    match sensor["kind"]:
+        case "disc":
+            half = sensor["radius_m"]
+        case "sphere":
+            half = math.sqrt(max(sensor["range_m"] ** 2 - (0.5 * (low + limits["max_height_agl_m"])) ** 2, 900.0))
+        case "nadir-camera":
+            half = low * math.tan(math.radians(0.5 * sensor["fov_deg"]))
+        case _:
+            half = low * math.tan(math.radians(0.5 * min(sensor["fov_across_deg"], sensor["fov_along_deg"])))
+    return min(10.0, half / 3.0)
+
+
 def picture_distance_m(scenario):
     """Between two pictures: said, or by the overlap of pictures of flat ground from the lowest height; None: no trigger."""
     sensor = scenario["sensor"]
@@ -188,7 +206,7 @@ def looks(scenario, route, noses=None):
     elif distance_m is not None:
         places, headings = trigger(route, distance_m, noses=noses)
     else:
-        places, headings = along(route, sensor.get("sample_spacing_m", 10.0), noses)
+        places, headings = along(route, spacing_m(scenario), noses)
     if "heading_deg" in sensor:
         way = math.radians(sensor["heading_deg"])
         headings = np.tile([math.sin(way), math.cos(way)], (len(places), 1))

@@ -20,7 +20,7 @@ from uavcover.checking.hints import with_hints
 from uavcover.checking.item_values import impossible_numbers, value_findings
 from uavcover.checking.limits import Limits, Surroundings
 from uavcover.checking.obstacle_checks import obstacle_findings, with_obstacles
-from uavcover.checking.places import Heights, places_of
+from uavcover.checking.places import Doubt, Heights, believed, places_of
 from uavcover.checking.return_checks import OwnReturn, return_findings
 from uavcover.checking.segments import FlownPath
 from uavcover.checking.sight_checks import sight_findings
@@ -106,6 +106,8 @@ def check_mission(
     read_ground: GroundReader,
     read_zones: ZoneReader,
     read_surface: SurfaceReader | None = None,
+    *,
+    doubt: Doubt = believed,
 ) -> Checked:
     """Judge a mission at its full length.
 
@@ -115,12 +117,13 @@ def check_mission(
         read_ground: the ground around the mission.
         read_zones: the no-fly zones around it.
         read_surface: a surface model over that ground; none without one.
+        doubt: why a height of the ground is not believed, and missing in ``heights`` and ``read_ground`` therefore.
 
     Raises:
         UavcoverError: elevation data or zones cannot be read.
     """
     mission, aircraft, limits = request.mission, request.aircraft, request.limits
-    places = places_of(mission, heights, aircraft.autopilot, home=request.home)
+    places = places_of(mission, heights, aircraft.autopilot, home=request.home, doubt=doubt)
     findings = [*places.findings, *_frame_findings(mission, aircraft)]
     impossible = impossible_numbers(mission)
     findings += impossible or value_findings(mission, aircraft, places.home)

@@ -1,9 +1,15 @@
 """Heights along every segment at its full length: ground and what stands on it, band, height above home."""
 
+from dataclasses import replace
+from itertools import pairwise
+
 import numpy as np
+import shapely
+import shapely.ops
 
 from uavcover.checking.findings import CheckFinding, joined
 from uavcover.checking.limits import Limits
+from uavcover.checking.places import OTHER_DATA
 from uavcover.checking.segments import FlownPath, Segment
 from uavcover.checking.world import World
 from uavcover.intake.surface_look import HIDES_M
@@ -18,7 +24,8 @@ _LANDED_M = 0.5
 def height_findings(path: FlownPath, world: World, limits: Limits) -> list[CheckFinding]:
     """Segments too near to the ground or in it, too high, or over unknown ground."""
     low, high, unknown, above_home = [], [], [], []
-    for segment in path.distinct:
+    for whole in path.distinct:
+        segment = _cut_at_doubts(whole, world)
         ranges = world.leg_height_ranges_m(segment.enu_m)
         if not np.isfinite(ranges).all():
             unknown.append(_unknown(segment, world, ranges))
@@ -30,7 +37,7 @@ def height_findings(path: FlownPath, world: World, limits: Limits) -> list[Check
         *_worst_of_each(low),
         *joined(high, lambda one: one.kind),
         *joined(above_home, lambda one: one.kind),
-        *joined(unknown, lambda one: one.kind),
+        *joined(unknown, lambda one: (one.kind, one.what)),
     ]
 
 
@@ -138,9 +145,43 @@ def _above_home(segment: Segment, world: World, limits: Limits) -> list[CheckFin
     ]
 
 
+def _cut_at_doubts(segment: Segment, world: World) -> Segment:
+    """The segment with more places, where it enters or leaves ground that is not believed: the rest is judged."""
+    line = segment.enu_m
+    doubtful = [shape.buffer(2.0 * world.ground.surface.step_m) for shape, _ in world.ground.left_out]
+    if not doubtful or not np.isfinite(line).all():
+        return segment
+    places = [line[:1]]
+    for begin, end in pairwise(line):
+        leg = shapely.LineString([begin[:2], end[:2]])
+        length_m = leg.length
+        cuts = [
+            leg.project(shapely.Point(corner)) / length_m
+            for shape in doubtful
+            if length_m > 0.0 and shape.intersects(leg)
+            for corner in shapely.get_coordinates(shape.intersection(leg))
+        ]
+        inner = np.array(sorted({cut for cut in cuts if 1e-6 < cut < 1.0 - 1e-6})).reshape(-1, 1)
+        places += [begin + inner * (end - begin), end[None, :]]
+    return replace(segment, enu_m=np.vstack(places))
+
+
 def _unknown(segment: Segment, world: World, ranges: FloatArray) -> CheckFinding:
     piece = int(np.argmin(np.isfinite(ranges).all(axis=1)))
     place = segment.enu_m[piece]
+    leg = shapely.LineString(segment.enu_m[piece : piece + 2, :2])
+    reach_m = 2.0 * world.ground.surface.step_m
+    for shape, words in world.ground.left_out:
+        if np.isfinite(place).all() and shape.distance(leg) <= reach_m:
+            nearest = shapely.ops.nearest_points(leg, shape)[0]
+            at = np.array([nearest.x, nearest.y, place[2]])
+            return CheckFinding(
+                kind="suspect-ground",
+                weight="unknown",
+                items=segment.items,
+                what=f"the ground is not believed here: {words}",
+                do=OTHER_DATA,
+            ).at(world.geodetic(at))
     found = CheckFinding(
         kind="no-elevation",
         weight="unknown",

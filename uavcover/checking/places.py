@@ -14,8 +14,13 @@ from uavcover.model.vehicle import AutopilotName
 
 Heights = Callable[[FloatArray, FloatArray], FloatArray]
 """Heights of the ground above sea level at latitudes and longitudes, NaN where there is none."""
+Doubt = Callable[[float, float], str]
+"""Why the height at a latitude and longitude is not believed; empty where it is."""
 HOME_DIFFERENCE_M = 15.0
 """A planned home whose height differs from the ground by more is told: elevation models differ by less."""
+
+OTHER_DATA = "give other data, or mark its missing heights (gdal_edit.py -a_nodata); if it is right, --trust-dem"
+"""What to do about heights that do not look like ground."""
 
 _NEAR_DEG = 0.02
 
@@ -35,8 +40,18 @@ class MissionPlaces:
     findings: tuple[CheckFinding, ...]
 
 
+def believed(_lat_deg: float, _lon_deg: float) -> str:
+    """Every height is believed."""
+    return ""
+
+
 def places_of(
-    mission: Mission, heights: Heights, autopilot: AutopilotName, *, home: tuple[float, float] | None = None
+    mission: Mission,
+    heights: Heights,
+    autopilot: AutopilotName,
+    *,
+    home: tuple[float, float] | None = None,
+    doubt: Doubt = believed,
 ) -> MissionPlaces:
     """Look at home and at the places of the items.
 
@@ -45,6 +60,7 @@ def places_of(
         heights: of the ground.
         autopilot: PX4 flies to 0, 0; ArduPilot stays where it is.
         home: latitude and longitude of the take-off place; none: the mission's, or its first place.
+        doubt: why heights are missing that the elevation data has.
     """
     findings: list[CheckFinding] = []
     numbers = [
@@ -60,6 +76,14 @@ def places_of(
         )
         return MissionPlaces(None, frozenset(), tuple(findings))
     height = float(_heights(heights, np.array([at[0]]), np.array([at[1]]))[0])
+    if not math.isfinite(height) and (why := doubt(*at)):
+        findings.append(
+            CheckFinding(
+                kind="suspect-ground", weight="unknown", items=(0, 0), lat_deg=at[0], lon_deg=at[1],
+                what=f"home, from which heights count, is on {why}", do=OTHER_DATA,
+            )
+        )  # fmt: skip
+        return MissionPlaces(None, frozenset(), tuple(findings))
     if not math.isfinite(height):
         findings.append(_home_elsewhere(at, heights, known=bool(np.isfinite(ground).any())))
         return MissionPlaces(None, frozenset(), tuple(findings))

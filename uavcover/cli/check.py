@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from uavcover.cli import options
-from uavcover.cli.survey_options import At, Dsm
+from uavcover.cli.survey_options import At, Dsm, TrustDem
 from uavcover.cli.terrain_server import DemOptions
 
 if TYPE_CHECKING:
@@ -113,6 +113,7 @@ class AroundOptions:
     """What is around it."""
 
     dsm: Dsm = None
+    trust_dem: TrustDem = False
     fence: Annotated[
         Path | None,
         typer.Option(
@@ -291,7 +292,7 @@ def check(
         endurance_s=None if battery is None else time_s(battery, option="--battery", example="25min"),
         reserve_fraction=aircraft.reserve / 100.0, limits=limit.limits(),
         view=view.query(),
-        most_items=written.max_items,
+        most_items=written.max_items, trust_dem=around.trust_dem,
     )  # fmt: skip
     outcome = check_file(query, console)
     say_findings(outcome, console)

@@ -61,6 +61,13 @@ class Console:
         """A line that should not be missed; always on stderr."""
         self._write(sys.stderr, f"warning: {line}")
 
+    def agrees(self, question: str) -> bool:
+        """Ask on the terminal; no where there is none."""
+        if self.as_json or not sys.stdin.isatty():
+            return False
+        self._write(sys.stderr, f"{question} [y/N]")
+        return sys.stdin.readline().strip().lower() in ("y", "yes")
+
     def ring(self) -> None:
         """The terminal's bell; nothing where stderr is none."""
         if not sys.stderr.isatty():

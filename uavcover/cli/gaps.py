@@ -13,6 +13,7 @@ def gaps(
     run: Annotated[Path, typer.Argument(help="Run folder of a flight.")],
     *,
     logs: options.Logs = None,
+    system: options.LogSystem = None,
     accept_changed: options.AcceptChanged = None,
     target: Annotated[
         float | None,
@@ -46,7 +47,7 @@ def gaps(
     console = output.console()
     request = GapRequest(
         logs=logs or (), target=target, min_area_m2=min_area_m2, start=GapStart(start), force=force,
-        accepted=accept_changed or (),
+        accepted=accept_changed or (), system=system,
     )  # fmt: skip
     mission, document = close_gaps(RunFolder(run), console, request, command=sys.argv)
     if mission is not None:

@@ -93,6 +93,16 @@ Logs = Annotated[
         help="A flown track: .csv, .rrd, .bin, .tlog, .ulg or .gpx; can be given several times. Default: RUN/track.csv.",
     ),
 ]
+LogSystem = Annotated[
+    int | None,
+    typer.Option(
+        "--system",
+        help="Which vehicle is meant, where a .tlog has several; default: the only one.",
+        metavar="N",
+        min=1,
+        max=255,
+    ),
+]
 AcceptChanged = Annotated[
     list[str] | None,
     typer.Option(

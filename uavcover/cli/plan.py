@@ -161,9 +161,10 @@ def _site(source: str, survey: SurveyOptions, console: "Console", *, autopilot: 
     from uavcover.scenario.areas.area_file import is_area_file
 
     if not is_area_file(source):
-        if given := [option for option in survey.given() if option not in ("--no-fly", "--at")]:
+        if given := [option for option in survey.given() if option not in ("--no-fly", "--at", "--trust-dem")]:
             raise InputError(f"{source}: is a scenario; {', '.join(given)} go with an area, such as area.kml")
-        return _with_airspace(source, survey, console) if survey.no_fly or survey.at is not None else source
+        changed = survey.no_fly or survey.at is not None or survey.trust_dem
+        return _with_options(source, survey, console) if changed else source
     from uavcover.run.new import new_scenario, say_design, say_estimate
 
     new = new_scenario(survey.request(source, autopilot=autopilot), console, folder=Path())
@@ -172,12 +173,13 @@ def _site(source: str, survey: SurveyOptions, console: "Console", *, autopilot: 
     return new.site
 
 
-def _with_airspace(source: str, survey: SurveyOptions, console: "Console") -> "Site":
-    """The scenario on its ground, with the zones of more files and another time of flight."""
+def _with_options(source: str, survey: SurveyOptions, console: "Console") -> "Site":
+    """The scenario on its ground, with the zones of more files, another time of flight, and its heights confirmed."""
     from dataclasses import replace
 
     from uavcover.intake.quantities import flight_window
     from uavcover.intake.scenario_text import NO_FLY_MARGIN_M
+    from uavcover.model.terrain import RasterTerrain
     from uavcover.scenario.scenario_file import load_scenario, with_no_fly
     from uavcover.scenario.site import load_site
 
@@ -188,4 +190,6 @@ def _with_airspace(source: str, survey: SurveyOptions, console: "Console") -> "S
         console.say(f"--no-fly: {len(more.no_fly) - len(scenario.no_fly)} zones of {', '.join(files)} nearby")
     if survey.at is not None:
         more = replace(more, flight_window_utc=flight_window(survey.at, option="--at"))
+    if survey.trust_dem and isinstance(more.terrain, RasterTerrain):
+        more = replace(more, terrain=replace(more.terrain, trust_heights=True))
     return load_site(more)

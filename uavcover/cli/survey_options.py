@@ -46,6 +46,21 @@ At = Annotated[
         metavar="TIME",
     ),
 ]
+WaterHeight = Annotated[
+    str | None,
+    typer.Option(
+        "--water-height",
+        help="Open water where the elevation data has no heights, at this height above sea level, such as 0m.",
+        metavar="HEIGHT",
+    ),
+]
+TrustDem = Annotated[
+    bool,
+    typer.Option(
+        "--trust-dem",
+        help="Take heights as they are where they look like a filled void, a warp's collar, a spike or a step between tiles.",
+    ),
+]
 Band = Annotated[
     str | None, typer.Option("--band", help="Number or name of the elevation data's band; default: the first.")
 ]
@@ -97,10 +112,12 @@ class SurveyOptions:
     dem_crs: DemCrs = None
     height_unit: HeightUnit = None
     band: Band = None
+    trust_dem: TrustDem = False
     fill_lakes: Annotated[
         str | None,
         typer.Option("--fill-lakes", help="Interpolate gaps of the elevation data up to this long.", metavar="LENGTH"),
     ] = None
+    water_height: WaterHeight = None
     no_fly: Annotated[
         list[str] | None,
         typer.Option(
@@ -164,6 +181,7 @@ class SurveyOptions:
             vehicle=self.vehicle, home=self.home, max_height=self.max_height, speed=self.speed, margin=self.margin,
             mount=self.mount, vertical_datum=self.vertical_datum, autopilot=autopilot,
             dem_crs=self.dem_crs, height_unit=self.height_unit, band=self.band, fill_lakes=self.fill_lakes,
+            water_height=self.water_height,
             no_fly=tuple(self.no_fly or ()), at=self.at, pattern=self.pattern,
-            dsm=tuple(self.dsm or ()),
+            dsm=tuple(self.dsm or ()), trust_dem=self.trust_dem,
         )  # fmt: skip

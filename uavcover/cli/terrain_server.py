@@ -4,7 +4,7 @@ from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING
 
 from uavcover.cli import options
-from uavcover.cli.survey_options import Band, Dem, DemCrs, HeightUnit, VerticalDatum
+from uavcover.cli.survey_options import Band, Dem, DemCrs, HeightUnit, VerticalDatum, WaterHeight
 
 if TYPE_CHECKING:
     from uavcover.run.vehicle_terrain import ElevationData
@@ -19,6 +19,7 @@ class DemOptions:
     dem_crs: DemCrs = None
     height_unit: HeightUnit = None
     band: Band = None
+    water_height: WaterHeight = None
 
     def data(self) -> "ElevationData":
         """What was named."""
@@ -30,6 +31,7 @@ class DemOptions:
             crs=self.dem_crs,
             height_unit=self.height_unit,
             band=self.band,
+            water_height=self.water_height,
         )
 
 

@@ -20,6 +20,7 @@ def verify(
     ] = None,
     *,
     logs: options.Logs = None,
+    system: options.LogSystem = None,
     photos: Annotated[
         list[Path] | None,
         typer.Option(
@@ -65,7 +66,7 @@ def verify(
             raise InputError(f"verify: {given[0]} goes with --area, for a flight without a run folder; {run} says it")
         if out is not None:
             raise InputError("verify: -o goes with --area; the verdict on a run is kept in its folder")
-    evidence = evidence_of([*([run] if area and run else []), *(logs or [])], photos or [])
+    evidence = evidence_of([*([run] if area and run else []), *(logs or [])], photos or [], system=system)
     request = PhotoRequest(
         photos=evidence.photos, area=None if area is None else survey.request(area, autopilot=None), scenario=None,
         assumed=belief.assumed(), takeoff=belief.place(), coverage=None, mount_known=area is None or survey.mount is not None,
@@ -95,11 +96,23 @@ def verify(
         report = verify_evidence(folder, evidence, request, console, command=sys.argv, accepted=accept_changed or ())
     elif area is not None:
         _, report = verify_run(
-            folder, console, command=sys.argv, logs=evidence.logs, pictures=NO_PICTURES, scheduler=scheduler
+            folder,
+            console,
+            command=sys.argv,
+            logs=evidence.logs,
+            pictures=NO_PICTURES,
+            scheduler=scheduler,
+            system=system,
         )
     else:
         _, report = verify_run(
-            folder, console, command=sys.argv, logs=evidence.logs, accepted=accept_changed or (), scheduler=scheduler
+            folder,
+            console,
+            command=sys.argv,
+            logs=evidence.logs,
+            accepted=accept_changed or (),
+            scheduler=scheduler,
+            system=system,
         )
         console.suggest(to_paste("report", run), *([to_paste("gaps", run)] if report["gaps"] else []))
     console.result(report)

@@ -39,6 +39,23 @@ def length_m(text: str, *, option: str, example: str) -> float:
     return _quantity(text, _LENGTHS, option=option, example=example)
 
 
+def water_height_m(text: str | None) -> float | None:
+    """A height of water above sea level such as ``0m`` or ``-430m``, in metres; the unit is needed.
+
+    Raises:
+        InputError: it is none, or no height on Earth.
+    """
+    if text is None:
+        return None
+    match = _NUMBER.fullmatch(text)
+    if match is None or match[2].lower() not in _LENGTHS:
+        raise InputError(f"--water-height: {text!r} is not a height with its unit; write it as 0m")
+    height_m = float(match[1]) * _LENGTHS[match[2].lower()]
+    if not -500.0 <= height_m <= 9000.0:
+        raise InputError(f"--water-height: {height_m:g} m is outside -500 to 9,000 m above sea level")
+    return height_m
+
+
 def memory_bytes(text: str, *, option: str) -> int:
     """A size of memory such as ``4GiB`` in bytes; the unit is needed.
 

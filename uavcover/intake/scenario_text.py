@@ -46,6 +46,7 @@ class SurveyScenario:
         view: what this flight of a pattern looks at.
         surface_files: a surface model: files, folders or patterns.
         surface: what was seen of it; none without one.
+        trust_heights: whether the user confirmed heights that do not look like ground.
         keeps_overlap: share of the ground on which plain lines keep the overlap asked for, which is then required; none where
             they do not.
     """
@@ -69,6 +70,7 @@ class SurveyScenario:
     view: View = SINGLE
     surface_files: tuple[str, ...] = ()
     surface: SurfaceLook | None = None
+    trust_heights: bool = False
     keeps_overlap: float | None = None
 
 
@@ -183,6 +185,10 @@ def _terrain(scenario: SurveyScenario, folder: Path) -> list[str]:
         lines.append(
             _line("fill_no_data_m", source.fill_no_data_m, "gaps up to this long are interpolated from their rim")
         )
+    if source.water_height_m is not None:
+        lines.append(_line("water_height_m", source.water_height_m, "open water wherever the files have no height"))
+    if scenario.trust_heights:
+        lines.append(_line("trust_heights", True, "heights that do not look like ground were confirmed"))
     if scenario.surface is not None:
         lines += _surface(scenario.surface, _files(scenario.surface_files, folder))
     return lines

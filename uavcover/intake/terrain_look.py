@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import rasterio.errors
@@ -125,7 +125,8 @@ def _gaps_in_holes_m(
                 lat, lon, _ = frame.geodetic_from_enu([[easts[column], norths[row], 0.0]])
                 raise InputError(
                     f"{where}: no elevation in {file} at latitude {lat[0]:.5f}, longitude {lon[0]:.5f}, inside the area; "
-                    f"--fill-lakes {length_m:g}m interpolates the gap; or cut it out of the area, or give other data"
+                    f"--fill-lakes {length_m:g}m interpolates the gap, --water-height 0m takes it for the sea; or cut it out "
+                    "of the area, or give other data"
                 )
         else:
             largest_m = max(largest_m, length_m)
@@ -159,6 +160,7 @@ def place_for_home(
     Raises:
         InputError: there is no known ground at its edge, or all of it is to be avoided.
     """
+    file = replace(file, water_height_m=None)  # nobody takes off from open water
     rings = [part.exterior for part in shapely.get_parts(look.area)]
     step_m = max(5.0, sum(ring.length for ring in rings) / _EDGE_STEPS)
     places = np.vstack([shapely.get_coordinates(shapely.segmentize(ring, step_m)) for ring in rings])
@@ -272,7 +274,8 @@ def _require_ground(
     at = int(np.argmin(known))
     raise InputError(
         f"{where}: reaches beyond the elevation data {file} at latitude {lats[at]:.5f}, longitude {lons[at]:.5f}; "
-        "give data that covers it (several tiles as one: gdalbuildvrt), or a smaller area"
+        "give data that covers it (several tiles as one: gdalbuildvrt), or a smaller area; "
+        "if it is open water, --water-height 0m gives its height above sea level"
     )
 
 

@@ -11,7 +11,7 @@ from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.coverage import picture_places
 from uavcover.model.track import Track
 from uavcover.scenario.site import Site
-from uavcover.sensing.sensors import camera_turn, sight_of, trigger_distance_m, turns_with_legs
+from uavcover.sensing.sensors import camera_turn, sample_spacing_m, sight_of, trigger_distance_m, turns_with_legs
 
 _LARGEST_TURN_DEG = 2.0
 """Between two observations. At 60 degrees a second ten samples a second are 6 degrees apart, and the corners of what a camera
@@ -79,7 +79,7 @@ def observations_of(
         trigger_m = trigger_distance_m(site.scenario)
         if trigger_m is None:
             turns_deg = _turns_deg(track) if turns_with_legs(sight_of(sensor)) else None
-            parts = [_between(run, enu_m, sensor.sample_spacing_m, turns_deg) for run in runs]
+            parts = [_between(run, enu_m, sample_spacing_m(site.scenario), turns_deg) for run in runs]
         else:
             parts = [_pictures(run, enu_m, trigger_m) for run in runs]
         before = np.concatenate([part[0] for part in parts]) if parts else np.empty(0, dtype=np.int64)
@@ -104,7 +104,7 @@ def observations_of(
 def level_observations(site: Site, path_m: FloatArray, time_s: float) -> Observations:
     """Possible observations along a path without samples, as if it had been flown level; pictures may be anywhere on it."""
     sensor = site.scenario.sensor
-    share = _between(np.arange(len(path_m)), path_m, sensor.sample_spacing_m)
+    share = _between(np.arange(len(path_m)), path_m, sample_spacing_m(site.scenario))
     before, part = share
     after = np.minimum(before + 1, len(path_m) - 1)
     places = path_m[before] + part[:, None] * (path_m[after] - path_m[before])

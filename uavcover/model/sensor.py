@@ -19,7 +19,8 @@ class SphereSensor:
         range_m: largest distance from the sensor to the centre of a cell.
         sensing: whether it observes only at the waypoints (the paper) or along the path.
         line_of_sight: "ray" against the whole surface, or "midpoint", the paper's Eq. 5.
-        sample_spacing_m: distance between observations along the path.
+        sample_spacing_m: distance between observations along the path; default: a sixth of what is seen across the path, 10 m at
+            most.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -28,10 +29,11 @@ class SphereSensor:
     range_m: float
     sensing: Sensing = "at-waypoints"
     line_of_sight: LineOfSight = "ray"
-    sample_spacing_m: float = 10.0
+    sample_spacing_m: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(range_m=self.range_m, sample_spacing_m=self.sample_spacing_m)
+        require_positive(range_m=self.range_m)
+        _require_spacing(self.sample_spacing_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +44,8 @@ class DiscSensor:
         kind: name of this sensor in a scenario.
         radius_m: largest horizontal distance.
         sensing: at waypoints or along the path.
-        sample_spacing_m: distance between observations along the path.
+        sample_spacing_m: distance between observations along the path; default: a sixth of what is seen across the path, 10 m at
+            most.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -50,10 +53,11 @@ class DiscSensor:
     kind: Literal["disc"]
     radius_m: float
     sensing: Sensing = "at-waypoints"
-    sample_spacing_m: float = 10.0
+    sample_spacing_m: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(radius_m=self.radius_m, sample_spacing_m=self.sample_spacing_m)
+        require_positive(radius_m=self.radius_m)
+        _require_spacing(self.sample_spacing_m)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +73,8 @@ class NadirCamera:
         max_incidence_deg: largest angle between the ray and the normal of the ground.
         sensing: at waypoints or along the path.
         line_of_sight: "ray" or "midpoint".
-        sample_spacing_m: distance between observations along the path.
+        sample_spacing_m: distance between observations along the path; default: a sixth of what is seen across the path, 10 m at
+            most.
         mount: "fixed" to the vehicle, whose roll and pitch it shares, or "stabilised" by a gimbal that keeps it level.
         pixels_across: pixels along the diameter of the field of view, for ground sample distances; none: unknown.
         max_ground_sample_m: largest ground sample distance; none: any.
@@ -83,13 +88,14 @@ class NadirCamera:
     max_incidence_deg: float = 75.0
     sensing: Sensing = "along-path"
     line_of_sight: LineOfSight = "ray"
-    sample_spacing_m: float = 10.0
+    sample_spacing_m: float | None = None
     mount: Mount = "fixed"
     pixels_across: int | None = None
     max_ground_sample_m: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(range_m=self.range_m, sample_spacing_m=self.sample_spacing_m)
+        require_positive(range_m=self.range_m)
+        _require_spacing(self.sample_spacing_m)
         _require_angle("fov_deg", self.fov_deg)
         _require_incidence(self.max_incidence_deg)
         _require_pixels(self.pixels_across, self.max_ground_sample_m)
@@ -112,7 +118,8 @@ class FrameCamera:
         max_incidence_deg: largest angle between the ray and the normal of the ground.
         sensing: at waypoints, which requires a heading, or along the path.
         line_of_sight: "ray" or "midpoint".
-        sample_spacing_m: distance between observations along the path, unless pictures are taken by distance.
+        sample_spacing_m: distance between observations along the path, unless pictures are taken by distance; default: a sixth of
+            what is seen across or along it, the shorter, 10 m at most.
         mount: "fixed" to the vehicle, whose roll and pitch it shares, or "stabilised" by a gimbal that keeps it level.
         pixels_across: pixels from the left to the right side of the picture, for ground sample distances; none: unknown.
         max_ground_sample_m: largest ground sample distance; none: any.
@@ -134,7 +141,7 @@ class FrameCamera:
     max_incidence_deg: float = 75.0
     sensing: Sensing = "along-path"
     line_of_sight: LineOfSight = "ray"
-    sample_spacing_m: float = 10.0
+    sample_spacing_m: float | None = None
     mount: Mount = "fixed"
     pixels_across: int | None = None
     max_ground_sample_m: float | None = None
@@ -143,7 +150,8 @@ class FrameCamera:
     trigger_distance_m: float | None = None
 
     def __post_init__(self) -> None:
-        require_positive(range_m=self.range_m, sample_spacing_m=self.sample_spacing_m)
+        require_positive(range_m=self.range_m)
+        _require_spacing(self.sample_spacing_m)
         _require_angle("fov_across_deg", self.fov_across_deg)
         _require_angle("fov_along_deg", self.fov_along_deg)
         require(
@@ -179,6 +187,11 @@ class FrameCamera:
                 value is None or self.sensing == "along-path",
                 f'{key}: pictures by distance go with sensing = "along-path"',
             )
+
+
+def _require_spacing(sample_spacing_m: float | None) -> None:
+    if sample_spacing_m is not None:
+        require_positive(sample_spacing_m=sample_spacing_m)
 
 
 def _require_angle(key: str, angle_deg: float) -> None:

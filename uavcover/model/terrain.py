@@ -23,6 +23,10 @@ class RasterTerrain:
         band: number or name of the band with the heights; default: the first.
         height_unit: unit of the heights, where the file does not say; default: metres, or what the file says.
         fill_no_data_m: gaps without data up to this long, such as lakes, are closed by interpolation from their rim.
+        water_height_m: height of open water above sea level: wherever there is no data, also around the files, is water of this
+            height; default: such places have no height.
+        trust_heights: whether heights are taken as they are where they look like a filled void, a warp's collar, a spike or a
+            step between tiles; without it such places stop planning.
         grid_step_m: step of a square grid to resample the data to; default: none, the ground keeps the file's pixels.
         surface_file: a surface model, with trees and roofs, of the same place; named as ``file`` is. Flights keep their heights
             above the higher of the two, and what it covers is hidden; ``file`` is the ground that is looked at.
@@ -43,6 +47,8 @@ class RasterTerrain:
     band: int | str | None = None
     height_unit: HeightUnit | None = None
     fill_no_data_m: float = 0.0
+    water_height_m: float | None = None
+    trust_heights: bool = False
     grid_step_m: float | None = None
     surface_file: str | tuple[str, ...] | None = None
     surface_vertical_datum: VerticalDatum | None = None
@@ -67,6 +73,14 @@ class RasterTerrain:
         require(
             self.fill_no_data_m == 0.0 or self.grid_step_m is None,
             "fill_no_data_m: goes with the file's own pixels; leave grid_step_m out",
+        )
+        require(
+            self.water_height_m is None or self.fill_no_data_m == 0.0,
+            "water_height_m: makes water of all gaps, and fill_no_data_m ground; give one of the two",
+        )
+        require(
+            self.water_height_m is None or -500.0 <= self.water_height_m <= 9000.0,
+            f"water_height_m: {self.water_height_m} is outside -500..9000 m",
         )
         if self.grid_step_m is not None:
             require_positive(grid_step_m=self.grid_step_m)

@@ -90,6 +90,8 @@ class Track:
         pictures_taken: (n,) see :class:`TrackSample`; default: unknown everywhere.
         unix_time_s: (n,) likewise.
         received_utc_s: (n,) likewise.
+        ranged: (r, 3) latitude, longitude and height above sea level of the ground as a rangefinder that looks down measured it.
+        stored: (s, 3) the same as the vehicle's own terrain data has it.
     """
 
     time_s: FloatArray
@@ -101,6 +103,8 @@ class Track:
     pictures_taken: FloatArray = field(default_factory=lambda: np.empty(0))
     unix_time_s: FloatArray = field(default_factory=lambda: np.empty(0))
     received_utc_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    ranged: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    stored: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
     def __post_init__(self) -> None:
         for name in OPTIONAL_COLUMNS:
@@ -131,6 +135,8 @@ class Track:
             pictures_taken=self.pictures_taken[samples].copy(),
             unix_time_s=self.unix_time_s[samples].copy(),
             received_utc_s=self.received_utc_s[samples].copy(),
+            ranged=self.ranged.copy(),
+            stored=self.stored.copy(),
         )
 
 

@@ -1,6 +1,5 @@
 """Verifying any flight by whatever is left of it: its log, its pictures, or both, with or without a run folder."""
 
-import csv
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 import numpy as np
 import shapely
 
+from mission_io.formats.dialects import header_of
 from uavcover.errors import InputError
 from uavcover.intake.quantities import length_m
 from uavcover.judging.photos.evidence import PictureEvidence
@@ -49,16 +49,18 @@ class Evidence:
     Attributes:
         logs: flown tracks.
         photos: pictures, folders and lists of them.
+        system: the vehicle of telemetry logs that have several; none: the only one.
     """
 
     logs: tuple[Path, ...]
     photos: tuple[Path, ...]
+    system: int | None = None
 
 
-def evidence_of(logs: Sequence[Path], photos: Sequence[Path]) -> Evidence:
+def evidence_of(logs: Sequence[Path], photos: Sequence[Path], *, system: int | None = None) -> Evidence:
     """Tell tracks from pictures among what was given as logs; what was given as pictures stays so."""
     seen = [path for path in logs if _is_of_pictures(path)]
-    return Evidence(tuple(path for path in logs if path not in seen), (*seen, *photos))
+    return Evidence(tuple(path for path in logs if path not in seen), (*seen, *photos), system)
 
 
 def _is_of_pictures(path: Path) -> bool:
@@ -82,9 +84,9 @@ def _is_track(path: Path) -> bool:
     """Whether a table is a flown track: it has a time in each row and no names."""
     if not path.is_file():
         return True
-    with path.open(encoding="utf-8-sig", errors="replace", newline="") as file:
-        columns = next(csv.reader([file.readline(10_000)], delimiter=","), [])
-    return "time_s" in [column.strip() for column in columns]
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        first = "".join(file.readline(10_000) for _ in range(2))
+    return "time_s" in header_of(first)
 
 
 def verify_evidence(
@@ -123,7 +125,9 @@ def verify_evidence(
         )
         return document
     pictures = JudgedPictures(evidence_for_flight(verdict), document)
-    _, whole = verify_run(run, user, command=command, logs=evidence.logs, accepted=accepted, pictures=pictures)
+    _, whole = verify_run(
+        run, user, command=command, logs=evidence.logs, accepted=accepted, pictures=pictures, system=evidence.system
+    )
     return whole
 
 
@@ -203,10 +207,13 @@ def run_of_flight(
     found = read_pictures(evidence.photos).pictures if evidence.photos else ()
 
     def heights_m(site: Site) -> FloatArray:
-        heights = np.concatenate([site.ground.heights_agl_m(_places_m(log, site)) for log in evidence.logs])
+        heights = np.concatenate(
+            [site.ground.heights_agl_m(_places_m(log, site, evidence.system)) for log in evidence.logs]
+        )
         if np.isnan(heights).all():
             raise InputError(
-                f"{evidence.logs[0]}: was flown outside the elevation data, {_away_km(evidence.logs[0], site):.0f} km from the "
+                f"{evidence.logs[0]}: was flown outside the elevation data, "
+                f"{_away_km(evidence.logs[0], site, evidence.system):.0f} km from the "
                 "area; are latitude and longitude swapped, or is it another area?"
             )
         flying: FloatArray = heights[heights > _IN_FLIGHT_M]
@@ -220,7 +227,7 @@ def run_of_flight(
     with out.reserved(("scenario.toml", "run.json"), force=force):
         site = survey_as_flown(
             area, found, lambda site: float(np.median(heights_m(site))), user, out=out,
-            take_off=lambda site: _take_off(evidence.logs[0], site),
+            take_off=lambda site: _take_off(evidence.logs[0], site, evidence.system),
         ).site  # fmt: skip
         ceiling_m = None
         if area.max_height is not None:
@@ -268,14 +275,14 @@ def _record(out: RunFolder, logs: Sequence[Path], command: Sequence[str]) -> Non
     out.write_json("run.json", with_entry(start, "verify", command=command, inputs=inputs, wrote=wrote))
 
 
-def _places_m(log: Path, site: Site) -> FloatArray:
-    return track_positions_m(site, read_log(log, site).track)
+def _places_m(log: Path, site: Site, system: int | None) -> FloatArray:
+    return track_positions_m(site, read_log(log, site, system=system).track)
 
 
-def _away_km(log: Path, site: Site) -> float:
-    return float(shapely.distance(site.area, shapely.points(_places_m(log, site)[:, :2])).min()) / 1000.0
+def _away_km(log: Path, site: Site, system: int | None) -> float:
+    return float(shapely.distance(site.area, shapely.points(_places_m(log, site, system)[:, :2])).min()) / 1000.0
 
 
-def _take_off(log: Path, site: Site) -> str:
-    lat_deg, lon_deg = read_log(log, site).track.geodetic[0, :2]
+def _take_off(log: Path, site: Site, system: int | None) -> str:
+    lat_deg, lon_deg = read_log(log, site, system=system).track.geodetic[0, :2]
     return f"{lat_deg:.8f},{lon_deg:.8f}"

@@ -1,5 +1,6 @@
 """The workflow of ``uavcover check``: somebody's mission file and elevation data in, findings out."""
 
+import contextlib
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -9,10 +10,12 @@ from types import MappingProxyType
 from mission_io.autopilots.vehicle_types import VehicleKind, kind_of
 from mission_io.errors import FormatError
 from mission_io.formats import files, litchi, plan, wpml
+from mission_io.formats.dialects import words_of
 from mission_io.formats.text import text_from_bytes
 from mission_io.model.areas import Fence, FramedPoint
 from mission_io.model.enums import AutopilotId
 from mission_io.model.items import Command, Mission
+from mission_io.model.places import doubts_about_fence
 from uavcover.checking.aircraft import BANK_DEG, KINDS, Aircraft, Kind, default_aircraft, radius_of_bank_m
 from uavcover.checking.check import Bounds, Checked, CheckRequest, check_mission
 from uavcover.checking.fences import FenceSource
@@ -75,6 +78,7 @@ class CheckQuery:
         view: what should be seen; none: nobody asks.
         obstacles: file of obstacles with heights.
         most_items: that the vehicle or its controller takes; none: not judged.
+        trust_dem: whether heights are taken as they are where they do not look like ground.
     """
 
     file: Path
@@ -99,6 +103,7 @@ class CheckQuery:
     view: ViewQuery | None = None
     obstacles: Path | None = None
     most_items: int | None = None
+    trust_dem: bool = False
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -164,11 +169,14 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         user.say(
             f"point 1 of {query.file} is item {read.points[0]}, the last one, {len(read.points)}, item {read.points[-1]}"
         )
+    if read.fence is not None:
+        for doubt in doubts_about_fence(read.fence):
+            user.warn(f"{query.file}: doubtful: {doubt}")
     if not read.mission.items:
         raise InputError(f"{query.file}: the mission has no items; give a file that flies somewhere")
     aircraft = aircraft_of(query, read)
     home = read.home if query.home is None else query.home
-    elevation = open_check_elevation(query.elevation, query.surface, read.mission, home, user)
+    elevation = open_check_elevation(query.elevation, query.surface, read.mission, home, user, trusted=query.trust_dem)
     request = CheckRequest(
         mission=read.mission, aircraft=aircraft, limits=query.limits, home=home, pilot=query.pilot,
         fence=_read_fence(query.fence) if query.fence is not None else read.fence,
@@ -199,7 +207,9 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         return counting
 
     surface = None if elevation.over is None else elevation.read_surface
-    checked = check_mission(request, elevation.heights_amsl_m, elevation.read_ground, zones, surface)
+    checked = check_mission(
+        request, elevation.heights_amsl_m, elevation.read_ground, zones, surface, doubt=elevation.doubt
+    )
     checked = checked.with_findings(_too_many(query, read))
     if query.view is None:
         return CheckOutcome(checked, aircraft)
@@ -396,10 +406,14 @@ def read_parameter_file(path: Path) -> dict[str, float]:
         raise InputError(f"--parameters: {path}: no such file; give a file of parameters as a ground station saves it")
     found: dict[str, float] = {}
     for number, line in enumerate(text_from_bytes(path.read_bytes()).text.splitlines(), 1):
-        words = line.split("#")[0].replace(",", " ").split()
-        if not words:
+        content = line.split("#")[0].strip()
+        if not content:
             continue
-        name, value = (words[2], words[3]) if len(words) == 5 else (words[0], words[1] if len(words) == 2 else "")
+        words: tuple[str, ...] = ()
+        for count in (2, 5):
+            with contextlib.suppress(FormatError):
+                words = words or words_of(content, count).words
+        name, value = (words[2], words[3]) if len(words) == 5 else words if len(words) == 2 else ("", "")
         try:
             found[name] = float(value)
         except ValueError:

@@ -66,7 +66,7 @@ def say_findings(outcome: CheckOutcome, user: User) -> None:
     """Tell the outcome: one row for each finding and what to do about it below, then the figures."""
     checked = outcome.checked
     if checked.findings:
-        user.say(f"{'':8}{'what':14}{'items':10}{'latitude, longitude':26}{'by':>9}")
+        user.say(f"{'':8}{'what':15}{'items':10}{'latitude, longitude':26}{'by':>9}")
     for one in checked.findings:
         items = (
             ""
@@ -77,7 +77,7 @@ def say_findings(outcome: CheckOutcome, user: User) -> None:
         )
         place = "" if one.lat_deg is None or one.lon_deg is None else f"{one.lat_deg:.6f}, {one.lon_deg:.6f}"
         by = "" if not one.unit else f"{one.by:.1f} {one.unit}" if one.by < 1000.0 else f"{one.by:.0f} {one.unit}"
-        user.say(f"{one.weight:8}{one.kind:14}{items:10}{place:26}{by:>9}".rstrip())
+        user.say(f"{one.weight:8}{one.kind:15}{items:10}{place:26}{by:>9}".rstrip())
         user.say(f"{'':8}{one.what}")
         user.say(f"{'':8}-> {one.do}")
     figures = figures_of(checked)

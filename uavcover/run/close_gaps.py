@@ -56,6 +56,7 @@ class GapRequest:
         start: where the mission begins.
         force: whether an older gap mission, and its flight, may be replaced.
         accepted: changes since planning that are accepted.
+        system: the vehicle of telemetry logs that have several; none: the only one.
     """
 
     logs: Sequence[Path] = ()
@@ -64,6 +65,7 @@ class GapRequest:
     start: GapStart = GapStart.HOME
     force: bool = False
     accepted: Sequence[str] = ()
+    system: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -106,7 +108,7 @@ def close_gaps(
     run.existing("scenario.toml", made_by="uavcover plan")
     judged = list(request.logs) or logs_of_the_verdict(run)
     run.remove(GAP_FILES)
-    site, verdict, sources, inputs = judge_run(run, user, logs=judged, accepted=request.accepted)
+    site, verdict, sources, inputs = judge_run(run, user, logs=judged, accepted=request.accepted, system=request.system)
     report = verdict.report
     say_inputs(user, inputs)
     _say_gaps(user, report)
@@ -128,7 +130,7 @@ def close_gaps(
         return None, document
     with user.progress("planning the gap mission"):
         own_logs = list(request.logs) or flown_tracks(run)
-        in_the_air = read_log(own_logs[-1], site).track if start is GapStart.LAST else None
+        in_the_air = read_log(own_logs[-1], site, system=request.system).track if start is GapStart.LAST else None
         first = vehicle_sites(site)[0] if own_sensors(site.scenario) else site
         mission = plan_gap_mission(first, verdict, min_area_m2=min_area_m2, target=target, in_the_air=in_the_air)
     whole_sha256 = None if first is site else sha256_of_content(dump_scenario(site.scenario))

@@ -114,6 +114,11 @@ class VehicleUser:
         """Tell something that must not be missed."""
         self._board.warn(f"vehicle {self._number}: {line}")
 
+    def agrees(self, question: str) -> bool:
+        """No: vehicles in flight do not wait for an answer."""
+        del question
+        return False
+
     def ring(self) -> None:
         """Draw attention."""
         self._board.ring()

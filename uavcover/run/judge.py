@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.errors import InputError
+from uavcover.judging.elevation_bias import elevation_biases, widened, with_measured_ground
 from uavcover.judging.flown_coverage import FlownCoverage, count_observations
 from uavcover.judging.gaps import REASONS, reason_codes
 from uavcover.judging.phases import PlannedRoute
@@ -45,8 +46,13 @@ LAYER_REASONS = ", ".join(f"{code} {reason}" for code, reason in enumerate(("see
 LOG_ENDINGS = (".csv", ".rrd", *READERS)
 
 
-def read_log(path: Path, site: Site) -> ReadTrack:
+def read_log(path: Path, site: Site, *, system: int | None = None) -> ReadTrack:
     """A flown track from a file, by its ending: uavcover's own (.csv, .rrd), or another program's.
+
+    Args:
+        path: the file.
+        site: in whose frame.
+        system: the vehicle of a telemetry log that has several; none: the only one.
 
     Raises:
         InputError: no such file, an ending that is not known, a file without a track; or a log of another program for a
@@ -69,7 +75,7 @@ def read_log(path: Path, site: Site) -> ReadTrack:
         )
     if site.frame is None:
         raise InputError(f"{path}: scenario {site.scenario.name} has no place on Earth, so this log has no place in it")
-    return read_foreign_log(path, site.frame)
+    return read_foreign_log(path, site.frame, system=system)
 
 
 def _of_its_standing(path: Path) -> list[str]:
@@ -149,13 +155,18 @@ def judge_tracks(
 ) -> Verdict:
     """The verdict on one or several tracks as one flight, each with the plan it followed, on the cells of the area.
 
-    ``sites`` are those of the vehicles that flew them, where these differ.
+    ``sites`` are those of the vehicles that flew them, where these differ. Ground that they measured in flight widens the
+    uncertainty of heights where it shows more than the scenario states.
     """
+    biases = elevation_biases(site, [track for track, _ in tracks])
+    site, found = widened(site, biases)
+    sites = None if sites is None else [widened(own, biases)[0] for own in sites]
     flown = [
         FlownTrack(track, planned, own)
         for (track, planned), own in zip(tracks, sites or [site] * len(tracks), strict=True)
     ]
-    return verify_flight(site, fleet_map(site), flown, evidence=evidence, count=count)
+    verdict = verify_flight(site, fleet_map(site), flown, evidence=evidence, count=count)
+    return replace(verdict, report=with_measured_ground(verdict.report, site.scenario.limits, biases, found))
 
 
 def save_verdict(
@@ -248,11 +259,13 @@ def verify_run(
     accepted: Sequence[str] = (),
     pictures: JudgedPictures = _NO_PICTURES,
     scheduler: str | None = None,
+    system: int | None = None,
 ) -> tuple[Verdict, dict[str, Any]]:
     """Verify the tracks of a run folder, write its files and say the verdict; returns it, and ``verification.json``.
 
     The verdict that is there, and what follows from it, is removed first: it would not be one of what is there now. Where
-    there are ``pictures`` that tell the coverage, it is theirs. With a ``scheduler`` its workers count what was seen.
+    there are ``pictures`` that tell the coverage, it is theirs. With a ``scheduler`` its workers count what was seen. ``system``
+    chooses the vehicle of telemetry logs that have several.
     """
     check_accepted(accepted)
     if not any(run.file(name).exists() for name in (*PLAN_FILES, "verification.json")):
@@ -260,7 +273,7 @@ def verify_run(
     with run.reserved((), force=True), counter_of(scheduler) as count:
         run.remove(VERDICT_FILES)
         site, verdict, sources, inputs = judge_run(
-            run, user, logs=logs, accepted=accepted, evidence=pictures.evidence, count=count
+            run, user, logs=logs, accepted=accepted, evidence=pictures.evidence, count=count, system=system
         )
         also: dict[str, Any] = {}
         if pictures.document is not None:
@@ -280,6 +293,7 @@ def judge_run(
     accepted: Sequence[str],
     evidence: PictureEvidence = NOTHING_KNOWN,
     count: CountObservations = count_observations,
+    system: int | None = None,
 ) -> tuple[Site, Verdict, list[str], JudgedInputs]:
     """The verdict on the logs of a run, by default its own track, the logs' names, and what was judged; nothing is written.
 
@@ -297,7 +311,7 @@ def judge_run(
     sites = [site_for(path, run, site) for path in paths]
     tracks: list[tuple[Track, PlannedRoute | None]] = []
     for path in paths:
-        loaded = read_log(path, site)
+        loaded = read_log(path, site, system=system)
         for warning in loaded.warnings:
             user.warn(warning)
         tracks.append((loaded.track, planned_for(path, run, loaded.track)))

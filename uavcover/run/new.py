@@ -38,6 +38,7 @@ from uavcover.run.new_elevation import (
     inside_data,
     over_lakes,
     surface_asked_for,
+    trust_asked_for,
 )
 from uavcover.run.user import User
 from uavcover.scenario.airspace.zone_file import read_zones
@@ -110,9 +111,16 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     wish = _wish(request)
     dem = ground_asked_for(request, area)
     look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=AROUND_M, datum=_wanted_datum(request))
+    if dem.water_height_m is not None:
+        user.warn(
+            f"--water-height: places without data in {dem.name}, and around it, count as open water "
+            f"{dem.water_height_m:g} m above sea level; missing land would too"
+        )
     closed = _closed_to_home(request, look, user)
     dem = over_lakes(dem, look, user)
     datum, stated = _datum(look, user)
+    around = look.area.convex_hull.buffer(AROUND_M)
+    trust = trust_asked_for(dem, datum, around, look.frame, user, trusted=request.trust_dem)
     surface = surface_asked_for(request, area, dem, look, datum)
     ask_about_surface(dem, user, beside_surface=surface is not None)
     ask_about_heights(dem, user, option="--dem")
@@ -137,7 +145,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
         return_height_m=return_height_m(highest_m, _home_height_m(dem, datum, home)), slope_deg=look.slope_deg,
         autopilot=autopilot_name(request.autopilot, (vehicle.autopilot if vehicle is not None else None) or "ardupilot"),
         mount=mount, no_fly=request.no_fly, flight_window_utc=_window_asked_for(request),
-        surface_files=request.dsm, surface=surface,
+        surface_files=request.dsm, surface=surface, trust_heights=trust,
     )  # fmt: skip
     if design.speed_reason:
         user.warn(f"speed {design.speed_m_s:g} m/s: {design.speed_reason}")

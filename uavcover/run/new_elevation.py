@@ -5,17 +5,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
+import shapely
+
 from uavcover.errors import InputError, TerrainError
 from uavcover.intake import quantities
 from uavcover.intake.elevation_words import bands_in_words, feet_in_words, shading_in_words, surface_in_words
 from uavcover.intake.surface_look import SurfaceLook, look_at_surface, read_as_needed
 from uavcover.intake.survey import SurveyDesign
 from uavcover.intake.terrain_look import TerrainLook, known_margin_m
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.terrain import HeightUnit
 from uavcover.run.user import User
+from uavcover.scenario.airspace.zones import Polygons
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.suspect_heights import suspect_places
 from uavcover.scenario.terrain_source import TerrainSource, find_tiles
 
+_MOST_SUSPECTS = 5
 AROUND_M = 200.0
 """Around the area the ground is looked at for the way home: the fence is 150 m outside."""
 
@@ -43,10 +51,12 @@ class NewRequest:
         height_unit: of the elevation data: "m", "dm", "cm", "ft" or "us-ft".
         band: its band, number or name.
         fill_lakes: gaps up to this long are interpolated, as "200m".
+        water_height: of open water above sea level, as "0m".
         no_fly: files of no-fly zones.
         at: when it is flown, as "2026-07-01T09:00Z/2h".
         pattern: "single", "crosshatch" or "oblique".
         dsm: a surface model: files, folders or patterns of tiles.
+        trust_dem: whether heights are taken as they are where they do not look like ground.
     """
 
     area: AreaQuery
@@ -67,10 +77,12 @@ class NewRequest:
     height_unit: str | None = None
     band: str | None = None
     fill_lakes: str | None = None
+    water_height: str | None = None
     no_fly: tuple[str, ...] = ()
     at: str | None = None
     pattern: str | None = None
     dsm: tuple[str, ...] = ()
+    trust_dem: bool = False
 
 
 def _files(names: tuple[str, ...], area: FoundArea, option: str) -> tuple[Path, ...]:
@@ -99,8 +111,9 @@ def surface_asked_for(
     if not request.dsm:
         return None
     source = TerrainSource(
-        _files(request.dsm, area, "--dsm"), fill_no_data_m=dem.fill_no_data_m, key="terrain.surface_file"
-    )
+        _files(request.dsm, area, "--dsm"), fill_no_data_m=dem.fill_no_data_m, water_height_m=dem.water_height_m,
+        key="terrain.surface_file",
+    )  # fmt: skip
     source = read_as_needed(source, crs=request.dem_crs, height_unit=dem.height_unit)
     return look_at_surface(source, dem, look, ground_datum=datum, around_m=AROUND_M)
 
@@ -112,9 +125,12 @@ def ground_asked_for(request: NewRequest, area: FoundArea) -> TerrainSource:
     if unit not in (None, *get_args(HeightUnit)):
         raise InputError(f"--height-unit: {request.height_unit!r} is not known; give m, dm, cm, ft or us-ft")
     filled_m = request.fill_lakes and quantities.length_m(request.fill_lakes, option="--fill-lakes", example="200m")
+    if request.water_height is not None and filled_m:
+        raise InputError("--water-height: makes water of all gaps, and --fill-lakes ground; give one of the two")
     return TerrainSource(
-        files, crs=request.dem_crs, band=request.band, height_unit=unit, fill_no_data_m=filled_m or 0.0
-    )
+        files, crs=request.dem_crs, band=request.band, height_unit=unit, fill_no_data_m=filled_m or 0.0,
+        water_height_m=quantities.water_height_m(request.water_height),
+    )  # fmt: skip
 
 
 def over_lakes(dem: TerrainSource, look: TerrainLook, user: User) -> TerrainSource:
@@ -138,6 +154,44 @@ def inside_data(design: SurveyDesign, dem: TerrainSource, look: TerrainLook, use
             f"(margin {margin_m:g} m instead of {design.margin_m:g} m)"
         )
     return replace(design, margin_m=float(margin_m))
+
+
+def trust_asked_for(
+    source: TerrainSource, datum: str, region: Polygons, frame: LocalFrame, user: User, *, trusted: bool
+) -> bool:
+    """Whether heights that do not look like ground are taken as they are; asks where there are any.
+
+    Args:
+        source: the elevation data of the ground.
+        datum: of its heights.
+        region: where flights may go, (east, north) metres.
+        frame: of the region.
+        user: is asked.
+        trusted: whether the answer was given: then nothing is looked at.
+
+    Raises:
+        InputError: there are such heights, and the user does not want them, or was not there to be asked.
+    """
+    if trusted:
+        return True
+    on_earth = shapely.transform(region, lambda p: _lon_lat_deg(p, frame))
+    found = suspect_places(source, datum, on_earth.bounds, on_earth)
+    if not found:
+        return False
+    for one in found[:_MOST_SUSPECTS]:
+        user.warn(f"{source.name} has {one.words}")
+    if user.agrees("is the ground really like that?"):
+        return True
+    more = f" and {len(found) - 1} more places like it" if len(found) > 1 else ""
+    raise InputError(
+        f"{source}: has {found[0].words}{more}; give other data, or mark its missing heights (gdal_edit.py -a_nodata); if the "
+        "ground is like that, give --trust-dem (terrain.trust_heights = true)"
+    )
+
+
+def _lon_lat_deg(east_north_m: FloatArray, frame: LocalFrame) -> FloatArray:
+    lat, lon, _ = frame.geodetic_from_enu(np.column_stack([east_north_m, np.zeros(len(east_north_m))]))
+    return np.column_stack([frame.lon_deg + np.mod(lon - frame.lon_deg + 180.0, 360.0) - 180.0, lat])
 
 
 def ask_about_surface(dem: TerrainSource, user: User, *, beside_surface: bool) -> None:

@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from uavcover.errors import INTERRUPTED, InfeasibleError, InputError
 from uavcover.model.route import Plan, Route
+from uavcover.model.terrain import RasterTerrain
 from uavcover.model.vehicle import autopilot_name
 from uavcover.planning.fleet_parts import part_sites
 from uavcover.planning.planner import SearchProgress
@@ -22,6 +23,7 @@ from uavcover.run.fleet import fleet_document, say_fleet
 from uavcover.run.folder import OF_A_PLAN, PARTS, PLAN_FILES, RunFolder
 from uavcover.run.kept_parts import KeptParts
 from uavcover.run.mission import one_or_several
+from uavcover.run.new_elevation import trust_asked_for
 from uavcover.run.plan_files import save_plan
 from uavcover.run.plan_search import SearchRequest, plan
 from uavcover.run.plan_words import (
@@ -39,6 +41,7 @@ from uavcover.run.plan_words import (
     telling_bounds,
 )
 from uavcover.run.user import ProgressBar, StopRequests, User
+from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicle_parts import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
@@ -117,6 +120,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     for own in part_sites(site) if groups_of(site.scenario) else vehicle_sites(site):
         check_site(own)
     check_site(site)
+    _check_heights(site, user)
     name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
     run = RunFolder(request.folder)
     started = time.monotonic()
@@ -192,6 +196,19 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         "fleet": fleet,
     }
     return PlanOutcome(site, result, compiled, sorties, document, code)
+
+
+def _check_heights(site: Site, user: User) -> None:
+    """Ask about elevation data that does not look like ground where flights may go.
+
+    Raises:
+        InputError: there is some, and nobody confirmed it.
+    """
+    terrain = site.scenario.terrain
+    if isinstance(terrain, RasterTerrain) and site.frame is not None:
+        trust_asked_for(
+            terrain_source(terrain), terrain.vertical_datum, site.fence, site.frame, user, trusted=terrain.trust_heights
+        )
 
 
 def _made_small(site: Site) -> str | None:

@@ -48,6 +48,11 @@ def read_route_file(path: Path) -> PointRoute | None:
 def _read_kmz(path: Path) -> PointRoute:
     """A flight of DJI's, or a KMZ with a line."""
     flight = entry_of(path, wpml_reader.DOCUMENT)
+    if flight is None and entry_of(path, wpml_reader.TEMPLATE) is not None:
+        raise FormatError(
+            f"holds DJI's template ({wpml_reader.TEMPLATE}) and no {wpml_reader.DOCUMENT}, which is what aircraft fly",
+            advice="export the flight from DJI Pilot 2 or FlightHub, or give the area in it to new",
+        )  # fmt: skip
     if flight is not None:
         return wpml_reader.read_route(text_from_bytes(flight).text)
     return kml_route.read_route(text_from_bytes(kml_of(path)).text)

@@ -64,6 +64,10 @@ class User(Protocol):
         """Tell something that must not be missed."""
         ...
 
+    def agrees(self, question: str) -> bool:
+        """Ask something that only a person may answer with yes; without one the answer is no."""
+        ...
+
     def ring(self) -> None:
         """Draw attention, as a terminal's bell does."""
         ...
@@ -95,6 +99,11 @@ class Unattended:
     def warn(self, line: str) -> None:
         """Log at level WARNING."""
         self._log.warning(line)
+
+    def agrees(self, question: str) -> bool:
+        """No: nobody is there to answer."""
+        del question
+        return False
 
     def ring(self) -> None:
         """Nothing."""

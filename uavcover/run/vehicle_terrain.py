@@ -26,6 +26,7 @@ from mission_io.client.terrain import answer_terrain_requests
 from mission_io.formats.terrain_dat import dat_bytes, dat_name
 from mission_io.protocol.terrain import TerrainAnswers, TerrainCounts
 from uavcover.errors import InputError, OutputError, TerrainError
+from uavcover.intake.quantities import water_height_m
 from uavcover.intake.terrain_look import possible_datums
 from uavcover.model.terrain import HeightUnit, RasterTerrain
 from uavcover.run.file_group import write_file
@@ -55,6 +56,7 @@ class ElevationData:
         crs: coordinate system, where the files name none.
         height_unit: "m", "dm", "cm", "ft" or "us-ft", where the files do not say.
         band: number or name of the band with the heights.
+        water_height: of open water above sea level, as "0m"; None: places without data have no height.
         option: that names them, for errors.
     """
 
@@ -63,6 +65,7 @@ class ElevationData:
     crs: str | None = None
     height_unit: str | None = None
     band: str | None = None
+    water_height: str | None = None
     option: str = "--dem"
 
 
@@ -87,6 +90,7 @@ def open_elevation_data(data: ElevationData, *, around: Bounds | None = None) ->
         crs=data.crs,
         band=data.band,
         height_unit=unit,
+        water_height_m=water_height_m(data.water_height),
         key=data.option,
     )
     fitting = possible_datums(source)

@@ -89,7 +89,7 @@ class _Raster:
             min(self.dataset.width, int(column.max()) + 2) - first_column,
             min(self.dataset.height, int(row.max()) + 2) - first_row,
         )  # fmt: skip
-        pixels = self.read(window)
+        pixels = self.with_water(self.read(window))
         column, row = column - first_column, row - first_row
         j = np.minimum(column.astype(int), max(pixels.shape[1] - 2, 0))
         i = np.minimum(row.astype(int), max(pixels.shape[0] - 2, 0))
@@ -108,6 +108,11 @@ class _Raster:
             return self.sample_m(lat_deg, lon_deg)
         parts = [self.sample_scattered_m(lat_deg[part], lon_deg[part]) for part in (slice(half), slice(half, None))]
         return np.concatenate(parts)
+
+    def with_water(self, heights_m: FloatArray) -> FloatArray:
+        """Heights (rows, columns) with open water where there is no data, if there is any."""
+        water_m = self.path.water_height_m
+        return heights_m if water_m is None else np.where(np.isnan(heights_m), water_m, heights_m)
 
     def read(self, window: Window) -> FloatArray:
         """(rows, columns) heights above sea level, NaN where there is no data; by strips, so that little else is in memory."""
@@ -154,7 +159,12 @@ def _readable(path: TerrainSource) -> Iterator[None]:
 
 
 @contextmanager
-def _open(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_Raster]:
+def open_raster(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_Raster]:
+    """Open a file or tiles and check what they say of themselves.
+
+    Raises:
+        TerrainError: they cannot be used.
+    """
     path = as_source(source)
     if vertical_datum not in DATUMS:
         known = f"give {', '.join(DATUMS)}, or convert the file (gdalwarp with -t_srs EPSG:4326+5773)"
@@ -214,7 +224,7 @@ def read_height_amsl_m(path: Path | TerrainSource, vertical_datum: str, *, lat_d
     Raises:
         TerrainError: the file cannot be used, or has no data there.
     """
-    with _open(path, vertical_datum) as raster:
+    with open_raster(path, vertical_datum) as raster:
         height = float(raster.sample_m(np.array([lat_deg]), np.array([lon_deg]))[0])
         if not np.isfinite(height):
             raise TerrainError(f"{path}: no elevation at {lat_deg}, {lon_deg} ({_extent(raster)})")
@@ -229,7 +239,7 @@ def read_heights_amsl_m(
     Raises:
         TerrainError: the file cannot be used.
     """
-    with _open(path, vertical_datum) as raster:
+    with open_raster(path, vertical_datum) as raster:
         return raster.sample_scattered_m(lat_deg, lon_deg)
 
 
@@ -257,7 +267,7 @@ def read_ground(
         TerrainError: the file cannot be used, has too many pixels there, or cannot be represented in the local frame within
             ``MAX_ERROR_M``.
     """
-    with _open(path, vertical_datum) as raster:
+    with open_raster(path, vertical_datum) as raster:
         if grid_step_m is None:
             ground = _ground_of_pixels(raster, frame, bounds_m)
         else:
@@ -303,6 +313,7 @@ def _ground_of_pixels(raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> G
 
 def _filled(raster: _Raster, heights_m: FloatArray, frame: LocalFrame, first: NDArray[np.int64]) -> FloatArray:
     """Heights whose gaps are closed as far as the scenario asks for it; says so."""
+    heights_m = raster.with_water(heights_m)
     up_to_m = raster.path.fill_no_data_m
     if up_to_m == 0.0 or not np.isnan(heights_m).any():
         return heights_m

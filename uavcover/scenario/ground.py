@@ -1,9 +1,13 @@
 """The ground of a scenario: one surface in the local frame, used by every module."""
 
+import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import shapely
 from numpy.typing import ArrayLike
+from shapely.geometry.base import BaseGeometry
 
 from uavcover.errors import TerrainError
 from uavcover.kernels import surface as kernels
@@ -11,6 +15,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.grid import GridFrame, square_frame, steepest_of_finite, steepest_slope
 from uavcover.kernels.obstacles import roofs_m
 from uavcover.kernels.surface import GRID, SINE_COSINE, Surface
+from uavcover.scenario.pixel_frame import nodes_between, places_of_nodes_m
 
 
 @dataclass(frozen=True, eq=False)
@@ -23,6 +28,7 @@ class Ground:
         vertical_datum: reference of the source's heights.
         sha256: hash of the source file, empty for a computed surface.
         surface_sha256: hash of the surface model's file that lies over it, empty without one.
+        left_out: parts of the map whose heights were not believed, with the reason in words; there is no data there.
         error_m: largest measured difference between the surface and the file's own bilinear surface, metres; 0 for a computed
             surface.
         cut_error_m: largest difference between heights above ground along a leg and along the parts it is cut into.
@@ -35,6 +41,20 @@ class Ground:
     error_m: float = 0.0
     cut_error_m: float = 0.0
     surface_sha256: str = ""
+    left_out: tuple[tuple[BaseGeometry, str], ...] = ()
+
+    def without(self, parts: Sequence[tuple[BaseGeometry, str]]) -> "Ground":
+        """The same without the heights of parts of the map, (east, north) metres, each with its reason in words."""
+        grid, up = self.surface.grid, np.array(self.surface.up_m)
+        for shape, _ in parts:
+            columns, rows = (np.arange(*ends) for ends in nodes_between(grid, up, shape.bounds))
+            nodes = np.array([axis.ravel() for axis in np.meshgrid(columns, rows)], dtype=float).T.reshape(-1, 2)
+            if len(nodes):
+                places = places_of_nodes_m(grid, nodes, up[rows[:, None], columns].reshape(-1))
+                inside = shapely.intersects_xy(shape, places[:, 0], places[:, 1]).reshape(len(rows), len(columns))
+                up[rows[:, None], columns] = np.where(inside, np.nan, up[rows[:, None], columns])
+        up.flags.writeable = False
+        return dataclasses.replace(self, surface=self.surface._replace(up_m=up), left_out=tuple(parts))
 
     def heights_m(self, east_north_m: ArrayLike) -> FloatArray:
         """Up coordinates (n,) of the ground at (n, 2) positions, metres; NaN where there is no data."""

@@ -3,9 +3,7 @@
 Lines are checked against the prisms along their full length.
 """
 
-import csv
 import dataclasses
-import io
 import itertools
 import json
 import math
@@ -17,6 +15,9 @@ from typing import Any
 import numpy as np
 import shapely
 
+from mission_io.errors import FormatError
+from mission_io.formats.dialects import sniff
+from mission_io.formats.text import clean_text
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.kernels import obstacle_breach as kernels
 from uavcover.kernels.arrays import FloatArray
@@ -249,16 +250,25 @@ def _from_geojson(path: Path) -> tuple[Obstacle, ...]:
 
 def _from_table(path: Path) -> tuple[Obstacle, ...]:
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = clean_text(path.read_text(encoding="utf-8-sig")).text
     except (OSError, UnicodeDecodeError) as error:
         raise ScenarioError(f"{_KEY}: {path} cannot be read ({error.__class__.__name__})") from error
-    rows = csv.DictReader(io.StringIO(text))
-    missing = [column for column in _COLUMNS if column not in (rows.fieldnames or ())]
+    try:
+        dialect = sniff(text)
+        (_, header), *rows = list(dialect.rows(text)) or [(1, [])]
+    except FormatError as error:
+        raise ScenarioError(f"{_KEY}: {path}: {error}") from error
+    missing = [column for column in _COLUMNS if column not in header]
     if missing:
-        raise ScenarioError(f"{_KEY}: {path} has no column {', '.join(missing)}; columns: name, {', '.join(_COLUMNS)}")
+        raise ScenarioError(
+            f"{_KEY}: {path} has no column {', '.join(missing)} (read as {dialect}); columns: name, {', '.join(_COLUMNS)}"
+        )
     found = []
-    for line, row in enumerate(rows, start=2):
+    for line, cells in rows:
         try:
+            if len(cells) < len(header):
+                raise ValueError(f"{len(cells)} cells, the header has {len(header)}")
+            row = dict(zip(header, cells, strict=False))
             east, north, length, width, heading, height = (float(row[column]) for column in _COLUMNS)
             if not all(map(math.isfinite, (east, north, length, width, heading))) or min(length, width) <= 0.0:
                 raise ValueError("length_m and width_m must be above 0, and every value a finite number")

@@ -146,7 +146,7 @@ def terrain_source(terrain: RasterTerrain) -> TerrainSource:
     """The elevation files of a loaded scenario: the ground."""
     return TerrainSource(
         tuple(_data_file(name, Path()) for name in _names(terrain.file)), crs=terrain.crs, band=terrain.band,
-        height_unit=terrain.height_unit, fill_no_data_m=terrain.fill_no_data_m,
+        height_unit=terrain.height_unit, fill_no_data_m=terrain.fill_no_data_m, water_height_m=terrain.water_height_m,
     )  # fmt: skip
 
 
@@ -157,6 +157,7 @@ def surface_source(terrain: RasterTerrain) -> TerrainSource | None:
     return TerrainSource(
         tuple(_data_file(name, Path()) for name in _names(terrain.surface_file)), crs=terrain.surface_crs,
         band=terrain.surface_band, height_unit=terrain.surface_height_unit, fill_no_data_m=terrain.fill_no_data_m,
+        water_height_m=terrain.water_height_m,
         key="terrain.surface_file",
     )  # fmt: skip
 

@@ -1,6 +1,7 @@
 """Where elevation data comes from: a file, a packed file, or tiles side by side, which GDAL then sees as one raster."""
 
 import hashlib
+import math
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -24,6 +25,9 @@ MAX_TILES = 400
 _AROUND_DEG = 0.05
 """Tiles farther from area and home are left out; a fence is seldom 5 km wide."""
 _OFF_GRID = 0.01
+_WATER_M = 30_000.0
+"""Open water around the files reaches so far."""
+_DEGREE_M = 111_195.0
 _CACHE_BYTES = 128 * 2**20
 _HEIGHTS = re.compile(r"elev|height|altitude|h(ö|oe)he|(?<![a-z])(dem|dtm|dsm|dgm|mnt|mdt|z)(?![a-z])", re.IGNORECASE)
 """In the name of a band."""
@@ -41,6 +45,8 @@ class TerrainSource:
         band: number or name of the band with the heights; none: the first.
         height_unit: unit of the heights, where the files do not say.
         fill_no_data_m: gaps without data up to this long are closed by interpolation.
+        water_height_m: height above sea level of open water, which is wherever there is no data, also around the files; none:
+            such places have no height.
         key: of the scenario, or the option, for errors.
     """
 
@@ -49,6 +55,7 @@ class TerrainSource:
     band: int | str | None = None
     height_unit: str | None = None
     fill_no_data_m: float = 0.0
+    water_height_m: float | None = None
     key: str = "terrain.file"
 
     def __str__(self) -> str:
@@ -77,13 +84,18 @@ class TerrainSource:
                 )
             if file.stat().st_size == 0:
                 raise TerrainError(f"{file}: the file is empty; fetch it again")
-        name = _mosaic(self.files, self.band, self.crs) if self._is_virtual else gdal_name(self.files[0])
+        around_m = 0.0 if self.water_height_m is None else _WATER_M
+        name = (
+            _mosaic(self.files, self.band, self.crs, around_m=around_m)
+            if self._is_virtual
+            else gdal_name(self.files[0])
+        )
         with _gdal(), rasterio.open(name) as dataset:
             yield dataset
 
     @property
     def _is_virtual(self) -> bool:
-        return len(self.files) > 1 or self.crs is not None
+        return len(self.files) > 1 or self.crs is not None or self.water_height_m is not None
 
     def band_of(self, dataset: Any) -> int:
         """Number of the band with the heights, in an open raster; tiles side by side have one.
@@ -230,10 +242,12 @@ class _Tile:
     unit: str
     scale: tuple[float, float]
     band: int
+    turn: float
+    unit_m: float
 
 
-def _mosaic(files: Sequence[Path], band: int | str | None, crs: str | None) -> str:
-    """A virtual raster of tiles, pixel by pixel as they are; where there is none, there is no data."""
+def _mosaic(files: Sequence[Path], band: int | str | None, crs: str | None, *, around_m: float) -> str:
+    """A virtual raster of tiles, pixel by pixel as they are; where there is none, and so far around, there is no data."""
     tiles = [_tile(file, band, None if crs is None else _wkt(crs)) for file in files]
     first = tiles[0]
     a, b, c, d, e, f = tuple(first.transform)[:6]
@@ -253,14 +267,18 @@ def _mosaic(files: Sequence[Path], band: int | str | None, crs: str | None) -> s
         other_grid = tuple(tile.transform)[:6]
         size_differs = not np.allclose([other_grid[k] for k in (0, 1, 3, 4)], (a, b, d, e), rtol=1e-6, atol=0.0)
         column, row = (tile.transform.c - c) / a, (tile.transform.f - f) / e
+        # Tiles that meet at 180 degrees are side by side.
+        turn = tile.turn / a
+        column -= turn * round(column / turn) if turn else 0.0
         if size_differs or max(abs(column - round(column)), abs(row - round(row))) > _OFF_GRID:
             raise TerrainError(
                 f"{tile.file}: its pixels lie on another grid than {first.file.name}; merge the tiles first (gdalwarp)"
             )
         corners.append((round(column), round(row)))
-    left, top = min(x for x, _ in corners), min(y for _, y in corners)
-    width = max(x + t.size[0] for (x, _), t in zip(corners, tiles, strict=True)) - left
-    height = max(y + t.size[1] for (_, y), t in zip(corners, tiles, strict=True)) - top
+    around = math.ceil(around_m / (abs(a) * first.unit_m))
+    left, top = min(x for x, _ in corners) - around, min(y for _, y in corners) - around
+    width = max(x + t.size[0] for (x, _), t in zip(corners, tiles, strict=True)) - left + around
+    height = max(y + t.size[1] for (_, y), t in zip(corners, tiles, strict=True)) - top + around
     sources = "".join(_source(tile, x - left, y - top) for tile, (x, y) in zip(tiles, corners, strict=True))
     scale, offset = first.scale
     return (
@@ -295,14 +313,22 @@ def _tile(file: Path, band: int | str | None, crs_wkt: str | None) -> _Tile:
                     f"{file}: names its coordinate system itself ({own}); leave terrain.crs (--dem-crs) out"
                 )
             number = band_number(dataset, band, file)
+            wkt = crs_wkt or dataset.crs.to_wkt()
             scale = (float(dataset.scales[number - 1]), float(dataset.offsets[number - 1]))
             return _Tile(
-                file, name, crs_wkt or dataset.crs.to_wkt(), dataset.transform, (dataset.width, dataset.height),
-                dataset.nodatavals[number - 1], dataset.units[number - 1] or "", scale, number,
+                file, name, wkt, dataset.transform, (dataset.width, dataset.height),
+                dataset.nodatavals[number - 1], dataset.units[number - 1] or "", scale, number, *_full_turn(wkt),
             )  # fmt: skip
     except (rasterio.errors.RasterioError, OSError) as error:
         reason = (str(error).strip() or type(error).__name__).splitlines()[0]
         raise TerrainError(unreadable(file, file, reason)) from error
+
+
+def _full_turn(wkt: str) -> tuple[float, float]:
+    """360 degrees in the unit of a system's longitudes, 0 where it has none; and about how many metres its unit is."""
+    crs = CRS.from_wkt(wkt)
+    unit = crs.axis_info[0].unit_conversion_factor
+    return (2.0 * math.pi / unit, math.degrees(unit) * _DEGREE_M) if crs.is_geographic else (0.0, unit)
 
 
 def unreadable(named: object, file: Path, reason: str) -> str:

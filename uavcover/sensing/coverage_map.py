@@ -29,7 +29,14 @@ from uavcover.sensing.cells import CellGrid, lattice_shape, make_cells, make_oth
 from uavcover.sensing.flown_line import corners_matter, heading_there, line_flown, pictures_on, places_passed_m
 from uavcover.sensing.judged_cells import is_judged_on_smaller_cells, judged_cell_size_m
 from uavcover.sensing.recently_seen import RecentlySeen
-from uavcover.sensing.sensors import flat_picture, reach_at_height_m, sight_of, trigger_distance_m, turns_with_legs
+from uavcover.sensing.sensors import (
+    flat_picture,
+    reach_at_height_m,
+    sample_spacing_m,
+    sight_of,
+    trigger_distance_m,
+    turns_with_legs,
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,7 +184,7 @@ class CoverageMap:
         trigger_m = trigger_distance_m(self.site.scenario)
         if trigger_m is not None:
             return self._pictures(route, ways, trigger_m)
-        spacing_m = self.site.scenario.sensor.sample_spacing_m
+        spacing_m = sample_spacing_m(self.site.scenario)
         if not turns_with_legs(self.sight):
             return LevelObservations.towards_north(kernels.sample_path(route, spacing_m))
         legs = [kernels.sample_path(np.ascontiguousarray(route[k : k + 2]), spacing_m) for k in range(len(route) - 1)]

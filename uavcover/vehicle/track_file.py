@@ -4,9 +4,7 @@ Reserved disk space keeps other programs from taking the room that the record of
 """
 
 import contextlib
-import csv
 import errno
-import io
 import math
 import os
 import shutil
@@ -17,6 +15,9 @@ from typing import TYPE_CHECKING, Final, Self
 
 import numpy as np
 
+from mission_io.errors import FormatError
+from mission_io.formats.dialects import sniff
+from mission_io.formats.text import clean_text
 from mission_io.wire import messages as m
 from uavcover.errors import OutputError, TrackError
 from uavcover.model.active_times import is_flight_time
@@ -203,15 +204,26 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
     if cut_off:
         text, _, last = text.rpartition("\n")
         warnings.append(f"{path}: the last line was cut off and is left out: {last[:40]!r}")
-    rows = csv.reader(io.StringIO(text))
-    header = [name.strip() for name in next(rows, [])]
+    text = clean_text(text).text
+    try:
+        dialect = sniff(text)
+        rows = dialect.rows(text)
+        _, header = next(rows, (1, []))
+    except FormatError as error:
+        raise TrackError(f"{path}: {error}") from error
     missing = [name for name in COLUMNS if name not in header]
     if missing:
-        raise TrackError(f"{path}: line 1: the column {missing[0]} is missing; a track has {', '.join(COLUMNS)}")
+        raise TrackError(
+            f"{path}: line 1: the column {missing[0]} is missing (read as {dialect}); a track has {', '.join(COLUMNS)}"
+        )
+    warnings += [f"{path}: {repair}" for repair in dialect.repairs]
     optional = [name for name in OPTIONAL_COLUMNS if name in header]
     columns = (*COLUMNS, *optional)
     places = {name: header.index(name) for name in columns}
-    values = np.array(list(_numbers(path, rows, places)), dtype=float).reshape(-1, len(columns))
+    try:
+        values = np.array(list(_numbers(path, rows, places)), dtype=float).reshape(-1, len(columns))
+    except FormatError as error:
+        raise TrackError(f"{path}: {error}") from error
     if len(values) == 0:
         raise TrackError(f"{path}: there are no samples in it")
     return ReadTrack(
@@ -227,12 +239,10 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
     )
 
 
-def _numbers(path: Path, rows: Iterable[list[str]], places: dict[str, int]) -> Iterable[list[float]]:
+def _numbers(path: Path, rows: Iterable[tuple[int, list[str]]], places: dict[str, int]) -> Iterable[list[float]]:
     """The values of each row at these places, in their order, each checked."""
     before_s = -math.inf
-    for line, row in enumerate(rows, start=2):
-        if not row:
-            continue
+    for line, row in rows:
         values = [_number(path, line, name, row, place) for name, place in places.items()]
         time_s, lat_deg, lon_deg = values[:3]
         if time_s <= before_s:

@@ -44,6 +44,17 @@ def pictures_at(samples: list[int]) -> list[Picture]:
     return [Picture(t - 0.05, lat, lon, number) for number, (t, lat, lon, _) in enumerate(at)]
 
 
+GROUND_M = 412.5
+"""Above sea level: what a rangefinder sees in the made-up flight, whose land is level."""
+
+
+def distances_m() -> np.ndarray:
+    """(n,) to level ground along the down axis of the leaning vehicle, at the times of the attitudes."""
+    positions, attitudes = flight()
+    alt = np.interp(attitudes[:, 0], positions[:, 0], positions[:, 3])
+    return (alt - GROUND_M) / np.prod(np.cos(np.radians(attitudes[:, 1:3])), axis=1)
+
+
 def _camera_messages(packer: mavlink.MAVLink, pictures: Sequence[Picture]) -> list[object]:
     made: list[object] = []
     for each in pictures:
@@ -64,14 +75,23 @@ def _camera_messages(packer: mavlink.MAVLink, pictures: Sequence[Picture]) -> li
 
 def write_tlog(
     path: Path, *, systems: tuple[int, ...] = (1,), component: int = 1, pictures: Sequence[Picture] = (),
-    began_unix_s: float | None = None, speed: float = 1.0,
+    began_unix_s: float | None = None, speed: float = 1.0, ranging: bool = False, stations: tuple[tuple[int, int, int], ...] = (),
 ) -> None:  # fmt: skip
-    """As a ground station writes it: eight bytes of microseconds, then the packet."""
+    """As a ground station writes it: eight bytes of microseconds, then the packet.
+
+    ``stations`` are (system, MAV_TYPE, autopilot) of others that send a position of their own, as ground stations do.
+    """
     positions, attitudes = flight()
     with path.open("wb") as file:
+        for system, kind, autopilot in stations:
+            packer = mavlink.MAVLink(None, srcSystem=system, srcComponent=1)
+            for t in positions[:, 0]:
+                place = packer.global_position_int_encode(round(t * 1e3), 470000000, 80000000, 500000, 0, 0, 0, 0, 0)
+                for message in (packer.heartbeat_encode(kind, autopilot, 0, 0, 0), place):
+                    file.write(struct.pack(">Q", int((1.7e9 + t) * 1e6)) + message.pack(packer))
         for system in systems:
             packer = mavlink.MAVLink(None, srcSystem=system, srcComponent=component)
-            for (t, lat, lon, alt), (ta, roll, pitch, yaw) in zip(positions, attitudes, strict=True):
+            for k, ((t, lat, lon, alt), (ta, roll, pitch, yaw)) in enumerate(zip(positions, attitudes, strict=True)):
                 messages = [
                     packer.heartbeat_encode(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 0),
                     packer.global_position_int_encode(
@@ -83,9 +103,26 @@ def write_tlog(
                 ]
                 if began_unix_s is not None:
                     messages.append(packer.system_time_encode(round((began_unix_s + t / speed) * 1e6), round(t * 1e3)))
+                if ranging:
+                    # A packet's time is that of the position before it; one looks ahead, one is out of range.
+                    level = (alt - GROUND_M) / np.prod(np.cos(np.radians([_lean_at(t, 1), _lean_at(t, 2)])))
+                    for distance, turned in ((level, 25), (3.0, 0), (200.0, 25)):
+                        messages.append(
+                            packer.distance_sensor_encode(0, 20, 15000, round(distance * 100), 0, 0, turned, 0)
+                        )
+                    messages.append(
+                        packer.terrain_report_encode(
+                            round(lat * 1e7), round(lon * 1e7), 100 if k else 0, 409.0, 80.0, 0, 9
+                        )
+                    )
                 messages += _camera_messages(packer, [each for each in pictures if t - 0.2 < each.time_s <= t])
                 for message in messages:
                     file.write(struct.pack(">Q", int((1.7e9 + t) * 1e6)) + message.pack(packer))
+
+
+def _lean_at(time_s: float, column: int) -> float:
+    _, attitudes = flight()
+    return float(np.interp(time_s, attitudes[:, 0], attitudes[:, column]))
 
 
 _CODES = {
@@ -126,10 +163,18 @@ class DataflashWriter:
 
 def write_dataflash(
     path: Path, *, estimated: bool = True, attitude: bool = True, pictures: Sequence[Picture] = (),
-    began_unix_s: float | None = None,
+    began_unix_s: float | None = None, ranging: bool = False,
 ) -> None:  # fmt: skip
     positions, attitudes = flight()
     log = DataflashWriter()
+    log.define(6, "RFND", "QBCBB", "TimeUS,Instance,Dist,Stat,Orient")
+    log.define(7, "TERR", "QBLLff", "TimeUS,Status,Lat,Lng,TerrH,CHeight")
+    if ranging:
+        for (t, lat, lon, _), ta, distance in zip(positions, attitudes[:, 0], distances_m(), strict=True):
+            for reading, status, turned in ((distance, 4, 25), (3.0, 4, 0), (0.5, 2, 25)):
+                log.write(6, round(ta * 1e6), 0, round(reading * 100), status, turned)
+            log.write(7, round(t * 1e6), 2, round(lat * 1e7), round(lon * 1e7), 409.0, 80.0)
+            log.write(7, round(t * 1e6), 1, 0, 0, 0.0, 0.0)
     log.define(1, "POS", "QLLff", "TimeUS,Lat,Lng,Alt,RelHomeAlt")
     log.define(2, "GPS", "QBBIHLLf", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt")
     log.define(3, "ATT", "QccC", "TimeUS,Roll,Pitch,Yaw")
@@ -165,7 +210,24 @@ def write_gpx(path: Path, *, point: str = _POINT) -> None:
     )
 
 
-def write_ulog(path: Path, *, pictures: Sequence[Picture] = (), began_unix_s: float | None = None) -> None:
+_RANGE_FORMAT = (
+    b"distance_sensor:uint64_t timestamp;float min_distance;float max_distance;float current_distance;"
+    b"int8_t signal_quality;uint8_t orientation;"
+)
+_RECEIVER_FORMATS = {
+    "vehicle_gps_position": ("int32_t lat;int32_t lon;int32_t alt;uint8_t fix_type;", "<HQiiiB", (1e7, 1e3)),
+    "sensor_gps": (
+        "double latitude_deg;double longitude_deg;double altitude_msl_m;uint8_t fix_type;",
+        "<HQdddB",
+        (1.0, 1.0),
+    ),
+}
+
+
+def write_ulog(
+    path: Path, *, pictures: Sequence[Picture] = (), began_unix_s: float | None = None, ranging: bool = False,
+    receiver: str | None = None,
+) -> None:  # fmt: skip
     """Header, flags, formats, subscriptions and data as the ULog specification says."""
     positions, attitudes = flight()
 
@@ -176,6 +238,11 @@ def write_ulog(path: Path, *, pictures: Sequence[Picture] = (), began_unix_s: fl
     content += message(b"B", bytes(40))
     content += message(b"F", b"vehicle_global_position:uint64_t timestamp;double lat;double lon;float alt;")
     content += message(b"F", b"vehicle_attitude:uint64_t timestamp;float[4] q;")
+    if receiver is not None:
+        fields, layout, (degrees, metres) = _RECEIVER_FORMATS[receiver]
+        content += message(b"F", f"{receiver}:uint64_t timestamp;{fields}".encode())
+    if ranging:
+        content += message(b"F", _RANGE_FORMAT)
     if began_unix_s is not None:
         content += message(b"F", b"sensor_gps:uint64_t timestamp;uint64_t time_utc_usec;")
     kinds = list(dict.fromkeys(each.kind for each in pictures))
@@ -183,14 +250,32 @@ def write_ulog(path: Path, *, pictures: Sequence[Picture] = (), began_unix_s: fl
         content += message(b"F", b"".join(_CAMERA_TOPICS[kind]))
     for number, kind in enumerate(kinds, start=2):
         content += message(b"A", struct.pack("<BH", 0, number) + _CAMERA_TOPICS[kind][0])
-    content += message(b"A", struct.pack("<BH", 0, 0) + b"vehicle_global_position")
+    if receiver is None:
+        content += message(b"A", struct.pack("<BH", 0, 0) + b"vehicle_global_position")
     content += message(b"A", struct.pack("<BH", 0, 1) + b"vehicle_attitude")
+    if receiver is not None:
+        fields, layout, (degrees, metres) = _RECEIVER_FORMATS[receiver]
+        content += message(b"A", struct.pack("<BH", 0, 10) + receiver.encode())
+        number = int if degrees > 1.0 else float
+        for k, (t, lat, lon, alt) in enumerate(positions):
+            place = [number(round(v * unit, 9)) for v, unit in ((lat, degrees), (lon, degrees), (alt, metres))]
+            content += message(
+                b"D", struct.pack(layout, 10, round(t * 1e6), *(place if k else [0, 0, 0]), 3 if k else 0)
+            )
+    if ranging:
+        content += message(b"A", struct.pack("<BH", 0, 11) + b"distance_sensor")
+        for t, distance in zip(attitudes[:, 0], distances_m(), strict=True):
+            for reading, quality, turned in ((distance, 100, 25), (3.0, 100, 0), (distance, 0, 25), (200.0, 100, 25)):
+                content += message(
+                    b"D", struct.pack("<HQfffbB", 11, round(t * 1e6), 0.2, 150.0, reading, quality, turned)
+                )
     if began_unix_s is not None:
         content += message(b"A", struct.pack("<BH", 0, 9) + b"sensor_gps")
         for t in positions[:, 0]:
             content += message(b"D", struct.pack("<HQQ", 9, round(t * 1e6), round((began_unix_s + t) * 1e6)))
     for (t, lat, lon, alt), (ta, roll, pitch, yaw) in zip(positions, attitudes, strict=True):
-        content += message(b"D", struct.pack("<HQddf", 0, round(t * 1e6), lat, lon, alt))
+        if receiver is None:
+            content += message(b"D", struct.pack("<HQddf", 0, round(t * 1e6), lat, lon, alt))
         content += message(b"D", struct.pack("<HQ4f", 1, round(ta * 1e6), *quaternion(roll, pitch, yaw)))
     for each in pictures:
         content += message(b"D", _of_camera(each, 2 + kinds.index(each.kind)))

@@ -5,7 +5,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.judging.track_logs.samples import COUNT, FRAME, flight, write_dataflash, write_gpx, write_tlog, write_ulog
+from tests.judging.track_logs.samples import (
+    COUNT,
+    FRAME,
+    GROUND_M,
+    flight,
+    write_dataflash,
+    write_gpx,
+    write_tlog,
+    write_ulog,
+)
 from uavcover.errors import TrackError
 from uavcover.judging.track_logs.assembly import LoggedRows, assemble_track
 from uavcover.judging.track_logs.readers import READERS, read_foreign_log
@@ -79,7 +88,9 @@ def test_dataflash_without_estimated_positions_takes_the_first_gps(tmp_path: Pat
 def test_telemetry_of_two_vehicles_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "two.tlog"
     write_tlog(path, systems=(1, 7))
-    with pytest.raises(TrackError, match=r"two\.tlog: has positions of 2 vehicles \(systems 1, 7\)"):
+    with pytest.raises(
+        TrackError, match=r"two\.tlog: has positions of 2 vehicles \(systems 1, 7\); choose one with --system"
+    ):
         read(path)
 
 
@@ -182,3 +193,64 @@ def test_attitude_is_read_only_where_there_is_some_near() -> None:
         [[10.0, 0.0, 350.0], [15.0, 0.0, 0.0], [np.nan] * 3, [0.0, 0.0, 0.0], [0.0, 0.0, 0.0], [np.nan] * 3],
         atol=1e-9,
     )
+
+
+@pytest.mark.parametrize("system", [1, 7])
+def test_one_vehicle_of_several_is_chosen(tmp_path: Path, system: int) -> None:
+    path = tmp_path / "two.tlog"
+    write_tlog(path, systems=(1, 7))
+    assert len(read_foreign_log(path, FRAME, system=system).track) == COUNT
+    with pytest.raises(TrackError, match="has no vehicle 3; --system is one of 1, 7"):
+        read_foreign_log(path, FRAME, system=3)
+
+
+@pytest.mark.parametrize(
+    ("kind", "autopilot"),
+    [(6, 8), (6, 0), (5, 3), (18, 8), (26, 8)],
+    ids=["QGC", "generic", "tracker", "companion", "gimbal"],
+)
+def test_what_is_no_vehicle_is_none_of_several(tmp_path: Path, kind: int, autopilot: int) -> None:
+    path = tmp_path / "station.tlog"
+    write_tlog(path, stations=((255, kind, autopilot),))
+    track = read(path).track
+    np.testing.assert_allclose(track.geodetic[:, :2], flight()[0][:, 1:3], atol=0.51e-7)
+    with pytest.raises(TrackError, match="has no vehicle 255; --system is one of 1"):
+        read_foreign_log(path, FRAME, system=255)
+
+
+@pytest.mark.parametrize("receiver", ["vehicle_gps_position", "sensor_gps"])
+def test_a_ulog_without_an_estimate_has_the_positions_of_its_receiver(tmp_path: Path, receiver: str) -> None:
+    path = tmp_path / "flight.ulg"
+    write_ulog(path, receiver=receiver)
+    loaded = read(path)
+    positions, _ = flight()
+    # The first row has no fix.
+    np.testing.assert_allclose(loaded.track.geodetic[:, :2], positions[1:, 1:3], atol=1.01e-7)
+    np.testing.assert_allclose(loaded.track.geodetic[:, 2], positions[1:, 3], atol=2e-3)
+    assert any("the positions of its receiver are taken" in warning for warning in loaded.warnings)
+
+
+@pytest.mark.parametrize("name", WRITERS)
+def test_ground_that_a_rangefinder_measured_comes_back(tmp_path: Path, name: str) -> None:
+    path = tmp_path / name
+    WRITERS[name](path)
+    assert read(path).track.ranged.shape == (0, 3)
+    WRITERS[name](path, ranging=True)
+    track = read(path).track
+    # All but the last reading, after the last position, or the first, before the first attitude.
+    assert COUNT - 2 <= len(track.ranged) <= COUNT
+    np.testing.assert_allclose(track.ranged[:, 2], GROUND_M, atol=0.12)
+    places = FRAME.enu_from_geodetic(*track.ranged.T)
+    # Not below the vehicle, which leans by up to 10 degrees.
+    assert 3.0 < np.abs(places[: COUNT - 2, 1] - track.enu_m[: COUNT - 2, 1]).max() < 25.0
+
+
+@pytest.mark.parametrize(("name", "count"), [("flight.tlog", COUNT - 1), ("flight.BIN", COUNT), ("flight.ulg", 0)])
+def test_the_terrain_data_of_the_vehicle_comes_back_where_it_knew_the_ground(
+    tmp_path: Path, name: str, count: int
+) -> None:
+    path = tmp_path / name
+    WRITERS[name](path, ranging=True)
+    stored = read(path).track.stored
+    assert len(stored) == count
+    assert (stored[:, 2] == 409.0).all()

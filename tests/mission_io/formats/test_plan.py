@@ -267,3 +267,74 @@ def test_a_key_of_another_program_may_be_called_items(part: str, value: object) 
 def test_what_json_does_not_have_is_the_formats_own_error(wrong: dict[str, Any]) -> None:
     with pytest.raises(FormatError):
         plan.write(replace(PLAN, **wrong))
+
+
+def _one_item(**changes):
+    item = {
+        "type": "SimpleItem", "command": 16, "frame": 3, "autoContinue": True, "doJumpId": 1,
+        "params": [0, 0, 0, None, 46.5, 8.5, 50.0], "Altitude": 50.0, "AltitudeMode": 1, "AMSLAltAboveTerrain": None,
+    }  # fmt: skip
+    part = {"version": 2}
+    fence = changes.pop("fence", {})
+    mission = {
+        "version": 2, "firmwareType": 3, "vehicleType": 2, "cruiseSpeed": 15, "hoverSpeed": 5, "items": [item | changes],
+        "plannedHomePosition": [46.5, 8.5, 500.0],
+    }  # fmt: skip
+    return plan.read(
+        json.dumps({
+            "fileType": "Plan", "version": 1, "groundStation": "QGroundControl", "mission": mission,
+            "geoFence": {**part, "circles": [], "polygons": [], **fence}, "rallyPoints": {**part, "points": []},
+        })
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("changes", "named"),
+    [
+        ({}, []),
+        ({"Altitude": 80.0}, ["Altitude is 80, params[6] 50; 50 m is flown"]),
+        ({"AltitudeMode": 2}, ["AltitudeMode 2 is AMSL, its frame ABOVE_HOME; the frame is flown"]),
+        ({"AltitudeMode": 4}, ["AltitudeMode 4 is ABOVE_TERRAIN, its frame ABOVE_HOME; the frame is flown"]),
+        ({"frame": 0, "AltitudeMode": 3, "AMSLAltAboveTerrain": 50.0, "Altitude": 20.0}, []),
+        (
+            {"frame": 0, "AltitudeMode": 3, "AMSLAltAboveTerrain": 570.0, "Altitude": 20.0},
+            ["AMSLAltAboveTerrain is 570, params[6] 50; 50 m is flown"],
+        ),
+        ({"Altitude": None, "AltitudeMode": None}, []),
+        ({"AltitudeMode": 0}, []),
+        ({"Altitude": 50.004}, []),
+    ],
+)
+def test_what_an_item_says_twice_and_differently_is_named(changes, named):
+    read = _one_item(**changes)
+    assert [repair.partition(": ")[2] for repair in read.repairs] == named
+    assert all(repair.startswith("plan.mission.items[0]: ") for repair in read.repairs)
+
+
+SQUARE = {"polygon": [[46.0, 8.0], [46.0, 9.0], [47.0, 9.0], [47.0, 8.0]], "inclusion": True, "version": 1}
+HOLE = {"polygon": [[46.4, 8.4], [46.4, 8.6], [46.6, 8.6], [46.6, 8.4]], "inclusion": False, "version": 1}
+ISLAND = {"circle": {"center": [48.0, 8.0], "radius": 500.0}, "inclusion": True, "version": 1}
+
+
+@pytest.mark.parametrize(
+    ("point", "polygons", "circles", "named"),
+    [
+        ([46.2, 8.2, 50.0], [SQUARE], [], ""),
+        (
+            [47.2, 8.2, 50.0],
+            [SQUARE],
+            [],
+            "outside the fence: a vehicle that flies there after a breach leaves it again",
+        ),
+        ([46.2, 9.2, 50.0], [SQUARE], [ISLAND], "outside the fence"),
+        ([48.001, 8.0, 50.0], [SQUARE], [ISLAND], ""),
+        ([46.5, 8.5, 50.0], [SQUARE, HOLE], [], "in an area that the fence excludes"),
+        ([46.5, 8.5, 50.0], [HOLE], [], "in an area that the fence excludes"),
+        ([10.0, 10.0, 50.0], [HOLE], [], ""),
+    ],
+)
+def test_a_return_point_where_the_vehicle_must_not_be_is_named(point, polygons, circles, named):
+    read = _one_item(fence={"breachReturn": point, "polygons": polygons, "circles": circles})
+    doubts = [doubt for doubt in read.doubts() if "return point" in doubt]
+    assert len(doubts) == bool(named)
+    assert not named or named in doubts[0]

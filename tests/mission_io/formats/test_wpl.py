@@ -70,13 +70,13 @@ def test_any_heading_is_written_as_zero_and_every_other_nan_is_an_error() -> Non
         (STRICT.replace("\n2\t0\t2", "\n 2\t0\t2"), "line 4: removed space around the row"),
         (
             STRICT.replace("0\t1\t0\t16", "0\t1\t3\t16"),
-            "line 2: the height of home is read as above sea level, not ABOVE_HOME",
+            "line 2: the height of home is read as above sea level, not ABOVE_HOME; if it is the first waypoint, put a row "
+            "for home before it",
         ),
         (
             STRICT.replace("0\t1\t0\t16\t0", "0\t1\t0\t16\t5"),
             "line 2: the first row is home, its parameters are not kept",
         ),
-        (STRICT.replace("0\t1\t0\t16", "0\t1\t0\t22"), "line 2: the first row is home, its command 22 is not kept"),
     ],
 )
 def test_what_is_repaired_is_listed(text: str, repair: str) -> None:
@@ -220,3 +220,22 @@ def test_nan_is_nothing_as_the_place_of_a_command_without_one_and_an_error_as_an
 )
 def test_odd_first_lines_and_odd_space(text: str) -> None:
     assert wpl.read(text).mission() == wpl.read(STRICT).mission()
+
+
+@pytest.mark.parametrize("command", [22, 82, 178, 206, 189])
+@pytest.mark.parametrize("frame", [0, 2, 3, 10])
+def test_a_first_row_that_is_an_item_is_kept(command, frame):
+    """Programs that know no home row begin with a take-off in row 0: it is no home of 50 m."""
+    place = "0\t0" if frame == 2 else "46.5\t8.5"
+    rows = [f"0\t0\t{frame}\t{command}\t0\t0\t0\t0\t{place}\t50\t1", "1\t0\t3\t16\t0\t0\t0\t0\t46.6\t8.5\t60\t1",
+            "2\t0\t2\t177\t1\t2\t0\t0\t0\t0\t0\t1"]  # fmt: skip
+    read = wpl.read("QGC WPL 110\n" + "\n".join(rows) + "\n")
+    assert read.home is None
+    assert [item.command for item in read.items] == [command, 16, 177]
+    assert read.items[0].alt_m == 50.0
+    # The jump went to row 1, which is item 2 now.
+    assert read.items[2].params[0] == 2.0
+    assert (
+        f"the first row is command {command} and not home: it is kept as item 1, and the file has no home"
+        in read.repairs
+    )

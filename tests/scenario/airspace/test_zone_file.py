@@ -1,6 +1,7 @@
 """Files of zones in every format: what is read, what is left out, and one line for what cannot be."""
 
 import json
+import re
 
 import pytest
 import shapely
@@ -245,9 +246,18 @@ def test_zones_can_be_mended(tmp_path):
     text = geojson(feature({"type": "Polygon", "coordinates": [BOW_TIE]}, name="bow"))
     with pytest.raises(InputError, match="set make_valid = true"):
         zones_of(tmp_path, "z.geojson", text)
-    (zone,), _ = zones_of(tmp_path, "z.geojson", text, make_valid=True)
+    (zone,), notes = zones_of(tmp_path, "z.geojson", text, make_valid=True)
     assert len(zone.parts) == 2
     assert zone.make_valid is False
+    assert re.search(r"zone 1 \(bow\): mended with make_valid, .* ha as written, 170.6 ha now", notes[0])
+
+
+def test_a_mended_zone_keeps_its_holes_and_nothing_else_open(tmp_path):
+    holes = [[[8.0, y], [8.004, y], [8.004, y + 0.006], [8.0, y + 0.006], [8.0, y]] for y in (46.504, 46.508)]
+    text = geojson(feature({"type": "Polygon", "coordinates": [RING, *holes]}, name="a"))
+    (zone,), _ = zones_of(tmp_path, "z.geojson", text, make_valid=True)
+    mended = shapely.union_all([shapely.Polygon(rings[0], rings[1:]) for rings in zone.parts])
+    assert mended.area == pytest.approx(0.02 * 0.02 - 0.004 * 0.010)
 
 
 def test_fuzzed_zones_are_one_short_line(tmp_path):

@@ -2,6 +2,8 @@
 
 import json
 import math
+import re
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -11,7 +13,7 @@ from hypothesis import strategies as st
 from pyproj import Geod
 
 from tests.scenario.areas import written
-from uavcover.errors import ScenarioError
+from uavcover.errors import InputError, ScenarioError
 from uavcover.scenario.areas.area_file import AreaQuery, is_area_file, is_area_text, read_area
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario, parse_scenario
@@ -201,6 +203,56 @@ def test_a_crossing_outline_is_mended_when_that_is_asked_for(tmp_path):
     found = read_area(AreaQuery(source=str(path), make_valid=True))
     assert len(found.parts) == 2
     assert all(shapely.Polygon(part[0]).is_valid for part in found.parts)
+
+
+def _ring(draw, *, within):
+    """A closed ring of three to seven corners on a coarse grid: it often crosses itself and shares edges with others."""
+    corner = st.tuples(st.integers(0, within), st.integers(0, within))
+    ring = draw(st.lists(corner, min_size=3, max_size=7, unique=True))
+    return [*ring, ring[0]]
+
+
+@st.composite
+def drawn_rings(draw):
+    return [_ring(draw, within=10), *[_ring(draw, within=10) for _ in range(draw(st.integers(0, 3)))]]
+
+
+@settings(max_examples=200, deadline=None)
+@given(drawn_rings())
+def test_mended_area_is_the_outline_without_any_hole(drawn):
+    """No place of a hole is in the area, and no other place of the outline is lost (places on edges are left aside)."""
+    outer, *holes = ([(8.0 + 1e-3 * x, 46.0 + 1e-3 * y) for x, y in ring] for ring in drawn)
+    source = shapely.Polygon(outer, holes).wkt
+    try:
+        found = read_area(AreaQuery(source=source, make_valid=True))
+    except InputError as error:
+        if not re.search("nothing is left|on one line|square metres", str(error)):
+            raise
+        found = None
+    mended = shapely.union_all([shapely.Polygon(r[0], r[1:]) for r in found.parts]) if found else shapely.Polygon()
+    places = shapely.points([(8.0 + 1e-3 * (x + 0.31), 46.0 + 1e-3 * (y + 0.37)) for x in range(10) for y in range(10)])
+    lines = shapely.union_all([shapely.LineString(ring) for ring in (outer, *holes)])
+
+    def enclosed(ring, place):
+        """By the winding number: independent of any library's idea of a valid ring."""
+        turns = [math.atan2(y - place.y, x - place.x) for x, y in ring]
+        steps = [math.remainder(b - a, 2.0 * math.pi) for a, b in pairwise(turns)]
+        return round(sum(steps) / (2.0 * math.pi)) != 0
+
+    def crossings(ring, place):
+        """By the number of crossings, which counts a part that a ring encloses twice in both directions."""
+        hits = [
+            (y0 > place.y) != (y1 > place.y) and place.x < x0 + (place.y - y0) / (y1 - y0) * (x1 - x0)
+            for (x0, y0), (x1, y1) in pairwise(ring)
+        ]
+        return sum(hits) % 2 == 1
+
+    for place in places:
+        if lines.distance(place) < 1e-5:
+            continue
+        in_hole = any(enclosed(hole, place) or crossings(hole, place) for hole in holes)
+        in_outline = enclosed(outer, place) or crossings(outer, place)
+        assert mended.covers(place) == (in_outline and not in_hole), (source, place.wkt)
 
 
 SCENARIO = """

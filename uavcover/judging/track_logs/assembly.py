@@ -20,6 +20,9 @@ PICTURE_TIME_ERROR_S = 0.5
 _CLOCK_SPREAD_S = 5.0
 """Clocks of one flight run together; of a simulator that is faster than real time they do not."""
 
+_MOST_LEAN_COS = 0.94
+"""Of a vehicle whose rangefinder counts: 20 degrees. A wide beam hits what is nearest, which then is not on its axis."""
+
 MAX_ATTITUDE_GAP_S = 1.0
 """Largest time between the two rows around a position from which its attitude is interpolated."""
 
@@ -34,6 +37,8 @@ class LoggedRows:
         pictures: (p, 3) time in seconds, latitude and longitude in degrees of every picture that was taken, NaN or 0 where its
             place is not told; none in a log that tells nothing of a camera.
         warnings: what was dropped or assumed so far.
+        ranges: (r, 2) time in seconds and distance in metres of every valid reading of a rangefinder that looks down.
+        stored: (s, 3) latitude, longitude and height above sea level of the ground in the vehicle's own terrain data.
         clock: (c, 2) times in seconds and the same moments in seconds since 1970 (UTC), where the log tells them.
     """
 
@@ -42,6 +47,8 @@ class LoggedRows:
     pictures: FloatArray | None = None
     warnings: tuple[str, ...] = ()
     clock: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    ranges: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    stored: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
 
 def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack:
@@ -101,9 +108,33 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
             current_waypoint=np.full(len(positions), -1, dtype=np.int64),
             pictures_taken=pictures_taken,
             unix_time_s=positions[:, 0] + unix_offset_s,
+            ranged=_ranged(frame, positions, rows.attitudes.reshape(-1, 4), rows.ranges.reshape(-1, 2)),
+            stored=rows.stored.reshape(-1, 3).copy(),
         ),
         tuple(warnings),
     )
+
+
+def _ranged(frame: LocalFrame, positions: FloatArray, attitudes: FloatArray, ranges: FloatArray) -> FloatArray:
+    """(r, 3) places of the ground that a rangefinder hit along the vehicle's down axis, where position and attitude are known."""
+    times = ranges[:, 0]
+    after = np.clip(np.searchsorted(positions[:, 0], times), 1, max(len(positions) - 1, 1))
+    if len(positions) < 2 or not len(ranges):
+        return np.empty((0, 3))
+    gaps = positions[after, 0] - positions[after - 1, 0]
+    inside = (times >= positions[0, 0]) & (times <= positions[-1, 0]) & (gaps <= MAX_ATTITUDE_GAP_S)
+    roll, pitch, yaw = np.radians(attitudes_at(times, attitudes)).T
+    known = inside & np.isfinite(roll + pitch + yaw) & (np.cos(roll) * np.cos(pitch) > _MOST_LEAN_COS)
+    if not known.any():
+        return np.empty((0, 3))
+    roll, pitch, yaw, times, distance = roll[known], pitch[known], yaw[known], times[known], ranges[known, 1]
+    enu = frame.enu_from_geodetic(*positions[:, 1:].T)
+    at = np.column_stack([np.interp(times, positions[:, 0], enu[:, axis]) for axis in range(3)])
+    # The third column of the rotation from forward-right-down to north-east-down, yaw-pitch-roll order.
+    north = np.cos(roll) * np.sin(pitch) * np.cos(yaw) + np.sin(roll) * np.sin(yaw)
+    east = np.cos(roll) * np.sin(pitch) * np.sin(yaw) - np.sin(roll) * np.cos(yaw)
+    at += distance[:, None] * np.column_stack([east, north, -np.cos(roll) * np.cos(pitch)])
+    return np.column_stack(frame.geodetic_from_enu(at))
 
 
 def _unix_offset_s(clock: FloatArray) -> float:

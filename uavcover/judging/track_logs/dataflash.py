@@ -14,6 +14,8 @@ from uavcover.judging.track_logs.assembly import LoggedRows
 
 _MAGIC = b"\xa3\x95"
 _FIX_3D = 3
+_RANGE_GOOD, _TERRAIN_OK, _DOWN = 4, 2, 25
+"""RFND.Stat of a reading in range, TERR.Status of known ground, RFND.Orient of a sensor that looks down."""
 _GPS_EPOCH_UNIX_S, _WEEK_S, _LEAP_S = 315_964_800.0, 604_800.0, 18.0
 """GPS time began in 1980 and has no leap seconds; UTC has had 18 of them since, the last one in 2017."""
 
@@ -38,18 +40,27 @@ def read_dataflash(path: Path) -> LoggedRows:
     attitudes: list[tuple[float, ...]] = []
     clock: list[tuple[float, float]] = []
     cameras: dict[str, list[tuple[float, ...]]] = {"CAM": [], "TRIG": []}
+    ranges: list[tuple[float, ...]] = []
+    stored: list[tuple[float, ...]] = []
     complaints = io.StringIO()
     # The reader prints a line for each damaged byte (its compiled index writes to stderr directly, out of reach here).
     with contextlib.redirect_stderr(complaints), contextlib.redirect_stdout(complaints):
         try:
             with _opened(DFReader.DFReader_binary, path) as reader:
                 left_out = _bytes_left_out(reader, content)
-                while (message := reader.recv_match(type=["POS", "GPS", "ATT", "CAM", "TRIG"])) is not None:
+                while (
+                    message := reader.recv_match(type=["POS", "GPS", "ATT", "CAM", "TRIG", "RFND", "TERR"])
+                ) is not None:
                     kind = message.get_type()
                     if kind == "POS":
                         estimated.append(_row(message, "Lat", "Lng", "Alt"))
                     elif kind in cameras:
                         cameras[kind].append(_row(message, "Lat", "Lng"))
+                    elif kind == "RFND":
+                        ranges += _down(message)
+                    elif kind == "TERR":
+                        if message.Status == _TERRAIN_OK:
+                            stored.append((message.Lat, message.Lng, float(message.TerrH)))
                     elif kind == "ATT":
                         attitudes.append(_row(message, "Roll", "Pitch", "Yaw"))
                     elif getattr(message, "I", 0) == 0 and message.Status >= _FIX_3D:
@@ -76,7 +87,19 @@ def read_dataflash(path: Path) -> LoggedRows:
         np.array(pictures) if pictures else None,
         tuple(warnings),
         np.array(clock).reshape(-1, 2),
+        np.array(ranges).reshape(-1, 2),
+        np.array(stored).reshape(-1, 3),
     )
+
+
+def _down(message: Any) -> list[tuple[float, float]]:
+    """Time and distance of a reading that looks down and is in range; logs of before 4.0 have two sensors in a message."""
+    if hasattr(message, "Dist"):
+        good = getattr(message, "Stat", _RANGE_GOOD) == _RANGE_GOOD and getattr(message, "Orient", _DOWN) == _DOWN
+        return [(message.TimeUS * 1e-6, float(message.Dist))] if good and message.Dist > 0.0 else []
+    if getattr(message, "Orient1", _DOWN) == _DOWN and getattr(message, "Dist1", 0.0) > 0.0:
+        return [(message.TimeUS * 1e-6, float(message.Dist1))]
+    return []
 
 
 @contextlib.contextmanager

@@ -23,8 +23,13 @@ READERS: dict[str, Callable[[Path], LoggedRows]] = {
 }
 
 
-def read_foreign_log(path: Path, frame: LocalFrame) -> ReadTrack:
+def read_foreign_log(path: Path, frame: LocalFrame, *, system: int | None = None) -> ReadTrack:
     """Read the track of a log in the local frame; the suffix, in upper or lower case, is one of READERS.
+
+    Args:
+        path: the log.
+        frame: the local frame.
+        system: whose track it is, where a telemetry log has several vehicles; none: the only one's.
 
     Raises:
         TrackError: another suffix, or a file that cannot be read, is no such log or has no positions.
@@ -35,7 +40,7 @@ def read_foreign_log(path: Path, frame: LocalFrame) -> ReadTrack:
             f"{path}: {path.suffix or 'no ending'} is not a log that can be read; known: {', '.join(READERS)}"
         )
     try:
-        rows = reader(path)
+        rows = read_telemetry(path, system=system) if reader is read_telemetry else reader(path)
     except OSError as error:
         raise TrackError(f"{path}: cannot be read: {error.strerror}") from None
     return assemble_track(path, rows, frame)

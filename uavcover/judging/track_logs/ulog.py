@@ -11,7 +11,11 @@ from uavcover.judging.track_logs.assembly import LoggedRows
 from uavcover.kernels.arrays import FloatArray
 
 _RECEIVERS = ("vehicle_gps_position", "sensor_gps")
-_TOPICS = ("vehicle_global_position", "vehicle_attitude", "camera_capture", "camera_trigger", *_RECEIVERS)
+_TOPICS = (
+    "vehicle_global_position", "vehicle_attitude", "camera_capture", "camera_trigger", "distance_sensor", *_RECEIVERS,
+)  # fmt: skip
+_LOOKS_DOWN = 25
+_FIX_3D = 3
 _FAILED = 0
 """``camera_capture.result`` of a picture that was not taken; -1 is a camera that does not answer."""
 
@@ -19,7 +23,9 @@ _MAGIC = b"ULog\x01\x12\x35"
 
 
 def read_ulog(path: Path) -> LoggedRows:
-    """Read positions (vehicle_global_position), attitudes (vehicle_attitude) and pictures (camera_capture, or camera_trigger).
+    """Read positions, attitudes (vehicle_attitude) and pictures (camera_capture, or camera_trigger).
+
+    Positions are the estimator's (vehicle_global_position), otherwise the receiver's (vehicle_gps_position, sensor_gps).
 
     Raises:
         TrackError: no such log, no positions, or pyulog is not installed.
@@ -37,18 +43,60 @@ def read_ulog(path: Path) -> LoggedRows:
     except Exception as error:  # pyulog raises bare Exceptions for wrong headers and flags
         raise TrackError(f"{path}: not a ULog that pyulog can read ({error})") from error
     datasets = {data.name: data.data for data in log.data_list if data.multi_id == 0}
-    if "vehicle_global_position" not in datasets:
-        raise TrackError(f"{path}: has no vehicle_global_position messages, so no positions")
-    position = datasets["vehicle_global_position"]
-    positions = np.column_stack([position["timestamp"] * 1e-6, position["lat"], position["lon"], position["alt"]])
+    warnings = [f"{path}: parts of the log are damaged and were left out"] if log.file_corruption else []
+    if position := datasets.get("vehicle_global_position"):
+        positions = np.column_stack([position["timestamp"] * 1e-6, position["lat"], position["lon"], position["alt"]])
+    else:
+        positions = _received(path, datasets)
+        warnings.append(f"{path}: has no vehicle_global_position messages; the positions of its receiver are taken")
     attitudes = np.empty((0, 4))
     if "vehicle_attitude" in datasets:
         attitude = datasets["vehicle_attitude"]
         attitudes = np.column_stack([attitude["timestamp"] * 1e-6, _euler_deg(attitude)])
-    warnings = [f"{path}: parts of the log are damaged and were left out"] if log.file_corruption else []
     pictures, more = _pictures(path, datasets)
     warnings += more
-    return LoggedRows(positions.astype(float), attitudes, pictures, tuple(warnings), _clock(datasets))
+    ranges = _ranges(datasets.get("distance_sensor"))
+    return LoggedRows(positions.astype(float), attitudes, pictures, tuple(warnings), _clock(datasets), ranges)
+
+
+def _received(path: Path, datasets: dict[str, dict[str, Any]]) -> FloatArray:
+    """(n, 4) time, latitude, longitude and height above sea level of the receiver, where it has a fix in space.
+
+    Raises:
+        TrackError: it has none.
+    """
+    for name in _RECEIVERS:
+        fix = datasets.get(name, {})
+        # 1e-7 degrees and millimetres until PX4 1.14, degrees and metres since.
+        for keys, (degrees, metres) in (
+            (("latitude_deg", "longitude_deg", "altitude_msl_m"), (1.0, 1.0)),
+            (("lat", "lon", "alt"), (1e-7, 1e-3)),
+        ):
+            if set(keys) <= set(fix):
+                lat, lon, alt = (np.asarray(fix[key], float) for key in keys)
+                rows = np.column_stack(
+                    [np.asarray(fix["timestamp"]) * 1e-6, degrees * lat, degrees * lon, metres * alt]
+                )
+                good = np.asarray(fix.get("fix_type", np.full(len(rows), _FIX_3D))) >= _FIX_3D
+                if good.any():
+                    return np.asarray(rows[good])
+    raise TrackError(
+        f"{path}: has no vehicle_global_position messages and no fix of a receiver (vehicle_gps_position), so no positions"
+    )
+
+
+def _ranges(sensor: dict[str, Any] | None) -> FloatArray:
+    """(r, 2) time and distance of valid readings of a sensor that looks down."""
+    if not sensor or "current_distance" not in sensor:
+        return np.empty((0, 2))
+    distance = np.asarray(sensor["current_distance"], float)
+    good = np.isfinite(distance) & (distance > 0.0)
+    good &= np.asarray(sensor.get("orientation", np.full(len(distance), _LOOKS_DOWN))) == _LOOKS_DOWN
+    good &= np.asarray(sensor.get("signal_quality", np.full(len(distance), -1))) != 0
+    if {"min_distance", "max_distance"} <= set(sensor):
+        good &= (distance >= sensor["min_distance"]) & (distance <= sensor["max_distance"])
+    rows: FloatArray = np.column_stack([np.asarray(sensor["timestamp"], float) * 1e-6, distance])[good]
+    return rows
 
 
 def _clock(datasets: dict[str, dict[str, Any]]) -> FloatArray:

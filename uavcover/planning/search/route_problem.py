@@ -18,7 +18,7 @@ from uavcover.routes.way_cost import way_cost_of
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import trigger_distance_m
+from uavcover.sensing.sensors import sample_spacing_m, trigger_distance_m
 
 _MOST_WAYPOINTS = 60_000
 """A cell is counted in 16 bits."""
@@ -108,7 +108,7 @@ def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> 
         picture_cells(site.ground.surface, sight, cells),
         square,
         weight,
-        scenario.sensor.sample_spacing_m,
+        sample_spacing_m(scenario),
         sensing,
         _limits(site),
         way_cost_of(site),

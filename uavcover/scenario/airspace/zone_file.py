@@ -62,7 +62,11 @@ def read_zones(
         raise InputError(f"{path}: has no zone; give a file with polygons or circles")
     # Files of whole countries: what is far away is not even checked.
     close = [(number, zone) for number, zone in enumerate(wanted, start=1) if near is None or _is_near(zone, near)]
-    found = [_entry_of(entry, zone, f"{path}, zone {number} ({shown(zone.name)})") for number, zone in close]
+    found = []
+    for number, zone in close:
+        own, mended = _entry_of(entry, zone, f"{path}, zone {number} ({shown(zone.name)})")
+        found.append(own)
+        notes += mended
     if len(close) < len(wanted):
         notes.append(
             f"{path.name}: {len(wanted) - len(close)} of {len(wanted)} zones left out, more than {NEAR_KM:g} km away"
@@ -181,8 +185,8 @@ def _periods(properties: Mapping[str, Any], where: str) -> tuple[str, ...]:
     return tuple(periods)
 
 
-def _entry_of(entry: NoFly, zone: ReadZone, where: str) -> NoFly:
-    """A zone of a file as an entry: with its own heights and times, or else those of the entry.
+def _entry_of(entry: NoFly, zone: ReadZone, where: str) -> tuple[NoFly, list[str]]:
+    """A zone of a file as an entry, with its own heights and times, or else those of the entry; and what was mended.
 
     Raises:
         InputError: one line that begins with ``where``.
@@ -191,6 +195,7 @@ def _entry_of(entry: NoFly, zone: ReadZone, where: str) -> NoFly:
     if zone.from_utc is not None or zone.until_utc is not None or zone.active:
         changes |= {"from_utc": zone.from_utc, "until_utc": zone.until_utc, "active": zone.active}
     changes |= {"file": None, "ignore": (), "make_valid": False, "name": zone.name}
+    notes: list[str] = []
     if zone.circle is not None:
         lon, lat, radius_m = zone.circle
         if not 0.0 < radius_m <= _LARGEST_RADIUS_M:
@@ -201,16 +206,18 @@ def _entry_of(entry: NoFly, zone: ReadZone, where: str) -> NoFly:
     else:
         reading = RingReading(zone.crs, zone.rings_may_be_open, make_valid=entry.make_valid)
         try:
-            polygons = [one for rings in zone.polygons for one in read_polygons(rings, reading, where)]
+            read = [read_polygons(rings, reading, where) for rings in zone.polygons]
         except InputError as error:
             # The advice is for areas on the command line.
             text = (
                 str(error).replace("use --make-valid", "set make_valid = true").replace("--crs EPSG:NUMBER", "ogr2ogr")
             )
             raise InputError(text) from error
+        polygons = [polygon for found, _ in read for polygon in found]
+        notes = [note for _, mended in read for note in mended]
         changes["polygons_lon_lat_deg"] = tuple(_open(rings_of(polygon)) for polygon in joined(polygons))
     try:
-        return dataclasses.replace(entry, **changes)
+        return dataclasses.replace(entry, **changes), notes
     except ValueError as error:
         raise InputError(f"{where}: {error}; correct it, or name the zone in ignore") from error
 

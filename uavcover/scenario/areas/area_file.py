@@ -99,14 +99,17 @@ def read_area(query: AreaQuery, *, folder: Path = Path()) -> FoundArea:
     features = chosen(document, query.layer, query.feature)
     reading = RingReading(_system(document, query), document.rings_may_be_open, query.make_valid, query.swap_axes)
     polygons: list[shapely.Polygon] = []
+    mended: list[str] = []
     for where, feature in features:
         for rings in feature.polygons:
-            polygons += read_polygons(rings, reading, f"{document.source}, {where}" if is_file else document.source)
+            found, notes = read_polygons(rings, reading, f"{document.source}, {where}" if is_file else document.source)
+            polygons += found
+            mended += notes
     names = {feature.name for _, feature in features}
     name = names.pop() if len(names) == 1 else ""
     return FoundArea(
         tuple(rings_of(polygon) for polygon in joined(polygons)),
-        name or (path.stem if is_file else ""), is_file, (*document.notes, *document.unclosed),
+        name or (path.stem if is_file else ""), is_file, (*document.notes, *document.unclosed, *mended),
     )  # fmt: skip
 
 

@@ -5,6 +5,7 @@ import math
 import shapely
 
 from mission_io.errors import FormatError
+from mission_io.formats.dialects import words_of
 from uavcover.model.area import Ring
 from uavcover.scenario.areas.features import AreaDocument, AreaFeature
 
@@ -53,8 +54,8 @@ def _section(lines: list[tuple[int, str]], at: int) -> tuple[Ring, int]:
                 )
             return tuple(places), at
         try:
-            lon, lat = (float(word) for word in line.split())
-        except ValueError:
+            lon, lat = (float(word) for word in words_of(line, 2).words)
+        except (ValueError, FormatError):
             lon = lat = math.nan
         if not (abs(lon) <= 180.0 and abs(lat) <= 90.0):
             raise FormatError(

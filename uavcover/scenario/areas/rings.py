@@ -26,7 +26,8 @@ class RingReading:
     Attributes:
         crs: their coordinate system.
         may_be_open: whether the last corner need not repeat the first.
-        make_valid: whether outlines that cross themselves and rings that are not closed are mended.
+        make_valid: whether rings that are not closed are closed, and invalid polygons replaced by the union of their outlines
+            minus the union of their holes.
         swap_axes: whether the file has latitude, or north, first.
     """
 
@@ -36,8 +37,8 @@ class RingReading:
     swap_axes: bool = False
 
 
-def read_polygons(rings: Rings, reading: RingReading, where: str) -> list[shapely.Polygon]:
-    """A polygon of a file in longitude and latitude, in several parts where mending gives several.
+def read_polygons(rings: Rings, reading: RingReading, where: str) -> tuple[list[shapely.Polygon], tuple[str, ...]]:
+    """A polygon of a file in longitude and latitude, in several parts where mending gives several; a note if it was mended.
 
     Longitudes of one polygon are continuous: across 180 degrees they go beyond it.
 
@@ -57,14 +58,27 @@ def read_polygons(rings: Rings, reading: RingReading, where: str) -> list[shapel
     if not polygon.is_valid:
         parts = _mended(polygon, reading, where)
     if not any(part.area > 0.0 for part in parts):
+        if shapely.Polygon(outlines[0]).area > 0.0:
+            raise InputError(f"{where}: nothing is left of the area inside its holes; remove the holes that cover it")
         raise InputError(f"{where}: all corners are on one line, the area is zero; draw it again")
     found = [_geographic(part, reading, where) for part in parts if part.area > 0.0]
-    size_m2 = sum(abs(_EARTH.geometry_area_perimeter(part)[0]) for part in found)
+    size_m2 = sum(_area_m2(part) for part in found)
     if size_m2 < SMALLEST_M2:
         raise InputError(
             f"{where}: covers {size_m2:.2g} square metres; are its numbers in another coordinate system? name it with --crs"
         )
-    return found
+    if polygon.is_valid:
+        return found, ()
+    written_m2 = _area_m2(_geographic(polygon, reading, where))
+    return found, (
+        f"{where}: mended with make_valid, {written_m2 / 1e4:,.4g} ha as written, {size_m2 / 1e4:,.4g} ha now",
+    )
+
+
+def _area_m2(polygon: shapely.Polygon) -> float:
+    """Of the outline minus its holes, each as it is drawn."""
+    outer, *holes = (abs(_EARTH.geometry_area_perimeter(ring)[0]) for ring in (polygon.exterior, *polygon.interiors))
+    return float(outer - sum(holes))
 
 
 def _outline(ring: Ring, reading: RingReading, where: str) -> FloatArray:
@@ -135,7 +149,13 @@ def _mended(polygon: shapely.Polygon, reading: RingReading, where: str) -> list[
             "Interior is disconnected": "holes cut it apart",
         }.get(reason.strip(), reason.strip().lower())
         raise InputError(f"{where}: {what}{at}; correct it there, or use --make-valid")
-    return [shapely.Polygon(rings[0], rings[1:]) for rings in polygons_of_shape(shapely.make_valid(polygon))]
+    # Ring by ring: the default method counts crossings and fills holes that overlap or touch the outline, and "structure" takes
+    # a hole outside of the outline for another outline.
+    outline, *holes = (
+        shapely.make_valid(shapely.Polygon(ring), method="structure", keep_collapsed=False)
+        for ring in (polygon.exterior, *polygon.interiors)
+    )
+    return [shapely.Polygon(one[0], one[1:]) for one in polygons_of_shape(outline - shapely.union_all(holes))]
 
 
 def _geographic(polygon: shapely.Polygon, reading: RingReading, where: str) -> shapely.Polygon:

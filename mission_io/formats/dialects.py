@@ -1,0 +1,178 @@
+"""Dialects of text: how programs and spreadsheets of different countries separate columns and write decimals.
+
+Every reader of a table or of lines of numbers asks here, so that files are read in the same dialects everywhere, and an error
+names the one that a file was read in.
+"""
+
+import csv
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final
+
+from mission_io.errors import FormatError
+
+_NAMES: Final = MappingProxyType({",": "commas", ";": "semicolons", "\t": "tabs", "|": "bars"})
+_DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?", re.ASCII)
+_DECIMAL_POINT: Final = re.compile(r"[-+]?\d*\.\d+(?:[eE][-+]?\d+)?", re.ASCII)
+_SPREADSHEET: Final = re.compile(r"sep=(.)\s*", re.IGNORECASE)
+"""A first line that tells a spreadsheet the separator."""
+_LOOKED_AT: Final = 200
+"""Rows that show how decimals are written."""
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """How a table is written.
+
+    Attributes:
+        separator: between columns.
+        decimal: between the whole and the rest of a number.
+        first_line: of the header, from 1.
+    """
+
+    separator: str = ","
+    decimal: str = "."
+    first_line: int = 1
+
+    def __str__(self) -> str:
+        decimals = "decimal commas" if self.decimal == "," else "decimal points"
+        return f"columns separated by {_NAMES[self.separator]}, {decimals}"
+
+    @property
+    def repairs(self) -> tuple[str, ...]:
+        """What is unusual about it, one line each."""
+        return () if (self.separator, self.decimal) == (",", ".") else (f"line {self.first_line}: read as {self}",)
+
+    def rows(self, text: str) -> Iterator[tuple[int, list[str]]]:
+        """The rows with their lines, the header first: cells without space around, decimals with points; empty rows left out.
+
+        Raises:
+            FormatError: quotes that do not match, or a row with more cells than the header.
+        """
+        reader = csv.reader(
+            text.split("\n")[self.first_line - 1 :], delimiter=self.separator, skipinitialspace=True, strict=True
+        )
+        columns = 0
+        try:
+            for cells in reader:
+                line = reader.line_num + self.first_line - 1
+                cells = [cell.strip() for cell in cells]
+                if not any(cells):
+                    continue
+                columns = columns or len(cells)
+                if any(cells[columns:]):
+                    raise self._too_many(len(cells), columns, line)
+                if self.decimal == ",":
+                    cells = [cell.replace(",", ".") if _DECIMAL_COMMA.fullmatch(cell) else cell for cell in cells]
+                yield line, cells
+        except csv.Error as error:
+            raise FormatError(f"no CSV: {error}", where=f"line {reader.line_num + self.first_line - 1}") from None
+
+    def _too_many(self, count: int, columns: int, line: int) -> FormatError:
+        advice = "save the table again"
+        if self.separator == ",":
+            advice = "are its decimals commas too? save it with decimal points, or with semicolons between columns"
+        return FormatError(f"{count} cells, the header has {columns} ({self})", where=f"line {line}", advice=advice)
+
+
+def sniff(text: str) -> Dialect:
+    """The dialect of a table whose first row names the columns.
+
+    Raises:
+        FormatError: decimals are written with commas in one row and with points in another.
+    """
+    lines = text.split("\n")
+    told = _SPREADSHEET.fullmatch(lines[0].rstrip("\r\n"))
+    first = 1 if told else 0
+    header = next((line for line in lines[first:] if line.strip()), "")
+    counts = {each: _cells(header, each) for each in _NAMES}
+    separator = max(_NAMES, key=lambda each: counts[each])
+    if told and told[1] in _NAMES:
+        separator = told[1]
+    plain = Dialect(separator, ".", first + 1)
+    with_comma = with_point = 0
+    for number, (line, cells) in enumerate(plain.rows(text)):
+        if number > _LOOKED_AT:
+            break
+        with_comma = with_comma or (line if any(map(_DECIMAL_COMMA.fullmatch, cells)) else 0)
+        with_point = with_point or (line if any(map(_DECIMAL_POINT.fullmatch, cells)) else 0)
+    if with_comma and with_point:
+        raise FormatError(
+            f"numbers with commas (line {with_comma}) and with points (line {with_point}), columns separated by "
+            f"{_NAMES[separator]}", where=f"line {max(with_comma, with_point)}", advice="save it with decimal points alone",
+        )  # fmt: skip
+    return Dialect(separator, "," if with_comma else ".", first + 1)
+
+
+def header_of(text: str) -> list[str]:
+    """The names of a table's columns, whatever its other rows are; empty for what is no table."""
+    lines = [line for line in text.lstrip("\ufeff\r\n ").splitlines() if line.strip()][:2]
+    if lines and not _SPREADSHEET.fullmatch(lines[0]):
+        lines = lines[:1]
+    try:
+        return next(sniff("\n".join(lines)).rows("\n".join(lines)), (0, []))[1]
+    except FormatError:
+        return []
+
+
+def _cells(line: str, separator: str) -> int:
+    try:
+        return len(next(csv.reader([line], delimiter=separator, skipinitialspace=True), []))
+    except csv.Error:
+        return 0
+
+
+@dataclass(frozen=True, slots=True)
+class Words:
+    """The words of a line of numbers.
+
+    Attributes:
+        words: without quotes, decimals with points.
+        changed: what was unusual, for a list of repairs; empty where nothing was.
+    """
+
+    words: tuple[str, ...]
+    changed: str = ""
+
+
+_SPLITS: Final = (
+    ("\t", re.compile(r"\t")),
+    (";", re.compile(";")),
+    (" ", re.compile(r"[,;]?\s+")),
+    (",", re.compile(",")),
+)
+_ANY: Final = re.compile(r"[\s,;]+")
+
+
+def words_of(line: str, count: int, *, usual: str = " ") -> Words:
+    """A line of ``count`` numbers or words: separated by tabs, semicolons, spaces or commas, with decimal points or commas.
+
+    Args:
+        line: the line.
+        count: words that it has.
+        usual: separator of the format, a space or a tab.
+
+    Raises:
+        FormatError: it has another number of words in every dialect.
+    """
+    content = line.strip().replace('"', "")
+    for _, pattern in _SPLITS:
+        parts = [part.strip() for part in pattern.split(content)]
+        if len(parts) != count or not all(parts):
+            continue
+        with_comma, with_point = (any(map(each.fullmatch, parts)) for each in (_DECIMAL_COMMA, _DECIMAL_POINT))
+        if with_comma and with_point:
+            break
+        if with_comma:
+            return Words(tuple(part.replace(",", ".") for part in parts), "decimal commas were read as points")
+        is_usual = content == line.strip() and (content.split() if usual == " " else content.split(usual)) == parts
+        return Words(tuple(parts), "" if is_usual else "changed the separators")
+    parts = _ANY.split(content)
+    if len(parts) == count and all(parts):
+        return Words(tuple(parts), "changed the separators")
+    advice = ""
+    if "," in content and len(parts) > count:
+        advice = "are its decimals commas? write them with points, or put spaces or semicolons between the numbers"
+    raise FormatError(f"{len(parts)} columns, {count} are expected", where="", advice=advice)

@@ -1,0 +1,114 @@
+"""Every text format in every dialect: the same content, or an error that names the dialect."""
+
+from itertools import product
+
+import pytest
+
+from mission_io.errors import FormatError
+from mission_io.formats import csv, litchi_reader, poly, rally_lines, wpl
+from mission_io.formats.dialects import sniff, words_of
+
+ITEMS = [
+    csv.HEADER,
+    "0,16,0,0.0,0.0,0.0,0.0,46.51234,8.0123,512.25,AMSL,1",
+    "1,22,3,0.0,0.0,0.0,,46.51234,8.0123,30.5,ABOVE_HOME,1",
+    "2,16,3,0.0,0.0,0.0,,46.51334,8.0133,40.5,ABOVE_HOME,1",
+]
+LITCHI = [
+    "latitude,longitude,altitude(m),heading(deg),curvesize(m),altitudemode,speed(m/s)",
+    "46.51234,8.0123,40.5,10.5,0,0,5.5",
+    "46.51334,8.0133,40.5,20.5,0,0,5.5",
+]
+TABLES = {
+    "items": (ITEMS, lambda text: csv.read_mission(text).mission),
+    "litchi": (LITCHI, lambda text: litchi_reader.read_route(text).mission),
+}
+
+
+def written(rows, *, separator, decimal, quoted, space, told):
+    """A table as a spreadsheet would save it."""
+    lines = []
+    for number, row in enumerate(rows):
+        cells = [cell.replace(".", decimal) if cell.replace(".", "").isdigit() else cell for cell in row.split(",")]
+        if quoted == "all" or (quoted == "header" and number == 0):
+            cells = [f'"{cell}"' for cell in cells]
+        lines.append((separator + space).join(cells))
+    return "\n".join([*([f"sep={separator}"] if told else []), *lines]) + "\n"
+
+
+DIALECTS = [
+    {"separator": separator, "decimal": decimal, "quoted": quoted, "space": space, "told": told}
+    for separator, decimal, quoted, space, told in product(
+        ",;\t|", ".,", ("no", "header", "all"), ("", " "), (False, True)
+    )
+    if not (separator == "," and decimal == "," and quoted != "all")
+]
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_a_table_is_the_same_in_every_dialect(table):
+    rows, read = TABLES[table]
+    plain = read("\n".join(rows))
+    for dialect in DIALECTS:
+        text = written(rows, **dialect)
+        assert repr(read(text)) == repr(plain), dialect
+        assert litchi_reader.is_litchi(text) is (table == "litchi")
+
+
+@pytest.mark.parametrize("table", TABLES)
+def test_decimal_commas_between_commas_are_named(table):
+    rows, read = TABLES[table]
+    text = written(rows, separator=",", decimal=",", quoted="no", space="", told=False)
+    with pytest.raises(
+        FormatError,
+        match=r"header has \d+ \(columns separated by commas, decimal points\); are its decimals commas",
+    ):
+        read(text)
+
+
+def test_commas_and_points_in_one_table_are_named():
+    rows = "\n".join([*ITEMS[:3], ITEMS[3]]).replace(",", ";").replace("46.51334", "46,51334")
+    with pytest.raises(
+        FormatError, match=r"commas \(line 4\) and with points \(line 2\), columns separated by semicolons"
+    ):
+        csv.read_mission(rows)
+
+
+def test_a_missing_column_names_the_dialect():
+    with pytest.raises(
+        FormatError, match=r"0 columns item, .*it was read as columns separated by semicolons, decimal points"
+    ):
+        csv.read_mission("number;command;frame\n1;16;3\n")
+
+
+def test_unusual_dialects_are_listed_and_the_usual_one_is_not():
+    assert sniff("\n".join(ITEMS)).repairs == ()
+    assert sniff("a;b\n1,5;2\n").repairs == ("line 1: read as columns separated by semicolons, decimal commas",)
+    assert str(sniff("sep=|\na|b\n")) == "columns separated by bars, decimal points"
+
+
+PLACES = (("46.51234", "8.0123"), ("46.51334", "8.0123"), ("46.51334", "8.0133"))
+
+
+@pytest.mark.parametrize("between", [" ", "\t", ";", "; ", ", ", "  ", " , "])
+@pytest.mark.parametrize("decimal", ".,")
+@pytest.mark.parametrize("quoted", ["", '"'])
+def test_lines_of_numbers_are_the_same_in_every_dialect(between, decimal, quoted):
+    if decimal == "," and between == " , ":
+        return
+    lines = [between.join(f"{quoted}{word.replace('.', decimal)}{quoted}" for word in place) for place in PLACES]
+    assert poly.read_area("\n".join(lines)).area == poly.read_area("\n".join(" ".join(place) for place in PLACES)).area
+    item = ("0", "1", "0", "16", "0", "0", "0", "0", "46.5", "8.5", "500.5", "1")
+    row = between.join(f"{quoted}{word.replace('.', decimal)}{quoted}" for word in item)
+    assert wpl.read(f"QGC WPL 110\n{row}\n").home == wpl.read("QGC WPL 110\n" + "\t".join(item) + "\n").home
+    point = ("RALLY", "46.5", "8.5", "40.5", "0", "0", "0")
+    row = between.join(word.replace(".", decimal) for word in point)
+    assert rally_lines.read_rally(row).rally == rally_lines.read_rally(" ".join(point)).rally
+
+
+@pytest.mark.parametrize(("line", "count"), [("46,51234,8,0123", 2), ("0,1,0,16,0,0,0,0,46,5,8,5,500,5,1", 12)])
+def test_ambiguous_decimal_commas_are_named(line, count):
+    with pytest.raises(FormatError, match=r"columns, .* are expected; are its decimals commas"):
+        words_of(line, count)
+    with pytest.raises(FormatError, match="are its decimals commas"):
+        wpl.read(f"QGC WPL 110\n{line}\n") if count == 12 else poly.read_area(line)

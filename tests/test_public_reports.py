@@ -1,0 +1,285 @@
+"""Classes of mistakes in public bug reports of planners and ground stations, with made-up data and the right answer for each."""
+
+import json
+import re
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import rasterio
+import shapely
+from rasterio.transform import Affine
+
+from mission_io.errors import FormatError
+from mission_io.formats import plan
+from tests.judging.track_logs.samples import FRAME, GROUND_M, write_dataflash, write_tlog, write_ulog
+from tests.planning.sites import make_site
+from uavcover.errors import InputError, TrackError
+from uavcover.judging.elevation_bias import elevation_biases, widened
+from uavcover.judging.track_logs.readers import read_foreign_log
+from uavcover.model.track import COLUMNS
+from uavcover.run.check import read_mission_file, read_parameter_file
+from uavcover.scenario.areas.area_file import AreaQuery, read_area
+from uavcover.scenario.elevation_file import read_heights_amsl_m
+from uavcover.scenario.obstacles import read_obstacles
+from uavcover.scenario.scenario_file import parse_scenario
+from uavcover.scenario.site import build_site
+from uavcover.scenario.suspect_heights import suspect_places
+from uavcover.scenario.terrain_source import TerrainSource
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.vehicle.track_file import read_track_with_warnings
+
+
+@dataclass(frozen=True, slots=True)
+class Report:
+    """A class of reports.
+
+    Attributes:
+        name: of the class.
+        case: makes the data in a folder, gives it to the code concerned, and returns the answer as text.
+        answer: that the text matches.
+    """
+
+    name: str
+    case: Callable[[Path], str]
+    answer: str
+
+
+def _mended(rings: list[str]) -> str:
+    found = read_area(AreaQuery(source=f"POLYGON ({', '.join(rings)})", make_valid=True))
+    square = sum(shapely.Polygon(part[0], part[1:]).area for part in found.parts) * 1e6
+    return f"{square:.0f} {' '.join(found.notes)}"
+
+
+_OUTLINE = "(8 46, 8.01 46, 8.01 46.01, 8 46.01, 8 46)"
+"""A hundred squares of 0.001 degrees."""
+
+
+def hole_on_the_edge(_: Path) -> str:
+    return _mended([_OUTLINE, "(8 46.002, 8.003 46.002, 8.003 46.005, 8 46.005, 8 46.002)"])
+
+
+def holes_that_overlap(_: Path) -> str:
+    corners = ((2, 2), (6, 2), (6, 6), (2, 6), (2, 2))
+    holes = [f"({', '.join(f'8.00{x + d} 46.00{y + d}' for x, y in corners)})" for d in (0, 2)]
+    return _mended([_OUTLINE, *holes])
+
+
+def hole_that_takes_all(_: Path) -> str:
+    try:
+        return _mended([_OUTLINE, "(7.99 45.99, 8.02 45.99, 8.02 46.02, 7.99 46.02, 7.99 45.99)"])
+    except InputError as error:
+        return str(error)
+
+
+def _dem(folder: Path, heights: np.ndarray) -> Path:
+    """A file of pixels of 10 m around 46 N, 8 E."""
+    path = folder / "dem.tif"
+    with rasterio.open(
+        path, "w", driver="GTiff", width=heights.shape[1], height=heights.shape[0], count=1, crs="EPSG:4326",
+        dtype="float32", transform=Affine(1.3e-4, 0.0, 8.0, 0.0, -9e-5, 46.02),
+    ) as file:  # fmt: skip
+        file.write(heights.astype(np.float32), 1)
+    return path
+
+
+def _doubts(heights: np.ndarray, folder: Path) -> str:
+    return "; ".join(one.words for one in suspect_places(_dem(folder, heights), "EGM96", (8.0, 46.0, 8.025, 46.02)))
+
+
+def _relief() -> np.ndarray:
+    rows, columns = np.mgrid[0:220, 0:220]
+    return 700.0 + 60.0 * np.sin(rows / 19.0) * np.cos(columns / 23.0) + 0.3 * columns
+
+
+def void_filled_with_zero(folder: Path) -> str:
+    heights = _relief()
+    heights[80:120, 90:130] = 0.0
+    return _doubts(heights, folder)
+
+
+def warp_collar(folder: Path) -> str:
+    rows, columns = np.mgrid[0:220, 0:220]
+    return _doubts(np.where(rows < 0.2 * columns, 0.0, _relief()), folder)
+
+
+def tile_in_feet_beside_one_in_metres(folder: Path) -> str:
+    heights = _relief()
+    heights[:, 110:] /= 0.3048
+    return _doubts(heights, folder)
+
+
+def sea_without_data(folder: Path) -> str:
+    rows, columns = np.mgrid[0:220, 0:220]
+    land = 0.8 * (columns - 110.0 - 10.0 * np.sin(rows / 15.0))
+    source = TerrainSource((_dem(folder, np.where(land > 0.0, land, np.nan)),), water_height_m=0.0)
+    heights = read_heights_amsl_m(source, "EGM96", np.array([46.01, 46.01]), np.array([8.001, 7.99]))
+    return f"{heights} {suspect_places(source, 'EGM96', (7.99, 46.005, 8.02, 46.015))}"
+
+
+def rangefinder_and_dem(folder: Path) -> str:
+    site = make_site()
+    path = folder / "flight.bin"
+    write_dataflash(path, ranging=True)
+    track = read_foreign_log(path, FRAME).track
+    ranged = np.column_stack(
+        [np.full(len(track.ranged), site.frame.lat_deg), np.full(len(track.ranged), site.frame.lon_deg)]
+    )
+    level_m = site.ground_alt_amsl_m(site.frame.lat_deg, site.frame.lon_deg) + track.ranged[:, 2] - GROUND_M + 4.0
+    track = replace(track, ranged=np.column_stack([ranged, level_m]))
+    return "; ".join(widened(site, elevation_biases(site, [track]))[1])
+
+
+def station_with_a_position(folder: Path) -> str:
+    path = folder / "flight.tlog"
+    write_tlog(path, stations=((255, 6, 8),))
+    track = read_foreign_log(path, FRAME).track
+    write_tlog(path, systems=(1, 2))
+    try:
+        read_foreign_log(path, FRAME)
+    except TrackError as error:
+        return f"{len(track)} positions; {error}"
+    return "no error"
+
+
+def log_without_an_estimate(folder: Path) -> str:
+    path = folder / "flight.ulg"
+    write_ulog(path, receiver="vehicle_gps_position")
+    return "; ".join(read_foreign_log(path, FRAME).warnings)
+
+
+def table_of_another_country(folder: Path) -> str:
+    """Obstacles, parameters and a track, as a spreadsheet in German saves them."""
+    path = folder / "boxes.csv"
+    path.write_text(
+        '"name";"east_m";"north_m";"length_m";"width_m";"heading_deg";"height_m"\nmast;1,5;2,5;4;4;0;12,5\n'
+    )
+    (mast,) = read_obstacles(path)
+    (folder / "a.param").write_text("RTL_ALT;2500,5\nWPNAV_SPEED;500\n")
+    parameters = read_parameter_file(folder / "a.param")
+    sample = dict.fromkeys(COLUMNS, "0") | {"lat_deg": "46,5", "lon_deg": "8,5", "alt_amsl_m": "500,5"}
+    rows = [sample, sample | {"time_s": "0,5"}]
+    table = [";".join(COLUMNS), *(";".join(row.values()) for row in rows)]
+    (folder / "track.csv").write_text("\n".join(table) + "\n")
+    read = read_track_with_warnings(folder / "track.csv")
+    return f"{mast.height_m} {parameters['RTL_ALT']} {read.track.geodetic[1].tolist()} {read.track.time_s[1]} {read.warnings[0]}"
+
+
+def take_off_in_row_0(folder: Path) -> str:
+    path = folder / "m.waypoints"
+    rows = ["0\t0\t3\t22\t0\t0\t0\t0\t46.5\t8.5\t50\t1", "1\t0\t3\t16\t0\t0\t0\t0\t46.51\t8.5\t50\t1"]
+    path.write_text("QGC WPL 110\n" + "\n".join(rows) + "\n")
+    read = read_mission_file(path)
+    return f"{read.mission.home} {[item.command for item in read.mission.items]} {read.repairs[0]}"
+
+
+def plan_that_contradicts_itself(folder: Path) -> str:
+    item = {
+        "type": "SimpleItem", "command": 16, "frame": 3, "autoContinue": True, "doJumpId": 1, "Altitude": 120,
+        "AltitudeMode": 2, "AMSLAltAboveTerrain": None, "params": [0, 0, 0, None, 46.5, 8.5, 50],
+    }  # fmt: skip
+    ring = {"polygon": [[46, 8], [46, 9], [47, 9]], "inclusion": True, "version": 1}
+    fence = {"version": 2, "circles": [], "polygons": [ring], "breachReturn": [48, 8, 50]}
+    mission = {
+        "version": 2, "firmwareType": 3, "vehicleType": 2, "cruiseSpeed": 15, "hoverSpeed": 5, "items": [item],
+        "plannedHomePosition": [46.5, 8.5, 500],
+    }  # fmt: skip
+    text = json.dumps({
+        "fileType": "Plan", "version": 1, "groundStation": "QGroundControl", "mission": mission, "geoFence": fence,
+        "rallyPoints": {"version": 2, "points": []},
+    })  # fmt: skip
+    (folder / "m.plan").write_text(text)
+    read = read_mission_file(folder / "m.plan")
+    return "; ".join([*read.repairs, *plan.read(text).doubts()])
+
+
+def template_of_dji(folder: Path) -> str:
+    kml = '<?xml version="1.0"?><kml xmlns="http://www.opengis.net/kml/2.2" xmlns:wpml="http://www.dji.com/wpmz/1.0.2"><Document/></kml>'
+    (folder / "template.kml").write_text(kml)
+    with zipfile.ZipFile(folder / "flight.kmz", "w") as archive:
+        archive.writestr("wpmz/template.kml", kml)
+    said = []
+    for name in ("template.kml", "flight.kmz"):
+        try:
+            read_mission_file(folder / name)
+        except FormatError as error:
+            said.append(str(error).replace(str(folder), ""))
+    return "; ".join(said)
+
+
+def lake(folder: Path) -> str:
+    return f"{_doubts(np.maximum(_relief(), 720.0), folder)}nothing"
+
+
+def narrow_sensor(folder: Path) -> str:
+    text = """
+name = "disc"
+[area]
+polygon_east_north_m = [[0, 0], [60, 0], [60, 3], [0, 3]]
+cell_size_m = 0.5
+[terrain]
+kind = "sine-cosine"
+scale_m = 1e-3
+[sensor]
+kind = "disc"
+radius_m = 1.5
+sensing = "along-path"
+[limits]
+min_height_agl_m = 5.0
+max_height_agl_m = 20.0
+"""
+    site = build_site(parse_scenario(text, source="disc", folder=folder))
+    coverage = CoverageMap(site, cell_size_m=0.5)
+    seen = coverage.seen(np.array([[0.0, 1.5, 10.0], [60.0, 1.5, 10.0]]))
+    return f"{100.0 * float(np.mean(seen)):.0f} %"
+
+
+REPORTS = (
+    Report("a hole on the outline's edge is filled", hole_on_the_edge, r"^91 .* ha as written, .* ha now$"),
+    Report("holes that overlap are half filled", holes_that_overlap, r"^72 .* ha as written, .* ha now$"),
+    Report("a hole takes all of the area", hole_that_takes_all, "nothing is left of the area inside its holes; remove"),
+    Report(
+        "a void filled with 0 reads as ground", void_filled_with_zero, "^a block .* of exactly 0 m whose rim is at 7"
+    ),
+    Report("a warp's collar reads as ground", warp_collar, "^a block .* of exactly 0 m whose rim is at"),
+    Report("tiles do not fit", tile_in_feet_beside_one_in_metres, "^a straight step of 1.* m over 1.* m, like tiles"),
+    Report("a narrow sensor counts only spots of its swath", narrow_sensor, "^(9[5-9]|100) %$"),
+    Report("the sea has no data, or no tile", sea_without_data, r"^\[0\. 0\.\] \(\)$"),
+    Report(
+        "is my elevation data right?", rangefinder_and_dem, r"has the ground 4\.\d m above the .*uncertainty of 4\.\d m"
+    ),
+    Report(
+        "a ground station counts as a vehicle", station_with_a_position, "^40 positions; .*choose one with --system$"
+    ),
+    Report("a log has GPS positions alone", log_without_an_estimate, "the positions of its receiver are taken"),
+    Report(
+        "semicolons, quoted headers and decimal commas",
+        table_of_another_country,
+        r"^12\.5 2500\.5 \[46\.5, 8\.5, 500\.5\] 0\.5 .*read as columns separated by semicolons, decimal commas$",
+    ),
+    Report(
+        "a take-off in row 0 becomes a home of 50 m",
+        take_off_in_row_0,
+        r"^None \[22, 16\] the first row is command 22 and not home: it is kept as item 1, and the file has no home$",
+    ),
+    Report(
+        "a plan contradicts itself",
+        plan_that_contradicts_itself,
+        "AltitudeMode 2 is AMSL, its frame ABOVE_HOME.*Altitude is 120, params.6. 50.*return point.* outside the fence",
+    ),
+    Report(
+        "DJI's template is no flight",
+        template_of_dji,
+        "^/template.kml: kml: is DJI's template.kml.*/flight.kmz: holds DJI's template .* and no wpmz/waylines.wpml",
+    ),
+    Report("a lake is no void", lake, "^nothing$"),
+)
+
+
+@pytest.mark.parametrize("report", REPORTS, ids=lambda report: report.name)
+def test_each_class_has_the_right_answer(report, tmp_path):
+    answer = report.case(tmp_path)
+    assert re.search(report.answer, answer), answer

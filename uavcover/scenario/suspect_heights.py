@@ -1,0 +1,402 @@
+"""Heights that look like ground and are probably none: filled voids, collars of a warp, spikes, steps between tiles.
+
+An elevation model marks missing data with a no-data value. Where a program has replaced the mark by a number, or never set it,
+the number reads as ground: a hill inside it is invisible. Such places show by their rim, which no ground has.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+from rasterio.windows import Window
+from shapely.geometry.base import BaseGeometry
+
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.scenario.elevation_file import open_raster
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.pixel_frame import Bounds
+from uavcover.scenario.terrain_source import TerrainSource
+
+Kind = Literal["block", "spike", "step"]
+
+_AROUND = np.ones((3, 3), dtype=int)
+_TIP_PIXELS = 40
+"""Of a block, narrower than two pixels, that reach beyond it."""
+_LEAST_SQUARES = 3
+"""Of 2 x 2 equal pixels that make a block."""
+_RIM_PIXELS, _SLOPE_PIXELS = 3, 4
+"""A rim is looked at this far outside, for a warp blends what is nearer; the slope of the ground over so many pixels beyond."""
+_RIM_TIMES, _RIM_M = 2.0, 5.0
+"""A rim is steep where it rises so many times as fast as the ground beyond, and by so much more."""
+_RIM_SHARE = 0.75
+"""Of a block's rim that is steep to one side, up or down: shores are gentle somewhere, and a terrace has both."""
+_ROOF_M = 100.0
+"""A block that is not so far above its rim may be a roof, and hides no hill."""
+_SPIKE_TIMES, _SPIKE_M = 3.0, 20.0
+"""A spike stands over all ground around by so many times the range of that ground, and by so much or a pixel's length more."""
+_STEP_PIXELS, _STEP_M, _STEP_ERRORS, _STEP_TIMES, _STEP_SHARE = 64, 2.0, 10.0, 1.5, 0.7
+"""A seam is straight over so many pixels. There the median step beyond the slope beside it is so high, so many times its standard
+error (real relief reaches 7), and so many times the bend beside it; at this share of the pixels it has one direction."""
+_STRIP_PIXELS = 16_000_000
+_AROUND_PIXELS = 300
+"""Looked at beyond the places that matter: a block shows by its rim."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SuspectPixels:
+    """Pixels whose heights are not believed.
+
+    Attributes:
+        kind: what they look like.
+        first: row and column of the first one of ``mask``.
+        mask: (rows, columns) which pixels, in their bounding box; the ones that a warp may have blended included.
+        value_m: the one height of a block, the height of a spike, or the step of a seam.
+        rim_m: typical height of the ground around; not for a seam.
+    """
+
+    kind: Kind
+    first: tuple[int, int]
+    mask: BoolArray
+    value_m: float
+    rim_m: float
+
+    @property
+    def places(self) -> tuple[slice, slice]:
+        """The rows and the columns of ``mask``."""
+        (row, column), (rows, columns) = self.first, self.mask.shape
+        return slice(row, row + rows), slice(column, column + columns)
+
+    def words(self, pixel_m: tuple[float, float]) -> str:
+        """What it looks like, for people; ``pixel_m`` is height and width of a pixel."""
+        tall_m, wide_m = self.mask.shape[0] * pixel_m[0], self.mask.shape[1] * pixel_m[1]
+        size = f"{wide_m:.0f} x {tall_m:.0f} m"
+        if self.kind == "block":
+            return (
+                f"a block ({size}) of exactly {self.value_m:g} m whose rim is at {self.rim_m:.0f} m, like a filled void"
+            )
+        if self.kind == "spike":
+            return f"a spike of {self.value_m:.0f} m in ground of {self.rim_m:.0f} m"
+        return f"a straight step of {self.value_m:.1f} m over {max(tall_m, wide_m):.0f} m, like tiles that do not fit"
+
+
+def suspect_pixels(heights_m: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPixels]:
+    """What of a raster does not look like ground.
+
+    Args:
+        heights_m: (rows, columns) heights as the file has them, NaN where there is no data: a correction that varies from place
+            to place, such as the geoid's, would hide that a block has one value.
+        pixel_m: height and width of a pixel.
+    """
+    if min(heights_m.shape) < 2 * (_RIM_PIXELS + 1):
+        return []
+    blocks = _blocks(heights_m)
+    left = heights_m
+    if blocks:
+        left = heights_m.copy()
+        for block in blocks:
+            left[block.places][block.mask] = math.nan
+    return [*blocks, *_spikes(left, pixel_m), *_steps(left)]
+
+
+def _blocks(heights: FloatArray) -> list[SuspectPixels]:
+    from scipy import ndimage  # a third of a second to load
+
+    level_right, level_down = heights[:, 1:] == heights[:, :-1], heights[1:] == heights[:-1]
+    square = level_right[1:] & level_right[:-1] & level_down[:, 1:] & level_down[:, :-1]
+    if not square.any():
+        return []
+    # Squares that touch share a pixel: they have one value.
+    labels, count = ndimage.label(square, structure=_AROUND)
+    if not count:
+        return []
+    pixels = np.zeros(heights.shape, dtype=labels.dtype)
+    for rows in (slice(0, -1), slice(1, None)):
+        for columns in (slice(0, -1), slice(1, None)):
+            np.maximum(pixels[rows, columns], labels, out=pixels[rows, columns])
+    squares = np.bincount(labels.ravel(), minlength=count + 1)
+    whole, below, above, rims = _rims(heights, pixels.astype(np.int64), count)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        steep = np.maximum(below, above) >= _RIM_SHARE * whole
+        chosen = (whole >= 4) & steep & (squares >= _LEAST_SQUARES)
+    found = []
+    taken = np.zeros(heights.shape, dtype=bool)
+    places = ndimage.find_objects(pixels)
+    for number in np.flatnonzero(chosen[1:]) + 1:
+        core = pixels[places[number - 1]] == number
+        if taken[places[number - 1]][core].any():
+            continue
+        # With what is narrower than two pixels and joined to it, such as the tip of a wedge.
+        value = float(heights[places[number - 1]][core][0])
+        rows, columns = (
+            _grown(part, size, _TIP_PIXELS) for part, size in zip(places[number - 1], heights.shape, strict=True)
+        )
+        alike, _ = ndimage.label(heights[rows, columns] == value, structure=_AROUND)
+        block = alike == alike[pixels[rows, columns] == number][0]
+        taken[rows, columns] |= block
+        mask = ndimage.binary_dilation(block, _AROUND, _RIM_PIXELS)
+        (box,) = ndimage.find_objects(mask.astype(np.int8))
+        first = (rows.start + box[0].start, columns.start + box[1].start)
+        found.append(SuspectPixels("block", first, mask[box], value, float(rims[number])))
+    return found
+
+
+def _grown(part: slice, size: int, by: int) -> slice:
+    return slice(max(0, part.start - by), min(size, part.stop + by))
+
+
+def _rims(heights: FloatArray, pixels: IntArray, count: int) -> tuple[FloatArray, IntArray, IntArray, FloatArray]:
+    """Of every block by its number: places of its rim, of these those steeply above and below the block, their mean height.
+
+    Places count where the ground beyond is known. In each of the four directions a rim is a pixel of the block, the ground
+    ``_RIM_PIXELS`` farther, and the mean slope beyond.
+    """
+    rises, slopes, numbers, grounds = [], [], [], []
+    reach = _RIM_PIXELS + _SLOPE_PIXELS
+    for turned in range(4):
+        h, n = np.rot90(heights, turned), np.rot90(pixels, turned)
+        edge = (n[:, :-reach] > 0) & (n[:, 1 : 1 - reach] != n[:, :-reach])
+        row, column = np.nonzero(edge)
+        number = n[row, column]
+        ground = h[row, column + _RIM_PIXELS]
+        rise = ground - h[row, column]
+        slope = np.mean(
+            [np.abs(h[row, column + k + 1] - h[row, column + k]) for k in range(_RIM_PIXELS, reach)], axis=0
+        )
+        beyond = np.all([n[row, column + k] != number for k in range(1, reach + 1)], axis=0)
+        good = np.isfinite(rise) & np.isfinite(slope) & beyond
+        rises.append(rise[good])
+        slopes.append(slope[good])
+        numbers.append(number[good])
+        grounds.append(ground[good])
+    number, rise, slope, ground = (np.concatenate(parts) for parts in (numbers, rises, slopes, grounds))
+    whole = np.bincount(number, minlength=count + 1).astype(float)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        usual = np.bincount(number, slope, count + 1) / whole
+        mean = np.bincount(number, ground, count + 1) / whole
+    usually = _RIM_TIMES * _RIM_PIXELS * np.maximum(slope, usual[number])
+    below = np.bincount(number[rise > usually + _RIM_M], minlength=count + 1)
+    return whole, below, np.bincount(number[-rise > usually + _ROOF_M], minlength=count + 1), mean
+
+
+def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPixels]:
+    """Single pixels and clumps of up to 3 x 3 that stand over, or lie under, all of the ring around."""
+    from scipy import ndimage
+
+    high = np.where(np.isnan(heights), -np.inf, heights)
+    low = np.where(np.isnan(heights), np.inf, heights)
+    top, bottom = _ring(high, np.maximum), _ring(low, np.minimum)
+    with np.errstate(invalid="ignore"):
+        beyond = _SPIKE_TIMES * (top - bottom) + max(_SPIKE_M, *pixel_m)
+        spike = np.isfinite(beyond) & ((heights - top > beyond) | (bottom - heights > beyond))
+    if not spike.any():
+        return []
+    labels, _ = ndimage.label(spike, structure=_AROUND)
+    found = []
+    for number, (rows, columns) in enumerate(ndimage.find_objects(labels), start=1):
+        grown = _grown(rows, heights.shape[0], _RIM_PIXELS), _grown(columns, heights.shape[1], _RIM_PIXELS)
+        mask = ndimage.binary_dilation(labels[grown] == number, _AROUND)
+        own = labels[rows, columns] == number
+        inside = heights[rows, columns][own]
+        rim = 0.5 * float(top[rows, columns][own][0] + bottom[rows, columns][own][0])
+        value = float(inside[np.argmax(np.abs(inside - rim))])
+        found.append(SuspectPixels("spike", (grown[0].start, grown[1].start), mask, value, rim))
+    return found
+
+
+def _ring(values: FloatArray, extreme: np.ufunc) -> FloatArray:
+    """The extreme of the 16 pixels two away from each; at the raster's edge of those that there are."""
+    empty = -math.inf if extreme is np.maximum else math.inf
+    padded = np.pad(values, 2, constant_values=empty)
+    out = np.full(values.shape, empty)
+    for row in range(5):
+        for column in range(5):
+            if max(abs(row - 2), abs(column - 2)) == 2:
+                extreme(out, padded[row : row + values.shape[0], column : column + values.shape[1]], out=out)
+    return out
+
+
+def _steps(heights: FloatArray) -> list[SuspectPixels]:
+    found = []
+    for turned, grid in ((False, heights), (True, heights.T)):
+        for row, column, count, step in _seams(grid):
+            mask = np.ones((count, 2) if not turned else (2, count), dtype=bool)
+            first = (row, column) if not turned else (column, row)
+            found.append(SuspectPixels("step", first, mask, abs(step), 0.0))
+    return found
+
+
+def _seams(heights: FloatArray) -> list[tuple[int, int, int, float]]:
+    """Straight steps between two columns: first row, column left of it, number of rows, step."""
+    if heights.shape[0] < _STEP_PIXELS or heights.shape[1] < 4:
+        return []
+    rises = np.diff(heights, axis=1)
+    own = rises[:, 1:-1] - 0.5 * (rises[:, :-2] + rises[:, 2:])
+    size, half = _STEP_PIXELS, _STEP_PIXELS // 2
+    firsts = range(0, len(own) - size + 1, half)
+    steps = np.zeros((len(firsts), own.shape[1]))
+    errors = np.ones_like(steps)
+    for row, first in enumerate(firsts):
+        part = own[first : first + size]
+        enough = np.flatnonzero(np.isfinite(part).sum(axis=0) >= 0.75 * size)
+        if not len(enough):
+            continue
+        part = part[:, enough]
+        median = np.nanmedian(part, axis=0)
+        alike = np.nanmean(np.sign(part) == np.sign(median), axis=0) >= _STEP_SHARE
+        # Beside a step half of it shows as a bend.
+        padded = np.concatenate([[0.0], np.abs(median), [0.0]])
+        peak = padded[1:-1] > _STEP_TIMES * np.maximum(padded[:-2], padded[2:])
+        steps[row, enough] = np.where(alike & peak & (np.abs(median) > _STEP_M), median, 0.0)
+        spread = 1.4826 * np.nanmedian(np.abs(part - median), axis=0)
+        errors[row, enough] = np.maximum(1.2533 * spread / math.sqrt(size), 1e-6)
+    found = []
+    for column in np.flatnonzero((np.abs(steps) > _STEP_ERRORS * errors).any(axis=0)).tolist():
+        # Where a seam is certain somewhere, it goes on as far as there is a step.
+        goes_on = np.flatnonzero(np.diff(np.concatenate([[0.0], np.sign(steps[:, column]), [0.0]])))
+        for begin, end in pairwise(goes_on.tolist()):
+            if (np.abs(steps) > _STEP_ERRORS * errors)[begin:end, column].any():
+                last = firsts[end - 1] + size
+                found.append((firsts[begin], column + 1, last - firsts[begin], float(steps[begin:end, column].mean())))
+    return found
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SuspectPlace:
+    """A place of elevation data whose heights are not believed.
+
+    Attributes:
+        words: what it looks like, and where.
+        shape: in longitude and latitude, degrees, continuous across 180.
+    """
+
+    words: str
+    shape: BaseGeometry
+
+    def in_frame(self, frame: LocalFrame) -> BaseGeometry:
+        """The shape on the map of a local frame, (east, north) metres."""
+        return shapely.transform(
+            self.shape, lambda p: frame.enu_from_geodetic(p[:, 1], p[:, 0], frame.alt_amsl_m)[:, :2]
+        )
+
+
+def suspect_places(
+    source: Path | TerrainSource, vertical_datum: str, around_deg: Bounds, near: BaseGeometry | None = None
+) -> tuple[SuspectPlace, ...]:
+    """The places of elevation data that do not look like ground.
+
+    Args:
+        source: the elevation data.
+        vertical_datum: of its heights.
+        around_deg: west, south, east, north of what matters; the data is looked at somewhat beyond.
+        near: in longitude and latitude: places that it does not touch are left out; none: those outside ``around_deg``.
+
+    Raises:
+        TerrainError: the data cannot be used.
+    """
+    region = shapely.box(*around_deg) if near is None else near
+    found = []
+    for window in _pixels_around(source, vertical_datum, around_deg, margin=_AROUND_PIXELS):
+        for one in suspect_pixels(window.heights_m, window.pixel_m):
+            shape = _outline(one, window.lon_lat_deg)
+            if region.intersects(shape):
+                lon, lat = shape.representative_point().coords[0]
+                words = (
+                    f"{one.words(window.pixel_m)}, at latitude {lat:.5f}, longitude {math.remainder(lon, 360.0):.5f}"
+                )
+                found.append(SuspectPlace(words, shape))
+    return tuple(found)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _PixelWindow:
+    """A part of a file, pixel by pixel.
+
+    Attributes:
+        heights_m: (rows, columns) as the file has them, in metres above its own datum; NaN where there is no data.
+        pixel_m: height and width of a pixel.
+        lon_lat_deg: longitudes, continuous, and latitudes (n, 2) of columns and rows (n, 2), integers at pixel centres.
+    """
+
+    heights_m: FloatArray
+    pixel_m: tuple[float, float]
+    lon_lat_deg: Callable[[FloatArray], FloatArray]
+
+
+def _pixels_around(
+    path: Path | TerrainSource, vertical_datum: str, around_deg: Bounds, *, margin: int
+) -> Iterator[_PixelWindow]:
+    """The pixels around west, south, east, north in degrees, in strips where they are many.
+
+    Args:
+        path: a file that rasterio reads, or several.
+        vertical_datum: of its heights.
+        around_deg: what is needed.
+        margin: pixels around it.
+
+    Raises:
+        TerrainError: the file cannot be used.
+    """
+    west, south, east, north = around_deg
+    rim = np.linspace(0.0, 1.0, 9)
+    lon, lat = (axis.ravel() for axis in np.meshgrid(west + rim * (east - west), south + rim * (north - south)))
+    with open_raster(path, vertical_datum) as raster:
+        pixels = raster.pixels_at(lat, lon)
+        pixels = pixels[np.isfinite(pixels).all(axis=1)]
+        size = np.array([raster.dataset.width, raster.dataset.height])
+        if not len(pixels):
+            return
+        first = np.clip(np.floor(pixels.min(axis=0)) - margin, 0, size).astype(int)
+        last = np.clip(np.ceil(pixels.max(axis=0)) + margin + 1, 0, size).astype(int)
+        columns, rows = (last - first).tolist()
+        if min(columns, rows) < 2:
+            return
+        middle = 0.5 * (first + last)
+        at = np.column_stack(raster.places_of(middle + np.array([(0.0, 0.0), (0.0, 1.0), (1.0, 0.0)])))
+        frame = LocalFrame(float(at[0, 0]), math.remainder(float(at[0, 1]), 360.0), 0.0)
+        sides = np.linalg.norm(np.diff(frame.enu_from_geodetic(at[:, 0], at[:, 1], 0.0)[[1, 0, 2]], axis=0), axis=1)
+        as_stored = replace(raster, undulation=None)
+        water_m = raster.path.water_height_m
+        if water_m is not None and raster.undulation is not None:
+            water_m += float(raster.undulation.heights_m(at[:1, 0], at[:1, 1])[0])
+        step = max(4 * margin, _STRIP_PIXELS // columns)
+        for row in range(0, rows, step):
+            top, bottom = max(0, row - margin), min(rows, row + step + margin)
+            corner = first + np.array([0, top])
+
+            def lon_lat_deg(pixels: FloatArray, corner: NDArray[np.int64] = corner) -> FloatArray:
+                lats, lons = raster.places_of(pixels + corner)
+                return np.column_stack([west + np.mod(lons - west + 180.0, 360.0) - 180.0, lats])
+
+            heights = as_stored.read(Window(corner[0], corner[1], columns, bottom - top))
+            if water_m is not None:
+                heights = np.where(np.isnan(heights), water_m, heights)
+            yield _PixelWindow(
+                heights,
+                (float(sides[0]), float(sides[1])), lon_lat_deg,
+            )  # fmt: skip
+
+
+def _outline(found: SuspectPixels, lon_lat_deg: Callable[[FloatArray], FloatArray]) -> BaseGeometry:
+    padded = np.zeros((found.mask.shape[0], found.mask.shape[1] + 2), dtype=np.int8)
+    padded[:, 1:-1] = found.mask
+    turns = np.diff(padded, axis=1)
+    (rows, begins), (_, ends) = np.nonzero(turns == 1), np.nonzero(turns == -1)
+    row, column = found.first
+    boxes = shapely.box(column + begins - 0.5, row + rows - 0.5, column + ends - 0.5, row + rows + 0.5)
+    return shapely.transform(shapely.union_all(boxes), lon_lat_deg)
+
+
+def is_suspect(places: Iterable[SuspectPlace], lat_deg: FloatArray, lon_deg: FloatArray) -> BoolArray:
+    """(n,) whether geodetic positions (n,) lie in one of the places."""
+    found = np.zeros(len(lat_deg), dtype=bool)
+    for place in places:
+        middle = place.shape.centroid.x
+        lon = middle + np.mod(lon_deg - middle + 180.0, 360.0) - 180.0
+        found |= shapely.intersects_xy(place.shape, lon, lat_deg)
+    return found
