@@ -172,6 +172,8 @@ def decide(
     if evidence.shown is None:
         _judge_coverage(coverage, flown, perhaps, reasons, doubts)
         _judge_overlap(coverage, pictures, perhaps, reasons, doubts)
+        if evidence.photos_required and any(j.photos is not None and j.photos.source == "predicted" for j in judged):
+            doubts.append("photos are required (--require-photos), and the vehicle reported none")
     else:
         # What pictures may show, by their errors or because nobody knows whether they are sharp.
         _judge_coverage(coverage, flown, lambda: flown.possibly_seen, reasons, doubts)
@@ -247,6 +249,7 @@ def _all_unobserved(
             ways.append(before)
         found += [replace(stretch, track=number) for stretch in j.unobserved]
         ways += ways_between_m(j.enu_m, j.joined, j.phases.route, j.planned, j.passed)
+        ways += [] if j.photos is None else j.photos.perhaps_m
         link = next((link for link in links if link.before == number), None)
         if link is not None:
             other = judged[link.after]

@@ -7,9 +7,10 @@ import numpy as np
 from uavcover.errors import TrackError
 from uavcover.judging.attitude import known_attitude
 from uavcover.judging.ends import TrackEnd, ground_tolerance_m, track_ends
-from uavcover.judging.observations import REACHED_RADII, Observations, missing_pictures, observations_of
+from uavcover.judging.observations import Observations, observations_of
 from uavcover.judging.phases import PlannedRoute, on_route
 from uavcover.judging.possible_motion import Motion, judge_motion, motion_limits
+from uavcover.judging.reported_photos import REACHED_RADII, TrackPhotos, photos_of, reports_photos
 from uavcover.judging.safety import (
     TOLERANCE,
     Heights,
@@ -27,7 +28,7 @@ from uavcover.judging.unobserved import place_of, unobserved_stretches
 from uavcover.judging.waypoints_passed import Passing, contradiction, passing, plan_doubt
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.track import Track
-from uavcover.model.verdict import Unobserved, Violation
+from uavcover.model.verdict import PhotoSource, Unobserved, Violation
 from uavcover.scenario.site import Site
 
 MAX_CONTRADICTION_M = 1.0
@@ -67,6 +68,7 @@ class JudgedTrack:
         doubts: why it proves nothing, whatever was seen.
         findings: other irregularities.
         attitude_problems: problems of its attitudes.
+        photos: where photos were taken; none for a sensor that looks along the path.
     """
 
     track: Track
@@ -86,21 +88,27 @@ class JudgedTrack:
     doubts: tuple[str, ...]
     findings: tuple[str, ...]
     attitude_problems: tuple[str, ...]
+    photos: TrackPhotos | None
 
     def observations(self, site: Site) -> Observations:
-        """The observations of its sensor.
-
-        Raises:
-            TrackError: the sensor looks from waypoints only, and there is no plan that says where they are.
-        """
-        return observations_of(site, self.track, self.enu_m, self.phases.route, self.joined, self.planned)
+        """The observations of its sensor."""
+        return observations_of(site, self.track, self.enu_m, self.phases.route, self.joined, self.photos)
 
 
-def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> JudgedTrack:
+def judge_track(
+    site: Site, track: Track, planned: PlannedRoute | None, *, photo_source: PhotoSource | None = None
+) -> JudgedTrack:
     """Judge a track.
 
+    Args:
+        site: the scenario on its ground.
+        track: what was flown.
+        planned: its plan, if any.
+        photo_source: which photos count; none: those that the vehicle reported, where it reported any.
+
     Raises:
-        TrackError: it is empty, or has a position that is not on Earth.
+        TrackError: it is empty, or has a position that is not on Earth; the sensor looks from waypoints only, and there is no
+            plan that says where they are.
     """
     scenario = site.scenario
     told_m = _checked_positions_m(site, track)
@@ -155,7 +163,8 @@ def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> Judge
         doubts.append(
             "the deviation from the planned route is unknown: there is no plan, or no part of the track is on its route"
         )
-    pictures = missing_pictures(site, track, enu, joined, planned)
+    source = photo_source or ("reported" if reports_photos(whole) else "predicted")
+    photos = photos_of(site, track, enu, route, joined, planned, source=source)
     return JudgedTrack(
         track=track,
         enu_m=enu,
@@ -172,8 +181,9 @@ def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> Judge
         unobserved=tuple(unobserved_stretches(site, track, enu, joined, route, motion, kept)),
         reasons=tuple(_reasons(site, phases, speeds, deviations, broken)),
         doubts=tuple(doubt for doubt in doubts if doubt is not None),
-        findings=(*_findings(site, begin, end), *([] if pictures is None else [pictures])),
+        findings=(*_findings(site, begin, end), *([] if photos is None else photos.findings)),
         attitude_problems=tuple(attitude_problems),
+        photos=photos,
     )
 
 

@@ -50,6 +50,9 @@ GapReason = Literal[
 visible from any position within the limits; ground sample distance too large; seen by fewer observations than
 required; possibly seen, by observations of unknown direction. In the order of their numbers in ``coverage.tif``."""
 
+PhotoSource = Literal["reported", "predicted"]
+"""Whether the photos of a flight are those that its vehicle reported, or those that its track predicts."""
+
 UnobservedReason = Literal["no samples", "impossible motion", "before the first sample", "after the last sample"]
 
 
@@ -253,6 +256,40 @@ class Unobserved:
 
 
 @dataclass(frozen=True, slots=True)
+class MissingPhotos:
+    """A stretch of a flight on which photos were expected that the vehicle did not report.
+
+    Attributes:
+        expected: number of photos that are missing.
+        start_s: vehicle time of the last reported photo before it, or at which its route began.
+        end_s: vehicle time of the next reported photo, or at which its route ended.
+        length_m: length flown between them.
+        lat_deg: where it begins.
+        lon_deg: where it begins.
+        east_m: where it begins.
+        north_m: where it begins.
+        track: number of the track, counted from 0.
+    """
+
+    expected: int
+    start_s: float
+    end_s: float
+    length_m: float
+    lat_deg: float
+    lon_deg: float
+    east_m: float
+    north_m: float
+    track: int = 0
+
+    def __str__(self) -> str:
+        """Description for people."""
+        return (
+            f"no photo was reported for {self.length_m:.0f} m, {self.end_s - self.start_s:.0f} s from {self.start_s:.1f} s: "
+            f"{self.expected} {'was' if self.expected == 1 else 'were'} expected"
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class VerificationReport:
     """Coverage and safety of a flown track; ``verification.json``.
 
@@ -289,6 +326,9 @@ class VerificationReport:
         flown_utc: first and last moment of the tracks that tell the time of day, UTC; none where none does. No-fly zones are
             judged by it.
         separation: of each two tracks that overlap in time; none where no separation is asked for.
+        photo_source: whether photos count that the vehicle reported, or that its tracks predict; none for a sensor that takes
+            no single photos, or where real photos tell the coverage.
+        missing_photos: stretches on which expected photos were not reported.
     """
 
     coverage_fraction: float
@@ -322,3 +362,5 @@ class VerificationReport:
     requirements: Mapping[str, Any]
     flown_utc: tuple[str, str] | None = None
     separation: tuple[PairSeparation, ...] = ()
+    photo_source: PhotoSource | None = None
+    missing_photos: tuple[MissingPhotos, ...] = ()

@@ -16,6 +16,7 @@ class PictureEvidence:
         reasons: why they do not show enough, whatever their errors are.
         doubts: why it is not proved that they do.
         findings: what else is to be said of them.
+        photos_required: whether a flight whose vehicle reported no photo is not proved.
     """
 
     shown: FlownCoverage | None = None
@@ -23,6 +24,7 @@ class PictureEvidence:
     reasons: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()
     findings: tuple[str, ...] = ()
+    photos_required: bool = False
 
 
 NOTHING_KNOWN = PictureEvidence()
