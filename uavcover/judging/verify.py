@@ -30,6 +30,7 @@ from uavcover.model.track import Track
 from uavcover.model.verdict import PhotoSource, PictureStatistics, VerificationReport
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.looks import look_distance_m, looks_of
 from uavcover.sensing.pictures import (
     OVERLAP_FRACTION,
     PictureCounts,
@@ -272,9 +273,11 @@ def _time_findings(site: Site, window: Window | None) -> list[str]:
 
 
 def _pictures(coverage: CoverageMap, together: Observations) -> PictureCounts:
-    """Pictures whose direction is known; the others show nothing for certain."""
-    known = together.where(together.known)
-    return count_pictures(coverage, SensorPoses(known.places_m, known.axes, known.tops, known.times_s))
+    """Looks whose direction is known; the others show nothing for certain."""
+    known, scenario = together.where(together.known), coverage.site.scenario
+    closer_m = look_distance_m(scenario, np.full(len(known), scenario.uncertainty.position_m))
+    looks = looks_of(known.places_m, known.axes, closer_m)
+    return count_pictures(coverage, SensorPoses(known.places_m, known.axes, known.tops, known.times_s), looks)
 
 
 def _overlap_findings(site: Site, pictures: PictureStatistics | None) -> list[str]:

@@ -183,6 +183,7 @@ class PictureStatistics:
 
     Attributes:
         taken: how many pictures there are.
+        looks: how many looks they are: photos from one place, in a like direction, are one look, and overlap counts looks.
         asked: in how many the overlap asked for puts a point, floor(1 / (1 - forward)) times floor(1 / (1 - side)); none where
             no overlap is asked for.
         overlap_fraction: fraction of the ground in at least so many, 0..1.
@@ -194,6 +195,7 @@ class PictureStatistics:
     """
 
     taken: int
+    looks: int
     asked: int | None
     overlap_fraction: float | None
     overlap_holds: bool | None

@@ -161,7 +161,7 @@ def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:
             f"the probability of detection is {percent(searched['pod'])} over the area, below the required "
             f"{percent(searched['asked'])}"
         )
-    counts = PictureCounts(shown.pictures, shown.coverage.ground_sample_m, told["counted"])
+    counts = PictureCounts(shown.pictures, shown.coverage.ground_sample_m, told["counted"], shown.looks)
     finding = f"coverage is that of {told['counted']} pictures, not what the track lets one expect"
     return PictureEvidence(shown.coverage, counts, tuple(reasons), tuple(doubts), (finding,))
 

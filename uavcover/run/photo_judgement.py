@@ -281,6 +281,7 @@ def _document(
         "inputs": {"pictures": found.sha256},
         "clocks": clocks_of(found.pictures),
         "counted": len(placed.pictures),
+        "looks": shown.looks,
         "left_out": placed.left_out,
         "direction_known": int(placed.direction_known.sum()),
         "height_agl_m": {"lowest": float(np.nanmin(heights_m)), "median": float(np.nanmedian(heights_m)),
