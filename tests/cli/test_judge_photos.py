@@ -11,6 +11,7 @@ from tests.judging.photos.camera_files import dji, write_jpeg
 from uavcover.judging.photos.picture import Picture
 from uavcover.judging.photos.placing import Assumptions
 from uavcover.judging.photos.readers import PictureSet
+from uavcover.model.judgement import combined
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.run.any_flight import evidence_for_flight
@@ -257,7 +258,7 @@ def test_pictures_that_are_blurred_or_may_be_do_not_count(flown, tmp_path, blurr
     assert found.document["verdict"] == verdict
     assert found.document["passed"] is (verdict == "passed")
     evidence = evidence_for_flight(found)
-    assert (bool(evidence.reasons), bool(evidence.doubts)) == (verdict == "failed", verdict == "not proved")
+    assert combined(each.effect for each in evidence.findings) == found.judgement.verdict == verdict
     counting = [k for k in range(len(flown)) if k % 3 in told and k % 3 not in blurred]
     assert [picture.name for picture in found.placed.pictures] == [f"p{k}" for k in counting]
     # 1.9 cm a pixel at 80 m and 8 m/s: 4 pixels in 10 ms.

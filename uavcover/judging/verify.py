@@ -25,6 +25,7 @@ from uavcover.judging.separation import judge_separation
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.active_times import Window, flown_window, window_in_words
+from uavcover.model.judgement import Judgement, noted
 from uavcover.model.outline import svg_map
 from uavcover.model.track import Track
 from uavcover.model.verdict import PhotoSource, PictureStatistics, VerificationReport
@@ -180,6 +181,8 @@ def verify_flight(
         coverage, flown, judged, pictures,
         unknown_attitude_looks=unknown_looks, evidence=evidence, separation=separation, eyes=[eye for eye, _ in eyes],
     )  # fmt: skip
+    more = (*map(str, records), *_overlap_findings(site, statistics), *_time_findings(site, window))
+    judgement = Judgement((*decision.judgement.findings, *map(noted, more)))
     report = VerificationReport(
         coverage_fraction=coverage.share(flown.seen),
         coverage_of_coverable=coverage.share_of_coverable(flown.seen),
@@ -207,16 +210,12 @@ def verify_flight(
         unobserved_s=sum(stretch.duration_s for stretch in decision.unobserved if stretch.in_flight),
         unobserved_m=sum(stretch.length_m for stretch in decision.unobserved if stretch.in_flight),
         unobserved_route_fraction=decision.unobserved_route_fraction,
-        verdict=decision.verdict,
-        passed=decision.verdict == "passed",
-        reasons=decision.reasons,
-        doubts=decision.doubts,
-        findings=(
-            *decision.findings,
-            *map(str, records),
-            *_overlap_findings(site, statistics),
-            *_time_findings(site, window),
-        ),
+        verdict=judgement.verdict,
+        passed=judgement.verdict == "passed",
+        reasons=judgement.texts("fails"),
+        doubts=judgement.texts("not proved"),
+        findings=judgement.texts("noted"),
+        judgement=judgement,
         requirements=judged_requirements(site.scenario),
         flown_utc=None if window is None else (window[0].isoformat(), window[1].isoformat()),
         separation=separation.pairs,

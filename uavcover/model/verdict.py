@@ -1,8 +1,10 @@
 """The verdict on a flight."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
+
+from uavcover.model.judgement import Judgement, Requirement, VerdictName
 
 _FEWEST_DECIMALS, _MOST_DECIMALS = 2, 9
 
@@ -18,10 +20,6 @@ def percent_beside(share: float, limit: float) -> str:
     return f"{100.0 * share:.{digits}f} %"
 
 
-VerdictName = Literal["passed", "failed", "not proved"]
-"""Failed: what was observed breaks a limit or misses a requirement. Not proved: nothing does, but something essential was not
-observed."""
-
 ViolationKind = Literal[
     "below-band",
     "above-band",
@@ -36,6 +34,22 @@ ViolationKind = Literal[
     "deviation",
     "separation",
 ]
+
+LIMIT_OF: Mapping[ViolationKind, Requirement] = {
+    "below-band": "height-band",
+    "above-band": "height-band",
+    "clearance": "transit-clearance",
+    "above-transit-height": "transit-height",
+    "below-sea-level-limit": "sea-level",
+    "above-sea-level-limit": "sea-level",
+    "fence": "fence",
+    "obstacle": "obstacles",
+    "no-fly-zone": "no-fly-zones",
+    "ground-speed": "ground-speed",
+    "deviation": "deviation",
+    "separation": "separation",
+}
+"""The requirement that each kind of violation breaks."""
 
 GapReason = Literal[
     "never-in-range",
@@ -331,6 +345,7 @@ class VerificationReport:
         photo_source: whether photos count that the vehicle reported, or that its tracks predict; none for a sensor that takes
             no single photos, or where real photos tell the coverage.
         missing_photos: stretches on which expected photos were not reported.
+        judgement: the findings that the verdict, its reasons and its doubts come from, each with what it concerns.
     """
 
     coverage_fraction: float
@@ -366,3 +381,4 @@ class VerificationReport:
     separation: tuple[PairSeparation, ...] = ()
     photo_source: PhotoSource | None = None
     missing_photos: tuple[MissingPhotos, ...] = ()
+    judgement: Judgement = field(default_factory=Judgement)

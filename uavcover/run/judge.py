@@ -402,7 +402,8 @@ def _say_pictures(user: User, report: VerificationReport) -> None:
     if pictures is None:
         return
     user.say(
-        f"pictures          {pictures.taken}, {pictures.looks} looks; a point is in {pictures.fewest} or more, {pictures.median:g} (median)"
+        f"pictures          {pictures.taken}, {pictures.looks} looks; a point is in {pictures.fewest} or more, "
+        f"{pictures.median:g} (median)"
     )
     if pictures.asked is not None and pictures.overlap_fraction is not None:
         holds = "holds" if pictures.overlap_holds else "DOES NOT HOLD"

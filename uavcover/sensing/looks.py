@@ -23,8 +23,9 @@ _LONGEST_CAPTURE_M = 20.0
 
 
 def look_distance_m(scenario: Scenario, error_m: FloatArray) -> FloatArray:
-    """(n,) distance within which a photo is one look with another of like direction: the larger of its position error and a
-    fraction of the forward spacing.
+    """(n,) distance within which a photo is one look with another of like direction.
+
+    It is the larger of its position error and a fraction of the forward spacing.
 
     Args:
         scenario: with the camera, and its forward spacing where there is one.
