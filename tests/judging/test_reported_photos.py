@@ -133,3 +133,14 @@ def test_a_second_record_without_reports_proves_no_photo(whole):
     assert report.photo_source == "reported"
     assert report.verdict == "not proved"
     assert report.coverage_of_coverable < 0.7
+
+
+def test_two_records_of_one_flight_take_no_more_photos(whole):
+    """Shifted by 0.45 m, or wandering by 1.6 m, a second log made 438 photos of 219."""
+    alone = whole.report()
+    east = whole.track.enu_m + np.array([0.45, 0.0, 0.0])
+    geodetic = np.column_stack(whole.site.frame.geodetic_from_enu(east))
+    for count in (whole.track.pictures_taken, np.full(len(east), np.nan)):
+        both = whole.report(whole.track, changed(whole.track, enu_m=east, geodetic=geodetic, pictures_taken=count))
+        assert both.pictures.taken == alone.pictures.taken
+        assert both.pictures.overlap_fraction == pytest.approx(alone.pictures.overlap_fraction, abs=0.001)

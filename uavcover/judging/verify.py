@@ -15,17 +15,17 @@ from uavcover.judging.flown_coverage import (
     seen_by_any,
 )
 from uavcover.judging.gaps import GapRegion, find_gaps
-from uavcover.judging.judged_track import judge_track, largest, track_positions_m
+from uavcover.judging.judged_track import JudgedTrack, judge_track, largest, track_positions_m
 from uavcover.judging.observations import Observations
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.photos.evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.judging.reported_photos import reports_photos
-from uavcover.judging.same_flight import has_near, records_of_one_flight
+from uavcover.judging.same_flight import Records, at_two_places, has_near, records_of_one_flight
 from uavcover.judging.separation import judge_separation
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.active_times import Window, flown_window, window_in_words
-from uavcover.model.judgement import Judgement, noted
+from uavcover.model.judgement import Judgement, noted, unproved
 from uavcover.model.outline import svg_map
 from uavcover.model.track import Track
 from uavcover.model.verdict import PhotoSource, PictureStatistics, VerificationReport
@@ -154,10 +154,12 @@ def verify_flight(
     shifts_s = joining_shifts_s([flown.track.time_s for flown in tracks], pause_s=pause_s, same_clock=same_clock)
     parts = [track.observations(flown.site or site) for track, flown in zip(judged, tracks, strict=True)]
     for record in records:
-        first, observations = parts[record.first], parts[record.second]
-        told = has_near(first.times_s[first.known], observations.times_s + record.same.shift_s)
-        parts[record.second] = observations.where(~told)
+        _count_once(judged, parts, record)
     together = joined_observations(parts, shifts_s)
+    if unsure := [record.same for record in records if record.same.disagrees]:
+        coverage = coverage.less_certain(
+            position_m=max(same.aside_m for same in unsure), height_m=max(same.above_m for same in unsure)
+        )
     eyes = _eyes(coverage, tracks)
     if evidence.shown is not None:
         flown = evidence.shown
@@ -182,7 +184,10 @@ def verify_flight(
         unknown_attitude_looks=unknown_looks, evidence=evidence, separation=separation, eyes=[eye for eye, _ in eyes],
     )  # fmt: skip
     more = (*map(str, records), *_overlap_findings(site, statistics), *_time_findings(site, window))
-    judgement = Judgement((*decision.judgement.findings, *map(noted, more)))
+    doubts = at_two_places(judged, records) if site.scenario.fleet.vehicles == 1 else []
+    judgement = Judgement(
+        (*decision.judgement.findings, *(unproved("evidence", text) for text in doubts), *map(noted, more))
+    )
     report = VerificationReport(
         coverage_fraction=coverage.share(flown.seen),
         coverage_of_coverable=coverage.share_of_coverable(flown.seen),
@@ -227,6 +232,21 @@ def verify_flight(
         ),
     )
     return Verdict(coverage, report, flown, gaps, pictures, together, shifts_s)
+
+
+def _count_once(judged: Sequence[JudgedTrack], parts: list[Observations], record: Records) -> None:
+    """Take out of two records of one flight what both observed.
+
+    Photos stay with the record that has more of them: of the other, those at times that it observed are no more looks.
+    """
+    first, second, shift_s = record.first, record.second, record.same.shift_s
+    if judged[first].photos is not None and parts[second].known.sum() > parts[first].known.sum():
+        first, second, shift_s = second, first, -shift_s
+    kept, other = parts[first], parts[second]
+    times_s = kept.times_s[kept.known]
+    if judged[first].photos is not None and times_s.size:
+        times_s = judged[first].track.time_s
+    parts[second] = other.where(~has_near(times_s, other.times_s + shift_s))
 
 
 def _as_required(
