@@ -291,7 +291,7 @@ def judge_run(
     paths = judged_logs(run, logs)
     inputs = inspect_inputs(run, paths)
     refuse_changes(run, inputs, accepted)
-    site = load_site(path)
+    site = inputs.site or load_site(path)
     sites = [site_for(path, run, site) for path in paths]
     if evidence.photos_required and not any(looks_singly(each.scenario) for each in sites):
         raise InputError(
