@@ -111,6 +111,9 @@ def judge(way: Way, flown: Flown, run: Path, judged_as: str, *, folder: Path) ->
         record.write_bytes(way.record(flown))
     undo = None if way.meddle is None else way.meddle(copy)
     logs = [copy / other / "track.csv" if other != flown.folder else record for other in flown.folders]
+    if way.beside is not None:
+        logs.append(record.with_name("falsified-too.csv"))
+        logs[-1].write_text(way.beside(flown).text())
     named = [] if judged_as == FOLDER else [word for log in logs for word in ("--log", log)]
     try:
         code, out, err = command("verify", copy, "--json", *named)
@@ -156,7 +159,7 @@ def judge_all(
         if number >= len(ways[chosen[number]]):
             continue  # another flight of the run gives occasion for more ways
         way = ways[chosen[number]][number]
-        kinds = [LOG] if way.honest else [FOLDER, LOG] if way.of_track and way.meddle is None else [FOLDER]
+        kinds = [LOG] if way.as_log_alone else [FOLDER, LOG] if way.of_track and way.meddle is None else [FOLDER]
         for judged_as in kinds:
             with tempfile.TemporaryDirectory() as folder:
                 yield judge(way, flown, run, judged_as, folder=Path(folder))

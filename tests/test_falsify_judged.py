@@ -59,9 +59,10 @@ def test_no_attitude_is_believed_that_cannot_be(runs: Callable[[str], Path]) -> 
 
 
 def test_no_photo_counts_that_was_not_reported(runs: Callable[[str], Path]) -> None:
-    rows = list(falsify.judge_all(runs("survey"), families=["photos not reported", "honest"]))
+    rows = list(falsify.judge_all(runs("survey"), families=["photos not reported", "one flight twice", "honest"]))
     assert told(rows) == []
     assert sum(row.family == "photos not reported" for row in rows) == 20
+    assert sum(row.family == "one flight twice" for row in rows) == 4
 
 
 @pytest.mark.slow
@@ -72,7 +73,7 @@ def test_none_at_all_is_passed(runs: Callable[[str], Path], name: str, seed: int
     rows = list(falsify.judge_all(runs(name), seed=seed))
     assert told(rows) == []
     few = {"obstacles changed"} if name != "barns" else set()
-    few |= {"attitude"} if name == "survey" else {"photos not reported"}
+    few |= {"attitude"} if name == "survey" else {"photos not reported", "one flight twice"}
     # A vehicle in the air of several flights gives no occasion for every family.
     assert {*FAMILIES, "two at once"} - {row.family for row in rows} - few == set()
 

@@ -46,7 +46,7 @@ def _pairs(flown: Flown, rng: np.random.Generator, count: int) -> list[Way]:
         for number, (name, ways) in enumerate(FAMILIES.items())
         if name not in _NOT_COMBINED
         for way in ways(flown, np.random.default_rng([int(rng.integers(2**31)), number]))
-        if way.change is not None and way.meddle is None
+        if way.change is not None and way.meddle is None and way.beside is None
     ]
     pairs: list[Way] = []
     while len(pairs) < count:

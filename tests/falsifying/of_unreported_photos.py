@@ -63,6 +63,40 @@ def _silent(flown: Flown, count: np.ndarray, begin: float, length: float) -> np.
     return np.where(late, count - after + before, np.minimum(count, before))
 
 
+@family("one flight twice")
+def twice(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """Two logs of one flight, each with some of its photos: together they have as many as are missed."""
+    if flown.photos_taken is None or not looks_singly(flown.site.scenario):
+        return
+    one_flight = "two logs of one flight are no more photos than the one with most of them has"
+    every = float(rng.integers(3, 6))
+    aside_m, wander_m = float(rng.uniform(0.35, 2.0)), float(rng.uniform(1.0, 8.0))
+
+    def some(first: float) -> Change:
+        return counted(lambda _, n: np.ceil((n - first) / every))
+
+    def shifted(f: Flown) -> Flown:
+        return some(1.0)(_elsewhere(f, np.tile([aside_m, 0.0, 0.0], (len(f), 1))))
+
+    def wandering(f: Flown) -> Flown:
+        phase = 2.0 * np.pi * (f.time_s - f.time_s[0])[:, None] / np.array([70.0, 90.0, 110.0])
+        return some(1.0)(_elsewhere(f, wander_m * np.sin(phase) * np.array([0.8, 0.6, 0.2])))
+
+    yield Way(f"one of {every:g} each", one_flight, some(0.0), beside=some(1.0))
+    yield Way(f"one of {every:g} each, shifted by {aside_m:.2f} m", one_flight, some(0.0), beside=shifted)
+    yield Way(f"one of {every:g} each, wandering by {wander_m:.1f} m", one_flight, some(0.0), beside=wandering)
+    yield Way(
+        f"one of {every:g} each, by another clock", one_flight, some(0.0),
+        beside=lambda f: replace(shifted(f), time_s=f.time_s + 1234.5),
+    )  # fmt: skip
+
+
+def _elsewhere(f: Flown, by_m: np.ndarray) -> Flown:
+    frame = f.site.frame
+    assert frame is not None
+    return f.located(np.column_stack(frame.geodetic_from_enu(f.enu_m + by_m)))
+
+
 def honest_reports(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     """Reports as honest flights have them."""
     if flown.photos_taken is None or not looks_singly(flown.site.scenario):
