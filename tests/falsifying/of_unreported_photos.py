@@ -91,6 +91,40 @@ def twice(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     )  # fmt: skip
 
 
+def _table(f: Flown, *, every: int, files: int, apart_m: float, seed: int) -> str:
+    """One of so many photos as so many files, their places up to so many metres apart."""
+    rng, frame = np.random.default_rng(seed), f.site.frame
+    assert frame is not None
+    assert f.photos_taken is not None
+    at = np.flatnonzero(np.diff(np.nan_to_num(f.photos_taken)) > 0)[::every] + 1
+    rows = ["name,lat,lon,alt,yaw,pitch"]
+    for k in at:
+        for file in range(files):
+            off_m = apart_m * np.append(rng.uniform(-0.7, 0.7, 2), 0.0)
+            lat, lon, alt = (float(axis[0]) for axis in frame.geodetic_from_enu(f.enu_m[k] + off_m))
+            rows.append(f"{k}-{file},{lat!r},{lon!r},{alt!r},{float(f.attitude_deg[k, 2])!r},-90")
+    return "\n".join(rows) + "\n"
+
+
+@family("photos that are one look")
+def one_look(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """As many files as the overlap asks for, of too few places."""
+    sensor = flown.site.scenario.sensor
+    if flown.photos_taken is None or getattr(sensor, "forward_overlap", None) is None:
+        return
+    seed = int(rng.integers(2**31))
+    for name, every, files, apart_m in (
+        ("bands", 4, 6, 0.03), ("a burst", 5, 5, 0.6), ("hovering", 4, 4, 1.5), ("copies", 6, 6, 0.0),
+        ("far too few", 10, 12, 0.02),
+    ):  # fmt: skip
+        yield Way(
+            f"{name}: one photo of {every} as {files} files", "files from one place are one look",
+            photos=lambda f, every=every, files=files, apart_m=apart_m: _table(
+                f, every=every, files=files, apart_m=apart_m, seed=seed
+            ),
+        )  # fmt: skip
+
+
 def _elsewhere(f: Flown, by_m: np.ndarray) -> Flown:
     frame = f.site.frame
     assert frame is not None
@@ -103,6 +137,14 @@ def honest_reports(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         return
     none = "the same flight"
     offset, seed = float(rng.integers(1, 5000)), int(rng.integers(2**31))
+    if getattr(flown.site.scenario.sensor, "forward_overlap", None) is not None:
+        for name, files in (("its photos", 1), ("its photos, six bands each", 6)):
+            yield Way(
+                name,
+                none,
+                photos=lambda f, files=files: _table(f, every=1, files=files, apart_m=0.03, seed=seed),
+                honest=True,
+            )
     yield Way("photos of earlier flights counted", none, counted(lambda _, n: n + offset), honest=True)
     yield Way("a quarter of the reports lost", none, counted(lambda _, n: _lost(n, seed)), honest=True)
     yield Way("no camera feedback", none, counted(lambda f, _: np.full(len(f), np.nan)), honest=True)
