@@ -10,12 +10,11 @@ from uavcover.vehicle.follower import Follower
 from uavcover.vehicle.mission_guard import MissionGuard, VolumeWatch
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
-from uavcover.vehicle.photo_watch import PhotoWatch
 from uavcover.vehicle.policy import reaction
 from uavcover.vehicle.precautions import OnBreach
 from uavcover.vehicle.preconditions import Preconditions
 from uavcover.vehicle.progress import MissionProgress
-from uavcover.vehicle.schedule import Schedule
+from uavcover.vehicle.schedule import PhotoWatch, Schedule
 from uavcover.vehicle.session import Session, Stopped, Timer
 
 _LASTING = (
