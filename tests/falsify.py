@@ -6,6 +6,7 @@ RUN is the folder of a flight that passes, such as one of ``uavcover demo``; it 
 ``uavcover verify``, in this process, on a copy:
 
 - as the run folder itself, where hashes may give it away and a refusal (exit 2) counts as caught;
+- as a survey, ``verify RUN --photos LIST``, where the photos tell the coverage;
 - as a foreign log, ``verify RUN --log FILE`` beside an honest folder: what catches it is the judgement alone. Only where the
   record of the flight was changed.
 
@@ -45,7 +46,7 @@ from tests.falsifying.way import FAMILIES, Way
 from uavcover.cli.ending import run_app
 from uavcover.cli.main import app
 
-FOLDER, LOG = "run folder", "foreign log"
+FOLDER, LOG, SURVEY = "run folder", "foreign log", "survey"
 LEFT_BEHIND = ("flight.rrd", "report.html", "pareto_routes.csv", "upload.json")
 """Files of a run that are large, and that the judge does not read."""
 ANSWERS = (0, 1, 2)
@@ -60,7 +61,7 @@ class Judged:
         scenario: of the flight.
         family: its kind.
         way: its name.
-        judged_as: ``FOLDER`` or ``LOG``.
+        judged_as: ``FOLDER``, ``LOG`` or ``SURVEY``.
         verdict: passed, failed, not proved or refused.
         exit_code: of ``uavcover verify``.
         reasons: why, as the judge says it.
@@ -111,7 +112,13 @@ def judge(way: Way, flown: Flown, run: Path, judged_as: str, *, folder: Path) ->
         record.write_bytes(way.record(flown))
     undo = None if way.meddle is None else way.meddle(copy)
     logs = [copy / other / "track.csv" if other != flown.folder else record for other in flown.folders]
+    if way.beside is not None:
+        logs.append(record.with_name("falsified-too.csv"))
+        logs[-1].write_text(way.beside(flown).text())
     named = [] if judged_as == FOLDER else [word for log in logs for word in ("--log", log)]
+    if way.photos is not None:
+        (copy / "photos.csv").write_text(way.photos(flown))
+        named = ["--photos", copy / "photos.csv"]
     try:
         code, out, err = command("verify", copy, "--json", *named)
     finally:
@@ -141,6 +148,15 @@ def judge(way: Way, flown: Flown, run: Path, judged_as: str, *, folder: Path) ->
     return Judged(scenario, way.family, way.name, judged_as, verdict, code, reasons, way.because, finding)
 
 
+def judged_as_of(way: Way) -> list[str]:
+    """As what a way is judged."""
+    if way.photos is not None:
+        return [SURVEY]
+    if way.as_log_alone:
+        return [LOG]
+    return [FOLDER, LOG] if way.of_track and way.meddle is None else [FOLDER]
+
+
 def judge_all(
     run: Path, *, seed: int = 0, families: Collection[str] = (), count: int | None = None
 ) -> Iterator[Judged]:
@@ -156,7 +172,7 @@ def judge_all(
         if number >= len(ways[chosen[number]]):
             continue  # another flight of the run gives occasion for more ways
         way = ways[chosen[number]][number]
-        kinds = [LOG] if way.honest else [FOLDER, LOG] if way.of_track and way.meddle is None else [FOLDER]
+        kinds = judged_as_of(way)
         for judged_as in kinds:
             with tempfile.TemporaryDirectory() as folder:
                 yield judge(way, flown, run, judged_as, folder=Path(folder))
@@ -166,7 +182,7 @@ def summary(rows: Sequence[Judged]) -> dict[str, int]:
     """The figures."""
     false = [row for row in rows if row.family != "honest"]
     figures = {"ways": len({(row.scenario, row.family, row.way) for row in false})}
-    for judged_as in (FOLDER, LOG):
+    for judged_as in (FOLDER, LOG, SURVEY):
         of_it = [row for row in false if row.judged_as == judged_as]
         figures[f"as {judged_as}"] = len(of_it)
         figures[f"as {judged_as}, caught"] = sum(row.finding != PASSED for row in of_it)
@@ -184,17 +200,18 @@ def table(rows: Sequence[Judged], words: str) -> str:
         "# Falsified flights, judged", "", words, "", "Together: " + _told(summary(rows)), "",
         *(f"- {name}: {_told(summary([row for row in rows if row.scenario == name]))}"
           for name in dict.fromkeys(row.scenario for row in rows)), "",
-        "| family | as run folder: caught | as foreign log: caught | verdicts as foreign log |", "|---|---:|---:|---|",
+        "| family | as run folder: caught | as foreign log: caught | as survey: caught | verdicts as foreign log |",
+        "|---|---:|---:|---:|---|",
     ]  # fmt: skip
     for name in dict.fromkeys(row.family for row in rows):
         cells = []
-        for judged_as in (FOLDER, LOG):
+        for judged_as in (FOLDER, LOG, SURVEY):
             of_it = [row for row in rows if row.family == name and row.judged_as == judged_as]
             fine = sum(not row.finding if row.family == "honest" else row.finding != PASSED for row in of_it)
             cells.append(f"{fine} of {len(of_it)}" if of_it else "-")
         verdicts = [row.verdict for row in rows if row.family == name and row.judged_as == LOG]
         counted = ", ".join(f"{verdicts.count(v)} {v}" for v in dict.fromkeys(verdicts)) or "-"
-        lines.append(f"| {name} | {cells[0]} | {cells[1]} | {counted} |")
+        lines.append(f"| {name} | {cells[0]} | {cells[1]} | {cells[2]} | {counted} |")
     findings = [row for row in rows if row.finding]
     lines += ["", "## Findings", "", *([] if findings else ["None."])]
     for scenario, family, way in dict.fromkeys((row.scenario, row.family, row.way) for row in findings):

@@ -40,8 +40,9 @@ def test_there_are_at_least_80_in_every_family_each_with_a_reason(flown: Flown) 
     names = [(way.family, way.name) for way in ways]
     assert len(set(names)) == len(names)
     assert all(way.because and way.family for way in ways)
-    # The other families need obstacles.
-    assert {way.family for way in ways} == {*FAMILIES, "two at once"} - {"obstacles changed"}
+    # The other families need obstacles, or a camera that takes single photos.
+    others = {"obstacles changed", "photos not reported", "one flight twice", "photos that are one look"}
+    assert {way.family for way in ways} == {*FAMILIES, "two at once"} - others
 
 
 def test_each_changes_the_record_the_same_way_for_a_seed_and_leaves_the_original_alone(flown: Flown) -> None:

@@ -20,7 +20,7 @@ from uavcover.sensing.coverage_map import judging_map
 
 def sealed(run: Path) -> None:
     """Record the track as one that ended so."""
-    seal_flight(RunFolder(run), samples=0, command=[])
+    seal_flight(RunFolder(run), samples=1, command=[])
 
 
 def without_legs(run: Path, first: int, last: int) -> None:

@@ -5,7 +5,14 @@ from collections.abc import Collection
 
 import numpy as np
 
-from tests.falsifying import of_columns, of_files, of_motion, of_place, of_time  # noqa: F401  (they register their families)
+from tests.falsifying import (  # noqa: F401  (they register their families)
+    of_columns,
+    of_files,
+    of_motion,
+    of_place,
+    of_time,
+    of_unreported_photos,
+)
 from tests.falsifying.flown import Flown
 from tests.falsifying.way import FAMILIES, Way
 
@@ -39,7 +46,7 @@ def _pairs(flown: Flown, rng: np.random.Generator, count: int) -> list[Way]:
         for number, (name, ways) in enumerate(FAMILIES.items())
         if name not in _NOT_COMBINED
         for way in ways(flown, np.random.default_rng([int(rng.integers(2**31)), number]))
-        if way.change is not None and way.meddle is None
+        if way.change is not None and way.meddle is None and way.beside is None
     ]
     pairs: list[Way] = []
     while len(pairs) < count:

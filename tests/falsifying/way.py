@@ -22,6 +22,8 @@ class Way:
         rewrite: of the record's text, after ``change``.
         meddle: with the files of a run folder that holds the (changed) record; gives back what undoes it where it reaches
             outside that folder.
+        beside: of the same record, for a second log that is judged together with it; none: there is one log.
+        photos: the list of photos that tells the coverage, as a table; none: the record tells it.
         honest: whether it changes nothing that matters: then it has to pass as a foreign log.
     """
 
@@ -30,8 +32,15 @@ class Way:
     change: Change | None = None
     rewrite: Callable[[bytes], bytes] | None = None
     meddle: Meddle | None = None
+    beside: Change | None = None
+    photos: Callable[[Flown], str] | None = None
     honest: bool = False
     family: str = field(default="", compare=False)
+
+    @property
+    def as_log_alone(self) -> bool:
+        """Whether it can be judged as a foreign log only."""
+        return self.honest or self.beside is not None
 
     @property
     def of_track(self) -> bool:

@@ -33,7 +33,7 @@ def test_a_flight_is_flying_from_its_first_second_and_then_has_its_outcome(run: 
     provenance.note_flying(run)
     assert flight(run)["ending"] == provenance.settled_ending(run) == "flying"
     assert "samples" not in flight(run), "nothing of the older flight is left"
-    provenance.note_outcome(run, OUTCOME)
+    provenance.seal_flight(run, samples=0, outcome=OUTCOME, command=[])
     assert flight(run) == OUTCOME.as_json()
 
 

@@ -7,8 +7,12 @@ import random
 import shutil
 from collections.abc import Callable
 from pathlib import Path
+from xml.sax.saxutils import escape
 
+import numpy as np
 import pytest
+import rasterio
+from pyproj import Transformer
 
 from tests.recording.flights import fly
 from tests.report.conftest import coarse, cut, lines_over, write_track
@@ -316,3 +320,36 @@ def test_a_plan_that_was_not_flown_leaves_nothing_behind(run: RunFolder) -> None
     left = {path.name for path in run.path.iterdir()}
     assert left == {*PLAN_FILES, *MISSION_FILES, "sortie-2"}
     assert [path.name for path in run.file("sortie-2").iterdir()] == ["notes.txt"], "what others put there stays"
+
+
+def nested(file: Path, inner: Path) -> None:
+    """A virtual raster over another one, as gdalbuildvrt writes it."""
+    with rasterio.open(inner) as raster:
+        size = f'xSize="{raster.width}" ySize="{raster.height}"'
+        file.write_text(
+            f'<VRTDataset rasterXSize="{raster.width}" rasterYSize="{raster.height}"><SRS>{escape(raster.crs.to_wkt())}</SRS>'
+            f"<GeoTransform>{', '.join(map(repr, raster.transform.to_gdal()))}</GeoTransform>"
+            '<VRTRasterBand dataType="Float32" band="1"><SimpleSource>'
+            f'<SourceFilename relativeToVRT="1">{inner.name}</SourceFilename><SourceBand>1</SourceBand>'
+            f'<SrcRect xOff="0" yOff="0" {size}/><DstRect xOff="0" yOff="0" {size}/></SimpleSource></VRTRasterBand></VRTDataset>'
+        )
+
+
+@pytest.mark.parametrize("depth", [1, 2, 3])
+def test_a_tile_under_virtual_rasters_is_noticed(run: RunFolder, depth: int) -> None:
+    folder = run.path.parent
+    for level in range(depth):
+        nested(folder / f"level{level}.vrt", folder / ("ground.tif" if level == 0 else f"level{level - 1}.vrt"))
+    site = load_site(run.file("scenario.toml"))
+    terrain = dataclasses.replace(site.scenario.terrain, file=str(folder / f"level{depth - 1}.vrt"))
+    before = load_site(dataclasses.replace(site.scenario, terrain=terrain)).bare_ground.sha256
+    assert before == load_site(dataclasses.replace(site.scenario, terrain=terrain)).bare_ground.sha256
+    east_m, north_m = site.area.centroid.coords[0]
+    lat, lon, _ = site.frame.geodetic_from_enu(np.array([[east_m, north_m, 0.0]]))
+    with rasterio.open(folder / "ground.tif", "r+") as raster:
+        x, y = Transformer.from_crs(4326, raster.crs, always_xy=True).transform(lon[0], lat[0])
+        row, column = raster.index(x, y)
+        window = ((row, row + 1), (column, column + 1))
+        raster.write(raster.read(1, window=window) + 1, 1, window=window)
+    changed = load_site(dataclasses.replace(site.scenario, terrain=terrain)).bare_ground.sha256
+    assert changed != before

@@ -141,7 +141,8 @@ def mock_vehicle(
 
     Faults: heartbeat-loss[:S], gps-loss[:S], battery-failsafe[:return|land], pilot-mode[:MODE], reboot[:S],
     link-outage[:S], stuck[:S], arming-refused[:S], strong-wind[:M_S], mission-changed,
-    mission-lowered[:M], force-disarm, motor-failure, gps-glitch[:M], speed-changed[:M_S], item-set-back. Moments: @40s after
+    mission-lowered[:M], force-disarm, motor-failure, gps-glitch[:M], speed-changed[:M_S], item-set-back,
+    camera-stops[:N], camera-skips[:N], camera-silent. Moments: @40s after
     take-off, @boot+40s after it was switched on, @item5 when it flies to that item.
     """
     import numpy as np

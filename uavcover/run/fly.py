@@ -155,12 +155,12 @@ def record_flight(
             clearance=options.clearance,
             utc_offset_s=_utc_offset_s(vehicle) if options.utc_offset_s is None else options.utc_offset_s,
         )  # fmt: skip
+        ended: FlightOutcome | None = None
         try:
-            outcome = begin(orders)
+            outcome = ended = begin(orders)
         except FlightFailedError as error:
             reserve.release()
-            if log.begun:
-                _note_outcome(run, error.outcome, user)
+            ended = error.outcome
             _say_incidents(error.outcome, log, user)
             if log.sample_count:
                 user.say(f"kept: {log.sample_count} samples in {run.file('track.csv')}; fly --resume goes on with them")
@@ -172,10 +172,8 @@ def record_flight(
             raise
         finally:
             log.close()
-            _seal(run, log, user)
+            _seal(run, log, ended, options, user)
             _keep_recording(run, site, route, log, user)
-    if log.begun:
-        _note_outcome(run, outcome, user)
     _say_incidents(outcome, log, user)
     if log.error is not None:
         raise log.error
@@ -205,22 +203,15 @@ def _utc_offset_s(vehicle: Connected) -> float:
     return SystemClock().unix_s() - clock.now() if isinstance(clock, MonotonicClock) else math.nan
 
 
-def _seal(run: RunFolder, log: FlightLog, user: User) -> None:
-    """The hash of the track, whatever the end; an error of the flight itself is the one that counts."""
-    if not log.sample_count:
+def _seal(run: RunFolder, log: FlightLog, outcome: FlightOutcome | None, options: FlightOptions, user: User) -> None:
+    """How it ended and the hash of the track, whatever the end; an error of the flight itself is the one that counts."""
+    if not log.begun:
         return
+    more = {"photos_required": True} if options.precautions.photos_required else {}
     try:
-        seal_flight(run, samples=log.sample_count, command=sys.argv)
+        seal_flight(run, samples=log.sample_count, outcome=outcome, command=sys.argv, **more)
     except UavcoverError as error:
-        user.warn(f"{error}; verify will ask for --accept-changed record")
-
-
-def _note_outcome(run: RunFolder, outcome: FlightOutcome, user: User) -> None:
-    """A disk that is full takes no outcome; the flight's own error is the one that counts then."""
-    try:
-        provenance.note_outcome(run, outcome)
-    except UavcoverError as error:
-        user.warn(str(error))
+        user.warn(f"{error}; no end of this flight is recorded, and verify says so")
 
 
 def _keep_recording(run: RunFolder, site: Site, route: Route, log: FlightLog, user: User) -> None:

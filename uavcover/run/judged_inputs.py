@@ -5,17 +5,18 @@ consistently is not found out here, but by the judgement of the track.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from uavcover.errors import InputError, ScenarioError
+from uavcover.errors import InputError, ScenarioError, UavcoverError
 from uavcover.model.scenario import Scenario
 from uavcover.model.terrain import RasterTerrain
 from uavcover.run.flight_folders import TRACK, continues, flown_tracks, plans_of
 from uavcover.run.folder import FLIGHT_FILES, MISSION_FILES, SCHEMA_VERSION, RunFolder
 from uavcover.run.provenance import Record, obstacles_sha256, read_record, run_document, sha256_of, version
 from uavcover.scenario.scenario_file import load_scenario, surface_source, terrain_source
+from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.terrain_source import TerrainSource
 
 WHATS = ("scenario", "terrain", "surface", "obstacles", "plan", "mission", "track", "version", "record")
@@ -60,11 +61,13 @@ class JudgedInputs:
         hashes: ``inputs`` of ``verification.json``.
         changes: what is not as it was recorded.
         unsealed: tracks of the run of which no end is recorded, as of a flight that was killed.
+        site: the scenario on its ground, whose hashes these are; none where it cannot be made.
     """
 
     hashes: dict[str, Any]
     changes: tuple[Change, ...]
     unsealed: tuple[str, ...]
+    site: Site | None = None
 
 
 def inspect_inputs(run: RunFolder, logs: Sequence[Path]) -> JudgedInputs:
@@ -92,7 +95,7 @@ def inspect_inputs(run: RunFolder, logs: Sequence[Path]) -> JudgedInputs:
     finding.add_tracks(logs)
     scenario_sha256 = sha256_of(path)
     elevation: dict[str, str | None] = {"terrain": None}
-    obstacles = None
+    obstacles, site = None, None
     try:
         scenario = load_scenario(path)
     except ScenarioError:
@@ -100,7 +103,8 @@ def inspect_inputs(run: RunFolder, logs: Sequence[Path]) -> JudgedInputs:
             raise
     else:
         sources = _elevation_sources(scenario)
-        elevation |= {what: _elevation_sha256(source) for what, source in sources.items()}
+        site = _site(scenario)
+        elevation |= _elevation_sha256(scenario, site, sources)
         obstacles = obstacles_sha256(scenario.obstacles)
         finding.add_surroundings(record, {what: source.name for what, source in sources.items()}, elevation, obstacles)
     hashes = {
@@ -113,7 +117,7 @@ def inspect_inputs(run: RunFolder, logs: Sequence[Path]) -> JudgedInputs:
         "plans_followed": {finding.name(f.file("plan.json")): sha256_of(f.file("plan.json")) for f in folders.values()},
         "track": {finding.name(log): sha256_of(log) for log in logs},
     }
-    return JudgedInputs(hashes, tuple(finding.changes), tuple(finding.unsealed))
+    return JudgedInputs(hashes, tuple(finding.changes), tuple(finding.unsealed), site)
 
 
 def check_accepted(accepted: Sequence[str]) -> None:
@@ -182,7 +186,33 @@ def _elevation_sources(scenario: Scenario) -> dict[str, TerrainSource]:
     return {"terrain": terrain_source(terrain), **({} if surface is None else {"surface": surface})}
 
 
-def _elevation_sha256(source: TerrainSource) -> str | None:
+def _site(scenario: Scenario) -> Site | None:
+    """The scenario on its ground; none where its elevation data cannot be used."""
+    try:
+        return load_site(scenario)
+    except UavcoverError:
+        return None
+
+
+def _elevation_sha256(
+    scenario: Scenario, site: Site | None, sources: Mapping[str, TerrainSource]
+) -> dict[str, str | None]:
+    """Hashes of the heights that the site is made of; of the files, where none can be made of them; none where one is gone."""
+    if site is not None:
+        both = {"terrain": site.bare_ground.sha256, "surface": site.ground.surface_sha256}
+        return {what: both[what] for what in sources}
+    found = {what: _files_sha256(source) for what, source in sources.items()}
+    if isinstance(terrain := scenario.terrain, RasterTerrain) and "surface" in sources:
+        terrain = replace(
+            terrain, surface_file=None, surface_vertical_datum=None, surface_crs=None, surface_band=None,
+            surface_height_unit=None,
+        )  # fmt: skip
+        bare = replace(scenario, terrain=terrain)
+        found |= _elevation_sha256(bare, _site(bare), {"terrain": sources["terrain"]})
+    return found
+
+
+def _files_sha256(source: TerrainSource) -> str | None:
     try:
         return source.sha256()
     except FileNotFoundError:
@@ -272,7 +302,9 @@ class _Finding:
         """A track without a record of its end: of a flight that was killed, unless run.json knows how it ended."""
         flight = run_document(folder).get("flight")
         ending = flight.get("ending") if isinstance(flight, dict) else None
-        if ending is None or ending in _STILL_FLYING:
+        # The recording is written anew from a sealed track after the flight, and has a hash of its own only then.
+        made_again = log.name != TRACK and read_record(folder).files.get(TRACK) is not None
+        if ending is None or ending in _STILL_FLYING or made_again:
             self.unsealed.append(self.name(log))
             return
         self.changes.append(

@@ -25,6 +25,7 @@ from uavcover.run.folder import FLIGHT_FILES, SCHEMA_VERSION, RunFolder
 from uavcover.vehicle.outcome import FlightOutcome
 
 RUN_FILE = "run.json"
+RECORDING = "flight.rrd"
 _LIST = "provenance"
 
 
@@ -179,14 +180,42 @@ def _hash_in(value: Any) -> str | None:
     return str(found) if found else None
 
 
-def seal_flight(run: RunFolder, *, samples: int, command: Sequence[str]) -> None:
-    """Record the hashes of the track and of what was recorded beside it when a flight has ended: later changes are noticed.
+def seal_flight(
+    run: RunFolder,
+    *,
+    samples: int,
+    command: Sequence[str],
+    outcome: FlightOutcome | None = None,
+    **more: Any,
+) -> None:
+    """Record how a flight ended, and the hashes of what was recorded of it: later changes are noticed.
+
+    Both are one write, so that no run says how its flight ended and has no hash of its track.
+
+    Args:
+        run: where it was recorded.
+        samples: of the track; without any there is nothing to hash.
+        command: how it was asked for.
+        outcome: how it ended; none for a flight whose end is not known.
+        more: what else belongs to the record of the flight.
 
     Raises:
         InputError, OutputError: ``run.json`` cannot be read or written.
     """
-    there = [name for name in FLIGHT_FILES if run.file(name).exists()]
-    note_files(run, "fly", there, command=command, samples=samples)
+    document = run_document(run)
+    if outcome is not None:
+        document = _with_flight(document, outcome.as_json())
+    if samples:
+        # The recording is written anew after this, from the track, and then has its own entry.
+        names = [name for name in FLIGHT_FILES if name != RECORDING and run.file(name).exists()]
+        wrote = {name: sha256_of(run.file(name)) for name in names}
+        document = with_entry(document, "fly", command=command, wrote=wrote, samples=samples, **more)
+    run.write_json(RUN_FILE, document)
+
+
+def photos_required(run: RunFolder) -> bool:
+    """Whether a flight of this folder was flown with ``--require-photos``."""
+    return any(entry.get("photos_required") is True for entry in _entries(run_document(run)))
 
 
 def add_stage(run: RunFolder, name: str, wall_s: float) -> None:
@@ -223,11 +252,6 @@ def note_flying(run: RunFolder) -> None:
     _note(run, {"ending": FLYING, _PROCESS: _own_process()})
 
 
-def note_outcome(run: RunFolder, outcome: FlightOutcome) -> None:
-    """How the flight ended; errors as ``note_flying``."""
-    _note(run, outcome.as_json())
-
-
 def note_interrupted(run: RunFolder) -> None:
     """The flight is not followed any more, and how it goes on is not known; errors as ``note_flying``."""
     _note(run, {"ending": INTERRUPTED, "vehicle_now": "not known: it was not followed to the end"})
@@ -258,8 +282,12 @@ def _read(run: RunFolder) -> dict[str, Any] | None:
 
 
 def _note(run: RunFolder, flight: dict[str, Any] | None) -> None:
-    document = {k: v for k, v in run.read_json("run.json", made_by="uavcover plan").items() if k != _KEY}
-    run.write_json("run.json", document if flight is None else {**document, _KEY: flight})
+    run.write_json(RUN_FILE, _with_flight(run.read_json(RUN_FILE, made_by="uavcover plan"), flight))
+
+
+def _with_flight(document: Mapping[str, Any], flight: dict[str, Any] | None) -> dict[str, Any]:
+    others = {key: value for key, value in document.items() if key != _KEY}
+    return others if flight is None else {**others, _KEY: flight}
 
 
 def _own_process() -> dict[str, Any]:

@@ -1,6 +1,7 @@
 """Elevation files, read by rasterio in any format and any CRS. Pixels are used as they are, without resampling."""
 
 import dataclasses
+import hashlib
 import logging
 import math
 from collections.abc import Iterator
@@ -295,10 +296,13 @@ def _ground_of_pixels(raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> G
             "area, or coarser data (gdalwarp -tr)"
         )
     if min(columns, rows) >= 2:
-        up = _filled(raster, raster.read(Window(first[0], first[1], columns, rows)), frame, first)
+        up = raster.read(Window(first[0], first[1], columns, rows))
+        sha256 = _sha256(raster, up)
+        up = _filled(raster, up, frame, first)
         up = node_ups_m(lambda pixels: raster.places_of(pixels + first), frame, up)
     else:
         first, up = np.zeros(2, dtype=np.int64), np.full((2, 2), np.nan)
+        sha256 = _sha256(raster, up)
     grid, known = rough, np.isfinite(up)
     if known.any():
         level_up_m = 0.5 * float(np.nanmin(up) + np.nanmax(up))
@@ -306,7 +310,8 @@ def _ground_of_pixels(raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> G
         grid = finish_frame(grid, up)
     return ground_of_nodes(
         up, grid, step_m=1.0 / max(grid.per_column, grid.per_row) if known.any() else math.inf,
-        source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum, sha256=raster.path.sha256(),
+        source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum,
+        sha256=sha256,
         cut_error_m=2.0 * STRAIGHT_WITHIN_M,
     )  # fmt: skip
 
@@ -372,8 +377,20 @@ def _resampled_ground(raster: _Raster, frame: LocalFrame, bounds_m: Bounds, step
     return grid_ground(
         np.where(np.isfinite(up), up, np.nan).reshape(e.shape),
         east0_m=float(columns[0] * step), north0_m=float(rows[0] * step), step_m=step,
-        source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum, sha256=raster.path.sha256(),
+        source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum, sha256=_sha256(raster, up),
     )  # fmt: skip
+
+
+def _sha256(raster: _Raster, heights_m: FloatArray) -> str:
+    """Hash of the heights that were read for a site, and of the files that they were read from.
+
+    Files name others that GDAL does not list, such as the tiles of a virtual raster in a virtual raster: the heights tell of all.
+    They are rounded to 0.1 mm, for PROJ's geoid differs by less from machine to machine.
+    """
+    found = hashlib.sha256(f"{raster.path.sha256()} {heights_m.shape}".encode())
+    for row in heights_m:
+        found.update(np.where(np.isfinite(row), np.round(row, 4) + 0.0, np.nan).tobytes())
+    return found.hexdigest()
 
 
 def measure_error_m(ground: Ground, raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> float:

@@ -9,7 +9,7 @@ import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -167,6 +167,14 @@ class CoverageMap:
         self.grid: CellGrid = cut(site, cell_size_m)
         self.sight: Sight = sight_of(site.scenario.sensor)
         self._recent = RecentlySeen()
+
+    def less_certain(self, *, position_m: float, height_m: float) -> "CoverageMap":
+        """The same cells, of flights whose positions are at least so uncertain."""
+        known = self.site.scenario.uncertainty
+        wider = replace(known, position_m=max(known.position_m, position_m), height_m=max(known.height_m, height_m))
+        other = copy.copy(self)
+        other.site = replace(self.site, scenario=replace(self.site.scenario, uncertainty=wider))
+        return other
 
     def observations(self, route_m: FloatArray) -> LevelObservations:
         """Observations of a sensor on an (n, 3) ENU route: from its waypoints, from samples along its legs, or where it triggers.

@@ -1,4 +1,4 @@
-"""Watches a flight against its plan: how late it is, and whether battery and endurance last for the rest and for the way home."""
+"""Watches a flight against its plan: how late it is, whether its battery lasts, and whether its camera reports the photos."""
 
 import math
 from dataclasses import dataclass
@@ -20,6 +20,10 @@ from uavcover.vehicle.session import Session
 _LATE_S, _LATE_RATIO = 20.0, 0.2
 """Late by more than both is late."""
 _LOOK_EVERY_S = 2.0
+_TAKES_PHOTO = (Command.DO_DIGICAM_CONTROL, Command.IMAGE_START_CAPTURE)
+_FEWEST = 3
+_BY_CHANCE = 1e-5
+"""Photos in a row without a report are an alarm where the link loses as many messages in a row more rarely than this."""
 _WAITS = (Command.NAV_WAYPOINT, Command.NAV_DELAY, Command.NAV_LOITER_TIME)
 
 
@@ -165,3 +169,75 @@ class Schedule:
                 f"{home_s:.0f} s and the rest of the mission {left_s:.0f} s, which would use the reserve of "
                 f"{100.0 * vehicle.reserve_fraction:.0f} %; the vehicle returns now"
             )
+
+
+class PhotoWatch:
+    """Compares the photos that a vehicle reports with those that its mission takes on the planned route.
+
+    A vehicle that has reported no photo at all is watched where photos are required, and otherwise not: its camera may have no
+    feedback.
+
+    Args:
+        session: with the vehicle.
+        plan: what it flies.
+        progress: along it.
+    """
+
+    def __init__(self, session: Session, plan: FlightPlan, progress: MissionProgress) -> None:
+        self._session, self._progress = session, progress
+        items = plan.mission.items
+        self._trigger_m = max(
+            (item.params[0] for item in items if item.command == Command.DO_SET_CAM_TRIGG_DIST), default=0.0
+        )
+        self._at_waypoints = not self._trigger_m and any(item.command in _TAKES_PHOTO for item in items)
+        self._taken = session.monitor.photos_taken
+        self._begin()
+
+    def _begin(self) -> None:
+        """Count from here: a photo was reported, or the camera is off."""
+        self._from_m: FloatArray | None = None
+        self._last_m: FloatArray | None = None
+        self._expected, self._flown_m, self._since_s = 0, 0.0, self._session.monitor.time_s
+        self._reached = self._progress.reached_count
+
+    def look(self) -> None:
+        """Look once."""
+        session = self._session
+        taken, now_s, here_m = session.monitor.photos_taken, session.monitor.time_s, self._progress.place_m
+        if here_m is None or now_s is None or not (self._trigger_m or self._at_waypoints):
+            return
+        if taken != self._taken:
+            self._taken = taken
+            self._begin()
+        elif self._at_waypoints or (session.on_mission and self._progress.heading_for > 0):
+            self._count(here_m)
+        else:
+            self._from_m = self._last_m = None  # between the legs of the route the camera is off
+        watched = taken is not None or session.photos_required
+        missing = self._expected if watched and self._expected >= self._enough else None
+        lasts_s = now_s - (now_s if self._since_s is None else self._since_s)
+        session.watch.measure(
+            Ending.PHOTOS_MISSING, missing,
+            f"the camera has reported no photo for {self._flown_m:.0f} m, {lasts_s:.0f} s; {self._expected} were expected",
+            "the camera reports photos again",
+        )  # fmt: skip
+
+    @property
+    def _enough(self) -> float:
+        link = self._session.client.statistics
+        lost = link.lost / max(1, link.lost + link.frames_in)
+        if lost >= 1.0:
+            return math.inf
+        return max(_FEWEST, math.ceil(math.log(_BY_CHANCE) / math.log(lost))) if lost > 0.0 else _FEWEST
+
+    def _count(self, here_m: FloatArray) -> None:
+        if self._last_m is not None:
+            self._flown_m += float(np.linalg.norm(here_m - self._last_m))
+        self._last_m = here_m
+        if self._at_waypoints:
+            self._expected = self._progress.reached_count - self._reached
+        elif self._from_m is None:
+            self._from_m = here_m
+        elif (away_m := math.dist(here_m[:2], self._from_m[:2])) >= self._trigger_m:
+            self._expected += int(away_m / self._trigger_m)
+            self._from_m = here_m
