@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
+from uavcover.model.judgement import noted, unproved
 from uavcover.model.limits import FlightLimits
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
@@ -90,7 +91,7 @@ def with_measured_ground(
     report: VerificationReport, limits: FlightLimits, biases: Sequence[ElevationBias], found: Sequence[str]
 ) -> VerificationReport:
     """The report with what was found; a height that the measured ground moves beyond its limit is not proved."""
-    doubts = list(report.doubts)
+    findings = list(map(noted, found))
     for bias in biases:
         low, high = report.min_height_agl_m, report.max_height_agl_m
         if bias.source != "rangefinder" or low is None or high is None:
@@ -100,14 +101,12 @@ def with_measured_ground(
             (high, limits.max_height_agl_m, high - bias.bias_m > limits.max_height_agl_m >= high),
         ):
             if beyond:
-                doubts.append(
+                text = (
                     f"the height above ground of {seems_m:.1f} m was {seems_m - bias.bias_m:.1f} m if the rangefinder is right "
                     f"and the elevation data is not; the limit is {limit_m:g} m"
                 )
-    verdict = "not proved" if report.verdict == "passed" and doubts else report.verdict
-    return dataclasses.replace(
-        report, findings=(*report.findings, *found), doubts=tuple(doubts), verdict=verdict, passed=verdict == "passed"
-    )
+                findings.append(unproved("height-band", text))
+    return report.with_findings(findings)
 
 
 def _differences_m(site: Site, readings: FloatArray, *, with_surface: bool) -> FloatArray:

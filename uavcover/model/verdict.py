@@ -1,10 +1,10 @@
 """The verdict on a flight."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from typing import Any, Literal
 
-from uavcover.model.judgement import Judgement, Requirement, VerdictName
+from uavcover.model.judgement import Finding, Judgement, Requirement, VerdictName
 
 _FEWEST_DECIMALS, _MOST_DECIMALS = 2, 9
 
@@ -382,3 +382,16 @@ class VerificationReport:
     photo_source: PhotoSource | None = None
     missing_photos: tuple[MissingPhotos, ...] = ()
     judgement: Judgement = field(default_factory=Judgement)
+
+    def with_findings(self, more: Iterable[Finding]) -> "VerificationReport":
+        """The same report with more findings, and the verdict that follows."""
+        judgement = Judgement((*self.judgement.findings, *more))
+        return replace(
+            self,
+            judgement=judgement,
+            verdict=judgement.verdict,
+            passed=judgement.verdict == "passed",
+            reasons=judgement.texts("fails"),
+            doubts=judgement.texts("not proved"),
+            findings=judgement.texts("noted"),
+        )
