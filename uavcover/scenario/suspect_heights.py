@@ -41,8 +41,8 @@ _ROOF_M = 100.0
 _SPIKE_TIMES, _SPIKE_M = 3.0, 20.0
 """A spike stands over all ground around by so many times the range of that ground, and by so much or a pixel's length more."""
 _ALONE_TIMES, _ALONE_PIXELS, _ALONE_SLOPE = 3.0, 10, 0.4
-"""A pixel is a spike, too, whose height differs from its neighbours' mean so many times as much as that of any other within so many
-pixels (real relief reaches 1.5), and by so much of a pixel's length."""
+"""A pixel is a spike, too, that differs from its neighbours' mean so many times as much as any other within so many pixels
+(real relief reaches 1.5), and by so much of a pixel's length."""
 _STEP_PIXELS, _STEP_M, _STEP_ERRORS, _STEP_TIMES, _STEP_SHARE = 64, 2.0, 10.0, 1.5, 0.7
 """A seam is straight over so many pixels. There the median step beyond the slope beside it is so high, so many times its standard
 error (real relief reaches 7), and so many times the bend beside it; at this share of the pixels it has one direction."""
