@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from tests import falsify
-from tests.falsifying.honest_run import BARNS, HILLS, OBLIQUE, RESUMED, SORTIES, Base, honest_run, resumed_run
+from tests.falsifying.honest_run import BARNS, HILLS, OBLIQUE, RESUMED, SORTIES, SURVEY, Base, honest_run, resumed_run
 from tests.falsifying.way import FAMILIES
 
 
@@ -18,6 +18,7 @@ BASES: dict[str, tuple[Base, Callable[[Path, Base], Path]]] = {
     "hills": (HILLS, honest_run),
     "wide picture": (OBLIQUE, honest_run),
     "barns": (BARNS, honest_run),
+    "survey": (SURVEY, honest_run),
     "sorties": (SORTIES, honest_run),
     "resumed": (RESUMED, resumed),
 }
@@ -57,6 +58,12 @@ def test_no_attitude_is_believed_that_cannot_be(runs: Callable[[str], Path]) -> 
     assert len(rows) == 16
 
 
+def test_no_photo_counts_that_was_not_reported(runs: Callable[[str], Path]) -> None:
+    rows = list(falsify.judge_all(runs("survey"), families=["photos not reported", "honest"]))
+    assert told(rows) == []
+    assert sum(row.family == "photos not reported" for row in rows) == 20
+
+
 @pytest.mark.slow
 @pytest.mark.timeout(7200)
 @pytest.mark.parametrize("name", BASES)
@@ -65,6 +72,7 @@ def test_none_at_all_is_passed(runs: Callable[[str], Path], name: str, seed: int
     rows = list(falsify.judge_all(runs(name), seed=seed))
     assert told(rows) == []
     few = {"obstacles changed"} if name != "barns" else set()
+    few |= {"attitude"} if name == "survey" else {"photos not reported"}
     # A vehicle in the air of several flights gives no occasion for every family.
     assert {*FAMILIES, "two at once"} - {row.family for row in rows} - few == set()
 

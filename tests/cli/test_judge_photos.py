@@ -11,6 +11,7 @@ from tests.judging.photos.camera_files import dji, write_jpeg
 from uavcover.judging.photos.picture import Picture
 from uavcover.judging.photos.placing import Assumptions
 from uavcover.judging.photos.readers import PictureSet
+from uavcover.model.judgement import combined
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.run.any_flight import evidence_for_flight
@@ -143,6 +144,53 @@ def table_of(folder, flown):
     return path
 
 
+def bands(flown, *, files, apart_m, rng):
+    """Each photo as some files, their places up to so many metres apart, and up to 1 s."""
+    for lat, lon, alt, yaw, time_s in flown:
+        for file in range(files):
+            east, north = apart_m * rng.uniform(-1.0, 1.0, 2)
+            yield lat + north / 111_000.0, lon + east / 89_000.0, alt, yaw, time_s + file % 2
+
+
+ONE_LOOK = {
+    "bands 3 cm apart": (6, 0.03),
+    "a burst": (6, 0.5),
+    "hovering": (6, 2.0),
+}
+
+
+@pytest.mark.parametrize("kind", ONE_LOOK)
+def test_photos_that_are_one_look_make_no_overlap(cli, tmp_path, flown, kind):
+    files, apart_m = ONE_LOOK[kind]
+    few = list(bands(flown[::4], files=files, apart_m=apart_m, rng=np.random.default_rng(3)))
+    ended = cli("judge-photos", table_of(tmp_path, few), *ASKED, "-o", tmp_path / "out", "--no-refly", "--json")
+    assert ended.code == 1, ended.err
+    told = ended.document
+    assert (told["counted"], told["looks"]) == (len(few), len(flown[::4]))
+    assert told["overlap_fraction"] < 0.1
+    assert "count as one look" in ended.err
+
+
+def test_files_of_one_capture_are_one_look(cli, tmp_path, flown):
+    """ODM's list names the capture of each file; its bands are up to 1 s, here 8 m, apart."""
+    rows = [
+        {"filename": f"{k}_{band}.tif", "latitude": lat, "longitude": lon + 8.0 * band / 2 / 89_000.0, "altitude": alt,
+         "yaw": yaw, "pitch": 0.0, "roll": 0.0, "capture_uuid": f"capture-{k}"}
+        for k, (lat, lon, alt, yaw, _) in enumerate(flown[::4]) for band in range(3)
+    ]  # fmt: skip
+    (tmp_path / "images.json").write_text(json.dumps(rows))
+    ended = cli("judge-photos", tmp_path / "images.json", *ASKED, "-o", tmp_path / "out", "--no-refly", "--json")
+    assert ended.code == 1
+    assert ended.document["looks"] == len(flown[::4])
+
+
+def test_every_band_of_a_whole_survey_passes(cli, tmp_path, flown):
+    whole = list(bands(flown, files=3, apart_m=0.03, rng=np.random.default_rng(3)))
+    ended = cli("judge-photos", table_of(tmp_path, whole), *ASKED, "-o", tmp_path / "out", "--no-refly", "--json")
+    assert ended.code == 0, ended.err
+    assert ended.document["looks"] == len(flown)
+
+
 @pytest.mark.parametrize(("asked", "code"), [("0.3", 0), ("0.999", 1)])
 def test_a_search_is_judged_by_its_probability_of_detection(cli, tmp_path, flown, asked, code):
     (tmp_path / "ball.toml").write_text("target_m = 0.04\npixels_for_half = 2\nhidden_from_above = 0.2")
@@ -210,7 +258,7 @@ def test_pictures_that_are_blurred_or_may_be_do_not_count(flown, tmp_path, blurr
     assert found.document["verdict"] == verdict
     assert found.document["passed"] is (verdict == "passed")
     evidence = evidence_for_flight(found)
-    assert (bool(evidence.reasons), bool(evidence.doubts)) == (verdict == "failed", verdict == "not proved")
+    assert combined(each.effect for each in evidence.findings) == found.judgement.verdict == verdict
     counting = [k for k in range(len(flown)) if k % 3 in told and k % 3 not in blurred]
     assert [picture.name for picture in found.placed.pictures] == [f"p{k}" for k in counting]
     # 1.9 cm a pixel at 80 m and 8 m/s: 4 pixels in 10 ms.

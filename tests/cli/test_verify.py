@@ -137,3 +137,9 @@ def test_a_report_without_a_verdict_or_with_another_one_says_so(cli: Cli, flown:
     assert f"uavcover verify {flown} --accept-changed scenario" in cli("report", flown).error
     assert not (flown / "report.html").exists()
     assert "--accept-changed scenario" in cli("gaps", flown).error
+
+
+def test_photos_can_only_be_required_of_a_sensor_that_takes_some(cli: Cli, flown: Path) -> None:
+    refused = cli("verify", flown, "--require-photos")
+    assert refused.code == 2
+    assert "--require-photos: the sensor of" in refused.error

@@ -5,7 +5,14 @@ from collections.abc import Collection
 
 import numpy as np
 
-from tests.falsifying import of_columns, of_files, of_motion, of_place, of_time  # noqa: F401  (they register their families)
+from tests.falsifying import (  # noqa: F401  (they register their families)
+    of_columns,
+    of_files,
+    of_motion,
+    of_place,
+    of_time,
+    of_unreported_photos,
+)
 from tests.falsifying.flown import Flown
 from tests.falsifying.way import FAMILIES, Way
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.model.track import AGE_COLUMN, COLUMNS
+from uavcover.model.track import AGE_COLUMN, COLUMNS, PICTURES_COLUMN
 from uavcover.run.flight_folders import flown_tracks
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import read_planned_route
@@ -30,6 +30,7 @@ class Flown:
         attitude_deg: (n, 3) roll, pitch, yaw; NaN where it is not known.
         waypoint: (n,) numbers of planned waypoints, -1 off the route.
         attitude_age_s: (n,) time from the attitude to the place, NaN where it is not known; none: the record has no such column.
+        photos_taken: (n,) the vehicle's count of photos, NaN where it is not known; none: it reported none.
         folder: of this flight inside the run folder.
         folders: of all flights of the run.
     """
@@ -42,6 +43,7 @@ class Flown:
     attitude_deg: FloatArray
     waypoint: NDArray[np.int64]
     attitude_age_s: FloatArray | None = None
+    photos_taken: FloatArray | None = None
     folder: Path = Path()
     folders: tuple[Path, ...] = (Path(),)
 
@@ -73,6 +75,7 @@ class Flown:
             self, time_s=self.time_s[keep], geodetic=self.geodetic[keep], enu_m=self.enu_m[keep],
             attitude_deg=self.attitude_deg[keep], waypoint=self.waypoint[keep],
             attitude_age_s=None if self.attitude_age_s is None else self.attitude_age_s[keep],
+            photos_taken=None if self.photos_taken is None else self.photos_taken[keep],
         )  # fmt: skip
 
     def placed(self, enu_m: FloatArray) -> "Flown":
@@ -98,9 +101,10 @@ class Flown:
             [*_cells(row), str(number)] for row, number in zip(numbers.tolist(), self.waypoint.tolist(), strict=True)
         ]
         header = list(COLUMNS)
-        if self.attitude_age_s is not None:
-            header.append(AGE_COLUMN)
-            rows = [[*row, *_cells([age])] for row, age in zip(rows, self.attitude_age_s.tolist(), strict=True)]
+        for name, column in ((AGE_COLUMN, self.attitude_age_s), (PICTURES_COLUMN, self.photos_taken)):
+            if column is not None:
+                header.append(name)
+                rows = [[*row, *_cells([value])] for row, value in zip(rows, column.tolist(), strict=True)]
         return "".join(",".join(row) + "\n" for row in [header, *rows])
 
 
@@ -140,6 +144,7 @@ def read_flown(run: Path, flight: Path = Path()) -> Flown:
         attitude_deg=track.attitude_deg,
         waypoint=track.current_waypoint,
         attitude_age_s=track.attitude_age_s,
+        photos_taken=track.pictures_taken if np.isfinite(track.pictures_taken).any() else None,
         folder=flight,
         folders=tuple(flights_in(run)),
     )

@@ -54,6 +54,16 @@ fov_across_deg = 70.0
 fov_along_deg = 20.0
 range_m = 200.0
 """
+SURVEY_CAMERA = """
+kind = "frame-camera"
+fov_across_deg = 70.0
+fov_along_deg = 56.0
+range_m = 300.0
+mount = "stabilised"
+forward_overlap = 0.75
+side_overlap = 0.6
+"""
+"""Triggered by distance."""
 STABILISED = NADIR + 'mount = "stabilised"\n'
 
 _SCENARIO = """
@@ -135,6 +145,12 @@ BARNS = Base(
 )
 
 
+SURVEY = Base(
+    name="survey",
+    sensor=SURVEY_CAMERA,
+    lines=6,
+    more="[requirements]\nmin_coverage_of_coverable = 0.9\nmin_overlap_fraction = 0.8\n",
+)
 RESUMED = Base(name="resumed")
 SORTIES = Base(name="sorties", vehicle="endurance_s = 187.5")
 """A route that takes two flights."""

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from tests.falsifying.flown import Change, Flown
+from tests.falsifying.of_unreported_photos import honest_reports
 from tests.falsifying.way import Way, family
 from uavcover.model.sensor import Camera
 from uavcover.model.track import COLUMNS
@@ -191,6 +192,7 @@ def honest(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     if flown.moment(1.0) - flown.moment(0.0) > 300.0:
         yield Way("1.5 s without samples", none, lambda f: f.taken(
             ~f.between(f.moment(middle), f.moment(middle) + 1.5)), honest=True)  # fmt: skip
+    yield from honest_reports(flown, rng)
 
 
 def _one_a_second(f: Flown) -> np.ndarray:

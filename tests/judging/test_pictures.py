@@ -7,8 +7,8 @@ from mission_io.wire import messages as m
 from tests.falsifying.honest_run import Base, Field, lines_over, make_site, save_lines
 from tests.judging.flights import Flight, changed, reasons
 from tests.judging.flights import make_site as nimble_site
-from uavcover.judging.observations import pictures_told
 from uavcover.judging.phases import PlannedRoute
+from uavcover.judging.reported_photos import reports_photos
 from uavcover.judging.verify import verify_track
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.sensor import SphereSensor
@@ -48,12 +48,12 @@ def flown(folder, autopilot, range_m=130.0, **options):
 def test_every_planned_waypoint_has_its_picture_in_the_record(tmp_path, autopilot, loss):
     site, planned, track = flown(tmp_path, autopilot, loss=loss)
     count = len(planned.waypoints_m)
-    assert pictures_told(track)
+    assert reports_photos(track)
     # The vehicle's own count makes good for messages that were lost, but for those at the end.
     assert count - (3 if loss else 0) <= np.nanmax(track.pictures_taken) <= count
     promised = lines_over(site, lines=4, height_agl_m=80.0).chosen
     report = verify_track(site, judging_map(site), track, planned)
-    assert loss or not any("pictures came back" in line for line in report.findings)
+    assert loss or not report.missing_photos
     # Ground of a picture whose message was lost counts as not seen: where the vehicle was is not known.
     least = promised.metrics.coverage_fraction - (0.15 if loss else 0.02)
     assert least <= report.coverage_fraction <= promised.metrics.coverage_fraction + 0.02
@@ -65,9 +65,7 @@ def test_a_picture_that_was_not_taken_is_told_and_its_ground_not_seen(tmp_path):
     reports = [verify_track(site, judging_map(site), each, planned) for each in (whole[2], track)]
     count = len(planned.waypoints_m)
     assert np.nanmax(track.pictures_taken) == count - 1
-    assert any(
-        f"{count} planned waypoints were reached, and {count - 1} pictures" in line for line in reports[1].findings
-    )
+    assert any(f"1 of {count} expected photos were not reported" in line for line in reports[1].findings)
     assert reports[1].coverage_fraction < reports[0].coverage_fraction
 
 
@@ -75,16 +73,16 @@ def test_of_a_record_that_tells_of_no_picture_the_waypoints_count():
     site = nimble_site(sensor=SphereSensor(kind="sphere", range_m=110.0))
     flight = Flight(site)
     as_before = flight.verify()
-    assert not pictures_told(flight.track)
-    # Pictures of an earlier flight, and none of this one, tell nothing of the camera either.
-    earlier = changed(flight.track, pictures_taken=np.full(len(flight.track), 7.0))
-    assert not pictures_told(earlier)
-    assert flight.verify(earlier).coverage_fraction == as_before.coverage_fraction > 0.0
+    assert not reports_photos(flight.track)
+    assert as_before.photo_source == "predicted"
+    # A vehicle that reported photos of an earlier flight has a camera that reports; of this flight it reported none.
+    earlier = flight.verify(changed(flight.track, pictures_taken=np.full(len(flight.track), 7.0)))
+    assert (earlier.photo_source, earlier.coverage_fraction, earlier.verdict) == ("reported", 0.0, "failed")
     one = np.full(len(flight.track), 7.0)
     one[len(one) // 2 :] = 8.0
     report = flight.verify(changed(flight.track, pictures_taken=one))
     assert 0.0 < report.coverage_fraction < as_before.coverage_fraction
     assert reasons(report)
-    # A count that a restart sets back is no picture.
+    # A count that a restart sets back is no photo.
     back = np.where(np.arange(len(one)) < len(one) // 2, 7.0, 0.0)
-    assert not pictures_told(changed(flight.track, pictures_taken=back))
+    assert flight.verify(changed(flight.track, pictures_taken=back)).coverage_fraction == 0.0

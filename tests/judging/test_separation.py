@@ -8,12 +8,17 @@ import pytest
 
 from tests.naive.separation import least_distance
 from tests.planning.sites import make_site
-from uavcover.judging.separation import judge_separation
+from uavcover.judging.separation import Separation, judge_separation
 from uavcover.judging.shared_clock import shared_times
 from uavcover.model.fleet import Fleet
+from uavcover.model.judgement import Effect, Judgement
 from uavcover.model.scenario import Uncertainty
 from uavcover.model.track import Track
 from uavcover.scenario.site import Site
+
+
+def texts(found: Separation, effect: Effect) -> tuple[str, ...]:
+    return Judgement(found.findings).texts(effect)
 
 
 def site_of(**fleet: Any) -> Site:
@@ -73,7 +78,7 @@ def test_too_near_is_told_with_place_time_and_amount() -> None:
     assert violation.worst_utc_s == pytest.approx(1020.0, abs=0.5)
     assert violation.east_m == pytest.approx(100.0, abs=5.0)
     assert violation.start_s < violation.worst_s < violation.end_s
-    assert found.reasons == (
+    assert texts(found, "fails") == (
         "tracks 1 and 2: 12.0 m apart, less than the 20 m of fleet.separation_m, at 20.0 s of the first",
     )
 
@@ -81,14 +86,14 @@ def test_too_near_is_told_with_place_time_and_amount() -> None:
 def test_apart_in_space_or_in_time() -> None:
     for other in (passing(25.0, backwards=True), passing(0.0, backwards=True, boot_utc_s=1100.0)):
         found = judge_separation(site_of(), [passing(0.0), other])
-        assert (found.reasons, found.doubts, found.violations) == ((), (), ())
+        assert (texts(found, "fails"), texts(found, "not proved"), found.violations) == ((), (), ())
 
 
 def test_vehicles_own_times_tell_nothing() -> None:
     """Equal own times, switched on at other moments: they never met."""
     same_own_time = passing(0.0, backwards=True, boot_utc_s=1015.0)
     found = judge_separation(site_of(separation_m=10.0), [passing(15.0), same_own_time])
-    assert found.reasons == ()
+    assert texts(found, "fails") == ()
     assert found.pairs[0].least_m == pytest.approx(15.0, abs=0.2)
 
 
@@ -97,10 +102,10 @@ def test_what_clocks_leave_possible_is_not_proved() -> None:
     line = np.column_stack([10.0 * times, np.zeros(60), np.full(60, 50.0)])
     two = [track(times, line), track(times, line, boot_utc_s=1002.5)]  # 25 m behind on the same line
     exact = judge_separation(site_of(), two)
-    assert (exact.reasons, exact.doubts) == ((), ())
+    assert (texts(exact, "fails"), texts(exact, "not proved")) == ((), ())
     vague = judge_separation(site_of(clock_error_s=1.0), two)
-    assert vague.reasons == ()
-    assert "but it may have been" in vague.doubts[0]
+    assert texts(vague, "fails") == ()
+    assert "but it may have been" in texts(vague, "not proved")[0]
 
 
 def test_uncertain_positions_count_twice() -> None:
@@ -109,8 +114,8 @@ def test_uncertain_positions_count_twice() -> None:
         site, scenario=dataclasses.replace(site.scenario, uncertainty=Uncertainty(position_m=4.0))
     )
     tracks = [passing(0.0), passing(25.0)]
-    assert judge_separation(site, tracks).doubts == ()
-    assert len(judge_separation(vague, tracks).doubts) == 1
+    assert texts(judge_separation(site, tracks), "not proved") == ()
+    assert len(texts(judge_separation(vague, tracks), "not proved")) == 1
 
 
 @pytest.mark.parametrize("received", ["missing", "back"])
@@ -119,7 +124,7 @@ def test_without_times_of_arrival_nothing_is_proved(received: str) -> None:
     wrong = np.full(len(times), np.nan) if received == "missing" else times[::-1]
     found = judge_separation(site_of(), [passing(0.0), passing(500.0, received=wrong)])
     assert found.pairs == ()
-    assert "track 2 does not tell when its positions arrived" in found.doubts[0]
+    assert "track 2 does not tell when its positions arrived" in texts(found, "not proved")[0]
 
 
 def test_where_samples_are_rare_the_vehicle_may_have_been_elsewhere() -> None:
@@ -127,8 +132,8 @@ def test_where_samples_are_rare_the_vehicle_may_have_been_elsewhere() -> None:
     kept = np.ones(len(whole), dtype=bool)
     kept[30:50] = False
     found = judge_separation(site_of(), [passing(0.0), whole.taken(kept)])
-    assert found.reasons == ()
-    assert len(found.doubts) == 1
+    assert texts(found, "fails") == ()
+    assert len(texts(found, "not proved")) == 1
 
 
 def test_two_that_stand_beside_each_other_on_the_ground() -> None:

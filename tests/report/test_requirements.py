@@ -1,18 +1,24 @@
 """The table of requirements says of each what verification found."""
 
 import dataclasses
-from typing import Any
+from typing import Any, get_args
 
+import numpy as np
 import pytest
 
 from uavcover.judging.requirements import RequirementRow, requirement_rows
+from uavcover.model.judgement import Effect, Finding, Holds, Judgement, Requirement, combined, fails, unproved
 from uavcover.model.obstacles import Obstacle, Obstacles
-from uavcover.model.verdict import Violation, ViolationKind
+from uavcover.model.verdict import LIMIT_OF, Violation, ViolationKind
 from uavcover.report.content import ReportContent
 
 
 def rows_of(
-    content: ReportContent, *violations: Violation, found: dict[str, Any] | None = None, **requirements: object
+    content: ReportContent,
+    *violations: Violation,
+    found: dict[str, Any] | None = None,
+    findings: tuple[Finding, ...] = (),
+    **requirements: object,
 ) -> dict[str, RequirementRow]:
     found = {} if found is None else found
     assert content.verdict is not None
@@ -23,11 +29,12 @@ def rows_of(
     scenario = dataclasses.replace(
         scenario, requirements=asked, limits=limits, obstacles=Obstacles(prisms=(shed,), clearance_above_m=7.0)
     )
-    # As if all of the flight had been observed, and had not seen enough.
-    observed: dict[str, Any] = {
-        "unobserved": (), "unobserved_route_fraction": 0.0, "reasons": ("coverage is short",),
-    }  # fmt: skip
-    report = dataclasses.replace(content.verdict.report, violations=violations, **(observed | found))
+    # As if all of the flight had been observed.
+    observed: dict[str, Any] = {"unobserved": (), "unobserved_route_fraction": 0.0}
+    findings = (*findings, *(fails(LIMIT_OF[each.kind], "a limit was left") for each in violations))
+    report = dataclasses.replace(
+        content.verdict.report, violations=violations, judgement=Judgement(findings), **(observed | found)
+    )
     return {row.name: row for row in requirement_rows(scenario, report)}
 
 
@@ -44,7 +51,8 @@ def test_a_share_is_compared_with_what_was_asked(content: ReportContent) -> None
     assert 0.2 < found < 0.6
     name = "Seen, of what can be seen"
     assert rows_of(content, min_coverage_of_coverable=found)[name].holds == "yes"
-    row = rows_of(content, min_coverage_of_coverable=0.7)[name]
+    short = (fails("coverage", "short"),)
+    row = rows_of(content, findings=short, min_coverage_of_coverable=0.7)[name]
     assert row.holds == "no"
     assert (row.asked, row.found) == ("at least 70 %", f"{100.0 * found:.2f} %")
 
@@ -81,7 +89,8 @@ def test_what_is_not_required_has_no_line(content: ReportContent) -> None:
 
 def test_where_too_little_was_observed_no_limit_is_said_to_hold(content: ReportContent) -> None:
     missing = {"unobserved_route_fraction": 0.02}
-    rows = rows_of(content, violation("clearance"), found=missing, min_coverage_of_coverable=0.0)
+    little = (unproved("unobserved-fraction", "2 % were not observed"),)
+    rows = rows_of(content, violation("clearance"), found=missing, findings=little, min_coverage_of_coverable=0.0)
     assert rows["Not observed, of the route's time"].holds == "not proved"
     assert rows["Not observed, of the route's time"].found == "2.00 %"
     fence = rows["Inside the fence"]
@@ -92,6 +101,26 @@ def test_where_too_little_was_observed_no_limit_is_said_to_hold(content: ReportC
     assert allowed["Inside the fence"].holds == "yes"
 
 
-def test_coverage_that_is_short_for_want_of_observation_is_not_proved(content: ReportContent) -> None:
-    rows = rows_of(content, found={"reasons": ()}, min_coverage_of_coverable=0.99)
-    assert rows["Seen, of what can be seen"].holds == "not proved"
+@pytest.mark.parametrize("seed", range(40))
+def test_the_table_says_what_the_verdict_says(content: ReportContent, seed: int) -> None:
+    """Whatever is found: failed with a row that does not hold, not proved with one that is not, passed when all hold."""
+    rng = np.random.default_rng(seed)
+    names = [name for name in get_args(Requirement) if name != "mission"]
+    effects: list[Effect] = ["fails", "not proved", "noted"]
+    findings = tuple(
+        Finding(
+            effects[rng.choice(3, p=(0.2, 0.4, 0.4))],
+            tuple(rng.choice(names, rng.integers(1, 4), replace=False).tolist()),
+            "the coverage and the overlap asked for",
+        )
+        for _ in range(rng.integers(4))
+    )
+    rows = rows_of(content, findings=findings).values()
+    answers: dict[Holds, Effect] = {"yes": "noted", "no": "fails", "not proved": "not proved"}
+    assert combined(answers[row.holds] for row in rows) == Judgement(findings).verdict
+
+
+def test_words_of_a_finding_decide_nothing(content: ReportContent) -> None:
+    rows = rows_of(content, findings=(fails("separation", "coverage: the overlap asked for is missed"),))
+    assert rows["Seen, of what can be seen"].holds == "yes"
+    assert rows["Separation of the vehicles"].holds == "no"

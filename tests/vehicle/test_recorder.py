@@ -5,16 +5,22 @@ from types import SimpleNamespace
 
 import pytest
 
+from mission_io.protocol.exchange import Address
 from mission_io.wire import messages as m
 from uavcover.model.track import TrackSample
 from uavcover.scenario.frames import LocalFrame
+from uavcover.vehicle.monitor import Monitor
 from uavcover.vehicle.track_file import Recorder
 
 FRAME = LocalFrame(36.5, -84.2, 400.0)
 
 
 def recorded(
-    attitude: m.Attitude | None, *more: m.Message, heading_deg: float | None = 123.0, at_s: float = 50.0
+    attitude: m.Attitude | None,
+    *more: m.Message,
+    heading_deg: float | None = 123.0,
+    at_s: float = 50.0,
+    photos_taken: int | None = None,
 ) -> TrackSample:
     samples: list[TrackSample] = []
     monitor = SimpleNamespace(
@@ -22,6 +28,7 @@ def recorded(
         current_seq=3,
         on_position=None,
         position_at_s=7.5,
+        photos_taken=photos_taken,
     )
     recorder = Recorder(
         monitor,  # type: ignore[arg-type]
@@ -68,14 +75,27 @@ def test_the_time_of_day_is_the_vehicles() -> None:
     assert math.isnan(recorded(None).unix_time_s)
 
 
+def counted(*messages: m.Message) -> int | None:
+    monitor = Monitor()
+    monitor.listen_to(Address(1, 1))
+    for number, message in enumerate(messages):
+        monitor(m.Received(message, 1, 1), 10.0 + number)
+    return monitor.photos_taken
+
+
 def test_pictures_are_counted_as_the_vehicle_counts_them() -> None:
     where = (36.5, -84.2, 480.0, 80.0)
     feedback = m.CameraFeedback(50.0, 12, *where, 0.0, 0.0, 0.0)
     captured = m.CameraImageCaptured(50.0, *where, (1.0, 0.0, 0.0, 0.0), 11, 1)
+    assert counted() is None
+    assert counted(feedback) == counted(captured) == 12
     assert math.isnan(recorded(None).pictures_taken)
-    assert recorded(None, feedback).pictures_taken == recorded(None, captured).pictures_taken == 12.0
+    assert recorded(None, photos_taken=12).pictures_taken == 12.0
+    # A camera that fails reports: its photos do not count, and those after it are not taken for lost ones.
     failed = m.CameraImageCaptured(50.0, *where, (1.0, 0.0, 0.0, 0.0), 12, 0)
-    assert math.isnan(recorded(None, failed).pictures_taken)
+    after = m.CameraImageCaptured(51.0, *where, (1.0, 0.0, 0.0, 0.0), 13, 1)
+    assert counted(m.CameraImageCaptured(50.0, *where, (1.0, 0.0, 0.0, 0.0), 0, 0)) == 0
+    assert (counted(captured, failed, failed), counted(captured, failed, after)) == (12, 13)
 
 
 def test_when_a_position_arrived_is_on_the_clock_of_the_ground_station():

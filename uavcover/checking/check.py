@@ -26,6 +26,7 @@ from uavcover.checking.segments import FlownPath
 from uavcover.checking.sight_checks import sight_findings
 from uavcover.checking.turns import in_turns, turns_of
 from uavcover.checking.world import World
+from uavcover.model.judgement import Judgement, VerdictName
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle
 from uavcover.scenario.airspace.zones import local_zones
@@ -90,10 +91,14 @@ class Checked:
     around: Surroundings | None = None
 
     @property
-    def verdict(self) -> str:
-        """Is it "passed", "failed", or "not proved" where something could not be answered."""
-        weights = {one.weight for one in self.findings}
-        return "failed" if "breaks" in weights else "not proved" if "unknown" in weights else "passed"
+    def judgement(self) -> Judgement:
+        """The decision: failed where a limit is broken, not proved where something could not be answered."""
+        return Judgement(tuple(one.decides for one in self.findings))
+
+    @property
+    def verdict(self) -> VerdictName:
+        """Passed, failed or not proved."""
+        return self.judgement.verdict
 
     def with_findings(self, more: Sequence[CheckFinding]) -> "Checked":
         """The same with more findings."""

@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
+from uavcover.model.judgement import Effect, Finding
+
 Weight = Literal["breaks", "unknown", "look"]
 """``breaks`` a limit; ``unknown``: what was asked cannot be answered; ``look``: allowed, and seldom meant."""
 
@@ -36,6 +38,12 @@ class CheckFinding:
     alt_amsl_m: float | None = None
     by: float = 0.0
     unit: str = ""
+
+    @property
+    def decides(self) -> Finding:
+        """What it does to the verdict."""
+        effects: dict[Weight, Effect] = {"breaks": "fails", "unknown": "not proved", "look": "noted"}
+        return Finding(effects[self.weight], ("mission",), self.what)
 
     def at(self, geodetic: tuple[float, float, float]) -> "CheckFinding":
         """The same with the place where it is worst: latitude and longitude in degrees, metres above sea level."""

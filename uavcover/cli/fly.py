@@ -45,6 +45,7 @@ class FlightWatch:
         float, typer.Option("--link-lost", metavar="S", help="Give the vehicle up after so long a silence.")
     ] = 30.0
     on_breach: options.OnBreachAction = None
+    require_photos: options.RequirePhotos = False
     apply_limits: Annotated[
         bool,
         typer.Option(
@@ -118,6 +119,7 @@ def fly(
     precautions = precautions_for(
         folder, console, on_breach=options.on_breach(watch.on_breach), apply_limits=watch.apply_limits, agreed=yes
     )
+    precautions = replace(precautions, photos_required=watch.require_photos)
     timeouts = FlightTimeouts(deadman_s=watch.deadman_s, link_lost_s=watch.link_lost_s)
     viewer_url = None
     if watch.live:

@@ -174,6 +174,12 @@ ClientKind = Annotated[
     ),
 ]
 
+RequirePhotos = Annotated[
+    bool,
+    typer.Option(
+        "--require-photos", help="Not proved unless the vehicle reported its photos; in flight, silence is an alarm."
+    ),
+]
 OnBreachAction = Annotated[
     str | None,
     typer.Option(

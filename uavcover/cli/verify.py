@@ -39,6 +39,7 @@ def verify(
     belief: PhotoOptions,
     search: SearchOptions,
     accept_changed: options.AcceptChanged = None,
+    require_photos: options.RequirePhotos = False,
     scheduler: options.Scheduler = None,
     force: options.Force = False,
     output: options.Output,
@@ -50,9 +51,10 @@ def verify(
     Any flight at all: verify FLIGHT.bin --area A --dem DEM --camera C, or --photos FOLDER.
     """
     from uavcover.errors import InputError
+    from uavcover.judging.photos.evidence import PictureEvidence
     from uavcover.run.any_flight import NO_PICTURES, evidence_of, run_of_flight, verify_evidence
     from uavcover.run.folder import RunFolder
-    from uavcover.run.judge import verify_run
+    from uavcover.run.judge import JudgedPictures, verify_run
     from uavcover.run.judge_photos import judge_photos
     from uavcover.run.photo_judgement import PhotoRequest
     from uavcover.run.user import to_paste
@@ -91,6 +93,7 @@ def verify(
         raise InputError(
             "--scheduler: shares out what a track saw; leave it out where pictures (--photos) tell the coverage"
         )
+    pictures = JudgedPictures(PictureEvidence(photos_required=require_photos))
     if evidence.photos:
         report = verify_evidence(folder, evidence, request, console, command=sys.argv, accepted=accept_changed or ())
     elif area is not None:
@@ -99,8 +102,9 @@ def verify(
         )
     else:
         _, report = verify_run(
-            folder, console, command=sys.argv, logs=evidence.logs, accepted=accept_changed or (), scheduler=scheduler
-        )
+            folder, console, command=sys.argv, logs=evidence.logs, accepted=accept_changed or (), pictures=pictures,
+            scheduler=scheduler,
+        )  # fmt: skip
         console.suggest(to_paste("report", run), *([to_paste("gaps", run)] if report["gaps"] else []))
     console.result(report)
     return 0 if report["passed"] else 1

@@ -27,8 +27,9 @@ from uavcover.judging.unobserved import (
     ways_between_m,
 )
 from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.model.judgement import Finding, Judgement, Requirement, fails, noted, unproved
 from uavcover.model.scenario import Scenario
-from uavcover.model.verdict import CellStatistics, CoverageMoment, Unobserved, VerdictName, percent_beside
+from uavcover.model.verdict import CellStatistics, CoverageMoment, Unobserved, percent_beside
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, overlap_fraction, overlap_shortfall, picture_statistics
@@ -82,18 +83,12 @@ class Decision:
     """The decision and its grounds; see :class:`uavcover.model.verdict.VerificationReport`.
 
     Attributes:
-        verdict: passed, failed or not proved.
-        reasons: why it failed.
-        doubts: why it is not proved.
-        findings: other irregularities.
+        judgement: passed, failed or not proved, and why.
         unobserved: unobserved stretches of all tracks.
         unobserved_route_fraction: fraction of the time on the route; none without a route.
     """
 
-    verdict: VerdictName
-    reasons: tuple[str, ...]
-    doubts: tuple[str, ...]
-    findings: tuple[str, ...]
+    judgement: Judgement
     unobserved: tuple[Unobserved, ...]
     unobserved_route_fraction: float | None
 
@@ -132,33 +127,37 @@ def decide(
     requirements = site.scenario.requirements
     links = continuations([(j.begin, j.end) for j in judged], motion_limits(site.scenario.vehicle, site.scenario.wind))
     unobserved, ways = _all_unobserved(site, judged, links)
-    reasons, doubts, findings = [], [], []
+    findings: list[Finding] = []
     for number, j in enumerate(judged):
         which = f"track {number + 1}: " if len(judged) > 1 else ""
-        reasons += [which + line for line in j.reasons]
-        doubts += [which + line for line in [*_end_doubts(site, number, j, links), *j.doubts]]
-        findings += [which + line for line in j.findings]
-        (doubts if unknown_attitude_looks else findings).extend(
-            f"{which}{line}: its attitude is not known there" for line in j.attitude_problems
-        )
+        found = [*(unproved("ends", line) for line in _end_doubts(site, number, j, links)), *j.findings]
+        for line in j.attitude_problems:
+            text = f"{line}: its attitude is not known there"
+            found.append(unproved("coverage", text) if unknown_attitude_looks else noted(text))
+        findings += [replace(finding, text=which + finding.text) for finding in found]
     fraction, ways_fraction = _fractions(judged, unobserved)
-    if fraction is not None and fraction > requirements.max_unobserved_fraction:
-        doubts.append(
+    if fraction is None:
+        findings.append(unproved("unobserved-fraction", "no part of the track is on the route"))
+    elif fraction > requirements.max_unobserved_fraction:
+        text = (
             f"{100 * fraction:.1f} % of the route's time was not observed, more than "
             f"{100 * requirements.max_unobserved_fraction:g} %{_longest(site, unobserved, 'route')}"
         )
+        findings.append(unproved("unobserved-fraction", text))
     if ways_fraction > MAX_UNOBSERVED_WAYS_FRACTION:
-        doubts.append(
+        text = (
             f"{100 * ways_fraction:.0f} % of the time on the ways there and home was not observed, more than "
             f"{100 * MAX_UNOBSERVED_WAYS_FRACTION:g} %{_longest(site, unobserved, 'transit')}"
         )
+        findings.append(unproved("transit-observed", text))
     long = [s for s in unobserved if s.in_flight and s.duration_s > requirements.max_unobserved_gap_s]
-    doubts += [
+    gaps = [
         f"{_told(site, stretch)}; at most {requirements.max_unobserved_gap_s:g} s are allowed"
         for stretch in long[:_SHOWN]
     ]
     if len(long) > _SHOWN:
-        doubts.append(f"and {len(long) - _SHOWN} more stretches as long")
+        gaps.append(f"and {len(long) - _SHOWN} more stretches as long")
+    findings += [unproved("unobserved-gap", text) for text in gaps]
 
     @cache
     def perhaps() -> BoolArray:
@@ -170,68 +169,58 @@ def decide(
         return found
 
     if evidence.shown is None:
-        _judge_coverage(coverage, flown, perhaps, reasons, doubts)
-        _judge_overlap(coverage, pictures, perhaps, reasons, doubts)
+        findings += _judge_coverage(coverage, flown, perhaps)
+        findings += _judge_overlap(coverage, pictures, perhaps)
+        if evidence.photos_required and any(j.photos is not None and j.photos.source == "predicted" for j in judged):
+            findings.append(unproved("photos", "photos are required (--require-photos), and the vehicle reported none"))
     else:
         # What pictures may show, by their errors or because nobody knows whether they are sharp.
-        _judge_coverage(coverage, flown, lambda: flown.possibly_seen, reasons, doubts)
-    reasons += evidence.reasons
-    doubts += evidence.doubts
-    findings += evidence.findings
-    reasons += separation.reasons
-    doubts += separation.doubts
-    verdict: VerdictName = "failed" if reasons else "not proved" if doubts else "passed"
-    return Decision(verdict, tuple(reasons), tuple(doubts), tuple(findings), tuple(unobserved), fraction)
+        findings += _judge_coverage(coverage, flown, lambda: flown.possibly_seen)
+    findings += [*evidence.findings, *separation.findings]
+    return Decision(Judgement(tuple(findings)), tuple(unobserved), fraction)
 
 
 def _judge_overlap(
-    coverage: CoverageMap,
-    pictures: PictureCounts | None,
-    perhaps: Callable[[], BoolArray],
-    reasons: list[str],
-    doubts: list[str],
-) -> None:
+    coverage: CoverageMap, pictures: PictureCounts | None, perhaps: Callable[[], BoolArray]
+) -> list[Finding]:
     """Overlap that is required and missed fails, unless pictures that were not observed may make up for it."""
     scenario = coverage.site.scenario
     short = overlap_shortfall(scenario, None if pictures is None else picture_statistics(coverage, pictures))
     if short is None:
-        return
+        return []
     at_most = None if pictures is None else overlap_fraction(coverage, pictures, perhaps())
     required = scenario.requirements.min_overlap_fraction or 0.0
     if at_most is None or at_most < required:
-        reasons.append(short)
-    else:
-        doubts.append(
-            f"{short}; with what may have been seen without being observed it is {percent_beside(at_most, required)}"
-        )
+        return [fails("overlap", short)]
+    more = f"with what may have been seen without being observed it is {percent_beside(at_most, required)}"
+    return [unproved("overlap", f"{short}; {more}")]
 
 
 def _judge_coverage(
     coverage: CoverageMap,
     flown: FlownCoverage,
     perhaps: Callable[[], BoolArray],
-    reasons: list[str],
-    doubts: list[str],
-) -> None:
+) -> list[Finding]:
     """Insufficient coverage fails, unless unobserved stretches may make up for it: then it is not proved."""
     requirements = coverage.site.scenario.requirements
     share, sure = coverage.share_of_coverable(flown.seen), coverage.share_of_coverable(flown.surely_seen)
     wanted, wanted_sure = requirements.min_coverage_of_coverable, requirements.min_sure_coverage_of_coverable
-    short = [(share, "coverage", wanted)] if share < wanted else []
+    short: list[tuple[float, Requirement, float, BoolArray]] = []
+    if share < wanted:
+        short.append((share, "coverage", wanted, flown.seen))
     if wanted_sure is not None and sure < wanted_sure:
-        short.append((sure, "sure coverage", wanted_sure))
-    if not short:
-        return
-    for found, what, asked in short:
-        seen = flown.seen if what == "coverage" else flown.surely_seen
+        short.append((sure, "sure-coverage", wanted_sure, flown.surely_seen))
+    findings = []
+    for found, what, asked, seen in short:
         at_most = coverage.share_of_coverable(seen | perhaps())
-        text = f"{what} {percent_beside(found, asked)} of the coverable area is below the required {100 * asked:.2f} %"
+        words = what.replace("-", " ")
+        text = f"{words} {percent_beside(found, asked)} of the coverable area is below the required {100 * asked:.2f} %"
         if at_most < asked:
-            reasons.append(text)
+            findings.append(fails(what, text))
         else:
-            doubts.append(
-                f"{text}; with what may have been seen without being observed it is {percent_beside(at_most, asked)}"
-            )
+            more = f"with what may have been seen without being observed it is {percent_beside(at_most, asked)}"
+            findings.append(unproved(what, f"{text}; {more}"))
+    return findings
 
 
 def _all_unobserved(
@@ -247,6 +236,7 @@ def _all_unobserved(
             ways.append(before)
         found += [replace(stretch, track=number) for stretch in j.unobserved]
         ways += ways_between_m(j.enu_m, j.joined, j.phases.route, j.planned, j.passed)
+        ways += [] if j.photos is None else j.photos.perhaps_m
         link = next((link for link in links if link.before == number), None)
         if link is not None:
             other = judged[link.after]

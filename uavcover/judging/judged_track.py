@@ -7,9 +7,10 @@ import numpy as np
 from uavcover.errors import TrackError
 from uavcover.judging.attitude import known_attitude
 from uavcover.judging.ends import TrackEnd, ground_tolerance_m, track_ends
-from uavcover.judging.observations import REACHED_RADII, Observations, missing_pictures, observations_of
+from uavcover.judging.observations import Observations, observations_of
 from uavcover.judging.phases import PlannedRoute, on_route
 from uavcover.judging.possible_motion import Motion, judge_motion, motion_limits
+from uavcover.judging.reported_photos import REACHED_RADII, TrackPhotos, photos_of, reports_photos
 from uavcover.judging.safety import (
     TOLERANCE,
     Heights,
@@ -26,8 +27,9 @@ from uavcover.judging.safety import (
 from uavcover.judging.unobserved import place_of, unobserved_stretches
 from uavcover.judging.waypoints_passed import Passing, contradiction, passing, plan_doubt
 from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.model.judgement import Finding, fails, noted, unproved
 from uavcover.model.track import Track
-from uavcover.model.verdict import Unobserved, Violation
+from uavcover.model.verdict import LIMIT_OF, PhotoSource, Unobserved, Violation
 from uavcover.scenario.site import Site
 
 MAX_CONTRADICTION_M = 1.0
@@ -63,10 +65,9 @@ class JudgedTrack:
         begin: its first sample.
         end: its last sample.
         unobserved: unobserved stretches between its samples.
-        reasons: why it cannot pass, whatever was seen.
-        doubts: why it proves nothing, whatever was seen.
-        findings: other irregularities.
+        findings: why it cannot pass, or proves nothing, whatever was seen, and other irregularities.
         attitude_problems: problems of its attitudes.
+        photos: where photos were taken; none for a sensor that looks along the path.
     """
 
     track: Track
@@ -82,25 +83,29 @@ class JudgedTrack:
     begin: TrackEnd
     end: TrackEnd
     unobserved: tuple[Unobserved, ...]
-    reasons: tuple[str, ...]
-    doubts: tuple[str, ...]
-    findings: tuple[str, ...]
+    findings: tuple[Finding, ...]
     attitude_problems: tuple[str, ...]
+    photos: TrackPhotos | None
 
     def observations(self, site: Site) -> Observations:
-        """The observations of its sensor.
-
-        Raises:
-            TrackError: the sensor looks from waypoints only, and there is no plan that says where they are.
-        """
-        return observations_of(site, self.track, self.enu_m, self.phases.route, self.joined, self.planned)
+        """The observations of its sensor."""
+        return observations_of(site, self.track, self.enu_m, self.phases.route, self.joined, self.photos)
 
 
-def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> JudgedTrack:
+def judge_track(
+    site: Site, track: Track, planned: PlannedRoute | None, *, photo_source: PhotoSource | None = None
+) -> JudgedTrack:
     """Judge a track.
 
+    Args:
+        site: the scenario on its ground.
+        track: what was flown.
+        planned: its plan, if any.
+        photo_source: which photos count; none: those that the vehicle reported, where it reported any.
+
     Raises:
-        TrackError: it is empty, or has a position that is not on Earth.
+        TrackError: it is empty, or has a position that is not on Earth; the sensor looks from waypoints only, and there is no
+            plan that says where they are.
     """
     scenario = site.scenario
     told_m = _checked_positions_m(site, track)
@@ -135,27 +140,38 @@ def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> Judge
     deviations = deviations_m(enu, route, planned)
     broken = find_violations(site, track, enu, heights, phases, joined)
     off = _requirement_violations(site, track, enu, phases, speeds, deviations)
-    doubts = [
-        *_ground_doubts(site, track, enu, here_m, heights, phases),
+    unbelieved = [
         *_motion_doubts(site, whole, told_m, motion),
         commanded_pace_doubt(track, enu, joined, scenario.vehicle, planned),
         None if passed is None else plan_doubt(passed),
-        *(
-            f"no-fly zone {name}, not in force in flight_window_utc, was entered; the track does not tell the time of day"
-            for name in zones_at_unknown_time(site, track, enu, joined)
-        ),
         None if misnumbered is None else f"{misnumbered}: its numbers are not believed, the places decide",
     ]
     if not contradiction_m <= MAX_CONTRADICTION_M:
-        doubts.append(
+        unbelieved.append(
             "the track contradicts itself: east, north, up differ from latitude, longitude, height by up to "
             f"{contradiction_m:.1f} m"
         )
+    findings = [
+        *_reasons(site, phases, speeds, deviations, broken),
+        *_ground_doubts(site, track, enu, here_m, heights, phases),
+        *(unproved("evidence", text) for text in unbelieved if text is not None),
+        *(
+            unproved(
+                "no-fly-zones",
+                f"no-fly zone {name}, not in force in flight_window_utc, was entered; the track does not tell the time of day",
+            )
+            for name in zones_at_unknown_time(site, track, enu, joined)
+        ),
+    ]
     if scenario.requirements.max_deviation_m is not None and deviations is None:
-        doubts.append(
-            "the deviation from the planned route is unknown: there is no plan, or no part of the track is on its route"
+        findings.append(
+            unproved(
+                "deviation",
+                "the deviation from the planned route is unknown: there is no plan, or no part of the track is on its route",
+            )
         )
-    pictures = missing_pictures(site, track, enu, joined, planned)
+    source = photo_source or ("reported" if reports_photos(whole) else "predicted")
+    photos = photos_of(site, track, enu, route, joined, planned, source=source)
     return JudgedTrack(
         track=track,
         enu_m=enu,
@@ -170,10 +186,12 @@ def judge_track(site: Site, track: Track, planned: PlannedRoute | None) -> Judge
         begin=begin,
         end=end,
         unobserved=tuple(unobserved_stretches(site, track, enu, joined, route, motion, kept)),
-        reasons=tuple(_reasons(site, phases, speeds, deviations, broken)),
-        doubts=tuple(doubt for doubt in doubts if doubt is not None),
-        findings=(*_findings(site, begin, end), *([] if pictures is None else [pictures])),
+        findings=(
+            *findings,
+            *map(noted, [*_findings(site, begin, end), *([] if photos is None else photos.findings)]),
+        ),
         attitude_problems=tuple(attitude_problems),
+        photos=photos,
     )
 
 
@@ -225,38 +243,45 @@ def _reasons(
     speeds_m_s: FloatArray,
     deviations: FloatArray | None,
     violations: list[Violation],
-) -> list[str]:
+) -> list[Finding]:
     """Limits that a track breaks, one line each."""
     requirements = site.scenario.requirements
-    reasons = []
+    reasons: list[Finding] = []
     if violations:
         kinds = sorted({violation.kind for violation in violations})
-        reasons.append(f"{len(violations)} violations of the limits ({', '.join(kinds)})")
+        concerns = tuple(dict.fromkeys(LIMIT_OF[kind] for kind in kinds))
+        reasons.append(fails(concerns, f"{len(violations)} violations of the limits ({', '.join(kinds)})"))
     off, most_m = largest(deviations), requirements.max_deviation_m
     if most_m is not None and off is not None and off > most_m + TOLERANCE:
-        reasons.append(f"the deviation from the planned route, {off:.1f} m, is above {most_m} m")
+        reasons.append(fails("deviation", f"the deviation from the planned route, {off:.1f} m, is above {most_m} m"))
     fastest, allowed = largest(speeds_m_s[phases.route]), requirements.max_ground_speed_m_s
     if allowed is not None and fastest is not None and fastest > allowed + TOLERANCE:
-        reasons.append(f"the speed over ground, {fastest:.1f} m/s, is above {allowed} m/s")
+        reasons.append(fails("ground-speed", f"the speed over ground, {fastest:.1f} m/s, is above {allowed} m/s"))
     return reasons
 
 
 def _ground_doubts(
     site: Site, track: Track, enu_m: FloatArray, here_m: FloatArray, heights: Heights, phases: Phases
-) -> list[str]:
+) -> list[Finding]:
     doubts = []
     unknown = np.isnan(heights.lowest.values) & ~phases.column
     if unknown.any():
         first = float(track.time_s[int(np.argmax(unknown))])
         doubts.append(
-            f"no elevation data under {int(unknown.sum())} samples of the flight, first at {first:.1f} s: their height "
-            "above ground cannot be judged (if that is far away, latitude and longitude may be swapped)"
+            unproved(
+                ("height-band", "transit-clearance", "transit-height"),
+                f"no elevation data under {int(unknown.sum())} samples of the flight, first at {first:.1f} s: their height "
+                "above ground cannot be judged (if that is far away, latitude and longitude may be swapped)",
+            )
         )
     lowest = int(np.nanargmin(here_m)) if np.isfinite(here_m).any() else 0
     if here_m[lowest] < -ground_tolerance_m(site.scenario):
         doubts.append(
-            f"positions are under the ground, by up to {-here_m[lowest]:.1f} m at {track.time_s[lowest]:.1f} s, "
-            f"{place_of(site, enu_m[lowest])}: their heights refer to something else, or belong to another place"
+            unproved(
+                "evidence",
+                f"positions are under the ground, by up to {-here_m[lowest]:.1f} m at {track.time_s[lowest]:.1f} s, "
+                f"{place_of(site, enu_m[lowest])}: their heights refer to something else, or belong to another place",
+            )
         )
     return doubts
 

@@ -5,20 +5,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.errors import TrackError
-from uavcover.judging.phases import PlannedRoute, observed_stretches
+from uavcover.judging.phases import observed_stretches
+from uavcover.judging.reported_photos import TrackPhotos
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.kernels.coverage import picture_places
 from uavcover.model.track import Track
 from uavcover.scenario.site import Site
-from uavcover.sensing.sensors import camera_turn, sight_of, trigger_distance_m, turns_with_legs
+from uavcover.sensing.sensors import camera_turn, sight_of, turns_with_legs
 
 _LARGEST_TURN_DEG = 2.0
 """Between two observations. At 60 degrees a second ten samples a second are 6 degrees apart, and the corners of what a camera
 shows in between are a point of a small area (tests/random_kinds.py, case 23)."""
-
-REACHED_RADII = 2.0
-"""A planned waypoint counts as reached within this many acceptance radii."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,15 +46,14 @@ class Observations:
 
 
 def observations_of(
-    site: Site, track: Track, enu_m: FloatArray, route: BoolArray, joined: BoolArray, planned: PlannedRoute | None
+    site: Site, track: Track, enu_m: FloatArray, route: BoolArray, joined: BoolArray, photos: TrackPhotos | None
 ) -> Observations:
     """The observations of a track on the planned route, by the sensing rule of the scenario.
 
     Along the path there is one at every sample, and enough between samples to keep them ``sample_spacing_m`` apart, and a camera
-    that turns with the vehicle 2 degrees; or, with pictures by distance, one at the start and one whenever the vehicle is that
-    far from the last one, as autopilots trigger. Position, attitude and time are interpolated linearly. There are none between
-    samples that are not joined. Where the track lacks the yaw that a picture needs, nose ahead is assumed. From waypoints, the
-    pictures that the vehicle told of count, where it told of any; else every planned waypoint that was reached.
+    that turns with the vehicle 2 degrees; of a sensor that takes single photos, or looks from waypoints, one at each of them.
+    Position, attitude and time are interpolated linearly. There are none between samples that are not joined. Where the track
+    lacks the yaw that a photo needs, nose ahead is assumed.
 
     Args:
         site: the scenario on its ground.
@@ -66,26 +61,17 @@ def observations_of(
         enu_m: (n, 3) its positions.
         route: (n,) which samples belong to the planned route.
         joined: (n - 1,) legs that were observed.
-        planned: the plan, if there is one.
-
-    Raises:
-        TrackError: the sensor looks from waypoints only, and there is no plan that says where they are.
+        photos: where they were taken; none for a sensor that looks along the path.
     """
     sensor = site.scenario.sensor
-    if sensor.sensing == "at-waypoints":
-        before, share = _at_waypoints(site, track, enu_m, joined, planned), np.empty(0)
+    if photos is not None:
+        before, share = photos.before, photos.share
     else:
         runs = observed_stretches(route, joined)
-        trigger_m = trigger_distance_m(site.scenario)
-        if trigger_m is None:
-            turns_deg = _turns_deg(track) if turns_with_legs(sight_of(sensor)) else None
-            parts = [_between(run, enu_m, sensor.sample_spacing_m, turns_deg) for run in runs]
-        else:
-            parts = [_pictures(run, enu_m, trigger_m) for run in runs]
+        turns_deg = _turns_deg(track) if turns_with_legs(sight_of(sensor)) else None
+        parts = [_between(run, enu_m, sensor.sample_spacing_m, turns_deg) for run in runs]
         before = np.concatenate([part[0] for part in parts]) if parts else np.empty(0, dtype=np.int64)
         share = np.concatenate([part[1] for part in parts]) if parts else np.empty(0)
-    if share.size == 0:
-        share = np.zeros(before.size)
     after = np.minimum(before + 1, len(track) - 1)
 
     def read(values: FloatArray) -> FloatArray:
@@ -131,76 +117,3 @@ def _between(
     leg = np.repeat(np.arange(len(legs)), pieces)
     piece = np.arange(len(leg)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     return np.append(run[leg], run[-1]), np.append(piece / pieces[leg], 0.0)
-
-
-def _pictures(run: NDArray[np.int64], enu_m: FloatArray, trigger_m: float) -> tuple[NDArray[np.int64], FloatArray]:
-    """As :func:`_between` for pictures by distance: the trigger begins anew with every run."""
-    legs, shares = picture_places(np.ascontiguousarray(enu_m[run]), trigger_m)
-    # At the end of a leg it is the next sample: from there on another one may be far away or NaN.
-    ends = shares == 1.0
-    return run[legs + ends], np.where(ends, 0.0, shares)
-
-
-def pictures_told(track: Track) -> bool:
-    """Whether the vehicle told of at least one picture during the track, or that there was none: a count of 0 throughout."""
-    known = track.pictures_taken[np.isfinite(track.pictures_taken)]
-    rises = bool((np.diff(known) > 0).any()) or bool(np.isnan(track.pictures_taken[:1]).any())
-    return bool(known.size) and (rises or not known.any())
-
-
-def _at_waypoints(
-    site: Site, track: Track, enu_m: FloatArray, joined: BoolArray, planned: PlannedRoute | None
-) -> NDArray[np.int64]:
-    """Samples from which a sensor looked that looks from the waypoints: where pictures came back, or else where these are.
-
-    A picture counts at the first sample that knows of it, if the one before is joined to it. Where the count rises by more than
-    one, messages were lost: the waypoints reached since the last report, as many as pictures are missing, count too.
-    """
-    if not pictures_told(track):
-        return _reached(site, enu_m, planned)
-    taken = track.pictures_taken.copy()
-    known = np.flatnonzero(np.isfinite(taken))
-    # Before the first report, one less than it tells; from then on what was told last.
-    first, start = known[0], taken[known[0]] - (known[0] > 0)
-    filled = taken[np.maximum.accumulate(np.where(np.isfinite(taken), np.arange(len(taken)), first))]
-    filled[:first] = start
-    gained = np.diff(filled)
-    reports = np.flatnonzero((gained > 0) & joined) + 1
-    chosen = set(reports.tolist())
-    lost = np.flatnonzero(gained > 1) + 1
-    if lost.size and planned is not None:
-        reached = _reached(site, enu_m, planned)
-        for report in lost.tolist():
-            earlier = np.flatnonzero(gained[: report - 1] > 0)
-            since = int(earlier[-1]) + 1 if earlier.size else -1
-            between = reached[(reached > since) & (reached < report)]
-            chosen.update(between[-(int(gained[report - 1]) - 1) :].tolist())
-    return np.array(sorted(chosen), dtype=np.int64)
-
-
-def missing_pictures(
-    site: Site, track: Track, enu_m: FloatArray, joined: BoolArray, planned: PlannedRoute | None
-) -> str | None:
-    """What to tell where fewer pictures came back than waypoints were reached; none where all did, or nothing is known."""
-    if site.scenario.sensor.sensing != "at-waypoints" or planned is None:
-        return None
-    if not pictures_told(track):
-        return "nothing is told of pictures: every planned waypoint that was reached counts as one"
-    reached, looks = len(_reached(site, enu_m, planned)), len(_at_waypoints(site, track, enu_m, joined, planned))
-    if looks >= reached:
-        return None
-    return f"{reached} planned waypoints were reached, and {looks} pictures came back: only these count"
-
-
-def _reached(site: Site, enu_m: FloatArray, planned: PlannedRoute | None) -> NDArray[np.int64]:
-    """Numbers of the samples nearest to each planned waypoint that was reached."""
-    if planned is None:
-        raise TrackError("the sensor looks from the waypoints; without plan.json it is not known where these are")
-    radius = REACHED_RADII * site.scenario.vehicle.acceptance_radius_m
-    chosen = []
-    for point in planned.waypoints_m:
-        distance = np.linalg.norm(enu_m - point, axis=1)
-        nearest = int(np.argmin(distance))
-        if distance[nearest] <= radius:
-            chosen.append(nearest)
-    return np.array(sorted(chosen), dtype=np.int64)

@@ -1,14 +1,24 @@
-"""The table of requirements: what was required, what was found, and whether that is enough."""
+"""The table of requirements: what was required, what was found, and whether that is enough.
 
-from collections.abc import Iterable
+Whether a requirement holds is what the findings of the verdict say of it: the table decides nothing of its own.
+"""
+
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
 
 from uavcover.model.active_times import window_of
+from uavcover.model.judgement import Holds, Requirement
 from uavcover.model.scenario import Scenario
-from uavcover.model.verdict import Unobserved, VerificationReport, ViolationKind, percent_beside
+from uavcover.model.verdict import LIMIT_OF, Unobserved, VerificationReport, percent_beside
 
-Holds = Literal["yes", "no", "not proved"]
+_OTHERS: Mapping[Requirement, str] = {
+    "photos": "Photos that were taken",
+    "detection": "Probability of detection",
+    "transit-observed": "Observed on the ways there and home",
+    "separation": "Separation of the vehicles",
+    "evidence": "A record that can be believed",
+}
+"""Requirements without a figure of their own, which have a row where they do not hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,27 +41,33 @@ class RequirementRow:
 def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[RequirementRow]:
     """Rows that compare every requirement and limit of a scenario with the verdict on a flight."""
     limits, requirements = scenario.limits, scenario.requirements
-    judge = _Judge(scenario, report)
+    judge = _Judge(report)
     rows = [
-        judge.share("Seen, of what can be seen", requirements.min_coverage_of_coverable, report.coverage_of_coverable)
+        judge.share(
+            "coverage",
+            "Seen, of what can be seen",
+            requirements.min_coverage_of_coverable,
+            report.coverage_of_coverable,
+        )
     ]
     if requirements.min_sure_coverage_of_coverable is not None:
         rows.append(
             judge.share(
+                "sure-coverage",
                 "Surely seen, of what can be seen",
                 requirements.min_sure_coverage_of_coverable,
                 report.surely_covered_of_coverable,
             )
         )
     if requirements.min_overlap_fraction is not None:
-        rows.append(_overlap_row(requirements.min_overlap_fraction, report))
-    rows += _observed_rows(scenario, report)
+        rows.append(_overlap_row(requirements.min_overlap_fraction, report, judge))
+    rows += _observed_rows(scenario, report, judge)
     rows.append(
         RequirementRow(
             "Height above ground on the route",
             f"{limits.min_height_agl_m:g} to {limits.max_height_agl_m:g} m",
             f"{_metres(report.min_height_agl_m)} to {_metres(report.max_height_agl_m)}",
-            judge.none("below-band", "above-band", known=report.min_height_agl_m is not None),
+            judge.limit("height-band"),
         )
     )
     rows.append(
@@ -59,7 +75,7 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
             "Clearance on the ways there and home",
             f"at least {limits.transit_clearance_m:g} m",
             _metres(report.min_transit_clearance_m),
-            judge.none("clearance"),
+            judge.limit("transit-clearance"),
         )
     )
     rows.append(
@@ -67,28 +83,23 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
             "Height above ground on the ways there and home",
             f"at most {scenario.transit_ceiling_agl_m:g} m",
             _metres(report.max_transit_height_agl_m),
-            judge.none("above-transit-height"),
+            judge.limit("transit-height"),
         )
     )
     if limits.min_alt_amsl_m is not None or limits.max_alt_amsl_m is not None:
         low = "" if limits.min_alt_amsl_m is None else f"from {limits.min_alt_amsl_m:g} m "
         high = "" if limits.max_alt_amsl_m is None else f"to {limits.max_alt_amsl_m:g} m"
-        kinds: tuple[ViolationKind, ...] = ("below-sea-level-limit", "above-sea-level-limit")
-        rows.append(
-            RequirementRow("Height above sea level", (low + high).strip(), judge.words(*kinds), judge.none(*kinds))
-        )
-    rows.append(RequirementRow("Inside the fence", "always", judge.words("fence"), judge.none("fence")))
+        rows.append(judge.kept("sea-level", "Height above sea level", (low + high).strip()))
+    rows.append(judge.kept("fence", "Inside the fence", "always"))
     if scenario.obstacles.prisms:
         apart = scenario.obstacles
         wanted = f"{apart.clearance_beside_m:g} m beside or {apart.clearance_above_m:g} m above"
-        rows.append(RequirementRow("Clear of obstacles", wanted, judge.words("obstacle"), judge.none("obstacle")))
+        rows.append(judge.kept("obstacles", "Clear of obstacles", wanted))
     if scenario.no_fly:
         window = scenario.flight_window if report.flown_utc is None else window_of(*report.flown_utc, "flown_utc")
         counting = sum(zone.in_force(window) for zone in scenario.no_fly)
         wanted = f"{counting} zone{'s' if counting != 1 else ''}"
-        rows.append(
-            RequirementRow("Outside of no-fly zones", wanted, judge.words("no-fly-zone"), judge.none("no-fly-zone"))
-        )
+        rows.append(judge.kept("no-fly-zones", "Outside of no-fly zones", wanted))
     if requirements.max_ground_speed_m_s is not None:
         fastest = report.max_ground_speed_m_s
         rows.append(
@@ -96,7 +107,7 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
                 "Speed over ground on the route",
                 f"at most {requirements.max_ground_speed_m_s:g} m/s",
                 "not known" if fastest is None else f"{fastest:.1f} m/s",
-                judge.none("ground-speed", known=fastest is not None),
+                judge.limit("ground-speed"),
             )
         )
     if requirements.max_deviation_m is not None:
@@ -106,28 +117,25 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
                 "Distance from the planned route",
                 f"at most {requirements.max_deviation_m:g} m",
                 _metres(deviation),
-                judge.none("deviation", known=deviation is not None),
+                judge.limit("deviation"),
             )
         )
-    return rows
+    return [*rows, *judge.others()]
 
 
-def _overlap_row(asked: float, report: VerificationReport) -> RequirementRow:
+def _overlap_row(asked: float, report: VerificationReport, judge: "_Judge") -> RequirementRow:
     pictures = report.pictures
     found = None if pictures is None else pictures.overlap_fraction
     number = "" if pictures is None or pictures.asked is None else f" {pictures.asked}"
-    short: Holds = (
-        "no" if any(reason.startswith("the overlap asked for") for reason in report.reasons) else "not proved"
-    )
     return RequirementRow(
         f"Ground in at least{number} pictures, as the overlap asks",
         f"at least {100.0 * asked:g} %",
         "not known" if found is None else percent_beside(found, asked),
-        "yes" if found is not None and found >= asked else short,
+        judge.holds("overlap"),
     )
 
 
-def _observed_rows(scenario: Scenario, report: VerificationReport) -> list[RequirementRow]:
+def _observed_rows(scenario: Scenario, report: VerificationReport, judge: "_Judge") -> list[RequirementRow]:
     """Rows about how much of the flight was observed."""
     requirements = scenario.requirements
     missing = report.unobserved_route_fraction
@@ -138,19 +146,19 @@ def _observed_rows(scenario: Scenario, report: VerificationReport) -> list[Requi
             "Not observed, of the route's time",
             f"at most {100.0 * requirements.max_unobserved_fraction:g} %",
             "not known" if missing is None else percent_beside(missing, requirements.max_unobserved_fraction),
-            "yes" if missing is not None and missing <= requirements.max_unobserved_fraction else "not proved",
+            judge.holds("unobserved-fraction"),
         ),
         RequirementRow(
             "Longest stretch in the air that was not observed",
             f"at most {requirements.max_unobserved_gap_s:g} s",
             f"{longest_s:.1f} s",
-            "yes" if longest_s <= requirements.max_unobserved_gap_s else "not proved",
+            judge.holds("unobserved-gap"),
         ),
         RequirementRow(
             "Observed from the ground to the ground",
             "always",
             "; ".join(stretch.detail for stretch in open_ends) or "yes",
-            "not proved" if open_ends else "yes",
+            judge.holds("ends"),
         ),
     ]
 
@@ -160,32 +168,52 @@ def _is_open_end(stretch: Unobserved) -> bool:
 
 
 class _Judge:
-    """Judges whether a limit was kept, as far as it was observed."""
+    """What the findings say of each requirement."""
 
-    def __init__(self, scenario: Scenario, report: VerificationReport) -> None:
+    def __init__(self, report: VerificationReport) -> None:
         self._report = report
-        self._observed = all(row.holds == "yes" for row in _observed_rows(scenario, report))
+        self._told: set[Requirement] = set()
 
-    def _of(self, kinds: Iterable[str]) -> int:
-        return sum(violation.kind in kinds for violation in self._report.violations)
+    def holds(self, requirement: Requirement) -> Holds:
+        """Whether a requirement holds."""
+        self._told.add(requirement)
+        return self._report.judgement.holds(requirement)
 
-    def none(self, *kinds: ViolationKind, known: bool = True) -> Holds:
-        """Whether there is no violation of these kinds."""
-        if self._of(kinds):
-            return "no"
-        return "yes" if known and self._observed else "not proved"
+    @property
+    def _observed(self) -> bool:
+        return self._report.judgement.holds("unobserved-fraction", "unobserved-gap", "ends") == "yes"
 
-    def words(self, *kinds: ViolationKind) -> str:
-        """Number of violations, in words."""
-        number = self._of(kinds)
+    def limit(self, requirement: Requirement) -> Holds:
+        """Whether a limit was kept, as far as it was observed."""
+        holds = self.holds(requirement)
+        return holds if holds != "yes" or self._observed else "not proved"
+
+    def kept(self, requirement: Requirement, name: str, asked: str) -> RequirementRow:
+        """A limit without a figure."""
+        number = sum(LIMIT_OF[violation.kind] == requirement for violation in self._report.violations)
         kept = "kept" if self._observed else "kept where it was observed"
-        return kept if number == 0 else f"left {number} time{'s' if number > 1 else ''}"
+        found = kept if number == 0 else f"left {number} time{'s' if number > 1 else ''}"
+        return RequirementRow(name, asked, found, self.limit(requirement))
 
-    def share(self, name: str, asked: float, found: float) -> RequirementRow:
-        """Insufficient coverage is not proved when the verdict has no other reason to fail."""
-        short: Holds = "no" if any("coverage" in reason for reason in self._report.reasons) else "not proved"
-        holds: Holds = "yes" if found >= asked else short
-        return RequirementRow(name, f"at least {100.0 * asked:g} %", percent_beside(found, asked), holds)
+    def share(self, requirement: Requirement, name: str, asked: float, found: float) -> RequirementRow:
+        """A share of the area."""
+        return RequirementRow(
+            name, f"at least {100.0 * asked:g} %", percent_beside(found, asked), self.holds(requirement)
+        )
+
+    def others(self) -> list[RequirementRow]:
+        """What decided the verdict and has no row yet: the table and the verdict say the same."""
+        findings = [finding for finding in self._report.judgement.findings if finding.effect != "noted"]
+        concerned = dict.fromkeys(name for finding in findings for name in finding.concerns if name not in self._told)
+        return [
+            RequirementRow(
+                _OTHERS.get(name, name),
+                "always",
+                "; ".join(f.text for f in findings if name in f.concerns),
+                self.holds(name),
+            )
+            for name in concerned
+        ]
 
 
 def _metres(value: float | None) -> str:

@@ -9,6 +9,7 @@ import numpy as np
 from uavcover.judging.possible_motion import MotionLimits, motion_limits
 from uavcover.judging.shared_clock import SharedTimes, shared_times
 from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.model.judgement import Finding, fails, unproved
 from uavcover.model.track import Track
 from uavcover.model.verdict import PairSeparation, Violation
 from uavcover.scenario.site import Site
@@ -28,17 +29,15 @@ class Separation:
     Attributes:
         pairs: of tracks that overlap in time.
         violations: stretches on which two vehicles were too near to each other.
-        reasons: why the flight failed.
-        doubts: what is not proved.
+        findings: why the flight failed, or is not proved.
     """
 
     pairs: tuple[PairSeparation, ...]
     violations: tuple[Violation, ...]
-    reasons: tuple[str, ...]
-    doubts: tuple[str, ...]
+    findings: tuple[Finding, ...]
 
 
-NOT_ASKED = Separation((), (), (), ())
+NOT_ASKED = Separation((), (), ())
 
 
 def judge_separation(
@@ -87,7 +86,8 @@ def judge_separation(
         for pair in pairs
         if pair.possibly_m < limit_m <= pair.least_m
     ]
-    return Separation(tuple(pairs), tuple(violations), tuple(reasons), tuple(doubts))
+    findings = [*(fails("separation", text) for text in reasons), *(unproved("separation", text) for text in doubts)]
+    return Separation(tuple(pairs), tuple(violations), tuple(findings))
 
 
 def _judge_pair(

@@ -19,20 +19,25 @@ from uavcover.judging.judged_track import judge_track, largest, track_positions_
 from uavcover.judging.observations import Observations
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.photos.evidence import NOTHING_KNOWN, PictureEvidence
+from uavcover.judging.reported_photos import reports_photos
 from uavcover.judging.same_flight import has_near, records_of_one_flight
 from uavcover.judging.separation import judge_separation
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.active_times import Window, flown_window, window_in_words
+from uavcover.model.judgement import Judgement, noted
 from uavcover.model.outline import svg_map
 from uavcover.model.track import Track
-from uavcover.model.verdict import PictureStatistics, VerificationReport
+from uavcover.model.verdict import PhotoSource, PictureStatistics, VerificationReport
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.looks import look_distance_m, looks_of
 from uavcover.sensing.pictures import (
     OVERLAP_FRACTION,
     PictureCounts,
     count_pictures,
+    drawn_cells,
+    overlap_shortfall,
     picture_statistics,
     takes_pictures,
 )
@@ -140,7 +145,8 @@ def verify_flight(
     Raises:
         TrackError: a track is empty, or has a position that is not on Earth.
     """
-    judged = [judge_track(flown.site or site, flown.track, flown.planned) for flown in tracks]
+    source: PhotoSource = "reported" if any(reports_photos(flown.track) for flown in tracks) else "predicted"
+    judged = [judge_track(flown.site or site, flown.track, flown.planned, photo_source=source) for flown in tracks]
     records = records_of_one_flight(judged)
     # The pause is longer than the time between two passes, so each track's observations are separate passes.
     pause_s = 2.0 * site.scenario.requirements.max_gap_s
@@ -161,12 +167,12 @@ def verify_flight(
         flown = seen_by_any(
             [count(eye, joined_observations([parts[k] for k in who], [shifts_s[k] for k in who])) for eye, who in eyes]
         )
-    gaps = tuple(find_gaps(coverage, flown))
     unknown_looks = int((~together.known).sum()) if evidence.shown is None else 0
     pictures = evidence.counts
     if evidence.shown is None and len(eyes) == 1 and takes_pictures(eyes[0][0].site.scenario):
         pictures = _pictures(eyes[0][0], together)
     statistics = None if pictures is None else picture_statistics(eyes[0][0], pictures)
+    gaps = tuple(find_gaps(coverage, _as_required(coverage, flown, pictures, statistics)))
     window = flown_window(np.concatenate([j.track.unix_time_s for j in judged]))
     separation = judge_separation(
         site, [track.track for track in judged], same_flight={(record.first, record.second) for record in records}
@@ -175,6 +181,8 @@ def verify_flight(
         coverage, flown, judged, pictures,
         unknown_attitude_looks=unknown_looks, evidence=evidence, separation=separation, eyes=[eye for eye, _ in eyes],
     )  # fmt: skip
+    more = (*map(str, records), *_overlap_findings(site, statistics), *_time_findings(site, window))
+    judgement = Judgement((*decision.judgement.findings, *map(noted, more)))
     report = VerificationReport(
         coverage_fraction=coverage.share(flown.seen),
         coverage_of_coverable=coverage.share_of_coverable(flown.seen),
@@ -202,21 +210,33 @@ def verify_flight(
         unobserved_s=sum(stretch.duration_s for stretch in decision.unobserved if stretch.in_flight),
         unobserved_m=sum(stretch.length_m for stretch in decision.unobserved if stretch.in_flight),
         unobserved_route_fraction=decision.unobserved_route_fraction,
-        verdict=decision.verdict,
-        passed=decision.verdict == "passed",
-        reasons=decision.reasons,
-        doubts=decision.doubts,
-        findings=(
-            *decision.findings,
-            *map(str, records),
-            *_overlap_findings(site, statistics),
-            *_time_findings(site, window),
-        ),
+        verdict=judgement.verdict,
+        passed=judgement.verdict == "passed",
+        reasons=judgement.texts("fails"),
+        doubts=judgement.texts("not proved"),
+        findings=judgement.texts("noted"),
+        judgement=judgement,
         requirements=judged_requirements(site.scenario),
         flown_utc=None if window is None else (window[0].isoformat(), window[1].isoformat()),
         separation=separation.pairs,
+        photo_source=None if evidence.shown is not None or all(j.photos is None for j in judged) else source,
+        missing_photos=tuple(
+            replace(stretch, track=number)
+            for number, j in enumerate(judged)
+            for stretch in ([] if j.photos is None else j.photos.missing)
+        ),
     )
     return Verdict(coverage, report, flown, gaps, pictures, together, shifts_s)
+
+
+def _as_required(
+    coverage: CoverageMap, flown: FlownCoverage, pictures: PictureCounts | None, statistics: PictureStatistics | None
+) -> FlownCoverage:
+    """The coverage; where a required overlap is missed, cells as drawn in too few photos do not count as seen."""
+    asked = None if statistics is None else statistics.asked
+    if pictures is None or asked is None or overlap_shortfall(coverage.site.scenario, statistics) is None:
+        return flown
+    return replace(flown, seen=flown.seen & ((pictures.pictures >= asked) | ~drawn_cells(coverage)))
 
 
 def _eyes(coverage: CoverageMap, tracks: Sequence[FlownTrack]) -> list[tuple[CoverageMap, list[int]]]:
@@ -252,9 +272,11 @@ def _time_findings(site: Site, window: Window | None) -> list[str]:
 
 
 def _pictures(coverage: CoverageMap, together: Observations) -> PictureCounts:
-    """Pictures whose direction is known; the others show nothing for certain."""
-    known = together.where(together.known)
-    return count_pictures(coverage, SensorPoses(known.places_m, known.axes, known.tops, known.times_s))
+    """Looks whose direction is known; the others show nothing for certain."""
+    known, scenario = together.where(together.known), coverage.site.scenario
+    closer_m = look_distance_m(scenario, np.full(len(known), scenario.uncertainty.position_m))
+    looks = looks_of(known.places_m, known.axes, closer_m)
+    return count_pictures(coverage, SensorPoses(known.places_m, known.axes, known.tops, known.times_s), looks)
 
 
 def _overlap_findings(site: Site, pictures: PictureStatistics | None) -> list[str]:

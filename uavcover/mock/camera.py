@@ -21,15 +21,19 @@ class MockCamera:
 
     Attributes:
         taken: how many pictures it has taken since it was switched on.
+        every: it takes one of so many that it is triggered for.
+        at_most: it takes no more than so many.
+        reports: whether it tells of its pictures.
     """
 
     def __init__(self, body: MockBody, *, ardupilot: bool) -> None:
         self._body, self._ardupilot = body, ardupilot
+        self.every, self.at_most, self.reports = 1, math.inf, True
         self.reset()
 
     def reset(self) -> None:
         """Stop, and count from 0, as after a reboot."""
-        self.taken, self._distance_m = 0, 0.0
+        self.taken, self._triggered, self._distance_m = 0, 0, 0.0
         self._last_m: Vector | None = None
 
     def obey(self, order: CameraOrder, now: float) -> list[m.Message]:
@@ -40,7 +44,7 @@ class MockCamera:
         if order.distance_m is not None:
             self._distance_m = order.distance_m
             self._last_m = self._last_m if self._ardupilot and order.distance_m > 0.0 else None
-        return [self._shoot(now)] if order.now else []
+        return self._shoot(now) if order.now else []
 
     def step(self, now: float) -> list[m.Message]:
         """Take the picture that is due by distance, if one is; PX4 takes the first one as soon as it is switched on."""
@@ -49,14 +53,20 @@ class MockCamera:
         here = self._body.believed.position_m
         if self._last_m is None:
             if not self._ardupilot:
-                return [self._shoot(now)]
+                return self._shoot(now)
             self._last_m = here
-        return [self._shoot(now)] if math.dist(here[:2], self._last_m[:2]) >= self._distance_m else []
+        return self._shoot(now) if math.dist(here[:2], self._last_m[:2]) >= self._distance_m else []
 
-    def _shoot(self, now: float) -> m.Message:
+    def _shoot(self, now: float) -> list[m.Message]:
+        self._triggered, self._last_m = self._triggered + 1, self._body.believed.position_m
+        if (self._triggered - 1) % self.every or self.taken >= self.at_most:
+            return []
+        self.taken += 1
+        return [self._report(now, self._last_m)] if self.reports else []
+
+    def _report(self, now: float, place_m: Vector) -> m.Message:
         body, point = self._body, self._body.point
-        self.taken, self._last_m = self.taken + 1, body.believed.position_m
-        here = body.geodetic_of(self._last_m)
+        here = body.geodetic_of(place_m)
         above_home_m = here.alt_amsl_m - body.home.alt_amsl_m
         roll, pitch, yaw = point.roll_rad, point.pitch_rad, point.yaw_rad
         if self._ardupilot:

@@ -142,6 +142,18 @@ def _set_item_back(control: FlightControl, _: Fault) -> None:
         control.set_current(first)
 
 
+def _stop_camera(control: FlightControl, fault: Fault) -> None:
+    control.state.camera.at_most = control.state.camera.taken + fault.number
+
+
+def _skip_photos(control: FlightControl, fault: Fault) -> None:
+    control.state.camera.every = max(1, round(fault.number))
+
+
+def _hush_camera(control: FlightControl, _: Fault) -> None:
+    control.state.camera.reports = False
+
+
 _BEGIN: dict[FaultKind, Callable[[FlightControl, Fault], None]] = {
     FaultKind.GPS_LOSS: _lose_fix,
     FaultKind.BATTERY_FAILSAFE: _drain_battery,
@@ -156,6 +168,9 @@ _BEGIN: dict[FaultKind, Callable[[FlightControl, Fault], None]] = {
     FaultKind.GPS_GLITCH: _glitch,
     FaultKind.SPEED_CHANGED: _change_speed,
     FaultKind.ITEM_SET_BACK: _set_item_back,
+    FaultKind.CAMERA_STOPS: _stop_camera,
+    FaultKind.CAMERA_SKIPS: _skip_photos,
+    FaultKind.CAMERA_SILENT: _hush_camera,
 }
 """Any other fault works by being in effect: the vehicle asks ``is_going_on``."""
 

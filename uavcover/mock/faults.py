@@ -29,6 +29,9 @@ class FaultKind(Enum):
     GPS_GLITCH = "gps-glitch"
     SPEED_CHANGED = "speed-changed"
     ITEM_SET_BACK = "item-set-back"
+    CAMERA_STOPS = "camera-stops"
+    CAMERA_SKIPS = "camera-skips"
+    CAMERA_SILENT = "camera-silent"
 
 
 class Since(Enum):
@@ -124,10 +127,18 @@ ARGUMENTS: dict[FaultKind, Argument] = {
     FaultKind.GPS_GLITCH: Argument("metres, 60 when not given, for 20 s", default=60.0),
     FaultKind.SPEED_CHANGED: Argument("metres per second, 3 when not given", default=3.0),
     FaultKind.STRONG_WIND: Argument("metres per second, 25 when not given", default=25.0),
+    FaultKind.CAMERA_STOPS: Argument("number of photos after which it takes no more, 4 when not given", default=4.0),
+    FaultKind.CAMERA_SKIPS: Argument("one photo of so many is taken, 10 when not given", default=10.0),
 }
 """The argument of each fault; a fault that is not listed takes none."""
 
 _DEFAULT_TRIGGER = FaultTrigger(Since.TAKE_OFF, 20.0)
+_FROM_THE_START = (
+    FaultKind.ARMING_REFUSED,
+    FaultKind.CAMERA_STOPS,
+    FaultKind.CAMERA_SKIPS,
+    FaultKind.CAMERA_SILENT,
+)
 _WRITTEN = re.compile(r"(?P<name>[a-z-]+)(?::(?P<argument>[^@]+))?(?:@(?P<moment>.+))?")
 _MOMENT = re.compile(r"(?P<boot>boot\+)?(?P<seconds>\d+(?:\.\d+)?)s|item(?P<item>\d+)")
 
@@ -136,7 +147,8 @@ def parse_fault(text: str) -> Fault:
     """A fault from ``NAME[:ARGUMENT][@MOMENT]``.
 
     A moment is ``40s`` (vehicle seconds after the take-off), ``boot+40s`` (after it was switched on) or ``item5`` (when it
-    flies to that mission item). Without one it is 20 s after the take-off, and for ``arming-refused`` the start.
+    flies to that mission item). Without one it is 20 s after the take-off, and for ``arming-refused`` and those of
+    the camera the start.
 
     >>> str(parse_fault("gps-loss:30@40s"))
     'gps-loss:30@40s'
@@ -163,7 +175,7 @@ def parse_fault(text: str) -> Fault:
 
 
 def _default_trigger(kind: FaultKind) -> FaultTrigger:
-    return FaultTrigger(Since.BOOT, 0.0) if kind is FaultKind.ARMING_REFUSED else _DEFAULT_TRIGGER
+    return FaultTrigger(Since.BOOT, 0.0) if kind in _FROM_THE_START else _DEFAULT_TRIGGER
 
 
 def _parse_trigger(text: str, moment: str) -> FaultTrigger:

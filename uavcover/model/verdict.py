@@ -1,8 +1,10 @@
 """The verdict on a flight."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, Literal
+
+from uavcover.model.judgement import Judgement, Requirement, VerdictName
 
 _FEWEST_DECIMALS, _MOST_DECIMALS = 2, 9
 
@@ -17,10 +19,6 @@ def percent_beside(share: float, limit: float) -> str:
         digits += 1
     return f"{100.0 * share:.{digits}f} %"
 
-
-VerdictName = Literal["passed", "failed", "not proved"]
-"""Failed: what was observed breaks a limit or misses a requirement. Not proved: nothing does, but something essential was not
-observed."""
 
 ViolationKind = Literal[
     "below-band",
@@ -37,6 +35,22 @@ ViolationKind = Literal[
     "separation",
 ]
 
+LIMIT_OF: Mapping[ViolationKind, Requirement] = {
+    "below-band": "height-band",
+    "above-band": "height-band",
+    "clearance": "transit-clearance",
+    "above-transit-height": "transit-height",
+    "below-sea-level-limit": "sea-level",
+    "above-sea-level-limit": "sea-level",
+    "fence": "fence",
+    "obstacle": "obstacles",
+    "no-fly-zone": "no-fly-zones",
+    "ground-speed": "ground-speed",
+    "deviation": "deviation",
+    "separation": "separation",
+}
+"""The requirement that each kind of violation breaks."""
+
 GapReason = Literal[
     "never-in-range",
     "too-oblique",
@@ -49,6 +63,9 @@ GapReason = Literal[
 """Why a cell was not seen: never in range and field of view; too oblique; occluded by ground or an obstacle; not
 visible from any position within the limits; ground sample distance too large; seen by fewer observations than
 required; possibly seen, by observations of unknown direction. In the order of their numbers in ``coverage.tif``."""
+
+PhotoSource = Literal["reported", "predicted"]
+"""Whether the photos of a flight are those that its vehicle reported, or those that its track predicts."""
 
 UnobservedReason = Literal["no samples", "impossible motion", "before the first sample", "after the last sample"]
 
@@ -180,6 +197,7 @@ class PictureStatistics:
 
     Attributes:
         taken: how many pictures there are.
+        looks: how many looks they are: photos from one place, in a like direction, are one look, and overlap counts looks.
         asked: in how many the overlap asked for puts a point, floor(1 / (1 - forward)) times floor(1 / (1 - side)); none where
             no overlap is asked for.
         overlap_fraction: fraction of the ground in at least so many, 0..1.
@@ -191,6 +209,7 @@ class PictureStatistics:
     """
 
     taken: int
+    looks: int
     asked: int | None
     overlap_fraction: float | None
     overlap_holds: bool | None
@@ -253,6 +272,40 @@ class Unobserved:
 
 
 @dataclass(frozen=True, slots=True)
+class MissingPhotos:
+    """A stretch of a flight on which photos were expected that the vehicle did not report.
+
+    Attributes:
+        expected: number of photos that are missing.
+        start_s: vehicle time of the last reported photo before it, or at which its route began.
+        end_s: vehicle time of the next reported photo, or at which its route ended.
+        length_m: length flown between them.
+        lat_deg: where it begins.
+        lon_deg: where it begins.
+        east_m: where it begins.
+        north_m: where it begins.
+        track: number of the track, counted from 0.
+    """
+
+    expected: int
+    start_s: float
+    end_s: float
+    length_m: float
+    lat_deg: float
+    lon_deg: float
+    east_m: float
+    north_m: float
+    track: int = 0
+
+    def __str__(self) -> str:
+        """Description for people."""
+        return (
+            f"no photo was reported for {self.length_m:.0f} m, {self.end_s - self.start_s:.0f} s from {self.start_s:.1f} s: "
+            f"{self.expected} {'was' if self.expected == 1 else 'were'} expected"
+        )
+
+
+@dataclass(frozen=True, slots=True)
 class VerificationReport:
     """Coverage and safety of a flown track; ``verification.json``.
 
@@ -289,6 +342,10 @@ class VerificationReport:
         flown_utc: first and last moment of the tracks that tell the time of day, UTC; none where none does. No-fly zones are
             judged by it.
         separation: of each two tracks that overlap in time; none where no separation is asked for.
+        photo_source: whether photos count that the vehicle reported, or that its tracks predict; none for a sensor that takes
+            no single photos, or where real photos tell the coverage.
+        missing_photos: stretches on which expected photos were not reported.
+        judgement: the findings that the verdict, its reasons and its doubts come from, each with what it concerns.
     """
 
     coverage_fraction: float
@@ -322,3 +379,6 @@ class VerificationReport:
     requirements: Mapping[str, Any]
     flown_utc: tuple[str, str] | None = None
     separation: tuple[PairSeparation, ...] = ()
+    photo_source: PhotoSource | None = None
+    missing_photos: tuple[MissingPhotos, ...] = ()
+    judgement: Judgement = field(default_factory=Judgement)

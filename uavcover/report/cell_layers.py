@@ -106,7 +106,9 @@ def cell_layers(content: ReportContent) -> list[CellLayer]:
 def photo_layers(verdict: PhotoVerdict) -> list[CellLayer]:
     """The cell layers of a verdict on pictures; layers without any known value are omitted."""
     coverage, flown = verdict.coverage, verdict.shown.coverage
-    counts = PictureCounts(verdict.shown.pictures, flown.ground_sample_m, len(verdict.placed.pictures))
+    counts = PictureCounts(
+        verdict.shown.pictures, flown.ground_sample_m, len(verdict.placed.pictures), verdict.shown.looks
+    )
     per_point, sample = _picture_layers(coverage, counts, "flown", verdict.asked)
     directions = np.where(verdict.shown.directions > 0, verdict.shown.directions.astype(float), np.nan)
     layers = [

@@ -18,6 +18,7 @@ from uavcover.judging.photos.logs import tells_of_pictures
 from uavcover.judging.photos.readers import LISTS, read_pictures
 from uavcover.judging.verify import track_positions_m
 from uavcover.kernels.arrays import FloatArray
+from uavcover.model.judgement import Requirement, noted, unproved
 from uavcover.model.sensor import FrameCamera
 from uavcover.run.folder import SCHEMA_VERSION, VERDICT_FILES, RunFolder
 from uavcover.run.judge import LOG_ENDINGS, JudgedPictures, read_log, verify_run
@@ -129,9 +130,12 @@ def verify_evidence(
 
 NO_PICTURES = JudgedPictures(
     PictureEvidence(
-        doubts=(
-            "nothing tells of a picture: what the camera would have seen is counted, and nobody knows whether it took any "
-            "(--photos)",
+        findings=(
+            unproved(
+                "photos",
+                "nothing tells of a picture: what the camera would have seen is counted, and nobody knows whether it took any "
+                "(--photos)",
+            ),
         )
     )
 )
@@ -146,24 +150,25 @@ def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:
         f"{percent(told['surely'])}, "
         f"possibly {percent(told['possibly'])}; required {percent(told['required'])}"
     )
-    reasons = [found] if told["coverage_holds"] == "no" else []
-    doubts = [found] if told["coverage_holds"] == "not proved" else []
-    # Pictures whose blur nobody tells may be what is missing.
-    missed = doubts if told["verdict"] == "not proved" else reasons
-    if told["overlap_holds"] is False:
-        missed.append(
-            f"the overlap asked for, {told['pictures_asked']} pictures of every point, holds on "
-            f"{percent(told['overlap_fraction'])} of the area as drawn, below the required {percent(told['overlap_required'])}"
-        )
-    searched = told["detection"]
-    if searched is not None and searched["holds"] is False:
-        missed.append(
+    texts: dict[Requirement, str] = {
+        "coverage": found,
+        "overlap": f"the overlap asked for, {told['pictures_asked']} pictures of every point, holds on "
+        f"{percent(told['overlap_fraction'] or 0.0)} of the area as drawn, below the required "
+        f"{percent(told['overlap_required'] or 0.0)}",
+    }
+    if (searched := told["detection"]) is not None:
+        texts["detection"] = (
             f"the probability of detection is {percent(searched['pod'])} over the area, below the required "
-            f"{percent(searched['asked'])}"
+            f"{percent(searched['asked'] or 0.0)}"
         )
-    counts = PictureCounts(shown.pictures, shown.coverage.ground_sample_m, told["counted"])
+    missed = [
+        replace(finding, text=texts[finding.concerns[0]])
+        for finding in verdict.judgement.findings
+        if finding.effect != "noted"
+    ]
+    counts = PictureCounts(shown.pictures, shown.coverage.ground_sample_m, told["counted"], shown.looks)
     finding = f"coverage is that of {told['counted']} pictures, not what the track lets one expect"
-    return PictureEvidence(shown.coverage, counts, tuple(reasons), tuple(doubts), (finding,))
+    return PictureEvidence(shown.coverage, counts, (*missed, noted(finding)))
 
 
 def run_of_flight(

@@ -21,6 +21,7 @@ from uavcover.checking.return_checks import OwnReturn
 from uavcover.errors import InputError, ScenarioError
 from uavcover.intake.vehicles import VehicleType, vehicle_named
 from uavcover.model.active_times import window_of
+from uavcover.model.judgement import VerdictName
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle
 from uavcover.model.vehicle import AutopilotName, autopilot_name
@@ -110,8 +111,8 @@ class CheckOutcome:
     view: MissionView | None = None
 
     @property
-    def verdict(self) -> str:
-        """The verdict: "passed", "failed" or "not proved"."""
+    def verdict(self) -> VerdictName:
+        """Passed, failed or not proved."""
         return self.checked.verdict
 
 

@@ -12,6 +12,7 @@ import shapely
 
 from uavcover.checking.check import Checked
 from uavcover.errors import OutputError
+from uavcover.model.judgement import VerdictName, worst
 from uavcover.run.check import CheckOutcome, CheckQuery
 from uavcover.run.file_group import write_file
 from uavcover.run.user import User
@@ -31,10 +32,9 @@ def document_of(query: CheckQuery, outcome: CheckOutcome) -> dict[str, Any]:
     }
 
 
-def worst_verdict(outcomes: Sequence[CheckOutcome]) -> str:
+def worst_verdict(outcomes: Sequence[CheckOutcome]) -> VerdictName:
     """The verdict of several missions: "passed" when all are."""
-    verdicts = {each.verdict for each in outcomes}
-    return next(word for word in ("failed", "not proved", "passed") if word in verdicts)
+    return worst(each.verdict for each in outcomes)
 
 
 def figures_of(checked: Checked) -> dict[str, float | None]:

@@ -172,7 +172,7 @@ def record_flight(
             raise
         finally:
             log.close()
-            _seal(run, log, user)
+            _seal(run, log, options, user)
             _keep_recording(run, site, route, log, user)
     if log.begun:
         _note_outcome(run, outcome, user)
@@ -205,12 +205,14 @@ def _utc_offset_s(vehicle: Connected) -> float:
     return SystemClock().unix_s() - clock.now() if isinstance(clock, MonotonicClock) else math.nan
 
 
-def _seal(run: RunFolder, log: FlightLog, user: User) -> None:
+def _seal(run: RunFolder, log: FlightLog, options: FlightOptions, user: User) -> None:
     """The hash of the track, whatever the end; an error of the flight itself is the one that counts."""
     if not log.sample_count:
         return
     try:
-        seal_flight(run, samples=log.sample_count, command=sys.argv)
+        seal_flight(
+            run, samples=log.sample_count, photos_required=options.precautions.photos_required, command=sys.argv
+        )
     except UavcoverError as error:
         user.warn(f"{error}; verify will ask for --accept-changed record")
 

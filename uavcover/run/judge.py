@@ -13,6 +13,7 @@ from uavcover.judging.flown_coverage import FlownCoverage, count_observations
 from uavcover.judging.gaps import REASONS, reason_codes
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.photos.evidence import NOTHING_KNOWN, PictureEvidence
+from uavcover.judging.reported_photos import looks_singly
 from uavcover.judging.requirements import requirement_rows
 from uavcover.judging.track_logs.readers import READERS, read_foreign_log
 from uavcover.judging.verify import CountObservations, FlownTrack, Verdict, verify_flight, verify_track
@@ -291,10 +292,16 @@ def judge_run(
     inputs = inspect_inputs(run, paths)
     refuse_changes(run, inputs, accepted)
     site = load_site(path)
+    sites = [site_for(path, run, site) for path in paths]
+    if evidence.photos_required and not any(looks_singly(each.scenario) for each in sites):
+        raise InputError(
+            f"--require-photos: the sensor of {run} takes no single photos (sensing {site.scenario.sensor.sensing}); leave it out"
+        )
+    if any(provenance.photos_required(RunFolder(folder)) for folder in {run.path, *(path.parent for path in paths)}):
+        evidence = replace(evidence, photos_required=True)
     for number, sortie in enumerate(run.sorties(), start=1):
         if not logs and not sortie.file("track.csv").is_file():
             user.warn(f"sortie {number} was not flown yet: fly it with --sortie {number}")
-    sites = [site_for(path, run, site) for path in paths]
     tracks: list[tuple[Track, PlannedRoute | None]] = []
     for path in paths:
         loaded = read_log(path, site)
@@ -395,7 +402,8 @@ def _say_pictures(user: User, report: VerificationReport) -> None:
     if pictures is None:
         return
     user.say(
-        f"pictures          {pictures.taken}; a point is in {pictures.fewest} or more, {pictures.median:g} (median)"
+        f"pictures          {pictures.taken}, {pictures.looks} looks; a point is in {pictures.fewest} or more, "
+        f"{pictures.median:g} (median)"
     )
     if pictures.asked is not None and pictures.overlap_fraction is not None:
         holds = "holds" if pictures.overlap_holds else "DOES NOT HOLD"

@@ -141,6 +141,10 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
     user.say(
         f"{'pictures':18}{told['pictures']}, {told['counted']} count; the camera's angles are told by {told['direction_known']}"
     )
+    if told["looks"] < told["counted"]:
+        user.say(
+            f"{'looks':18}{told['looks']}: photos from one place in a like direction, and of one capture, count as one look"
+        )
     for name, why in list(verdict.placed.left_out.items())[:_SHOWN_NAMES]:
         user.warn(f"{name}: {why}; it does not count")
     if len(verdict.placed.left_out) > _SHOWN_NAMES:

@@ -17,9 +17,9 @@ from uavcover.judging.photos.picture import Picture
 from uavcover.judging.photos.placing import Assumptions, PlacedPictures, place_pictures
 from uavcover.judging.photos.readers import PictureSet
 from uavcover.judging.photos.showing import shown_cells
-from uavcover.judging.requirements import Holds
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.detection import DetectionCurve
+from uavcover.model.judgement import Effect, Finding, Holds, Judgement, Requirement
 from uavcover.model.sensor import FrameCamera, Sensor
 from uavcover.run.new_elevation import NewRequest
 from uavcover.run.photo_verdict import PhotoVerdict, blur_px, clocks_of, frame_of
@@ -163,19 +163,39 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
     with user.progress("counting what the pictures show"):
         verdict = _counted(request, coverage, site, placed, blur, blurred | unknown)
     document = _document(request, found, verdict, heights_m, len(unknown))
-    if unknown and document["verdict"] == "failed":
+    judgement = _judgement(document)
+    if unknown and judgement.verdict == "failed":
         # Pictures whose blur nobody tells may be sharp enough.
         with_them = _counted(request, coverage, site, placed, blur, blurred)
         of_all = _document(request, found, with_them, heights_m, len(unknown))
-        if of_all["verdict"] != "failed":
+        if _judgement(of_all).verdict != "failed":
             holds = _answer(document["surely"], of_all["possibly"], document["required"])
-            document |= {"verdict": "not proved", "possibly": of_all["possibly"], "coverage_holds": holds}
+            document |= {"possibly": of_all["possibly"], "coverage_holds": holds}
+            judgement = Judgement(
+                tuple(replace(each, effect="not proved") for each in judgement.findings if each.effect != "noted")
+            )
             seen, perhaps = verdict.shown.coverage, with_them.shown.coverage.possibly_seen
             shown = replace(verdict.shown, coverage=replace(seen, possibly_seen=seen.possibly_seen | perhaps))
             verdict = replace(verdict, shown=shown)
     if verdict.shown.detection is not None:
         doubts += _told(detection_doubts(verdict.shown.detection, verdict.shown.coverage.ground_sample_m), user)
-    return replace(verdict, document=document | {"doubts": doubts})
+    decided = {"passed": judgement.verdict == "passed", "verdict": judgement.verdict}
+    return replace(verdict, judgement=judgement, document=document | decided | {"doubts": doubts})
+
+
+def _judgement(document: Mapping[str, Any]) -> Judgement:
+    """The decision on pictures by their figures."""
+    findings: list[Finding] = []
+    effects: dict[Holds, Effect] = {"no": "fails", "not proved": "not proved", "yes": "noted"}
+    searched = document["detection"]
+    answers: dict[Requirement, Holds] = {
+        "coverage": document["coverage_holds"],
+        "overlap": "no" if document["overlap_holds"] is False else "yes",
+        "detection": "no" if searched is not None and searched["holds"] is False else "yes",
+    }
+    for requirement, answer in answers.items():
+        findings.append(Finding(effects[answer], (requirement,), f"{requirement}: {answer}"))
+    return Judgement(tuple(findings))
 
 
 def _too_blurred(
@@ -209,7 +229,7 @@ def _counted(
     placed = placed.without(left_out)
     shown = shown_cells(coverage, placed, request.detection)
     asked = pictures_asked(site.scenario.sensor) if _asks_overlap(request) else None
-    verdict = PhotoVerdict(site, coverage, placed, shown, drawn_cells(coverage), asked, blur[kept], [], {})
+    verdict = PhotoVerdict(site, coverage, placed, shown, drawn_cells(coverage), asked, blur[kept], [], Judgement(), {})
     return replace(verdict, gaps=find_gaps(coverage, verdict.asked_coverage))
 
 
@@ -274,13 +294,12 @@ def _document(
     found_by = None
     if shown.detection is not None:
         found_by = detection_document(shown.detection, drawn, weight, request.pod)
-    failed = holds is False or (found_by is not None and found_by["holds"] is False)
-    passed = answer == "yes" and not failed
     return {
         "pictures": len(found.pictures),
         "inputs": {"pictures": found.sha256},
         "clocks": clocks_of(found.pictures),
         "counted": len(placed.pictures),
+        "looks": shown.looks,
         "left_out": placed.left_out,
         "direction_known": int(placed.direction_known.sum()),
         "height_agl_m": {"lowest": float(np.nanmin(heights_m)), "median": float(np.nanmedian(heights_m)),
@@ -307,6 +326,4 @@ def _document(
         "blur_largest_px": float(sharp.max()) if sharp.size else None,
         "blurred": [p.name for p, b in zip(placed.pictures, blur, strict=True) if b > BLUR_PX],
         "gaps": [asdict(region.gap) for region in verdict.gaps],
-        "passed": passed,
-        "verdict": "passed" if passed else "not proved" if answer == "not proved" and not failed else "failed",
     }  # fmt: skip

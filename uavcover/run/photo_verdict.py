@@ -20,6 +20,7 @@ from uavcover.judging.photos.picture import Picture
 from uavcover.judging.photos.placing import PlacedPictures
 from uavcover.judging.photos.showing import ShownCells
 from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.model.judgement import Judgement
 from uavcover.model.sensor import FrameCamera, Sensor
 from uavcover.run.geotiff import cells_geotiff
 from uavcover.run.judge import LAYER_REASONS
@@ -44,6 +45,7 @@ class PhotoVerdict:
         asked: pictures in which the overlap asked for puts each point; none where none is.
         blur_px: (n,) of each picture that counts, NaN where it is not known.
         gaps: where too few show it.
+        judgement: the decision, and what it comes from.
         document: what ``photos.json`` says.
     """
 
@@ -55,6 +57,7 @@ class PhotoVerdict:
     asked: int | None
     blur_px: FloatArray
     gaps: list[GapRegion]
+    judgement: Judgement
     document: dict[str, Any]
 
     @property

@@ -179,14 +179,20 @@ def _hash_in(value: Any) -> str | None:
     return str(found) if found else None
 
 
-def seal_flight(run: RunFolder, *, samples: int, command: Sequence[str]) -> None:
+def seal_flight(run: RunFolder, *, samples: int, photos_required: bool, command: Sequence[str]) -> None:
     """Record the hashes of the track and of what was recorded beside it when a flight has ended: later changes are noticed.
 
     Raises:
         InputError, OutputError: ``run.json`` cannot be read or written.
     """
     there = [name for name in FLIGHT_FILES if run.file(name).exists()]
-    note_files(run, "fly", there, command=command, samples=samples)
+    more = {"photos_required": True} if photos_required else {}
+    note_files(run, "fly", there, command=command, samples=samples, **more)
+
+
+def photos_required(run: RunFolder) -> bool:
+    """Whether a flight of this folder was flown with ``--require-photos``."""
+    return any(entry.get("photos_required") is True for entry in _entries(run_document(run)))
 
 
 def add_stage(run: RunFolder, name: str, wall_s: float) -> None:

@@ -16,7 +16,7 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.kernels import observation_counting as kernels
-from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.observation_counting import Camera, SensorPoses
 from uavcover.kernels.sight import Sight, local_slopes
 from uavcover.model.scenario import Scenario
@@ -44,14 +44,16 @@ class PictureCounts:
     """What pictures show of each cell.
 
     Attributes:
-        pictures: (cells,) how many pictures show it.
+        pictures: (cells,) how many looks show it; photos from one place are one look.
         ground_sample_m: (cells,) the best ground sample distance of these; NaN where there is none, or it is not known.
         taken: how many pictures there are.
+        looks: how many looks they are.
     """
 
     pictures: NDArray[np.int32]
     ground_sample_m: FloatArray
     taken: int
+    looks: int
 
 
 def takes_pictures(scenario: Scenario) -> bool:
@@ -120,25 +122,31 @@ def planned_poses(coverage: CoverageMap, routes_m: Sequence[FloatArray]) -> Sens
     return SensorPoses(places[turn.known], turn.axes[turn.known], turn.tops[turn.known], level[turn.known])
 
 
-def count_pictures(coverage: CoverageMap, poses: SensorPoses) -> PictureCounts:
+def count_pictures(coverage: CoverageMap, poses: SensorPoses, looks: IntArray | None = None) -> PictureCounts:
     """Count the pictures that show each cell of a map.
 
     Args:
         coverage: the cells.
         poses: of the pictures; their times do not matter.
+        looks: (n,) number of the look that each belongs to, which counts once; none: each is one.
     """
     site = coverage.site
     sight, slopes = whole_picture(site.scenario.sensor), local_slopes(site.ground.surface)
-    # Each is a pass of its own.
+    # Each look is a pass of its own: its number is the time of its pictures.
     camera = Camera(
         focal_px=focal_px(site.scenario.sensor),
-        pass_gap_s=-1.0,
+        pass_gap_s=0.0,
         offset_m=0.0,
         horizontal_m=0.0,
         lift_m=0.0,
         turn_rad=0.0,
     )
-    numbered = poses._replace(times_s=np.arange(len(poses.eyes), dtype=float))
+    numbers = np.arange(len(poses.eyes)) if looks is None else looks
+    order = np.argsort(numbers, kind="stable")
+    numbered = SensorPoses(
+        np.ascontiguousarray(poses.eyes[order]), np.ascontiguousarray(poses.axes[order]),
+        np.ascontiguousarray(poses.tops[order]), numbers[order].astype(float),
+    )  # fmt: skip
     counts = kernels.no_observations(coverage.grid.count)
 
     def add(first_row: int) -> None:
@@ -149,7 +157,7 @@ def count_pictures(coverage: CoverageMap, poses: SensorPoses) -> PictureCounts:
     with ThreadPoolExecutor(WORKERS) as executor:
         list(executor.map(add, range(WORKERS)))
     sample_m = np.where(np.isfinite(counts.ground_sample_m), counts.ground_sample_m, np.nan)
-    return PictureCounts(counts.passes, sample_m, len(poses.eyes))
+    return PictureCounts(counts.passes, sample_m, len(poses.eyes), len(np.unique(numbers)))
 
 
 def drawn_cells(coverage: CoverageMap) -> BoolArray:
@@ -184,6 +192,7 @@ def picture_statistics(coverage: CoverageMap, counts: PictureCounts) -> PictureS
     sample_m = sample_m[np.isfinite(sample_m)]
     return PictureStatistics(
         taken=counts.taken,
+        looks=counts.looks,
         asked=asked,
         overlap_fraction=enough,
         overlap_holds=None if enough is None else enough >= OVERLAP_FRACTION,

@@ -251,7 +251,7 @@ _ACTED_ON = (
     Ending.BATTERY_LOW, Ending.FENCE_BREACHED, Ending.GPS_LOST, Ending.POSITION_LOST, Ending.FALLING,
 )  # fmt: skip
 """What autopilots act on by themselves, among what is watched here; gaps of the link are judged by their length."""
-_NO_CAUSE = (Ending.BATTERY_LOW, Ending.LATE, Ending.HOLD_LOST)
+_NO_CAUSE = (Ending.BATTERY_LOW, Ending.LATE, Ending.HOLD_LOST, Ending.PHOTOS_MISSING)
 """What no autopilot reacts to by changing its mode."""
 
 

@@ -10,6 +10,7 @@ from mission_io.client.read_back import ReadBack
 from mission_io.clock import Clock
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.exchange import Address
+from mission_io.wire.codec import LinkStatistics
 from mission_io.wire.messages import CommandAck, Message, ParamValue, Received
 
 MessageT = TypeVar("MessageT", bound=Message)
@@ -48,6 +49,11 @@ class VehicleClient(Protocol):
     @property
     def impostor(self) -> VehicleInfo | None:
         """Another vehicle that uses our vehicle's ids, as its heartbeat describes it; None while there is none."""
+        ...
+
+    @property
+    def statistics(self) -> LinkStatistics:
+        """Counts of the link since it was opened."""
         ...
 
     @property

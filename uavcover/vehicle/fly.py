@@ -137,6 +137,7 @@ class FlightRun:
                 f"nothing proves that vehicle {vehicle.system_id} is simulated; say --yes to fly a real vehicle; not touched",
             )
         self.session.on_breach = self.precautions.on_breach
+        self.session.photos_required = self.precautions.photos_required
         self.session.simulated = self.simulator is not None
 
     def watch_preconditions(self, plan: FlightPlan) -> None:

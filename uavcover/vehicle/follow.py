@@ -10,6 +10,7 @@ from uavcover.vehicle.follower import Follower
 from uavcover.vehicle.mission_guard import MissionGuard, VolumeWatch
 from uavcover.vehicle.modes import Mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
+from uavcover.vehicle.photo_watch import PhotoWatch
 from uavcover.vehicle.policy import reaction
 from uavcover.vehicle.precautions import OnBreach
 from uavcover.vehicle.preconditions import Preconditions
@@ -50,7 +51,7 @@ def follow_mission(
         FlightFaultError: it did not; the ending says why.
         Stopped: the user asked to stop while the vehicle did what it was told, or it must go home before the end.
     """
-    schedule = Schedule(session, plan, progress)
+    schedule, photos = Schedule(session, plan, progress), PhotoWatch(session, plan, progress)
     must_go_home = schedule.must_go_home if must_go_home is None else must_go_home
     places, falls = VolumeWatch(session, plan.volume, progress), FallWatch(session, plan)
     stuck_s = session.timeouts.stuck_s + longest_wait_s(plan)
@@ -73,6 +74,7 @@ def follow_mission(
         elif aloft and follower.holds:
             guard.look_at_place()
         meanwhile()
+        photos.look()
         if aloft and follower.is_ours:
             schedule.look()
         elif aloft:

@@ -162,6 +162,8 @@ class Monitor:
         uploads_taken: how often it thanked somebody for a mission, us or another ground station.
         lists_taken: the same for fences and rally points, by MAV_MISSION_TYPE.
         parameters: the latest PARAM_VALUE of each parameter.
+        photos_taken: the number of photos by the autopilot's own count, of which no message can be lost; None while it reported
+            none, taken or failed.
         terrain_asked: the different requests for terrain heights; one more shows that an answer to an earlier one arrived.
     """
 
@@ -183,6 +185,8 @@ class Monitor:
         self.uploads_taken = 0
         self.lists_taken: Counter[int] = Counter()
         self.parameters: dict[str, m.ParamValue] = {}
+        self.photos_taken: int | None = None
+        self._failed_photos: set[int] = set()
         self.terrain_asked: set[m.TerrainRequest] = set()
         self._assembler = TextAssembler()
         self._other_assemblers: dict[int, TextAssembler] = {}
@@ -203,6 +207,8 @@ class Monitor:
             self.ground.forget()
             self._time.begin()
             self._doubted.clear()
+            self.photos_taken = None
+            self._failed_photos.clear()
         self._vehicle = vehicle
 
     @property
@@ -309,6 +315,14 @@ class Monitor:
                 self.lists_taken[message.mission_type] += 1
             case m.ParamValue():
                 self.parameters[message.name] = message
+            case m.CameraFeedback():
+                self.photos_taken = message.number
+            case m.CameraImageCaptured() if m.CameraFeedback not in self._latest:
+                if message.success != 1:
+                    self._failed_photos.add(message.number)
+                # PX4 counts from 0, and numbers the photos that fail as well.
+                failed = sum(number <= message.number for number in self._failed_photos)
+                self.photos_taken = message.number + 1 - failed
             case m.MissionItemReached():
                 self.reached = max(self.reached, message.seq)
             case m.TerrainRequest() if len(self.terrain_asked) < _MAX_TERRAIN_ASKED:

@@ -70,6 +70,7 @@ class Ending(Enum):
     UNSAFE_LINE = "the straight line back to the route was not clear"
     LATE = "the vehicle was late against its plan"
     RESERVE_USED = "the flight used the reserve of its battery"
+    PHOTOS_MISSING = "the camera reported fewer photos than the mission takes"
     FALLING = "the vehicle fell"
     MISSION_CHANGED = "somebody else changed the mission, or the item that is flown"
     HOME_MOVED = "somebody else moved the vehicle's home, or the origin of its heights"

@@ -97,6 +97,7 @@ class Precautions:
         agree: asked with the list of changes before any is made.
         keep: told the old values while they are changed, to have them on disk; an empty mapping when all are back.
         left_changed: old values that an earlier flight could not put back.
+        photos_required: whether a camera that reports no photo at all is an alarm too.
     """
 
     on_breach: OnBreach | None = None
@@ -104,6 +105,7 @@ class Precautions:
     agree: Callable[[str], bool] = lambda _: False
     keep: Callable[[Mapping[str, float]], None] = lambda _: None
     left_changed: Mapping[str, float] = field(default_factory=dict)
+    photos_required: bool = False
 
 
 USUAL = Precautions()

@@ -56,6 +56,7 @@ class Session:
         watch: watches for failures.
         evidence: whether what is known of the vehicle is newer than the last gap.
         on_breach: what the user wants done on a breach; None leaves it to the policy.
+        photos_required: whether a camera that reports no photo at all is an alarm too.
         simulated: whether the vehicle is proved to be simulated.
         paused: whether the vehicle was commanded to hold on its way and has not continued since.
     """
@@ -75,6 +76,7 @@ class Session:
         self.pause = pause
         self.paused = False
         self.on_breach: OnBreach | None = None
+        self.photos_required = False
         self.simulated = False
         self._on_event = on_event
         self._recent_warnings: deque[str] = deque(maxlen=3)

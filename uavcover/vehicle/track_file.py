@@ -343,7 +343,7 @@ class Recorder:
                 yaw_deg=math.degrees(yaw) % 360.0,
                 current_waypoint=self.waypoint_of(self._monitor.current_seq),
                 attitude_age_s=age_s,
-                pictures_taken=self._pictures_taken(),
+                pictures_taken=math.nan if (taken := self._monitor.photos_taken) is None else float(taken),
                 unix_time_s=self._unix_time_s(position.time_boot_s),
                 received_utc_s=self._utc_offset_s + (self._monitor.position_at_s or 0.0),
             )
@@ -355,12 +355,3 @@ class Recorder:
         if told is None or not is_flight_time(told.time_unix_s):
             return math.nan
         return told.time_unix_s + (time_boot_s - told.time_boot_s)
-
-    def _pictures_taken(self) -> float:
-        """How many pictures the autopilot has told of, by its own count, of which no message can be lost; NaN: of none."""
-        feedback, captured = self._monitor.latest(m.CameraFeedback), self._monitor.latest(m.CameraImageCaptured)
-        if feedback is not None:
-            return float(feedback.number)
-        if captured is not None and captured.success == 1:
-            return float(captured.number + 1)  # PX4 counts from 0
-        return math.nan

@@ -296,3 +296,16 @@ def test_a_row_of_an_image_log_is_read_as_before(tmp_path: Path) -> None:
     (one,) = read_pictures([tmp_path / "a.MRK"]).pictures
     assert (one.lat_deg, one.lon_deg, one.alt_m) == (33.2191234, -98.1, 345.6)
     assert (one.horizontal_error_m, one.vertical_error_m) == (0.012, 0.033)
+
+
+@pytest.mark.parametrize(
+    ("space", "attribute"),
+    [
+        ('xmlns:drone-dji="http://www.dji.com/drone-dji/1.0/"', 'drone-dji:CaptureUUID="b7c1"'),
+        ('xmlns:MicaSense="http://micasense.com/MicaSense/1.0/"', 'MicaSense:CaptureId="b7c1"'),
+        ('xmlns:Camera="http://pix4d.com/camera/1.0/"', 'Camera:CaptureUUID="b7c1"'),
+    ],
+)
+def test_the_capture_of_a_file_is_read_by_any_makers_name(tmp_path, space, attribute):
+    write_jpeg(tmp_path / "a.JPG", place=PLACE, alt_m=500.0, xmp=XMP.format(spaces=space, attributes=attribute))
+    assert read_picture(tmp_path / "a.JPG").capture_id == "b7c1"

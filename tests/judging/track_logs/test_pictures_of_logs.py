@@ -11,7 +11,7 @@ from tests.judging.flights import Flight
 from tests.judging.flights import make_site as nimble_site
 from tests.judging.track_logs.samples import COUNT, FRAME, Picture, pictures_at, write_dataflash, write_tlog, write_ulog
 from uavcover.errors import TrackError
-from uavcover.judging.observations import pictures_told
+from uavcover.judging.reported_photos import reports_photos
 from uavcover.judging.track_logs.assembly import PICTURE_PLACE_ERROR_M, LoggedRows, assemble_track
 from uavcover.judging.track_logs.readers import read_foreign_log
 from uavcover.model.sensor import SphereSensor
@@ -37,7 +37,7 @@ def samples_of(loaded: ReadTrack) -> list[int]:
 def test_every_picture_that_came_back_counts_where_it_was_taken(tmp_path: Path, name: str, kind: str) -> None:
     pictures = [dataclasses.replace(each, kind=kind) for each in pictures_at(SAMPLES)]
     loaded = read(tmp_path, name, pictures)
-    assert pictures_told(loaded.track)
+    assert reports_photos(loaded.track)
     assert samples_of(loaded) == SAMPLES
     assert loaded.track.pictures_taken[-1] == len(SAMPLES)
     # A trigger is told of as what it is; CAMERA_IMAGE_CAPTURED is a picture as CAMERA_FEEDBACK is.
@@ -57,7 +57,7 @@ def test_triggers_beside_pictures_are_not_counted_again(tmp_path: Path, name: st
 def test_a_log_without_a_camera_message_knows_nothing_of_pictures(tmp_path: Path, name: str) -> None:
     loaded = read(tmp_path, name, [])
     assert np.isnan(loaded.track.pictures_taken).all()
-    assert not pictures_told(loaded.track)
+    assert not reports_photos(loaded.track)
 
 
 @pytest.mark.parametrize("name", ["x.tlog", "x.ulg"])
@@ -70,7 +70,14 @@ def test_a_picture_that_failed_or_was_told_of_twice(tmp_path: Path, name: str) -
     assert any("failed to take 1 of" in warning for warning in loaded.warnings)
     none = read(tmp_path, name, [dataclasses.replace(each, taken=False) for each in good])
     assert samples_of(none) == []
-    assert pictures_told(none.track), "the camera told that it took none"
+    assert reports_photos(none.track), "the camera told that it took none"
+
+
+def test_a_picture_whose_message_the_link_lost_is_counted_by_the_next_one(tmp_path: Path) -> None:
+    pictures = pictures_at(SAMPLES)
+    loaded = read(tmp_path, "x.tlog", [*pictures[:1], *pictures[3:]])
+    assert samples_of(loaded) == [4, 25, 38]
+    assert loaded.track.pictures_taken[[4, 24, 25, 38]].tolist() == [1.0, 1.0, 4.0, 5.0]
 
 
 def moved(picture: Picture, rng: np.random.Generator) -> Picture:
@@ -111,7 +118,7 @@ def test_what_the_track_contradicts_is_no_picture(
     told = [falsify(each, rng) if k in wrong else each for k, each in enumerate(pictures)]
     loaded = read(tmp_path, name, told)
     assert samples_of(loaded) == [at for k, at in enumerate(samples) if k not in wrong]
-    assert pictures_told(loaded.track), "a log whose pictures are all wrong proves none"
+    assert reports_photos(loaded.track), "a log whose pictures are all wrong proves none"
     assert any("no evidence" in warning for warning in loaded.warnings)
 
 
@@ -146,13 +153,13 @@ def test_only_pictures_that_came_back_are_seen_by_the_verdict(tmp_path: Path) ->
         return flight.verify(assemble_track(tmp_path, LoggedRows(positions, attitudes, pictures), frame).track)
 
     without = verdict(None)
-    assert any("nothing is told of pictures" in line for line in without.findings)
+    assert any("the vehicle reported no photo" in line for line in without.findings)
     whole = verdict(positions[reached, :3])
-    assert not any("pictures" in line for line in whole.findings)
+    assert not any("photo" in line for line in whole.findings)
     assert whole.coverage_fraction == pytest.approx(without.coverage_fraction, abs=0.01)
     some = verdict(positions[reached[:1], :3])
     assert 0.0 < some.coverage_fraction < whole.coverage_fraction
-    assert any("pictures came back: only these count" in line for line in some.findings)
+    assert any("only reported photos count" in line for line in some.findings)
     elsewhere = positions[reached, :3] + [0.0, 0.01, 0.0]
     none = verdict(elsewhere)
     assert none.coverage_fraction == 0.0

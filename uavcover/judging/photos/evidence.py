@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 from uavcover.judging.flown_coverage import FlownCoverage
+from uavcover.model.judgement import Finding
 from uavcover.sensing.pictures import PictureCounts
 
 
@@ -13,16 +14,14 @@ class PictureEvidence:
     Attributes:
         shown: coverage by cell, on the cells that results are judged on; none where the track alone tells it.
         counts: how many pictures show each cell; likewise.
-        reasons: why they do not show enough, whatever their errors are.
-        doubts: why it is not proved that they do.
-        findings: what else is to be said of them.
+        findings: why they do not show enough, or nothing proves that they do, and what else is to be said of them.
+        photos_required: whether a flight whose vehicle reported no photo is not proved.
     """
 
     shown: FlownCoverage | None = None
     counts: PictureCounts | None = None
-    reasons: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
-    findings: tuple[str, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    photos_required: bool = False
 
 
 NOTHING_KNOWN = PictureEvidence()

@@ -26,6 +26,8 @@ _SAME_SHAPE = 0.02
 _JPEG = (".jpg", ".jpeg")
 _TAIL, _LONG_TAIL = 65_536, 16_000_000
 _CUT_OFF = "its file is cut off; copy it from the card again"
+_CAPTURE_IDS = ("CaptureUUID", "CaptureId", "CaptureID", "CaptureGUID")
+"""Of one exposure of a multispectral camera or a rig: DJI, Parrot and MicaSense."""
 _OFF_NADIR_NAMES = {"Camera:Pitch", "Camera:Roll", "Camera:Yaw"}
 """Of Pix4D, senseFly and MicaSense: their pitch is 0 straight down."""
 
@@ -77,6 +79,7 @@ def read_picture(path: Path) -> Picture:
         pixels=sides,
         focal_length_mm=finite(details.get(ExifTags.Base.FocalLength)) or None,
         focal_length_35mm=finite(details.get(ExifTags.Base.FocalLengthIn35mmFilm)) or None,
+        capture_id=next((told[name] for name in _CAPTURE_IDS if told.get(name)), None),
         digital_zoom=finite(details.get(ExifTags.Base.DigitalZoomRatio)) or None,
         fault=_CUT_OFF if path.suffix.lower() in _JPEG and not _ends(path) else None,
     )

@@ -97,6 +97,7 @@ def read_images_json(path: Path) -> list[Picture]:
                 horizontal_error_m=finite(row.get("gps_xy_stddev")), vertical_error_m=finite(row.get("gps_z_stddev")),
                 camera=f"{row.get('camera_make', '')} {row.get('camera_model', '')}".strip() or None,
                 pixels=_pixels(row), exposure_s=finite(row.get("exposure_time")),
+                capture_id=str(row["capture_uuid"]) if row.get("capture_uuid") else None,
             )
         )  # fmt: skip
     return pictures

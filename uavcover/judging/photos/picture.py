@@ -47,6 +47,7 @@ class Picture:
         pixels: longer and shorter side.
         focal_length_mm: of the lens.
         focal_length_35mm: of the lens with the same diagonal field of view on film of 36 x 24 mm.
+        capture_id: of the exposure that it belongs to: bands of a multispectral camera, and cameras of a rig, share one.
         digital_zoom: how many times a digital zoom enlarged it.
         fault: why its file cannot be read.
     """
@@ -74,6 +75,7 @@ class Picture:
     pixels: tuple[int, int] | None = None
     focal_length_mm: float | None = None
     focal_length_35mm: float | None = None
+    capture_id: str | None = None
     digital_zoom: float | None = None
     fault: str | None = None
 

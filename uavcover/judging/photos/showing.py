@@ -15,6 +15,7 @@ from uavcover.kernels.observation_counting import Camera, ObservationCounts, Sen
 from uavcover.kernels.sight import SEEN, TOO_COARSE, LocalSlopes, Sight, local_slopes
 from uavcover.model.detection import DetectionCurve
 from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.looks import look_distance_m, looks_of
 from uavcover.sensing.sensors import focal_px
 
 DIRECTIONS = ("down", "north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
@@ -29,7 +30,8 @@ class ShownCells:
     How coarse a picture is does not matter for how many there are, as :mod:`uavcover.sensing.pictures` counts them.
 
     Attributes:
-        pictures: (n,) how many show it, measurements taken as exact, however coarse.
+        pictures: (n,) how many looks show it, measurements taken as exact, however coarse; photos from one place are one look.
+        looks: how many looks the photos are.
         directions: (n,) into how many of ``DIRECTIONS`` their cameras looked.
         coverage: (n,) each: seen by a picture as finely as the sensor has to, surely, possibly, how closely, and the best
             outcome of any picture.
@@ -38,6 +40,7 @@ class ShownCells:
     """
 
     pictures: NDArray[np.int32]
+    looks: int
     directions: NDArray[np.int32]
     coverage: FlownCoverage
     detection: Detection | None = None
@@ -90,7 +93,18 @@ def shown_cells(coverage: CoverageMap, placed: PlacedPictures, curve: DetectionC
             _add(coverage, slopes, however_coarse, uncertain, poses, anyhow)
         by_direction += anyhow.passes > before
     detection = None if curve is None else detection_of(curve, finely.looks)
-    return ShownCells(anyhow.passes, by_direction, _coverage(finely, anyhow), detection)
+    closer_m = look_distance_m(coverage.site.scenario, placed.horizontal_m)
+    looks = looks_of(placed.eyes_m, placed.axes, closer_m, [picture.capture_id for picture in placed.pictures])
+    number, pictures = int(looks.max(initial=-1)) + 1, anyhow.passes
+    if number < len(looks):
+        by_look: ObservationCounts = kernels.no_observations(count)
+        order = np.argsort(looks, kind="stable")
+        _add(
+            coverage, slopes, however_coarse, exact._replace(pass_gap_s=0.0),
+            _poses(placed, order, looks[order].astype(float)), by_look,
+        )  # fmt: skip
+        pictures = by_look.passes
+    return ShownCells(pictures, number, by_direction, _coverage(finely, anyhow), detection)
 
 
 def looking_towards(axes: FloatArray) -> IntArray:
@@ -104,7 +118,7 @@ def looking_towards(axes: FloatArray) -> IntArray:
     return np.where(down, 0, 1 + octant)
 
 
-def _poses(placed: PlacedPictures, chosen: BoolArray, numbers: FloatArray) -> SensorPoses:
+def _poses(placed: PlacedPictures, chosen: BoolArray | IntArray, numbers: FloatArray) -> SensorPoses:
     return SensorPoses(
         np.ascontiguousarray(placed.eyes_m[chosen]), np.ascontiguousarray(placed.axes[chosen]),
         np.ascontiguousarray(placed.tops[chosen]), numbers,

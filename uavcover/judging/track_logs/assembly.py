@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from uavcover.errors import TrackError
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.model.active_times import is_flight_time
 from uavcover.model.track import ReadTrack, Track
 from uavcover.scenario.frames import LocalFrame
@@ -34,6 +34,7 @@ class LoggedRows:
         pictures: (p, 3) time in seconds, latitude and longitude in degrees of every picture that was taken, NaN or 0 where its
             place is not told; none in a log that tells nothing of a camera.
         warnings: what was dropped or assumed so far.
+        lost: (p,) number of photos before each picture that the camera counted and whose message is missing; empty: none.
         clock: (c, 2) times in seconds and the same moments in seconds since 1970 (UTC), where the log tells them.
     """
 
@@ -42,6 +43,7 @@ class LoggedRows:
     pictures: FloatArray | None = None
     warnings: tuple[str, ...] = ()
     clock: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    lost: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
 
 
 def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack:
@@ -89,7 +91,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
         )
     pictures_taken = np.full(len(positions), np.nan)
     if rows.pictures is not None:
-        pictures_taken, doubted = _pictures_taken(frame, positions, rows.pictures.reshape(-1, 3))
+        pictures_taken, doubted = _pictures_taken(frame, positions, rows.pictures.reshape(-1, 3), rows.lost)
         warnings += [f"{path}: {words}" for words in doubted]
     unix_offset_s = _unix_offset_s(rows.clock)
     return ReadTrack(
@@ -115,7 +117,9 @@ def _unix_offset_s(clock: FloatArray) -> float:
     return float(np.median(offsets))
 
 
-def _pictures_taken(frame: LocalFrame, positions: FloatArray, pictures: FloatArray) -> tuple[FloatArray, list[str]]:
+def _pictures_taken(
+    frame: LocalFrame, positions: FloatArray, pictures: FloatArray, lost: IntArray
+) -> tuple[FloatArray, list[str]]:
     """How many pictures were taken up to each of (n, 4) positions, and which of (p, 3) pictures the positions contradict.
 
     A picture that was taken when nothing was recorded, or that names a place where the vehicle was not, is no picture. Every
@@ -127,6 +131,7 @@ def _pictures_taken(frame: LocalFrame, positions: FloatArray, pictures: FloatArr
         doubted.append(
             f"{int((~inside).sum())} of {len(pictures)} pictures have a time outside the track: they are no evidence"
         )
+    lost = lost[inside] if lost.size else np.zeros(int(inside.sum()), dtype=np.int64)
     pictures = pictures[inside]
     placed = np.isfinite(pictures[:, 1:]).all(axis=1) & (pictures[:, 1:] != 0.0).any(axis=1)
     enu = frame.enu_from_geodetic(*positions[:, 1:].T)
@@ -146,6 +151,7 @@ def _pictures_taken(frame: LocalFrame, positions: FloatArray, pictures: FloatArr
     at = np.searchsorted(times, pictures[~elsewhere, 0])
     taken = np.zeros(len(times))
     taken[np.unique(at)] = 1.0
+    np.add.at(taken, at, lost[~elsewhere])
     return np.cumsum(taken), doubted
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavcover.errors import TrackError
 from uavcover.judging.track_logs.assembly import LoggedRows
@@ -74,16 +75,29 @@ def read_telemetry(path: Path) -> LoggedRows:
         key: len(rows) for key, rows in positions.items()
     }
     source = Counter(speaking).most_common(1)[0][0]
-    of_vehicle = [[row for (system, _, _), row in found.items() if system == source[0]] for found in cameras.values()]
-    told = of_vehicle[0] or of_vehicle[1]
+    of_vehicle = [{key: row for key, row in found.items() if key[0] == source[0]} for found in cameras.values()]
+    counted = of_vehicle[0] or of_vehicle[1]
+    told = list(counted.values())
     pictures = np.array([row for row in told if row is not None]).reshape(-1, 3) if told else None
     warnings: tuple[str, ...] = ()
     if failed := sum(row is None for row in told):
         warnings = (f"{path}: the camera failed to take {failed} of {len(told)} pictures",)
     return LoggedRows(
         np.array(positions[source]), np.array(attitudes[source]).reshape(-1, 4), pictures, warnings,
-        np.array(clocks[source]).reshape(-1, 2),
+        np.array(clocks[source]).reshape(-1, 2), _lost(counted),
     )  # fmt: skip
+
+
+def _lost(counted: _Pictures) -> NDArray[np.int64]:
+    """The number of pictures that each camera counted since the message before, and that no message tells of."""
+    lost: list[int] = []
+    before: dict[int, int] = {}
+    for (_, camera, number), row in counted.items():
+        missing = max(0, number - before.get(camera, number) - 1)
+        before[camera] = number
+        if row is not None:
+            lost.append(missing)
+    return np.array(lost, dtype=np.int64)
 
 
 def _note_picture(found: _Pictures, message: Any, source: _Source, now_s: float) -> None:
