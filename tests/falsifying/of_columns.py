@@ -1,12 +1,14 @@
 """Falsified attitude, waypoint numbers and text."""
 
 import io
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from tests.falsifying.flown import Change, Flown
+from tests.falsifying.of_time import at_date, has_timed_zones
 from tests.falsifying.of_unreported_photos import honest_reports
 from tests.falsifying.way import Way, family
 from uavcover.model.sensor import Camera
@@ -210,6 +212,9 @@ def _zeroed(content: bytes) -> bytes:
 def honest(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     """Changes that take nothing away: whoever refuses these proves nothing by refusing the others."""
     none = "the same flight"
+    if has_timed_zones(flown):
+        yield Way("with the date of today", none, at_date(time.time()), honest=True)
+        return
     yield Way("as it is", none, lambda f: f, honest=True)
     yield Way("with a byte order mark", none, rewrite=lambda b: b"\xef\xbb\xbf" + b, honest=True)
     yield Way("Windows line ends", none, rewrite=lambda b: b.replace(b"\n", b"\r\n"), honest=True)
