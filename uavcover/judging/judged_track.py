@@ -147,8 +147,9 @@ def judge_track(
         *_motion_doubts(site, whole, told_m, motion),
         *_sampling_doubts(whole, motion, known),
         known.contradiction,
-        commanded_pace_doubt(track, enu, joined, scenario.vehicle, planned),
-        None if passed is None else plan_doubt(passed),
+        # A flight that ended before its route has no place and no pace of the plan to keep.
+        commanded_pace_doubt(track, enu, joined, scenario.vehicle, planned if route.any() else None),
+        None if passed is None or not route.any() else plan_doubt(passed),
         None if misnumbered is None else f"{misnumbered}: its numbers are not believed, the places decide",
     ]
     if not contradiction_m <= MAX_CONTRADICTION_M:
