@@ -76,6 +76,7 @@ class LeanFit:
         steady: fraction of the lean's energy that leaning against gusts does not explain.
         lean_of_acceleration: slope the other way, and its standard error.
         known: fraction of the acceleration's energy that noise of the positions does not explain.
+        count: number of independent accelerations.
     """
 
     correlation: float
@@ -84,13 +85,14 @@ class LeanFit:
     steady: float
     lean_of_acceleration: tuple[float, float]
     known: float
+    count: float
 
     @classmethod
     def of(cls, acceleration: FloatArray, lean: FloatArray, *, count: float, noise_m_s2: float) -> Self:
         """The fit of (k, 2) accelerations without drag, of which ``count`` are independent."""
         aa, ll, al = float((acceleration**2).sum()), float((lean**2).sum()), float((acceleration * lean).sum())
         if not (aa > 0.0 and ll > 0.0 and count > 4.0):
-            return cls(0.0, 0.0, (0.0, np.inf), 0.0, (0.0, np.inf), 0.0)
+            return cls(0.0, 0.0, (0.0, np.inf), 0.0, (0.0, np.inf), 0.0, count)
         correlation = float(np.clip(al / np.sqrt(aa * ll), -0.9999, 0.9999))
         left = np.sqrt((1.0 - correlation**2) / count)
         return cls(
@@ -100,6 +102,7 @@ class LeanFit:
             1.0 - len(lean) * GUST_LEAN_M_S2**2 / ll,
             (al / aa, float(left * np.sqrt(ll / aa))),
             1.0 - len(acceleration) * noise_m_s2**2 / aa,
+            count,
         )
 
     @property
@@ -122,12 +125,15 @@ class LeanFit:
     @property
     def confirms(self) -> bool:
         """Whether lean and acceleration are related, and as closely as gusts and noise of the positions leave them."""
-        if self.signal < SMALLEST_SIGNAL:
-            return False
+        return self.signal >= SMALLEST_SIGNAL and not self.loose
+
+    @property
+    def loose(self) -> bool:
+        """Whether lean and acceleration are surely less related than gusts and noise of the positions leave them."""
         expected = MODEL * np.sqrt(max(0.0, self.known) * max(0.0, self.steady))
         # Fisher's transform: its standard error does not depend on the correlation.
-        error = np.arctanh(self.correlation) / self.signal
-        return bool(np.arctanh(expected) - np.arctanh(self.correlation) < SURE * error)
+        less = np.arctanh(expected) - np.arctanh(self.correlation)
+        return bool(less * np.sqrt(max(0.0, self.count - 3.0)) > SURE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -136,7 +142,7 @@ class LeanFits:
 
     Attributes:
         late: by the seconds by which the lean is taken from later; without 0 where too little is known.
-        bad_parts: numbers of the parts of ``PART_S`` whose lean contradicts their accelerations.
+        bad_parts: numbers of the parts of ``PART_S`` whose lean contradicts their accelerations, or has little to do with them.
         part: (n,) number of the part of each sample.
     """
 
@@ -184,7 +190,7 @@ def lean_fits(time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude
         if late_s == 0.0:
             of_each = part[middle][known]
             numbers = np.unique(of_each).tolist()
-            bad = tuple(number for number in numbers if fit(of_each == number).contradiction is not None)
+            bad = tuple(k for k in numbers if (own := fit(of_each == k)).contradiction is not None or own.loose)
     return LeanFits(fits, bad, part)
 
 
