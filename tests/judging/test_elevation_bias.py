@@ -11,6 +11,8 @@ from uavcover.model.scenario import Uncertainty
 from uavcover.model.track import Track
 from uavcover.run.judge import judge_tracks
 
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
 
 @pytest.fixture(scope="module")
 def flight() -> Flight:

@@ -181,8 +181,17 @@ def test_a_log_that_is_switched_off_on_touching_down_ends_within_metres_of_the_g
 
 def test_at_rest_it_may_be_as_far_from_the_terrain_as_its_home_may() -> None:
     for agl_m, on_ground in ((10.0, True), (-10.0, True), (10.1, False), (-10.1, False), (np.nan, False)):
-        _, end = ends_of(last_up_m=30.0, agl_m=(0.0, agl_m), sink_m_s=0.0)
+        _, end = ends_of(last_up_m=30.0, agl_m=(0.0, agl_m), aside_m=10.1, sink_m_s=0.0)
         assert (end.on_ground, end.still) == (on_ground, True)
+
+
+@pytest.mark.parametrize(("up_m", "aside_m", "on_ground"), [(5.0, 0.0, True), (5.1, 10.0, False), (5.1, 10.1, True)])
+def test_an_end_high_above_the_other_at_the_same_place_is_in_the_air(
+    up_m: float, aside_m: float, on_ground: bool
+) -> None:
+    """A record that is cut off in a slow descent looks at rest where its positions are noisy."""
+    _, end = ends_of(last_up_m=up_m, agl_m=(0.0, up_m), aside_m=aside_m, sink_m_s=0.0)
+    assert (end.on_ground, end.still) == (on_ground, True)
 
 
 @pytest.mark.parametrize(

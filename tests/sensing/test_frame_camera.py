@@ -11,6 +11,7 @@ from tests.planning.sites import EXACT, flat, hills, make_site
 from tests.sensing.test_coverage import grid_site
 from uavcover.errors import ScenarioError
 from uavcover.judging.observations import observations_of
+from uavcover.judging.reported_photos import photos_of
 from uavcover.judging.verify import flown_coverage
 from uavcover.kernels.coverage import seen_from_points
 from uavcover.model.sensor import FrameCamera, NadirCamera
@@ -129,9 +130,9 @@ def test_pictures_by_distance_are_the_looks_of_a_flight():
     sensor = dataclasses.replace(FRAME, trigger_distance_m=25.0)
     site = make_site(sensor=sensor)
     track = fly_along(site, np.array([[0.0, 50.0, 80.0], [110.0, 50.0, 80.0], [110.0, 150.0, 80.0]]))
-    places = observations_of(
-        site, track, track.enu_m, np.ones(len(track), dtype=bool), np.ones(len(track) - 1, dtype=bool), None
-    ).places_m
+    route, joined = np.ones(len(track), dtype=bool), np.ones(len(track) - 1, dtype=bool)
+    photos = photos_of(site, track, track.enu_m, route, joined, None, source="predicted")
+    places = observations_of(site, track, track.enu_m, route, joined, photos).places_m
     steps = np.hypot(*np.diff(places[:, :2], axis=0).T)
     np.testing.assert_allclose(steps, 25.0, atol=1e-6)
     np.testing.assert_allclose(places[:5, 0], [0.0, 25.0, 50.0, 75.0, 100.0], atol=1e-6)

@@ -22,6 +22,8 @@ NEAR_TERRAIN_M = 2.0
 begins with arming begins a second before the climb."""
 SAME_HEIGHT_M = 1.0
 """Likewise this close to the height of the other end at the same position."""
+DRIFT_M = 5.0
+"""An end this much higher than the other at the same place, which is at the terrain, is in the air: heights drift less."""
 SAME_PLACE_M = 10.0
 
 
@@ -91,7 +93,9 @@ def track_ends(
         height = float(heights_agl_m[sample])
         as_low = abs(height) <= NEAR_TERRAIN_M
         as_other = same_place and rests[1 - number] and abs(float(enu_m[sample, 2] - enu_m[other, 2])) <= SAME_HEIGHT_M
-        on_ground = abs(height) <= tolerance_m and (rests[number] or as_low or as_other)
+        above_other_m = float(enu_m[sample, 2] - enu_m[other, 2])
+        in_the_air = same_place and abs(float(heights_agl_m[other])) <= NEAR_TERRAIN_M and above_other_m > DRIFT_M
+        on_ground = abs(height) <= tolerance_m and (rests[number] or as_low or as_other) and not in_the_air
         which: Literal["begins", "ends"] = "begins" if number == 0 else "ends"
         ends.append(TrackEnd(which, float(time_s[sample]), enu_m[sample], height, on_ground, rests[number]))
     return ends[0], ends[1]
