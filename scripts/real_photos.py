@@ -28,8 +28,7 @@ from scripts.options import existing_folder, file_to_write
 from uavcover.judging.photos.readers import read_pictures
 
 ROOT = Path(__file__).parent.parent
-_METRES_PER_DEGREE = 111_195.0
-_SMOOTHED_M, _PIXEL_M, _AROUND_M = 40.0, 20.0, 400.0
+_METRES_PER_DEGREE, _SMOOTHED_M, _PIXEL_M, _AROUND_M = 111_195.0, 40.0, 20.0, 400.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,12 +136,12 @@ def main() -> None:
     with options.out.with_suffix(".csv").open("w", newline="") as file:
         csv.writer(file, lineterminator="\n").writerows(table)
     about = (__doc__ or "").partition("PAGE.md]\n\n")[2].strip()
-    rows = [f"| {' | '.join(row)} |" for row in table]
+    rows = [f"| {' | '.join(row)} |" for row in (COLUMNS, ["---"] * len(COLUMNS), *table[1:])]
     sources = [f"- {c.name}: {c.source}. `{c.options}`, {c.height_agl_m:g} m above ground" for c in there]
-    absent = [f"- {c.name} is left out, because it was not there: {c.source}" for c in CASES if c not in there]
+    sources += [f"- {c.name} is left out, because it was not there: {c.source}" for c in CASES if c not in there]
     commit = run("git", "rev-parse", "--short", "HEAD").stdout.strip()
     ended = f"`python scripts/real_photos.py FOLDER`, commit {commit}, {datetime.datetime.now(datetime.UTC):%Y-%m-%d}."
-    lines = [about, "", rows[0], "|---" * len(COLUMNS) + "|", *rows[1:], "", *sources, *absent, "", ended]
+    lines = [about, "", *rows, "", *sources, "", ended]
     options.out.write_text("# Real photos\n\n" + "\n".join(lines) + "\n")
 
 
