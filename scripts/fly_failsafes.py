@@ -1,6 +1,6 @@
 """Trigger failsafes in flight, at seeded moments over ridged terrain, and compare the flown return with the predicted one.
 
-Usage: .venv/bin/python -m scripts.fly_failsafes FOLDER [--mock 100] [--arducopter 20] [--px4 20] [--first 0]
+Usage: .venv/bin/python -m scripts.fly_failsafes FOLDER [--mock 100] [--arducopter 20] [--px4 20] [--first 0] [--ways]
 
 Leaves FOLDER/SIMULATOR-SEED.json and the track (.npz) of each flight and goes on where it was interrupted; without the .json a
 track is compared again, and not flown again. Then writes FOLDER/returns.csv and
@@ -39,6 +39,7 @@ from sitl_tests.returns import (
     first_seq_of,
     fly_on_mock,
     make_case,
+    make_way_case,
     mission_of,
     rally_of,
 )
@@ -153,20 +154,28 @@ def _trigger(station: Station, case: FailsafeCase) -> None:
         station.client.command(Command.DO_SET_MODE, *mode_params(vehicle, custom_mode(vehicle.autopilot, Mode.RETURN)))
 
 
-def flown_row(name: str, seed: int, folder: Path) -> dict[str, Any]:
+def _case(name: str, seed: int, autopilot: AutopilotName, *, ways: bool) -> FailsafeCase:
+    if not ways:
+        return make_case(seed, autopilot, triggers=_TRIGGERS[name])
+    kinds = (1.0, 2.0, 3.0, 4.0) if autopilot == "px4" else (1.0, 2.0)
+    return make_way_case(seed, autopilot, kind=kinds[seed // 2 % len(kinds)])
+
+
+def flown_row(name: str, seed: int, folder: Path, *, ways: bool) -> dict[str, Any]:
     """One flight's row: from its file, or flown now."""
-    file = folder / f"{name}-{seed:03d}.json"
+    what = f"{name}-{'way-' if ways else ''}{seed:03d}"
+    file = folder / f"{what}.json"
     if file.exists():
         known: dict[str, Any] = json.loads(file.read_text(encoding="utf-8"))
         return known
     autopilot: AutopilotName = (
         ("ardupilot", "px4")[seed % 2] if name == "mock" else "px4" if name == "px4" else "ardupilot"
     )
-    case = make_case(seed, autopilot, triggers=_TRIGGERS[name])
+    case = _case(name, seed, autopilot, ways=ways)
     if name == "px4":
         held = {key: _PX4_KEEPS.get((key, value), value) for key, value in case.parameters.items()}
         case = replace(case, parameters=held)
-    kept_track = folder / f"{name}-{seed:03d}.npz"
+    kept_track = folder / f"{what}.npz"
     if kept_track.exists():
         with np.load(kept_track) as kept:
             east, north, up, v_east, v_north = (float(value) for value in kept["start"])
@@ -174,7 +183,7 @@ def flown_row(name: str, seed: int, folder: Path) -> dict[str, Any]:
                 (east, north, up), (v_east, v_north), kept["track"], bool(kept["crashed"]), str(kept["version"])
             )
     else:
-        logs = folder / "logs" / f"{name}-{seed:03d}"
+        logs = folder / "logs" / what
         shutil.rmtree(logs, ignore_errors=True)  # of a flight that was interrupted
         flown = fly_on_mock(case) if name == "mock" else fly_in_simulator(name, case, logs)
         start = [*flown.place_m, *flown.velocity_m_s]
@@ -212,12 +221,13 @@ def main(arguments: Sequence[str]) -> int:
     for name, count in (("mock", 100), ("arducopter", 20), ("px4", 20)):
         parser.add_argument(f"--{name}", type=int, default=count, help=f"flights on {name}")
     parser.add_argument("--first", type=int, default=0, help="first seed")
+    parser.add_argument("--ways", action="store_true", help="PX4's RTL_TYPE 1 to 4 and ArduCopter's SmartRTL")
     options = parser.parse_args(arguments)
     options.folder.mkdir(parents=True, exist_ok=True)
     rows = []
     for name in ("mock", "arducopter", "px4"):
         for seed in range(options.first, options.first + getattr(options, name)):
-            row = flown_row(name, seed, options.folder)
+            row = flown_row(name, seed, options.folder, ways=options.ways)
             rows.append(row)
             if not (row["within_10_m"] and row["foretold"]) or name != "mock":
                 print(json.dumps(row), file=sys.stderr, flush=True)

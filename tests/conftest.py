@@ -38,3 +38,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     mark_slow_what_is_listed(items)
     mark_long_what_is_listed(items)
     items.sort(key=lambda item: next((k for k, name in enumerate(LONG) if item.nodeid.startswith(name)), len(LONG)))
+
+
+@pytest.fixture
+def attitudes_count(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Attitudes count unconfirmed: tracks that take corners in no time, or fly one long curve, have no lean to confirm."""
+    monkeypatch.setattr("uavcover.judging.attitude._unconfirmed", lambda *_: None)

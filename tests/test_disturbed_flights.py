@@ -62,7 +62,7 @@ def test_a_command_is_proved_by_a_current_heartbeat_alone(
 def test_a_command_in_a_return_counts_as_against_it_after_the_race() -> None:
     modes = [(0.0, Mode.MISSION, True), (10.0, Mode.RETURN, True), (40.0, Mode.RETURN, False)]
     ours = frozenset({Mode.MISSION, Mode.GUIDED})
-    counted = [against([Steered(at_s, True)], modes, ours) for at_s in (9.0, 11.0, 12.0, 39.0, 41.0)]
+    counted = [against([Steered(at_s, True)], modes, ours, 1.5) for at_s in (9.0, 11.0, 12.0, 39.0, 41.0)]
     assert counted == [0, 0, 1, 1, 0]
 
 

@@ -80,7 +80,7 @@ def test_total_link_loss_at_speed_is_found(cli: Cli, planned: Path) -> None:
         ended = cli("fly", planned, "--to", url, "--deadman", 0.5, "--link-lost", 2)
     assert ended.code == 3
     assert json.loads((planned / "run.json").read_text())["flight"]["ending"] == "link_lost"
-    assert "nothing from vehicle 1 for 2" in ended.error
+    assert "nothing from vehicle 1 for 2" in ended.err.splitlines()[-1]
     assert "to the end: link_lost: nothing from vehicle 1 for" in ended.out
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.model.track import AGE_COLUMN, COLUMNS, PICTURES_COLUMN
+from uavcover.model.track import AGE_COLUMN, COLUMNS, PICTURES_COLUMN, UNIX_TIME_COLUMN
 from uavcover.run.flight_folders import flown_tracks
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import read_planned_route
@@ -31,6 +31,7 @@ class Flown:
         waypoint: (n,) numbers of planned waypoints, -1 off the route.
         attitude_age_s: (n,) time from the attitude to the place, NaN where it is not known; none: the record has no such column.
         photos_taken: (n,) the vehicle's count of photos, NaN where it is not known; none: it reported none.
+        unix_time_s: (n,) seconds since 1970, where the record tells the date.
         folder: of this flight inside the run folder.
         folders: of all flights of the run.
     """
@@ -44,6 +45,7 @@ class Flown:
     waypoint: NDArray[np.int64]
     attitude_age_s: FloatArray | None = None
     photos_taken: FloatArray | None = None
+    unix_time_s: FloatArray | None = None
     folder: Path = Path()
     folders: tuple[Path, ...] = (Path(),)
 
@@ -75,6 +77,7 @@ class Flown:
             self, time_s=self.time_s[keep], geodetic=self.geodetic[keep], enu_m=self.enu_m[keep],
             attitude_deg=self.attitude_deg[keep], waypoint=self.waypoint[keep],
             attitude_age_s=None if self.attitude_age_s is None else self.attitude_age_s[keep],
+            unix_time_s=None if self.unix_time_s is None else self.unix_time_s[keep],
             photos_taken=None if self.photos_taken is None else self.photos_taken[keep],
         )  # fmt: skip
 
@@ -101,7 +104,9 @@ class Flown:
             [*_cells(row), str(number)] for row, number in zip(numbers.tolist(), self.waypoint.tolist(), strict=True)
         ]
         header = list(COLUMNS)
-        for name, column in ((AGE_COLUMN, self.attitude_age_s), (PICTURES_COLUMN, self.photos_taken)):
+        for name, column in (
+            (AGE_COLUMN, self.attitude_age_s), (PICTURES_COLUMN, self.photos_taken), (UNIX_TIME_COLUMN, self.unix_time_s),
+        ):  # fmt: skip
             if column is not None:
                 header.append(name)
                 rows = [[*row, *_cells([value])] for row, value in zip(rows, column.tolist(), strict=True)]

@@ -68,6 +68,7 @@ STABILISED = NADIR + 'mount = "stabilised"\n'
 
 _SCENARIO = """
 name = "{name}"
+{top}
 
 [area]
 polygon_east_north_m = [[0.0, 0.0], [300.0, 0.0], [300.0, 200.0], [0.0, 200.0]]
@@ -118,6 +119,7 @@ class Base:
         limits: more lines of its section.
         vehicle: the lines of its section.
         more: more sections.
+        top: lines before the first section.
         lines: how many parallel lines cover the area.
         height_agl_m: at which height.
         autopilot: whose behaviour the mock vehicle shows.
@@ -128,6 +130,7 @@ class Base:
     limits: str = ""
     vehicle: str = ""
     more: str = ""
+    top: str = ""
     lines: int = 3
     height_agl_m: float = 80.0
     autopilot: AutopilotName = "ardupilot"
@@ -151,6 +154,19 @@ SURVEY = Base(
     lines=6,
     more="[requirements]\nmin_coverage_of_coverable = 0.9\nmin_overlap_fraction = 0.8\n",
 )
+DATED = Base(
+    name="dated",
+    top='flight_window_utc = ["2024-06-01T06:00Z", "2024-06-01T18:00Z"]',
+    more=f"""
+[[no_fly]]
+name = "closed"
+center_lon_lat_deg = [{FRAME.lon_deg + 150.0 / 89_400.0!r}, {FRAME.lat_deg + 100.0 / 111_000.0!r}]
+radius_m = 60.0
+from_utc = "2004-01-01T00:00Z"
+until_utc = "2004-01-02T00:00Z"
+""",
+)
+"""A no-fly zone in the middle of the area, which is in force on one day long ago."""
 RESUMED = Base(name="resumed")
 SORTIES = Base(name="sorties", vehicle="endurance_s = 187.5")
 """A route that takes two flights."""
@@ -168,7 +184,13 @@ def make_site(folder: Path, base: Base) -> Site:
     ground = geotiff(FRAME, [Band("height", "m", alts)], east0_m=low_m, north0_m=low_m, up_m=0.0, step_m=step_m)
     (folder / "dem.tif").write_bytes(ground)
     text = _SCENARIO.format(
-        name=base.name, frame=FRAME, sensor=base.sensor, limits=base.limits, vehicle=base.vehicle, more=base.more
+        name=base.name,
+        frame=FRAME,
+        sensor=base.sensor,
+        limits=base.limits,
+        vehicle=base.vehicle,
+        more=base.more,
+        top=base.top,
     )
     (folder / "scenario.toml").write_text(text)
     return load_site(folder / "scenario.toml")

@@ -1,12 +1,14 @@
 """Falsified attitude, waypoint numbers and text."""
 
 import io
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
 from tests.falsifying.flown import Change, Flown
+from tests.falsifying.of_time import at_date, has_timed_zones
 from tests.falsifying.of_unreported_photos import honest_reports
 from tests.falsifying.way import Way, family
 from uavcover.model.sensor import Camera
@@ -16,6 +18,40 @@ from uavcover.model.track import COLUMNS
 def turned(how: Callable[[np.ndarray], np.ndarray]) -> Change:
     """Another attitude, of (n, 3) roll, pitch and yaw in degrees."""
     return lambda f: replace(f, attitude_deg=how(f.attitude_deg))
+
+
+def _leaned(how: Callable[[Flown], np.ndarray]) -> Change:
+    """Another (n, 2) roll and pitch."""
+    return lambda f: replace(f, attitude_deg=np.column_stack([how(f), f.attitude_deg[:, 2]]))
+
+
+def late(by_s: float) -> Change:
+    """Roll and pitch of another time."""
+    return _leaned(
+        lambda f: np.column_stack([np.interp(f.time_s - by_s, f.time_s, a) for a in f.attitude_deg[:, :2].T])
+    )
+
+
+def random_lean(sigma_deg: float, seed: int) -> Change:
+    """Roll and pitch at random."""
+    return _leaned(lambda f: np.random.default_rng(seed).normal(0.0, sigma_deg, (len(f), 2)))
+
+
+UNMEASURED: dict[str, Callable[[int], Change]] = {
+    "roll and pitch reversed in time": lambda _: _leaned(lambda f: f.attitude_deg[::-1, :2]),
+    "roll and pitch 5 s late": lambda _: late(5.0),
+    "roll and pitch 2 s late": lambda _: late(2.0),
+    "roll and pitch 3 s early": lambda _: late(-3.0),
+    "roll and pitch scaled to a third": lambda _: _leaned(lambda f: f.attitude_deg[:, :2] / 3.0),
+    "roll and pitch doubled": lambda _: _leaned(lambda f: f.attitude_deg[:, :2] * 2.0),
+    "roll and pitch exchanged": lambda _: _leaned(lambda f: f.attitude_deg[:, 1::-1]),
+    "3 degrees of noise for roll and pitch": lambda seed: random_lean(3.0, seed),
+    "1 degree of noise for roll and pitch": lambda seed: random_lean(1.0, seed),
+    "yaw off by 90 degrees, roll and pitch as they were": lambda _: turned(
+        lambda a: np.column_stack([a[:, :2], (a[:, 2] + 90.0) % 360.0])
+    ),
+}
+"""Plausible in every sample, and not measured in flight."""
 
 
 @family("attitude")
@@ -50,6 +86,8 @@ def attitude(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     yield Way("mirrored", no_lean, turned(lambda a: a * [-1.0, -1.0, 1.0]))
     yield Way("spinning", no_lean, lambda f: replace(f, attitude_deg=np.column_stack(
         [f.attitude_deg[:, :2], (f.attitude_deg[:, 2] + 25.0 * f.time_s) % 360.0])))  # fmt: skip
+    for name, change in UNMEASURED.items():
+        yield Way(name, "nothing measured this attitude when the vehicle was there", change(int(rng.integers(2**31))))
     away = "no vehicle flies a route like that"
     yield Way("rolled away by 70 degrees", away, turned(lambda a: a + [70.0, 0.0, 0.0]))
     yield Way("pitched away by 70 degrees", away, turned(lambda a: a + [0.0, 70.0, 0.0]))
@@ -174,6 +212,9 @@ def _zeroed(content: bytes) -> bytes:
 def honest(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     """Changes that take nothing away: whoever refuses these proves nothing by refusing the others."""
     none = "the same flight"
+    if has_timed_zones(flown):
+        yield Way("with the date of today", none, at_date(time.time()), honest=True)
+        return
     yield Way("as it is", none, lambda f: f, honest=True)
     yield Way("with a byte order mark", none, rewrite=lambda b: b"\xef\xbb\xbf" + b, honest=True)
     yield Way("Windows line ends", none, rewrite=lambda b: b.replace(b"\n", b"\r\n"), honest=True)

@@ -75,6 +75,60 @@ def drawn(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         f, f.plan_m, np.arange(len(f.plan_m)), speed_m_s=cruise, step_s=0.1))  # fmt: skip
 
 
+def noisy(change: Change, *, position_m: float, lean_deg: float, seed: int) -> Change:
+    """White noise on the positions of a falsified record, and a random lean."""
+
+    def changed(f: Flown) -> Flown:
+        g, rng = change(f), np.random.default_rng(seed)
+        g = g.placed(g.enu_m + rng.normal(0.0, position_m, (len(g), 3)) * [1.0, 1.0, 0.3])
+        return replace(g, attitude_deg=np.column_stack([rng.normal(0.0, lean_deg, (len(g), 2)), g.attitude_deg[:, 2]]))
+
+    return changed
+
+
+def snapped(every_s: float) -> Change:
+    """Samples this far apart, moved to the nearest point of the plan while they are on the route."""
+
+    def change(f: Flown) -> Flown:
+        g = thinned(1.0 / every_s)(f)
+        enu = g.enu_m.copy()
+        for k in np.flatnonzero(g.on_route):
+            begin, end = f.plan_m[:-1], f.plan_m[1:]
+            leg = end - begin
+            at = np.clip(((enu[k] - begin) * leg).sum(axis=1) / np.maximum((leg**2).sum(axis=1), 1e-9), 0.0, 1.0)
+            near = begin + at[:, None] * leg
+            enu[k] = near[np.argmin(np.linalg.norm(near - enu[k], axis=1))]
+        return g.placed(enu)
+
+    return change
+
+
+@family("noise as an excuse")
+def excused(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """The plan as a track, with errors that no estimator makes, or too few samples to show its corners."""
+    cruise = flown.site.scenario.vehicle.cruise_speed_m_s
+    path, number = drawn_path(flown)
+    why = "turns corners in no time; no receiver has errors that differ from sample to sample like that"
+    for speed, rate_hz, position_m in (
+        (1.0, 10.0, 1.0), (1.0, 10.0, 0.3), (1.0, 10.0, 0.1), (0.5, 10.0, 1.0), (0.5, 10.0, 0.2), (0.5, 5.0, 0.5),
+        (1.0, 25.0, 1.0), (1.0, 2.0, 1.0), (1.0, 1.0, 1.0), (0.5, 1.0, 0.5),
+    ):  # fmt: skip
+        draw: Change = lambda f, s=speed, r=rate_hz: along(f, path, number, speed_m_s=s * cruise, step_s=1.0 / r)  # noqa: E731
+        change = noisy(draw, position_m=position_m, lean_deg=2.0, seed=int(rng.integers(2**31)))
+        yield Way(f"{speed * cruise:g} m/s, {rate_hz:g} Hz, off by {position_m:g} m, leaning at random", why, change)
+    few = "turns corners in no time, between samples that are too far apart to show it"
+    for speed, position_m in ((1.0, 0.0), (0.5, 0.0), (1.0, 0.3), (0.5, 0.3)):
+        draw = lambda f, s=speed: along(f, path, number, speed_m_s=s * cruise, step_s=1.9)  # noqa: E731
+        change = noisy(draw, position_m=position_m, lean_deg=2.0, seed=int(rng.integers(2**31)))
+        yield Way(f"{speed * cruise:g} m/s, a sample every 1.9 s, off by {position_m:g} m", few, change)
+        unknown: Change = lambda f, change=change: replace(g := change(f), attitude_deg=np.full((len(g), 3), np.nan))  # noqa: E731
+        yield Way(f"{speed * cruise:g} m/s, a sample every 1.9 s, off by {position_m:g} m, no attitude", few, unknown)
+    lean = lambda f: replace(g := snapped(1.9)(f), attitude_deg=np.full((len(g), 3), np.nan))  # noqa: E731
+    yield Way("a sample every 1.9 s, on the plan, no attitude", few, lean)
+    change = noisy(snapped(1.9), position_m=0.0, lean_deg=2.0, seed=int(rng.integers(2**31)))
+    yield Way("a sample every 1.9 s, on the plan, leaning at random", few, change)
+
+
 def interpolated(f: Flown, kept: FloatArray | np.ndarray) -> Flown:
     """The places between the ``kept`` samples read off straight lines, at all its times."""
     enu = np.column_stack([np.interp(f.time_s, f.time_s[kept], f.enu_m[kept, axis]) for axis in range(3)])

@@ -1,5 +1,6 @@
 """Falsified times: the clock, frozen places, missing samples."""
 
+import time
 from collections.abc import Iterator
 from dataclasses import replace
 
@@ -172,3 +173,44 @@ def _way_there(f: Flown) -> Flown:
     up_s = float(f.time_s[np.argmax(f.enu_m[:, 2] - f.enu_m[0, 2] > 5.0)])
     end_s = f.moment(0.0)
     return f.taken(~f.between(up_s, max(end_s, up_s + LONGEST_GAP_S + 1.0)))
+
+
+WEEK_S = 604_800.0
+DAY_S = 86_400.0
+
+
+def at_date(unix_s: float) -> Change:
+    """With a date: that of the first sample."""
+    return lambda f: replace(f, unix_time_s=unix_s + f.time_s - f.time_s[0])
+
+
+def has_timed_zones(f: Flown) -> bool:
+    """Whether the date of the flight decides anything."""
+    return any(zone.entry.has_times for zone in (*f.site.zones, *f.site.other_zones))
+
+
+@family("dates")
+def dates(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """A receiver's date by which a zone with times would not apply; only where there is one."""
+    if not has_timed_zones(flown):
+        return
+    now_s = time.time()
+    for name, unix_s in {
+        "1,024 weeks early": now_s - 1024.0 * WEEK_S,
+        "a day before the plan": now_s - DAY_S,
+        "an hour before the plan": now_s - 3600.0,
+        "ten years early": now_s - 3650.0 * DAY_S,
+        "1,024 weeks late": now_s + 1024.0 * WEEK_S,
+        "two days late": now_s + 2.0 * DAY_S,
+        "2001": 1e9,
+    }.items():
+        yield Way(name, "the flight was not flown then, and the zone may have been closed", at_date(unix_s))
+    share = float(rng.uniform(0.2, 0.8))
+    for hours in (-5.0, 5.0):
+        yield Way(
+            f"its clock jumps by {hours:g} hours", "one clock does not jump",
+            lambda f, h=hours: replace(
+                f, unix_time_s=now_s - 7200.0 * (h > 0.0) + f.time_s - f.time_s[0] + 3600.0 * h * (f.time_s > f.moment(share))
+            ),
+        )  # fmt: skip
+    yield Way("none", "the time of day is not known", lambda f: replace(f, unix_time_s=None))

@@ -13,6 +13,8 @@ from uavcover.model.sensor import FrameCamera, NadirCamera, SphereSensor
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import camera_turn
 
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
 PATH = np.array([[0.0, 100.0, 80.0], [300.0, 100.0, 80.0]])
 
 

@@ -6,6 +6,8 @@ import pytest
 from uavcover.judging.attitude import known_attitude
 from uavcover.model.track import Track
 
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
 TIME_S = np.arange(0.0, 60.0, 0.1)
 COURSES_RAD = TIME_S * 0.1
 
@@ -31,7 +33,8 @@ def known(
         time_s=TIME_S.copy(), geodetic=np.zeros((TIME_S.size, 3)), enu_m=enu, attitude_deg=attitude_deg,
         current_waypoint=np.ones(TIME_S.size, dtype=np.int64), attitude_age_s=np.empty(0) if age_s is None else age_s,
     )  # fmt: skip
-    return known_attitude(track, enu, np.ones(TIME_S.size - 1, dtype=bool))
+    found = known_attitude(track, enu, np.ones(TIME_S.size - 1, dtype=bool))
+    return found.attitude_deg, list(found.problems)
 
 
 def test_what_was_measured_is_known_as_it_is() -> None:

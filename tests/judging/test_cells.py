@@ -16,6 +16,8 @@ from uavcover.model.sensor import NadirCamera, SphereSensor
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
 CAMERA = NadirCamera(kind="nadir-camera", fov_deg=70.0, range_m=200.0, pixels_across=4000)
 LINE = np.array([[0.0, 100.0, 80.0], [300.0, 100.0, 80.0]])
 THERE_AND_BACK = np.array([[0.0, 100.0, 80.0], [300.0, 100.0, 80.0], [0.0, 100.0, 80.0]])

@@ -16,6 +16,8 @@ from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.sensing.coverage_map import CoverageMap
 
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
 LINE = np.array([[0.0, 100.0, 80.0], [300.0, 100.0, 80.0]])
 
 

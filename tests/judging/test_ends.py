@@ -14,6 +14,8 @@ from uavcover.judging.verify import FlownTrack, verify_flight
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
 
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
 
 @pytest.fixture(scope="module")
 def flight() -> Flight:

@@ -9,6 +9,7 @@ from tests.judging import falsified
 from tests.judging.falsified import Falsify
 from tests.judging.honest import Weather, flown_by_the_mock
 from tests.planning.sites import hills, make_site, with_scenario
+from uavcover.judging.judged_track import judge_track
 from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.verify import verify_track
 from uavcover.model.track import Track
@@ -67,7 +68,20 @@ def test_an_honest_flight_passes_at_any_rate(field: Field, name: str, foreign: b
     assert report.unobserved == ()
 
 
-@pytest.mark.parametrize("noise_m", [0.003, 0.01, 0.1, 0.5])
+@pytest.mark.parametrize("noise_m", [0.15, 0.3, 1.0])
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_errors_that_differ_from_sample_to_sample_are_those_of_no_estimator(
+    field: Field, name: str, noise_m: float
+) -> None:
+    rng = np.random.default_rng(7)
+    track = field.flights[name]
+    noisy = falsified.moved_to(field.site, track, track.enu_m + rng.normal(0.0, noise_m, (len(track), 3)))
+    report = field.verify(noisy)
+    assert report.verdict == "not proved"
+    assert any("each independently of the others" in doubt for doubt in report.doubts)
+
+
+@pytest.mark.parametrize("noise_m", [0.003, 0.01, 0.05])
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_noise_from_sample_to_sample_is_no_motion(field: Field, name: str, noise_m: float) -> None:
     rng = np.random.default_rng(7)
@@ -155,3 +169,26 @@ def test_a_number_that_is_missing_inside_the_route_weakens_no_judgement(field: F
         report = field.verify(replace(falsified.moved_to(field.site, track, enu), current_waypoint=told))
         assert report.verdict == "failed"
         assert "below-band" in {violation.kind for violation in report.violations}
+
+
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_samples_far_apart_prove_something_only_with_an_attitude_that_confirms_them(field: Field, name: str) -> None:
+    track = field.flights[name]
+    few = track.taken(np.unique(np.searchsorted(track.time_s, np.arange(track.time_s[0], track.time_s[-1], 1.8))))
+    far_apart = "s apart and no attitude confirms them"
+    assert not any(far_apart in doubt for doubt in field.verify(few).doubts)
+    invented = np.random.default_rng(3).normal(0.0, 2.0, (len(few), 2))
+    for attitude in (np.full((len(few), 3), np.nan), np.column_stack([invented, few.attitude_deg[:, 2]])):
+        report = field.verify(replace(few, attitude_deg=attitude))
+        assert report.verdict == "not proved"
+        assert any(far_apart in doubt for doubt in report.doubts)
+
+
+def test_a_flight_that_ended_before_its_route_has_no_place_of_the_plan_to_keep(field: Field) -> None:
+    track = field.flights["calm"]
+    home_m, first_m = track.enu_m[0, :2], field.planned.waypoints_m[0, :2]
+    half = int(np.argmax(np.linalg.norm(track.enu_m[:, :2] - home_m, axis=1) > 0.4 * np.linalg.norm(first_m - home_m)))
+    out = track.taken(np.arange(half))
+    judged = judge_track(field.site, out, field.planned)
+    assert not judged.phases.route.any()
+    assert [finding.text for finding in judged.findings if finding.effect != "noted"] == []

@@ -10,6 +10,8 @@ from uavcover.judging.verify import verify_track
 from uavcover.model.verdict import VerificationReport
 from uavcover.sensing.coverage_map import CoverageMap
 
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
 FOOT_M = 0.3048
 
 

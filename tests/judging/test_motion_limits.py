@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from uavcover.judging.possible_motion import (
-    MAX_NOISE_M,
     NOISE_MEDIANS,
     ImpossibleMove,
     Motion,
@@ -227,17 +226,18 @@ def test_windows_are_the_nearest_samples_at_least_their_length_away() -> None:
 def test_noise_is_the_median_where_it_moves_and_is_allowed_for_up_to_a_ceiling() -> None:
     time_s = np.arange(0.0, 40.0, 0.2)
     enu = np.column_stack([np.maximum(0.0, time_s - 20.0) * 5.0, 0.0 * time_s, 0.0 * time_s])
-    zigzag = np.where(np.arange(time_s.size) % 2, 0.3, -0.3)
+    zigzag = np.where(np.arange(time_s.size) % 2, 0.06, -0.06)
     moving = enu + np.where(time_s > 20.0, zigzag, 0.0)[:, None] * [0.0, 1.0, 0.5]
     windows = Windows.of(time_s, moving, window_s=0.2)
     # From one side to the other and back again: four times the amplitude.
-    assert windows.noise_m == (pytest.approx(1.2), pytest.approx(0.6))
-    assert windows.allowance_m(0) == pytest.approx(NOISE_MEDIANS * 1.2)
-    np.testing.assert_allclose(windows.allowance_m_s2(1), NOISE_MEDIANS * 0.6 / windows.spans_s2)
+    assert windows.noise_m == (pytest.approx(0.24), pytest.approx(0.12))
+    assert windows.allowance_m(0) == pytest.approx(NOISE_MEDIANS * 0.24)
+    np.testing.assert_allclose(windows.allowance_m_s2(1), NOISE_MEDIANS * 0.12 / windows.spans_s2)
     # At rest there is nothing to measure it by.
     resting = np.where(time_s > 20.0, 0.0, zigzag)[:, None] * [0.0, 1.0, 0.5]
     assert Windows.of(time_s, resting, window_s=0.2).noise_m == (0.0, 0.0)
     wild = Windows.of(
-        time_s, enu + np.where(time_s > 20.0, 20.0 * zigzag, 0.0)[:, None] * [0.0, 1.0, 0.0], window_s=0.2
+        time_s, enu + np.where(time_s > 20.0, 100.0 * zigzag, 0.0)[:, None] * [0.0, 1.0, 0.0], window_s=0.2
     )
-    assert wild.allowance_m(0) == MAX_NOISE_M
+    # An error of 2 m that wanders within 30 s: 1.18 x 2 x 2 m x sqrt(0.2 / 30), six times, and the rounding.
+    assert wild.allowance_m(0) == pytest.approx(6.0 * 1.18 * 4.0 * np.sqrt(0.2 / 30.0) + 0.25)

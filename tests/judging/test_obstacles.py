@@ -15,6 +15,8 @@ from uavcover.model.scenario import Uncertainty
 from uavcover.model.sensor import NadirCamera
 from uavcover.sensing.coverage_map import CoverageMap
 
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
 WALL = Obstacles(prisms=(tower(140, 50, 150, 150, 60, name="wall"),), clearance_beside_m=10.0, clearance_above_m=5.0)
 WIDE = NadirCamera(kind="nadir-camera", fov_deg=100.0, range_m=400.0, max_incidence_deg=90.0)
 

@@ -7,6 +7,8 @@ from uavcover.judging.attitude import MAX_TILT_DEG, known_attitude
 from uavcover.judging.possible_motion import Motion, MotionLimits, judge_motion
 from uavcover.model.track import Track
 
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
 LIMITS = MotionLimits(speed_m_s=23.0, climb_m_s=12.0, descent_m_s=12.0, acceleration_m_s2=6.8)
 TIME_S = np.arange(0.0, 60.0, 0.1)
 
@@ -97,7 +99,7 @@ def turning_track(attitude_deg: np.ndarray) -> Track:
     )  # fmt: skip
 
 
-def sideways(yaw_deg: float, course_deg: float) -> list[str]:
+def sideways(yaw_deg: float, course_deg: float) -> tuple[str, ...]:
     """What is said of a straight flight whose nose points elsewhere than it flies."""
     course = np.radians(course_deg)
     enu = np.column_stack([10.0 * TIME_S * np.sin(course), 10.0 * TIME_S * np.cos(course), 0.0 * TIME_S])
@@ -107,18 +109,19 @@ def sideways(yaw_deg: float, course_deg: float) -> list[str]:
         time_s=TIME_S.copy(), geodetic=np.zeros((TIME_S.size, 3)), enu_m=enu, attitude_deg=attitude,
         current_waypoint=np.ones(TIME_S.size, dtype=np.int64),
     )  # fmt: skip
-    return known_attitude(track, enu, np.ones(TIME_S.size - 1, dtype=bool))[1]
+    return known_attitude(track, enu, np.ones(TIME_S.size - 1, dtype=bool)).problems
 
 
 def test_a_nose_that_points_elsewhere_is_not_in_radians() -> None:
     # Of 30 radians the course would be 279 degrees; no angle in radians is as large.
-    assert sideways(30.0, float(np.degrees(30.0) % 360.0)) == []
+    assert sideways(30.0, float(np.degrees(30.0) % 360.0)) == ()
     assert "radians" in sideways(3.0, float(np.degrees(3.0)))[0]
 
 
 def known(attitude_deg: np.ndarray) -> tuple[np.ndarray, list[str]]:
     track = turning_track(attitude_deg)
-    return known_attitude(track, track.enu_m, np.ones(TIME_S.size - 1, dtype=bool))
+    found = known_attitude(track, track.enu_m, np.ones(TIME_S.size - 1, dtype=bool))
+    return found.attitude_deg, list(found.problems)
 
 
 def measured() -> np.ndarray:

@@ -11,6 +11,8 @@ from uavcover.judging.same_flight import SameFlight, same_flight
 from uavcover.judging.verify import FlownTrack, Verdict, verify_flight
 from uavcover.model.track import Track
 
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
 RNG = np.random.default_rng(5)
 
 

@@ -17,6 +17,8 @@ from uavcover.judging.unobserved import (
 from uavcover.judging.waypoints_passed import Passing
 from uavcover.model.verdict import Unobserved
 
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
 PLAN = PlannedRoute(np.column_stack([100.0 * np.arange(5.0), np.zeros(5), np.full(5, 80.0)]), 0.9)
 NO_PLAN = PlannedRoute(np.empty((0, 3)), 0.0)
 
@@ -91,7 +93,7 @@ def found(
     joined[list(gaps)] = False
     route = np.zeros(9, dtype=bool)
     route[4:6] = True
-    motion = Motion(joined, np.ones(9, dtype=bool), moves, (0.0, 0.0))
+    motion = Motion(joined, np.ones(9, dtype=bool), moves, (0.0, 0.0), 0.0)
     return list(unobserved_stretches(site, track, enu, joined, route, motion, np.array(kept)))
 
 

@@ -14,6 +14,8 @@ from uavcover.model.sensor import SphereSensor
 from uavcover.model.track import Track
 from uavcover.sensing.coverage_map import CoverageMap
 
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
 
 @pytest.fixture(scope="module")
 def hilly() -> Flight:

@@ -12,6 +12,8 @@ from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.sensing.coverage_map import CoverageMap
 
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
 
 @pytest.fixture(scope="module")
 def hilly() -> Flight:
@@ -153,15 +155,14 @@ def test_the_fence_at_samples_and_between_them() -> None:
     )
     site = make_site(fence=bay)
     coverage = CoverageMap(site, cell_size_m=50.0)
-    points = np.array([[0.0, 200.0, 80.0], [135.0, 200.0, 80.0], [165.0, 200.0, 80.0], [300.0, 200.0, 80.0]])
-    track = track_of(site, points, time_s=np.arange(4.0), current_waypoint=np.array([1, 1, 1, 1]))
+    points = np.array([[105.0, 200.0, 80.0], [135.0, 200.0, 80.0], [165.0, 200.0, 80.0], [195.0, 200.0, 80.0]])
+    time_s = 2.0 * np.arange(4.0)
+    track = track_of(site, points, time_s=time_s, current_waypoint=np.array([1, 1, 1, 1]))
     (violation,) = verify_track(site, coverage, track, None).violations
-    assert (violation.kind, violation.start_s, violation.end_s) == ("fence", 1.0, 2.0)
+    assert (violation.kind, violation.start_s, violation.end_s) == ("fence", 2.0, 4.0)
     # 200 m up the bay, 8 m to its side, which leans 10 m in 250.
     assert violation.worst == pytest.approx(8.0 * 250.0 / math.hypot(250.0, 10.0), abs=0.15)
-    outside = track_of(
-        site, points + np.array([0, 90, 0]), time_s=np.arange(4.0), current_waypoint=np.array([1, 1, -1, -1])
-    )
+    outside = track_of(site, points + np.array([0, 90, 0]), time_s=time_s, current_waypoint=np.array([1, 1, -1, -1]))
     found = [(v.phase, v.worst) for v in verify_track(site, coverage, outside, None).violations if v.kind == "fence"]
     assert found == [("route", pytest.approx(40.0)), ("transit", pytest.approx(40.0))]
 

@@ -12,6 +12,8 @@ from uavcover.routes.mission_compiler import compile_mission
 from uavcover.run.close_gaps import plan_gap_mission
 from uavcover.run.judge import judge_tracks
 
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
 
 @pytest.fixture(scope="module")
 def flight() -> Flight:

@@ -6,7 +6,7 @@ import pytest
 from uavcover.errors import InfeasibleError
 from uavcover.model.fleet import Fleet
 from uavcover.routes.timeline import Timeline
-from uavcover.run.fleet_position import Phase
+from uavcover.run.fleet_position import FleetPhase
 from uavcover.run.fleet_traffic import Traffic
 
 FLEET = Fleet(vehicles=3, separation_m=20.0, path_error_m=2.0, timing_error_fraction=0.0, start_error_s=1.0, pad_s=10.0)
@@ -34,7 +34,7 @@ def test_in_the_order_and_at_the_times_of_the_plan() -> None:
     assert not flights.begun
     assert not flights.start("b", 50.0)
     assert flights.start("a", 100.0)
-    assert flights.phase("a") is Phase.FLYING
+    assert flights.phase("a") is FleetPhase.FLYING
     assert not flights.start("b", 129.0)
     assert flights.start("b", 130.0)
     assert flights.since_first_s(140.0) == 40.0
@@ -74,7 +74,7 @@ def test_a_start_waits_for_one_that_gets_later_all_the_way() -> None:
         for now in range(1, 400):
             aloft_s = min(pace * now, line.duration_s)
             flights.moved("a", float(now), line.places_m(np.array([aloft_s]))[0])
-            if aloft_s >= line.duration_s and flights.phase("a") is Phase.FLYING:
+            if aloft_s >= line.duration_s and flights.phase("a") is FleetPhase.FLYING:
                 flights.landed("a", float(now))
             if flights.start("b", float(now)):
                 began[pace] = now
@@ -94,9 +94,9 @@ def test_who_comes_to_the_pad_holds_until_it_is_free() -> None:
     assert flights.start("a", 0.0)
     flights.moved("a", 1.0, np.array([300.0, 100.0, 50.0]))
     flights._flights["a"].progress_s = 50.0
-    assert flights.start("b", 60.0) or flights.phase("b") is Phase.WAITING
+    assert flights.start("b", 60.0) or flights.phase("b") is FleetPhase.WAITING
     flights.landed("a", 100.0)
-    flights._flights["b"].phase = Phase.FLYING
+    flights._flights["b"].phase = FleetPhase.FLYING
     flights._flights["b"].progress_s = line.duration_s - 8.0
     flights._flights["b"].seen_s = 101.0
     assert flights.must_hold("b", 101.0)
@@ -147,7 +147,7 @@ def test_the_later_one_lets_the_earlier_one_pass() -> None:
     two = Timeline(np.array([0.0, 10.0, 50.0]), np.array([(0.0, -200.0, 0.0), (0.0, -200.0, 50.0), (0.0, 200.0, 50.0)]))
     flights = traffic(a=(one, 0.0), b=(two, 1.0))
     assert flights.start("a", 0.0)
-    flights._flights["b"].phase = Phase.FLYING  # as if the first had been late
+    flights._flights["b"].phase = FleetPhase.FLYING  # as if the first had been late
     at = {"a": 12.0, "b": 12.0}
     least = np.inf
     held = 0
@@ -174,7 +174,7 @@ def test_home_one_after_the_other_the_nearest_first() -> None:
     places = {"a": (100.0, 0.0, 50.0), "b": (200.0, 60.0, 50.0), "c": (250.0, -60.0, 50.0)}
     ways = {name: np.array([place, (0.0, 0.0, 50.0), HOME]) for name, place in places.items()}
     for name, place in places.items():
-        flights._flights[name].phase = Phase.FLYING
+        flights._flights[name].phase = FleetPhase.FLYING
         flights.moved(name, 10.0, np.array(place))
     assert not flights.may_go_home("b", 10.0, ways["b"], all_return=True)  # the others do not hold yet
     assert not flights.may_go_home("c", 10.0, ways["c"], all_return=True)
@@ -191,7 +191,7 @@ def flying(**places: tuple[float, float, float]) -> Traffic:
     """Flights along lines 60 m beside each other, seen at these places."""
     flights = traffic(**{name: (out_and_back(60.0 * k), 0.0) for k, name in enumerate(places)})
     for name, place in places.items():
-        flights._flights[name].phase = Phase.FLYING
+        flights._flights[name].phase = FleetPhase.FLYING
         flights.moved(name, 10.0, np.array(place))
     return flights
 
@@ -202,13 +202,13 @@ WAY = np.array([(150.0, 60.0, 50.0), (0.0, 0.0, 50.0), HOME])
 def test_a_way_home_is_given_before_the_vehicle_stops() -> None:
     flights = flying(a=(250.0, 0.0, 50.0), b=(150.0, 60.0, 50.0))
     assert not flights.give_way_home("b", 10.0, WAY, within_s=60.0)  # a comes home by then
-    assert flights.phase("b") is Phase.FLYING
+    assert flights.phase("b") is FleetPhase.FLYING
     flights = flying(a=(40.0, 0.0, 50.0), b=(150.0, 60.0, 50.0))
     flights._flights["a"].progress_s = 10.0  # on its way out
     assert not flights.give_way_home("b", 10.0, WAY, within_s=20.0)
     flights.moved("a", 20.0, np.array([140.0, 0.0, 50.0]))
     assert flights.give_way_home("b", 20.0, WAY, within_s=20.0)
-    assert flights.phase("b") is Phase.HOMEWARD
+    assert flights.phase("b") is FleetPhase.HOMEWARD
     stopped = WAY.copy()
     stopped[0] = (170.0, 60.0, 50.0)
     assert flights.may_go_home("b", 25.0, stopped, all_return=False)
@@ -216,12 +216,12 @@ def test_a_way_home_is_given_before_the_vehicle_stops() -> None:
     assert flights.must_hold("a", 26.0)  # it comes near, and keeps clear
 
 
-@pytest.mark.parametrize("phase", [Phase.HOLDING, Phase.HOMEWARD])
-def test_no_way_home_is_given_while_another_one_has_or_wants_one(phase: Phase) -> None:
+@pytest.mark.parametrize("phase", [FleetPhase.HOLDING, FleetPhase.HOMEWARD])
+def test_no_way_home_is_given_while_another_one_has_or_wants_one(phase: FleetPhase) -> None:
     flights = flying(a=(250.0, 0.0, 50.0), b=(150.0, 60.0, 50.0))
     flights._flights["a"].phase = phase
     assert not flights.give_way_home("b", 10.0, WAY, within_s=1.0)
-    assert flights.phase("b") is Phase.FLYING
+    assert flights.phase("b") is FleetPhase.FLYING
 
 
 def test_no_way_home_leads_to_where_another_vehicle_stands() -> None:
@@ -233,7 +233,7 @@ def test_no_way_home_leads_to_where_another_vehicle_stands() -> None:
 
 def test_two_in_each_others_way_are_told() -> None:
     flights = traffic(a=(out_and_back(0.0), 0.0), b=(out_and_back(0.0, home=(300.0, 0.0, 0.0)), 0.0))
-    flights._flights["a"].phase = flights._flights["b"].phase = Phase.FLYING
+    flights._flights["a"].phase = flights._flights["b"].phase = FleetPhase.FLYING
     flights.moved("a", 10.0, np.array([200.0, 0.0, 50.0]))
     flights.moved("b", 10.0, np.array([100.0, 0.0, 50.0]))
     way_a = np.array([(200.0, 0.0, 50.0), (0.0, 0.0, 50.0), HOME])
@@ -264,7 +264,7 @@ def lost_on_the_way_home(*, may_wait_s: float) -> list[float]:
     """Seconds at which a vehicle that comes home a little later must hold because of one that was lost on the same line."""
     line = out_and_back(0.0)
     flights = traffic(a=(line, 0.0), b=(line, 16.0))
-    flights._flights["a"].phase = flights._flights["b"].phase = Phase.FLYING
+    flights._flights["a"].phase = flights._flights["b"].phase = FleetPhase.FLYING
     for name, progress_s in (("a", line.duration_s - 40.0), ("b", line.duration_s - 43.0)):
         flights._flights[name].progress_s = progress_s
         flights.moved(name, 0.0, line.places_m(np.array([progress_s]))[0])
@@ -293,4 +293,4 @@ def test_a_lost_one_that_is_heard_again_is_where_it_is() -> None:
     flights.moved("a", 50.0, late)
     assert flights.lands_s("a") == pytest.approx(50.0 + line.duration_s - 30.0, abs=0.5)
     flights.landed("a", 90.0)
-    assert flights.phase("a") is Phase.DOWN
+    assert flights.phase("a") is FleetPhase.DOWN

@@ -12,7 +12,7 @@ from tests.scenario.dem_files import fractal_m
 from uavcover.model.terrain import RasterTerrain
 from uavcover.scenario.scenario_file import bundled_scenarios, load_scenario, terrain_source
 from uavcover.scenario.site import load_site
-from uavcover.scenario.suspect_heights import suspect_pixels, suspect_places
+from uavcover.scenario.suspect_heights import _rough_alone, suspect_pixels, suspect_places
 
 SIZE, PIXEL_M = 300, 10.0
 ROWS, COLUMNS = np.mgrid[0:SIZE, 0:SIZE]
@@ -212,3 +212,40 @@ def test_a_place_is_where_the_file_has_it(tmp_path):
     assert place.shape.area < 1.3 * block.area
     assert "exactly 0 m whose rim is at" in place.words
     assert suspect_places(path, "EGM96", (8.0, 46.0, 8.01, 46.01)) == ()
+
+
+@pytest.mark.parametrize("by_m", [-300.0, -120.0, 120.0, 300.0])
+def test_a_lone_pixel_in_rugged_ground_is_a_spike(by_m: float) -> None:
+    """In relief of 100 m from pixel to pixel a pit of 300 m is not beyond three times the ring's range."""
+    with rasterio.open(str(resources.files("uavcover") / "data" / "jacksboro.tif")) as data:
+        heights_m = data.read(1).astype(float)
+    rng = np.random.default_rng(0)
+    for _ in range(10):
+        row, column = rng.integers(20, 320), rng.integers(20, 380)
+        spoilt_m = heights_m.copy()
+        spoilt_m[row, column] += by_m
+        [found] = suspect_pixels(spoilt_m, (90.0, 75.0))
+        assert found.kind == "spike"
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_lone_pixels_are_those_of_the_slow_twin(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    heights_m = rng.normal(0.0, 5.0, (32, 40))
+    for _ in range(3):
+        heights_m[rng.integers(32), rng.integers(40)] += rng.choice([-1.0, 1.0]) * rng.uniform(60.0, 300.0)
+    padded = np.pad(heights_m, 1, mode="edge")
+    off_m = np.empty_like(heights_m)
+    for row, column in np.ndindex(off_m.shape):
+        around = padded[row : row + 3, column : column + 3].ravel()
+        off_m[row, column] = abs(around[4] - np.delete(around, 4).mean())
+    expected = np.zeros(off_m.shape, dtype=bool)
+    for row, column in np.ndindex(off_m.shape):
+        others = [
+            off_m[i, j]
+            for i in range(max(0, row - 10), min(32, row + 11))
+            for j in range(max(0, column - 10), min(40, column + 11))
+            if max(abs(i - row), abs(j - column)) > 1
+        ]
+        expected[row, column] = off_m[row, column] > max(36.0, 3.0 * max(others))
+    assert np.array_equal(_rough_alone(heights_m, (90.0, 90.0)), expected)

@@ -18,6 +18,8 @@ from uavcover.scenario.scenario_file import dump_scenario, parse_scenario
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 from uavcover.sensing.sensors import camera_turn, flat_picture, reach_at_height_m, whatever_heading
 
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
 FRAME = FrameCamera(kind="frame-camera", fov_across_deg=80.0, fov_along_deg=40.0, range_m=200.0)
 AHEAD = dataclasses.replace(FRAME, pitch_deg=-55.0)
 

@@ -23,7 +23,7 @@ _PACKAGES = {
 
 
 @dataclass(frozen=True, slots=True)
-class Finding:
+class Diagnosis:
     """One thing that was looked at.
 
     Attributes:
@@ -39,36 +39,38 @@ class Finding:
     text: str
 
 
-def examine(*, try_imports: bool) -> list[Finding]:
+def examine(*, try_imports: bool) -> list[Diagnosis]:
     """Look at everything."""
     return [*_basics(), *_packages(try_imports), *_data(), *_optional()]
 
 
-def _basics() -> Iterator[Finding]:
-    yield Finding("uavcover", True, True, metadata.version("uavcover"))
-    yield Finding("python", sys.version_info >= (3, 11), True, f"{platform.python_version()} on {platform.platform()}")
-    yield Finding("cores", True, True, str(os.cpu_count()))
+def _basics() -> Iterator[Diagnosis]:
+    yield Diagnosis("uavcover", True, True, metadata.version("uavcover"))
+    yield Diagnosis(
+        "python", sys.version_info >= (3, 11), True, f"{platform.python_version()} on {platform.platform()}"
+    )
+    yield Diagnosis("cores", True, True, str(os.cpu_count()))
     free = shutil.disk_usage(Path.cwd()).free / 1e9
-    yield Finding("free disk here", free > 0.5, False, f"{free:.1f} GB")
+    yield Diagnosis("free disk here", free > 0.5, False, f"{free:.1f} GB")
     try:
         with tempfile.TemporaryFile():
-            yield Finding("temporary files", True, True, tempfile.gettempdir())
+            yield Diagnosis("temporary files", True, True, tempfile.gettempdir())
     except OSError as error:
-        yield Finding("temporary files", False, True, f"{error}; set TMPDIR to a folder that can be written to")
+        yield Diagnosis("temporary files", False, True, f"{error}; set TMPDIR to a folder that can be written to")
 
 
-def _packages(try_imports: bool) -> Iterator[Finding]:
+def _packages(try_imports: bool) -> Iterator[Diagnosis]:
     for name, module in _PACKAGES.items():
         try:
             version = metadata.version(name)
             if try_imports:
                 importlib.import_module(module)
-            yield Finding(name, True, True, version)
+            yield Diagnosis(name, True, True, version)
         except (ImportError, OSError) as error:
-            yield Finding(name, False, True, f"{error}; install the package again, from its clone: pip install -e .")
+            yield Diagnosis(name, False, True, f"{error}; install the package again, from its clone: pip install -e .")
 
 
-def _data() -> Iterator[Finding]:
+def _data() -> Iterator[Diagnosis]:
     from uavcover.errors import UavcoverError
     from uavcover.scenario.scenario_file import bundled_scenarios
     from uavcover.scenario.site import load_site
@@ -76,22 +78,22 @@ def _data() -> Iterator[Finding]:
     for name in bundled_scenarios():
         try:
             site = load_site(name)
-            yield Finding(f"scenario {name}", True, True, site.scenario.description)
+            yield Diagnosis(f"scenario {name}", True, True, site.scenario.description)
         except UavcoverError as error:
-            yield Finding(f"scenario {name}", False, True, str(error))
+            yield Diagnosis(f"scenario {name}", False, True, str(error))
 
 
-def _optional() -> Iterator[Finding]:
+def _optional() -> Iterator[Diagnosis]:
     display = bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")) or sys.platform in {
         "darwin",
         "win32",
     }
-    yield Finding(
+    yield Diagnosis(
         "screen for inspect", display, False,
         "there" if display else "none here; uavcover inspect --text and --screenshot work without one",
     )  # fmt: skip
     vulkan = sys.platform != "linux" or any(Path(p).is_dir() and any(Path(p).iterdir()) for p in _VULKAN)
-    yield Finding(
+    yield Diagnosis(
         "Vulkan driver for --screenshot", vulkan, False,
         "there" if vulkan else "none found; on Debian and Ubuntu: apt install mesa-vulkan-drivers libvulkan1",
     )  # fmt: skip
@@ -106,15 +108,15 @@ def _optional() -> Iterator[Finding]:
     for name, variable in (("ArduCopter simulator", "UAVCOVER_ARDUCOPTER"), ("PX4 simulator", "UAVCOVER_PX4")):
         path = os.environ.get(variable)
         ok = path is not None and Path(path).exists()
-        yield Finding(name, ok, False, path if ok and path else f"set {variable} to fly it in sitl_tests")
+        yield Diagnosis(name, ok, False, path if ok and path else f"set {variable} to fly it in sitl_tests")
 
 
-def _extra(name: str, purpose: str, extra: str) -> Finding:
+def _extra(name: str, purpose: str, extra: str) -> Diagnosis:
     """A package that only one extra of uavcover brings."""
     try:
-        return Finding(name, True, False, f"{metadata.version(name)}, for {purpose}")
+        return Diagnosis(name, True, False, f"{metadata.version(name)}, for {purpose}")
     except metadata.PackageNotFoundError:
-        return Finding(
+        return Diagnosis(
             name,
             False,
             False,

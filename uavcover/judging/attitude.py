@@ -7,13 +7,18 @@ lean, minus aerodynamic drag. Drag grows with airspeed, so apart from noise and 
 
 with one number and one vector for the flight. An attitude that was invented, rotated, mirrored or taken from another time does
 not fit, and an autopilot that measures its attitude badly cannot fly.
+
+A small residual alone proves nothing on a gentle flight: there, no lean at all fits as well. An attitude therefore counts only
+when its lean explains the accelerations of the track: with their sign, their size and without a delay.
 """
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
+from uavcover.judging.lean_fit import MOST_LATE_S, PART_S, SMALLEST_SIGNAL, lean_fits, mean_over, thrust_m_s2
 from uavcover.judging.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG, Windows
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
@@ -36,38 +41,28 @@ _MOVES_M_S = 2.0
 _ENOUGH_BLOCKS, _ENOUGH_IN_BLOCK = 20, 5
 _OWN = 0.3
 """Fraction of a term that the others must not explain."""
-_POINTS = np.linspace(-1.0, 1.0, 9)
-_WEIGHTS = (1.0 - np.abs(_POINTS)) / (1.0 - np.abs(_POINTS)).sum()
-"""A divided difference of positions is the mean of the accelerations with these weights."""
-
-
-def thrust_m_s2(attitude_deg: FloatArray) -> FloatArray:
-    """(n, 2) east and north acceleration by a thrust that holds height, for (n, 3) roll, pitch and yaw."""
-    sin_roll, sin_pitch, sin_yaw = np.sin(np.radians(attitude_deg)).T
-    cos_roll, cos_pitch, cos_yaw = np.cos(np.radians(attitude_deg)).T
-    up = cos_roll * cos_pitch
-    north = -(cos_roll * sin_pitch * cos_yaw + sin_roll * sin_yaw)
-    east = -(cos_roll * sin_pitch * sin_yaw - sin_roll * cos_yaw)
-    return np.asarray(GRAVITY_M_S2 * np.column_stack([east, north]) / up[:, None])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeanProblem:
-    """An attitude that does not fit the motion.
+    """An attitude that does not fit the motion, or that the motion does not confirm.
 
     Attributes:
         text: what is wrong, for people.
         samples: (n,) the affected samples.
+        kind: whether it leaves accelerations unexplained; whether the motion contradicts it, so that one of the two was not
+            measured; or whether the motion is too gentle to confirm it.
     """
 
     text: str
     samples: BoolArray
+    kind: Literal["unexplained", "contradicted", "unconfirmed"]
 
 
 def lean_problem(
     time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray
 ) -> LeanProblem | None:
-    """The problem of an attitude that does not fit the motion; None when it fits or too little is known.
+    """The problem of an attitude that does not fit the motion, or that it does not confirm; None when it does.
 
     Args:
         time_s: (n,) vehicle time.
@@ -75,11 +70,24 @@ def lean_problem(
         joined: (n - 1,) legs that were observed.
         attitude_deg: (n, 3) roll, pitch and yaw, NaN where they are not known.
     """
+    unexplained = _unexplained(time_s, enu_m, joined, attitude_deg)
+    unconfirmed = _unconfirmed(time_s, enu_m, joined, attitude_deg)
+    if unexplained is None:
+        return unconfirmed
+    # A storm leaves much unexplained, and contradicts nothing.
+    contradicted = unconfirmed is not None and unconfirmed.kind == "contradicted"
+    return replace(unexplained, kind="contradicted") if contradicted else unexplained
+
+
+def _unexplained(
+    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray
+) -> LeanProblem | None:
+    """The problem of an attitude by which large accelerations remain unexplained; None where too little is known."""
     windows = Windows.of(time_s, enu_m, window_s=_WINDOW_S, joined=joined)
     before, middle, after = windows.before, windows.middle, windows.after
     velocity, acceleration = windows.velocity_m_s[:, :2], windows.acceleration_m_s2[:, :2]
     half_s = np.maximum(time_s[middle] - time_s[before], time_s[after] - time_s[middle])
-    thrust = _mean_over(time_s, thrust_m_s2(attitude_deg), time_s[middle], half_s)
+    thrust = mean_over(time_s, thrust_m_s2(attitude_deg), time_s[middle], half_s)
     good = np.isfinite(thrust).all(axis=1) & (half_s <= _LONGEST_S)
     good &= np.hypot(velocity[:, 0], velocity[:, 1]) > _MOVES_M_S
     # Larger accelerations are not flight, and are judged as such elsewhere.
@@ -98,10 +106,13 @@ def lean_problem(
         return LeanProblem(
             f"roll and pitch lean by {abs(sideways_deg):.0f} degrees to one side on all headings, with nothing to lean against",
             everywhere,
+            "contradicted",
         )
     if along_deg < -MOST_BACKWARDS_DEG and _stands_alone(columns, 0):
         return LeanProblem(
-            f"roll and pitch lean by {-along_deg:.0f} degrees against the way that was flown", everywhere
+            f"roll and pitch lean by {-along_deg:.0f} degrees against the way that was flown",
+            everywhere,
+            "contradicted",
         )
     left = drag - terms @ fitted
     noise_m_s2 = min(windows.noise_m[0] / _WINDOW_S**2, MOST_NOISE_M_S2)
@@ -110,6 +121,7 @@ def lean_problem(
         return LeanProblem(
             f"roll and pitch do not fit the accelerations that were flown: they are off by {left_m_s2:.1f} m/s2 (rms)",
             everywhere,
+            "unexplained",
         )
     block = ((time_s - time_s[0]) // BLOCK_S).astype(np.int64)
     in_block_m_s2 = _rms_by_block(block[middle[good]], left, int(block[-1]) + 1)
@@ -121,7 +133,46 @@ def lean_problem(
         f"roll and pitch do not fit the accelerations that were flown for about {BLOCK_S * bad.sum():.0f} s, most around "
         f"{time_s[0] + (worst + 0.5) * BLOCK_S:.0f} s: they are off by {in_block_m_s2[worst]:.1f} m/s2 (rms)",
         bad[block],
+        "unexplained",
     )
+
+
+def _unconfirmed(
+    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray
+) -> LeanProblem | None:
+    """The problem of an attitude that does not explain the accelerations; none when it does."""
+    fits = lean_fits(time_s, enu_m, joined, attitude_deg)
+    everywhere = np.ones(len(time_s), dtype=bool)
+    if 0.0 not in fits.late:
+        return LeanProblem(
+            "too little motion or attitude to test whether roll and pitch were measured", everywhere, "unconfirmed"
+        )
+    own, best = fits.late[0.0], max(fits.late, key=lambda late_s: fits.late[late_s].correlation)
+    if abs(best) > MOST_LATE_S and fits.late[best].signal > SMALLEST_SIGNAL:
+        side = "late" if best > 0.0 else "early"
+        return LeanProblem(
+            f"roll and pitch fit the accelerations that were flown {abs(best):g} s {side}", everywhere, "contradicted"
+        )
+    if (why := own.contradiction) is not None:
+        return LeanProblem(
+            f"roll and pitch do not fit the accelerations that were flown: {why}", everywhere, "contradicted"
+        )
+    if not own.confirms:
+        text = (
+            "roll and pitch are not confirmed by the accelerations that were flown (correlation "
+            f"{own.correlation:.2f}, {own.signal:.1f} standard errors)"
+        )
+        return LeanProblem(text, everywhere, "unconfirmed")
+    if fits.bad_parts:
+        where = np.isin(fits.part, fits.bad_parts)
+        return LeanProblem(
+            f"roll and pitch do not fit the accelerations that were flown for about "
+            f"{PART_S * len(fits.bad_parts):.0f} s, first around "
+            f"{time_s[int(np.argmax(where))]:.0f} s",
+            where,
+            "contradicted",
+        )
+    return None
 
 
 def _terms(velocity: FloatArray, right: FloatArray) -> FloatArray:
@@ -145,15 +196,6 @@ def _stands_alone(columns: FloatArray, number: int) -> bool:
     return bool((rest**2).sum() > _OWN * (one**2).sum())
 
 
-def _mean_over(time_s: FloatArray, values: FloatArray, middles_s: FloatArray, half_s: FloatArray) -> FloatArray:
-    """(k, 2) weighted means of (n, 2) values over windows; NaN where any value is."""
-    means = np.zeros((len(middles_s), 2))
-    for point, weight in zip(_POINTS, _WEIGHTS, strict=True):
-        at_s = middles_s + point * half_s
-        means += weight * np.column_stack([np.interp(at_s, time_s, axis) for axis in values.T])
-    return means
-
-
 MAX_AGE_S = 1.0
 """Largest difference in time between a position and its attitude."""
 MAX_TILT_DEG = 60.0
@@ -170,16 +212,32 @@ _LEANS_AT_LEAST = 0.35
 _ENOUGH = 5
 
 
-def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> tuple[FloatArray, list[str]]:
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownAttitude:
+    """The attitudes of a track that can be trusted.
+
+    Attributes:
+        attitude_deg: (n, 3) roll, pitch and yaw, NaN where unknown.
+        problems: what was found, one line each.
+        unconfirmed: why it is not known although nothing is wrong with it: the motion is too gentle to confirm it.
+        contradiction: the problem that the motion contradicts, so that either attitude or motion was not measured.
+        confirmed: whether the motion confirms it.
+    """
+
+    attitude_deg: FloatArray
+    problems: tuple[str, ...]
+    unconfirmed: str | None = None
+    contradiction: str | None = None
+    confirmed: bool = False
+
+
+def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownAttitude:
     """Find the attitudes that can be trusted.
 
     Args:
         track: what was flown.
         enu_m: (n, 3) its positions.
         joined: (n - 1,) legs that were observed.
-
-    Returns:
-        (n, 3) roll, pitch and yaw in degrees, NaN where unknown; and the problems found, one line each.
     """
     attitude = track.attitude_deg.copy()
     problems: list[str] = []
@@ -207,7 +265,7 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> tuple[
         attitude[tilted] = np.nan
     told = np.isfinite(attitude).all(axis=1)
     if not told.any():
-        return attitude, problems
+        return KnownAttitude(attitude, tuple(problems))
     for first, last, turn_deg in _stuck(track.time_s, enu_m, attitude):
         problems.append(
             f"the attitude stays exactly the same from {track.time_s[first]:.1f} s to {track.time_s[last]:.1f} s, while the "
@@ -216,7 +274,8 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> tuple[
         attitude[first : last + 1] = np.nan
     told = np.isfinite(attitude).all(axis=1)
     if not told.any():
-        return attitude, problems
+        return KnownAttitude(attitude, tuple(problems))
+    unconfirmed, contradiction, confirmed = None, None, False
     if _in_radians(track.time_s, enu_m, attitude):
         problems.append(
             "the attitude is in radians where degrees belong: its yaw times 57.3 is the course that was flown"
@@ -231,9 +290,16 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> tuple[
         )
         attitude[:, :2] = np.nan
     elif (problem := lean_problem(track.time_s, enu_m, joined, attitude)) is not None:
-        problems.append(problem.text)
-        attitude[problem.samples] = np.nan
-    return attitude, problems
+        if problem.kind == "unconfirmed":
+            unconfirmed = problem.text
+            attitude[:, :2] = np.nan
+        else:
+            problems.append(problem.text)
+            attitude[problem.samples] = np.nan
+        contradiction = problem.text if problem.kind == "contradicted" else None
+    else:
+        confirmed = True
+    return KnownAttitude(attitude, tuple(problems), unconfirmed, contradiction, confirmed)
 
 
 def _stuck(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> Iterator[tuple[int, int, float]]:

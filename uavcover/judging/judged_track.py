@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uavcover.errors import TrackError
-from uavcover.judging.attitude import known_attitude
+from uavcover.judging.attitude import KnownAttitude, known_attitude
 from uavcover.judging.ends import TrackEnd, ground_tolerance_m, track_ends
 from uavcover.judging.observations import Observations, observations_of
 from uavcover.judging.phases import PlannedRoute, on_route
-from uavcover.judging.possible_motion import Motion, judge_motion, motion_limits
+from uavcover.judging.possible_motion import COARSE_STEP_S, POSITION_ERROR_M, Motion, judge_motion, motion_limits
 from uavcover.judging.reported_photos import REACHED_RADII, TrackPhotos, photos_of, reports_photos
 from uavcover.judging.safety import (
     TOLERANCE,
@@ -110,13 +110,16 @@ def judge_track(
     scenario = site.scenario
     told_m = _checked_positions_m(site, track)
     limits = motion_limits(scenario.vehicle, scenario.wind)
-    motion = judge_motion(track.time_s, told_m, limits, max_gap_s=scenario.requirements.max_gap_s)
+    error_m = max(POSITION_ERROR_M, scenario.uncertainty.position_m)
+    motion = judge_motion(
+        track.time_s, told_m, limits, max_gap_s=scenario.requirements.max_gap_s, position_error_m=error_m
+    )
     kept = np.flatnonzero(motion.evidence)
     contradiction_m = float(np.max(np.linalg.norm(told_m - track.enu_m, axis=1)))
     whole, enu, track = track, told_m[kept], track.taken(kept)
     joined = (np.diff(kept) == 1) & motion.joined[kept[:-1]]
-    attitude, attitude_problems = known_attitude(track, enu, joined)
-    track = replace(track, attitude_deg=attitude)
+    known = known_attitude(track, enu, joined)
+    track = replace(track, attitude_deg=known.attitude_deg)
     radius_m = _place_radius_m(site) + scenario.uncertainty.position_m
     passed, misnumbered = None, None
     if planned is not None and len(planned.waypoints_m):
@@ -142,8 +145,11 @@ def judge_track(
     off = _requirement_violations(site, track, enu, phases, speeds, deviations)
     unbelieved = [
         *_motion_doubts(site, whole, told_m, motion),
-        commanded_pace_doubt(track, enu, joined, scenario.vehicle, planned),
-        None if passed is None else plan_doubt(passed),
+        *_sampling_doubts(whole, motion, known),
+        known.contradiction,
+        # A flight that ended before its route has no place and no pace of the plan to keep.
+        commanded_pace_doubt(track, enu, joined, scenario.vehicle, planned if route.any() else None),
+        None if passed is None or not route.any() else plan_doubt(passed),
         None if misnumbered is None else f"{misnumbered}: its numbers are not believed, the places decide",
     ]
     if not contradiction_m <= MAX_CONTRADICTION_M:
@@ -189,8 +195,13 @@ def judge_track(
         findings=(
             *findings,
             *map(noted, [*_findings(site, begin, end), *([] if photos is None else photos.findings)]),
+            *(
+                []
+                if known.unconfirmed is None
+                else [noted(f"{known.unconfirmed}: what depends on it is possibly observed")]
+            ),
         ),
-        attitude_problems=tuple(attitude_problems),
+        attitude_problems=known.problems,
         photos=photos,
     )
 
@@ -303,6 +314,24 @@ def _motion_doubts(site: Site, track: Track, enu_m: FloatArray, motion: Motion) 
         f"the vehicle cannot have moved like this in {len(motion.moves)} places, first at {track.time_s[first.first]:.1f} s, "
         f"{place_of(site, enu_m[first.first])}: {first}",
     ]
+
+
+def _sampling_doubts(track: Track, motion: Motion, known: KnownAttitude) -> list[str]:
+    """Positions that no estimator gives, or that are too far apart to tell a flight from a line that was drawn."""
+    doubts = []
+    if motion.white_m > 0.0:
+        doubts.append(
+            f"the positions are off by {motion.white_m:.1f} m from one sample to the next, each independently of the others: "
+            "no receiver and no autopilot reports such positions"
+        )
+    steps_s = np.diff(track.time_s)
+    coarse = steps_s > COARSE_STEP_S
+    if steps_s[coarse].sum() > 0.5 * steps_s.sum() and not known.confirmed:
+        doubts.append(
+            f"the samples are {np.median(steps_s[coarse]):.1f} s apart and no attitude confirms them: whether a vehicle can "
+            f"have turned as they do is not known; record at least one position in {COARSE_STEP_S:g} s"
+        )
+    return doubts
 
 
 def _findings(site: Site, begin: TrackEnd, end: TrackEnd) -> list[str]:

@@ -5,7 +5,9 @@ vehicle that accelerates by at most ``a``, no divided difference exceeds ``a``, 
 1 Hz is therefore judged as fairly as one at 50 Hz, and the rounding of a log at 50 Hz is no acceleration.
 
 Position noise adds to these figures, more so in short windows. It is measured on the track itself, by the median of its second
-differences over the windows of that length in which it moved. The allowance is capped, so that it cannot excuse everything.
+differences over the windows of that length in which it moved. What it may excuse is bounded from outside: a receiver's error, or
+the one that the scenario states, wanders with the time constant of an estimator, so over short windows it changes little. Errors
+of neighbouring samples that have nothing to do with each other (white noise) are those of no estimator.
 """
 
 from dataclasses import dataclass, replace
@@ -18,8 +20,21 @@ from uavcover.model.vehicle import Vehicle, Wind
 
 NOISE_MEDIANS = 6.0
 """The noise allowance, in medians of the second differences: random errors of a million samples stay below it."""
-MAX_NOISE_M = 24.0
-"""Upper bound of the allowance: the largest second difference of random errors with a standard deviation of 2 m in each axis."""
+POSITION_ERROR_M = 2.0
+"""Standard deviation of a receiver's error, east and north each, where the scenario states none that is larger."""
+UPWARD = 1.5
+"""Its error in height, in those over ground."""
+ERROR_TIME_S = 30.0
+"""An estimator's error wanders with at least this time constant."""
+ROUNDING_M = 0.25
+"""Second differences of positions with six decimals of a degree, in which logs round."""
+_RAYLEIGH_MEDIAN = 1.18
+WHITE = 0.8
+"""Second differences in those over windows four times as long. Independent errors: 1; an estimator's: 0.5; motion: below 0.3."""
+_LONGER = 4.0
+_SHORTEST_STEP_S, _ENOUGH_WINDOWS = 0.1, 50
+COARSE_STEP_S = 1.25
+"""Samples further apart do not tell a turn that a vehicle flies from one that was drawn."""
 MOVING_M_S = 1.0
 """Noise is measured above this speed: at rest on the ground, logs often show none."""
 ROUNDING_S = 1e-6
@@ -39,6 +54,7 @@ class Windows:
         vertical_m_s2: (k,) its vertical part, unsigned.
         spans_s2: (k,) product of the two time steps.
         noise_m: medians of the horizontal and vertical second differences over windows in which the vehicle moved.
+        most_noise_m: the largest second differences that an estimator's error can have over these windows.
     """
 
     before: IntArray
@@ -50,9 +66,18 @@ class Windows:
     vertical_m_s2: FloatArray
     spans_s2: FloatArray
     noise_m: tuple[float, float]
+    most_noise_m: tuple[float, float]
 
     @classmethod
-    def of(cls, time_s: FloatArray, enu_m: FloatArray, *, window_s: float, joined: BoolArray | None = None) -> Self:
+    def of(
+        cls,
+        time_s: FloatArray,
+        enu_m: FloatArray,
+        *,
+        window_s: float,
+        joined: BoolArray | None = None,
+        position_error_m: float = POSITION_ERROR_M,
+    ) -> Self:
         """The windows of (n, 3) ENU positions at (n,) increasing times.
 
         Args:
@@ -60,6 +85,7 @@ class Windows:
             enu_m: positions.
             window_s: length of each half.
             joined: (n - 1,) legs that may lie in a window; default: all.
+            position_error_m: standard deviation of the positions, known from elsewhere.
         """
         gaps = np.zeros(len(time_s), dtype=np.int64)
         if joined is not None:
@@ -80,15 +106,35 @@ class Windows:
         noise = (0.0, 0.0)
         if moving.any():
             noise = (float(np.median((level * spans)[moving])), float(np.median((vertical * spans)[moving])))
-        return cls(before, middle, after, 0.5 * (came + went), change, level, vertical, spans, noise)
+        half_s = float(np.sqrt(np.median(spans))) if spans.size else window_s
+        # Of a wandering error (Gauss and Markov), the variance of a second difference is 4 sigma^2 h / T for short h.
+        wander_m = _RAYLEIGH_MEDIAN * 2.0 * position_error_m * float(np.sqrt(min(half_s / ERROR_TIME_S, 1.5)))
+        most = (NOISE_MEDIANS * wander_m + ROUNDING_M, UPWARD * NOISE_MEDIANS * wander_m + ROUNDING_M)
+        return cls(before, middle, after, 0.5 * (came + went), change, level, vertical, spans, noise, most)
 
     def allowance_m(self, axis: Literal[0, 1]) -> float:
         """Noise allowance for a second difference, horizontal (0) or vertical (1)."""
-        return min(NOISE_MEDIANS * self.noise_m[axis], MAX_NOISE_M)
+        return min(NOISE_MEDIANS * self.noise_m[axis], self.most_noise_m[axis])
 
     def allowance_m_s2(self, axis: Literal[0, 1]) -> FloatArray:
         """(k,) noise allowance for the accelerations."""
         return np.asarray(self.allowance_m(axis) / self.spans_s2)
+
+
+def white_noise_m(time_s: FloatArray, enu_m: FloatArray, joined: BoolArray) -> float:
+    """By how much neighbouring samples are off independently of each other; 0 where that is no more than rounding.
+
+    Second differences of independent errors do not depend on the length of the window, those of an estimator's error grow with
+    its root, and those of motion with its square.
+    """
+    step_s = max(float(np.median(np.diff(time_s))), _SHORTEST_STEP_S) if len(time_s) > 1 else np.inf
+    if step_s > COARSE_STEP_S:
+        return 0.0
+    short, long = (Windows.of(time_s, enu_m, window_s=length, joined=joined) for length in (step_s, _LONGER * step_s))
+    if len(long.middle) < _ENOUGH_WINDOWS:
+        return 0.0
+    white = [a for a, b in zip(short.noise_m, long.noise_m, strict=True) if a > ROUNDING_M and a > WHITE * b]
+    return max(white, default=0.0) / (_RAYLEIGH_MEDIAN * float(np.sqrt(6.0)))
 
 
 def _moving(time_s: FloatArray, enu_m: FloatArray) -> BoolArray:
@@ -194,15 +240,24 @@ class Motion:
         evidence: (n,) whether a sample is evidence: possible motion reaches it from the others.
         moves: the impossible moves, in order of time.
         noise_m: (2,) measured horizontal and vertical position noise: medians of second differences over 0.2 s.
+        white_m: see :func:`white_noise_m`.
     """
 
     joined: BoolArray
     evidence: BoolArray
     moves: tuple[ImpossibleMove, ...]
     noise_m: tuple[float, float]
+    white_m: float
 
 
-def judge_motion(time_s: FloatArray, enu_m: FloatArray, limits: MotionLimits, *, max_gap_s: float) -> Motion:
+def judge_motion(
+    time_s: FloatArray,
+    enu_m: FloatArray,
+    limits: MotionLimits,
+    *,
+    max_gap_s: float,
+    position_error_m: float = POSITION_ERROR_M,
+) -> Motion:
     """Judge which part of the motion through (n, 3) ENU positions at (n,) increasing times is possible.
 
     Args:
@@ -210,10 +265,15 @@ def judge_motion(time_s: FloatArray, enu_m: FloatArray, limits: MotionLimits, *,
         enu_m: positions.
         limits: limits of the vehicle.
         max_gap_s: largest time between joined neighbours.
+        position_error_m: standard deviation of the positions, known from elsewhere.
     """
     joined = np.diff(time_s) <= max_gap_s
+    white_m = white_noise_m(time_s, enu_m, joined)
     found = _Found(joined)
-    windows = [Windows.of(time_s, enu_m, window_s=length, joined=joined) for length in ACCELERATION_WINDOWS_S]
+    windows = [
+        Windows.of(time_s, enu_m, window_s=length, joined=joined, position_error_m=position_error_m)
+        for length in ACCELERATION_WINDOWS_S
+    ]
     for window_s in SPEED_WINDOWS_S:
         _mark_speeds(found, time_s, enu_m, limits, windows[0], window_s)
     for each in windows:
@@ -230,7 +290,7 @@ def judge_motion(time_s: FloatArray, enu_m: FloatArray, limits: MotionLimits, *,
         replace(move, step_m_s=_velocity_step_m_s(time_s, enu_m, joined, windows[0], limits, move))
         for move in _moves(time_s, found, unreachable, limits)
     )
-    return Motion(joined, evidence, moves, windows[0].noise_m)
+    return Motion(joined, evidence, moves, windows[0].noise_m, white_m)
 
 
 class _Found:

@@ -17,7 +17,7 @@ from uavcover.model.verdict import PictureStatistics
 from uavcover.run.documents import PlannedDocument, read_plan_document
 from uavcover.run.flown_by import site_for
 from uavcover.run.folder import RunFolder
-from uavcover.run.judge import judge_tracks, planned_for, read_log
+from uavcover.run.judge import date_bounds, judge_tracks, planned_for, read_log
 from uavcover.run.judged_inputs import judged_logs, was_flown
 from uavcover.run.pareto_file import ParetoRow, read_pareto
 from uavcover.scenario.site import Site, load_site
@@ -125,7 +125,8 @@ def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = (
     verdict, flights = None, tuple[Flight, ...]()
     if read:
         tracks = [(r.track, planned_for(path, run, r.track)) for r, path in zip(read, paths, strict=True)]
-        verdict = judge_tracks(site, tracks, sites=[site_for(path, run, site) for path in paths])
+        sites, dates = [site_for(path, run, site) for path in paths], [date_bounds(path, run) for path in paths]
+        verdict = judge_tracks(site, tracks, sites=sites, dates=dates)
         flights = _flights(site, [_shown(path, run) for path in paths], tracks, verdict.shifts_s)
     pareto = run.file("pareto.csv")
     coverage = fleet_map(site) if verdict is None else verdict.coverage

@@ -21,7 +21,7 @@ _ROOM_S = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Pieces:
+class PathPieces:
     """A flight as short straight pieces, each with the time in which the vehicle may be there.
 
     Attributes:
@@ -52,7 +52,7 @@ class Conflict:
     time_s: float
 
 
-def pieces_of(timeline: Timeline, fleet: Fleet) -> Pieces:
+def pieces_of(timeline: Timeline, fleet: Fleet) -> PathPieces:
     """A flight in pieces of at most ten metres, with its time on the ground at home before and after."""
     times, places = timeline.time_s, timeline.place_m
     lengths = np.linalg.norm(np.diff(places, axis=0), axis=1)
@@ -68,7 +68,7 @@ def pieces_of(timeline: Timeline, fleet: Fleet) -> Pieces:
     begin_s, end_s = at(times, begin), at(times, end)
     begin_s = np.concatenate([[-fleet.pad_s], begin_s, [times[-1]]])
     end_s = np.concatenate([[0.0], end_s, [times[-1] + fleet.pad_s]])
-    return Pieces(
+    return PathPieces(
         begin_m=np.vstack([places[:1], at(places, begin), places[-1:]]),
         end_m=np.vstack([places[:1], at(places, end), places[-1:]]),
         earliest_s=begin_s - late_s(begin_s, fleet),
@@ -81,7 +81,7 @@ def late_s(time_s: FloatArray, fleet: Fleet) -> FloatArray:
     return np.asarray(fleet.timing_error_fraction * np.maximum(time_s, 0.0) + fleet.start_error_s)
 
 
-def unsafe_starts(a: Pieces, b: Pieces, fleet: Fleet) -> FloatArray:
+def unsafe_starts(a: PathPieces, b: PathPieces, fleet: Fleet) -> FloatArray:
     """Excluded differences of two starts.
 
     Returns:
@@ -110,7 +110,7 @@ def safe_start_s(intervals: FloatArray, wanted_s: float) -> float:
     return wanted_s
 
 
-def find_conflict(a: Pieces, b: Pieces, fleet: Fleet, *, start_s: float) -> Conflict | None:
+def find_conflict(a: PathPieces, b: PathPieces, fleet: Fleet, *, start_s: float) -> Conflict | None:
     """The worst place where a and b may come too near to each other when b starts so long after a; none when they do not."""
     first, second, distance_m = _near(a, b, fleet.planned_separation_m)
     meets = (b.earliest_s[second] + start_s < a.latest_s[first]) & (b.latest_s[second] + start_s > a.earliest_s[first])
@@ -122,7 +122,7 @@ def find_conflict(a: Pieces, b: Pieces, fleet: Fleet, *, start_s: float) -> Conf
     return Conflict(float(distance_m[k]), (e, n, u), when_s)
 
 
-def _near(a: Pieces, b: Pieces, separation_m: float) -> tuple[IntArray, IntArray, FloatArray]:
+def _near(a: PathPieces, b: PathPieces, separation_m: float) -> tuple[IntArray, IntArray, FloatArray]:
     """Pairs of pieces that are nearer than the separation: their numbers, (m,) each, and their distances."""
     from scipy.spatial import cKDTree  # a third of a second to load, and one vehicle needs none
 

@@ -44,7 +44,7 @@ _NO_FENCE_M = 30_000.0
 
 
 @dataclass(frozen=True, slots=True)
-class Evidence:
+class GivenEvidence:
     """What is left of a flight.
 
     Attributes:
@@ -58,10 +58,10 @@ class Evidence:
     system: int | None = None
 
 
-def evidence_of(logs: Sequence[Path], photos: Sequence[Path], *, system: int | None = None) -> Evidence:
+def evidence_of(logs: Sequence[Path], photos: Sequence[Path], *, system: int | None = None) -> GivenEvidence:
     """Tell tracks from pictures among what was given as logs; what was given as pictures stays so."""
     seen = [path for path in logs if _is_of_pictures(path)]
-    return Evidence(tuple(path for path in logs if path not in seen), (*seen, *photos), system)
+    return GivenEvidence(tuple(path for path in logs if path not in seen), (*seen, *photos), system)
 
 
 def _is_of_pictures(path: Path) -> bool:
@@ -92,7 +92,7 @@ def _is_track(path: Path) -> bool:
 
 def verify_evidence(
     run: RunFolder,
-    evidence: Evidence,
+    evidence: GivenEvidence,
     request: PhotoRequest,
     user: User,
     *,
@@ -176,8 +176,8 @@ def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:
 
 
 def run_of_flight(
-    area: NewRequest, evidence: Evidence, user: User, *, out: RunFolder, command: Sequence[str], force: bool
-) -> Evidence:
+    area: NewRequest, evidence: GivenEvidence, user: User, *, out: RunFolder, command: Sequence[str], force: bool
+) -> GivenEvidence:
     """Write the scenario of a flight that nobody planned here; its logs' own pictures join the evidence.
 
     The scenario asks for what the user asked for: without ``--overlap`` no overlap, without ``--gsd`` no sample distance, without

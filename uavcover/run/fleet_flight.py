@@ -19,7 +19,7 @@ from uavcover.run.fleet_clock import FleetClock
 from uavcover.run.fleet_jobs import Job
 from uavcover.run.fleet_lost import LostVehicle
 from uavcover.run.fleet_orders import FleetOrders
-from uavcover.run.fleet_position import Phase
+from uavcover.run.fleet_position import FleetPhase
 from uavcover.run.fleet_reserve import ReserveWatch
 from uavcover.run.fleet_sortie import (
     FlownSortie,
@@ -141,7 +141,7 @@ class FleetFlight:
                 except (UavcoverError, MissionIoError) as error:
                     record.error = str(error) or type(error).__name__
                     user.warn(record.error)
-                if self.traffic.phase(job.name) is Phase.LOST and not self._stopped:
+                if self.traffic.phase(job.name) is FleetPhase.LOST and not self._stopped:
                     self._take_end(record, clock.now())
                     self._listen(record, connected, clock)
         except (UavcoverError, MissionIoError) as error:
@@ -157,7 +157,7 @@ class FleetFlight:
         heard = LostVehicle(record.job, connected, self.traffic)
         while not self._stopped and self.work.queues.work_is_left and not record.down:
             told = heard.look(clock, _LOOK_EVERY_S)
-            record.down = self.traffic.phase(record.job.name) is not Phase.LOST
+            record.down = self.traffic.phase(record.job.name) is not FleetPhase.LOST
             if told is not None:
                 self.board.say(f"vehicle {record.vehicle}: {told}")
 
@@ -225,7 +225,7 @@ class FleetFlight:
 
     def _tell_traffic(self, record: FlownSortie, now: float) -> None:
         job = record.job
-        if self.traffic.phase(job.name) not in (Phase.FLYING, Phase.HOLDING, Phase.HOMEWARD):
+        if self.traffic.phase(job.name) not in (FleetPhase.FLYING, FleetPhase.HOLDING, FleetPhase.HOMEWARD):
             return
         self.work.free_s[record.vehicle] = now + job.site.scenario.fleet.turnaround_s
         if record.down:
@@ -325,7 +325,7 @@ class FleetFlight:
         row = self.board.rows[vehicle]
         row.late_s, row.nearest = None, None
         self.flown.append(record)
-        if self.traffic.phase(job.name) is Phase.WAITING:
+        if self.traffic.phase(job.name) is FleetPhase.WAITING:
             self.traffic.drop(job.name)
             self.work.free_s[vehicle] = now + job.site.scenario.fleet.turnaround_s
         else:

@@ -8,14 +8,14 @@ import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.fleet import Fleet
-from uavcover.routes.separation import Pieces
+from uavcover.routes.separation import PathPieces
 from uavcover.routes.timeline import Timeline
 
 _KNOWN_AFTER_S, _MOST_LATER = 20.0, 1.0
 """After so long in the air a flight's lateness tells how late it will be at its landing: at most so much of what is left."""
 
 
-class Phase(Enum):
+class FleetPhase(Enum):
     """What a flight does."""
 
     WAITING = "waits"
@@ -47,10 +47,10 @@ class FleetPosition:
     """
 
     timeline: Timeline
-    pieces: Pieces
+    pieces: PathPieces
     planned_s: float
     pace_m_s: tuple[float, float]
-    phase: Phase = Phase.WAITING
+    phase: FleetPhase = FleetPhase.WAITING
     progress_s: float = 0.0
     began_s: float = 0.0
     seen_s: float = 0.0

@@ -15,7 +15,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.fleet import Fleet
 from uavcover.routes.separation import pieces_of, segment_distances_m, unsafe_starts
 from uavcover.routes.timeline import Timeline
-from uavcover.run.fleet_position import FleetPosition, Phase
+from uavcover.run.fleet_position import FleetPhase, FleetPosition
 
 _AHEAD_S, _AHEAD_TO_GO_ON_S = 45.0, 60.0
 """So far ahead two vehicles are looked at; farther before one that holds goes on, so that it does not stop again at once."""
@@ -30,7 +30,7 @@ _BACK_S, _BEYOND_S = 2.0, 20.0
 
 _Ahead = Callable[[FloatArray], FloatArray]
 """(n, 3) ENU places at (n,) seconds from now."""
-_IN_THE_AIR = frozenset({Phase.FLYING, Phase.HOLDING, Phase.HOMEWARD, Phase.LOST})
+_IN_THE_AIR = frozenset({FleetPhase.FLYING, FleetPhase.HOLDING, FleetPhase.HOMEWARD, FleetPhase.LOST})
 
 
 class Traffic:
@@ -77,7 +77,7 @@ class Traffic:
         """Whether one flight has taken off."""
         return self._first_s is not None
 
-    def phase(self, name: str) -> Phase | None:
+    def phase(self, name: str) -> FleetPhase | None:
         """What a flight does; none for one that was dropped."""
         with self._lock:
             flight = self._flights.get(name)
@@ -98,7 +98,8 @@ class Traffic:
         with self._lock:
             own = self._flights[name]
             if any(
-                f.phase is Phase.WAITING and (f.planned_s, n) < (own.planned_s, name) for n, f in self._flights.items()
+                f.phase is FleetPhase.WAITING and (f.planned_s, n) < (own.planned_s, name)
+                for n, f in self._flights.items()
             ):
                 return False
             if self._first_s is not None and now < self._first_s + own.planned_s:
@@ -107,7 +108,7 @@ class Traffic:
                 return False
             if self._first_s is None:
                 self._first_s = now - own.planned_s
-            own.phase, own.began_s, own.seen_s, own.progress_s = Phase.FLYING, now, now, 0.0
+            own.phase, own.began_s, own.seen_s, own.progress_s = FleetPhase.FLYING, now, now, 0.0
             own.place_m = np.asarray(own.timeline.place_m[0])
             return True
 
@@ -115,7 +116,7 @@ class Traffic:
         """Where a flight is now, (3,) ENU."""
         with self._lock:
             flight = self._flights[name]
-            if flight.phase in (Phase.FLYING, Phase.LOST):  # one that was lost may be heard again
+            if flight.phase in (FleetPhase.FLYING, FleetPhase.LOST):  # one that was lost may be heard again
                 latest_s = flight.progress_s + (now - flight.seen_s) + _BEYOND_S
                 flight.progress_s = max(
                     flight.progress_s,
@@ -134,12 +135,12 @@ class Traffic:
         """
         with self._lock:
             own = self._flights[name]
-            if own.phase is not Phase.FLYING or own.progress_s <= 0.0:
+            if own.phase is not FleetPhase.FLYING or own.progress_s <= 0.0:
                 return False
             ahead_s = _AHEAD_TO_GO_ON_S if own.held else _AHEAD_S
             others = [(n, f) for n, f in self._others(name) if self._counts(f, now)]
             if may_wait_s <= 0.0:
-                others = [(n, f) for n, f in others if f.phase is not Phase.LOST]
+                others = [(n, f) for n, f in others if f.phase is not FleetPhase.LOST]
             own.held = any(self._yields(name, own, n, f, now, ahead_s) for n, f in others)
             return own.held
 
@@ -157,26 +158,26 @@ class Traffic:
         """
         with self._lock:
             own = self._flights[name]
-            if own.phase is not Phase.FLYING:
+            if own.phase is not FleetPhase.FLYING:
                 return False
             others = [f for _, f in self._others(name) if self._counts(f, now)]
-            if any(f.phase in (Phase.HOMEWARD, Phase.HOLDING) for f in others):
+            if any(f.phase in (FleetPhase.HOMEWARD, FleetPhase.HOLDING) for f in others):
                 return False
             times_s = np.arange(0.0, within_s + _STEP_S, _STEP_S)
             for other in others:
-                if other.phase is Phase.DOWN and now + within_s >= other.free_s:
+                if other.phase is FleetPhase.DOWN and now + within_s >= other.free_s:
                     continue
-                if other.phase is Phase.DOWN:
+                if other.phase is FleetPhase.DOWN:
                     places = other.home_m[None]
                 elif other.phase in _IN_THE_AIR:
                     # One that holds now may go on at any time.
-                    going_on = _as_planned(other)(times_s) if other.phase is Phase.FLYING else other.place_m[None]
+                    going_on = _as_planned(other)(times_s) if other.phase is FleetPhase.FLYING else other.place_m[None]
                     places = np.vstack([going_on, self._from_now(other, now)(times_s)])
                 else:
                     continue
                 if self._least_m(places, way_m) < self._fleet.held_apart_m:
                     return False
-            own.phase, own.way_m, own.asked_s, own.held = Phase.HOMEWARD, way_m, now, False
+            own.phase, own.way_m, own.asked_s, own.held = FleetPhase.HOMEWARD, way_m, now, False
             return True
 
     def may_go_home(self, name: str, now: float, way_m: FloatArray, *, all_return: bool) -> bool:
@@ -193,41 +194,41 @@ class Traffic:
         """
         with self._lock:
             own = self._flights[name]
-            if own.phase is Phase.HOMEWARD:
+            if own.phase is FleetPhase.HOMEWARD:
                 own.way_m = way_m
                 return True
-            own.phase, own.way_m, own.asked_s = Phase.HOLDING, way_m, min(own.asked_s, now)
+            own.phase, own.way_m, own.asked_s = FleetPhase.HOLDING, way_m, min(own.asked_s, now)
             all_return = all_return and now - own.asked_s < _HOLDS_WITHIN_S
             others = [f for _, f in self._others(name) if f.phase in _IN_THE_AIR and self._counts(f, now)]
-            if any(f.phase is Phase.HOMEWARD or (all_return and f.phase is Phase.FLYING) for f in others):
+            if any(f.phase is FleetPhase.HOMEWARD or (all_return and f.phase is FleetPhase.FLYING) for f in others):
                 return False
-            if any(f.phase is Phase.DOWN and self._meets_landed(own, f, now) for _, f in self._others(name)):
+            if any(f.phase is FleetPhase.DOWN and self._meets_landed(own, f, now) for _, f in self._others(name)):
                 return False
-            waiting = [f for f in others if f.phase is Phase.HOLDING]
+            waiting = [f for f in others if f.phase is FleetPhase.HOLDING]
             if any(len(f.way_m) == 0 for f in waiting):
                 return False
             free = [f for f in (own, *waiting) if self._passes_holders(f, [own, *waiting])]
-            moving = [f for f in others if f.phase in (Phase.FLYING, Phase.LOST)]
+            moving = [f for f in others if f.phase in (FleetPhase.FLYING, FleetPhase.LOST)]
             if not free and not moving:
                 raise InfeasibleError("the vehicles that hold are in each other's way home")
             if own not in free or _length_m(own.way_m) > min(_length_m(f.way_m) for f in free):
                 return False
             if any(self._meets(_along_way(own), self._from_now(f, now), _way_s(own)) for f in moving):
                 return False
-            own.phase = Phase.HOMEWARD
+            own.phase = FleetPhase.HOMEWARD
             return True
 
     def landed(self, name: str, now: float) -> None:
         """A flight is over, and its vehicle is on the ground."""
         with self._lock:
             flight = self._flights[name]
-            flight.phase, flight.free_s = Phase.DOWN, now + self._fleet.pad_s
+            flight.phase, flight.free_s = FleetPhase.DOWN, now + self._fleet.pad_s
 
     def lost(self, name: str, *, down_by_s: float, stays: bool = False) -> None:
         """Nobody knows where a vehicle is: it may fly on as planned until its battery is empty, or it ``stays`` where it is."""
         with self._lock:
             flight = self._flights[name]
-            flight.phase, flight.free_s, flight.held = Phase.LOST, down_by_s, stays
+            flight.phase, flight.free_s, flight.held = FleetPhase.LOST, down_by_s, stays
 
     def nearest_m(self, name: str) -> float | None:
         """Distance of the nearest other flight in the air."""
@@ -241,22 +242,22 @@ class Traffic:
 
     def _counts(self, flight: FleetPosition, now: float) -> bool:
         """Whether a flight may be in the way of one in the air."""
-        return flight.phase is not Phase.LOST or flight.may_fly(now, self._fleet)
+        return flight.phase is not FleetPhase.LOST or flight.may_fly(now, self._fleet)
 
     def _apart_from_start(self, name: str, own: FleetPosition, other: str, flight: FleetPosition, now: float) -> bool:
         match flight.phase:
-            case Phase.WAITING:
+            case FleetPhase.WAITING:
                 return True
-            case Phase.DOWN:
+            case FleetPhase.DOWN:
                 near = float(np.linalg.norm(flight.home_m - own.timeline.place_m[0])) < self._fleet.planned_separation_m
                 return not near or now >= flight.free_s
-            case Phase.FLYING:
+            case FleetPhase.FLYING:
                 difference_s = now - flight.as_if_begun_s
                 if (other, name) not in self._unsafe:
                     self._unsafe[other, name] = unsafe_starts(flight.pieces, own.pieces, self._fleet)
                 begin, end = self._unsafe[other, name].T
                 return not ((begin < difference_s) & (end > difference_s - flight.gets_later_s)).any()
-            case Phase.LOST:
+            case FleetPhase.LOST:
                 return now >= flight.free_s
             case _:
                 return False
@@ -265,17 +266,17 @@ class Traffic:
         self, name: str, own: FleetPosition, other: str, flight: FleetPosition, now: float, ahead_s: float
     ) -> bool:
         """Whether of two flights that would come too near this one holds."""
-        if flight.phase is Phase.HOMEWARD:
+        if flight.phase is FleetPhase.HOMEWARD:
             return self._meets_way(own, flight, ahead_s)
-        if flight.phase is Phase.DOWN:
+        if flight.phase is FleetPhase.DOWN:
             return now < flight.free_s and self._meets(
                 _as_planned(own), lambda _: flight.home_m[None], min(ahead_s, flight.free_s - now)
             )
-        if flight.phase not in (Phase.FLYING, Phase.HOLDING, Phase.LOST):
+        if flight.phase not in (FleetPhase.FLYING, FleetPhase.HOLDING, FleetPhase.LOST):
             return False
         if not self._meets(_as_planned(own), self._until_gone(flight, now), ahead_s):
             return False
-        if flight.phase is not Phase.FLYING or flight.held:
+        if flight.phase is not FleetPhase.FLYING or flight.held:
             return True
         own_in_way = self._stands_in_way(own, flight, ahead_s)
         other_in_way = self._stands_in_way(flight, own, ahead_s)
@@ -285,9 +286,9 @@ class Traffic:
 
     def _from_now(self, flight: FleetPosition, now: float) -> _Ahead:
         """Where a flight is so many seconds from now, by what it does now."""
-        if flight.phase is Phase.HOLDING or flight.held:
+        if flight.phase is FleetPhase.HOLDING or flight.held:
             return lambda times_s: np.broadcast_to(flight.place_m, (len(times_s), 3))
-        begun_s = now - flight.as_if_begun_s if flight.phase is Phase.LOST else flight.progress_s
+        begun_s = now - flight.as_if_begun_s if flight.phase is FleetPhase.LOST else flight.progress_s
         return lambda times_s: flight.timeline.places_m(begun_s + times_s)
 
     def _until_gone(self, flight: FleetPosition, now: float) -> _Ahead:
@@ -296,7 +297,7 @@ class Traffic:
         A landing that is late is seen in its progress, and :meth:`landed` tells of it.
         """
         ahead = self._from_now(flight, now)
-        if flight.phase is not Phase.FLYING or flight.held:
+        if flight.phase is not FleetPhase.FLYING or flight.held:
             return ahead
         gone_s = flight.timeline.duration_s - flight.progress_s + self._fleet.pad_s
         return lambda times_s: np.where((times_s > gone_s)[:, None], math.inf, ahead(times_s))

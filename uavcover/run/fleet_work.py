@@ -8,7 +8,7 @@ from uavcover.errors import InfeasibleError, UavcoverError
 from uavcover.model.route import Route
 from uavcover.run.fleet_board import Board
 from uavcover.run.fleet_jobs import Job, OnLoss, Queues, for_another, left_of, require_gain, rest_of, time_for
-from uavcover.run.fleet_position import Phase
+from uavcover.run.fleet_position import FleetPhase
 from uavcover.run.fleet_sortie import FlownSortie, pace_home_m_s
 from uavcover.run.fleet_traffic import Traffic
 from uavcover.scenario.site import Site
@@ -115,8 +115,8 @@ class FleetWork:
         ready_s = max(now, self.free_s.get(vehicle, now))
         flies = self.current.get(vehicle)
         waiting = self.queues.of(vehicle)
-        if flies is not None and self._traffic.phase(flies.name) is not Phase.DOWN:
-            begun = self._traffic.phase(flies.name) is Phase.FLYING
+        if flies is not None and self._traffic.phase(flies.name) is not FleetPhase.DOWN:
+            begun = self._traffic.phase(flies.name) is FleetPhase.FLYING
             begins_s = max(now, now + flies.planned_s - self._traffic.since_first_s(now))
             lands_s = self._traffic.lands_s(flies.name) if begun else begins_s + flies.timeline.duration_s
             ready_s = max(now, lands_s) + flies.site.scenario.fleet.turnaround_s

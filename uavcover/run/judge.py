@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from datetime import datetime
 from pathlib import Path
 from typing import Any
 
@@ -16,8 +17,10 @@ from uavcover.judging.phases import PlannedRoute
 from uavcover.judging.photos.evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.judging.reported_photos import looks_singly
 from uavcover.judging.requirements import requirement_rows
+from uavcover.judging.shared_clock import UNKNOWN_DATES, DateBounds
 from uavcover.judging.track_logs.readers import READERS, read_foreign_log
 from uavcover.judging.verify import CountObservations, FlownTrack, Verdict, verify_flight, verify_track
+from uavcover.model.active_times import window_in_words
 from uavcover.model.track import ReadTrack, Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.run import provenance
@@ -146,6 +149,11 @@ def _followed_by(track: Track, run: RunFolder) -> RunFolder:
     return max(plans, key=follows) if len(plans) > 1 and len(track) else run
 
 
+def date_bounds(log: Path, run: RunFolder) -> DateBounds:
+    """Between what the date of a log lies: not before the plan of its run, and not after its file."""
+    return DateBounds(provenance.planned_at_s(run), log.stat().st_mtime)
+
+
 def judge_tracks(
     site: Site,
     tracks: Sequence[tuple[Track, PlannedRoute | None]],
@@ -153,18 +161,20 @@ def judge_tracks(
     evidence: PictureEvidence = NOTHING_KNOWN,
     count: CountObservations = count_observations,
     sites: Sequence[Site] | None = None,
+    dates: Sequence[DateBounds] | None = None,
 ) -> Verdict:
     """The verdict on one or several tracks as one flight, each with the plan it followed, on the cells of the area.
 
-    ``sites`` are those of the vehicles that flew them, where these differ. Ground that they measured in flight widens the
-    uncertainty of heights where it shows more than the scenario states.
+    ``sites`` are those of the vehicles that flew them, where these differ; ``dates`` bound those of the tracks. Ground that they
+    measured in flight widens the uncertainty of heights where it shows more than the scenario states.
     """
     biases = elevation_biases(site, [track for track, _ in tracks])
     site, found = widened(site, biases)
     sites = None if sites is None else [widened(own, biases)[0] for own in sites]
+    unknown = [UNKNOWN_DATES] * len(tracks)
     flown = [
-        FlownTrack(track, planned, own)
-        for (track, planned), own in zip(tracks, sites or [site] * len(tracks), strict=True)
+        FlownTrack(track, planned, own, between)
+        for (track, planned), own, between in zip(tracks, sites or [site] * len(tracks), dates or unknown, strict=True)
     ]
     verdict = verify_flight(site, fleet_map(site), flown, evidence=evidence, count=count)
     return replace(verdict, report=with_measured_ground(verdict.report, site.scenario.limits, biases, found))
@@ -323,7 +333,8 @@ def judge_run(
             user.warn(warning)
         tracks.append((loaded.track, planned_for(path, run, loaded.track)))
     with user.progress("verifying"):
-        verdict = judge_tracks(site, tracks, evidence=evidence, count=count, sites=sites)
+        dates = [date_bounds(path, run) for path in paths]
+        verdict = judge_tracks(site, tracks, evidence=evidence, count=count, sites=sites, dates=dates)
     return site, verdict, [_name(path, run) for path in paths], inputs
 
 
@@ -359,6 +370,9 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
         f"height on route   {metres(report.min_height_agl_m)} to {metres(report.max_height_agl_m)} above ground; "
         f"in transit {metres(report.min_transit_clearance_m)} to {metres(report.max_transit_height_agl_m)}"
     )
+    if report.flown_utc is not None:
+        begin, end = (datetime.fromisoformat(moment) for moment in report.flown_utc)
+        user.say(f"flown             {window_in_words((begin, end))}")
     _say_unobserved(user, report)
     if report.max_deviation_m is not None:
         user.say(f"deviation         at most {metres(report.max_deviation_m)} from the planned route")

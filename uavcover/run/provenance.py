@@ -103,6 +103,15 @@ def with_entry(document: Mapping[str, Any], did: str, *, command: Sequence[str],
     return {**document, _LIST: [*entries, entry]}
 
 
+def planned_at_s(run: RunFolder) -> float | None:
+    """When a run was planned, seconds since 1970; none where ``run.json`` does not say."""
+    times = [entry.get("at") for entry in _entries(run_document(run)) if entry.get("did") == "plan"]
+    try:
+        return datetime.fromisoformat(str(times[-1])).timestamp() if times else None
+    except ValueError:
+        return None
+
+
 def note_files(run: RunFolder, did: str, names: Sequence[str], *, command: Sequence[str], **more: Any) -> None:
     """Add an entry for files that were written, or removed when they are not there any more; ``more`` goes into it.
 

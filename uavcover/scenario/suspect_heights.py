@@ -40,6 +40,9 @@ _ROOF_M = 100.0
 """A block that is not so far above its rim may be a roof, and hides no hill."""
 _SPIKE_TIMES, _SPIKE_M = 3.0, 20.0
 """A spike stands over all ground around by so many times the range of that ground, and by so much or a pixel's length more."""
+_ALONE_TIMES, _ALONE_PIXELS, _ALONE_SLOPE = 3.0, 10, 0.4
+"""A pixel is a spike, too, that differs from its neighbours' mean so many times as much as any other within so many pixels
+(real relief reaches 1.5), and by so much of a pixel's length."""
 _STEP_PIXELS, _STEP_M, _STEP_ERRORS, _STEP_TIMES, _STEP_SHARE = 64, 2.0, 10.0, 1.5, 0.7
 """A seam is straight over so many pixels. There the median step beyond the slope beside it is so high, so many times its standard
 error (real relief reaches 7), and so many times the bend beside it; at this share of the pixels it has one direction."""
@@ -194,6 +197,7 @@ def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPi
     with np.errstate(invalid="ignore"):
         beyond = _SPIKE_TIMES * (top - bottom) + max(_SPIKE_M, *pixel_m)
         spike = np.isfinite(beyond) & ((heights - top > beyond) | (bottom - heights > beyond))
+    spike |= _rough_alone(heights, pixel_m)
     if not spike.any():
         return []
     labels, _ = ndimage.label(spike, structure=_AROUND)
@@ -207,6 +211,30 @@ def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPi
         value = float(inside[np.argmax(np.abs(inside - rim))])
         found.append(SuspectPixels("spike", (grown[0].start, grown[1].start), mask, value, rim))
     return found
+
+
+def _rough_alone(heights: FloatArray, pixel_m: tuple[float, float]) -> BoolArray:
+    """Single pixels that differ from the mean of their eight neighbours far more than any pixel within ten of them does."""
+    from scipy import ndimage
+
+    around = np.full((3, 3), 0.125)
+    around[1, 1] = 0.0
+    off_m = np.abs(heights - ndimage.convolve(heights, around, mode="nearest"))
+    off_m[np.isnan(off_m)] = 0.0
+    rough = off_m > max(_SPIKE_M, _ALONE_SLOPE * max(pixel_m))
+    if not rough.any():
+        return rough
+    # The square around each pixel without the 3 x 3 in its middle, as four rectangles.
+    far, rows, columns = _ALONE_PIXELS, *off_m.shape
+    padded, others, half = np.pad(off_m, far), np.zeros_like(off_m), (far + 2) // 2
+    for size, (row, column) in (
+        ((far - 1, 2 * far + 1), (-half, 0)), ((far - 1, 2 * far + 1), (half, 0)),
+        ((3, far - 1), (0, -half)), ((3, far - 1), (0, half)),
+    ):  # fmt: skip
+        found = ndimage.maximum_filter(padded, size=size, mode="constant")
+        first, left = far + row, far + column
+        np.maximum(others, found[first : first + rows, left : left + columns], out=others)
+    return rough & (off_m > _ALONE_TIMES * others)
 
 
 def _ring(values: FloatArray, extreme: np.ufunc) -> FloatArray:

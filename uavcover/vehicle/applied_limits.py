@@ -29,16 +29,18 @@ def read_parameters(session: Session, groups: Iterable[Collection[str]]) -> dict
     more often where a second question has found something. A few are asked for at once, since ArduPilot keeps 20 questions.
     """
     found = dict[str, ParamValue]()
-    wanted = [frozenset(names) for names in groups]
+    wanted = [tuple(names) for names in groups]
     quiet_s, found_at_once = _FIRST_ANSWER_S, 0
     for number in range(_ROUNDS):
-        left = [names for names in wanted if not found.keys() & names]
+        left = [names for names in wanted if found.keys().isdisjoint(names)]
         found_at_once = len(found) if number == 1 else found_at_once
         if number > 1 and len(found) == found_at_once:
             break
         for first in range(0, len(left), _AT_ONCE):
             quiet_s = _ask(session, left[first : first + _AT_ONCE], found, quiet_s)
-    asked = frozenset[str]().union(*wanted)  # ArduPilot also broadcasts parameters that it counts by itself
+    asked = {
+        name for names in wanted for name in names
+    }  # ArduPilot also broadcasts parameters that it counts by itself
     return {name: value for name, value in found.items() if name in asked}
 
 
@@ -49,7 +51,7 @@ def _ask(session: Session, groups: Collection[Collection[str]], found: dict[str,
     for name in (name for names in groups for name in names):
         client.send(ParamRequestRead(to.system_id, to.component_id, name))
     until_s, longest_s = began_s + quiet_s, began_s + _ANSWER_S
-    while any(not found.keys() & names for names in groups) and client.clock.now() < min(until_s, longest_s):
+    while any(found.keys().isdisjoint(names) for names in groups) and client.clock.now() < min(until_s, longest_s):
         for received in client.poll(0.1):
             ours = (received.system_id, received.component_id) == (to.system_id, to.component_id)
             if ours and isinstance(received.message, ParamValue):

@@ -14,7 +14,7 @@ from uavcover.vehicle.policy import reaction
 from uavcover.vehicle.precautions import OnBreach
 from uavcover.vehicle.preconditions import Preconditions
 from uavcover.vehicle.progress import MissionProgress
-from uavcover.vehicle.schedule import PhotoWatch, Schedule
+from uavcover.vehicle.schedule import FlightSchedule, PhotoWatch
 from uavcover.vehicle.session import Session, Stopped, Timer
 
 _CHANGES = (Ending.MISSION_CHANGED, Ending.HOME_MOVED, Ending.SETTINGS_CHANGED, Ending.FENCE_CHANGED)
@@ -50,7 +50,7 @@ def follow_mission(
         FlightFaultError: it did not; the ending says why.
         Stopped: the user asked to stop while the vehicle did what it was told, or it must go home before the end.
     """
-    schedule, photos = Schedule(session, plan, progress), PhotoWatch(session, plan, progress)
+    schedule, photos = FlightSchedule(session, plan, progress), PhotoWatch(session, plan, progress)
     must_go_home = schedule.must_go_home if must_go_home is None else must_go_home
     places, falls = VolumeWatch(session, plan.volume, progress), FallWatch(session, plan)
     stuck_s = session.timeouts.stuck_s + longest_wait_s(plan)

@@ -98,7 +98,7 @@ class Limit:
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
+class RuleCondition:
     """A comparison such as ``FENCE_TYPE has 8``; an operand is a number, or a fact with a number added."""
 
     subject: str
@@ -138,7 +138,7 @@ _OPERATORS: Final[Mapping[str, Callable[[float, Sequence[float]], bool]]] = Mapp
 
 
 @dataclass(frozen=True, slots=True)
-class Case:
+class RuleCase:
     """How much it matters that a rule is broken, under conditions.
 
     Attributes:
@@ -151,7 +151,7 @@ class Case:
 
     weight: Weight
     says: str
-    when: tuple[Condition, ...] = ()
+    when: tuple[RuleCondition, ...] = ()
     sets: str = ""
 
     def wanted(self, value: float, facts: Facts) -> float | None:
@@ -205,10 +205,10 @@ class ParameterRow:
     shown: bool = False
     returns: bool = False
     other_version: bool = False
-    applies: tuple[Condition, ...] = ()
+    applies: tuple[RuleCondition, ...] = ()
     moot: str = ""
-    rule: Condition | None = None
-    worse: tuple[Case, ...] = ()
+    rule: RuleCondition | None = None
+    worse: tuple[RuleCase, ...] = ()
     fine: str = ""
     flown: str = ""
 
@@ -273,7 +273,7 @@ def _judged(row: ParameterRow, name: str, per_unit: float, subjects: Facts, fact
     return limit(case.weight, matters, case.wanted(value, facts))
 
 
-def _so(condition: Condition, subjects: Facts, facts: Facts) -> bool:
+def _so(condition: RuleCondition, subjects: Facts, facts: Facts) -> bool:
     return condition.subject in subjects and condition.holds(subjects[condition.subject], facts) is True
 
 
@@ -332,7 +332,7 @@ def _row(table: Mapping[str, Any], where: str) -> ParameterRow:
     key = table.get("key", names[0][0])
     rule = _condition(f"{key} {table['rule']}", where) if "rule" in table else None
     worse = tuple(
-        Case(
+        RuleCase(
             Weight(case["weight"]), case["says"], tuple(_condition(text, where) for text in case.get("when", ())),
             str(case.get("sets", "")),
         )
@@ -343,10 +343,10 @@ def _row(table: Mapping[str, Any], where: str) -> ParameterRow:
     return ParameterRow(names=names, key=key, rule=rule, worse=worse, applies=applies, **rest)
 
 
-def _condition(text: str, where: str) -> Condition:
+def _condition(text: str, where: str) -> RuleCondition:
     parts = text.split()
     _require(len(parts) >= 3, where, f"{text!r} is no comparison")
-    return Condition(parts[0], parts[1], tuple(operand for part in parts[2:] for operand in _operands(part)))
+    return RuleCondition(parts[0], parts[1], tuple(operand for part in parts[2:] for operand in _operands(part)))
 
 
 def _operands(text: str) -> list[tuple[str, float]]:

@@ -22,7 +22,7 @@ class Phase(Enum):
 
 
 @dataclass(frozen=True, slots=True)
-class Rule:
+class PolicyCell:
     """One cell of the table.
 
     Attributes:
@@ -39,12 +39,12 @@ class Rule:
 
 
 @cache
-def policy() -> Mapping[tuple[Ending, Phase], Rule]:
+def policy() -> Mapping[tuple[Ending, Phase], PolicyCell]:
     """The table: a rule for each breach and phase that is acted on, or told on purpose."""
     text = resources.files("uavcover").joinpath("data", "breach_policy.toml").read_text("utf-8")
-    rules: dict[tuple[Ending, Phase], Rule] = {}
+    rules: dict[tuple[Ending, Phase], PolicyCell] = {}
     for row in tomllib.loads(text)["row"]:
-        rule = Rule(OnBreach(row["simulated"]), OnBreach(row["real"]), row["choice"], row["reason"])
+        rule = PolicyCell(OnBreach(row["simulated"]), OnBreach(row["real"]), row["choice"], row["reason"])
         for phase in row["phase"]:
             rules[Ending[row["breach"].upper()], Phase(phase)] = rule
     return rules

@@ -83,7 +83,7 @@ def _wait_s(command: int, seconds: float) -> float:
     return seconds if command in _WAITS and math.isfinite(seconds) and seconds > 0.0 else 0.0
 
 
-class Schedule:
+class FlightSchedule:
     """Compares a flight in the air with its plan.
 
     Args:

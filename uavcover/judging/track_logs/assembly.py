@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from uavcover.errors import TrackError
+from uavcover.judging.shared_clock import JUMP_S
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.model.active_times import is_flight_time
 from uavcover.model.track import ReadTrack, Track
@@ -100,7 +101,6 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
     if rows.pictures is not None:
         pictures_taken, doubted = _pictures_taken(frame, positions, rows.pictures.reshape(-1, 3), rows.lost)
         warnings += [f"{path}: {words}" for words in doubted]
-    unix_offset_s = _unix_offset_s(rows.clock)
     return ReadTrack(
         Track(
             time_s=positions[:, 0].copy(),
@@ -109,7 +109,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
             attitude_deg=attitude,
             current_waypoint=np.full(len(positions), -1, dtype=np.int64),
             pictures_taken=pictures_taken,
-            unix_time_s=positions[:, 0] + unix_offset_s,
+            unix_time_s=positions[:, 0] + _unix_offsets_s(rows.clock, positions[:, 0]),
             ranged=_ranged(frame, positions, rows.attitudes.reshape(-1, 4), rows.ranges.reshape(-1, 2)),
             stored=rows.stored.reshape(-1, 3).copy(),
         ),
@@ -139,13 +139,20 @@ def _ranged(frame: LocalFrame, positions: FloatArray, attitudes: FloatArray, ran
     return np.column_stack(frame.geodetic_from_enu(at))
 
 
-def _unix_offset_s(clock: FloatArray) -> float:
-    """What brings the log's times to seconds since 1970; NaN where that is not told, or differs in the course of the log."""
+def _unix_offsets_s(clock: FloatArray, time_s: FloatArray) -> FloatArray:
+    """(n,) what brings the log's times to seconds since 1970; NaN where that is not told, or drifts in the course of the log.
+
+    A clock that jumps by hours is kept as it is: verification reports it.
+    """
     told = clock[[is_flight_time(float(unix_s)) for _, unix_s in clock]] if len(clock) else clock
     offsets = told[:, 1] - told[:, 0]
-    if offsets.size == 0 or np.ptp(np.percentile(offsets, (5.0, 95.0))) > _CLOCK_SPREAD_S:
-        return np.nan
-    return float(np.median(offsets))
+    if offsets.size == 0:
+        return np.full(len(time_s), np.nan)
+    if np.abs(np.diff(offsets)).max(initial=0.0) > JUMP_S:
+        return np.asarray(offsets[np.maximum(np.searchsorted(told[:, 0], time_s, side="right") - 1, 0)])
+    if np.ptp(np.percentile(offsets, (5.0, 95.0))) > _CLOCK_SPREAD_S:
+        return np.full(len(time_s), np.nan)
+    return np.full(len(time_s), float(np.median(offsets)))
 
 
 def _pictures_taken(

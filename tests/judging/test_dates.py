@@ -1,0 +1,96 @@
+"""The date of a track counts only when it is plausible."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from tests.judging.flights import fly_along, make_site
+from tests.planning.test_no_fly import ring
+from uavcover.judging.shared_clock import ROLLOVER_S, DateBounds, dated
+from uavcover.judging.verify import FlownTrack, verify_flight
+from uavcover.model.track import Track
+from uavcover.model.verdict import VerificationReport
+from uavcover.sensing.coverage_map import CoverageMap
+
+NOON_S = 1_780_488_000.0
+"""2026-06-03 12:00 UTC."""
+BOUNDS = DateBounds(planned_s=NOON_S - 3600.0, written_s=NOON_S + 3600.0)
+HOUR_S, DAY_S = 3600.0, 86_400.0
+
+
+def track_at(unix_s: float, *, received_s: float | None = None, jump_s: float = 0.0) -> Track:
+    track = fly_along(make_site(), np.array([[0.0, 100.0, 80.0], [300.0, 100.0, 80.0]]))
+    own_s = track.time_s - track.time_s[0]
+    received = {} if received_s is None else {"received_utc_s": received_s + own_s}
+    return dataclasses.replace(track, unix_time_s=unix_s + own_s + jump_s * (own_s > 10.0), **received)
+
+
+@pytest.mark.parametrize(
+    ("track", "bounds"),
+    [
+        (track_at(NOON_S), BOUNDS),
+        (track_at(NOON_S), DateBounds()),
+        (track_at(NOON_S - HOUR_S - 300.0), BOUNDS),
+        (track_at(NOON_S, received_s=NOON_S + 60.0), BOUNDS),
+        (track_at(NOON_S, received_s=NOON_S - 1200.0), BOUNDS),
+        (track_at(NOON_S, jump_s=900.0), BOUNDS),
+    ],
+)
+def test_a_plausible_date_counts(track: Track, bounds: DateBounds) -> None:
+    found, findings = dated(track, bounds)
+    assert findings == ()
+    np.testing.assert_array_equal(found.unix_time_s, track.unix_time_s)
+
+
+@pytest.mark.parametrize(
+    ("track", "bounds", "why"),
+    [
+        (track_at(NOON_S - DAY_S), BOUNDS, "its plan is of 2026-06-03 11:00"),
+        (track_at(NOON_S - 2.0 * HOUR_S), BOUNDS, "its plan is of 2026-06-03 11:00"),
+        (track_at(NOON_S + 2.0 * DAY_S), BOUNDS, "its file is of 2026-06-03 13:00"),
+        (track_at(1e9), BOUNDS, "no firmware that writes such logs is older than 2015"),
+        (track_at(NOON_S, received_s=NOON_S + HOUR_S), BOUNDS, "the ground station received it on 2026-06-03 13:00"),
+        (
+            track_at(NOON_S, received_s=NOON_S - 30.0 * DAY_S),
+            DateBounds(),
+            "the ground station received it on 2026-05-04",
+        ),
+        (track_at(NOON_S, jump_s=5.0 * HOUR_S), DateBounds(), "its clock jumps by 5.0 hours at"),
+        (track_at(NOON_S, jump_s=-2.0 * HOUR_S), BOUNDS, "its clock jumps by -2.0 hours at"),
+    ],
+)
+def test_one_that_is_not_does_not_and_is_named(track: Track, bounds: DateBounds, why: str) -> None:
+    found, (finding,) = dated(track, bounds)
+    assert np.isnan(found.unix_time_s).all()
+    assert why in finding
+    assert "rolled over" not in finding
+
+
+@pytest.mark.parametrize("bounds", [BOUNDS, DateBounds()])
+def test_a_date_of_1024_weeks_before_is_a_rollover(bounds: DateBounds) -> None:
+    found, (finding,) = dated(track_at(NOON_S - ROLLOVER_S), bounds)
+    assert np.isnan(found.unix_time_s).all()
+    assert "2006-10-18 12:00 to 12:00 UTC, is not believed" in finding
+    assert (
+        "1,024 weeks later it is plausible (2026-06-03 12:00 to 12:00 UTC): the receiver's week number rolled over"
+        in finding
+    )
+
+
+def test_a_zone_that_was_closed_on_the_true_day_is_no_place_to_fly_by_a_false_date() -> None:
+    zone = ring((100, 80), (200, 80), (200, 120), (100, 120), name="prison")
+    zone = dataclasses.replace(zone, from_utc="2026-06-03T00:00Z", until_utc="2026-06-04T00:00Z")
+    site = make_site(no_fly=(zone,))
+    coverage = CoverageMap(site, cell_size_m=20.0)
+
+    def report(unix_s: float, bounds: DateBounds) -> VerificationReport:
+        return verify_flight(site, coverage, [FlownTrack(track_at(unix_s), dates=bounds)]).report
+
+    day_before = report(NOON_S - DAY_S, DateBounds())
+    assert {violation.kind for violation in day_before.violations}.isdisjoint({"no-fly-zone"})
+    for early_s in (DAY_S, ROLLOVER_S):
+        rolled = report(NOON_S - early_s, BOUNDS)
+        assert "no-fly-zone" in {violation.kind for violation in rolled.violations}
+        assert any("is not believed" in finding for finding in rolled.findings)
+        assert rolled.flown_utc is None
