@@ -76,6 +76,7 @@ def test_a_whole_survey_passes_and_says_what_is_shown(cli, tmp_path, flown):
     told = ended.document
     assert told["passed"]
     assert told["counted"] == len(flown)
+    assert told["missing_photos"] == []
     assert told["overlap_fraction"] >= 0.99
     assert told["coverage_holds"] == "yes"
     assert told["refly"] is None
