@@ -132,7 +132,7 @@ def judge(way: Way, flown: Flown, run: Path, judged_as: str, *, folder: Path) ->
     else:
         passed = bool(said.get("passed"))
         verdict = str(said.get("verdict", "passed" if passed else "failed"))
-        reasons = "; ".join(said.get("reasons", ())) or str(said.get("error", ""))
+        reasons = "; ".join(said.get("reasons") or said.get("doubts") or ()) or str(said.get("error", ""))
     left = json.loads(verdict_file.read_text()) if verdict_file.is_file() else {}
     finding = ""
     if code not in ANSWERS:

@@ -1,4 +1,7 @@
-"""Classes of mistakes in public bug reports of planners and ground stations, with made-up data and the right answer for each."""
+"""Classes of mistakes in public bug reports of planners and ground stations, with made-up data and the right answer for each.
+
+Those of flights are in :mod:`tests.test_public_flight_reports`.
+"""
 
 import json
 import re
@@ -15,18 +18,28 @@ from rasterio.transform import Affine
 
 from mission_io.errors import FormatError
 from mission_io.formats import plan
+from tests.judging.photos.camera_files import write_jpeg
+from tests.judging.photos.test_doubts import survey
+from tests.judging.photos.test_placing import FRAME as PHOTO_FRAME
+from tests.judging.test_dates import BOUNDS, NOON_S, track_at
 from tests.judging.track_logs.samples import FRAME, GROUND_M, write_dataflash, write_tlog, write_ulog
 from tests.planning.sites import make_site
+from tests.run.test_judged_inputs import nested
 from uavcover.errors import InputError, TrackError
 from uavcover.judging.elevation_bias import elevation_biases, widened
+from uavcover.judging.photos.doubts import missing_stretches
+from uavcover.judging.photos.placing import Assumptions, place_pictures
+from uavcover.judging.photos.readers import read_pictures
+from uavcover.judging.shared_clock import ROLLOVER_S, dated
 from uavcover.judging.track_logs.readers import read_foreign_log
+from uavcover.model.judgement import Judgement, noted, unproved
 from uavcover.model.track import COLUMNS
 from uavcover.run.check import read_mission_file, read_parameter_file
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.elevation_file import read_heights_amsl_m
 from uavcover.scenario.obstacles import read_obstacles
 from uavcover.scenario.scenario_file import parse_scenario
-from uavcover.scenario.site import build_site
+from uavcover.scenario.site import build_site, load_site
 from uavcover.scenario.suspect_heights import suspect_places
 from uavcover.scenario.terrain_source import TerrainSource
 from uavcover.sensing.coverage_map import CoverageMap
@@ -75,12 +88,12 @@ def hole_that_takes_all(_: Path) -> str:
         return str(error)
 
 
-def _dem(folder: Path, heights: np.ndarray) -> Path:
+def _dem(folder: Path, heights: np.ndarray, *, west: float = 8.0, step: float = 1.3e-4) -> Path:
     """A file of pixels of 10 m around 46 N, 8 E."""
     path = folder / "dem.tif"
     with rasterio.open(
         path, "w", driver="GTiff", width=heights.shape[1], height=heights.shape[0], count=1, crs="EPSG:4326",
-        dtype="float32", transform=Affine(1.3e-4, 0.0, 8.0, 0.0, -9e-5, 46.02),
+        dtype="float32", transform=Affine(step, 0.0, west, 0.0, -9e-5, 46.02),
     ) as file:  # fmt: skip
         file.write(heights.astype(np.float32), 1)
     return path
@@ -237,6 +250,84 @@ max_height_agl_m = 20.0
     return f"{100.0 * float(np.mean(seen)):.0f} %"
 
 
+def tile_under_two_virtual_rasters(folder: Path) -> str:
+    for level, inner in enumerate((_dem(folder, _relief()), folder / "level0.vrt")):
+        nested(folder / f"level{level}.vrt", inner)
+    text = f"""
+name = "nested"
+[area]
+polygons_lon_lat_deg = [[[[8.01, 46.01], [8.012, 46.01], [8.012, 46.012]]]]
+cell_size_m = 10.0
+[home]
+lat_deg = 46.01
+lon_deg = 8.01
+[terrain]
+kind = "raster"
+vertical_datum = "EGM96"
+file = "{folder / "level1.vrt"}"
+[sensor]
+kind = "nadir-camera"
+fov_deg = 70.0
+range_m = 200.0
+[limits]
+min_height_agl_m = 40.0
+max_height_agl_m = 120.0
+"""
+    scenario = parse_scenario(text, source="nested", folder=folder)
+    before = load_site(scenario).bare_ground.sha256
+    same = load_site(scenario).bare_ground.sha256 == before
+    _dem(folder, _relief() + 1.0)
+    return f"{same} {load_site(scenario).bare_ground.sha256 == before}"
+
+
+def date_of_1024_weeks_before(_: Path) -> str:
+    found, findings = dated(track_at(NOON_S - ROLLOVER_S), BOUNDS)
+    return f"{np.isfinite(found.unix_time_s).any()} {'; '.join(findings)}"
+
+
+def row_that_contradicts_the_verdict(_: Path) -> str:
+    judgement = Judgement(
+        (unproved("photos", "no limit failed; not allowed: no"), noted("coverage is not proved, it failed"))
+    )
+    return f"{judgement.verdict}; {judgement.holds('photos')}; {judgement.holds('coverage')}"
+
+
+def table_of_exiftool(folder: Path) -> str:
+    (folder / "a.csv").write_text(
+        "SourceFile,GPSLatitude,GPSLongitude,GPSAltitude,DateTimeOriginal\n"
+        """./a.jpg,"8 deg 27' 55.22"" S","13 deg 12' 0.92"" W",3 m Below Sea Level,2025:04:16 07:25:57\n"""
+    )
+    (one,) = read_pictures([folder / "a.csv"]).pictures
+    return f"{one.lat_deg:.6f} {one.lon_deg:.6f} {one.alt_m} {one.time_s}"
+
+
+def photos_deleted_from_lines(_: Path) -> str:
+    whole = survey(np.random.default_rng(0), by="time")
+    lost = [one for k, one in enumerate(whole) if k not in (5, 44, 45, 46)]
+    found = [missing_stretches(place_pictures(some, PHOTO_FRAME, Assumptions())) for some in (whole, lost)]
+    return f"{found[0]} {[(one.after, one.photos) for one in found[1]]}"
+
+
+def photos_without_places(folder: Path) -> str:
+    write_jpeg(folder / "a.jpg")
+    try:
+        place_pictures(read_pictures([folder]).pictures, PHOTO_FRAME, Assumptions())
+    except TrackError as error:
+        return str(error)
+    return "no error"
+
+
+def tiles_that_meet_at_180_degrees(folder: Path) -> str:
+    tiles = []
+    for name, west in (("west", 179.98), ("east", -180.0)):
+        (folder / name).mkdir()
+        tiles.append(_dem(folder / name, np.full((220, 200), 7.0), west=west, step=1e-4))
+    heights = read_heights_amsl_m(
+        TerrainSource(tuple(tiles)), "EGM96", np.full(3, 46.01), np.array([179.99, 180.0, -179.99])
+    )
+    return str(heights)
+
+
 REPORTS = (
     Report("a hole on the outline's edge is filled", hole_on_the_edge, r"^91 .* ha as written, .* ha now$"),
     Report("holes that overlap are half filled", holes_that_overlap, r"^72 .* ha as written, .* ha now$"),
@@ -276,6 +367,17 @@ REPORTS = (
         "^/template.kml: kml: is DJI's template.kml.*/flight.kmz: holds DJI's template .* and no wpmz/waylines.wpml",
     ),
     Report("a lake is no void", lake, "^nothing$"),
+    Report("tiles meet at 180 degrees", tiles_that_meet_at_180_degrees, r"^\[7\. 7\. 7\.\]$"),
+    Report("a tile changes under nested rasters", tile_under_two_virtual_rasters, "^True False$"),
+    Report(
+        "a week number rolls over",
+        date_of_1024_weeks_before,
+        "^False .* 1,024 weeks later it is plausible .* rolled over",
+    ),
+    Report("a row contradicts the verdict", row_that_contradicts_the_verdict, "^not proved; not proved; yes$"),
+    Report("a table as ExifTool prints it", table_of_exiftool, r"^-8\.465339 -13\.200256 -3\.0 1744788357\.0$"),
+    Report("photos are deleted", photos_deleted_from_lines, r"^\[\] \[\('IMG_0004.JPG', 1\), \('IMG_0043.JPG', 3\)\]$"),
+    Report("photos have no places", photos_without_places, "no position; give a list of their places as well"),
 )
 
 

@@ -59,6 +59,9 @@ BAD = {
     "mutate_judgement --survivors": "--survivors needs -o PAGE with its .csv beside it: that has the survivors",
     "picture_report {empty}/none.html {empty}": "argument REPORT.html: {empty}/none.html: no such file; name one that is there",
     "public_missions {empty}/none": "argument folder: {empty}/none: no such folder; name one that is there",
+    "real_photos {empty}/none": "argument folder: {empty}/none: no such folder; name one that is there",
+    "real_photos {empty}": "argument folder: {empty}: none of drone_dataset_brighton_beach, dataset_banana, ",
+    "real_photos {empty} -o {empty}/x/page.md": "argument -o/--out: {empty}/x/page.md: its folder is not there; make it",
     "slowest_tests {empty}": "argument times: {empty}: no such file; name one that is there",
     "tune_search --only zz": "argument --only: zz: not known; choose from moves, goal, ",
 }

@@ -76,6 +76,7 @@ def test_a_whole_survey_passes_and_says_what_is_shown(cli, tmp_path, flown):
     told = ended.document
     assert told["passed"]
     assert told["counted"] == len(flown)
+    assert told["missing_photos"] == []
     assert told["overlap_fraction"] >= 0.99
     assert told["coverage_holds"] == "yes"
     assert told["refly"] is None
@@ -99,6 +100,11 @@ def test_what_is_missing_is_told_and_the_flight_for_it_makes_it_whole(cli, tmp_p
     told = ended.document
     assert told["verdict"] == "failed"
     assert told["overlap_holds"] is False
+    (stretch,) = told["missing_photos"]
+    assert (stretch["after"], stretch["before"]) == (f"DJI_{third - 1:04d}.JPG", f"DJI_{third:04d}.JPG")
+    lines = [feature for feature in json.loads((tmp_path / "out/gaps.geojson").read_text())["features"]
+             if feature["properties"]["reason"] == "photos-missing"]  # fmt: skip
+    assert [feature["geometry"]["type"] for feature in lines] == ["LineString"]
     assert {gap["reason"] for gap in told["gaps"]} <= {"too-few-looks", "never-in-range", "too-coarse"}
     lacking_m2 = (1.0 - told["overlap_fraction"]) * told["area_m2"]
     assert 0.99 * lacking_m2 < sum(gap["area_m2"] for gap in told["gaps"]) < told["area_m2"]
@@ -306,6 +312,27 @@ def test_what_cannot_be_judged_is_one_line(cli, tmp_path, flown, options, words)
     assert words in ended.err.splitlines()[-1]
     assert "Traceback" not in ended.err
     assert not (tmp_path / "out/photos.json").exists()
+
+
+def test_photos_of_a_second_camera_are_named(cli, tmp_path, flown):
+    take(tmp_path / "DCIM", flown[:12])
+    for number, (lat, lon, alt, _, _) in enumerate(flown[12:15]):
+        write_jpeg(
+            tmp_path / f"DCIM/P1_{number}.jpg", place=(lat, lon), alt_m=alt, model=("DJI", "P1"), pixels=(8192, 5460)
+        )
+    ended = cli(
+        "judge-photos", tmp_path / "DCIM", "--area", AREA, "--dem", DEM, "--no-refly", "-o", tmp_path / "out", "--json"
+    )
+    assert "3 photos are of other cameras (DJI P1) and do not count: judge each camera on its own" in ended.err
+    assert ended.err.count("the shortest interval of") == 1
+    assert ended.document["counted"] == 12
+
+
+def test_photos_without_places_say_what_to_give(cli, tmp_path):
+    write_jpeg(tmp_path / "DCIM_0001.jpg")
+    ended = cli("judge-photos", tmp_path, "--area", AREA, "--dem", DEM, "-o", tmp_path / "out")
+    assert ended.code == 2
+    assert "no position; give a list of their places as well (geo.txt, .csv, .MRK or the flight's log)" in ended.err
 
 
 @pytest.mark.parametrize("gsd", [(), ("--gsd", "2.5cm")])

@@ -55,7 +55,7 @@ def judge_photos(
             "scenario.toml": text,
             "photos.json": json_text(verdict.document),
             "pictures.csv": picture_table(verdict, site),
-            "gaps.geojson": json_text(gaps_geojson(verdict.coverage, verdict.gaps)),
+            "gaps.geojson": json_text(_gaps(verdict)),
             "footprints.geojson": json_text(footprints_geojson(verdict)),
             "photos.tif": photo_raster(verdict),
         }
@@ -66,6 +66,17 @@ def judge_photos(
         document["refly"] = _refly(verdict, out, request, user, command=command)
     user.say(f"written: {', '.join(str(out.file(name)) for name in FILES)}")
     return verdict, document
+
+
+def _gaps(verdict: PhotoVerdict) -> dict[str, Any]:
+    """The gaps as polygons, and the stretches without photos as lines."""
+    collection = gaps_geojson(verdict.coverage, verdict.gaps)
+    for stretch in verdict.document["missing_photos"]:
+        told = {"reason": "photos-missing", **{key: stretch[key] for key in ("after", "before", "photos", "length_m")}}
+        line = {"type": "LineString", "coordinates": stretch["lon_lat_deg"]}
+        feature = {"type": "Feature", "id": len(collection["features"]), "geometry": line, "properties": told}
+        collection["features"].append(feature)
+    return collection
 
 
 def _site(request: PhotoRequest, found: PictureSet, out: RunFolder, user: User) -> tuple[Site, str]:
@@ -185,6 +196,13 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
         user.say(
             f"{'blur limit':18}{told['max_blur_px']:g} pixels: {too_blurred} pictures are above it, "
             f"{told['blur_not_known']} do not tell theirs"
+        )
+    if told["missing_photos"]:
+        longest = max(told["missing_photos"], key=lambda stretch: stretch["length_m"])
+        user.say(
+            f"{'missing photos':18}{sum(stretch['photos'] for stretch in told['missing_photos'])} on "
+            f"{len(told['missing_photos'])} stretches; the longest is {longest['length_m']:.0f} m (usual: "
+            f"{longest['usual_m']:.0f} m), from {longest['after']} to {longest['before']}"
         )
     areas: Counter[str] = Counter()
     for gap in told["gaps"]:

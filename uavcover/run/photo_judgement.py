@@ -12,7 +12,7 @@ import shapely
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.judging.gaps import find_gaps
 from uavcover.judging.photos.detecting import detection_document, detection_doubts
-from uavcover.judging.photos.doubts import direction_doubts, height_doubts
+from uavcover.judging.photos.doubts import direction_doubts, height_doubts, missing_stretches
 from uavcover.judging.photos.picture import Picture
 from uavcover.judging.photos.placing import Assumptions, PlacedPictures, place_pictures
 from uavcover.judging.photos.readers import PictureSet
@@ -162,7 +162,8 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
     blurred, unknown = _too_blurred(request, placed, blur)
     with user.progress("counting what the pictures show"):
         verdict = _counted(request, coverage, site, placed, blur, blurred | unknown)
-    document = _document(request, found, verdict, heights_m, len(unknown))
+    missing = {"missing_photos": [asdict(stretch) for stretch in missing_stretches(placed)]}
+    document = _document(request, found, verdict, heights_m, len(unknown)) | missing
     judgement = _judgement(document)
     if unknown and judgement.verdict == "failed":
         # Pictures whose blur nobody tells may be sharp enough.

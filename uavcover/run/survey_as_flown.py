@@ -27,6 +27,13 @@ _LOWEST_M = 1.02 * LOWEST_TOP_M
 """A flight for what is missing is planned no lower."""
 
 
+class _Unheard(Unattended):
+    """For the first of two scenarios: the second one warns of the same."""
+
+    def warn(self, line: str) -> None:
+        """Nothing."""
+
+
 def survey_as_flown(
     area: NewRequest,
     pictures: Sequence[Picture],
@@ -50,16 +57,21 @@ def survey_as_flown(
         InputError: no camera is known, or something else is missing; the flight was not above the ground.
     """
     if area.camera is None:
-        body, name = _camera_of(pictures, out)
+        body, name, others = _camera_of(pictures, out)
         area = replace(area, camera=name)
         user.say(f"{'camera':18}{body}, by what the pictures tell; kept in {name}")
+        if others:
+            user.warn(
+                f"{sum(others.values())} photos are of other cameras ({', '.join(sorted(others))}) and do not count: judge "
+                "each camera on its own, with --camera and its photos"
+            )
     camera = camera_named(str(area.camera))
     _compare_lens(camera, pictures, user)
     gsd_m = _FIRST_HEIGHT_M / camera.focal_px
     wants_home = area.home is None and take_off is not None
     if area.gsd is None or wants_home:
         # The first scenario only gives the places; the second is made for the height at which it was flown.
-        first = new_scenario(replace(area, gsd=area.gsd or _gsd_text(gsd_m)), Unattended(), folder=out.path)
+        first = new_scenario(replace(area, gsd=area.gsd or _gsd_text(gsd_m)), _Unheard(), folder=out.path)
         height_m = height_agl_m(first.site)
         if wants_home and take_off is not None:
             area = replace(area, home=take_off(first.site))
@@ -76,8 +88,8 @@ def _gsd_text(gsd_m: float) -> str:
     return f"{math.ceil(1000.0 * 100.0 * gsd_m) / 1000.0:g}cm"
 
 
-def _camera_of(pictures: Sequence[Picture], out: RunFolder) -> tuple[str, str]:
-    """A camera file by what the pictures tell; its title, and its path."""
+def _camera_of(pictures: Sequence[Picture], out: RunFolder) -> tuple[str, str, Counter[str]]:
+    """A camera file by what the pictures tell; its title, its path, and how many pictures other cameras took."""
     telling = [p for p in pictures if p.focal_length_mm and p.focal_length_35mm and p.pixels]
     if not telling:
         raise InputError(
@@ -86,6 +98,7 @@ def _camera_of(pictures: Sequence[Picture], out: RunFolder) -> tuple[str, str]:
         )
     kinds = Counter((p.focal_length_mm, p.focal_length_35mm, p.pixels, p.camera) for p in telling)
     (focal_mm, film_mm, pixels, title), _ = kinds.most_common(1)[0]
+    others = Counter(p.camera for p in pictures if p.camera not in (None, title))
     if focal_mm is None or film_mm is None or pixels is None:
         raise InputError("the pictures do not tell their camera: give --camera")
     diagonal_mm = FILM_DIAGONAL_MM * focal_mm / film_mm
@@ -98,7 +111,11 @@ def _camera_of(pictures: Sequence[Picture], out: RunFolder) -> tuple[str, str]:
         f'source = "the pictures\' own words: {focal_mm:g} mm, as {film_mm:g} mm on 35 mm film"',
     ]
     out.write_text(CAMERA_FILE, "\n".join(lines) + "\n")
-    return title or "camera of the pictures", str(out.file(CAMERA_FILE))
+    return (
+        title or "camera of the pictures",
+        str(out.file(CAMERA_FILE)),
+        Counter({str(k): n for k, n in others.items()}),
+    )
 
 
 def _quoted(text: str) -> str:

@@ -1,10 +1,12 @@
 """Heights of pictures that do not fit the ground, or each other."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.judging.photos.test_placing import FRAME, picture
-from uavcover.judging.photos.doubts import height_doubts
+from uavcover.judging.photos.doubts import height_doubts, missing_stretches
 from uavcover.judging.photos.picture import HeightDatum
 from uavcover.judging.photos.placing import Assumptions, place_pictures
 from uavcover.scenario.ground import grid_ground
@@ -88,3 +90,52 @@ def test_one_height_alone_tells_nothing_of_the_other():
 
 def test_pictures_under_the_ground_are_told():
     assert "20 of 20 pictures lie under the ground" in doubts(line(), ground_m=90.0)[0]
+
+
+def survey(rng, *, by, lines=5, a_line=15, names=True, times=True):
+    """A survey of lines 60 m apart with a photo every 20 m: triggered by distance, or every 2 s, also while it turns slowly."""
+    places, seconds, now = [], [], 0.0
+    for number in range(lines):
+        along = 20.0 * np.arange(a_line)[:: 1 if number % 2 == 0 else -1]
+        turn = np.linspace(0.0, 60.0, 7)[1:-1] if by == "time" and number < lines - 1 else []
+        for east, north in [*((x, 60.0 * number) for x in along), *((along[-1], 60.0 * number + y) for y in turn)]:
+            places.append(rng.normal((east, north), 0.5))
+            seconds.append(round(now))
+            now += 2.0
+        now += 0.0 if by == "time" else 12.0
+    return [
+        picture(
+            f"IMG_{k:04d}.JPG" if names else f"{chr(65 + k // 26)}{chr(65 + k % 26)}", lat_deg=46.0 + place[1] / 111_195.0,
+            lon_deg=8.0 + place[0] / (111_195.0 * np.cos(np.radians(46.0))), alt_m=80.0, vehicle_yaw_deg=90.0,
+            time_s=float(seconds[k]) if times else None, clock="clock" if times else None,
+        )
+        for k, place in enumerate(places)
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("by", ["distance", "time"])
+@pytest.mark.parametrize(("names", "times"), [(True, True), (False, True), (True, False)])
+def test_missing_photos_are_found_and_none_where_all_are_there(seed, by, names, times):
+    rng = np.random.default_rng(seed)
+    whole = survey(rng, by=by, names=names, times=times)
+    assert missing_stretches(place_pictures(whole, FRAME, Assumptions())) == []
+    per_line = 15 if by == "distance" else 20
+    firsts = {line: line * per_line + int(rng.integers(3, 9)) for line in (0, 2, 3)}
+    gone = {first + k for line, first in firsts.items() for k in range(line + 1)}
+    left = [one for k, one in enumerate(whole) if k not in gone]
+    found = missing_stretches(place_pictures(left, FRAME, Assumptions()))
+    assert [stretch.photos for stretch in found] == [1, 3, 4]
+    assert [stretch.length_m for stretch in found] == pytest.approx([40.0, 80.0, 100.0], abs=5.0)
+    assert found[0].usual_m == pytest.approx(20.0, abs=1.5)
+
+
+def test_a_change_of_batteries_or_of_spacing_lacks_no_photo():
+    whole = survey(np.random.default_rng(0), by="distance")
+    later = [replace(one, time_s=one.time_s + 900.0) for one in whole[20:]]
+    moved = [replace(one, lat_deg=one.lat_deg + 0.002) for one in later]
+    assert missing_stretches(place_pictures([*whole[:20], *later], FRAME, Assumptions())) == []
+    assert missing_stretches(place_pictures([*whole[:20], *moved], FRAME, Assumptions())) == []
+    sparse = survey(np.random.default_rng(1), by="distance")[::2]
+    renamed = [replace(one, name=f"B{k:03d}.JPG", time_s=one.time_s + 2000.0) for k, one in enumerate(sparse)]
+    assert missing_stretches(place_pictures([*whole, *renamed], FRAME, Assumptions())) == []

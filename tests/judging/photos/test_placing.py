@@ -97,3 +97,13 @@ def test_the_ends_of_lines_belong_to_their_lines():
     np.testing.assert_allclose(courses, [90.0] * 5 + [-90.0] * 5)
     assert np.isnan(courses_deg(np.zeros((3, 3)))).all()
     assert np.isnan(courses_deg(np.zeros((1, 3)))).all()
+
+
+def test_a_pitch_counts_with_the_vehicles_heading():
+    """DJI's tables often have the gimbal's pitch, and of the headings only the vehicle's."""
+    placed = place_pictures([picture(pitch_deg=-80.0, yaw_deg=None, vehicle_yaw_deg=90.0)], FRAME, Assumptions())
+    np.testing.assert_allclose(placed.axes[0], [np.sin(np.radians(10.0)), 0.0, -np.cos(np.radians(10.0))], atol=1e-12)
+    assert (placed.direction_known[0], placed.turn_deg[0]) == (False, 10.0)
+    told = {"pitch_deg": -80.0, "yaw_deg": None}
+    alone = place_pictures([picture("a", **told), picture("b", **told, lon_deg=8.001)], FRAME, Assumptions())
+    np.testing.assert_allclose(alone.axes[0], [0.0, 0.0, -1.0], atol=1e-12)

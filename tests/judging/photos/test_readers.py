@@ -1,6 +1,7 @@
 """Pictures' metadata of several makers, lists of pictures, and files that are none of these."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
@@ -150,8 +151,12 @@ BAD = {
     "torn.json": ("[", "not JSON"),
     "a.MRK": ("1 2 3\n", "no row of DJI's image log"),
     "a.csv": ("a,b\n1,2\n", "no column for name, lat_deg, lon_deg, alt_m"),
-    "b.csv": ("name,lat,lon,alt\nx,1,2,high\n", "row 2: alt_m: 'high'"),
+    "b.csv": ("name,lat,lon,alt\nx,1,2,high\n", "line 2: alt_m: 'high'"),
     "c.csv": ("", "is empty"),
+    "d.csv": ("name,lat,lon,alt\nx,8 deg 61' 1\" N,2,3\n", "line 2: lat_deg: "),
+    "e.csv": ("name,lat,lon,alt\nx,8 deg 1' 1\" E,2,3\n", "line 2: lat_deg: "),
+    "f.csv": ("name,lat,lon,alt\nx,1,5,2,5,3\n", "line 2: 6 cells, the header has 4 .*decimal points"),
+    "g.csv": ("name;lat;lon;alt\nx;1,5;2.5;3\n", "numbers with commas .* and with points"),
     "a.jpg": ("not a picture", "is not a picture"),
     "a.raw": ("x", "no picture and no list"),
 }
@@ -309,3 +314,95 @@ def test_a_row_of_an_image_log_is_read_as_before(tmp_path: Path) -> None:
 def test_the_capture_of_a_file_is_read_by_any_makers_name(tmp_path, space, attribute):
     write_jpeg(tmp_path / "a.JPG", place=PLACE, alt_m=500.0, xmp=XMP.format(spaces=space, attributes=attribute))
     assert read_picture(tmp_path / "a.JPG").capture_id == "b7c1"
+
+
+_ROW_OF_EXIFTOOL = {
+    "SourceFile": "./a/DJI_0001.JPG", "GPSLatitude": """8 deg 27' 55.22" S""", "GPSLongitude": """13 deg 12' 0.92" W""",
+    "GPSAltitude": "390.7 m Above Sea Level", "DateTimeOriginal": "2025:04:16 07:25:57", "GimbalPitchDegree": "-80.00",
+    "FlightYawDegree": "+90.10", "RelativeAltitude": "+80.5", "Make": "DJI", "Model": "FC8482", "ImageWidth": "8064",
+    "ImageHeight": "6048", "FocalLength": "6.7 mm", "FocalLengthIn35mmFormat": "24 mm", "ExposureTime": "1/1000",
+    "DigitalZoomRatio": "undef", "CaptureUUID": "c1", "SerialNumber": "1581F",
+}  # fmt: skip
+_NUMBERS_OF_EXIFTOOL = {
+    "GPSLatitude": "8.46533889", "GPSLatitudeRef": "S", "GPSLongitude": "13.20025556", "GPSLongitudeRef": "West",
+    "GPSAltitude": "390.7", "GPSAltitudeRef": "0", "FocalLength": "6.7", "FocalLengthIn35mmFormat": "24", "ExposureTime": "0.001",
+}  # fmt: skip
+
+
+def write_table(path, row, separator=",", decimal="."):
+    def cell(text):
+        return '"' + re.sub(r"(?<=\d)\.(?=\d)", decimal, text).replace('"', '""') + '"'
+
+    path.write_text(separator.join(map(cell, row)) + "\n" + separator.join(map(cell, row.values())) + "\n")
+
+
+@pytest.mark.parametrize("groups", ["", "XMP:"])
+@pytest.mark.parametrize(("separator", "decimal"), [(",", "."), ("\t", "."), (";", ".")])
+@pytest.mark.parametrize("changed", [{}, _NUMBERS_OF_EXIFTOOL], ids=["printed", "numbers"])
+def test_a_table_of_exiftool_is_read_as_it_prints_it(tmp_path, groups, separator, decimal, changed):
+    row = _ROW_OF_EXIFTOOL | changed
+    write_table(tmp_path / "a.csv", {f"{groups}{name}": value for name, value in row.items()}, separator, decimal)
+    one = only(tmp_path / "a.csv")
+    assert (one.lat_deg, one.lon_deg) == pytest.approx((-8.46533889, -13.20025556), abs=1e-8)
+    assert (one.alt_m, one.datum, one.height_above_takeoff_m) == (390.7, HeightDatum.SEA_LEVEL, 80.5)
+    assert (one.pitch_deg, one.yaw_deg, one.vehicle_yaw_deg) == (-80.0, None, 90.1)
+    assert (one.camera, one.pixels, one.focal_length_mm, one.focal_length_35mm) == (
+        "DJI FC8482",
+        (8064, 6048),
+        6.7,
+        24.0,
+    )
+    assert (one.exposure_s, one.digital_zoom, one.capture_id) == (0.001, None, "c1")
+    assert (one.time_s, one.utc_s, one.clock) == (1744788357.0, None, "a.csv DJI FC8482 1581F")
+
+
+@pytest.mark.parametrize(
+    ("latitude", "degrees"),
+    [
+        ("8 deg 27' 55.22\" N", 8.46533889), ("8°27′55.22″S", -8.46533889), ("N8 27.5", 8.45833333), ("8 59' 60.00\" s", -9.0),
+        ("8:27:55.22", 8.46533889), ("-8.5", -8.5), ("8,5", 8.5), ("8.5 S", -8.5),
+    ],
+)  # fmt: skip
+def test_degrees_as_people_write_them(tmp_path, latitude, degrees):
+    write_table(tmp_path / "a.csv", {"name": "a", "lat": latitude, "lon": "2", "alt": "3"}, separator=";")
+    assert only(tmp_path / "a.csv").lat_deg == pytest.approx(degrees, abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    "latitude", ["-8 S", "8.5 deg 27' N", "8 27.5' 3\" N", "N 8 N", "8 deg 27' 61\" N", "8" + " " * 500 + "x"]
+)
+def test_degrees_that_say_two_things_are_refused(tmp_path, latitude):
+    write_table(tmp_path / "a.csv", {"name": "a", "lat": latitude, "lon": "2", "alt": "3"})
+    with pytest.raises(TrackError, match=r"line 2: lat_deg: .* is no number"):
+        read_pictures([tmp_path / "a.csv"])
+
+
+@pytest.mark.parametrize(
+    ("told", "alt_m", "datum"),
+    [
+        ({"GPSAltitude": "3 m Below Sea Level"}, -3.0, HeightDatum.SEA_LEVEL),
+        ({"GPSAltitude": "3", "GPSAltitudeRef": "Below Sea Level"}, -3.0, HeightDatum.SEA_LEVEL),
+        ({"GPSAltitude": "3", "GPSAltitudeRef": "Positive ellipsoidal height"}, 3.0, HeightDatum.ELLIPSOID),
+        ({"AbsoluteAltitude": "+3", "RtkFlag": "50"}, 3.0, HeightDatum.ELLIPSOID),
+        ({"AbsoluteAltitude": "+3", "GPSAltitude": "9 m"}, 3.0, HeightDatum.SEA_LEVEL),
+    ],
+)
+def test_heights_of_tables_have_a_datum(tmp_path, told, alt_m, datum):
+    write_table(tmp_path / "a.csv", {"name": "a", "lat": "1", "lon": "2", **told})
+    assert (only(tmp_path / "a.csv").alt_m, only(tmp_path / "a.csv").datum) == (alt_m, datum)
+
+
+def test_a_path_in_a_table_names_the_file_of_a_folder(tmp_path):
+    write_jpeg(tmp_path / "DJI_0001.JPG")
+    write_table(tmp_path / "a.csv", {"SourceFile": "./b/DJI_0001.JPG", "lat": "1", "lon": "2", "alt": "3"})
+    one = only(tmp_path, tmp_path / "a.csv")
+    assert (one.lat_deg, one.pixels) == (1.0, (5280, 3956))
+
+
+def test_two_vehicles_of_one_model_have_clocks_of_their_own(tmp_path):
+    for number, second in enumerate((11, 12, 13, 14)):
+        told = dji(AbsoluteAltitude="5", DroneSerialNumber=f"SN{number % 2}")
+        write_jpeg(tmp_path / f"{number}.jpg", place=(1.0, 2.0 + number), time=f"2026:05:04 10:11:{second}", xmp=told)
+    found = read_pictures([tmp_path])
+    assert [picture.name for picture in found.pictures] == ["0.jpg", "2.jpg", "1.jpg", "3.jpg"]
+    assert "of 2 clocks (the clock of DJI M3E SN0, the clock of DJI M3E SN1)" in found.notes[0]

@@ -1,6 +1,11 @@
 """What the user should ask of the heights and angles that pictures tell: nothing here is corrected."""
 
+import itertools
 import math
+import re
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -14,8 +19,93 @@ _DOWN_WITHIN_DEG = 20.0
 _TURNED_DEG = 20.0
 _FEW = 10
 _FEW_HEIGHTS = 3
+_TOO_LONG = 1.5
+"""A step between photos that is longer than the usual one by this factor lacks a photo."""
+_STRAIGHT_DEG = 30.0
+_MOST_SKIPPED = 50
+_SLOWEST = 0.5
+"""Fraction of the usual speed; a slower step is a break in the flight."""
+_NEIGHBOURS = 7
 _AROUND_M = 500.0
 _AROUND_NODES = 60
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MissingStretch:
+    """A step of a flight that is longer than the steps around it.
+
+    Attributes:
+        after: the last photo before it.
+        before: the first photo after it.
+        photos: how many are missing.
+        length_m: of the step.
+        usual_m: median of the steps around it.
+        lon_lat_deg: of both photos.
+    """
+
+    after: str
+    before: str
+    photos: int
+    length_m: float
+    usual_m: float
+    lon_lat_deg: tuple[tuple[float, float], tuple[float, float]]
+
+
+def missing_stretches(placed: PlacedPictures) -> list[MissingStretch]:
+    """Find where photos of a flight are missing, whether or not the ground there is in enough others.
+
+    A step counts that is half as long again as the steps around it and as the flight's median, and either skips numbers of the
+    photos' names, or goes straight on and takes half as long again. The vehicle is not much slower on it than around it.
+    """
+    found: list[MissingStretch] = []
+    for _, group in itertools.groupby(range(len(placed.pictures)), key=lambda k: placed.pictures[k].clock):
+        members = list(group)
+        if len(members) >= _FEW:
+            found += _missing_of(placed, members)
+    return found
+
+
+def _missing_of(placed: PlacedPictures, members: list[int]) -> list[MissingStretch]:
+    pictures = [placed.pictures[k] for k in members]
+    steps = np.diff(placed.eyes_m[members][:, :2], axis=0)
+    long_m = np.hypot(steps[:, 0], steps[:, 1])
+    usual_m = np.maximum(_around(long_m), np.median(long_m))
+    long_s = np.diff(np.array([np.nan if p.time_s is None else p.time_s for p in pictures]))
+    usual_s = _around(long_s)
+    skipped = np.diff([_number(p.name) for p in pictures]) - 1
+    course = np.degrees(np.arctan2(steps[:, 0], steps[:, 1]))
+    bend = np.abs((np.diff(course) + 180.0) % 360.0 - 180.0) <= _STRAIGHT_DEG
+    straight = np.append(False, bend) & np.append(bend, False)
+    uncertain_m = placed.horizontal_m[members][1:]
+    found = []
+    for k in np.flatnonzero((long_m > _TOO_LONG * usual_m) & (long_m - usual_m > uncertain_m)):
+        by_number = 0 < skipped[k] <= _MOST_SKIPPED
+        count = int(skipped[k]) if by_number else round(long_m[k] / usual_m[k]) - 1
+        late = straight[k] and not long_s[k] <= _TOO_LONG * usual_s[k]
+        if (by_number or late) and not long_s[k] > (count + 1) * usual_s[k] / _SLOWEST:
+            ends = [(p.lon_deg or 0.0, p.lat_deg or 0.0) for p in pictures[k : k + 2]]
+            found.append(
+                MissingStretch(
+                    after=pictures[k].name, before=pictures[k + 1].name, photos=max(count, 1), length_m=float(long_m[k]),
+                    usual_m=float(usual_m[k]), lon_lat_deg=(ends[0], ends[1]),
+                )
+            )  # fmt: skip
+    return found
+
+
+def _around(steps: FloatArray) -> FloatArray:
+    """(n,) median of the steps around each."""
+    padded = np.pad(steps, _NEIGHBOURS, constant_values=np.nan)
+    windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * _NEIGHBOURS + 1)
+    with np.errstate(all="ignore"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of windows without any time
+        return np.nanmedian(windows, axis=1)
+
+
+def _number(name: str) -> float:
+    """The last number in the name of a file; NaN without one."""
+    digits = re.findall(r"\d{1,9}", Path(name).stem)
+    return float(digits[-1]) if digits else math.nan
 
 
 def height_doubts(

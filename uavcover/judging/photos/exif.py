@@ -6,7 +6,6 @@ north-east-down, turned yaw, pitch, roll; "absolute altitude" is geodetic; RtkFl
 (GPSAltitudeRef 2 and 3 are heights above the ellipsoid).
 """
 
-import datetime
 import re
 import warnings
 from collections.abc import Mapping
@@ -17,11 +16,10 @@ from xml.etree import ElementTree
 from PIL import ExifTags, Image, UnidentifiedImageError
 
 from uavcover.errors import TrackError
-from uavcover.judging.photos.picture import HeightDatum, Picture, finite
+from uavcover.judging.photos.picture import RTK_FIXED, HeightDatum, Picture, finite, moment
 
 ENDINGS = (".jpg", ".jpeg", ".tif", ".tiff", ".dng")
 _LARGEST_XMP = 1_000_000
-_RTK_FIXED = 50.0
 _SAME_SHAPE = 0.02
 _JPEG = (".jpg", ".jpeg")
 _TAIL, _LONG_TAIL = 65_536, 16_000_000
@@ -57,6 +55,8 @@ def read_picture(path: Path) -> Picture:
     sides = _sides(size, details)
     model = _model(exif)
     time_s, zone_known = _time_s(exif.get(ExifTags.Base.DateTime), details)
+    serial = told.get("DroneSerialNumber") or str(details.get(ExifTags.Base.BodySerialNumber, "")).strip("\x00 ")
+    owner = " ".join(filter(None, (model or "a camera", serial)))
     return Picture(
         name=path.name,
         lat_deg=_place(_first(told, "GpsLatitude"), _degrees(gps, 2, 1, "S")),
@@ -65,7 +65,7 @@ def read_picture(path: Path) -> Picture:
         datum=datum,
         height_above_takeoff_m=_first(told, "RelativeAltitude"),
         time_s=time_s,
-        clock=None if time_s is None else "UTC" if zone_known else f"the clock of {model or 'a camera'}",
+        clock=None if time_s is None else "UTC" if zone_known else f"the clock of {owner}",
         utc_s=time_s if zone_known else _satellites_time_s(gps),
         yaw_deg=yaw,
         pitch_deg=pitch,
@@ -168,7 +168,7 @@ def _height(gps: Mapping[int, Any], told: Mapping[str, str]) -> tuple[float | No
 
 
 def _is_fixed(told: Mapping[str, str]) -> bool:
-    return _first(told, "RtkFlag") == _RTK_FIXED
+    return _first(told, "RtkFlag") == RTK_FIXED
 
 
 def _horizontal_error_m(gps: Mapping[int, Any], told: Mapping[str, str]) -> float | None:
@@ -200,21 +200,15 @@ def _time_s(modified: object, details: Mapping[int, Any]) -> tuple[float | None,
     """When it was taken by the camera's clock, and whether that is Unix time: EXIF 2.31 has a zone (OffsetTimeOriginal)."""
     original = details.get(ExifTags.Base.DateTimeOriginal)
     zone = details.get(ExifTags.Base.OffsetTimeOriginal if original else ExifTags.Base.OffsetTime)
-    moment = _moment(str(original or modified).strip("\x00 "))
-    if moment is None:
-        return None, False
     fraction = str(details.get(ExifTags.Base.SubsecTimeOriginal, "")).strip("\x00 ")
-    part = float(f"0.{fraction}") if fraction.isdecimal() and fraction.isascii() else 0.0
-    ahead = re.fullmatch(r"([+-])(\d\d):(\d\d)", str(zone or "").strip("\x00 "))
-    ahead_s = 0.0
-    if ahead is not None:
-        ahead_s = (-1.0 if ahead[1] == "-" else 1.0) * (3600.0 * int(ahead[2]) + 60.0 * int(ahead[3]))
-    return moment + part - ahead_s, ahead is not None
+    part = f".{fraction[:9]}" if fraction.isdecimal() and fraction.isascii() else ""
+    ahead = re.fullmatch(r"[+-]\d\d:\d\d", str(zone or "").strip("\x00 "))
+    return moment(str(original or modified).strip("\x00 ") + part + (ahead[0] if ahead else ""))
 
 
 def _satellites_time_s(gps: Mapping[int, Any]) -> float | None:
     """Unix time of the receiver's place (GPSDateStamp, GPSTimeStamp: UTC), whole seconds with many cameras."""
-    day = _moment(str(gps.get(29, "")).strip("\x00 ").replace("-", ":") + " 00:00:00")
+    day, _ = moment(str(gps.get(29, "")).strip("\x00 ") + " 00:00:00")
     parts = gps.get(7)
     if day is None or not isinstance(parts, tuple | list) or len(parts) != 3:
         return None
@@ -222,14 +216,6 @@ def _satellites_time_s(gps: Mapping[int, Any]) -> float | None:
     if hours is None or minutes is None or seconds is None or not 0.0 <= hours < 24.0:
         return None
     return day + 3600.0 * hours + 60.0 * minutes + seconds
-
-
-def _moment(text: str) -> float | None:
-    """Seconds of a date and time as EXIF writes them, as if it were UTC."""
-    try:
-        return datetime.datetime.strptime(text, "%Y:%m:%d %H:%M:%S").replace(tzinfo=datetime.UTC).timestamp()
-    except ValueError:
-        return None
 
 
 def _sides(size: tuple[int, int], details: Mapping[int, Any]) -> tuple[int, int]:

@@ -5,8 +5,6 @@ image log in DJI's manuals of Zenmuse P1 and Matrice 4 (latitude, longitude and 
 compensated; standard deviations north, east, down in metres).
 """
 
-import csv
-import io
 import json
 import re
 from collections.abc import Mapping
@@ -17,9 +15,10 @@ from pyproj import CRS, Transformer
 from pyproj.exceptions import CRSError
 
 from mission_io.errors import FormatError
+from mission_io.formats.dialects import sniff
 from mission_io.formats.text import text_from_bytes
 from uavcover.errors import TrackError
-from uavcover.judging.photos.picture import HeightDatum, Picture, finite
+from uavcover.judging.photos.picture import RTK_FIXED, HeightDatum, Picture, finite, moment
 
 _LARGEST = 100_000_000
 _SECONDS_A_WEEK = 604_800.0
@@ -144,20 +143,60 @@ _COLUMNS: dict[str, tuple[str, ...]] = {
     "name": ("name", "image", "imagename", "filename", "file", "label", "photo", "sourcefile"),
     "lat_deg": ("lat", "latitude", "gpslatitude", "latdeg", "y"),
     "lon_deg": ("lon", "lng", "long", "longitude", "gpslongitude", "londeg", "x"),
-    "alt_m": ("alt", "altitude", "height", "elevation", "gpsaltitude", "altamslm", "altm", "z"),
+    "alt_m": ("absolutealtitude", "alt", "altitude", "height", "elevation", "gpsaltitude", "altamslm", "altm", "z"),
     "alt_ellipsoid_m": ("ellipsoidalheight", "ellipsoidheight", "ellh", "altellipsoidm"),
-    "time_s": ("time", "times", "timestamp", "seconds"),
+    "height_above_takeoff_m": ("relativealtitude",),
+    "time_s": (
+        "time",
+        "times",
+        "timestamp",
+        "seconds",
+        "datetimeoriginal",
+        "subsecdatetimeoriginal",
+        "createdate",
+        "datetime",
+    ),
     "yaw_deg": ("yaw", "yawdeg", "heading", "gimbalyaw", "gimbalyawdegree"),
     "pitch_deg": ("pitch", "pitchdeg", "gimbalpitch", "gimbalpitchdegree"),
     "roll_deg": ("roll", "rolldeg", "gimbalroll", "gimbalrolldegree"),
+    "vehicle_yaw_deg": ("flightyawdegree",),
     "horizontal_error_m": ("horizontalaccuracy", "accuracyhorizontal", "gpsxyaccuracy", "horizontalerrorm"),
     "vertical_error_m": ("verticalaccuracy", "accuracyvertical", "gpszaccuracy", "verticalerrorm"),
+    "exposure_s": ("exposuretime",),
+    "focal_length_mm": ("focallength",),
+    "focal_length_35mm": ("focallengthin35mmformat", "focallengthin35mmfilm"),
+    "digital_zoom": ("digitalzoomratio",),
 }
+_REFERENCES = {
+    "lat_deg": ("gpslatituderef", "latituderef"),
+    "lon_deg": ("gpslongituderef", "longituderef"),
+    "alt_m": ("gpsaltituderef", "altituderef"),
+}
+_TEXTS = {
+    "make": ("make",), "model": ("model",), "serial": ("droneserialnumber", "bodyserialnumber", "serialnumber"),
+    "capture_id": ("captureuuid", "captureid"), "rtk": ("rtkflag",), "altitude_type": ("altitudetype",),
+    "width": ("imagewidth", "exifimagewidth"), "height": ("imageheight", "exifimageheight"),
+}  # fmt: skip
+_SEXAGESIMAL = re.compile(
+    r"([-+]?)([NSEW]?)\s*(\d{1,3}(?:\.\d+)?)\s*(?:deg|[°d:]|\s)?\s*(?:(\d{1,2}(?:\.\d+)?)\s*['’′m:]?\s*)?"
+    r"(?:(\d{1,2}(?:\.\d+)?)\s*(?:[\"”″s]|'')?\s*)?([NSEW]?)",
+    re.IGNORECASE | re.ASCII,
+)
+"""Sign, hemisphere, degrees, minutes, seconds, hemisphere."""
+_WITH_UNIT = re.compile(r"(.+?)\s*(?:m|mm|s|deg|°)?\s*((?:above|below) sea level)?", re.IGNORECASE)
+_LONGEST_CELL = 60
+_SIXTY = 60.0
+_NEGATIVE = {"lat_deg": ("s",), "lon_deg": ("w",), "alt_m": ("below", "negative", "1", "3")}
+_ABOVE_ELLIPSOID = ("2", "3", "positive ellipsoid", "negative ellipsoid")
+_MAY_BE_ODD = {"exposure_s", "focal_length_mm", "focal_length_35mm", "digital_zoom"}
+"""Where ExifTool prints words such as "undef", too."""
 
 
 def read_table(path: Path) -> list[Picture]:
     """Of a table with names of columns in its first row: at least a name, latitude, longitude and a height.
 
+    Tables of ExifTool (``-csv``) have these, as it prints them (``8 deg 27' 55.22" N``, ``390.7 m Above Sea Level``), or as
+    numbers (``-n``).
     Pitch is that of the camera above the horizon: -90 looks straight down.
 
     Raises:
@@ -165,44 +204,96 @@ def read_table(path: Path) -> list[Picture]:
     """
     text = _text(path)
     try:
-        dialect: type[csv.Dialect] = csv.Sniffer().sniff(text[:4096], delimiters=",;\t")
-    except csv.Error:
-        dialect = csv.excel
-    try:
-        rows = list(csv.reader(io.StringIO(text), dialect))
-    except csv.Error as error:
-        raise TrackError(
-            f"{path}: is no table ({error}); give rows of cells, with names of columns in the first"
-        ) from error
+        rows = list(sniff(text).rows(text))
+    except FormatError as error:
+        raise TrackError(f"{path}: {error}") from error
     if not rows:
         raise TrackError(f"{path}: is empty; the first row names the columns")
-    heads = [re.sub(r"[^a-z0-9]", "", head.casefold()) for head in rows[0]]
-    place = {key: next((heads.index(n) for n in names if n in heads), None) for key, names in _COLUMNS.items()}
-    lacking = [key for key in ("name", "lat_deg", "lon_deg") if place[key] is None]
-    if place["alt_m"] is None and place["alt_ellipsoid_m"] is None:
+    # ExifTool puts groups before names, as in "XMP:GimbalYawDegree".
+    heads = [re.sub(r"[^a-z0-9]", "", head.rpartition(":")[2].casefold()) for head in rows[0][1]]
+
+    def columns(named: Mapping[str, tuple[str, ...]]) -> dict[str, int]:
+        return {
+            key: heads.index(next(n for n in names if n in heads))
+            for key, names in named.items()
+            if set(names) & set(heads)
+        }
+
+    place = columns(_COLUMNS)
+    lacking = [key for key in ("name", "lat_deg", "lon_deg") if key not in place]
+    if not {"alt_m", "alt_ellipsoid_m", "height_above_takeoff_m"} & set(place):
         lacking.append("alt_m")
     if lacking:
         raise TrackError(
-            f"{path}: no column for {', '.join(lacking)}; its columns are {', '.join(rows[0])[:100]}; use names such as "
+            f"{path}: no column for {', '.join(lacking)}; its columns are {', '.join(rows[0][1])[:100]}; use names such as "
             "name, latitude, longitude, altitude, yaw, pitch, roll"
         )
-    pictures = []
-    for number, row in enumerate(rows[1:], start=2):
-        if not any(cell.strip() for cell in row):
-            continue
-        cells = {key: row[k].strip() if k is not None and k < len(row) else "" for key, k in place.items()}
-        numbers = {key: finite(cell) for key, cell in cells.items() if key != "name"}
-        wrong = [key for key, value in numbers.items() if value is None and cells[key] and key != "time_s"]
-        if wrong:
-            raise TrackError(f"{path}: row {number}: {wrong[0]}: {cells[wrong[0]][:40]!r} is no number")
-        above_ellipsoid = numbers.pop("alt_ellipsoid_m")
-        by_ellipsoid = numbers["alt_m"] is None and above_ellipsoid is not None
-        if by_ellipsoid:
-            numbers["alt_m"] = above_ellipsoid
-        datum = HeightDatum.ELLIPSOID if by_ellipsoid else HeightDatum.SEA_LEVEL
-        clock = None if numbers["time_s"] is None else path.name
-        pictures.append(Picture(name=cells["name"] or f"row {number}", datum=datum, clock=clock, **numbers))  # type: ignore[arg-type]
-    return pictures
+    references, texts = columns(_REFERENCES), columns(_TEXTS)
+    return [
+        _of_row(
+            path,
+            number,
+            *({key: cells[k] if k < len(cells) else "" for key, k in of.items()} for of in (place, references, texts)),
+        )
+        for number, cells in rows[1:]
+    ]
+
+
+def _of_row(
+    path: Path, line: int, cells: Mapping[str, str], references: Mapping[str, str], texts: Mapping[str, str]
+) -> Picture:
+    numbers: dict[str, float | None] = {}
+    for key in cells.keys() - {"name", "time_s"}:
+        value = numbers[key] = _number(key, cells[key])
+        if value is None and cells[key] not in ("", "-") and key not in _MAY_BE_ODD:
+            raise TrackError(f"{path}: line {line}: {key}: {cells[key][:40]!r} is no number")
+        if value is not None and value > 0.0 and references.get(key, "").casefold().startswith(_NEGATIVE.get(key, ())):
+            numbers[key] = -value
+    above_ellipsoid_m = numbers.pop("alt_ellipsoid_m", None)
+    by_ellipsoid = (
+        finite(texts.get("rtk")) == RTK_FIXED
+        or texts.get("altitude_type", "").casefold() == "rtkalt"
+        or references.get("alt_m", "").casefold().startswith(_ABOVE_ELLIPSOID)
+    )
+    if numbers.get("alt_m") is None:
+        numbers["alt_m"] = above_ellipsoid_m
+        by_ellipsoid = by_ellipsoid or above_ellipsoid_m is not None
+    told = cells.get("time_s", "")
+    time_s, zone_known = (finite(told), False) if finite(told) is not None else moment(told)
+    camera = f"{texts.get('make', '')} {texts.get('model', '')}".strip() or None
+    clock = " ".join(filter(None, (path.name, camera, texts.get("serial"))))
+    return Picture(
+        name=cells["name"] or f"row {line}", datum=HeightDatum.ELLIPSOID if by_ellipsoid else HeightDatum.SEA_LEVEL,
+        time_s=time_s, clock=None if time_s is None else "UTC" if zone_known else clock, utc_s=time_s if zone_known else None,
+        camera=camera, capture_id=texts.get("capture_id") or None, pixels=_pixels(texts), **numbers,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def _number(key: str, cell: str) -> float | None:
+    """A number as tables hold it: also in degrees, minutes and seconds, or with a unit."""
+    value = finite(cell)
+    if value is not None or len(cell) > _LONGEST_CELL:
+        return value
+    if key in ("lat_deg", "lon_deg"):
+        return _degrees(cell, "NS" if key == "lat_deg" else "EW")
+    unit = _WITH_UNIT.fullmatch(cell.partition("(")[0].strip())
+    value = finite(unit[1]) if unit else None
+    return -abs(value) if value is not None and unit and (unit[2] or "").casefold().startswith("below") else value
+
+
+def _degrees(cell: str, hemispheres: str) -> float | None:
+    found = _SEXAGESIMAL.fullmatch(cell)
+    if found is None:
+        return None
+    sign, before, degrees, minutes, seconds, after = found.groups(default="")
+    side = (before + after).upper()
+    parts = [float(part or 0.0) for part in (degrees, minutes, seconds)]
+    if side not in ("", *hemispheres) or (sign and side) or parts[1] >= _SIXTY or parts[2] > _SIXTY:
+        return None
+    if (minutes and "." in degrees) or (seconds and "." in minutes):
+        return None
+    value = parts[0] + parts[1] / 60.0 + parts[2] / 3600.0
+    return -value if sign == "-" or side == hemispheres[1] else value
 
 
 def _text(path: Path) -> str:

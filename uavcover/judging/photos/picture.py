@@ -1,6 +1,8 @@
 """A picture as its file, or a list beside it, tells of it."""
 
+import datetime
 import math
+import re
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -10,6 +12,11 @@ from uavcover.kernels.arrays import FloatArray
 
 _HIGHEST_M = 20_000.0
 _NO_ZOOM = 1.001
+RTK_FIXED = 50.0
+"""``RtkFlag`` of a fixed solution, whose heights are above the ellipsoid."""
+_MOMENT = re.compile(
+    r"(\d{4})[-:](\d\d)[-:](\d\d)[ T](\d\d):(\d\d):(\d\d)(\.\d{1,9})?\s*(?:(Z)|([+-]\d\d):?(\d\d))?", re.ASCII
+)
 
 
 class HeightDatum(StrEnum):
@@ -135,3 +142,22 @@ def finite(value: object) -> float | None:
     except (TypeError, ValueError, ZeroDivisionError, OverflowError):
         return None
     return number if math.isfinite(number) else None
+
+
+def moment(text: str) -> tuple[float | None, bool]:
+    """Seconds of a date and time as EXIF and ISO 8601 write them, and whether that is Unix time, because its zone is told.
+
+    >>> moment("2026:05:04 10:11:12.5"), moment("2026-05-04T12:11:12+02:00"), moment("0000:00:00 00:00:00")
+    ((1777889472.5, False), (1777889472.0, True), (None, False))
+    """
+    found = _MOMENT.fullmatch(text.strip("\x00 "))
+    if found is None:
+        return None, False
+    year, month, day, hour, minute, second = (int(part) for part in found.groups()[:6])
+    try:
+        whole_s = datetime.datetime(year, month, day, hour, minute, second, tzinfo=datetime.UTC).timestamp()
+    except ValueError:
+        return None, False
+    hours, minutes = found[9] or "+00", found[10] or "00"
+    ahead_s = 3600.0 * int(hours) + math.copysign(60.0 * int(minutes), float(f"{hours[0]}1"))
+    return whole_s + float(found[7] or 0.0) - ahead_s, bool(found[8] or found[9])

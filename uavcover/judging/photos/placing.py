@@ -127,7 +127,9 @@ def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assu
         raise TrackError(_none_placed(left_out))
     pitch = np.array([assumed.pitch_deg if picture.pitch_deg is None else picture.pitch_deg for picture in placed])
     roll = np.array([picture.roll_deg or 0.0 for picture in placed])
-    axes, tops = camera_axes(yaw, np.where(known, pitch, assumed.pitch_deg), np.where(known, roll, 0.0))
+    # A gimbal's pitch counts with the vehicle's heading, too: its yaw follows the nose.
+    tilted = known | np.array([picture.vehicle_yaw_deg is not None for picture in placed])
+    axes, tops = camera_axes(yaw, np.where(tilted, pitch, assumed.pitch_deg), np.where(tilted, roll, 0.0))
     if assumed.mounted is not None:
         turn = camera_turn(assumed.mounted, _vehicle_attitudes_deg(placed))
         hung = ~known & turn.known & np.array([picture.vehicle_yaw_deg is not None for picture in placed])
@@ -151,7 +153,10 @@ def _vehicle_attitudes_deg(pictures: Sequence[Picture]) -> FloatArray:
 
 def _none_placed(left_out: dict[str, str]) -> str:
     name, why = next(iter(left_out.items()))
-    return f"none of {len(left_out)} pictures can be placed; {name}: {why}"
+    advice = ""
+    if why == "no position":
+        advice = "; give a list of their places as well (geo.txt, .csv, .MRK or the flight's log), or geotag them"
+    return f"none of {len(left_out)} pictures can be placed; {name}: {why}{advice}"
 
 
 def _or(error_m: float | None, otherwise_m: float) -> float:

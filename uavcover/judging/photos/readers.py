@@ -4,7 +4,7 @@ import hashlib
 import itertools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePath
 
 from uavcover.errors import TrackError
 from uavcover.judging.photos.exif import ENDINGS, read_picture
@@ -70,8 +70,9 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
         listed = LISTS[path.suffix.lower()](path)
         notes.append(f"{len(listed)} pictures of {path.name}")
         for row in listed:
-            file = files_by_name.pop(row.name, None)
-            name = _new_name(row.name, path, found if file is None else {})
+            # ExifTool's SourceFile is a path.
+            file = files_by_name.pop(row.name, None) or files_by_name.pop(PurePath(row.name).name, None)
+            name = _new_name(row.name, path, found) if file is None else file.name
             found[name] = replace(_joined(row, file), name=name)
     for path in logs:
         of_log, warnings = read_log(path)
@@ -163,7 +164,8 @@ def _once(pictures: list[Picture], notes: list[str]) -> list[Picture]:
     kept, bands, copies = [], 0, 0
     for picture in pictures:
         place = (picture.lat_deg, picture.lon_deg, picture.alt_m)
-        moment, view = (*place, picture.time_s), (*place, picture.yaw_deg, picture.pitch_deg, picture.roll_deg)
+        heading = picture.vehicle_yaw_deg if picture.yaw_deg is None else picture.yaw_deg
+        moment, view = (*place, picture.time_s), (*place, heading, picture.pitch_deg, picture.roll_deg)
         if None in place or picture.lacks() is not None:
             kept.append(picture)
         elif picture.time_s is not None and moment in moments:
