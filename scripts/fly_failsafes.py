@@ -158,7 +158,11 @@ def _case(name: str, seed: int, autopilot: AutopilotName, *, ways: bool) -> Fail
     if not ways:
         return make_case(seed, autopilot, triggers=_TRIGGERS[name])
     kinds = (1.0, 2.0, 3.0, 4.0) if autopilot == "px4" else (1.0, 2.0)
-    return make_way_case(seed, autopilot, kind=kinds[seed // 2 % len(kinds)])
+    case = make_way_case(seed, autopilot, kind=kinds[seed // 2 % len(kinds)])
+    while case.trigger not in _TRIGGERS[name]:
+        seed += 1000
+        case = make_way_case(seed, autopilot, kind=kinds[seed // 2 % len(kinds)])
+    return case
 
 
 def flown_row(name: str, seed: int, folder: Path, *, ways: bool) -> dict[str, Any]:
