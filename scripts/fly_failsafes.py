@@ -160,7 +160,7 @@ def _case(name: str, seed: int, autopilot: AutopilotName, *, ways: bool) -> Fail
     kinds = (1.0, 2.0, 3.0, 4.0) if autopilot == "px4" else (1.0, 2.0)
     case = make_way_case(seed, autopilot, kind=kinds[seed // 2 % len(kinds)])
     while case.trigger not in _TRIGGERS[name]:
-        seed += 1000
+        seed += 1001
         case = make_way_case(seed, autopilot, kind=kinds[seed // 2 % len(kinds)])
     return case
 
