@@ -6,8 +6,8 @@ only what arrives after the answer counts. Until mode, armed state, landed state
 known, and nothing may be commanded.
 
 A link can fall behind without a gap: every second something arrives, and all of it is old. So the question is asked once a
-second all the time. What arrives is no older than the question that the vehicle answered last; where that grows beyond what the
-link needs at its best, nothing is known either.
+second all the time. Where an answer takes longer than the link needs at its best, what arrives with it is as old, and nothing is
+known either.
 """
 
 import math
@@ -49,8 +49,7 @@ class Evidence:
         self._gap_ended_s = monitor.gap_ended_at_s
         self._asked_s: dict[int, float] = {}
         self._ask_at_s = -math.inf
-        self._answered_question_s = self._answer_arrived_s = -math.inf
-        self._round_trip_s = math.inf
+        self._shortest_s, self._latest_s, self._answered_at_s = math.inf, 0.0, -math.inf
         self._proved_at_s: float | None = self._gap_ended_s
         self._complete = True
         self._unknown_since_s: float | None = None
@@ -73,7 +72,7 @@ class Evidence:
         if self._client.heartbeat_age_s > _OLD_BEAT_S:
             return "a heartbeat"
         if self._behind:
-            return f"an answer to our question for its time (the link is {self._age_s:.0f} s behind)"
+            return f"an answer to our question for its time (the last one took {self._latest_s:.0f} s)"
         if self._proved_at_s is None:
             return "an answer to our question for its time"
         proved_at_s = self._proved_at_s
@@ -90,14 +89,10 @@ class Evidence:
             self._unknown_since_s = now
 
     @property
-    def _age_s(self) -> float:
-        """How old what arrives now can be: the age of the question that was answered last; 0 while none is answered."""
-        now = self._client.clock.now()
-        return now - self._answered_question_s if now - self._answer_arrived_s <= _UNANSWERED_S else 0.0
-
-    @property
     def _behind(self) -> bool:
-        return self._age_s > _BEHIND_S + self._round_trip_s
+        """Whether the answer that came last took long. Where none comes, only our way to the vehicle is known to be lost."""
+        answers = self._client.clock.now() - self._answered_at_s <= _UNANSWERED_S
+        return answers and self._latest_s > _BEHIND_S + self._shortest_s
 
     def _look(self) -> None:
         now, monitor = self._client.clock.now(), self._monitor
@@ -125,7 +120,7 @@ class Evidence:
         self._asked_s[number] = now
         while len(self._asked_s) > _REMEMBERED:
             del self._asked_s[next(iter(self._asked_s))]
-        overdue = self._proved_at_s is None or self._age_s > _ASK_S + self._round_trip_s
+        overdue = self._proved_at_s is None or self._behind
         self._ask_at_s = now + (_ASK_AGAIN_S if overdue else _ASK_S)
         self._client.send(m.TimeSync(answered_ns=0, asked_ns=number))
 
@@ -137,7 +132,6 @@ class Evidence:
             asked_s = self._asked_s.get(answer.asked_ns)
             if asked_s is not None:
                 answers.append((arrived_s, asked_s))
-                self._round_trip_s = min(self._round_trip_s, arrived_s - asked_s)
-                self._answered_question_s = max(asked_s, self._answered_question_s)
-                self._answer_arrived_s = arrived_s
+                self._latest_s, self._answered_at_s = arrived_s - asked_s, arrived_s
+                self._shortest_s = min(self._shortest_s, self._latest_s)
         return answers
