@@ -94,5 +94,6 @@ def test_sensors_without_a_trigger_have_none(sensor: str, tmp_path: Path) -> Non
 def test_a_flight_with_few_pictures_sees_what_is_planned(tmp_path: Path) -> None:
     row = measure(tmp_path, "narrow band", "sparse", 1, evaluations=60, flown=True)
     assert row.met
-    assert row.flown >= row.claimed - 0.003
+    # Photos count where the vehicle reports them: with two of three in a line, one that is late costs more than a point.
+    assert row.flown >= row.claimed - 0.015
     assert row.recomputed == pytest.approx(row.claimed, abs=0.003)

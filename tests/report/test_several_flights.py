@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.report.browser import Page
-from tests.report.conftest import cut, lines_over, resumed, two_sorties, write_track
+from tests.report.conftest import cut, lines_over, read_of_perfect_tracks, resumed, two_sorties, write_track
 from tests.report.test_charts import points
 from uavcover.report import plots
 from uavcover.report.charts import WIDE, Chart
@@ -28,7 +28,7 @@ FLIGHTS = {
 @pytest.fixture(scope="module", params=list(FLIGHTS))
 def several(request: pytest.FixtureRequest, site: Site, tmp_path_factory: pytest.TempPathFactory) -> ReportContent:
     make: Callable[[Path, Site], RunFolder] = FLIGHTS[request.param][0]
-    return read_run(make(tmp_path_factory.mktemp("several") / "run", site), logs=())
+    return read_of_perfect_tracks(make(tmp_path_factory.mktemp("several") / "run", site))
 
 
 def charts(content: ReportContent) -> dict[str, Chart]:
