@@ -59,7 +59,9 @@ def whole(tmp_path_factory):
 def test_an_honest_survey_passes_with_the_photos_that_it_reported(tmp_path, autopilot, loss):
     survey = fly(tmp_path, autopilot, loss=loss)
     report = survey.report(evidence=REQUIRED)
-    assert (report.verdict, report.photo_source, report.missing_photos) == ("passed", "reported", ())
+    assert (report.verdict, report.photo_source) == ("passed", "reported")
+    # The last messages of a route may be lost, and nothing later counts them: that is noted, and fails nothing.
+    assert sum(stretch.expected for stretch in report.missing_photos) <= (2 if loss else 0)
     assert abs(report.pictures.taken - np.nanmax(survey.track.pictures_taken)) <= 1
     assert "PHOTOS_MISSING" not in {incident.kind.name for incident in survey.outcome.incidents}
 
