@@ -160,7 +160,7 @@ def place_for_home(
     Raises:
         InputError: there is no known ground at its edge, or all of it is to be avoided.
     """
-    file = replace(file, water_height_m=None)  # nobody takes off from open water
+    file = replace(file, water_height_m=None)  # home is never on open water
     rings = [part.exterior for part in shapely.get_parts(look.area)]
     step_m = max(5.0, sum(ring.length for ring in rings) / _EDGE_STEPS)
     places = np.vstack([shapely.get_coordinates(shapely.segmentize(ring, step_m)) for ring in rings])

@@ -153,7 +153,7 @@ def photos_at_waypoints(
     found = np.array(sorted(chosen), dtype=np.int64)
     missing: list[MissingPhotos] = []
     if len(found) < len(reached):
-        # Which waypoint a photo belongs to is a matter of its time; here only the number that is lacking is told.
+        # Which waypoint a photo belongs to is a matter of its time; here only the number that is lacking is stated.
         missing = [_stretch(site, track, enu_m, int(reached[0]), int(reached[-1]), expected=len(reached) - len(found))]
     return TrackPhotos("reported", found, np.zeros(len(found)), len(reached), tuple(missing))
 

@@ -61,7 +61,7 @@ def same_flight(one: Track, one_m: FloatArray, other: Track, other_m: FloatArray
     """The agreement of two tracks that record one flight; None for two flights.
 
     Tracks that overlap in time, or have the same time stamps, are of one flight where they are nearer to each other than two
-    vehicles fly. Where no common time is told, the places decide: a vehicle that flies a mission again is not within the errors
+    vehicles fly. Where no common time is known, the places decide: a vehicle that flies a mission again is not within the errors
     of a receiver of where it was at the same time. Where the times exclude one another, only a copy is one flight.
 
     Args:

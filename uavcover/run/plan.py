@@ -202,7 +202,7 @@ def _check_heights(site: Site, user: User) -> None:
     """Ask about elevation data that does not look like ground where flights may go.
 
     Raises:
-        InputError: there is some, and nobody confirmed it.
+        InputError: there is some, and the user did not confirm it.
     """
     terrain = site.scenario.terrain
     if isinstance(terrain, RasterTerrain) and site.frame is not None:

@@ -101,7 +101,7 @@ class Unattended:
         self._log.warning(line)
 
     def agrees(self, question: str) -> bool:
-        """No: nobody is there to answer."""
+        """No: there is no user to answer."""
         del question
         return False
 

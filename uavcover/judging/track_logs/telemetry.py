@@ -131,7 +131,7 @@ def _range(message: Any, now_s: float | None) -> list[tuple[float, ...]]:
 
 
 def _lost(counted: _Pictures) -> NDArray[np.int64]:
-    """The number of pictures that each camera counted since the message before, and that no message tells of."""
+    """The number of pictures that each camera counted since the message before, and that no message reports."""
     lost: list[int] = []
     before: dict[int, int] = {}
     for (_, camera, number), row in counted.items():
