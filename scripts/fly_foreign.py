@@ -31,11 +31,11 @@ from sitl_tests.flying import frame_at, take_off
 from sitl_tests.run import home as demo_home
 from sitl_tests.simulators import ardupilot, px4
 from sitl_tests.simulators.running import Start, StartRequest
-from uavcover.checking.aircraft import Kind, default_aircraft, radius_of_bank_m
-from uavcover.checking.check import Checked, CheckRequest, check_mission
-from uavcover.checking.limits import Limits
-from uavcover.checking.segments import Segment
-from uavcover.checking.turns import turns_of
+from uavcover.extras.check.aircraft import Kind, default_aircraft, radius_of_bank_m
+from uavcover.extras.check.check import Checked, CheckRequest, check_mission
+from uavcover.extras.check.limits import Limits
+from uavcover.extras.check.segments import Segment
+from uavcover.extras.check.turns import turns_of
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.ground import Ground, grid_ground

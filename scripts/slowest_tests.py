@@ -58,7 +58,7 @@ REASONS = {
     "tests/benchmarks/": "benchmark runs from seeds to tables, small ones",
     "tests/scenario/test_height_claims.py": "bundled scenarios' height claims, recomputed from the file by independent code",
     "tests/scenario/": "scenarios and elevation files, read and refused",
-    "tests/checking/": "each kind of fault in other people's missions is found, and none where there is none",
+    "tests/extras/check/": "each kind of fault in other people's missions is found, and none where there is none",
     "tests/test_thinned.py": "what the quick run keeps of many cases shows every value and every pair",
     "tests/judging/": "honest and falsified flights, judged as a user's would be",
     "tests/report/": "the report's page, drawn from a flown run",

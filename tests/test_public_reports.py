@@ -26,6 +26,7 @@ from tests.judging.track_logs.samples import FRAME, GROUND_M, write_dataflash, w
 from tests.planning.sites import make_site
 from tests.run.test_judged_inputs import nested
 from uavcover.errors import InputError, TrackError
+from uavcover.extras.check.mission_file import read_mission_file, read_parameter_file
 from uavcover.judging.elevation_bias import elevation_biases, widened
 from uavcover.judging.photos.doubts import missing_stretches
 from uavcover.judging.photos.placing import Assumptions, place_pictures
@@ -34,7 +35,6 @@ from uavcover.judging.shared_clock import ROLLOVER_S, dated
 from uavcover.judging.track_logs.readers import read_foreign_log
 from uavcover.model.judgement import Judgement, noted, unproved
 from uavcover.model.track import COLUMNS
-from uavcover.run.check import read_mission_file, read_parameter_file
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.elevation_file import read_heights_amsl_m
 from uavcover.scenario.obstacles import read_obstacles

@@ -7,9 +7,10 @@ from importlib import metadata
 import typer
 
 from uavcover.cli.ending import run_app
-from uavcover.cli.on_demand import Entry, overview_of
+from uavcover.cli.on_demand import Entry, Groups, overview_of
+from uavcover.plugins import loaded
 
-_GROUPS: dict[str, dict[str, Entry]] = {
+_CORE: dict[str, dict[str, Entry]] = {
     "Start": {
         "demo": (
             "uavcover.cli.demo",
@@ -53,14 +54,6 @@ _GROUPS: dict[str, dict[str, Entry]] = {
             "uavcover.cli.select",
             "",
             ("uavcover select RUN knee", 'uavcover select RUN "coverage>=0.98"'),
-        ),
-        "check": (
-            "uavcover.cli.check",
-            "any mission, judged over the terrain before flight",
-            (
-                "uavcover check mission.plan --dem dem.tif --no-fly zones.json --return-height 60m",
-                "uavcover check survey.waypoints --dem tiles/ --vehicle dji-m350-rtk --battery 30min --map found.geojson",
-            ),
         ),
         "export": (
             "uavcover.cli.export",
@@ -177,6 +170,19 @@ _GROUPS: dict[str, dict[str, Entry]] = {
     },
 }
 """By group and name: the module that has the command under its name, what the overview says of it, and examples."""
+
+
+def _with_extras(core: Groups) -> Groups:
+    """The commands of the core with those of every installed extra; a name of the core cannot be taken."""
+    groups = {title: dict(entries) for title, entries in core.items()}
+    own = {name for entries in core.values() for name in entries}
+    for added in loaded("uavcover.commands").values():
+        for title, entries in added.items():
+            groups.setdefault(title, {}).update({name: entry for name, entry in entries.items() if name not in own})
+    return groups
+
+
+_GROUPS: Groups = _with_extras(_CORE)
 
 app = typer.Typer(
     name="uavcover",

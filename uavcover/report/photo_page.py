@@ -20,7 +20,7 @@ def render_photo_report(verdict: PhotoVerdict) -> str:
     """The page; names of files are escaped."""
     told = verdict.document
     return rendered_page(
-        "photos.html",
+        Path(__file__).parent / "page" / "photos.html",
         own_script=map_script(),
         data=photo_map_data(verdict),
         facts={

@@ -1,0 +1,63 @@
+"""Extension points: what extras and packages of third parties add through entry points of ``pyproject.toml``."""
+
+import logging
+from collections.abc import Mapping
+from functools import cache
+from importlib import metadata
+from types import MappingProxyType
+from typing import Any, Final
+
+from uavcover.errors import InputError
+
+_log = logging.getLogger(__name__)
+
+GROUPS: Final[Mapping[str, str]] = MappingProxyType(
+    {
+        "uavcover.commands": "commands: groups of the overview with their commands (see uavcover.cli.on_demand.Groups)",
+    }
+)
+"""The extension points, and what an entry of each is."""
+_OWN = "uavcover"
+
+
+@cache
+def registered(group: str) -> Mapping[str, metadata.EntryPoint]:
+    """The entry points of a group by name; uavcover's own names cannot be taken by another package."""
+    found = sorted(metadata.entry_points(group=group), key=lambda entry: (_package(entry) != _OWN, entry.name))
+    named: dict[str, metadata.EntryPoint] = {}
+    for entry in found:
+        named.setdefault(entry.name, entry)
+    return MappingProxyType(named)
+
+
+def load(group: str, name: str) -> Any:
+    """The object of an entry point.
+
+    Raises:
+        InputError: it is not registered, or cannot be loaded.
+    """
+    entry = registered(group).get(name)
+    if entry is None:
+        raise InputError(f"{name}: not installed; {group} has {', '.join(registered(group)) or 'nothing'}")
+    try:
+        return entry.load()
+    except Exception as error:
+        raise InputError(
+            f"{name}: {entry.value} of package {_package(entry)} cannot be loaded ({error}); update or uninstall that package"
+        ) from error
+
+
+@cache
+def loaded(group: str) -> Mapping[str, Any]:
+    """Every object of a group that can be loaded, by name; a broken package is logged and left out."""
+    objects: dict[str, Any] = {}
+    for name in registered(group):
+        try:
+            objects[name] = load(group, name)
+        except InputError as error:
+            _log.warning("%s", error)
+    return MappingProxyType(objects)
+
+
+def _package(entry: metadata.EntryPoint) -> str:
+    return "?" if entry.dist is None else entry.dist.name
