@@ -15,9 +15,9 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from scripts.options import file_to_write
-from uavcover.benchmarks.mmf.problems import PROBLEMS, MmfProblem
-from uavcover.benchmarks.mmf.reference_sets import reference_sets
-from uavcover.benchmarks.mmf.summary import CONSTANT_VARIABLES, cover_rate, pareto_sets_proximity
+from uavcover.extras.benchmarks.mmf.problems import PROBLEMS, MmfProblem
+from uavcover.extras.benchmarks.mmf.reference_sets import reference_sets
+from uavcover.extras.benchmarks.mmf.summary import CONSTANT_VARIABLES, cover_rate, pareto_sets_proximity
 from uavcover.optimizers.ablations import CHOICE_VARIANTS, SEARCH_VARIANTS
 from uavcover.optimizers.imodbo_niching import ImodboNiching
 from uavcover.optimizers.indicators import inverted_generational_distance

@@ -17,9 +17,9 @@ from pathlib import Path
 from typing import Any
 
 from scripts.options import file_to_write
-from uavcover.benchmarks.link.peers import Transferred, outcome_of, run_real
-from uavcover.benchmarks.link.runs import Vehicles
-from uavcover.benchmarks.link.trials import COLUMNS, DIRECTIONS, TransferOutcome, Trial, items_on, mission_items
+from uavcover.extras.benchmarks.link.peers import Transferred, outcome_of, run_real
+from uavcover.extras.benchmarks.link.runs import Vehicles
+from uavcover.extras.benchmarks.link.trials import COLUMNS, DIRECTIONS, TransferOutcome, Trial, items_on, mission_items
 
 CLIENTS = {"native": "ours", "pymavlink": "pymavlink, as MAVProxy", "mavsdk": "MAVSDK"}
 LOSSES = (0.0, 0.1, 0.2, 0.3)

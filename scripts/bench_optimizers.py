@@ -33,8 +33,8 @@ from pymoo.functions import is_compiled
 from pymoo.optimize import minimize
 
 from scripts.options import file_to_write, names_of
-from uavcover.benchmarks.mmf.problems import PROBLEMS
-from uavcover.benchmarks.mmf.pymoo_problems import MmfInPymoo
+from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
+from uavcover.extras.benchmarks.mmf.pymoo_problems import MmfInPymoo
 from uavcover.optimizers import ALGORITHMS
 from uavcover.optimizers.ask_tell import AskTellOptimizer
 from uavcover.optimizers.pymoo.adapters import PymooOptimizer

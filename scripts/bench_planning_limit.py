@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from scripts.options import file_to_write, one_of
-from uavcover.benchmarks.coverage.judging import HoldOut
+from uavcover.extras.benchmarks.coverage.judging import HoldOut
 from uavcover.kernels.annealing import Prices, Schedule, anneal
 from uavcover.planning.baselines.boustrophedon import best_height_agl_m, plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout

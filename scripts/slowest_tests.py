@@ -55,7 +55,7 @@ REASONS = {
     "tests/cli/test_bench": "benchmarks stopped hard and resumed give the same sets",
     "tests/cli/test_mock_vehicle.py": "the vehicle of a program that is killed ends too",
     "tests/cli/": "whole commands on a flown run: the first one waits for the demo that all share",
-    "tests/benchmarks/": "benchmark runs from seeds to tables, small ones",
+    "tests/extras/benchmarks/": "benchmark runs from seeds to tables, small ones",
     "tests/scenario/test_height_claims.py": "bundled scenarios' height claims, recomputed from the file by independent code",
     "tests/scenario/": "scenarios and elevation files, read and refused",
     "tests/extras/check/": "each kind of fault in other people's missions is found, and none where there is none",

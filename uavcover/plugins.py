@@ -13,7 +13,9 @@ _log = logging.getLogger(__name__)
 
 GROUPS: Final[Mapping[str, str]] = MappingProxyType(
     {
-        "uavcover.commands": "commands: groups of the overview with their commands (see uavcover.cli.on_demand.Groups)",
+        "uavcover.commands": "commands: groups of the overview with their commands (uavcover.cli.on_demand.Groups)",
+        "uavcover.clients": "clients for --client: a module with open_client(link, own_system=...)",
+        "uavcover.zone_readers": "formats of no-fly zones (uavcover.scenario.airspace.read_zone.ZoneReader)",
     }
 )
 """The extension points, and what an entry of each is."""

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uavcover.benchmarks.mmf.problems import PROBLEMS
+from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
 from uavcover.optimizers.ablations import CHOICE_VARIANTS, SEARCH_VARIANTS
 from uavcover.optimizers.imodbo_niching import ImodboNiching
 

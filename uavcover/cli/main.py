@@ -165,9 +165,6 @@ _CORE: dict[str, dict[str, Entry]] = {
             ("uavcover inspect RUN", "uavcover inspect RUN --screenshot flight.png"),
         ),
     },
-    "Measure": {
-        "bench": ("uavcover.cli.bench", "the benchmarks of this project", ()),
-    },
 }
 """By group and name: the module that has the command under its name, what the overview says of it, and examples."""
 
