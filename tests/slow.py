@@ -14,7 +14,7 @@ SLOW = {
     "tests/cli/test_fly.py::test_vehicle_that_dies_in_flight": "tests/vehicle/test_faults.py loses vehicles",
     "tests/cli/test_fly.py::test_second_interrupt_leaves_it_holding": "tests/vehicle/test_stop.py; one in test_interrupt_brings_it_home",
     "tests/cli/test_fly.py::test_pause_makes_it_wait_and_go_on": "the signal in tests/cli/test_pausing.py, the flight in tests/vehicle/test_faults.py",
-    "tests/cli/test_terrain_server.py::test_serves_until_it_is_told_to_stop_and_says_how_much[15]": "the same with SIGINT",
+    "tests/extras/vehicle_files/test_terrain_server.py::test_serves_until_it_is_told_to_stop_and_says_how_much[15]": "the same with SIGINT",
     "tests/cli/test_mock_vehicle.py::test_tells_its_port_and_ends_when_told[15]": "the same with SIGINT",
     "tests/extras/benchmarks/test_bench_link.py::test_stopped_and_resumed[9]": "the same with SIGINT; tests/extras/benchmarks/test_bench_mmf.py with SIGKILL",
     "tests/test_docs_commands.py::test_the_commands_of_a_page_work_one_after_the_other[quick_start]": "its other pages",

@@ -25,7 +25,7 @@ _OWN = "uavcover"
 @cache
 def registered(group: str) -> Mapping[str, metadata.EntryPoint]:
     """The entry points of a group by name; uavcover's own names cannot be taken by another package."""
-    found = sorted(metadata.entry_points(group=group), key=lambda entry: (_package(entry) != _OWN, entry.name))
+    found = sorted(metadata.entry_points(group=group), key=lambda entry: (package_of(entry) != _OWN, entry.name))
     named: dict[str, metadata.EntryPoint] = {}
     for entry in found:
         named.setdefault(entry.name, entry)
@@ -45,7 +45,7 @@ def load(group: str, name: str) -> Any:
         return entry.load()
     except Exception as error:
         raise InputError(
-            f"{name}: {entry.value} of package {_package(entry)} cannot be loaded ({error}); update or uninstall that package"
+            f"{name}: {entry.value} of package {package_of(entry)} cannot be loaded ({error}); update or uninstall that package"
         ) from error
 
 
@@ -61,5 +61,6 @@ def loaded(group: str) -> Mapping[str, Any]:
     return MappingProxyType(objects)
 
 
-def _package(entry: metadata.EntryPoint) -> str:
+def package_of(entry: metadata.EntryPoint) -> str:
+    """The name of the package that registers an entry point."""
     return "?" if entry.dist is None else entry.dist.name

@@ -41,7 +41,7 @@ class Diagnosis:
 
 def examine(*, try_imports: bool) -> list[Diagnosis]:
     """Look at everything."""
-    return [*_basics(), *_packages(try_imports), *_data(), *_optional()]
+    return [*_basics(), *_packages(try_imports), *_data(), *_extensions(), *_optional()]
 
 
 def _basics() -> Iterator[Diagnosis]:
@@ -81,6 +81,21 @@ def _data() -> Iterator[Diagnosis]:
             yield Diagnosis(f"scenario {name}", True, True, site.scenario.description)
         except UavcoverError as error:
             yield Diagnosis(f"scenario {name}", False, True, str(error))
+
+
+def _extensions() -> Iterator[Diagnosis]:
+    """The extras of uavcover and what packages of third parties add."""
+    from uavcover.errors import InputError
+    from uavcover.plugins import GROUPS, load, package_of, registered
+
+    for group in GROUPS:
+        for name, entry in registered(group).items():
+            what = f"{group.removeprefix('uavcover.').replace('_', ' ').removesuffix('s')} {name}"
+            try:
+                load(group, name)
+                yield Diagnosis(what, True, False, f"{entry.value}, of package {package_of(entry)}")
+            except InputError as error:
+                yield Diagnosis(what, False, False, str(error))
 
 
 def _optional() -> Iterator[Diagnosis]:

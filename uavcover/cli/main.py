@@ -24,11 +24,6 @@ _CORE: dict[str, dict[str, Entry]] = {
         ),
     },
     "Plan": {
-        "terrain": (
-            "uavcover.cli.terrain",
-            "elevation data for an area; terrain-server sends it",
-            ("uavcover terrain area.kml", "uavcover terrain area.kml --dem tiles/ --dat TERRAIN"),
-        ),
         "new": (
             "uavcover.cli.new",
             "a scenario from your area, elevation data and camera",
@@ -98,30 +93,6 @@ _CORE: dict[str, dict[str, Entry]] = {
             "uavcover.cli.fly",
             "arm, start, follow, record, land",
             ("uavcover fly RUN --to mock:", "uavcover fly RUN --to udp:127.0.0.1:14550 --resume"),
-        ),
-        "send-file": (
-            "uavcover.cli.send_file",
-            "files onto the vehicle's card; get-file reads one",
-            (
-                "uavcover send-file TERRAIN/N36W085.DAT --to udp:127.0.0.1:14550",
-                "uavcover send-file script.lua --folder /APM/scripts --to tcp:127.0.0.1:5760",
-            ),
-        ),
-        "get-file": (
-            "uavcover.cli.get_file",
-            "",
-            (
-                "uavcover get-file /APM/LOGS/ --to udp:127.0.0.1:14550",
-                "uavcover get-file @MISSION/mission.dat --to tcp:127.0.0.1:5760 -o mission.dat",
-            ),
-        ),
-        "terrain-server": (
-            "uavcover.cli.terrain_server",
-            "",
-            (
-                "uavcover terrain-server --dem dem.tif --to udp:127.0.0.1:14550",
-                "uavcover terrain-server --dem tiles/ --to tcp:127.0.0.1:5760",
-            ),
         ),
         "mock-vehicle": (
             "uavcover.cli.mock_vehicle",

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from uavcover.cli import options
-from uavcover.cli.survey_options import At, Dsm, TrustDem
-from uavcover.cli.terrain_server import DemOptions
+from uavcover.cli.survey_options import At, DemOptions, Dsm, TrustDem
 
 if TYPE_CHECKING:
     from uavcover.extras.check.limits import Limits

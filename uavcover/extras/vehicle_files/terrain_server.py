@@ -1,38 +1,9 @@
 """``uavcover terrain-server``: terrain heights for a vehicle that requests them."""
 
-from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
+from dataclasses import asdict
 
 from uavcover.cli import options
-from uavcover.cli.survey_options import Band, Dem, DemCrs, HeightUnit, VerticalDatum, WaterHeight
-
-if TYPE_CHECKING:
-    from uavcover.run.vehicle_terrain import ElevationData
-
-
-@dataclass(frozen=True, slots=True)
-class DemOptions:
-    """The elevation data, and what it does not say of itself."""
-
-    dem: Dem = None
-    vertical_datum: VerticalDatum = None
-    dem_crs: DemCrs = None
-    height_unit: HeightUnit = None
-    band: Band = None
-    water_height: WaterHeight = None
-
-    def data(self) -> "ElevationData":
-        """What was named."""
-        from uavcover.run.vehicle_terrain import ElevationData
-
-        return ElevationData(
-            names=tuple(self.dem or ()),
-            vertical_datum=self.vertical_datum,
-            crs=self.dem_crs,
-            height_unit=self.height_unit,
-            band=self.band,
-            water_height=self.water_height,
-        )
+from uavcover.cli.survey_options import DemOptions
 
 
 def terrain_server(

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from uavcover.cli import options
-from uavcover.cli.terrain_server import DemOptions
+from uavcover.cli.survey_options import DemOptions
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,8 +47,8 @@ def terrain(
     .DAT files for the folder APM/TERRAIN on the vehicle's card.
     """
     from uavcover.errors import InputError
+    from uavcover.extras.vehicle_files.area_terrain import files_in, known_share, say_needed, terrain_of_area
     from uavcover.intake.quantities import length_m
-    from uavcover.run.area_terrain import files_in, known_share, say_needed, terrain_of_area
     from uavcover.run.user import to_paste
     from uavcover.run.vehicle_terrain import heights_of_files, open_elevation_data, write_terrain_files
     from uavcover.scenario.areas.area_file import AreaQuery
