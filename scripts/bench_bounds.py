@@ -19,10 +19,10 @@ import time
 import numpy as np
 
 from scripts.options import existing_folder, one_of
+from uavcover.extras.bounds.bounds import least_path_length_m
+from uavcover.extras.bounds.ground_prices import lattice_parts, price_ground
 from uavcover.kernels.route import path_length
 from uavcover.kernels.tours import short_tour
-from uavcover.planning.bounds import least_path_length_m
-from uavcover.planning.ground_prices import lattice_parts, price_ground
 from uavcover.planning.selection_rule import parse_rule
 from uavcover.planning.set_cover.candidates import Candidates, Reduced, lattice_candidates, reduce
 from uavcover.planning.set_cover.solvers import CoverProgram, SolverEffort, greedy_cover, searched_cover

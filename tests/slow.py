@@ -45,14 +45,14 @@ SLOW = {
     "tests/extras/benchmarks/test_coverage_bench.py::test_from_runs_to_files_and_nothing_twice": (
         "the same by the command in tests/extras/benchmarks/test_bench_coverage.py"
     ),
-    "tests/planning/test_bounds.py::test_the_larger_of_both_path_bounds_is_reported": (
-        "each of both in tests/planning/test_bounds.py and test_ground_prices.py"
+    "tests/extras/bounds/test_bounds.py::test_the_larger_of_both_path_bounds_is_reported": (
+        "each of both in tests/extras/bounds/test_bounds.py and test_ground_prices.py"
     ),
     "tests/planning/test_memetic.py::test_the_papers_scenario_with_sixteen_waypoints": (
         "test_every_member_keeps_the_limits_and_none_beats_another, free order"
     ),
-    "tests/planning/test_ground_prices.py::test_no_path_gains_more_than_its_length_and_one_look[sphere-3]": "its other cases",
-    "tests/planning/test_ground_prices.py::test_no_path_gains_more_than_its_length_and_one_look[frame-3]": "its other cases",
+    "tests/extras/bounds/test_ground_prices.py::test_no_path_gains_more_than_its_length_and_one_look[sphere-3]": "its other cases",
+    "tests/extras/bounds/test_ground_prices.py::test_no_path_gains_more_than_its_length_and_one_look[frame-3]": "its other cases",
     "tests/optimizers/test_ablation_niching.py::test_the_shadow_of_the_scouts_is_missed_where_local_sets_are_wanted_and_only_there": (
         "the variants themselves in tests/optimizers/test_contract.py"
     ),

@@ -15,6 +15,7 @@ GROUPS: Final[Mapping[str, str]] = MappingProxyType(
     {
         "uavcover.commands": "commands: groups of the overview with their commands (uavcover.cli.on_demand.Groups)",
         "uavcover.clients": "clients for --client: a module with open_client(link, own_system=...)",
+        "uavcover.bounds": "provers of bounds: a module with proved(site, plan, time_s=...) and least_length_m(site, rule)",
         "uavcover.zone_readers": "formats of no-fly zones (uavcover.scenario.airspace.read_zone.ZoneReader)",
     }
 )

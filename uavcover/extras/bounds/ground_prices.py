@@ -10,13 +10,13 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.ndimage
 
+from uavcover.extras.bounds.bound_heights import relief_over
+from uavcover.extras.bounds.price_program import PriceProgram, headings_over_half_a_turn, middles_of_bins
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.ground_prices import WINDOW_FIELDS, NodePrices, rates_in_squares
 from uavcover.kernels.ground_samples import looks_from_tiles
 from uavcover.kernels.relief import Relief
 from uavcover.kernels.sight import horizontal_reach
-from uavcover.planning.bound_heights import relief_over
-from uavcover.planning.price_program import PriceProgram, headings_over_half_a_turn, middles_of_bins
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import whatever_heading
 

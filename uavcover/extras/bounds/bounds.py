@@ -1,7 +1,7 @@
 """Proved bounds of a plan: how few waypoints, how much coverage, how short a path there can be, beside what was found.
 
-There are two lower bounds on path length. The tighter one prices the ground (:mod:`uavcover.planning.ground_prices`) and takes
-a while. The quick one: a curve of length L has at most the area 2 r L + pi r^2 within r of it. Every cell has a
+There are two lower bounds on path length. The tighter one prices the ground (``ground_prices.py``) and takes a while. The
+quick one: a curve of length L has at most the area 2 r L + pi r^2 within r of it. Every cell has a
 largest distance on the map from which any allowed place sees it. Of the cells for which that is at most r the path must see
 all but what may stay unseen, so it comes within r, and half a cell's diagonal, of their area. The best r is taken. The bound
 depends on no lattice of places, so no route inside the height band beats it; it is far below the shortest path, because a
@@ -13,11 +13,11 @@ from collections.abc import Callable
 
 import numpy as np
 
+from uavcover.extras.bounds.ground_prices import lattice_parts, price_ground
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.sight import CONE, farthest_looks, highest_in_squares, horizontal_reach
 from uavcover.kernels.surface import GRID
 from uavcover.model.route import Bound, Plan, RouteMember
-from uavcover.planning.ground_prices import lattice_parts, price_ground
 from uavcover.planning.selection_rule import parse_rule
 from uavcover.planning.set_cover.candidates import finest_lattice_candidates, reduce
 from uavcover.planning.set_cover.solvers import CoverProgram, SolverEffort

@@ -10,12 +10,12 @@ import pytest
 
 from tests.naive.ground_prices import gain, height
 from tests.planning.sites import flat, hills, make_site
+from uavcover.extras.bounds import ground_prices
+from uavcover.extras.bounds.bound_heights import margin_cells, over_tiles, relief_over
+from uavcover.extras.bounds.bounds import least_path_length_m
+from uavcover.extras.bounds.ground_prices import PricedGround, coverable_weight_m2, lattice_parts, price_ground
+from uavcover.extras.bounds.price_program import PriceProgram
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, SphereSensor
-from uavcover.planning import ground_prices
-from uavcover.planning.bound_heights import margin_cells, over_tiles, relief_over
-from uavcover.planning.bounds import least_path_length_m
-from uavcover.planning.ground_prices import PricedGround, coverable_weight_m2, lattice_parts, price_ground
-from uavcover.planning.price_program import PriceProgram
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, sees_each
 
 LOW = {"min_height_agl_m": 10.0, "max_height_agl_m": 30.0}

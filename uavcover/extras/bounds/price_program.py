@@ -6,11 +6,11 @@ from typing import Any, TypeAlias
 import numpy as np
 import scipy.sparse
 
+from uavcover.extras.bounds.bound_heights import margin_cells
+from uavcover.extras.bounds.interior_point import most_worth
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.ground_samples import rates_by_node
 from uavcover.kernels.relief import Relief
-from uavcover.planning.bound_heights import margin_cells
-from uavcover.planning.interior_point import most_worth
 from uavcover.sensing.coverage_map import CoverageMap
 
 _BLOCKS_ACROSS = 64

@@ -7,9 +7,9 @@ import pytest
 
 from tests.planning.sites import hills, make_site
 from uavcover.errors import InputError
+from uavcover.extras.bounds.bounds import are_quick, farthest_looks_m, least_path_length_m, path_bounds, waypoint_bounds
 from uavcover.model.route import Bound
 from uavcover.model.sensor import SphereSensor
-from uavcover.planning.bounds import are_quick, farthest_looks_m, least_path_length_m, path_bounds, waypoint_bounds
 from uavcover.planning.planner import Effort, plan_routes
 from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.run.bounds import bounds as bounds_of
@@ -74,8 +74,8 @@ def test_prices_are_said_to_hold_for_the_ground_and_the_quick_bound_for_what_is_
 
     site = make_site(hills, cell_m=20.0)
     coverage, plan = judging_map(site), planned(site, "coverage>=0.9")
-    monkeypatch.setattr("uavcover.planning.bounds.lattice_parts", lambda _, time_s: 1 if time_s else None)
-    monkeypatch.setattr("uavcover.planning.bounds.price_ground", lambda *_, **__: Dear())
+    monkeypatch.setattr("uavcover.extras.bounds.bounds.lattice_parts", lambda _, time_s: 1 if time_s else None)
+    monkeypatch.setattr("uavcover.extras.bounds.bounds.price_ground", lambda *_, **__: Dear())
     (quick,) = path_bounds(coverage, plan)
     (priced,) = path_bounds(coverage, plan, time_s=1.0)
     assert (quick.counted, quick.proved_on) == ("cells", "any path inside the height band")
