@@ -20,11 +20,11 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any, Final
 
+from mission_io.conformance.__main__ import serve
 from mission_io.conformance.client_cases import CLIENT_CASES
 from mission_io.conformance.evidence import ClientCase, Operation
 from mission_io.conformance.fake_vehicle import LONGEST_S, FakeVehicle
 from mission_io.conformance.samples import sample
-from mission_io.conformance.serving import serve
 from mission_io.links.opening import UdpLink
 from mission_io.model.items import MissionType
 from scripts.options import file_to_write, one_of

@@ -16,11 +16,11 @@ from typing import Any, Final
 import mavsdk
 from mavsdk.plugins import mission_raw
 
+from mission_io.conformance.__main__ import serve
 from mission_io.conformance.client_cases import CLIENT_CASES
 from mission_io.conformance.evidence import ClientCase, Operation
 from mission_io.conformance.fake_vehicle import LONGEST_S, FakeVehicle
 from mission_io.conformance.samples import sample
-from mission_io.conformance.serving import serve
 from mission_io.links.opening import UdpLink
 from mission_io.model.items import MissionType
 from mission_io.wire.mission_items import message_from_item

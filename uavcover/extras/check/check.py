@@ -1,5 +1,6 @@
 """The check of a mission: everything that is judged, in one place."""
 
+import dataclasses
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
@@ -7,25 +8,26 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import shapely
 
-from mission_io.model.items import Command, Frame, GeoPoint, Mission
+from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
 from mission_io.model.places import FAR_FROM_HOME_M, ground_distance_m
 from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.boundary_checks import distance_findings, fence_findings, zone_findings
 from uavcover.extras.check.endurance_checks import endurance_findings, speed_findings, wing_findings
 from uavcover.extras.check.fences import FenceSource, local_fence
-from uavcover.extras.check.findings import CheckFinding
+from uavcover.extras.check.findings import CheckFinding, joined
 from uavcover.extras.check.flown_path import flown_path
-from uavcover.extras.check.ground_checks import height_findings
-from uavcover.extras.check.hints import with_hints
+from uavcover.extras.check.ground_checks import TOLERANCE_M, height_findings
 from uavcover.extras.check.item_values import impossible_numbers, value_findings
 from uavcover.extras.check.limits import Limits, Surroundings
 from uavcover.extras.check.obstacle_checks import obstacle_findings, with_obstacles
 from uavcover.extras.check.places import Doubt, Heights, believed, places_of
 from uavcover.extras.check.return_checks import OwnReturn, return_findings
+from uavcover.extras.check.return_lines import PIECE_M, Lines, cut, lowest_of, places_along, with_gaps
 from uavcover.extras.check.segments import FlownPath
-from uavcover.extras.check.sight_checks import sight_findings
 from uavcover.extras.check.turns import in_turns, turns_of
 from uavcover.extras.check.world import World
+from uavcover.intake.surface_look import HIDES_M
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.judgement import Judgement, VerdictName
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle
@@ -239,3 +241,122 @@ def _surroundings(request: CheckRequest, world: World, path: FlownPath, read_zon
         pilot_m=eye if np.isfinite(eye).all() else None,
         obstacle_clearance_m=request.limits.obstacle_clearance_m,
     )
+
+
+_FOOT_M = 0.3048
+_SLACK_M = 5.0
+_MOST_M = 150.0
+
+
+def with_hints(findings: Sequence[CheckFinding], mission: Mission, world: World, limits: Limits) -> list[CheckFinding]:
+    """Findings about heights with the likely reason, where another unit or another frame would keep the band."""
+    return [_with_hint(one, mission, world, limits) if one.kind in ("ground", "height") else one for one in findings]
+
+
+def _with_hint(finding: CheckFinding, mission: Mission, world: World, limits: Limits) -> CheckFinding:
+    first, last = finding.items or (1, 0)
+    items = [
+        (n, mission.items[n - 1])
+        for n in range(max(1, first), last + 1)
+        if mission.items[n - 1].has_position
+        and math.isfinite(mission.items[n - 1].alt_m)
+        and mission.items[n - 1].lat_deg != 0.0
+    ]
+    wrong = [(n, item) for n, item in items if not _fits(_agl_m(item, world, item.frame, item.alt_m), limits)]
+    if not wrong:
+        return finding
+    for words, change in _CHANGES.items():
+        if all(change(item, world, limits) for _, item in wrong):
+            return dataclasses.replace(finding, what=f"{finding.what}; {words}")
+    return finding
+
+
+def _agl_m(item: MissionItem, world: World, frame: Frame, alt_m: float) -> float:
+    """Height above ground of an item's place with its number read in another way."""
+    if frame is Frame.ABOVE_TERRAIN:
+        return alt_m
+    east, north = world.place(item.lat_deg, item.lon_deg)
+    alt = alt_m + (world.home_alt_amsl_m if frame is Frame.ABOVE_HOME else 0.0)
+    return float(world.ground.heights_agl_m(world.at_alts([[east, north]], alt))[0])
+
+
+def _fits(height_agl_m: float, limits: Limits) -> bool:
+    most = _MOST_M if limits.max_height_agl_m is None else limits.max_height_agl_m
+    return limits.min_height_agl_m - _SLACK_M <= height_agl_m <= most + _SLACK_M
+
+
+def _as_amsl(item: MissionItem, world: World, limits: Limits) -> bool:
+    return item.frame is not Frame.AMSL and _fits(_agl_m(item, world, Frame.AMSL, item.alt_m), limits)
+
+
+def _as_above_home(item: MissionItem, world: World, limits: Limits) -> bool:
+    return item.frame is Frame.AMSL and _fits(_agl_m(item, world, Frame.ABOVE_HOME, item.alt_m), limits)
+
+
+def _as_above_terrain(item: MissionItem, _: World, limits: Limits) -> bool:
+    return item.frame is not Frame.ABOVE_TERRAIN and _fits(item.alt_m, limits)
+
+
+def _as_feet(item: MissionItem, world: World, limits: Limits) -> bool:
+    return _fits(_agl_m(item, world, item.frame, item.alt_m * _FOOT_M), limits)
+
+
+def _as_metres(item: MissionItem, world: World, limits: Limits) -> bool:
+    return _fits(_agl_m(item, world, item.frame, item.alt_m / _FOOT_M), limits)
+
+
+_CHANGES = {
+    "its number fits a height above sea level: is the frame wrong?": _as_amsl,
+    "its number fits a height above home: is the frame wrong?": _as_above_home,
+    "its number fits feet: is the unit wrong?": _as_feet,
+    "its number fits a height above the terrain: is the frame wrong?": _as_above_terrain,
+    "it fits if the number were metres that somebody took for feet": _as_metres,
+}
+
+
+_EARTH_RADIUS_M = 6_371_000.0
+_BENDING = 1.0 - 1.0 / (4.0 / 3.0)
+"""Radio waves bend with the Earth as if it were 4/3 as large (ITU-R P.834)."""
+
+
+def sight_findings(path: FlownPath, world: World, pilot_m: FloatArray) -> list[CheckFinding]:
+    """Segments that terrain, trees or roofs hide from the pilot, or from the radio beside him."""
+    under_m = -float(world.clearances_m(pilot_m)[0])
+    if under_m > HIDES_M:
+        return [
+            CheckFinding(
+                kind="sight", weight="look", by=under_m, unit="m",
+                what=f"the pilot stands under trees or a roof {under_m:.0f} m above his eyes and sees nothing of the flight",
+                do="stand in the open (--pilot)",
+            ).at(world.geodetic(pilot_m))
+        ]  # fmt: skip
+    hidden = []
+    what_hides = "ground" if world.surface is None else "ground, trees or roofs"
+    for segment in path.distinct:
+        if segment.phase not in ("route", "return"):
+            continue
+        places = places_along(segment)
+        lowest, _, begin = lowest_of(world, _bent_lines(pilot_m, places))
+        if lowest < -TOLERANCE_M:
+            hidden.append(
+                CheckFinding(
+                    kind="sight",
+                    weight="look",
+                    items=segment.items,
+                    by=-lowest,
+                    unit="m",
+                    what=f"hidden from the pilot and the radio by {what_hides} {-lowest:.0f} m high in the line of sight",
+                    do="stand elsewhere (--pilot), fly higher, or have a spotter",
+                ).at(world.geodetic(places[begin])),
+            )
+    return joined(hidden, lambda one: one.kind)
+
+
+def _bent_lines(pilot_m: FloatArray, places_m: FloatArray) -> Lines:
+    """Lines from the pilot to (n, 3) places, as radio waves see the ground between them."""
+    away = places_m - pilot_m
+    distances_m = np.hypot(away[:, 0], away[:, 1])
+    owner, t = cut(np.maximum(2, np.ceil(distances_m / PIECE_M)).astype(np.int64))
+    lines = pilot_m + t[:, None] * away[owner]
+    lines[:, 2] += t * (1.0 - t) * distances_m[owner] ** 2 / (2.0 * _EARTH_RADIUS_M) * _BENDING
+    return with_gaps(lines, owner)
