@@ -1,4 +1,4 @@
-"""Which tests take long, and why each is worth it: `python scripts/slowest_tests.py TIMES... [-o docs/results/tests.md]`.
+"""Which tests take long, and why each is worth it: `python scripts/slowest_tests.py TIMES... [-o PAGE.md]`.
 
 As a plugin of pytest (`-p scripts.slowest_tests`, in every worker) it adds a line for each test to the file named by
 `TEST_TIMES`: processor seconds of the process and of those that it started and waited for, and seconds by the clock.

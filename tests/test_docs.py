@@ -40,7 +40,7 @@ def heading_anchors(text: str) -> set[str]:
 
 
 def site_hook() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("docs_site", ROOT / "scripts" / "docs_site.py")
+    spec = importlib.util.spec_from_file_location("docs_site", ROOT / "scripts" / "docs" / "docs_site.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
