@@ -1,4 +1,4 @@
-"""docs/results/architecture.md says what the code is."""
+"""docs/explanation/architecture.md says what the code is."""
 
 import re
 import subprocess
@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 ROOT = Path(__file__).parents[1]
-PAGE = ROOT / "docs" / "results" / "architecture.md"
+PAGE = ROOT / "docs" / "explanation" / "architecture.md"
 MAY_CHANGE = {
     "lines",
     "lines of code (no blank, comment or docstring)",

@@ -1,4 +1,4 @@
-"""Counts what docs/results/architecture.md states: `python scripts/docs/measure_architecture.py [--root FOLDER] [--json]`.
+"""Counts what docs/explanation/architecture.md states: `python scripts/docs/measure_architecture.py [--root FOLDER] [--json]`.
 
 Counted are the two packages of the product, `uavcover` and `mission_io`. A package's `__init__.py` is a module
 when it holds code. Layers and rings come from the imports themselves, not from the contracts in `pyproject.toml`.

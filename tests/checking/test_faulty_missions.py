@@ -1,4 +1,4 @@
-"""A few of the missions and faults of scripts/attack/faulty_missions.py; docs/results/mission_check.md has all."""
+"""A few of the missions and faults of scripts/attack/faulty_missions.py; docs/results/safety.md has all."""
 
 from pathlib import Path
 
