@@ -1,4 +1,4 @@
-"""Which tests take long, and why each is worth it: `python scripts/slowest_tests.py TIMES... [-o docs/results/tests.md]`.
+"""Which tests take long, and why each is worth it: `python scripts/slowest_tests.py TIMES...`.
 
 As a plugin of pytest (`-p scripts.slowest_tests`, in every worker) it adds a line for each test to the file named by
 `TEST_TIMES`: processor seconds of the process and of those that it started and waited for, and seconds by the clock.
@@ -11,7 +11,6 @@ given runs did not have stay as they are there.
 import argparse
 import json
 import os
-import re
 import resource
 import sys
 import time
@@ -202,12 +201,9 @@ def totals(rows: list[Timed]) -> Iterator[str]:
 
 
 def main() -> None:
-    """Print the tables, or put them into the page below its marks."""
+    """Print the tables, or write the list of long tests."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("times", nargs="+", type=existing_file)
-    parser.add_argument(
-        "-o", "--output", type=existing_file, help="a page with the marks <!-- totals --> and <!-- slowest -->"
-    )
     parser.add_argument("--long", action="store_true", help=f"write {LONG_TESTS.name} and nothing else")
     arguments = parser.parse_args()
     rows = read(arguments.times)
@@ -215,18 +211,9 @@ def main() -> None:
         before = frozenset(LONG_TESTS.read_text(encoding="utf-8").splitlines())
         LONG_TESTS.write_text("".join(f"{name}\n" for name in long_tests(rows, before)), encoding="utf-8")
         return
-    parts = {"<!-- totals -->": "\n".join(totals(rows)), "<!-- slowest -->": "\n".join(table(rows))}
-    if arguments.output is None:
-        print("\n\n".join(parts.values()))
-        return
-    page = arguments.output.read_text(encoding="utf-8")
+    print("\n".join(totals(rows)), "\n".join(table(rows)), sep="\n\n")
     if unexplained := [row.test for row in rows[:SHOWN] if not row.reason]:
-        sys.exit(f"make these cheaper, or say in REASONS of {__file__} why each is worth it: {', '.join(unexplained)}")
-    for mark, text in parts.items():
-        page, found = re.subn(rf"{mark}\n\n(\|.*\n)*", lambda _, new=f"{mark}\n\n{text}\n": new, page)
-        if found != 1:
-            sys.exit(f"{arguments.output} needs the line {mark} once, and an empty line below it")
-    arguments.output.write_text(page, encoding="utf-8")
+        print(f"make these cheaper, or say in REASONS why each is worth it: {', '.join(unexplained)}", file=sys.stderr)
 
 
 if __name__ == "__main__":

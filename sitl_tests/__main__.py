@@ -1,4 +1,4 @@
-"""``python -m sitl_tests -o docs/results/sitl.md``: run the matrix on all vehicles that are there, and write the table."""
+"""``python -m sitl_tests -o FILE.md``: run the matrix on all vehicles that are there, and write the table."""
 
 import argparse
 import platform

@@ -1,6 +1,6 @@
 """Falsify the record of an honest flight in every way known here, and see that the judge passes none of them.
 
-Usage: .venv/bin/python tests/falsify.py RUN [RUN ...] [--seed 0] [--family NAME ...] [--json] [-o TABLE.md]
+Usage: .venv/bin/python tests/falsify.py RUN [RUN ...] [--seed 0] [--family NAME ...] [--json] [-o docs/results/evidence.md]
 
 RUN is the folder of a flight that passes, such as one of ``uavcover demo``; it is only read. Each way is judged by the command
 ``uavcover verify``, in this process, on a copy:
@@ -40,6 +40,7 @@ if __name__ == "__main__":
 
 from importlib import metadata
 
+from scripts.pages import put_section
 from tests.falsifying.every_way import every_way
 from tests.falsifying.flown import Flown, flights_in, read_flown
 from tests.falsifying.way import FAMILIES, Way
@@ -195,9 +196,9 @@ def _told(figures: dict[str, int]) -> str:
 
 
 def table(rows: Sequence[Judged], words: str) -> str:
-    """The Markdown page: what was found by family, and every finding."""
+    """The section of a page: what was found by family, and every finding."""
     lines = [
-        "# Falsified flights, judged", "", words, "", "Together: " + _told(summary(rows)), "",
+        words, "", "Together: " + _told(summary(rows)), "",
         *(f"- {name}: {_told(summary([row for row in rows if row.scenario == name]))}"
           for name in dict.fromkeys(row.scenario for row in rows)), "",
         "| family | as run folder: caught | as foreign log: caught | as survey: caught | verdicts as foreign log |",
@@ -213,7 +214,7 @@ def table(rows: Sequence[Judged], words: str) -> str:
         counted = ", ".join(f"{verdicts.count(v)} {v}" for v in dict.fromkeys(verdicts)) or "-"
         lines.append(f"| {name} | {cells[0]} | {cells[1]} | {cells[2]} | {counted} |")
     findings = [row for row in rows if row.finding]
-    lines += ["", "## Findings", "", *([] if findings else ["None."])]
+    lines += ["", "Findings:" if findings else "Findings: none.", ""]
     for scenario, family, way in dict.fromkeys((row.scenario, row.family, row.way) for row in findings):
         of_it = [row for row in findings if (row.scenario, row.family, row.way) == (scenario, family, way)]
         said = "; ".join(f"as {row.judged_as}: {row.finding}" for row in of_it)
@@ -238,7 +239,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("--family", action="append", default=[], metavar="NAME", help="only this kind; may be repeated")
     parser.add_argument("--json", action="store_true", help="one JSON object on stdout, progress on stderr")
     parser.add_argument(
-        "-o", "--out", type=Path, metavar="TABLE", help=".md for the page and a .csv beside it, or .csv alone"
+        "-o",
+        "--out",
+        type=Path,
+        metavar="TABLE",
+        help=".md: its section is renewed, with falsified.csv beside it; or .csv alone",
     )
     chosen = parser.parse_args(arguments)
     unknown = set(chosen.family) - {*FAMILIES, "two at once"}
@@ -269,8 +274,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 f"{datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, {os.cpu_count()} cores. "
                 "What is done is said at the top of the command, what each way is in `tests/falsifying`."
             )
-            chosen.out.write_text(table(rows, words), encoding="utf-8")
-        write_csv(chosen.out.with_suffix(".csv"), rows)
+            put_section(chosen.out, "Falsified flights", table(rows, words))
+        write_csv(chosen.out if chosen.out.suffix == ".csv" else chosen.out.with_name("falsified.csv"), rows)
     return 1 if findings else 0
 
 

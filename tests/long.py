@@ -25,7 +25,6 @@ KEPT = {
     "tests/planning/test_parallel_lines.py::test_lines_have_their_heading": "lines of a fixed heading",
     "tests/planning/test_memetic.py::test_equal_seed": "equal plans on any number of threads",
     "tests/vehicle/test_fly.py": "whole flights on a simulated clock",
-    "tests/vehicle/test_faulty_flights.py": "flights with faults",
     "tests/run/test_resume.py::test_after_the_client_was_killed_in_the_air": "a killed flight goes on",
 }
 """Beginnings of names that the quick run keeps however long they take, each with what would otherwise not be in it."""

@@ -1,4 +1,4 @@
-"""Terrains, areas, sensors and bands of heights that nobody chose, for trying what a plan claims; see scripts/bench_random.py.
+"""Terrains, areas, sensors and bands of heights that nobody chose, to try what a plan claims; see scripts/bench/random_cases.py.
 
 Each number has a case of its own: the same one, whenever and wherever it is made.
 """

@@ -24,7 +24,6 @@ SLOW = {
     "tests/extras/mavsdk/test_mavsdk_client.py::test_a_whole_flight_by_mavsdk[PX4]": "the same with ArduPilot",
     "tests/cli/test_plan.py::test_interrupt_writes_the_best_so_far[15]": "the same with SIGINT",
     "tests/extras/benchmarks/test_bench_mmf.py::test_stopped_hard_in_the_middle_and_resumed_gives_the_same_sets[2]": "the same with SIGKILL",
-    "tests/cli/test_new.py::test_the_page_of_bad_inputs_shows_what_is_said": "every line's words, one bad input a case",
     "tests/cli/test_new.py::test_the_overlap_that_was_asked_for_holds_up_to_the_edge[60/50-4-False]": "75/70, with a hole",
     "tests/cli/test_pictures.py::test_a_plan_claims_what_its_pictures_show[volcano, ahead]": "its other cases",
     "tests/cli/test_pictures.py::test_a_plan_claims_what_its_pictures_show[volcano, overlap]": "its other cases",

@@ -1,4 +1,4 @@
-"""Terrains of twelve kinds and six sensors, made for trying the planner where a method may fail; see scripts/bench_kinds.py.
+"""Terrains of twelve kinds and six sensors, made for trying the planner where a method may fail; see scripts/bench/kinds.py.
 
 Every scenario is written as a user would have it: an elevation file, an area and obstacles as GeoJSON, a TOML file. The file's
 system has true metres around the middle of the area, so that a check needs no geodesy of the package.

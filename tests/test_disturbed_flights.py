@@ -1,4 +1,4 @@
-"""The reader of ``scripts/disturbed_flights.py`` finds commands without current evidence, and the flights are as drawn."""
+"""The reader of ``scripts/attack/disturbed_flights.py`` finds commands without current evidence, and the flights are as drawn."""
 
 from pathlib import Path
 
@@ -9,7 +9,8 @@ from mission_io.model.enums import AutopilotId, ModeFlag, VehicleClass
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
-from scripts.disturbed_flights import KINDS, Steered, against, steering_commands
+from scripts.attack.disturbed_flights import Steered, against, steering_commands
+from tests.disturbances import KINDS
 from uavcover.vehicle.modes import Mode
 
 VEHICLE, STATION = Codec(system_id=1, component_id=1), Codec(system_id=255, component_id=190)

@@ -40,7 +40,7 @@ def heading_anchors(text: str) -> set[str]:
 
 
 def site_hook() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("docs_site", ROOT / "scripts" / "docs_site.py")
+    spec = importlib.util.spec_from_file_location("docs_site", ROOT / "scripts" / "docs" / "docs_site.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -68,8 +68,8 @@ def test_every_page_that_code_names_exists() -> None:
         for folder in ("uavcover", "mission_io", "sitl_tests", "tests", "scripts")
         for source in (ROOT / folder).rglob("*.py")
         for path in re.findall(r"\bdocs/[\w/-]+\.md", source.read_text(encoding="utf-8"))
-        # What a script is yet to write is named by its usage.
-        if "/results/" not in path and not (ROOT / path).exists()
+        # Comments of kernels change with their code alone: any change compiles all of them.
+        if not (ROOT / path).exists() and "uavcover/kernels" not in str(source)
     }
     assert missing == set()
 
@@ -218,9 +218,7 @@ def test_ranges_of_the_reference_are_those_that_are_checked() -> None:
 
 
 def test_every_page_is_in_the_navigation_once() -> None:
-    """Pages of results come from scripts; the build names one that is missing."""
     listed = re.findall(r"^ +- [^#]*?([\w/-]+\.md)$", (ROOT / "mkdocs.yml").read_text(encoding="utf-8"), re.MULTILINE)
     assert sorted(listed) == sorted(set(listed))
     pages = {str(page.relative_to(ROOT / "docs")) for page in (ROOT / "docs").rglob("*.md")}
-    wanted = {page for page in pages if not page.startswith("results/")} | set(site_hook().PAGES)
-    assert wanted - set(listed) == set()
+    assert (pages | set(site_hook().PAGES)) - set(listed) == set()

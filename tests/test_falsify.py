@@ -93,7 +93,7 @@ def test_the_command(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert printed.splitlines()[-1].startswith("ways: 3, as run folder: 3")
     assert code == int("PASSED" in printed or "caught, but" in printed)
     assert "| text |" in out.read_text()
-    assert len(out.with_suffix(".csv").read_text().splitlines()) == 1 + 6
+    assert len(out.with_name("falsified.csv").read_text().splitlines()) == 1 + 6
     with pytest.raises(SystemExit) as ended:
         falsify.main([str(run), "--family", "nonsense"])
     assert ended.value.code == 2

@@ -1,4 +1,4 @@
-"""A few of the flights of ``scripts/honest_flights.py``: a judge that refuses everything proves nothing."""
+"""A few of the flights of ``scripts/attack/honest_flights.py``: a judge that refuses everything proves nothing."""
 
 import importlib.util
 import sys
@@ -7,7 +7,7 @@ from types import ModuleType
 
 import pytest
 
-SCRIPT = Path(__file__).parents[1] / "scripts" / "honest_flights.py"
+SCRIPT = Path(__file__).parents[1] / "scripts" / "attack" / "honest_flights.py"
 
 
 @pytest.fixture(scope="module")
@@ -55,7 +55,7 @@ def test_the_page(script: ModuleType, tmp_path: Path, monkeypatch: pytest.Monkey
     page = out.read_text()
     assert "1 of 2 honest flights passed, 1 not proved." in page
     assert "not proved: an odd move" in page
-    assert len(out.with_suffix(".csv").read_text().splitlines()) == 3
+    assert len(out.with_name("honest_flights.csv").read_text().splitlines()) == 3
 
 
 @pytest.mark.slow

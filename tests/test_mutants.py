@@ -1,4 +1,4 @@
-"""The mutants of ``scripts/mutate_judgement.py``: what is changed, and that a change is noticed."""
+"""The mutants of ``scripts/attack/mutate_judgement.py``: what is changed, and that a change is noticed."""
 
 import ast
 import importlib.util
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from scripts import mutants, mutate_judgement, reach
+from scripts.attack import mutants, mutate_judgement
 
 SOURCE = '''
 LIMIT: float = 2.0
@@ -83,7 +83,7 @@ class Project:
 
     def __init__(self, folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         self.folder = folder
-        for place in (mutants, reach, mutate_judgement):
+        for place in (mutants, mutate_judgement):
             monkeypatch.setattr(place, "ROOT", folder)
         monkeypatch.setattr(mutate_judgement, "TESTS", {"mutated_code.py": ["test_mutated_code.py"]})
         monkeypatch.setattr(mutate_judgement, "NAMED", {})

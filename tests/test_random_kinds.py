@@ -6,8 +6,8 @@ from pathlib import Path
 
 import pytest
 
-from scripts.bench_kinds import Row, read_rows
-from scripts.bench_random import faults, main, summary
+from scripts.bench.kinds import Row, read_rows
+from scripts.bench.random_cases import faults, main, summary
 from tests.random_kinds import AREAS, GROUNDS, SENSORS, random_case
 from uavcover.scenario.site import load_site
 

@@ -24,49 +24,29 @@ from scripts.options import (
     scenario_name,
     whole_numbers,
 )
-from uavcover.recording.layout import RecordingError
 
 ROOT = Path(__file__).parents[1]
 
 BAD = {
-    "ablate_niching --part 3/2": "give PART/PARTS, from 0/PARTS on, such as 1/4",
-    "bench_bounds --paths nowhere": "argument --paths: nowhere: not known; choose from jacksboro, ",
-    "bench_sight nowhere": "argument scenarios: nowhere: neither a readable scenario file",
-    "bench_budget nowhere": "argument scenarios: nowhere: neither a readable scenario file",
-    "bench_budget --budgets x": "argument --budgets: x: give numbers, with commas between them",
-    "bench_cluster --only zz": "argument --only: zz: not known; choose from 100km2-10m, ",
-    "bench_energy_aware {empty}": "no */config.yaml in it; see the top of the script",
-    "bench_fleet --vehicles 1,x": "argument --vehicles: 1,x: give whole numbers, with commas between them",
-    "bench_flight_time --vehicles zz": "argument --vehicles: zz: not known; choose from mock-ardupilot, ",
-    "bench_flood --seconds 900": "--seconds 900: give more than 0 and at most 600",
-    "bench_kinds --recompute": "--recompute needs --runs DIR, the folder in which --runs kept the plans",
-    "bench_kinds --recompute --runs {empty}": "/plan.json in it; keep the plans with --runs first",
-    "bench_kinds --only zz:nadir": "argument --only: zz: not known; choose from ",
-    "bench_kinds -o {empty}/none/page.md": "argument -o/--out: {empty}/none/page.md: its folder is not there; make it first",
-    "bench_large --only 1000:zz": "argument --only: 1000:zz: not known; choose from 1000, 1000:1, ",
-    "bench_mcpp --theirs {empty}/none": "argument --theirs: {empty}/none: no such folder; name one that is there",
-    "bench_mountains --only :zz": "argument --only: zz: not known; choose from boustrophedon, ",
-    "bench_optimizers --algorithms zz": "argument --algorithms: zz: not known; choose from imodbo, ",
-    "bench_part_seams --only zz": "argument --only: zz: not known; choose from 25km2-10m, ",
-    "bench_planning_limit --only zz": "argument --only: zz: not known; choose from jacksboro, ",
-    "bench_sorties": "the package is not here; pip install pyvrp ortools",
-    "compare_batteries {empty}": "argument run: {empty}: no plan.json in it; name a run folder, as uavcover plan makes it",
-    "conformance_mavproxy --mavproxy {empty}/none -o {empty}/out": "no such command; give the one that starts MAVProxy",
-    "fuzz_formats --engine atheris": "--engine atheris: the package is not here; pip install atheris, or take --engine",
-    "kill_fly --run {empty}": "argument --run: {empty}: no plan.json in it; name a run folder, as uavcover plan makes it",
-    "measure_architecture --root {empty}": "--root {empty}: no pyproject.toml in it; name a checkout",
-    "mutate_judgement --module zz.py": "--module zz.py: no such file, or none whose tests TESTS at the top of the script",
-    "mutate_judgement --survivors": "--survivors needs -o PAGE with its .csv beside it: that has the survivors",
-    "picture_report {empty}/none.html {empty}": "argument REPORT.html: {empty}/none.html: no such file; name one that is there",
-    "public_missions {empty}/none": "argument folder: {empty}/none: no such folder; name one that is there",
-    "real_photos {empty}/none": "argument folder: {empty}/none: no such folder; name one that is there",
-    "real_photos {empty}": "argument folder: {empty}: none of drone_dataset_brighton_beach, dataset_banana, ",
-    "real_photos {empty} -o {empty}/x/page.md": "argument -o/--out: {empty}/x/page.md: its folder is not there; make it",
+    "bench/fleet --vehicles 1,x": "argument --vehicles: 1,x: give whole numbers, with commas between them",
+    "bench/flight_time --vehicles zz": "argument --vehicles: zz: not known; choose from mock-ardupilot, ",
+    "bench/kinds -o page.md --recompute": "--recompute needs --runs DIR, the folder in which --runs kept the plans",
+    "bench/kinds -o docs/results/data/kinds.csv --recompute --runs {empty}": "/plan.json in it; keep the plans with --runs first",
+    "bench/kinds --only zz:nadir": "argument --only: zz: not known; choose from ",
+    "bench/kinds -o {empty}/none/page.md": "argument -o/--out: {empty}/none/page.md: its folder is not there; make it first",
+    "bench/large --only 1000:zz": "argument --only: 1000:zz: not known; choose from 1000, 1000:1, ",
+    "attack/fuzz_formats --engine atheris": "--engine atheris: the package is not here; pip install atheris, or take --engine",
+    "docs/measure_architecture --root {empty}": "--root {empty}: no pyproject.toml in it; name a checkout",
+    "attack/mutate_judgement --module zz.py": "--module zz.py: no such file, or none whose tests TESTS at the top of the script",
+    "attack/mutate_judgement --survivors": "--survivors needs -o PAGE with its .csv beside it: that has the survivors",
+    "docs/make_pictures {empty}/none.html {empty}": "argument REPORT.html: {empty}/none.html: no such file; name one",
+    "bench/real_photos {empty}/none": "argument folder: {empty}/none: no such folder; name one that is there",
+    "bench/real_photos {empty} -o page.md": "argument folder: {empty}: none of drone_dataset_brighton_beach, dataset_banana, ",
+    "bench/real_photos {empty} -o {empty}/x/page.md": "argument -o/--out: {empty}/x/page.md: its folder is not there; make it",
     "slowest_tests {empty}": "argument times: {empty}: no such file; name one that is there",
-    "tune_search --only zz": "argument --only: zz: not known; choose from moves, goal, ",
 }
 """Command lines, {empty} is a folder with nothing in it, and what is said."""
-NEED = {"fuzz_formats": ["atheris"], "bench_sorties": ["pyvrp", "ortools"]}
+NEED = {"attack/fuzz_formats": ["atheris"]}
 """Where these can be imported, there is nothing wrong."""
 
 
@@ -74,7 +54,7 @@ NEED = {"fuzz_formats": ["atheris"], "bench_sorties": ["pyvrp", "ortools"]}
 def test_a_script_says_in_one_line_what_is_wrong(
     command: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """Among them bench_kinds --recompute without --runs and bench_sorties without PyVRP, which ended in a traceback."""
+    """Among them bench/kinds --recompute without --runs, which ended in a traceback."""
     for packages in [names for begins, names in NEED.items() if command.startswith(begins)]:
         if all(map(importlib.util.find_spec, packages)):
             pytest.skip(f"{' and '.join(packages)} can be imported")
@@ -83,7 +63,7 @@ def test_a_script_says_in_one_line_what_is_wrong(
     assert code == 2
     assert not out
     last = err.splitlines()[-1]
-    assert last.startswith(f"{name}.py: error: ")
+    assert last.startswith(f"{name.partition('/')[2] or name}.py: error: ")
     assert BAD[command].format(empty=tmp_path) in last
 
 
@@ -100,27 +80,12 @@ def run_script(
     return (ended.value.code, *capsys.readouterr())
 
 
-def test_recordings_are_not_measured_where_no_viewer_runs(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
-) -> None:
-    """Without a graphics driver it ended in a traceback, after the first case."""
-
-    def no_driver(path: Path) -> None:
-        raise RecordingError(f"{path}: no graphics driver")
-
-    monkeypatch.setattr("uavcover.recording.viewer.headless_viewer", no_driver)
-    code, out, err = run_script("bench_recording", str(tmp_path / "out"), monkeypatch=monkeypatch, capsys=capsys)
-    assert (code, out) == (2, "")
-    assert err.splitlines()[-1] == "bench_recording.py: error: the viewer: no graphics driver"
-    assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize("name", ["bad_inputs", "make_obstacles", "make_terrain"])
+@pytest.mark.parametrize("name", ["docs/make_terrain"])
 def test_help_is_no_run(name: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-    """These wrote their files, whatever stood behind the name."""
+    """It wrote its files, whatever stood behind the name."""
     code, out, _ = run_script(name, "--help", monkeypatch=monkeypatch, capsys=capsys)
     assert code == 0
-    assert out.startswith(f"usage: {name}.py")
+    assert out.startswith(f"usage: {name.partition('/')[2]}.py")
 
 
 @pytest.mark.parametrize(

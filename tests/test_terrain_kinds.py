@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from scripts.bench_kinds import main, measure, read_rows
+from scripts.bench.kinds import main, measure, read_rows
 from tests.terrain_kinds import KINDS, SENSORS, write_scenario
 from uavcover.scenario.site import load_site
 

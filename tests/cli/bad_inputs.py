@@ -1,6 +1,6 @@
 """Bad inputs of `uavcover new`: what is given, and what the one line of its error has to say.
 
-docs/results/bad_inputs.md shows the lines (scripts/bad_inputs.py).
+docs/results/kinds.md shows the lines (scripts/bad_inputs.py).
 """
 
 from pathlib import Path

@@ -11,7 +11,6 @@ import shapely
 from rasterio.transform import Affine
 
 from mission_io.model.items import Command
-from scripts import bad_inputs as bad_input_page
 from tests.cli import bad_inputs
 from tests.cli.bad_inputs import PLACES, SIZE_M, dem_at, options, square_parts
 from tests.scenario.areas import written
@@ -275,10 +274,6 @@ def test_a_flight_of_an_oblique_set_says_where_to_look(cli, tennessee, tmp_path)
     rows = [line.split("\t") for line in (run / "mission.waypoints").read_text().splitlines()[1:]]
     (gimbal,) = (row for row in rows if int(row[3]) == Command.DO_GIMBAL_MANAGER_PITCHYAW)
     assert [float(value) for value in gimbal[4:6]] == [-45.0, 90.0]
-
-
-def test_the_page_of_bad_inputs_shows_what_is_said():
-    assert bad_input_page.PAGE.read_text(encoding="utf-8") == bad_input_page.page()
 
 
 ODD = (

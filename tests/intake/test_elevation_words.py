@@ -23,7 +23,7 @@ SURFACES = {
     "MDS05-HU30.tif": 'says "MDS"',
     "surface_model.tif": 'says "surface_model"',
 }
-# The names of the ground models of docs/results/foreign_inputs.md and of national providers.
+# The names of the ground models of docs/results/kinds.md and of national providers.
 OTHERS = [
     "dem.tif", "davosdorf.tif", "olinda_dem_utm25s.tif", "elev.tif", "elev_vinschgau.tif", "dem1.tif", "dem25.tif",
     "pre_runout_DEM.asc", "small_dem_3m_merged.tif", "jacksboro.tif", "swissalti3d_2019_2501-1120_2_2056_5728.tif",

@@ -1,4 +1,4 @@
-"""The mock's own return, against the prediction that shares no code with it; seeds and parameters as scripts/fly_failsafes.py."""
+"""The mock's own return, against the prediction that shares no code with it; seeds and parameters as fly_failsafes.py."""
 
 import math
 

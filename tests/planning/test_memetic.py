@@ -121,7 +121,7 @@ def test_the_papers_scenario_with_sixteen_waypoints() -> None:
     site = load_site("paper-R2")
     settings = dataclasses.replace(site.scenario.planner, algorithm="local-search", max_waypoints=16)
     plan = plan_routes(site, settings=settings, select_rule="max-coverage", effort=Effort(1500, None, frozen))
-    # IMODBO sees 86 % with 22 waypoints after 25,000 evaluations (docs/results/planning.md); 16 can see everything.
+    # IMODBO sees 86 % with 22 waypoints after 25,000 evaluations (docs/results/coverage.md); 16 can see everything.
     assert plan.chosen.metrics.coverage_of_coverable > 0.97
     assert plan.chosen.metrics.waypoint_count <= 16
     points = plan.chosen.route.waypoints_m

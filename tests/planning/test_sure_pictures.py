@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scripts.bench_kinds import measure
+from scripts.bench.kinds import measure
 from tests.terrain_kinds import write_scenario
 from uavcover.model.route import Route
 from uavcover.planning.sure_pictures import LEAST_SPARE_M, surely, unsure_pictures, with_sure_pictures

@@ -52,7 +52,7 @@ def test_a_tour_of_more_than_the_fewest_waypoints_is_shorter() -> None:
     fewest = min(full, key=lambda metrics: metrics.waypoint_count)
     chosen = plan.chosen.metrics
     assert fewest.waypoint_count <= 35 < chosen.waypoint_count <= 60
-    # Forty discs in rows have a way of 51.8 and are the shortest construction (docs/results/coverage/table.md).
+    # Forty discs in rows have a way of 51.8 and are the shortest construction (docs/results/coverage.md).
     assert chosen.path_length_m < 51.0 < fewest.path_length_m
 
 

@@ -1,6 +1,7 @@
 """Elevation files of made-up rugged relief, in any raster that pyproj knows, and how far a ground is from them."""
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 import rasterio
@@ -8,6 +9,31 @@ from pyproj import Transformer
 from rasterio.transform import Affine
 
 from tests.naive.file_ground import FileGround, ecef_of, geodetic_of
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """A raster somewhere on Earth; ``turn_deg`` is by how much its rows are turned in its own system."""
+
+    name: str
+    lat_deg: float
+    lon_deg: float
+    epsg: int
+    turn_deg: float = 0.0
+
+
+PLACES = (
+    Place("degrees, equator", 0.02, 36.8, 4326),
+    Place("degrees, 36 N", 36.48, -84.21, 4326),
+    Place("degrees, 60 N", 60.1, 10.3, 4326),
+    Place("degrees, 45 S", -45.2, 169.4, 4326),
+    Place("UTM, central meridian", 47.2, 9.02, 32632),
+    Place("UTM, 2.9 degrees aside", 47.2, 11.9, 32632),
+    Place("UTM, 2.9 degrees aside, turned 3", 47.2, 11.9, 32632, 3.0),
+    Place("UTM, 60 N, turned -3", 60.1, 6.2, 32632, -3.0),
+    Place("UTM south, turned 40", -45.2, 169.4, 32759, 40.0),
+    Place("Lambert azimuthal (Europe)", 63.0, 26.0, 3035),
+)
 
 
 def fractal_m(rng, rows, columns, *, pixel_m, steepest):

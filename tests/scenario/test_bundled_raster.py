@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import rasterio
 
-from scripts import make_terrain
+from scripts.docs import make_terrain
 from uavcover.scenario.elevation_file import read_height_amsl_m
 from uavcover.scenario.scenario_file import load_scenario, terrain_source
 

@@ -7,9 +7,8 @@ import pytest
 import rasterio
 from rasterio.transform import Affine
 
-from scripts import bench_terrain
 from tests.naive.file_ground import FileGround, ecef_of, geodetic_of
-from tests.scenario.dem_files import largest_difference_m, write_dem
+from tests.scenario.dem_files import PLACES, largest_difference_m, write_dem
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.kernels.grid import square_frame, steepest_of_finite
 from uavcover.kernels.surface import GRID, Surface, height_above, up_above
@@ -30,7 +29,7 @@ def ground_of(path, place, size_m, step_m=None):
 
 CASES = [
     (place, pixel_m, size_m)
-    for place in bench_terrain.PLACES
+    for place in PLACES
     for pixel_m, size_m in ((1.0, 1000.0), (5.0, 2500.0), (10.0, 5000.0), (30.0, 5000.0))
 ]
 
@@ -56,7 +55,7 @@ def test_heights_are_those_of_the_file(tmp_path, place, pixel_m, size_m):
 def test_legs_cut_into_pieces_have_the_heights_of_whole_ones(tmp_path, seed):
     """A leg's range against dense sampling of the true line, and against that of its parts."""
     rng = np.random.default_rng(seed)
-    place = bench_terrain.PLACES[3 * seed]
+    place = PLACES[3 * seed]
     path = write_dem(
         tmp_path / "dem.tif", rng, lat_deg=place.lat_deg, lon_deg=place.lon_deg, epsg=place.epsg, pixel_m=30.0,
         size_m=4000.0, turn_deg=place.turn_deg,

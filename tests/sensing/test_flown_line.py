@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from scripts.bench_kinds import measure
+from scripts.bench.kinds import measure
 from tests.naive.flown_line import arducopter, passed_corners, reached_places
 from tests.planning.sites import make_site
 from tests.sensing.flown_lines import places_when_passed, track_of_legs

@@ -7,7 +7,7 @@ and b (Eq. 20, 21), the sine-cosine disturbance (Eq. 22, 23).
 does not say who survives. Our frame lets parents and offspring compete by front and crowding; these variants are the other
 reading, kept to compare with (docs/explanation/fidelity.md).
 
-The parts of `ImodboNiching` are each taken away alone. These classes are not in `ALGORITHMS`: ``scripts/ablate_niching.py``.
+The parts of `ImodboNiching` are each taken away alone. These classes are not in `ALGORITHMS`.
 """
 
 from types import MappingProxyType

@@ -41,7 +41,7 @@ goal."""
 
 _DEAR = 20.0
 """Of these, those come first that may cost least with their gaps closed: all coverage would take so many times the route's cost
-at the rate of its last part (17 to 80 in four cases of scripts/bench_kinds.py)."""
+at the rate of its last part (17 to 80 in four cases of scripts/bench/kinds.py)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -209,7 +209,7 @@ def _fluke_with_gaps_closed(
 ) -> list[NamedRoute]:
     """What the rule chooses among all members, where other cells see too little of it, with the rest behind it.
 
-    The next best may cost a third more, and this one lacks next to nothing (scripts/bench_kinds.py, ``city:tilted``, seed 2).
+    The next best may cost a third more, and this one lacks next to nothing (scripts/bench/kinds.py, ``city:tilted``, seed 2).
     """
     chosen, finer, asked = _chosen_so_far(members, rule), finer_map(site), rule.required_coverage
     if chosen is None or finer is None or asked is None or chosen.metrics.coverage_of_coverable < asked:

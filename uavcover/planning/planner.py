@@ -83,7 +83,7 @@ which only samples, there always is, unless baselines keep the limits and it alo
 
 
 _MOST_ROUNDS = 50
-"""Of the optimizer before a local search: where a round is quick, more of them add nothing (docs/results/planning_limit.md)."""
+"""Of the optimizer before a local search: where a round is quick, more of them add nothing (docs/results/coverage.md)."""
 
 _MOST_TUNED = 12
 """So many tuned lines of each kind are shown: the one of most merit, and the least crowded."""

@@ -15,7 +15,7 @@ from uavcover.scenario.vehicle_parts import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
 
 _SPACING_SHARES = (1.0, 0.5)
-"""Spacings of the starts for which a fleet's route is cut; the cut that is done soonest is flown (scripts/bench_fleet.py)."""
+"""Spacings of the starts for which a fleet's route is cut; the cut that is done soonest is flown (scripts/bench/fleet.py)."""
 
 
 def compile_flights(

@@ -25,7 +25,7 @@ def power_of(vehicle: Vehicle, *, gust_m_s: float = 0.0) -> Power:
 
 
 _WAYPOINT_PRICE = 0.01
-"""Default price of a waypoint, in radii of the sensor: of path, or of flight at cruise speed (docs/results/waypoints.md)."""
+"""Default price of a waypoint, in radii of the sensor: of path, or of flight at cruise speed (docs/results/coverage.md)."""
 
 
 def waypoint_price_of(site: Site) -> float:

@@ -1,7 +1,7 @@
 """How much memory a plan takes, and how a limit is kept: more parts, and fewer of them at a time.
 
 What takes how much was measured, and some added: estimates are 6 to 36 % above what threads take, more with worker processes
-(``scripts/bench_memory.py``, docs/results/memory.md). It is estimated from the scenario alone, because the number of
+(``scripts/bench/memory.py``, docs/results/large.md). It is estimated from the scenario alone, because the number of
 parts decides what is planned: the same limit gives the same plan.
 """
 

@@ -84,7 +84,7 @@ class LevelObservations:
 
 _FIRST_STRIDE = 64
 """A power of two: 16 to 256 are equally quick. Against the order of flight they are 1.1 to 2.1 times as quick
-(docs/results/planner.md)."""
+(docs/results/cost.md)."""
 
 
 _AT_A_TIME = 100_000

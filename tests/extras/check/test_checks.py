@@ -164,7 +164,7 @@ def test_a_return_out_of_the_fence_and_into_a_zone() -> None:
 
 
 def test_a_leg_out_of_a_convex_fence_is_told_once() -> None:
-    """Found by scripts/faulty_missions.py --seed 7: a return from outside the fence counted as one that leaves it."""
+    """Found by scripts/attack/faulty_missions.py --seed 7: a return from outside the fence counted as one that leaves it."""
     assert found(checked(*OVER, fence=fence(SHORT))) == [("fence", (2, 4))]
 
 

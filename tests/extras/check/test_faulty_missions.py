@@ -1,4 +1,4 @@
-"""A few of the missions and faults of scripts/faulty_missions.py; docs/results/mission_check.md has all."""
+"""A few of the missions and faults of scripts/attack/faulty_missions.py; docs/results/safety.md has all."""
 
 from pathlib import Path
 
@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from mission_io.formats.files import read_mission
-from scripts.faulty_missions import judged, touches
+from scripts.attack.faulty_missions import judged, touches
 from tests.extras.check.made_faults import with_fault
 from tests.extras.check.made_missions import KINDS, Case, good_mission, terrains
 from tests.naive.mission_check import Plane, path

@@ -63,12 +63,12 @@ STOPPED_BY = {f"upload-stopped-by-{name}" for name in ("ERROR", "UNSUPPORTED", "
 
 
 def test_the_px4_mock() -> None:
-    """As PX4 1.17, simulated, but for current-set: docs/results/conformance.md."""
+    """As PX4 1.17, simulated, but for current-set: docs/results/links.md."""
     assert failures(asked(mock(PX4))) == STOPPED_BY | {"download-old-request", "upload-after-silence"}
 
 
 def test_the_ardupilot_mock() -> None:
-    """As ArduCopter 4.7.0-dev, simulated: docs/results/conformance.md."""
+    """As ArduCopter 4.7.0-dev, simulated: docs/results/links.md."""
     assert failures(asked(mock(ARDUPILOT))) == STOPPED_BY | {
         "upload-silence-mission", "upload-silence-rally", "upload-first-item", "upload-int-requests",
         "upload-out-of-order", "upload-cancelled-mission", "upload-cancelled-fence", "upload-cancelled-rally",

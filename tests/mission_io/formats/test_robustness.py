@@ -11,10 +11,9 @@ import pytest
 from mission_io.errors import FormatError
 from mission_io.formats import csv, geojson, kml, plan, poly, wpl
 from mission_io.formats.text import text_from_bytes
-from scripts import fuzz_formats
-from scripts.fuzzing.engines import fuzz_by_mutations, mutated
-from scripts.fuzzing.target import of_text
-from scripts.fuzzing.targets import TARGETS
+from scripts.attack import fuzz_formats
+from scripts.attack.fuzz_files import of_text
+from scripts.attack.fuzz_formats import TARGETS, fuzz_by_mutations, mutated
 from tests.mission_io.formats.samples import HOME
 
 ROW = "{}\t0\t3\t16\t0\t0\t0\t0\t33.2191234\t-98.1240001\t60.25\t1\n"

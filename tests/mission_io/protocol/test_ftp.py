@@ -9,7 +9,7 @@ from mission_io.protocol.ftp import DATA_BYTES, FtpError, FtpMessage, FtpOperati
 from mission_io.protocol.ftp_server import MAX_FILE_BYTES, FtpServer
 from mission_io.protocol.ftp_upload import FtpUpload, FtpUploadState
 from mission_io.wire.messages import FileTransfer, Received
-from scripts.bench_ftp import line_s, upload_s
+from tests.mission_io.protocol.ftp_transfers import line_s, upload_s
 from tests.mission_io.vehicle import VehiclePeer, connected
 
 PATH = "/APM/TERRAIN/N47E008.DAT"

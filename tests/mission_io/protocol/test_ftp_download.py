@@ -14,7 +14,7 @@ from mission_io.protocol.ftp_listing import FtpListing
 from mission_io.protocol.ftp_server import FtpServer
 from mission_io.wire.codec import Codec
 from mission_io.wire.mission_items import message_from_item
-from scripts.bench_ftp import download_s, line_s
+from tests.mission_io.protocol.ftp_transfers import download_s, line_s
 from tests.mission_io.protocol.test_ftp import KeepsFiles
 from tests.mission_io.vehicle import connected
 

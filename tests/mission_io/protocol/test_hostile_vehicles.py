@@ -27,7 +27,7 @@ SEEDS = 100
 )
 @pytest.mark.no_cover
 def test_every_call_ends_in_time(seed: int) -> None:
-    """Each seed with one autopilot and one list; scripts/hostile_vehicles.py does all of them."""
+    """Each seed with one autopilot and one list; scripts/attack/hostile_vehicles.py does all of them."""
     autopilot, mission_type = (ARDUPILOT, PX4)[seed // 3 % 2], MissionType(seed % 3)
     for call in CALLS:
         result = attack(seed, autopilot, mission_type, call)

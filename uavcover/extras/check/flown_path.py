@@ -255,7 +255,7 @@ class _Flight:
             limited = self._aircraft.endurance_s is not None
             self._look(number, "endless", "waits until a time of day; how long that is depends on the take-off",
                        "give seconds, or watch the battery", "unknown" if limited else "look")  # fmt: skip
-        if self._aircraft.autopilot == "px4" and not self._aircraft.has_wings:  # docs/results/foreign_flights.md
+        if self._aircraft.autopilot == "px4" and not self._aircraft.has_wings:  # docs/results/safety.md
             self._look(number, "meaning", "PX4 1.17 sinks at a DELAY, and flew the leg after it up to 38 m too low in simulation",
                        "let the waypoint before it wait (its parameter 1)", "unknown")  # fmt: skip
         self._wait(max(_number(item.params[0]), 0.0))

@@ -42,7 +42,7 @@ from uavcover.sensing.sensors import reach_at_height_m
 
 _SPACING_CELLS = 0.25
 _MOST_PLACES = 60_000
-"""Of the lattice where sensing is at waypoints: the finer, the fewer waypoints see all (docs/results/bounds.md)."""
+"""Of the lattice where sensing is at waypoints: the finer, the fewer waypoints see all (docs/results/coverage.md)."""
 
 _MOST_PAIRS = 30e6
 """Places by the cells in their reach: about 20 s of processor time. Where that is more there are no more places than cells."""

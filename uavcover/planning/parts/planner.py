@@ -55,7 +55,7 @@ _FLOWN = 0.98
 _ONE_SEARCH_CELLS = 130_000
 _PART_CELLS = 260_000
 """Above the first, "auto" divides the area, and gives no part more cells than the second. Few large parts were best, by
-``scripts/bench_large.py`` (docs/results/large.md): many seams cost more than they save."""
+``scripts/bench/large.py`` (docs/results/large.md): many seams cost more than they save."""
 
 _MOST_COMPARED_CELLS = 300_000
 """The tuned boustrophedon of a larger area is found on a sample of so many larger cells: no worker shares that work."""

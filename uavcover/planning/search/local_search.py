@@ -18,7 +18,7 @@ CHAINS = 2
 """Chains that run side by side, whatever the number of threads: the result must not depend on it."""
 
 PROPOSALS_PER_EVALUATION = 50
-"""So many proposals count as one evaluation: about what they cost in time (docs/results/planning_limit.md)."""
+"""So many proposals count as one evaluation: about what they cost in time (docs/results/coverage.md)."""
 
 _BATCHES = 400
 _LARGEST_BATCH = 5000

@@ -22,7 +22,7 @@ SCATTERED_MARGIN_CELLS = 0.1
 """Likewise on scattered cells, which a route passes at all distances, so that it can hardly live off their centres."""
 
 _FAR_LESS = 0.04
-"""A share of coverage: of scripts/bench_kinds.py, pictures every 40 m over cliffs are counted 0.05 to 0.2 less than they are
+"""A share of coverage: of scripts/bench/kinds.py, pictures every 40 m over cliffs are counted 0.05 to 0.2 less than they are
 judged, others up to 0.025."""
 
 

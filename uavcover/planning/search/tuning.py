@@ -36,16 +36,16 @@ class GoalTuning:
         closed: the gaps are closed of so many times the ground that is lacking, one after the other: pictures by distance fall
             elsewhere behind a route than behind home, so it may take more.
         most_trials: to make each route that closes them shorter. The search makes it shorter, too: with 4,000 trials that took
-            2 to 4 of 20 s in a canyon, and with 300 the search began too far away (scripts/bench_kinds.py, ``canyon:sparse``).
+            2 to 4 of 20 s in a canyon, and with 300 the search began too far away (scripts/bench/kinds.py, ``canyon:sparse``).
         waiting_price: of all coverage, in costs of the route, for turns that wait for a picture: what else closes gaps costs
-            as much or more (``dear_ground``: 17 to 80 in four cases of scripts/bench_kinds.py).
+            as much or more (``dear_ground``: 17 to 80 in four cases of scripts/bench/kinds.py).
         nearly_all: a search that begins with closed gaps opens them again, and mostly closes them better. For more coverage than
-            this it did not come back to its goal, in either field that was tried (scripts/bench_fields.py, U and L, 99.9 %); for
+            this it did not come back to its goal, in either field that was tried (fields U and L of b33804a, 99.9 %); for
             98 % a search that may not open them ended up to 6 % later (jacksboro, seed 4).
         closed_dearer: factor of the price of coverage there: 10 is too little in both fields.
         closed_heat: factor of the temperature at its beginning; 0.05 and 0.2 do as well.
         most_short_at_first: a search that misses its goal by more after its first stage ends there, and goes on from long lines
-            with the gaps closed: in a canyon it was 0.09 to 0.1 short, in six cases on other ground (scripts/bench_kinds.py) at
+            with the gaps closed: in a canyon it was 0.09 to 0.1 short, in six cases on other ground (scripts/bench/kinds.py) at
             most 0.047 (terraces, tilted).
         most_short_beginning: such lines lack no more than this, ...
         most_beginnings: ... so many of those that see most on the planner's cells are judged, ...
@@ -56,7 +56,7 @@ class GoalTuning:
         coverage_price: of all coverage, in lengths of the route. Along a path a share more costs one to two such shares of the
             length; at a price far above that no single change may lose a cell, and nothing can be traded.
         nearly_all_price: the same for more than ``nearly_all``, where the last of the ground is the dearest: at 2 triangle and
-            pentagon often end short of 99.9 % and up to 17 % later, at 12 the square does (scripts/bench_fields.py).
+            pentagon often end short of 99.9 % and up to 17 % later, at 12 the square does (scripts/bench_fields.py of b33804a).
         dearer: factor of that price when a stage ends below its goal.
         start_price: the same price when beginnings are compared: lower missing coverage is cheap in a beginning, for fewer
             lines are hard to come by, and gaps between lines are closed.

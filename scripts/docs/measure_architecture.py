@@ -1,0 +1,198 @@
+"""Counts what docs/explanation/architecture.md states: `python scripts/docs/measure_architecture.py [--root FOLDER] [--json]`.
+
+Counted are the two packages of the product, `uavcover` and `mission_io`. A package's `__init__.py` is a module
+when it holds code. Layers and rings come from the imports themselves, not from the contracts in `pyproject.toml`.
+"""
+
+import argparse
+import ast
+import io
+import json
+import subprocess
+import sys
+import tokenize
+import tomllib
+from collections import defaultdict
+from collections.abc import Iterator
+from pathlib import Path
+
+PACKAGES = ("uavcover", "mission_io")
+
+
+def modules_in(root: Path) -> dict[str, Path]:
+    """Dotted name of every module to its file; a package's `__init__.py` carries the package's name."""
+    found = {}
+    for package in PACKAGES:
+        for path in sorted((root / package).rglob("*.py")):
+            parts = path.relative_to(root).with_suffix("").parts
+            found[".".join(parts[:-1] if parts[-1] == "__init__" else parts)] = path
+    return found
+
+
+def imports_of(tree: ast.AST, known: set[str]) -> Iterator[str]:
+    """Modules of `known` that a parsed file imports, inside functions too."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            yield from (alias.name for alias in node.names if alias.name in known)
+        elif isinstance(node, ast.ImportFrom) and node.module:
+            for alias in node.names:
+                inner = f"{node.module}.{alias.name}"
+                if inner in known:
+                    yield inner
+                elif node.module in known:
+                    yield node.module
+
+
+def rings(graph: dict[str, set[str]]) -> list[list[str]]:
+    """Strongly connected components of more than one node (Tarjan)."""
+    index: dict[str, int] = {}
+    low: dict[str, int] = {}
+    stack: list[str] = []
+    found: list[list[str]] = []
+
+    def visit(node: str) -> None:
+        index[node] = low[node] = len(index)
+        stack.append(node)
+        for other in sorted(graph.get(node, ())):
+            if other not in index:
+                visit(other)
+                low[node] = min(low[node], low[other])
+            elif other in stack:
+                low[node] = min(low[node], index[other])
+        if low[node] == index[node]:
+            members = []
+            while not members or members[-1] != node:
+                members.append(stack.pop())
+            if len(members) > 1:
+                found.append(sorted(members))
+
+    for node in sorted(graph):
+        if node not in index:
+            visit(node)
+    return found
+
+
+def depth(graph: dict[str, set[str]]) -> int:
+    """Length of the longest chain of imports in a graph; the members of a ring count as one."""
+    ring_of = {member: ring[0] for ring in rings(graph) for member in ring}
+    merged: dict[str, set[str]] = defaultdict(set)
+    for node, others in graph.items():
+        one = ring_of.get(node, node)
+        merged[one] |= {ring_of.get(other, other) for other in others} - {one}
+    known: dict[str, int] = {}
+
+    def height(node: str) -> int:
+        if node not in known:
+            known[node] = 1 + max((height(other) for other in merged.get(node, ())), default=0)
+        return known[node]
+
+    return max(map(height, list(merged)), default=0)
+
+
+def code_lines(text: str) -> int:
+    """Lines that hold code: no blank line, no comment, no docstring."""
+    lines: set[int] = set()
+    fresh = True
+    for token in tokenize.generate_tokens(io.StringIO(text).readline):
+        if token.type in (tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT):
+            fresh = True
+        elif token.type not in (tokenize.NL, tokenize.COMMENT, tokenize.ENDMARKER):
+            if not (fresh and token.type == tokenize.STRING):
+                lines.update(range(token.start[0], token.end[0] + 1))
+            fresh = False
+    return len(lines)
+
+
+def found_by_ruff(root: Path, rule: str, setting: str) -> int:
+    """How many findings one rule of ruff has in the product."""
+    command = [sys.executable, "-m", "ruff", "check", "--isolated", "--select", rule, "--config", setting]
+    done = subprocess.run(
+        [*command, "--output-format", "json", *(str(root / package) for package in PACKAGES)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return len(json.loads(done.stdout))
+
+
+def measured(root: Path) -> dict[str, object]:
+    """Every figure by its name."""
+    files = modules_in(root)
+    trees = {name: ast.parse(path.read_text()) for name, path in files.items()}
+    counted = {n for n, path in files.items() if path.name != "__init__.py" or len(trees[n].body) > 1}
+    graph = {name: set(imports_of(tree, set(files))) - {name} for name, tree in trees.items()}
+    importers: dict[str, set[str]] = defaultdict(set)
+    for name, others in graph.items():
+        for other in others:
+            importers[other].add(name)
+    loose = [n for n in counted if n.count(".") == 1 and files[n].name != "__init__.py"]
+
+    def parts(package: str, level: int) -> dict[str, set[str]]:
+        of: dict[str, set[str]] = defaultdict(set)
+        for name, others in graph.items():
+            if name.split(".")[0] == package and name.count(".") >= 1:
+                part = ".".join(name.split(".")[: level + 1])
+                of[part] |= {".".join(o.split(".")[: level + 1]) for o in others if o.startswith(package + ".")} - {
+                    part
+                }
+        return of
+
+    classes: dict[str, int] = defaultdict(int)
+    for tree in trees.values():
+        for node in tree.body:
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                classes[node.name] += 1
+    texts = [path.read_text() for path in files.values()]
+    return {
+        "Python files, package markers included": len(files),
+        "modules": len(counted),
+        "modules of uavcover outside a package": sum(n.startswith("uavcover.") for n in loose),
+        "modules of mission_io outside a package": sum(n.startswith("mission_io.") for n in loose),
+        "modules that one other module imports": sum(len(importers[n]) == 1 for n in counted),
+        "import layers of uavcover, by its contract": layers(root, "layers of uavcover"),
+        "import layers of mission_io, by its contract": layers(root, "mission_io: each layer"),
+        "longest chain of imports between parts of uavcover": depth(parts("uavcover", 1)),
+        "longest chain of imports between parts of mission_io": depth(parts("mission_io", 1)),
+        "rings of parts": len(rings(parts("uavcover", 1)) + rings(parts("mission_io", 1))),
+        "rings of modules": len(rings(graph)),
+        "modules in rings": sum(map(len, rings(graph))),
+        "names in uavcover's public API": exported(trees["uavcover"]),
+        "names in mission_io's public API": exported(trees["mission_io"]),
+        "public classes": sum(classes.values()),
+        "names used for two classes": sum(count > 1 for count in classes.values()),
+        "functions with more than 8 parameters": found_by_ruff(root, "PLR0913", "lint.pylint.max-args=8"),
+        "functions of cyclomatic complexity over 15": found_by_ruff(root, "C901", "lint.mccabe.max-complexity=15"),
+        "files over 400 lines": sum(len(text.splitlines()) > 400 for text in texts),
+        "lines": sum(len(text.splitlines()) for text in texts),
+        "lines of code (no blank, comment or docstring)": sum(map(code_lines, texts)),
+    }
+
+
+def layers(root: Path, name: str) -> int:
+    """Number of layers in the import contract whose name holds ``name``."""
+    contracts = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
+    return next(len(contract["layers"]) for contract in contracts if name in contract["name"])
+
+
+def exported(tree: ast.Module) -> int:
+    """Number of names in a module's `__all__`."""
+    for node in tree.body:
+        if isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets):
+            return len(ast.literal_eval(node.value))
+    return 0
+
+
+def main() -> None:
+    """Prints one line a figure, or JSON."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--root", type=Path, default=Path(__file__).resolve().parents[2])
+    parser.add_argument("--json", action="store_true")
+    asked = parser.parse_args()
+    if not (asked.root / "pyproject.toml").is_file():
+        parser.error(f"--root {asked.root}: no pyproject.toml in it; name a checkout")
+    figures = measured(asked.root)
+    print(json.dumps(figures, indent=2) if asked.json else "\n".join(f"{v!s:>8}  {k}" for k, v in figures.items()))
+
+
+if __name__ == "__main__":
+    main()

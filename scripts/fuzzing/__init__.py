@@ -1,1 +1,0 @@
-"""What ``scripts/fuzz_formats.py`` tries: targets by topic with their good files, and the two engines."""
