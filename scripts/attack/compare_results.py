@@ -39,7 +39,7 @@ FORMATS = ("plan", "kml", "geojson", "csv", "gpx", "wpml", "litchi", "print", "m
 VALLEY = ("--dem", "bundled:jacksboro.tif", "--vertical-datum", "EGM96")
 CHANGING = re.compile(
     r"(version|command|commit|_at$|^at$|elapsed|search_time|seconds|processor|sha256|hash|created|cwd|previous|^run$|memory|"
-    r"^per_second|^out$|workers|load)"
+    r"^per_second|^out$|workers|load|wall_s)"
 )
 NUMBER = re.compile(r"-?\d+(?:[.,]\d+)*(?:[eE][-+]?\d+)?")
 ENDLESS = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(?::\d\d)?(?:\.\d+)?Z?|\d\d:\d\d UTC|\b[0-9a-f]{7,64}\b")
@@ -128,6 +128,8 @@ def plain(value: Any, key: str = "") -> Any:
         return {k: plain(v, k) for k, v in value.items()}
     if isinstance(value, list):
         return [plain(v) for v in value]
+    if isinstance(value, str) and re.fullmatch("[0-9a-f]{64}", value):
+        return None
     if isinstance(value, str) and (" " in value or "/" in value):
         return numbers(value)
     return value
