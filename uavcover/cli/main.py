@@ -112,14 +112,6 @@ _CORE: dict[str, dict[str, Entry]] = {
                 "uavcover verify flight.bin --photos DCIM/ --area area.kml --dem dem.tif",
             ),
         ),
-        "judge-photos": (
-            "uavcover.cli.judge_photos",
-            "what any pictures show of an area, and what is missing",
-            (
-                "uavcover judge-photos DCIM/ --area area.kml --dem dem.tif --overlap 75/70 -o verdict",
-                "uavcover judge-photos DCIM/ --scenario RUN --takeoff 46.5,7.9",
-            ),
-        ),
         "gaps": (
             "uavcover.cli.gaps",
             "what was not seen, and a mission that flies only that",

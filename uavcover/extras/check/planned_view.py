@@ -18,7 +18,6 @@ from uavcover.extras.check.world import World
 from uavcover.intake.cameras import CameraBody, camera_named
 from uavcover.intake.quantities import overlaps
 from uavcover.judging.gaps import cells_outline
-from uavcover.judging.photos.picture import camera_axes
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.area import Area, Rings
@@ -36,6 +35,7 @@ from uavcover.sensing.coverage_map import CoverageMap, judging_map
 from uavcover.sensing.pictures import (
     OVERLAP_FRACTION,
     PictureCounts,
+    camera_axes,
     count_pictures,
     drawn_cells,
     overlap_fraction,

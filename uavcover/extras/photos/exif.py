@@ -16,7 +16,7 @@ from xml.etree import ElementTree
 from PIL import ExifTags, Image, UnidentifiedImageError
 
 from uavcover.errors import TrackError
-from uavcover.judging.photos.picture import RTK_FIXED, HeightDatum, Picture, finite, moment
+from uavcover.extras.photos.picture import RTK_FIXED, HeightDatum, Picture, finite, moment
 
 ENDINGS = (".jpg", ".jpeg", ".tif", ".tiff", ".dng")
 _LARGEST_XMP = 1_000_000

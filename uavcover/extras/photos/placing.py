@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from uavcover.errors import TerrainError, TrackError
-from uavcover.judging.photos.picture import HeightDatum, Picture, camera_axes
+from uavcover.extras.photos.picture import HeightDatum, Picture
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.sensor import FrameCamera
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.vertical import Undulation
+from uavcover.sensing.pictures import camera_axes
 from uavcover.sensing.sensors import camera_turn
 
 _NO_COURSE_M = 0.5

@@ -7,11 +7,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePath
 
 from uavcover.errors import TrackError
-from uavcover.judging.photos.exif import ENDINGS, read_picture
-from uavcover.judging.photos.lists import read_geo_txt, read_images_json, read_mrk, read_table
-from uavcover.judging.photos.logs import ENDINGS as LOGS
-from uavcover.judging.photos.logs import read_log
-from uavcover.judging.photos.picture import Picture
+from uavcover.extras.photos.exif import ENDINGS, read_picture
+from uavcover.extras.photos.lists import read_geo_txt, read_images_json, read_mrk, read_table
+from uavcover.extras.photos.logs import ENDINGS as LOGS
+from uavcover.extras.photos.logs import read_log
+from uavcover.extras.photos.picture import Picture
 
 LISTS: dict[str, Callable[[Path], list[Picture]]] = {
     ".txt": read_geo_txt,

@@ -8,8 +8,8 @@ from scipy.interpolate import RegularGridInterpolator
 
 from tests.naive import pictures as naive
 from tests.planning.sites import HIGH_M, LOW_M, STEP_M, hills, make_site, ridge
-from uavcover.judging.photos.placing import PlacedPictures
-from uavcover.judging.photos.showing import DIRECTIONS, looking_towards, shown_cells
+from uavcover.extras.photos.placing import PlacedPictures
+from uavcover.extras.photos.showing import DIRECTIONS, looking_towards, shown_cells
 from uavcover.model.sensor import FrameCamera
 from uavcover.sensing.coverage_map import judging_map
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from uavcover.judging.photos.picture import HeightDatum
-from uavcover.judging.photos.placing import PlacedPictures, courses_deg
+from uavcover.extras.photos.picture import HeightDatum
+from uavcover.extras.photos.placing import PlacedPictures, courses_deg
 from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.ground import Ground

@@ -7,20 +7,20 @@ import numpy as np
 import pytest
 import rasterio
 
-from tests.judging.photos.camera_files import dji, write_jpeg
-from uavcover.judging.photos.picture import Picture
-from uavcover.judging.photos.placing import Assumptions
-from uavcover.judging.photos.readers import PictureSet
+from tests.extras.photos.camera_files import dji, write_jpeg
+from uavcover.extras.photos.any_flight import evidence_for_flight
+from uavcover.extras.photos.photo_judgement import PhotoRequest, judged
+from uavcover.extras.photos.photo_verdict import photo_raster, picture_table
+from uavcover.extras.photos.picture import Picture
+from uavcover.extras.photos.placing import Assumptions
+from uavcover.extras.photos.readers import PictureSet
 from uavcover.model.judgement import combined
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
-from uavcover.run.any_flight import evidence_for_flight
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import read_planned_route
 from uavcover.run.new import new_scenario
 from uavcover.run.new_elevation import NewRequest
-from uavcover.run.photo_judgement import PhotoRequest, judged
-from uavcover.run.photo_verdict import photo_raster, picture_table
 from uavcover.run.user import Unattended
 from uavcover.scenario.areas.area_file import AreaQuery
 from uavcover.scenario.site import area_as_drawn, load_site

@@ -7,10 +7,10 @@ import sqlite3
 import pytest
 import shapely
 
-from tests.report.test_photo_page import verdict  # noqa: F401 (the fixture)
+from tests.extras.photos.test_photo_page import verdict  # noqa: F401 (the fixture)
 from uavcover.errors import InputError, OutputError
-from uavcover.run.photo_geopackage import LAYERS, write_geopackage
-from uavcover.run.photo_verdict import footprints_geojson
+from uavcover.extras.photos.photo_geopackage import LAYERS, write_geopackage
+from uavcover.extras.photos.photo_verdict import footprints_geojson
 from uavcover.run.user import Unattended
 
 pyogrio = pytest.importorskip("pyogrio")

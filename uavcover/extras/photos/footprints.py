@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from uavcover.judging.photos.placing import PlacedPictures
+from uavcover.extras.photos.placing import PlacedPictures
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.sensor import FrameCamera
 from uavcover.scenario.ground import Ground

@@ -14,8 +14,8 @@ from tests.judging.track_logs.samples import (
 )
 from tests.naive.pictures import _rotation as rotation
 from uavcover.errors import TrackError
-from uavcover.judging.photos.placing import Assumptions, place_pictures
-from uavcover.judging.photos.readers import read_pictures
+from uavcover.extras.photos.placing import Assumptions, place_pictures
+from uavcover.extras.photos.readers import read_pictures
 from uavcover.model.sensor import FrameCamera
 
 WRITERS = {"x.tlog": write_tlog, "x.bin": write_dataflash, "x.ulg": write_ulog}

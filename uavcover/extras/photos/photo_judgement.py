@@ -10,20 +10,20 @@ import numpy as np
 import shapely
 
 from uavcover.errors import InfeasibleError, InputError
+from uavcover.extras.photos.detecting import detection_document, detection_doubts
+from uavcover.extras.photos.doubts import direction_doubts, height_doubts, missing_stretches
+from uavcover.extras.photos.photo_verdict import PhotoVerdict, blur_px, clocks_of, frame_of
+from uavcover.extras.photos.picture import Picture
+from uavcover.extras.photos.placing import Assumptions, PlacedPictures, place_pictures
+from uavcover.extras.photos.readers import PictureSet
+from uavcover.extras.photos.showing import shown_cells
+from uavcover.extras.photos.survey_as_flown import FILM_DIAGONAL_MM, LENS_DIFFERS
 from uavcover.judging.gaps import find_gaps
-from uavcover.judging.photos.detecting import detection_document, detection_doubts
-from uavcover.judging.photos.doubts import direction_doubts, height_doubts, missing_stretches
-from uavcover.judging.photos.picture import Picture
-from uavcover.judging.photos.placing import Assumptions, PlacedPictures, place_pictures
-from uavcover.judging.photos.readers import PictureSet
-from uavcover.judging.photos.showing import shown_cells
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.detection import DetectionCurve
 from uavcover.model.judgement import Effect, Finding, Holds, Judgement, Requirement
 from uavcover.model.sensor import FrameCamera, Sensor
 from uavcover.run.new_elevation import NewRequest
-from uavcover.run.photo_verdict import PhotoVerdict, blur_px, clocks_of, frame_of
-from uavcover.run.survey_as_flown import FILM_DIAGONAL_MM, LENS_DIFFERS
 from uavcover.run.user import User
 from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site

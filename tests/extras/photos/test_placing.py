@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from uavcover.errors import TerrainError, TrackError
-from uavcover.judging.photos import placing
-from uavcover.judging.photos.picture import HeightDatum, Picture
-from uavcover.judging.photos.placing import Assumptions, courses_deg, place_pictures
+from uavcover.extras.photos import placing
+from uavcover.extras.photos.picture import HeightDatum, Picture
+from uavcover.extras.photos.placing import Assumptions, courses_deg, place_pictures
 from uavcover.scenario.frames import LocalFrame
 
 FRAME = LocalFrame(46.0, 8.0, 1000.0)

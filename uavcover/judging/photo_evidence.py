@@ -1,10 +1,26 @@
 """What real pictures, or that there are none, mean for the verdict on a flight."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from uavcover.judging.flown_coverage import FlownCoverage
-from uavcover.model.judgement import Finding
+from uavcover.model.judgement import Finding, unproved
 from uavcover.sensing.pictures import PictureCounts
+
+
+@dataclass(frozen=True, slots=True)
+class GivenEvidence:
+    """What is left of a flight.
+
+    Attributes:
+        logs: flown tracks.
+        photos: pictures, folders and lists of them.
+        system: the vehicle of telemetry logs that have several; none: the only one.
+    """
+
+    logs: tuple[Path, ...]
+    photos: tuple[Path, ...]
+    system: int | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,3 +41,13 @@ class PictureEvidence:
 
 
 NOTHING_KNOWN = PictureEvidence()
+NO_PICTURES = PictureEvidence(
+    findings=(
+        unproved(
+            "photos",
+            "nothing tells of a picture: what the camera would have seen is counted, and nobody knows whether it took any "
+            "(--photos)",
+        ),
+    )
+)
+"""Of a flight that nobody planned here: no mission of ours triggered its camera."""

@@ -9,21 +9,21 @@ import numpy as np
 import shapely
 
 from uavcover.errors import InfeasibleError, InputError
-from uavcover.judging.gaps import cells_outline, gaps_geojson
-from uavcover.judging.photos.readers import PictureSet, read_pictures
-from uavcover.model.area import Area
-from uavcover.model.sensor import FrameCamera
-from uavcover.run.folder import RunFolder, json_text
-from uavcover.run.photo_judgement import BLUR_PX, PhotoRequest, judged, placed_in
-from uavcover.run.photo_verdict import (
+from uavcover.extras.photos.photo_judgement import BLUR_PX, PhotoRequest, judged, placed_in
+from uavcover.extras.photos.photo_verdict import (
     PhotoVerdict,
     footprints_geojson,
     frame_of,
     photo_raster,
     picture_table,
 )
+from uavcover.extras.photos.readers import PictureSet, read_pictures
+from uavcover.extras.photos.survey_as_flown import CAMERA_FILE, survey_as_flown
+from uavcover.judging.gaps import cells_outline, gaps_geojson
+from uavcover.model.area import Area
+from uavcover.model.sensor import FrameCamera
+from uavcover.run.folder import RunFolder, json_text
 from uavcover.run.plan import PlanRequest, plan_into
-from uavcover.run.survey_as_flown import CAMERA_FILE, survey_as_flown
 from uavcover.run.user import User, percent
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site, load_site

@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Any
 
 from uavcover.errors import OutputError
+from uavcover.extras.photos.photo_map import footprints_drawn_every, photo_map_data
+from uavcover.extras.photos.photo_verdict import PhotoVerdict
 from uavcover.report.cell_layers import REASON_WORDS
-from uavcover.report.map_data import footprints_drawn_every, photo_map_data
 from uavcover.report.page import map_script, rendered_page
 from uavcover.run.folder import write_text
-from uavcover.run.photo_verdict import PhotoVerdict
 from uavcover.run.user import User, percent
 from uavcover.sensing.pictures import overlap_rule
 
@@ -20,7 +20,7 @@ def render_photo_report(verdict: PhotoVerdict) -> str:
     """The page; names of files are escaped."""
     told = verdict.document
     return rendered_page(
-        Path(__file__).parent / "page" / "photos.html",
+        Path(__file__).parent / "photos.html",
         own_script=map_script(),
         data=photo_map_data(verdict),
         facts={

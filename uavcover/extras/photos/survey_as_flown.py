@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from uavcover.errors import InputError
+from uavcover.extras.photos.picture import Picture
 from uavcover.intake.cameras import CameraBody, camera_named
 from uavcover.intake.survey import LOWEST_TOP_M
-from uavcover.judging.photos.picture import Picture
 from uavcover.run.folder import RunFolder
 from uavcover.run.new import NewScenario, new_scenario
 from uavcover.run.new_elevation import NewRequest

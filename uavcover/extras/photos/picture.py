@@ -6,10 +6,6 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-import numpy as np
-
-from uavcover.kernels.arrays import FloatArray
-
 _HIGHEST_M = 20_000.0
 _NO_ZOOM = 1.001
 RTK_FIXED = 50.0
@@ -110,25 +106,6 @@ class Picture:
         if any(angle is not None and abs(angle) > 360.0 for angle in angles):
             return "angles of more than a turn"
         return None
-
-
-def camera_axes(yaw_deg: FloatArray, pitch_deg: FloatArray, roll_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n, 3) ENU unit vectors along cameras' views, and towards the tops of their pictures.
-
-    Angles are turned in the order yaw, pitch, roll, as DJI, Parrot and MAVLink gimbals tell them.
-
-    >>> axes, tops = camera_axes(np.array([90.0]), np.array([-90.0]), np.array([0.0]))
-    >>> (axes + 0.0).round(6).tolist(), (tops + 0.0).round(6).tolist()
-    ([[0.0, 0.0, -1.0]], [[1.0, 0.0, 0.0]])
-    """
-    yaw, pitch, roll = np.radians(yaw_deg), np.radians(pitch_deg), np.radians(roll_deg)
-    ahead = np.column_stack([np.sin(yaw), np.cos(yaw), np.zeros_like(yaw)])
-    up = np.array([0.0, 0.0, 1.0])
-    axes = np.cos(pitch)[:, None] * ahead + np.sin(pitch)[:, None] * up
-    level_tops = -np.sin(pitch)[:, None] * ahead + np.cos(pitch)[:, None] * up
-    right = np.cross(axes, level_tops)
-    tops = np.cos(roll)[:, None] * level_tops + np.sin(roll)[:, None] * right
-    return np.ascontiguousarray(axes), np.ascontiguousarray(tops)
 
 
 def finite(value: object) -> float | None:

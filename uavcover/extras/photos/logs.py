@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from uavcover.errors import TrackError
-from uavcover.judging.photos.picture import Picture, finite
+from uavcover.extras.photos.picture import Picture, finite
 from uavcover.judging.track_logs.assembly import LoggedRows, attitudes_at
 from uavcover.judging.track_logs.readers import READERS
 from uavcover.kernels.arrays import FloatArray

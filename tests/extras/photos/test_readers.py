@@ -7,13 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.judging.photos.camera_files import XMP, dji, write_jpeg
+from tests.extras.photos.camera_files import XMP, dji, write_jpeg
 from tests.naive.pictures import _rotation as rotation
 from uavcover.errors import TrackError
-from uavcover.judging.photos.exif import read_picture
-from uavcover.judging.photos.picture import HeightDatum, Picture, camera_axes, finite
-from uavcover.judging.photos.readers import read_pictures
-from uavcover.run.photo_verdict import clocks_of
+from uavcover.extras.photos.exif import read_picture
+from uavcover.extras.photos.photo_verdict import clocks_of
+from uavcover.extras.photos.picture import HeightDatum, Picture, finite
+from uavcover.extras.photos.readers import read_pictures
+from uavcover.sensing.pictures import camera_axes
 
 PLACE = (-36.47625431, -84.21604127)
 PIX4D = 'xmlns:Camera="http://pix4d.com/camera/1.0"'

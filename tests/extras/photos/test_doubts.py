@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from tests.judging.photos.test_placing import FRAME, picture
-from uavcover.judging.photos.doubts import height_doubts, missing_stretches
-from uavcover.judging.photos.picture import HeightDatum
-from uavcover.judging.photos.placing import Assumptions, place_pictures
+from tests.extras.photos.test_placing import FRAME, picture
+from uavcover.extras.photos.doubts import height_doubts, missing_stretches
+from uavcover.extras.photos.picture import HeightDatum
+from uavcover.extras.photos.placing import Assumptions, place_pictures
 from uavcover.scenario.ground import grid_ground
 
 

@@ -1,7 +1,7 @@
 """Verifying any flight by whatever is left of it: its log, its pictures, or both, with or without a run folder."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,29 +10,40 @@ import shapely
 
 from mission_io.formats.dialects import header_of
 from uavcover.errors import InputError
+from uavcover.extras.photos.exif import ENDINGS as PICTURE_ENDINGS
+from uavcover.extras.photos.judge_photos import judge_photos
+from uavcover.extras.photos.logs import ENDINGS as LOGS_WITH_PICTURES
+from uavcover.extras.photos.logs import tells_of_pictures
+from uavcover.extras.photos.photo_judgement import PhotoRequest
+from uavcover.extras.photos.photo_verdict import PhotoVerdict
+from uavcover.extras.photos.placing import Assumptions
+from uavcover.extras.photos.readers import LISTS, read_pictures
+from uavcover.extras.photos.survey_as_flown import survey_as_flown
 from uavcover.intake.quantities import length_m
-from uavcover.judging.photos.evidence import PictureEvidence
-from uavcover.judging.photos.exif import ENDINGS as PICTURE_ENDINGS
-from uavcover.judging.photos.logs import ENDINGS as LOGS_WITH_PICTURES
-from uavcover.judging.photos.logs import tells_of_pictures
-from uavcover.judging.photos.readers import LISTS, read_pictures
+from uavcover.judging.photo_evidence import GivenEvidence, PictureEvidence
 from uavcover.judging.verify import track_positions_m
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.judgement import Requirement, noted, unproved
+from uavcover.model.judgement import Requirement, noted
 from uavcover.model.sensor import FrameCamera
 from uavcover.run.folder import SCHEMA_VERSION, VERDICT_FILES, RunFolder
 from uavcover.run.judge import LOG_ENDINGS, JudgedPictures, read_log, verify_run
-from uavcover.run.judge_photos import judge_photos
 from uavcover.run.judged_inputs import inspect_inputs, was_flown
 from uavcover.run.new_elevation import NewRequest
-from uavcover.run.photo_judgement import PhotoRequest
-from uavcover.run.photo_verdict import PhotoVerdict
 from uavcover.run.provenance import with_entry
-from uavcover.run.survey_as_flown import survey_as_flown
 from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
 from uavcover.sensing.pictures import PictureCounts
+
+__all__ = [
+    "Assumptions",
+    "PhotoRequest",
+    "evidence_for_flight",
+    "evidence_of",
+    "judge_photos",
+    "run_of_flight",
+    "verify_evidence",
+]
 
 PHOTOS = "photos"
 """The folder inside a run folder where the verdict on pictures is kept."""
@@ -41,21 +52,6 @@ _NO_FLOOR_M = 0.01
 _ABOVE_HIGHEST_M = 10.0
 """Where nobody limited the height, the band reaches from the ground to above the flight."""
 _NO_FENCE_M = 30_000.0
-
-
-@dataclass(frozen=True, slots=True)
-class GivenEvidence:
-    """What is left of a flight.
-
-    Attributes:
-        logs: flown tracks.
-        photos: pictures, folders and lists of them.
-        system: the vehicle of telemetry logs that have several; none: the only one.
-    """
-
-    logs: tuple[Path, ...]
-    photos: tuple[Path, ...]
-    system: int | None = None
 
 
 def evidence_of(logs: Sequence[Path], photos: Sequence[Path], *, system: int | None = None) -> GivenEvidence:
@@ -130,20 +126,6 @@ def verify_evidence(
         run, user, command=command, logs=evidence.logs, accepted=accepted, pictures=pictures, system=evidence.system
     )
     return whole
-
-
-NO_PICTURES = JudgedPictures(
-    PictureEvidence(
-        findings=(
-            unproved(
-                "photos",
-                "nothing tells of a picture: what the camera would have seen is counted, and nobody knows whether it took any "
-                "(--photos)",
-            ),
-        )
-    )
-)
-"""Of a flight that nobody planned here: no mission of ours triggered its camera."""
 
 
 def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:

@@ -7,20 +7,20 @@ import re
 import numpy as np
 import pytest
 
-from tests.cli.test_judge_photos import AREA, DEM, shots
+from tests.extras.photos.test_judge_photos import AREA, DEM, shots
 from tests.report.conftest import HOSTILE
 from tests.report.test_accessibility import axe_source, findings
+from uavcover.extras.photos.photo_judgement import PhotoRequest, judged
+from uavcover.extras.photos.photo_map import MAX_FOOTPRINTS, photo_map_data
+from uavcover.extras.photos.photo_page import render_photo_report
+from uavcover.extras.photos.picture import Picture
+from uavcover.extras.photos.placing import Assumptions
+from uavcover.extras.photos.readers import PictureSet
 from uavcover.intake.detection import curve_named
-from uavcover.judging.photos.picture import Picture
-from uavcover.judging.photos.placing import Assumptions
-from uavcover.judging.photos.readers import PictureSet
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
-from uavcover.report.map_data import MAX_FOOTPRINTS, photo_map_data
-from uavcover.report.photo_page import render_photo_report
 from uavcover.run.new import new_scenario
 from uavcover.run.new_elevation import NewRequest
-from uavcover.run.photo_judgement import PhotoRequest, judged
 from uavcover.run.user import Unattended
 from uavcover.scenario.areas.area_file import AreaQuery
 

@@ -13,12 +13,12 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.errors import InputError
+from uavcover.extras.photos.footprints import footprint_m
+from uavcover.extras.photos.picture import Picture
+from uavcover.extras.photos.placing import PlacedPictures
+from uavcover.extras.photos.showing import ShownCells
 from uavcover.judging.flown_coverage import FlownCoverage
 from uavcover.judging.gaps import GapRegion, reason_codes
-from uavcover.judging.photos.footprints import footprint_m
-from uavcover.judging.photos.picture import Picture
-from uavcover.judging.photos.placing import PlacedPictures
-from uavcover.judging.photos.showing import ShownCells
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.judgement import Judgement
 from uavcover.model.sensor import FrameCamera, Sensor

@@ -59,9 +59,10 @@ def judge_photos(
     The camera is the pictures' own, unless --camera names one. Exit 1 when too little is shown.
     """
     from uavcover.errors import InputError
+    from uavcover.extras.photos.judge_photos import judge_photos
+    from uavcover.extras.photos.photo_judgement import PhotoRequest
+    from uavcover.extras.photos.placing import Assumptions
     from uavcover.run.folder import RunFolder
-    from uavcover.run.judge_photos import judge_photos
-    from uavcover.run.photo_judgement import PhotoRequest
 
     console = output.console()
     if search.detection == "list":
@@ -74,16 +75,17 @@ def judge_photos(
         raise InputError(f"judge-photos: {survey.given()[0]} belongs to --area; the scenario says it already")
     request = PhotoRequest(
         photos=photos, area=None if area is None else survey.request(area, autopilot=None), scenario=scenario,
-        assumed=belief.assumed(), takeoff=belief.place(), coverage=coverage, mount_known=area is None or survey.mount is not None,
+        assumed=Assumptions(**belief.assumed()), takeoff=belief.place(), coverage=coverage,
+        mount_known=area is None or survey.mount is not None,
         refly=refly, budget_s=options.seconds(budget), force=force, detection=search.curve(), pod=search.pod,
         max_blur_px=belief.max_blur,
     )  # fmt: skip
     if gpkg is not None:
-        from uavcover.run.photo_geopackage import check_geopackage, write_geopackage
+        from uavcover.extras.photos.photo_geopackage import check_geopackage, write_geopackage
 
         check_geopackage(gpkg, force=force)
     if page is not None:
-        from uavcover.report.photo_page import refuse_to_replace, save_photo_report
+        from uavcover.extras.photos.photo_page import refuse_to_replace, save_photo_report
 
         refuse_to_replace(page, force=force)
     verdict, document = judge_photos(request, RunFolder(out), console, command=sys.argv)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.extras.photos.detecting import Detection, detection_of
+from uavcover.extras.photos.placing import PlacedPictures
 from uavcover.judging.flown_coverage import WORKERS, FlownCoverage
-from uavcover.judging.photos.detecting import Detection, detection_of
-from uavcover.judging.photos.placing import PlacedPictures
 from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.observation_counting import Camera, ObservationCounts, SensorPoses

@@ -6,16 +6,16 @@ import numpy as np
 import pytest
 from scipy.interpolate import RegularGridInterpolator
 
-from tests.judging.photos.test_showing import CAMERA, flight, placed
+from tests.extras.photos.test_showing import CAMERA, flight, placed
 from tests.naive import detection as naive
 from tests.planning.sites import HIGH_M, LOW_M, STEP_M, hills, make_site
+from uavcover.extras.photos.detecting import Detection, detection_document, detection_doubts
+from uavcover.extras.photos.showing import shown_cells
 from uavcover.intake.detection import curve_named
-from uavcover.judging.photos.detecting import Detection, detection_document, detection_doubts
-from uavcover.judging.photos.picture import camera_axes
-from uavcover.judging.photos.showing import shown_cells
 from uavcover.kernels.detection import detection_table, look_probability
 from uavcover.model.detection import DetectionCurve
 from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.pictures import camera_axes
 
 SAMPLES_M = [0.02, 0.025, 0.03, 0.05]
 ANGLES_DEG = [0.0, 25.0, 70.0]

@@ -18,7 +18,7 @@ from mission_io.errors import FormatError
 from mission_io.formats.dialects import sniff
 from mission_io.formats.text import text_from_bytes
 from uavcover.errors import TrackError
-from uavcover.judging.photos.picture import RTK_FIXED, HeightDatum, Picture, finite, moment
+from uavcover.extras.photos.picture import RTK_FIXED, HeightDatum, Picture, finite, moment
 
 _LARGEST = 100_000_000
 _SECONDS_A_WEEK = 604_800.0

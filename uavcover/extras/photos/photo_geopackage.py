@@ -11,8 +11,8 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.errors import InputError, OutputError
+from uavcover.extras.photos.photo_verdict import PhotoVerdict, footprint_polygons, frame_of
 from uavcover.judging.gaps import gaps_geojson
-from uavcover.run.photo_verdict import PhotoVerdict, footprint_polygons, frame_of
 from uavcover.run.user import User
 
 LAYERS = ("footprints", "pictures", "gaps")

@@ -6,12 +6,12 @@ import shutil
 
 import pytest
 
-from tests.cli.test_judge_photos import AREA, DEM, shots
+from tests.extras.photos.test_judge_photos import AREA, DEM, shots
 from tests.judging.honest import flown_by_the_mock
+from uavcover.extras.photos.any_flight import evidence_of
 from uavcover.model.track import TrackSample
 from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
-from uavcover.run.any_flight import evidence_of
 from uavcover.run.new import new_scenario
 from uavcover.run.new_elevation import NewRequest
 from uavcover.run.user import Unattended
