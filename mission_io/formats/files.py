@@ -21,9 +21,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Final
 
-from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot, MissionList, autopilot_for, items_of
+from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot, MissionList, items_of
 from mission_io.errors import FormatError, MisuseError
-from mission_io.formats import csv, geojson, gpx, kml, mavros, old_qgc_json, plan, poly, rally_lines, wpl
+from mission_io.formats import csv, geojson, gpx, kml, old_qgc_json, plan, poly, rally_lines, wpl
 from mission_io.formats.text import text_from_bytes
 from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.items import Command, Mission, MissionType
@@ -282,9 +282,6 @@ _WRITERS: Final[Mapping[str, Callable[[plan.PlanFile, str], str]]] = MappingProx
         "geojson": lambda lists, name: geojson.write_mission(lists.mission, name=name),
         "csv": lambda lists, _: csv.write_mission(lists.mission),
         "gpx": lambda lists, name: gpx.write_mission(lists.mission, name=name),
-        "mavros": lambda lists, _: mavros.write_mission(
-            lists.mission, autopilot=autopilot_for(lists.mav_autopilot, lists.vehicle_type)
-        ),
         "mavproxy-fence": lambda lists, _: _of_mavproxy(lists, MissionType.FENCE),
         "mavproxy-rally": lambda lists, _: _of_mavproxy(lists, MissionType.RALLY),
     }
@@ -292,7 +289,7 @@ _WRITERS: Final[Mapping[str, Callable[[plan.PlanFile, str], str]]] = MappingProx
 _FORMATS_OF_SUFFIXES: Final[Mapping[str, str]] = MappingProxyType(
     {".plan": "plan", ".kml": "kml", ".geojson": "geojson", ".json": "geojson", ".csv": "csv", ".gpx": "gpx"}
 )
-"""Any other suffix is ``waypoints``; ``mavros`` and MAVProxy's lists have no suffix of their own."""
+"""Any other suffix is ``waypoints``; MAVProxy's lists have no suffix of their own."""
 
 FORMATS: Final = tuple(_WRITERS)
 """Formats that a mission can be written in, by name."""

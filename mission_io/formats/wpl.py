@@ -158,7 +158,7 @@ def _write(home: GeoPoint | None, items: Sequence[MissionItem]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def without_free_values(item: MissionItem) -> tuple[float, float, float, float]:
+def _without_free_values(item: MissionItem) -> tuple[float, float, float, float]:
     """The parameters with the number for NaN wherever there is one; see ``number_for_nan``."""
     p1, p2, p3, p4 = (
         number_for_nan(item, number) if math.isnan(value) else value
@@ -171,7 +171,7 @@ def _row_text(number: int, item: MissionItem) -> str:
     place = degrees_text if item.has_position else plain_decimal
     params = item.params
     if any(map(math.isnan, params)):
-        params = without_free_values(item)
+        params = _without_free_values(item)
     try:
         columns = (
             str(number),

@@ -1,4 +1,3 @@
-import importlib.util
 import json
 import re
 import subprocess
@@ -141,7 +140,7 @@ def test_options_that_do_not_fit(cli: Cli, planned: Path, options: list[str], ma
     assert match in ended.error
 
 
-@pytest.mark.parametrize("file_format", ["wpml", "litchi", "gpx", "mavros", "print"])
+@pytest.mark.parametrize("file_format", ["wpml", "litchi", "gpx", "print"])
 def test_a_plan_without_a_place_has_no_flight(cli: Cli, nowhere_run: Path, tmp_path: Path, file_format: str) -> None:
     drone = ["--drone", "m3e"] if file_format == "wpml" else []
     out = tmp_path / ("x.html" if file_format == "print" else "x.kmz")
@@ -210,27 +209,3 @@ def test_broken_plan(cli: Cli, planned: Path, tmp_path: Path, text: str) -> None
     ended = cli("export", planned, "--format", "kml", "-o", tmp_path / "x.kml")
     assert ended.code == 2
     assert "plan.json" in ended.error
-
-
-def test_the_whole_run_for_foxglove(cli: Cli, flown: Path, tmp_path: Path) -> None:
-    pytest.importorskip("mcap", reason="the package mcap (extra mcap) is not installed")
-    out = tmp_path / "run.mcap"
-    ended = cli("export", flown, "--format", "mcap", "-o", out, "--json")
-    assert ended.code == 0, ended.err
-    assert ended.document["messages"] > 1000
-    assert out.read_bytes()[:5] == b"\x89MCAP"
-    assert "would be overwritten" in cli("export", flown, "--format", "mcap", "-o", out).error
-    assert cli("export", flown, "--format", "mcap", "-o", out, "--force").code == 0
-    for options in (("--sortie", 1), ("--autopilot", "px4"), ("--drone", "dji-m3e"), ("--max-waypoints-per-file", 20)):
-        ended = cli("export", flown, "--format", "mcap", "-o", tmp_path / "other.mcap", *options)
-        assert ended.code == 2
-        assert f"{options[0]}: goes with missions" in ended.error
-
-
-def test_mcap_needs_its_package(cli: Cli, planned: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    found = importlib.util.find_spec
-    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None if name == "mcap" else found(name))
-    ended = cli("export", planned, "--format", "mcap", "-o", tmp_path / "run.mcap")
-    assert ended.code == 2
-    assert "pip install 'uavcover[mcap]'" in ended.error
-    assert not (tmp_path / "run.mcap").exists()

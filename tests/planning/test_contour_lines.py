@@ -20,7 +20,6 @@ from uavcover.planning.baselines.contour_lines import (
 from uavcover.planning.baselines.initial_routes import constructed_routes, initial_names
 from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.planning.planner import Effort, plan_routes
-from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.sensing.coverage_map import planning_map
 
 SQUARE = ((0.0, 0.0), (600.0, 0.0), (600.0, 600.0), (0.0, 600.0))
@@ -142,7 +141,7 @@ def test_they_are_baselines_by_request_and_a_start_of_the_search():
     coverage = planning_map(site)
     batches = iter([False, False, True])
     found = constructed_routes(
-        coverage, site.scenario.planner, asked=0.95, solver=SolverEffort(nodes=1), executor=None,
+        coverage, site.scenario.planner, asked=0.95, executor=None,
         should_stop=lambda: next(batches, True),
     )  # fmt: skip
     assert [each.name for each in found][:1] == ["boustrophedon"]

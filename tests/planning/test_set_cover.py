@@ -123,10 +123,10 @@ def test_one_level_lies_at_one_height(dome):
     assert set(places[:, 2]) == {55.0}
 
 
-@pytest.mark.parametrize("name", ["greedy-set-cover", "set-cover", "exact-set-cover"])
+@pytest.mark.parametrize("name", ["greedy-set-cover", "set-cover"])
 def test_covers_are_feasible_routes_that_see_all(dome, name):
     settings = PlannerSettings(encoding="waypoints", initial=(name,))
-    (baseline,) = constructed_routes(dome, settings, asked=None, solver=ALL, executor=None, should_stop=lambda: False)
+    (baseline,) = constructed_routes(dome, settings, asked=None, executor=None, should_stop=lambda: False)
     assert baseline.name == name
     assert baseline.violation == 0.0
     assert dome.share_of_coverable(dome.seen(baseline.route.waypoints_m)) == pytest.approx(1.0)
@@ -135,16 +135,14 @@ def test_covers_are_feasible_routes_that_see_all(dome, name):
 
 def test_a_cover_never_has_more_waypoints_than_are_allowed(dome):
     settings = PlannerSettings(encoding="waypoints", initial=("greedy-set-cover",), max_waypoints=2)
-    (baseline,) = constructed_routes(dome, settings, asked=None, solver=ALL, executor=None, should_stop=lambda: False)
+    (baseline,) = constructed_routes(dome, settings, asked=None, executor=None, should_stop=lambda: False)
     assert len(baseline.route) == 2
 
 
 def test_along_a_path_a_cover_is_laid_over_the_terrain():
     site = make_site(planner={"initial": ("greedy-set-cover",)})
     coverage = CoverageMap(site, cell_size_m=20.0)
-    found = constructed_routes(
-        coverage, site.scenario.planner, asked=0.9, solver=ALL, executor=None, should_stop=lambda: False
-    )
+    found = constructed_routes(coverage, site.scenario.planner, asked=0.9, executor=None, should_stop=lambda: False)
     cover = found[-1]
     assert [found[0].name, cover.name] == ["boustrophedon", "greedy-set-cover"]
     assert cover.layout is None
@@ -165,9 +163,7 @@ def test_a_local_search_always_has_a_baseline_and_a_cover_at_waypoints(sensing, 
         obstacles=Obstacles(prisms=(tower(120.0, 80.0, 160.0, 120.0, 30.0),), clearance_beside_m=8.0),
     )
     coverage = CoverageMap(site, cell_size_m=20.0)
-    found = constructed_routes(
-        coverage, site.scenario.planner, asked=0.9, solver=ALL, executor=None, should_stop=lambda: False
-    )
+    found = constructed_routes(coverage, site.scenario.planner, asked=0.9, executor=None, should_stop=lambda: False)
     assert {baseline.name for baseline in found} >= {"set-cover" if sensing == "at-waypoints" else "boustrophedon"}
     assert any(baseline.violation == 0.0 and -baseline.objectives[0] > 0.5 for baseline in found)
 

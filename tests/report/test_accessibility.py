@@ -4,6 +4,7 @@ axe-core (MPL-2.0) is no part of this repository. Where UAVCOVER_AXE names its `
 axe-core``, the test runs; else it skips.
 """
 
+import dataclasses
 import itertools
 import os
 import re
@@ -14,13 +15,23 @@ from typing import Any
 import pytest
 
 from tests.report.browser import Page
-from tests.report.conftest import resumed, two_sorties
-from tests.report.test_foxglove import planned_only, with_pictures
+from tests.report.conftest import lines_over, resumed, two_sorties, write_run
+from tests.report.test_report_of_pictures import CAMERA
 from uavcover.report import page as page_module
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.page import render_report
 from uavcover.run.folder import RunFolder
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, load_site
+
+
+def planned_only(folder: Path, site: Site) -> RunFolder:
+    return write_run(folder, site, lines_over(site, spacing_m=300.0, count=2), flown=False)
+
+
+def with_pictures(folder: Path, site: Site) -> RunFolder:
+    pictured = load_site(dataclasses.replace(site.scenario, sensor=CAMERA))
+    return write_run(folder, pictured, lines_over(pictured, spacing_m=90.0, count=2), flown=True)
+
 
 RUNS: dict[str, Callable[[Path, Site], RunFolder]] = {
     "sorties": two_sorties, "resumed": resumed, "planned": planned_only, "pictures": with_pictures,

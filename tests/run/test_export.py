@@ -134,7 +134,7 @@ def test_pictures_by_distance_last_from_the_first_to_the_last_planned_waypoint()
     assert groups == [(first, first + len(route) - 1, "takePhoto", 17.0)]
 
 
-@pytest.mark.parametrize("file_format", [*READERS, "waypoints", "mavros"])
+@pytest.mark.parametrize("file_format", [*READERS, "waypoints"])
 @pytest.mark.parametrize("most", [12, 25, 40])
 @pytest.mark.parametrize("name", ["nadir, fixed", "sphere"])
 def test_each_file_of_a_split_is_a_checked_flight(name: str, most: int, file_format: str) -> None:
@@ -259,7 +259,7 @@ def test_too_few_points_for_any_leg() -> None:
 )
 def test_without_a_place_or_a_home_there_is_no_flight(on_earth: bool, home: Any, match: str) -> None:
     site = make_site(flat, on_earth=on_earth, home=home)
-    for file_format in (*READERS, "gpx", "mavros"):
+    for file_format in (*READERS, "gpx"):
         with pytest.raises(InputError, match=match):
             flight_files(site, there_and_back(site), request(file_format))
 

@@ -131,7 +131,6 @@ def _optional() -> Iterator[Diagnosis]:
     for name, purpose, extra in (
         ("pyulog", ".ulg logs of PX4", "ulog"),
         ("pyserial", "serial links", "serial"),
-        ("mcap", "exports for Foxglove", "mcap"),
         ("pyogrio", "areas in GeoPackage and Shapefile", "gis"),
         ("distributed", "--scheduler: large areas on several processes or machines", "cluster"),
     ):

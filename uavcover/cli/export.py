@@ -71,8 +71,8 @@ def export(
         str | None,
         typer.Option(
             "--format",
-            help="waypoints, plan, kml, geojson, csv, gpx, mavros, mavproxy-fence, mavproxy-rally, wpml (DJI), litchi; "
-            "print: a page for paper; mcap: plan and flight for Foxglove.",
+            help="waypoints, plan, kml, geojson, csv, gpx, mavproxy-fence, mavproxy-rally, wpml (DJI), litchi; "
+            "print: a page for paper.",
         ),
     ] = None,
     out: Annotated[
@@ -86,7 +86,7 @@ def export(
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Write the route for other software: a mission file, a DJI KMZ, Litchi CSV, MAVROS JSON, GPX; or paper."""
+    """Write the route for other software: a mission file, a DJI KMZ, Litchi CSV, GPX; or paper."""
     from uavcover.errors import InputError
     from uavcover.intake.dji_aircraft import dji_aircraft_named
     from uavcover.model.vehicle import autopilot_name
@@ -100,12 +100,9 @@ def export(
         raise InputError(
             "export: give a run folder, --format and -o, such as: uavcover export run --format gpx -o run.gpx"
         )
-    if file_format not in (*MISSION_FORMATS, "print", "mcap"):
-        known = ", ".join((*MISSION_FORMATS, "print", "mcap"))
+    if file_format not in (*MISSION_FORMATS, "print"):
+        known = ", ".join((*MISSION_FORMATS, "print"))
         raise InputError(f"--format: {file_format!r} is not one of {known}")
-    if file_format == "mcap":
-        given = {"--sortie": sortie, "--autopilot": autopilot, **controller.given, **paper.given}
-        return _mcap(RunFolder(run), out, console, given, force=force)
     request = ExportRequest(
         file_format=file_format, out=out, sortie=sortie,
         autopilot=None if autopilot is None else autopilot_name(autopilot, "ardupilot"),
@@ -164,21 +161,6 @@ def _say_how_it_flies(console: "Console", file_format: str, written: "tuple[Expo
         console.warn(line)
     if file_format == "litchi":
         console.say('set in Mission Hub: Path Mode "Straight Lines", Heading Mode "Custom (WD)", Finish Action "Land"')
-
-
-def _mcap(run: "RunFolder", out: Path, console: "Console", given: dict[str, object], *, force: bool) -> int:
-    """Everything about the run, its flights included, so no option of a mission goes with it."""
-    from uavcover.errors import InputError
-    from uavcover.report.foxglove import export_mcap
-
-    wrong = [name for name, value in given.items() if value is not None]
-    if wrong:
-        raise InputError(f"{wrong[0]}: goes with missions, not with --format mcap, which has the whole run")
-    count = export_mcap(run, out, console, force=force)
-    console.say(f"written: {out} ({count} messages)")
-    console.suggest(f"open {out} in Foxglove")
-    console.result({"file": str(out), "format": "mcap", "messages": count})
-    return 0
 
 
 def _list(console: "Console") -> int:

@@ -56,7 +56,7 @@ class Uncertainty:
 PlannerAlgorithm = Literal["memetic", "local-search", "imodbo", "modbo", "nsga2", "moead", "lines", "contour-lines"]
 
 Objective = Literal["mission-time", "flight-time", "length", "energy"]
-InitialRoute = Literal["boustrophedon", "contour-lines", "greedy-set-cover", "set-cover", "exact-set-cover"]
+InitialRoute = Literal["boustrophedon", "contour-lines", "greedy-set-cover", "set-cover"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

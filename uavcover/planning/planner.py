@@ -39,7 +39,6 @@ from uavcover.planning.search.optimizer_search import (
     search,
 )
 from uavcover.planning.selection_rule import parse_rule
-from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.planning.sortie_order.reorder import ORDER_SHARE, OrderEffort, has_several_sorties, tries_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map, planning_map
@@ -65,10 +64,6 @@ all of them take 6 s of processor time, which a search of 10 s had to wait for."
 
 _SIMPLIFIED_UNTIL = 1.03
 """So many time budgets after the beginning no more waypoints are given up: a little late, for most routes need only a moment."""
-
-_SOLVER_SHARE = 0.3
-_SOLVER_NODES = 1
-"""What an exact set cover may use: a share of the time budget, or so many nodes of branch and bound, whatever they take."""
 
 _OPTIMIZER: dict[PlannerAlgorithm, tuple[str, float]] = {
     "memetic": ("imodbo", 0.05),
@@ -152,7 +147,7 @@ def plan_routes(
         tuned, baseline_share = fewest_lines(coarse, goal), _BASELINE_SHARE_OF_FEWEST
     before = effort.now()
     baselines = constructed_routes(
-        coarse, settings, asked=rule.required_coverage, solver=_solver(effort), executor=executor,
+        coarse, settings, asked=rule.required_coverage, executor=executor,
         should_stop=lambda: should_stop() or effort.is_over(started, share=baseline_share), tuned=tuned,
     )  # fmt: skip
     if tuned is not None and goal is not None:
@@ -298,12 +293,6 @@ def _candidates(optimizer: AskAndTell, encoding: Encoding, scale: FloatArray | N
         Candidate((encoding.decode(genes), name), values * scale, float(violation))
         for genes, values, violation in zip(found.x, found.objectives, violations, strict=True)
     ]
-
-
-def _solver(effort: Effort) -> SolverEffort:
-    if effort.budget_s is None:
-        return SolverEffort(nodes=_SOLVER_NODES)
-    return SolverEffort(time_s=_SOLVER_SHARE * effort.budget_s)
 
 
 def _shared(effort: Effort, share: float, started: float) -> Effort:

@@ -213,7 +213,7 @@ def _names_of_older_exports(out: Path) -> list[str]:
 
 def _check(request: ExportRequest) -> None:
     if request.file_format not in MISSION_FORMATS:
-        raise InputError(f"--format: {request.file_format!r} is not one of {', '.join(MISSION_FORMATS)}, mcap")
+        raise InputError(f"--format: {request.file_format!r} is not one of {', '.join(MISSION_FORMATS)}")
     if request.file_format == "wpml" and request.aircraft is None:
         raise InputError(
             "--format wpml: needs the aircraft, such as --drone dji-m3e (uavcover export --drone list shows all)"

@@ -98,7 +98,7 @@ def dome():
     return make_site(
         sensor=SphereSensor(kind="sphere", range_m=90.0),
         limits={"min_height_agl_m": 40.0, "max_height_agl_m": 80.0, "applies_to": "waypoints"},
-        planner={"encoding": "waypoints", "cell_size_m": 20.0, "initial": ("exact-set-cover",)},
+        planner={"encoding": "waypoints", "cell_size_m": 20.0, "initial": ("set-cover",)},
         cell_m=20.0,
     )
 

@@ -30,8 +30,6 @@ from uavcover.planning.set_cover.candidates import (
     reduce,
 )
 from uavcover.planning.set_cover.solvers import (
-    CoverProgram,
-    SolverEffort,
     cut_down,
     greedy_cover,
     searched_cover,
@@ -60,7 +58,6 @@ def constructed_routes(
     settings: PlannerSettings,
     *,
     asked: float | None,
-    solver: SolverEffort,
     executor: Executor | None,
     should_stop: Callable[[], bool],
     tuned: Iterator[Baseline] | None = None,
@@ -73,7 +70,6 @@ def constructed_routes(
         coverage: on the planner's cells.
         settings: which, and the seed.
         asked: share of what can be covered that the selection rule asks for, if it does.
-        solver: how long the exact set cover may take.
         executor: evaluates routes side by side.
         should_stop: asked before each; the first is always made, and the plain lines of each kind.
         tuned: lines in swaths that are taken in place of a scan, until it is time to stop.
@@ -95,7 +91,7 @@ def constructed_routes(
     for name in covers:
         if found and should_stop():
             break
-        route = _cover_route(coverage, candidates, reduced, name, settings, 1.0 if asked is None else asked, solver)
+        route = _cover_route(coverage, candidates, reduced, name, settings, 1.0 if asked is None else asked)
         if route is not None:
             found += evaluated(coverage, name, [route], executor)
     return found
@@ -151,19 +147,12 @@ def _cover_route(
     name: InitialRoute,
     settings: PlannerSettings,
     asked: float,
-    solver: SolverEffort,
 ) -> Route | None:
-    """The route of one set cover; None if the solver ran out of time or no place sees anything."""
-    match name:
-        case "greedy-set-cover":
-            chosen = greedy_cover(reduced, asked)
-        case "set-cover":
-            chosen = searched_cover(reduced, steps=_STEPS, rng=np.random.default_rng([settings.seed, _STREAM]))
-        case _:
-            exact = CoverProgram(reduced).fewest_places(min(asked, reduced.reachable), solver).chosen
-            if exact is None:
-                return None
-            chosen = exact
+    """The route of one set cover; None if no place sees anything."""
+    if name == "greedy-set-cover":
+        chosen = greedy_cover(reduced, asked)
+    else:
+        chosen = searched_cover(reduced, steps=_STEPS, rng=np.random.default_rng([settings.seed, _STREAM]))
     if settings.encoding == "waypoints":
         chosen = cut_down(candidates, chosen, settings.capacity)
     if chosen.size == 0:

@@ -30,7 +30,6 @@ from uavcover.planning.baselines.initial_routes import constructed_routes
 from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout, width_across_m
 from uavcover.planning.front import NamedRoute, Snapshots
 from uavcover.planning.planner import Effort, plan_routes
-from uavcover.planning.set_cover.solvers import SolverEffort
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import reach_at_height_m
@@ -206,9 +205,6 @@ PLANNERS: tuple[PlannerAlgorithm, ...] = ("memetic", "imodbo", "modbo", "nsga2",
 
 OURS = PLANNERS[0]
 
-_SOLVER_S = 120.0
-"""What the exact set cover may take; on large scenarios it then is the best that was found."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
@@ -284,7 +280,7 @@ def _constructed(name: InitialRoute) -> Callable[[Judge], Found]:
         settings = dataclasses.replace(site.scenario.planner, initial=(name,), seed=1)
         begin = time.process_time()
         made = constructed_routes(
-            coarse, settings, asked=judge.case.asked, solver=SolverEffort(time_s=_SOLVER_S), executor=None,
+            coarse, settings, asked=judge.case.asked, executor=None,
             should_stop=lambda: False,
         )  # fmt: skip
         cpu_s = time.process_time() - begin
@@ -302,7 +298,6 @@ CONSTRUCTIONS: Final = MappingProxyType[str, Callable[[Judge], Found]](
         "contour-lines": _constructed("contour-lines"),
         "greedy-set-cover": _constructed("greedy-set-cover"),
         "set-cover": _constructed("set-cover"),
-        "exact-set-cover": _constructed("exact-set-cover"),
     }
 )
 """Baselines that need no random numbers, each run once and for as long as it takes."""
