@@ -1,5 +1,5 @@
 """Pages are opened in the browser of the report's tests."""
 
-from tests.report.conftest import page
+from tests.report.conftest import browser, page
 
-__all__ = ["page"]
+__all__ = ["browser", "page"]
