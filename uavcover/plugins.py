@@ -17,6 +17,7 @@ GROUPS: Final[Mapping[str, str]] = MappingProxyType(
         "uavcover.clients": "clients for --client: a module with open_client(link, own_system=...)",
         "uavcover.bounds": "provers of bounds: a module with proved(site, plan, time_s=...) and least_length_m(site, rule)",
         "uavcover.evidence": "other evidence of flights than tracks, for verify: the module uavcover.extras.photos.any_flight",
+        "uavcover.exporters": "formats for export: a function of uavcover.run.mission.Exporter's form",
         "uavcover.zone_readers": "formats of no-fly zones (uavcover.scenario.airspace.read_zone.ZoneReader)",
     }
 )

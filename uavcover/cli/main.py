@@ -50,14 +50,6 @@ _CORE: dict[str, dict[str, Entry]] = {
             "",
             ("uavcover select RUN knee", 'uavcover select RUN "coverage>=0.98"'),
         ),
-        "export": (
-            "uavcover.cli.export",
-            "the mission for other software: DJI, Litchi, ROS, GPX",
-            (
-                "uavcover export RUN --format wpml --drone dji-m3e -o survey.kmz",
-                "uavcover export RUN --format litchi -o survey.csv",
-            ),
-        ),
     },
     "Vehicle": {
         "plan-upload": (

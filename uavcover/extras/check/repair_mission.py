@@ -12,8 +12,7 @@ from uavcover.extras.check.flown_path import flown_path
 from uavcover.extras.check.mission_file import CheckQuery, aircraft_of, read_mission_file
 from uavcover.extras.check.repair import repaired
 from uavcover.extras.check.split import parts_of
-from uavcover.run.export import numbered
-from uavcover.run.file_group import write_file
+from uavcover.run.file_group import numbered, write_file
 from uavcover.run.user import User
 
 

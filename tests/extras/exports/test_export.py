@@ -15,14 +15,14 @@ from tests.mission_io.formats.wpml_tables import ReadPoint, check_kmz
 from tests.planning.sites import flat, hills, make_site, ridge
 from tests.routes.test_sorties import there_and_back
 from uavcover.errors import InfeasibleError, InputError, OutputError, TerrainError
-from uavcover.intake.dji_aircraft import dji_aircraft_named
+from uavcover.extras.exports.dji_aircraft import dji_aircraft_named
+from uavcover.extras.exports.export import ExportRequest, FlightFile, export_mission, flight_files, write_exported
 from uavcover.model.no_fly import NoFly
 from uavcover.model.scenario import Origin
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, Sensor, SphereSensor
 from uavcover.model.vehicle import AutopilotName
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import compile_mission
-from uavcover.run.export import ExportRequest, FlightFile, export_mission, flight_files, write_exported
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
 
@@ -163,7 +163,7 @@ def test_heights_above_the_ellipsoid_are_those_above_sea_level_and_the_geoid(mon
             return -31.0 + 1000.0 * (lat_deg - 36.5) + 500.0 * (lon_deg + 84.2)
 
     site, (relative,) = make_site(hills), flight_files(make_site(hills), there_and_back(make_site(hills)), request())
-    monkeypatch.setattr("uavcover.run.export.Undulation", Geoid)
+    monkeypatch.setattr("uavcover.extras.exports.export.Undulation", Geoid)
     (flight,) = flight_files(site, there_and_back(site), request(heights="ellipsoid"))
     read, above_home = check_kmz(flight.content), check_kmz(relative.content).points
     assert read.mode == "WGS84"
@@ -195,7 +195,7 @@ def test_without_a_geoid_grid_the_error_names_it(monkeypatch: pytest.MonkeyPatch
     def none() -> None:
         raise TerrainError("terrain.vertical_datum: needs the geoid grid us_nga_egm96_15.tif")
 
-    monkeypatch.setattr("uavcover.run.export.Undulation", none)
+    monkeypatch.setattr("uavcover.extras.exports.export.Undulation", none)
     site = make_site(hills)
     with pytest.raises(InputError, match=r"^--heights ellipsoid: needs the geoid grid us_nga_egm96_15\.tif"):
         flight_files(site, there_and_back(site), request(heights="ellipsoid"))

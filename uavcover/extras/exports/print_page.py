@@ -13,18 +13,18 @@ import jinja2
 from markupsafe import Markup
 
 from mission_io.model.plain_text import plain_lines
+from uavcover.extras.exports.export import ExportRequest, flights_for, refuse_unlike, time_with_stops_s, write_exported
+from uavcover.extras.exports.print_drawings import map_svg, place_text, profile_svg, style_of
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.model.vehicle import AutopilotName
-from uavcover.report.print_drawings import map_svg, place_text, profile_svg, style_of
 from uavcover.routes.sorties import Sortie
-from uavcover.run.export import ExportRequest, flights_for, refuse_unlike, time_with_stops_s, write_exported
 from uavcover.run.folder import RunFolder
 from uavcover.run.planned import read_planned
 from uavcover.run.provenance import sha256_of_content
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m
 
-_PAGE = Path(__file__).parent / "page"
+_PAGE = Path(__file__).parent
 
 
 @dataclass(frozen=True, slots=True)

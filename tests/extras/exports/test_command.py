@@ -9,7 +9,7 @@ from mission_io.formats import wpl
 from mission_io.formats.files import FORMATS
 from tests.cli.conftest import Cli, command, limited_to
 from tests.mission_io.formats.wpml_tables import check_kmz
-from uavcover.report.print_page import clock
+from uavcover.extras.exports.print_page import clock
 
 
 @pytest.mark.parametrize("file_format", FORMATS)

@@ -18,14 +18,15 @@ from uavcover.model.route import Route
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, SphereSensor
 from uavcover.model.terrain import RasterTerrain
 from uavcover.model.vehicle import AutopilotName
+from uavcover.plugins import registered
 from uavcover.routes.energy import longest_flight_in_words
 from uavcover.routes.flights import compile_flights
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.return_advice import ReturnAdvice
 from uavcover.routes.sorties import Sortie, compile_sorties
-from uavcover.run.file_group import settle
+from uavcover.run.file_group import numbered, settle
 from uavcover.run.folder import RunFolder
-from uavcover.run.mission import compile_plan, export_text
+from uavcover.run.mission import compile_plan, export_content
 from uavcover.run.planned import read_planned
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
@@ -36,10 +37,14 @@ CONTROLLER_POINTS: Final[Mapping[str, int]] = {"wpml": 200, "litchi": MOST_WAYPO
 
 DJI's controllers are reported to take 100 to 250 points, Litchi takes 99 (:mod:`mission_io.formats.litchi`).
 """
-MISSION_FORMATS: Final = (*FORMATS, *CONTROLLER_POINTS)
 _FEWEST_POINTS = 4
 """Above home, a leg, above home again."""
 _TIGHTER_SPLITS = 8
+
+
+def mission_formats() -> tuple[str, ...]:
+    """The formats of missions and flights, those of third parties last."""
+    return (*FORMATS, *CONTROLLER_POINTS, *registered("uavcover.exporters"))
 
 
 TAKEOFF_HEIGHTS: Final = "takeoff"
@@ -51,7 +56,7 @@ class ExportRequest:
     """What to export.
 
     Attributes:
-        file_format: one of MISSION_FORMATS.
+        file_format: one of `mission_formats`.
         out: the file to write; several files have numbers before the suffix.
         sortie: which flight of a plan that is flown as several; none: all, one file each.
         autopilot: for whom; default: the scenario's.
@@ -170,11 +175,6 @@ def flights_for(site: Site, route: Route, request: ExportRequest, *, vehicles: i
     return compile_sorties(site, route, autopilot=autopilot, most_points=request.most_points, vehicles=vehicles)
 
 
-def numbered(out: Path, number: int) -> str:
-    """Name of one of several files of an export."""
-    return f"{out.stem}-{number}{out.suffix}"
-
-
 def write_exported(out: Path, contents: Mapping[str, bytes], *, force: bool, older: Sequence[str] = ()) -> None:
     """Write the files of an export beside each other, all or none.
 
@@ -212,8 +212,8 @@ def _names_of_older_exports(out: Path) -> list[str]:
 
 
 def _check(request: ExportRequest) -> None:
-    if request.file_format not in MISSION_FORMATS:
-        raise InputError(f"--format: {request.file_format!r} is not one of {', '.join(MISSION_FORMATS)}")
+    if request.file_format not in mission_formats():
+        raise InputError(f"--format: {request.file_format!r} is not one of {', '.join(mission_formats())}")
     if request.file_format == "wpml" and request.aircraft is None:
         raise InputError(
             "--format wpml: needs the aircraft, such as --drone dji-m3e (uavcover export --drone list shows all)"
@@ -238,8 +238,8 @@ def _flight_file(
 ) -> FlightFile:
     highest_m = compiled.max_height_above_home_m
     if request.file_format not in CONTROLLER_POINTS:
-        text = export_text(compiled, request.file_format, autopilot=autopilot, name=title)
-        return FlightFile(text.encode(), len(compiled.mission.items), compiled.flight_time_s, highest_m)
+        content = export_content(compiled, request.file_format, autopilot=autopilot, name=title)
+        return FlightFile(content, len(compiled.mission.items), compiled.flight_time_s, highest_m)
     flight = camera_flight(compiled.mission, pitch_deg=_pitch_deg(site))
     advice = compiled.return_advice
     height_m = advice.return_height_m

@@ -10,7 +10,7 @@ from uavcover.cli import options
 
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
-    from uavcover.run.export import ExportedFile, ExportRequest
+    from uavcover.extras.exports.export import ExportedFile, ExportRequest
     from uavcover.run.folder import RunFolder
 
 
@@ -88,9 +88,9 @@ def export(
 ) -> int:
     """Write the route for other software: a mission file, a DJI KMZ, Litchi CSV, GPX; or paper."""
     from uavcover.errors import InputError
-    from uavcover.intake.dji_aircraft import dji_aircraft_named
+    from uavcover.extras.exports.dji_aircraft import dji_aircraft_named
+    from uavcover.extras.exports.export import CONTROLLER_POINTS, ExportRequest, export_mission, mission_formats
     from uavcover.model.vehicle import autopilot_name
-    from uavcover.run.export import CONTROLLER_POINTS, MISSION_FORMATS, ExportRequest, export_mission
     from uavcover.run.folder import RunFolder
 
     console = output.console()
@@ -100,8 +100,8 @@ def export(
         raise InputError(
             "export: give a run folder, --format and -o, such as: uavcover export run --format gpx -o run.gpx"
         )
-    if file_format not in (*MISSION_FORMATS, "print"):
-        known = ", ".join((*MISSION_FORMATS, "print"))
+    if file_format not in (*mission_formats(), "print"):
+        known = ", ".join((*mission_formats(), "print"))
         raise InputError(f"--format: {file_format!r} is not one of {known}")
     request = ExportRequest(
         file_format=file_format, out=out, sortie=sortie,
@@ -134,7 +134,7 @@ def export(
 
 def _print(console: "Console", run: "RunFolder", request: "ExportRequest", paper: PrintOptions) -> int:
     from uavcover.errors import InputError
-    from uavcover.report.print_page import PrintNotes, print_plan
+    from uavcover.extras.exports.print_page import PrintNotes, print_plan
 
     if request.out.suffix.lower() not in (".html", ".htm"):
         raise InputError(f"-o: {request.out}: print is an HTML page; name it .html, and save it as PDF from a browser")
@@ -164,7 +164,7 @@ def _say_how_it_flies(console: "Console", file_format: str, written: "tuple[Expo
 
 
 def _list(console: "Console") -> int:
-    from uavcover.intake.dji_aircraft import all_dji_aircraft
+    from uavcover.extras.exports.dji_aircraft import all_dji_aircraft
 
     console.say(f"{'aircraft':20}{'drone':>8}{'payload':>9}{'camera pitch':>16}{'largest':>9}  title")
     aircraft = all_dji_aircraft()
