@@ -97,7 +97,7 @@ def record(checkout: Path, out: Path) -> None:
             print(f"{cwd.name}: {what}", file=sys.stderr, flush=True)
             (cwd / f"{what}.txt").write_text(run(checkout, *words, cwd=cwd))
 
-        searched = ("--evaluations", "40", "--seed", "3", "--workers", "2", *options.split())
+        searched = ("--evaluations", "60", "--seed", "3", "--workers", "2", *options.split())
         step("plan", "plan", scenario, "-o", "run", *searched, "--json")
         step("pareto", "pareto", "run", "--json")
         step("select", "select", "run", "knee", "--json")
