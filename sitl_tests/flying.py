@@ -14,7 +14,7 @@ from sitl_tests.errors import require
 from sitl_tests.missions import FIRST_WAYPOINT_ITEM, route_mission
 from uavcover.model.track import TrackSample
 from uavcover.routes.mission_compiler import AUTOPILOTS
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 from uavcover.vehicle.arming import arm_and_start, first_seq
 from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts
 from uavcover.vehicle.fly import Orders, fly

@@ -5,7 +5,7 @@ from math import nan
 
 from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.items import Frame, GeoPoint, Mission, MissionItem, change_speed, land, takeoff, waypoint
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 
 EastNorth = tuple[float, float]
 

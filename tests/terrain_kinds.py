@@ -15,7 +15,7 @@ import shapely
 from pyproj import Transformer
 from rasterio.transform import Affine
 
-from tests.scenario.dem_files import fractal_m
+from tests.terrain.dem_files import fractal_m
 
 LAT_DEG, LON_DEG = 46.31, 10.42
 TRUE_TO_SCALE = f"+proj=tmerc +lat_0={LAT_DEG} +lon_0={LON_DEG} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m"

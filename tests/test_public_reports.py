@@ -36,13 +36,13 @@ from uavcover.judging.track_logs.readers import read_foreign_log
 from uavcover.model.judgement import Judgement, noted, unproved
 from uavcover.model.track import COLUMNS
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
-from uavcover.scenario.elevation_file import read_heights_amsl_m
 from uavcover.scenario.obstacles import read_obstacles
 from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.scenario.site import build_site, load_site
-from uavcover.scenario.suspect_heights import suspect_places
-from uavcover.scenario.terrain_source import TerrainSource
 from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.terrain.elevation_file import read_heights_amsl_m
+from uavcover.terrain.suspect_heights import suspect_places
+from uavcover.terrain.terrain_source import TerrainSource
 from uavcover.vehicle.track_file import read_track_with_warnings
 
 

@@ -46,8 +46,8 @@ from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import AutopilotName, Vehicle
 from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compile_mission
-from uavcover.scenario.ground import grid_ground
 from uavcover.scenario.site import Site, load_site
+from uavcover.terrain.ground import grid_ground
 from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts
 from uavcover.vehicle.fly import Orders, fly
 from uavcover.vehicle.monitor import Monitor

@@ -16,7 +16,7 @@ from sitl_tests.matrix import WORKS
 from sitl_tests.missions import fence_with_hole, long_mission, rally_points
 from sitl_tests.relay import Relay
 from uavcover.routes.mission_compiler import AUTOPILOTS
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 
 _MISSION_ITEMS = 60
 _PART, _PART_ITEMS = 19, 10

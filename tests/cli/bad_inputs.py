@@ -13,7 +13,7 @@ from rasterio.transform import Affine
 
 from tests.scenario.areas import written
 from tests.scenario.areas.test_bad_areas import TEXTS
-from tests.scenario.dem_files import write_dem
+from tests.terrain.dem_files import write_dem
 
 SIZE_M = 400.0
 # Latitude, longitude, system and pixels of the elevation model, ground at 0 in metres above sea level.

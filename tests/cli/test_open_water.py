@@ -8,15 +8,15 @@ import pytest
 import rasterio
 from rasterio.transform import Affine
 
-from tests.scenario.dem_files import fractal_m
+from tests.terrain.dem_files import fractal_m
 from uavcover.errors import InputError, ScenarioError
 from uavcover.intake.quantities import water_height_m
-from uavcover.scenario.elevation_file import read_ground, read_heights_amsl_m
-from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site
-from uavcover.scenario.suspect_heights import suspect_places
-from uavcover.scenario.terrain_source import TerrainSource
+from uavcover.terrain.elevation_file import read_ground, read_heights_amsl_m
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.suspect_heights import suspect_places
+from uavcover.terrain.terrain_source import TerrainSource
 
 SIZE, STEP_DEG, LAT_DEG = 300, 1e-4, 46.03
 CAMERA = ("--camera", "dji-mavic-3e", "--gsd", "3cm")

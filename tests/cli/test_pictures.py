@@ -12,7 +12,7 @@ from rasterio.transform import Affine
 
 from tests.cli.conftest import Cli
 from tests.naive.plan_coverage import true_coverage
-from tests.scenario.dem_files import fractal_m
+from tests.terrain.dem_files import fractal_m
 
 LAT_DEG, LON_DEG = 36.51, -84.23
 WIDTH_M, LENGTH_M, PIXEL_M, AROUND_M = 240.0, 180.0, 5.0, 400.0

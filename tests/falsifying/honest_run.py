@@ -34,9 +34,9 @@ from uavcover.run.resume import find_unfinished, save_rest
 from uavcover.run.session import Connected, fly, require_home
 from uavcover.run.upload import upload
 from uavcover.run.user import Unattended
-from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map
+from uavcover.terrain.frames import LocalFrame
 from uavcover.vehicle.fly import FlightOutcome, Orders
 from uavcover.vehicle.monitor import open_vehicle
 

@@ -6,7 +6,7 @@ import rasterio
 from tests.scenario.surface_files import write_models
 from uavcover.errors import TerrainError
 from uavcover.intake.elevation_words import bands_in_words, feet_in_words, shading_in_words, surface_in_words
-from uavcover.scenario.terrain_source import TerrainSource
+from uavcover.terrain.terrain_source import TerrainSource
 
 SURFACES = {
     "Copernicus_DSM_COG_10_N46_00_E008_00_DEM.tif": "Copernicus DEM GLO-30 is a surface, with buildings and trees",

@@ -29,7 +29,7 @@ from uavcover.kernels.sight import (
 )
 from uavcover.kernels.skyline import skylines
 from uavcover.kernels.surface import gradients, heights
-from uavcover.scenario.ground import grid_ground, sine_cosine_ground
+from uavcover.terrain.ground import grid_ground, sine_cosine_ground
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=25, interpreted=6))
 

@@ -11,9 +11,9 @@ from uavcover.kernels.coverage import first_seen
 from uavcover.kernels.horizon import OCTANTS, octant_of, rises
 from uavcover.kernels.sight import RAY, SPHERE, Sight
 from uavcover.kernels.surface import Surface, heights
-from uavcover.scenario.ground import grid_ground, sine_cosine_ground
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site
+from uavcover.terrain.ground import grid_ground, sine_cosine_ground
 
 REACH_M = 30.0
 

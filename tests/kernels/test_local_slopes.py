@@ -6,7 +6,7 @@ import pytest
 from tests.compiled_kernels import cases
 from uavcover.kernels.sight import local_slopes, steepest_between
 from uavcover.kernels.surface import heights
-from uavcover.scenario.ground import grid_ground, sine_cosine_ground
+from uavcover.terrain.ground import grid_ground, sine_cosine_ground
 
 
 def rough(nodes):

@@ -16,7 +16,7 @@ from uavcover.kernels.cells import Cells
 from uavcover.kernels.nadir_visibility import NOT_SO, cone_cells, list_cone_runs
 from uavcover.kernels.search_problem import ALONG_PATH
 from uavcover.kernels.sight import CONE, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight
-from uavcover.scenario.ground import sine_cosine_ground
+from uavcover.terrain.ground import sine_cosine_ground
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=60, interpreted=8))
 

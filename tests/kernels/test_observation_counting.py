@@ -28,7 +28,7 @@ from uavcover.kernels.sight import (
     Sight,
     local_slopes,
 )  # fmt: skip
-from uavcover.scenario.ground import grid_ground
+from uavcover.terrain.ground import grid_ground
 
 EXACT = Camera(focal_px=900.0, pass_gap_s=1.5, offset_m=0.0, horizontal_m=0.0, lift_m=0.0, turn_rad=0.0)
 DOWN = np.array([[0.0, 0.0, -1.0]])

@@ -19,7 +19,7 @@ from uavcover.kernels.picture_visibility import list_picture_runs, picture_cells
 from uavcover.kernels.search_problem import ALONG_PATH
 from uavcover.kernels.sight import CONE, FRUSTUM, MIDPOINT, NO_LINE_OF_SIGHT, RAY, Sight
 from uavcover.kernels.surface import GRID
-from uavcover.scenario.ground import sine_cosine_ground
+from uavcover.terrain.ground import sine_cosine_ground
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=80, interpreted=8))
 

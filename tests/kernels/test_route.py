@@ -11,7 +11,7 @@ from tests.compiled_kernels import cases
 from tests.naive import route as naive
 from uavcover.kernels import route as kernels
 from uavcover.kernels.surface import height, height_range_above
-from uavcover.scenario.ground import grid_ground, sine_cosine_ground
+from uavcover.terrain.ground import grid_ground, sine_cosine_ground
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=25, interpreted=8))
 

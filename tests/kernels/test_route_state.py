@@ -32,8 +32,8 @@ from uavcover.model.sensor import NadirCamera, SphereSensor
 from uavcover.planning.search.route_problem import route_problem, state_of
 from uavcover.planning.search.tuning import TUNED
 from uavcover.routes.leg_checks import measure_violations
-from uavcover.scenario.ground import grid_ground, sine_cosine_ground
 from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.terrain.ground import grid_ground, sine_cosine_ground
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=25, interpreted=5))
 

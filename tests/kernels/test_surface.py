@@ -11,7 +11,7 @@ from tests.naive import surface as naive
 from uavcover.kernels import surface as kernels
 from uavcover.kernels.grid import square_frame, steepest_slope
 from uavcover.kernels.surface import GRID, Surface
-from uavcover.scenario.ground import grid_ground, sine_cosine_ground
+from uavcover.terrain.ground import grid_ground, sine_cosine_ground
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=40, interpreted=12))
 

@@ -10,7 +10,7 @@ from tests.planning.sites import flat, make_site
 from uavcover.kernels.sight import CONE, NO_LINE_OF_SIGHT, SPHERE, Sight, horizontal_reach
 from uavcover.kernels.surface import height
 from uavcover.kernels.swaths import balance_lines, side_reach
-from uavcover.scenario.ground import sine_cosine_ground
+from uavcover.terrain.ground import sine_cosine_ground
 
 SURFACE = sine_cosine_ground(10.0).surface
 CAMERA = Sight(CONE, 9.0, 0.7, -1.0, NO_LINE_OF_SIGHT)

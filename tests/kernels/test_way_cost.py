@@ -11,7 +11,7 @@ from uavcover.kernels.energy import Power
 from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace, flight_time, landing_time, takeoff_time
 from uavcover.kernels.route import path_length
 from uavcover.kernels.way_cost import ENERGY, LENGTH, TIME, WayCost, route_cost
-from uavcover.scenario.ground import grid_ground
+from uavcover.terrain.ground import grid_ground
 
 paces = st.builds(
     Pace,

@@ -18,10 +18,10 @@ from uavcover.model.sensor import NadirCamera, Sensor
 from uavcover.model.terrain import SineCosineTerrain
 from uavcover.model.vehicle import Vehicle, Wind
 from uavcover.scenario.airspace.zones import local_zones
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import grid_ground
 from uavcover.scenario.obstacles import Footprint, stand_on
 from uavcover.scenario.site import Site
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import grid_ground
 
 ORIGIN = Origin(lat_deg=36.5, lon_deg=-84.2, alt_amsl_m=400.0)
 SQUARE = ((0.0, 0.0), (300.0, 0.0), (300.0, 200.0), (0.0, 200.0))

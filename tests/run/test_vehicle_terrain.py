@@ -11,10 +11,10 @@ from mission_io.autopilots.terrain_grid import place_in_block, wrapped_deg
 from uavcover.errors import InputError
 from uavcover.run.user import Unattended
 from uavcover.run.vehicle_terrain import heights_of_files, heights_of_site, write_terrain_files
-from uavcover.scenario import elevation_file
-from uavcover.scenario.elevation_file import read_heights_amsl_m
 from uavcover.scenario.site import load_site
-from uavcover.scenario.terrain_source import TerrainSource
+from uavcover.terrain import elevation_file
+from uavcover.terrain.elevation_file import read_heights_amsl_m
+from uavcover.terrain.terrain_source import TerrainSource
 
 DEM = Path("uavcover/data/jacksboro.tif")
 

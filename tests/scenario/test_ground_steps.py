@@ -14,8 +14,8 @@ from uavcover.routes.leg_checks import measure_violations
 from uavcover.run.plan_words import say_steps
 from uavcover.run.user import Unattended
 from uavcover.scenario.airspace.flyable import flyable_area, share_flyable_area
-from uavcover.scenario.ground import sine_cosine_ground
 from uavcover.scenario.ground_steps import least_width_m, parts_between_steps
+from uavcover.terrain.ground import sine_cosine_ground
 
 REGION = shapely.box(-200.0, -150.0, 400.0, 350.0)
 LEVEL = math.tan(math.radians(30.0))

@@ -20,10 +20,10 @@ from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planning.baselines.swaths import fly_layout
 from uavcover.routes.flights import compile_flights
 from uavcover.run.vehicle_terrain import heights_of_site
-from uavcover.scenario.elevation_file import read_heights_amsl_m
 from uavcover.scenario.scenario_file import dump_scenario, parse_scenario
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.terrain.elevation_file import read_heights_amsl_m
 
 SURFACE = 'surface_file = "dsm.tif"'
 

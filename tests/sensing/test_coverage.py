@@ -7,12 +7,12 @@ from scipy.integrate import dblquad
 from tests.planning.sites import hills, make_site
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, SphereSensor
-from uavcover.scenario.ground import grid_ground
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import build_site
 from uavcover.sensing.cells import make_cells
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 from uavcover.sensing.sensors import reach_at_height_m
+from uavcover.terrain.ground import grid_ground
 
 
 def paper(name="paper-R2", **sensor):

@@ -16,7 +16,7 @@ from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.positioning import OnTruth
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.track import TrackSample
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 from uavcover.vehicle.flight_plan import FlightPlan
 from uavcover.vehicle.fly import FlightOutcome, Orders, fly
 from uavcover.vehicle.monitor import Monitor, open_vehicle

@@ -8,7 +8,7 @@ import pytest
 from mission_io.protocol.exchange import Address
 from mission_io.wire import messages as m
 from uavcover.model.track import TrackSample
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 from uavcover.vehicle.monitor import Monitor
 from uavcover.vehicle.track_file import Recorder
 

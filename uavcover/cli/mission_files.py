@@ -14,7 +14,7 @@ from mission_io.model.items import GeoPoint, Mission, MissionType
 from mission_io.wire.messages import HomePosition
 from uavcover.cli.console import Console
 from uavcover.errors import InputError, OutputError
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 
 KINDS = ("mission", "fence", "rally", "all")
 _HOME_WARNING_M = 10.0

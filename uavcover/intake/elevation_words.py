@@ -6,7 +6,7 @@ import rasterio.errors
 
 from uavcover.errors import TerrainError
 from uavcover.intake.elevation_sets import all_sets
-from uavcover.scenario.terrain_source import TerrainSource
+from uavcover.terrain.terrain_source import TerrainSource
 
 _WORDS = re.compile(
     r"(?<![a-z])(dsm|dom|mns|mds|ndsm|chm|surface[ _-]?model|oberfl(ä|ae)chenmodell|mod(è|e)le num(é|e)rique de surface|canopy"

@@ -12,7 +12,7 @@ from uavcover.intake.surface_look import HIDES_M, SurfaceLook
 from uavcover.intake.survey import USUAL_CEILING_M, SurveyDesign
 from uavcover.model.area import Rings
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
-from uavcover.scenario.terrain_source import TerrainSource
+from uavcover.terrain.terrain_source import TerrainSource
 
 _COMMENT_AT = 44
 _TRANSIT_CLEARANCE_M = 25.0

@@ -10,9 +10,9 @@ import shapely
 from uavcover.errors import InputError, TerrainError
 from uavcover.intake.terrain_look import TerrainLook, possible_datums
 from uavcover.kernels.arrays import FloatArray
-from uavcover.scenario.elevation_file import read_heights_amsl_m
 from uavcover.scenario.surface_model import of_surface, refuse_other_heights
-from uavcover.scenario.terrain_source import TerrainSource
+from uavcover.terrain.elevation_file import read_heights_amsl_m
+from uavcover.terrain.terrain_source import TerrainSource
 
 HIDES_M = 2.0
 """The default of ``terrain.surface_hides_m``."""

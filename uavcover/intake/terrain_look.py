@@ -13,10 +13,10 @@ from pyproj.exceptions import ProjError
 from uavcover.errors import InputError, TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.area import Rings
-from uavcover.scenario.elevation_file import read_height_amsl_m, read_heights_amsl_m
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.terrain_source import TerrainSource
-from uavcover.scenario.vertical import ELLIPSOID, SEA_LEVEL_DATUMS
+from uavcover.terrain.elevation_file import read_height_amsl_m, read_heights_amsl_m
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.terrain_source import TerrainSource
+from uavcover.terrain.vertical import ELLIPSOID, SEA_LEVEL_DATUMS
 
 _GRID, _GAP_GRID = 60, 160
 _ROUND_M = 10.0

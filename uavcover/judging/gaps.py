@@ -13,8 +13,8 @@ from uavcover.judging.flown_coverage import FlownCoverage
 from uavcover.kernels.arrays import BoolArray
 from uavcover.kernels.sight import NOT_IN_RANGE, OCCLUDED, SEEN, TOO_COARSE, TOO_OBLIQUE
 from uavcover.model.verdict import Gap, GapReason
-from uavcover.scenario.frames import LocalFrame
 from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.terrain.frames import LocalFrame
 
 REASONS: tuple[GapReason, ...] = get_args(GapReason)
 """In the order of their numbers in ``coverage.tif``."""

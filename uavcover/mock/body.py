@@ -12,7 +12,7 @@ from uavcover.mock.dynamics import Airframe, Battery, BatteryData, PointMass, Ve
 from uavcover.mock.itinerary import Itinerary, Step
 from uavcover.mock.positioning import GpsError, Positioning
 from uavcover.model.vehicle import AutopilotMotion
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 
 STEP_S = 0.02
 """One step of the simulation, seconds of vehicle time."""

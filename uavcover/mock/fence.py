@@ -9,7 +9,7 @@ from uavcover.mock.body import MockBody
 from uavcover.mock.dynamics import Vector
 from uavcover.mock.mission_store import MissionStore
 from uavcover.mock.parameters import Parameters
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 
 Ring = tuple[tuple[float, float], ...]
 

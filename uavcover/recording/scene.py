@@ -16,9 +16,9 @@ from uavcover.model.route import Route
 from uavcover.recording import layout
 from uavcover.recording.layout import log_static, ui_points
 from uavcover.scenario.airspace.zone_lines import zone_lines_m
-from uavcover.scenario.ground import Ground
-from uavcover.scenario.shaded_relief import relief_grid
 from uavcover.scenario.site import Site
+from uavcover.terrain.ground import Ground
+from uavcover.terrain.shaded_relief import relief_grid
 
 MAX_NODES_PER_SIDE = 180
 """Largest number of mesh nodes: more would not be visible and would enlarge the file."""

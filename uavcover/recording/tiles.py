@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from uavcover.kernels.arrays import FloatArray
 from uavcover.recording.layout import NOT_COVERABLE_RGB, SEEN_RGB, UNSEEN_RGB
 from uavcover.recording.scene import extent_m, scene_bounds_m
-from uavcover.scenario.shaded_relief import hillshade, shaded
 from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.terrain.shaded_relief import hillshade, shaded
 
 TICK_S = 1.0
 """Vehicle time between updates: a cell changes at the first tick after it was seen, never early and at most this late."""

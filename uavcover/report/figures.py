@@ -14,7 +14,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.report.content import ReportContent
 from uavcover.report.map_data import bounds_m
 from uavcover.run.pareto_file import ParetoRow, trade_off_axis
-from uavcover.scenario.shaded_relief import relief_grid
+from uavcover.terrain.shaded_relief import relief_grid
 
 FIGURE_NAMES = ("side-view.png", "top-view.png")
 

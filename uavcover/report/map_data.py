@@ -20,11 +20,11 @@ from uavcover.routes.mission_compiler import compile_mission
 from uavcover.routes.return_advice import flight_states
 from uavcover.scenario.airspace.zone_lines import zone_lines_m
 from uavcover.scenario.airspace.zones import Zone
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import Ground
 from uavcover.scenario.obstacles import Prism
-from uavcover.scenario.shaded_relief import relief_grid
 from uavcover.scenario.site import Site, area_as_drawn
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import Ground
+from uavcover.terrain.shaded_relief import relief_grid
 
 RELIEF_PIXELS = 900
 """Along the longer side of the relief."""

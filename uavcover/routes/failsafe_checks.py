@@ -16,9 +16,9 @@ from uavcover.routes.failsafe_path import predict
 from uavcover.routes.failsafe_states import HOME, Destinations, FailsafePaths, FlightStates, Stage
 from uavcover.routes.unsafe_returns import Danger, UnsafeReturn, joined_returns
 from uavcover.scenario.airspace.zones import ZoneCheck
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import Ground
 from uavcover.scenario.obstacles import Prism, leg_breaches
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import Ground
 
 CONTACT_M = 1.0
 """Least height above ground where the vehicle stops, climbs, or waits above its destination."""

@@ -13,8 +13,8 @@ import shapely
 from mission_io.model.areas import Fence, FenceCircle, FencePolygon, LatLon
 from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.airspace.zones import Polygons, Zone
-from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site
+from uavcover.terrain.frames import LocalFrame
 
 _MOST_CORNERS = 70
 """Of an exclusion: ArduPilot keeps few hundred corners of a fence in all, and no more than 255 of a polygon."""

@@ -55,10 +55,10 @@ from uavcover.routes.transit import (
     transit,
 )
 from uavcover.scenario.airspace.zones import Zone
-from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m
+from uavcover.terrain.frames import LocalFrame
 
 _HEIGHT_DECIMALS = 3
 """Heights are compiled to the millimetre: degrees reach a vehicle in steps of 1e-7, which are a centimetre."""

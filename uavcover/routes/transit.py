@@ -13,8 +13,8 @@ from uavcover.routes.leg_checks import LegProblem, find_problems
 from uavcover.scenario.airspace.flyable import transit_area, transit_area_between_walls
 from uavcover.scenario.airspace.way_round import WayRound
 from uavcover.scenario.airspace.zones import ZoneCheck
-from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site
+from uavcover.terrain.frames import LocalFrame
 
 _NO_CEILING_M = 5_000.0
 _TRANSIT_TOLERANCE_M = 15.0

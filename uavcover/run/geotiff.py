@@ -12,8 +12,8 @@ from pyproj import CRS, Transformer
 from rasterio.io import MemoryFile
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.scenario.frames import LocalFrame
 from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.terrain.frames import LocalFrame
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,7 +17,7 @@ from uavcover.run.folder import FLIGHT_FILES, MISSION_FILES, SCHEMA_VERSION, Run
 from uavcover.run.provenance import Record, obstacles_sha256, read_record, run_document, sha256_of, version
 from uavcover.scenario.scenario_file import load_scenario, surface_source, terrain_source
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.terrain_source import TerrainSource
+from uavcover.terrain.terrain_source import TerrainSource
 
 WHATS = ("scenario", "terrain", "surface", "obstacles", "plan", "mission", "track", "version", "record")
 """What can have changed, in the words of ``--accept-changed``; ``record`` is what says how it was: run.json itself."""

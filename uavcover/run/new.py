@@ -44,14 +44,14 @@ from uavcover.run.user import User
 from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.areas.area_file import read_area
-from uavcover.scenario.elevation_file import read_height_amsl_m
 from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.terrain_source import TerrainSource
-from uavcover.scenario.vertical import datum_named
 from uavcover.sensing.coverage_map import judging_map, path_lengths_m
 from uavcover.sensing.pictures import FLOWN_OVERLAP_FRACTION, pictures_asked, planned_pictures
 from uavcover.sensing.sensors import trigger_distance_m
+from uavcover.terrain.elevation_file import read_height_amsl_m
+from uavcover.terrain.terrain_source import TerrainSource
+from uavcover.terrain.vertical import datum_named
 
 _FARTHEST_HOME_M = 10_000.0
 _BESIDE_ZONES_M = 5.0

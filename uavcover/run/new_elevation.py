@@ -19,9 +19,9 @@ from uavcover.model.terrain import HeightUnit
 from uavcover.run.user import User
 from uavcover.scenario.airspace.zones import Polygons
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.suspect_heights import suspect_places
-from uavcover.scenario.terrain_source import TerrainSource, find_tiles
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.suspect_heights import suspect_places
+from uavcover.terrain.terrain_source import TerrainSource, find_tiles
 
 _MOST_SUSPECTS = 5
 AROUND_M = 200.0

@@ -31,11 +31,11 @@ from uavcover.intake.terrain_look import possible_datums
 from uavcover.model.terrain import HeightUnit, RasterTerrain
 from uavcover.run.file_group import write_file
 from uavcover.run.user import User
-from uavcover.scenario.elevation_file import read_heights_amsl_m
 from uavcover.scenario.scenario_file import surface_source, terrain_source
 from uavcover.scenario.site import Site
-from uavcover.scenario.terrain_source import Bounds, TerrainSource, find_tiles
-from uavcover.scenario.vertical import ELLIPSOID, datum_named
+from uavcover.terrain.elevation_file import read_heights_amsl_m
+from uavcover.terrain.terrain_source import Bounds, TerrainSource, find_tiles
+from uavcover.terrain.vertical import ELLIPSOID, datum_named
 
 _log = logging.getLogger(__name__)
 

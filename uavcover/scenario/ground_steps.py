@@ -12,8 +12,8 @@ import shapely
 from uavcover.kernels.arrays import BoolArray
 from uavcover.kernels.surface import GRID, Surface
 from uavcover.scenario.airspace.zones import Polygons
-from uavcover.scenario.ground import Ground
-from uavcover.scenario.pixel_frame import Bounds, nodes_between, places_of_nodes_m
+from uavcover.terrain.ground import Ground
+from uavcover.terrain.pixel_frame import Bounds, nodes_between, places_of_nodes_m
 
 _APART_STEPS = 0.75
 _SIMPLER_STEPS = 0.7

@@ -28,8 +28,8 @@ from uavcover.kernels.surface import GRID
 from uavcover.model.area import Ring
 from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.scenario.areas.kmz import kml_of
-from uavcover.scenario.ground import Ground
-from uavcover.scenario.pixel_frame import nodes_inside_m
+from uavcover.terrain.ground import Ground
+from uavcover.terrain.pixel_frame import nodes_inside_m
 
 
 @dataclass(frozen=True, eq=False)

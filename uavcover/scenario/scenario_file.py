@@ -28,7 +28,7 @@ from uavcover.scenario.fleet_tables import LAUNCH_POINTS, with_fleet
 from uavcover.scenario.obstacles import read_obstacles
 from uavcover.scenario.outlines import outline_mistakes, with_rings
 from uavcover.scenario.ring_checks import bounds_deg, fence_mistakes, no_fly_mistakes, prism_mistakes
-from uavcover.scenario.terrain_source import TerrainSource, find_tiles
+from uavcover.terrain.terrain_source import TerrainSource, find_tiles
 
 _BUNDLED = "bundled:"
 _MOST_MISTAKES = 5

@@ -16,13 +16,13 @@ from uavcover.model.area import Outline, Ring
 from uavcover.model.scenario import Objective, Scenario, Uncertainty
 from uavcover.model.terrain import RasterTerrain, SineCosineTerrain
 from uavcover.scenario.airspace.zones import Zone, ZoneCheck, local_zones
-from uavcover.scenario.elevation_file import MAX_ERROR_M, read_ground, read_height_amsl_m
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import Ground, sine_cosine_ground
 from uavcover.scenario.obstacles import Footprint, Prism, stand_on
 from uavcover.scenario.scenario_file import load_scenario, terrain_source
 from uavcover.scenario.surface_model import check_home_is_open, with_surface_over
-from uavcover.scenario.terrain_source import TerrainSource
+from uavcover.terrain.elevation_file import MAX_ERROR_M, read_ground, read_height_amsl_m
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import Ground, sine_cosine_ground
+from uavcover.terrain.terrain_source import TerrainSource
 
 MAX_REACH_M = 100_000.0
 """A position in a scenario farther from the origin is treated as a mistake."""

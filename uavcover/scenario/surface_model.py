@@ -11,11 +11,11 @@ from uavcover.errors import ScenarioError, TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.scenario import Scenario
 from uavcover.model.terrain import RasterTerrain
-from uavcover.scenario.elevation_file import MAX_ERROR_M, read_ground
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import Ground, ground_of_nodes
-from uavcover.scenario.pixel_frame import Bounds, finish_frame, places_of_nodes_m
 from uavcover.scenario.scenario_file import surface_source
+from uavcover.terrain.elevation_file import MAX_ERROR_M, read_ground
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import Ground, ground_of_nodes
+from uavcover.terrain.pixel_frame import Bounds, finish_frame, places_of_nodes_m
 
 _log = logging.getLogger(__name__)
 

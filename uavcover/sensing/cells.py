@@ -15,9 +15,9 @@ from uavcover.kernels.obstacles import horizons
 from uavcover.kernels.sight import RAY, widest_tangent
 from uavcover.kernels.skyline import NO_SKYLINES, skylines
 from uavcover.model.terrain import RasterTerrain
-from uavcover.scenario.ground import Ground
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import farthest_m, sight_of
+from uavcover.terrain.ground import Ground
 
 MAX_CELLS = 16_000_000
 _MOST_RISES = 4_000_000

@@ -13,7 +13,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import Pace
 from uavcover.model.vehicle import Vehicle
 from uavcover.routes.return_advice import OwnReturns
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 from uavcover.vehicle.ground_contact import GroundAt
 
 _PLACES = (Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND, Command.NAV_LOITER_TIME)

@@ -11,7 +11,7 @@ import numpy as np
 from mission_io.model.items import Command, GeoPoint
 from mission_io.wire import messages as m
 from uavcover.kernels.arrays import FloatArray
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 from uavcover.vehicle.flight_plan import FlightPlan
 from uavcover.vehicle.limit_table import HOME_SLACK_M
 from uavcover.vehicle.outcome import Ending, EventKind

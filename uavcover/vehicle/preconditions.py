@@ -16,7 +16,7 @@ from mission_io.model.enums import AutopilotId, LandedState
 from mission_io.model.items import Mission, MissionItem, MissionType
 from mission_io.wire import messages as m
 from uavcover.kernels.arrays import FloatArray
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 from uavcover.vehicle.applied_limits import numbers
 from uavcover.vehicle.flight_plan import FlightPlan
 from uavcover.vehicle.home_watch import HomeWatch, rest_of_legs

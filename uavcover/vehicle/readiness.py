@@ -11,7 +11,7 @@ from mission_io.model.enums import AutopilotId, CommandResult
 from mission_io.model.items import GeoPoint, MissionType
 from mission_io.wire import messages as m
 from uavcover.errors import VehicleError
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 from uavcover.vehicle.flight_plan import FlightPlan
 from uavcover.vehicle.outcome import Ending, EventKind, FlightFaultError
 from uavcover.vehicle.session import Session, Stopped, Timer

@@ -31,7 +31,7 @@ from uavcover.model.track import (
     Track,
     TrackSample,
 )
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 
 if TYPE_CHECKING:  # who reads a track needs no vehicle
     from uavcover.vehicle.monitor import Monitor

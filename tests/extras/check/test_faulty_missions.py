@@ -13,8 +13,8 @@ from tests.naive.mission_check import Plane, path
 from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.flown_path import flown_path
 from uavcover.extras.check.world import World
-from uavcover.scenario.elevation_file import read_ground
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.elevation_file import read_ground
+from uavcover.terrain.frames import LocalFrame
 
 
 @pytest.fixture(scope="module")

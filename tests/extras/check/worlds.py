@@ -5,8 +5,8 @@ import numpy as np
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
 from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.world import World
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import Ground, grid_ground
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import Ground, grid_ground
 
 LAT, LON, HOME_M = 46.31, 10.42, 700.0
 FRAME = LocalFrame(LAT, LON, HOME_M)

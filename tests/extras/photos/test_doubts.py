@@ -9,7 +9,7 @@ from tests.extras.photos.test_placing import FRAME, picture
 from uavcover.extras.photos.doubts import height_doubts, missing_stretches
 from uavcover.extras.photos.picture import HeightDatum
 from uavcover.extras.photos.placing import Assumptions, place_pictures
-from uavcover.scenario.ground import grid_ground
+from uavcover.terrain.ground import grid_ground
 
 
 def doubts(pictures, *, takeoff_m=None, ground_m=0.0, slope=0.0, home_en_m=None):

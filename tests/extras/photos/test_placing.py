@@ -7,7 +7,7 @@ from uavcover.errors import TerrainError, TrackError
 from uavcover.extras.photos import placing
 from uavcover.extras.photos.picture import HeightDatum, Picture
 from uavcover.extras.photos.placing import Assumptions, courses_deg, place_pictures
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 
 FRAME = LocalFrame(46.0, 8.0, 1000.0)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 
 FRAME = LocalFrame(36.5, -84.2, 400.0)
 COUNT = 40

@@ -7,7 +7,7 @@ import pytest
 
 from uavcover.judging.track_logs.readers import read_foreign_log
 from uavcover.model.track import Track
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 
 DATA = Path(__file__).with_name("data")
 HOME = LocalFrame(36.4762, -84.216, 485.424)

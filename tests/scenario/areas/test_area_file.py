@@ -15,8 +15,8 @@ from pyproj import Geod
 from tests.scenario.areas import written
 from uavcover.errors import InputError, ScenarioError
 from uavcover.scenario.areas.area_file import AreaQuery, is_area_file, is_area_text, read_area
-from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario, parse_scenario
+from uavcover.terrain.frames import LocalFrame
 
 GIS = {"gpkg": "GPKG", "shp": "ESRI Shapefile", "fgb": "FlatGeobuf"}
 PROJECTED = ("geojson", "wkt", *GIS)

@@ -32,9 +32,9 @@ from uavcover.model.judgement import Judgement, VerdictName
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle
 from uavcover.scenario.airspace.zones import local_zones
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import Ground
 from uavcover.scenario.obstacles import Prism
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import Ground
 
 _AROUND_M = 300.0
 _EYE_M = 1.6

@@ -15,12 +15,12 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.run.new_elevation import ask_about_heights, ask_about_surface
 from uavcover.run.user import User
 from uavcover.run.vehicle_terrain import ElevationData, open_elevation_data
-from uavcover.scenario.elevation_file import read_ground, read_heights_amsl_m
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import Ground
 from uavcover.scenario.surface_model import higher_of, of_surface, refuse_misfit
-from uavcover.scenario.suspect_heights import SuspectPlace, is_suspect, suspect_places
-from uavcover.scenario.terrain_source import TerrainSource
+from uavcover.terrain.elevation_file import read_ground, read_heights_amsl_m
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import Ground
+from uavcover.terrain.suspect_heights import SuspectPlace, is_suspect, suspect_places
+from uavcover.terrain.terrain_source import TerrainSource
 
 _REACH_DEG = 1.0
 _FLOWN_DEG, _AROUND_DEG = 0.3, 0.005

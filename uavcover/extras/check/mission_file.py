@@ -38,10 +38,10 @@ from uavcover.run.user import User
 from uavcover.run.vehicle_terrain import ElevationData
 from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import Ground
 from uavcover.scenario.obstacles import read_obstacles
 from uavcover.scenario.scenario_file import load_scenario
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import Ground
 
 MISSION_SUFFIXES = (".plan", ".waypoints", ".txt", ".mission", ".csv", *ROUTE_SUFFIXES)
 _MOST_POINTS = {

@@ -12,9 +12,9 @@ from uavcover.extras.check.segments import FlownPath
 from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.obstacles import Obstacle, Obstacles
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import Ground
 from uavcover.scenario.obstacles import Footprint, Prism, leg_breaches, stand_on
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import Ground
 
 TOLERANCE_M = 0.05
 

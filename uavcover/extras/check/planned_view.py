@@ -28,8 +28,6 @@ from uavcover.model.sensor import FrameCamera
 from uavcover.model.terrain import RasterTerrain
 from uavcover.model.verdict import percent_beside
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import Ground
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
 from uavcover.sensing.pictures import (
@@ -41,6 +39,8 @@ from uavcover.sensing.pictures import (
     overlap_fraction,
     pictures_asked,
 )
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import Ground
 
 _CELLS, _FINEST_CELL_M = 25_000, 1.0
 _AROUND_M = 50.0

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import Ground
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import Ground
 
 
 @dataclass(frozen=True, eq=False)

@@ -30,7 +30,7 @@ from uavcover.run.mission import compile_plan, export_content
 from uavcover.run.planned import read_planned
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
-from uavcover.scenario.vertical import Undulation
+from uavcover.terrain.vertical import Undulation
 
 CONTROLLER_POINTS: Final[Mapping[str, int]] = {"wpml": 200, "litchi": MOST_WAYPOINTS}
 """Formats of controllers that fly points, stopping at each, and how many points they are given unless the user says.

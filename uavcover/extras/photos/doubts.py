@@ -12,8 +12,8 @@ import numpy as np
 from uavcover.extras.photos.picture import HeightDatum
 from uavcover.extras.photos.placing import PlacedPictures, courses_deg
 from uavcover.kernels.arrays import FloatArray
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import Ground
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import Ground
 
 _DOWN_WITHIN_DEG = 20.0
 _TURNED_DEG = 20.0

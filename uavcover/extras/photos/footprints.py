@@ -5,7 +5,7 @@ import numpy as np
 from uavcover.extras.photos.placing import PlacedPictures
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.sensor import FrameCamera
-from uavcover.scenario.ground import Ground
+from uavcover.terrain.ground import Ground
 
 _A_SIDE = 4
 _STEPS = 400

@@ -25,10 +25,10 @@ from uavcover.model.judgement import Effect, Finding, Holds, Judgement, Requirem
 from uavcover.model.sensor import FrameCamera, Sensor
 from uavcover.run.new_elevation import NewRequest
 from uavcover.run.user import User
-from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
 from uavcover.sensing.pictures import OVERLAP_FRACTION, drawn_cells, pictures_asked
+from uavcover.terrain.frames import LocalFrame
 
 USUAL_COVERAGE = 0.98
 _SAME_SHAPE = 0.03

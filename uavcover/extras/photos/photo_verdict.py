@@ -24,10 +24,10 @@ from uavcover.model.judgement import Judgement
 from uavcover.model.sensor import FrameCamera, Sensor
 from uavcover.run.geotiff import cells_geotiff
 from uavcover.run.judge import LAYER_REASONS
-from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import focal_px
+from uavcover.terrain.frames import LocalFrame
 
 _LONGEST_STEP_S = 10.0
 

@@ -17,8 +17,8 @@ from uavcover.intake.elevation_sets import (
 from uavcover.run.user import User
 from uavcover.run.vehicle_terrain import ElevationData, open_elevation_data
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
-from uavcover.scenario.elevation_file import read_heights_amsl_m
-from uavcover.scenario.terrain_source import Bounds
+from uavcover.terrain.elevation_file import read_heights_amsl_m
+from uavcover.terrain.terrain_source import Bounds
 
 _M_PER_DEG = 111_195.0
 _GRID = 60

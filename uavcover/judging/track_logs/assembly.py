@@ -10,7 +10,7 @@ from uavcover.judging.shared_clock import JUMP_S
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.model.active_times import is_flight_time
 from uavcover.model.track import ReadTrack, Track
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 
 PICTURE_PLACE_ERROR_M = 10.0
 """A picture that names a place farther than this from where the vehicle was then is no picture."""

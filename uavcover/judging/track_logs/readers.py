@@ -14,7 +14,7 @@ from uavcover.judging.track_logs.telemetry import read_telemetry
 from uavcover.judging.track_logs.ulog import read_ulog
 from uavcover.model.track import ReadTrack
 from uavcover.plugins import load, registered
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 
 
 def _of_plugin(name: str) -> Callable[[Path], LoggedRows]:

@@ -14,8 +14,8 @@ import shapely
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.no_fly import NoFly
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import Ground
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import Ground
 
 Polygons = shapely.Polygon | shapely.MultiPolygon
 

@@ -8,11 +8,11 @@ import rasterio
 import shapely
 from rasterio.transform import Affine
 
-from tests.scenario.dem_files import fractal_m
+from tests.terrain.dem_files import fractal_m
 from uavcover.model.terrain import RasterTerrain
 from uavcover.scenario.scenario_file import bundled_scenarios, load_scenario, terrain_source
 from uavcover.scenario.site import load_site
-from uavcover.scenario.suspect_heights import _rough_alone, suspect_pixels, suspect_places
+from uavcover.terrain.suspect_heights import _rough_alone, suspect_pixels, suspect_places
 
 SIZE, PIXEL_M = 300, 10.0
 ROWS, COLUMNS = np.mgrid[0:SIZE, 0:SIZE]

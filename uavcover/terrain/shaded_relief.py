@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import ByteArray, FloatArray
 from uavcover.kernels.surface import GRID
-from uavcover.scenario.ground import Ground
+from uavcover.terrain.ground import Ground
 
 _LIGHT_AZIMUTH_DEG = 315.0
 _LIGHT_ELEVATION_DEG = 45.0

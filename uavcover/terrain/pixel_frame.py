@@ -9,7 +9,7 @@ from numpy.polynomial.chebyshev import chebpts1, chebvander
 from uavcover.errors import TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.grid import GridFrame, growth_on_grid, places_on_grid, steepest_of_finite
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 
 Bounds = tuple[float, float, float, float]
 

@@ -8,15 +8,15 @@ import rasterio
 from rasterio.transform import Affine
 
 from tests.naive.file_ground import FileGround, ecef_of, geodetic_of
-from tests.scenario.dem_files import PLACES, largest_difference_m, write_dem
+from tests.terrain.dem_files import PLACES, largest_difference_m, write_dem
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.kernels.grid import square_frame, steepest_of_finite
 from uavcover.kernels.surface import GRID, Surface, height_above, up_above
-from uavcover.scenario.elevation_file import MAX_ERROR_M, read_ground
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.pixel_frame import STRAIGHT_WITHIN_M
 from uavcover.scenario.scenario_file import load_scenario, terrain_source
 from uavcover.scenario.site import load_site
+from uavcover.terrain.elevation_file import MAX_ERROR_M, read_ground
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.pixel_frame import STRAIGHT_WITHIN_M
 
 ALT_M = 550.0
 

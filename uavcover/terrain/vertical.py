@@ -9,7 +9,7 @@ from pyproj.transformer import TransformerGroup
 
 from uavcover.errors import InputError, TerrainError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.scenario.terrain_source import TerrainSource
+from uavcover.terrain.terrain_source import TerrainSource
 
 _FOOT_M, _SURVEY_FOOT_M = 0.3048, 1200.0 / 3937.0
 _UNITS_M = {

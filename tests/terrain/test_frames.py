@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from pyproj import Geod, Transformer
 
 from uavcover.errors import InputError
-from uavcover.scenario.frames import LocalFrame
+from uavcover.terrain.frames import LocalFrame
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=40)
 

@@ -18,10 +18,10 @@ from rasterio.windows import Window
 from shapely.geometry.base import BaseGeometry
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.scenario.elevation_file import open_raster
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.pixel_frame import Bounds
-from uavcover.scenario.terrain_source import TerrainSource
+from uavcover.terrain.elevation_file import open_raster
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.pixel_frame import Bounds
+from uavcover.terrain.terrain_source import TerrainSource
 
 Kind = Literal["block", "spike", "step"]
 

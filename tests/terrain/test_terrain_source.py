@@ -9,13 +9,13 @@ import pytest
 import rasterio
 from rasterio.transform import Affine
 
-from tests.scenario.dem_files import write_dem
+from tests.terrain.dem_files import write_dem
 from uavcover.errors import TerrainError
-from uavcover.scenario import terrain_source
-from uavcover.scenario.elevation_file import read_ground, read_height_amsl_m, read_heights_amsl_m
-from uavcover.scenario.frames import LocalFrame
 from uavcover.scenario.scenario_file import parse_scenario
-from uavcover.scenario.terrain_source import TerrainSource, find_tiles
+from uavcover.terrain import terrain_source
+from uavcover.terrain.elevation_file import read_ground, read_height_amsl_m, read_heights_amsl_m
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.terrain_source import TerrainSource, find_tiles
 
 LAT, LON = 46.55, 8.03
 FRAME = LocalFrame(LAT, LON, 500.0)

@@ -6,8 +6,8 @@ import pytest
 import rasterio
 
 from scripts.docs import make_terrain
-from uavcover.scenario.elevation_file import read_height_amsl_m
 from uavcover.scenario.scenario_file import load_scenario, terrain_source
+from uavcover.terrain.elevation_file import read_height_amsl_m
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.grid import GridFrame, square_frame, steepest_of_finite, steepest_slope
 from uavcover.kernels.obstacles import roofs_m
 from uavcover.kernels.surface import GRID, SINE_COSINE, Surface
-from uavcover.scenario.pixel_frame import nodes_between, places_of_nodes_m
+from uavcover.terrain.pixel_frame import nodes_between, places_of_nodes_m
 
 
 @dataclass(frozen=True, eq=False)

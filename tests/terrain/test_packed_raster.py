@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 import rasterio
 
-from tests.scenario.dem_files import write_dem
+from tests.terrain.dem_files import write_dem
 from uavcover.errors import TerrainError
-from uavcover.scenario import packed_raster
-from uavcover.scenario.elevation_file import read_height_amsl_m, read_heights_amsl_m
-from uavcover.scenario.packed_raster import gdal_name
-from uavcover.scenario.terrain_source import TerrainSource, find_tiles
+from uavcover.terrain import packed_raster
+from uavcover.terrain.elevation_file import read_height_amsl_m, read_heights_amsl_m
+from uavcover.terrain.packed_raster import gdal_name
+from uavcover.terrain.terrain_source import TerrainSource, find_tiles
 
 LAT, LON = 46.55, 8.03
 SEA = bytes(2 * 1201 * 1201)

@@ -20,12 +20,12 @@ from rasterio.windows import Window
 from uavcover.errors import TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.grid import GridFrame, places_on_grid
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import Ground, grid_ground, ground_of_nodes
-from uavcover.scenario.no_data import fill_gaps
-from uavcover.scenario.pixel_frame import STRAIGHT_WITHIN_M, Bounds, finish_frame, fit_frame, node_ups_m
-from uavcover.scenario.terrain_source import TerrainSource, as_source, unreadable
-from uavcover.scenario.vertical import DATUMS, ELLIPSOID, Undulation, refuse_feet_by_guess, unit_of_heights_m
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import Ground, grid_ground, ground_of_nodes
+from uavcover.terrain.no_data import fill_gaps
+from uavcover.terrain.pixel_frame import STRAIGHT_WITHIN_M, Bounds, finish_frame, fit_frame, node_ups_m
+from uavcover.terrain.terrain_source import TerrainSource, as_source, unreadable
+from uavcover.terrain.vertical import DATUMS, ELLIPSOID, Undulation, refuse_feet_by_guess, unit_of_heights_m
 
 _log = logging.getLogger(__name__)
 

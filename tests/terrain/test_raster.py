@@ -14,9 +14,9 @@ from rasterio.warp import Resampling, reproject, transform
 
 from uavcover.errors import TerrainError
 from uavcover.scenario import elevation_file, pixel_frame
-from uavcover.scenario.elevation_file import read_ground, read_height_amsl_m, read_heights_amsl_m
-from uavcover.scenario.frames import LocalFrame
-from uavcover.scenario.ground import grid_ground
+from uavcover.terrain.elevation_file import read_ground, read_height_amsl_m, read_heights_amsl_m
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.ground import grid_ground
 
 LAT, LON = 47.2, 11.4  # asymmetric, and in UTM zone 32
 FRAME = LocalFrame(LAT, LON, 600.0)

@@ -18,7 +18,7 @@ from pyproj.exceptions import CRSError
 from rasterio.warp import transform_bounds
 
 from uavcover.errors import TerrainError
-from uavcover.scenario.packed_raster import RASTERS, gdal_name, is_tile
+from uavcover.terrain.packed_raster import RASTERS, gdal_name, is_tile
 
 MAX_TILES = 400
 """Of a folder or a pattern; each is opened once to see where it is."""
