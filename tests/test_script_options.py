@@ -24,6 +24,7 @@ from scripts.options import (
     scenario_name,
     whole_numbers,
 )
+from scripts.pages import put_section
 
 ROOT = Path(__file__).parents[1]
 
@@ -128,3 +129,12 @@ def test_paths_that_are_there(tmp_path: Path) -> None:
 def test_what_cannot_be_is_refused(kind: Callable[[str], object], text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError):
         kind(text)
+
+
+def test_a_script_renews_its_own_section_of_a_page(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    put_section(page, "One", "first")
+    put_section(page, "Two", "second")
+    page.write_text("# Title\n\nwords\n\n" + page.read_text())
+    put_section(page, "One", "\nanew\n\n### Part\n")
+    assert page.read_text() == "# Title\n\nwords\n\n## One\n\nanew\n\n### Part\n\n## Two\n\nsecond\n"
