@@ -14,9 +14,9 @@ from mission_io.wire.messages import Heartbeat, Received
 from sitl_tests.matrix import ClientName
 from sitl_tests.simulators.running import RunningVehicle
 from uavcover.errors import VehicleError
+from uavcover.extras.mavsdk.client import MavsdkClient
 from uavcover.model.vehicle import AutopilotName
 from uavcover.vehicle.flight_plan import FlightTimeouts
-from uavcover.vehicle.mavsdk.client import MavsdkClient
 from uavcover.vehicle.monitor import Monitor
 from uavcover.vehicle.outcome import FlightEvent
 from uavcover.vehicle.session import Session

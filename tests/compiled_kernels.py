@@ -20,11 +20,11 @@ def cases(*, compiled: int, interpreted: int) -> int:
 
 
 def lend_compiled_kernels(copy: Path) -> None:
-    """Put the machine code of this tree beside the kernels in a copy, which uses it when all their sources are the same.
+    """Put the machine code of this tree beside the kernels in a copy, which uses what has the same sources.
 
     Args:
         copy: folder that holds the package ``uavcover``, a clone or where a wheel was installed.
     """
-    compiled = jit.folder()
+    compiled = jit.root()
     if compiled is not None:
         shutil.copytree(compiled, copy / KERNELS / "__pycache__" / compiled.name, dirs_exist_ok=True)

@@ -20,7 +20,7 @@ KEPT = {
     "tests/cli/test_client_option.py::test_a_run_is_uploaded_and_flown": "a whole flight by MAVSDK's client",
     "tests/cli/test_report.py::test_a_flown_run": "the report of a flight",
     "tests/planning/test_no_fly.py::test_no_leg_of_a_plan_enters_a_zone[0-<lambda>]": "a plan beside zones",
-    "tests/planning/test_bounds.py": "bounds that are proved",
+    "tests/extras/bounds/test_bounds.py": "bounds that are proved",
     "tests/planning/test_tour_with_neighbourhoods.py::test_a_tour_ends_where": "tours through neighbourhoods",
     "tests/planning/test_parallel_lines.py::test_lines_have_their_heading": "lines of a fixed heading",
     "tests/planning/test_memetic.py::test_equal_seed": "equal plans on any number of threads",

@@ -229,7 +229,7 @@ def test_the_laboratory_stays_small() -> None:
     assert len(results) <= 12
     assert [page.name for page in results if len(page.read_text(encoding="utf-8").splitlines()) > 90] == []
     scripts = [file for file in (ROOT / "scripts").rglob("*") if file.suffix in (".py", ".sh")]
-    assert len(scripts) <= 30
+    assert len(scripts) <= 32
     assert sum(len(file.read_text(encoding="utf-8").splitlines()) for file in scripts) <= 6_500
 
 

@@ -18,23 +18,23 @@ from rasterio.transform import Affine
 
 from mission_io.errors import FormatError
 from mission_io.formats import plan
-from tests.judging.photos.camera_files import write_jpeg
-from tests.judging.photos.test_doubts import survey
-from tests.judging.photos.test_placing import FRAME as PHOTO_FRAME
+from tests.extras.photos.camera_files import write_jpeg
+from tests.extras.photos.test_doubts import survey
+from tests.extras.photos.test_placing import FRAME as PHOTO_FRAME
 from tests.judging.test_dates import BOUNDS, NOON_S, track_at
 from tests.judging.track_logs.samples import FRAME, GROUND_M, write_dataflash, write_tlog, write_ulog
 from tests.planning.sites import make_site
 from tests.run.test_judged_inputs import nested
 from uavcover.errors import InputError, TrackError
+from uavcover.extras.check.mission_file import read_mission_file, read_parameter_file
+from uavcover.extras.photos.doubts import missing_stretches
+from uavcover.extras.photos.placing import Assumptions, place_pictures
+from uavcover.extras.photos.readers import read_pictures
 from uavcover.judging.elevation_bias import elevation_biases, widened
-from uavcover.judging.photos.doubts import missing_stretches
-from uavcover.judging.photos.placing import Assumptions, place_pictures
-from uavcover.judging.photos.readers import read_pictures
 from uavcover.judging.shared_clock import ROLLOVER_S, dated
 from uavcover.judging.track_logs.readers import read_foreign_log
 from uavcover.model.judgement import Judgement, noted, unproved
 from uavcover.model.track import COLUMNS
-from uavcover.run.check import read_mission_file, read_parameter_file
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.elevation_file import read_heights_amsl_m
 from uavcover.scenario.obstacles import read_obstacles

@@ -4,22 +4,28 @@ import argparse
 import json
 import signal
 import sys
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Callable, Sequence
+from random import Random
 from types import FrameType
-from typing import Any, TypeVar
+from typing import Any, Final, TypeVar
 
+from mission_io.client.client import Client
 from mission_io.conformance.case import CaseResult, Outcome, ProtocolCase, as_json
 from mission_io.conformance.client_cases import CLIENT_CASES
+from mission_io.conformance.download_cases import DOWNLOAD_CASES
 from mission_io.conformance.evidence import ON_REQUEST, ClientCase
-from mission_io.conformance.fake_vehicle import QUIET_S, FakeVehicle
+from mission_io.conformance.fake_vehicle import LONGEST_S, QUIET_S, FakeVehicle
+from mission_io.conformance.list_cases import LIST_CASES
 from mission_io.conformance.probe import Probe
+from mission_io.conformance.refusal_cases import REFUSAL_CASES
 from mission_io.conformance.run import ask_vehicle
-from mission_io.conformance.serving import serve
-from mission_io.conformance.table import HEADING, row, total
-from mission_io.conformance.vehicle_cases import VEHICLE_CASES
+from mission_io.conformance.upload_cases import UPLOAD_CASES
 from mission_io.errors import LinkError, MissionIoError, MisuseError, VehicleSilentError
-from mission_io.links.opening import LINK_FORMS, open_link
+from mission_io.links.opening import LINK_FORMS, Link, open_link
+from mission_io.links.simulated import SimulatedLink
 from mission_io.model.enums import AutopilotId
+from mission_io.protocol.timing import Timing
 
 DONE, SOME_FAIL, BAD_USAGE, LINK_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
 
@@ -190,3 +196,74 @@ def _serve(parsed: argparse.Namespace) -> int:
 
 if __name__ == "__main__":
     sys.exit(main())
+
+
+_TICK_S = 0.02
+
+
+def serve(link: Link, vehicle: FakeVehicle, *, stopped: Callable[[], bool]) -> None:
+    """Be the vehicle on a link until all cases are judged, or ``stopped`` says so."""
+    while (vehicle.open or vehicle.busy) and not stopped():
+        now = link.clock.now()
+        for datagram in vehicle.datagrams_to_send(now):
+            link.send(datagram)
+        data = link.receive(min(_TICK_S, max(0.0, vehicle.next_timer() - now)))
+        if data is not None:
+            vehicle.receive_datagram(data, link.clock.now())
+
+
+def judge_client(
+    case: ClientCase,
+    call: Callable[[Client], None],
+    *,
+    wrap: Callable[[Link], Link] = lambda link: link,
+    timing: Timing | None = None,
+) -> CaseResult | None:
+    """Judge a call of our own client by one case, in simulated time.
+
+    Args:
+        case: The case.
+        call: Begins what the case is about; an error of mission_io is what it tells its user.
+        wrap: Puts something between the client and the vehicle.
+        timing: Of the client.
+
+    Returns:
+        The result; None when the call began something else.
+    """
+    vehicle = FakeVehicle([case])
+    client = Client(wrap(SimulatedLink(vehicle, rng=Random(1))), timing=timing)
+    client.wait_for_vehicle(60.0)
+    try:
+        call(client)
+        succeeded = True
+    except MissionIoError:
+        succeeded = False
+    vehicle.told(succeeded)
+    until = client.clock.now() + LONGEST_S + 10.0
+    while vehicle.busy and client.clock.now() < until:
+        client.poll(1.0)
+    return vehicle.results[0] if vehicle.results else None
+
+
+_NAME: Final = 32
+_RESULT: Final = 13
+HEADING: Final = (
+    f"| {'case':<{_NAME}} | {'result':<{_RESULT}} | seen | the guide |\n| {'-' * _NAME} | {'-' * _RESULT} | --- | --- |"
+)
+
+
+def row(result: CaseResult, case: ProtocolCase[Any]) -> str:
+    """One row of the table, in Markdown."""
+    seen = " ".join(result.seen.replace("|", "/").split())
+    return (
+        f"| {result.case:<{_NAME}} | {result.outcome.value:<{_RESULT}} | {seen} | {case.section.value}: {case.says} |"
+    )
+
+
+def total(results: Sequence[CaseResult]) -> str:
+    """How many ended how."""
+    counts = Counter(result.outcome for result in results)
+    return f"{len(results)} cases: " + ", ".join(f"{counts[v]} {v.value}" for v in Outcome)
+
+
+VEHICLE_CASES: Final[tuple[ProtocolCase[Probe], ...]] = (*UPLOAD_CASES, *REFUSAL_CASES, *DOWNLOAD_CASES, *LIST_CASES)

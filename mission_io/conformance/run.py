@@ -1,11 +1,18 @@
 """Asks a vehicle case after case, and gives it back what it held."""
 
-from collections.abc import Callable, Sequence
+import json
+import os
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
+from mission_io.client.client import Client
 from mission_io.conformance.case import CaseResult, Outcome, ProtocolCase
-from mission_io.conformance.keeping import keep, put_back
 from mission_io.conformance.probe import Probe
-from mission_io.errors import MisuseError
+from mission_io.conformance.samples import LIST_NAMES, difference
+from mission_io.errors import FormatError, MissionIoError, MisuseError, TransferError, TransferSilentError
+from mission_io.model.items import MissionItem, MissionType
 
 Tell = Callable[[str], None]
 
@@ -68,3 +75,101 @@ def passed(results: Sequence[CaseResult]) -> bool:
 def _refuse_armed(probe: Probe) -> None:
     if probe.vehicle.armed:
         raise MisuseError(f"vehicle {probe.vehicle.system_id} is armed; disarm it, this overwrites its mission")
+
+
+@dataclass(frozen=True, slots=True)
+class Kept:
+    """The lists that a vehicle held; a list that it does not have is not in it.
+
+    Attributes:
+        lists: Their items as on the wire.
+        copy: A file with them, while they are not put back; None when there was nothing to keep.
+    """
+
+    lists: Mapping[MissionType, tuple[MissionItem, ...]]
+    copy: Path | None
+
+
+def keep(client: Client) -> Kept:
+    """Read every list of the vehicle, and write them to a file for the case that this program ends early.
+
+    Raises:
+        MisuseError: its mission cannot be read or kept, so nothing may be overwritten.
+    """
+    lists: dict[MissionType, tuple[MissionItem, ...]] = {}
+    for mission_type in MissionType:
+        try:
+            lists[mission_type] = client.download(mission_type)
+        except FormatError as error:
+            raise MisuseError(
+                f"the vehicle's {LIST_NAMES[mission_type]} cannot be kept: {error}; save and clear it by other means first"
+            ) from None
+        except TransferSilentError as error:
+            if mission_type is MissionType.MISSION:
+                raise MisuseError(f"the vehicle's mission cannot be read, so it is not overwritten: {error}") from None
+        except TransferError as error:
+            refused = "UNSUPPORTED" in str(error)
+            if mission_type is MissionType.MISSION or not refused:
+                raise MisuseError(
+                    f"the vehicle's {LIST_NAMES[mission_type]} cannot be read, so nothing is overwritten: {error}"
+                ) from None
+    return Kept(lists, _written(lists) if any(lists.values()) else None)
+
+
+def put_back(client: Client, kept: Kept) -> str:
+    """Give the vehicle its lists back, read them, and remove the copy.
+
+    Returns:
+        What it holds now, one line.
+
+    Raises:
+        MisuseError: it could not be done; says where the copy is.
+    """
+    said = []
+    for mission_type, items in kept.lists.items():
+        try:
+            _put_back_list(client, mission_type, items)
+        except MissionIoError as error:
+            where = f"; its items are in {kept.copy}" if kept.copy is not None else ""
+            raise MisuseError(
+                f"the vehicle's {LIST_NAMES[mission_type]} could not be put back: {error}{where}"
+            ) from None
+        said.append(f"{LIST_NAMES[mission_type]} {len(items)}")
+    if kept.copy is not None:
+        kept.copy.unlink(missing_ok=True)
+    return f"the vehicle holds again what it held ({', '.join(said)} items)"
+
+
+def _put_back_list(client: Client, mission_type: MissionType, items: tuple[MissionItem, ...]) -> None:
+    autopilot = client.known_autopilot
+    home_first = autopilot is not None and autopilot.home_in_item_0 and mission_type is MissionType.MISSION
+    if len(items) <= int(home_first):
+        client.clear(mission_type)
+        return
+    client.upload(mission_type, items)
+    held = client.download(mission_type)
+    wrong = difference(items, held, home_first=home_first)
+    if wrong:
+        raise MisuseError(wrong)
+
+
+def _written(lists: Mapping[MissionType, tuple[MissionItem, ...]]) -> Path:
+    content = {
+        LIST_NAMES[mission_type]: [
+            {
+                "command": int(item.command),
+                "frame": item.frame.name,
+                "params": [repr(value) for value in item.params],
+                "lat_deg": item.lat_deg,
+                "lon_deg": item.lon_deg,
+                "alt_m": repr(item.alt_m),
+                "autocontinue": item.autocontinue,
+            }
+            for item in items
+        ]
+        for mission_type, items in lists.items()
+    }
+    number, name = tempfile.mkstemp(prefix="kept-missions-", suffix=".json")
+    with os.fdopen(number, "w", encoding="utf-8") as file:
+        json.dump(content, file, indent=1)
+    return Path(name)

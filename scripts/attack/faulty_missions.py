@@ -17,8 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from scripts.options import file_to_write
-from tests.checking.made_faults import with_fault
-from tests.checking.made_missions import KINDS, Case, Terrain, good_mission, terrains
+from tests.extras.check.made_faults import with_fault
+from tests.extras.check.made_missions import KINDS, Case, Terrain, good_mission, terrains
 from uavcover.cli.ending import run_app
 from uavcover.cli.main import app
 

@@ -28,9 +28,9 @@ if __name__ == "__main__":
 
 from scripts.bench.planner import window
 from scripts.options import file_to_write, one_of
+from uavcover.extras.bounds.bounds import least_path_length_m
+from uavcover.extras.bounds.ground_prices import lattice_parts, price_ground
 from uavcover.planning.baselines.boustrophedon import boustrophedons
-from uavcover.planning.bounds import least_path_length_m
-from uavcover.planning.ground_prices import lattice_parts, price_ground
 from uavcover.routes.objectives import judge_member
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import load_site

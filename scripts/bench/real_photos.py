@@ -25,7 +25,7 @@ import shapely
 from rasterio.transform import from_origin
 
 from scripts.options import existing_folder, file_to_write
-from uavcover.judging.photos.readers import read_pictures
+from uavcover.extras.photos.readers import read_pictures
 
 ROOT = Path(__file__).resolve().parents[2]
 _METRES_PER_DEGREE, _SMOOTHED_M, _PIXEL_M, _AROUND_M = 111_195.0, 40.0, 20.0, 400.0

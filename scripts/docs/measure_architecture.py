@@ -6,11 +6,9 @@ when it holds code. Layers and rings come from the imports themselves, not from 
 
 import argparse
 import ast
-import io
 import json
 import subprocess
 import sys
-import tokenize
 import tomllib
 from collections import defaultdict
 from collections.abc import Iterator
@@ -89,20 +87,6 @@ def depth(graph: dict[str, set[str]]) -> int:
     return max(map(height, list(merged)), default=0)
 
 
-def code_lines(text: str) -> int:
-    """Lines that hold code: no blank line, no comment, no docstring."""
-    lines: set[int] = set()
-    fresh = True
-    for token in tokenize.generate_tokens(io.StringIO(text).readline):
-        if token.type in (tokenize.NEWLINE, tokenize.INDENT, tokenize.DEDENT):
-            fresh = True
-        elif token.type not in (tokenize.NL, tokenize.COMMENT, tokenize.ENDMARKER):
-            if not (fresh and token.type == tokenize.STRING):
-                lines.update(range(token.start[0], token.end[0] + 1))
-            fresh = False
-    return len(lines)
-
-
 def found_by_ruff(root: Path, rule: str, setting: str) -> int:
     """How many findings one rule of ruff has in the product."""
     command = [sys.executable, "-m", "ruff", "check", "--isolated", "--select", rule, "--config", setting]
@@ -125,7 +109,6 @@ def measured(root: Path) -> dict[str, object]:
     for name, others in graph.items():
         for other in others:
             importers[other].add(name)
-    loose = [n for n in counted if n.count(".") == 1 and files[n].name != "__init__.py"]
 
     def parts(package: str, level: int) -> dict[str, set[str]]:
         of: dict[str, set[str]] = defaultdict(set)
@@ -137,49 +120,52 @@ def measured(root: Path) -> dict[str, object]:
                 }
         return of
 
-    classes: dict[str, int] = defaultdict(int)
-    for tree in trees.values():
-        for node in tree.body:
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                classes[node.name] += 1
-    texts = [path.read_text() for path in files.values()]
+    texts = {name: path.read_text(encoding="utf-8") for name, path in files.items()}
+    lines = {name: len(text.splitlines()) for name, text in texts.items()}
+    core = [n for n in files if not n.startswith(("uavcover.extras", "mission_io.conformance"))]
+    scripts = [p for p in (root / "scripts").rglob("*") if p.suffix in (".py", ".sh")]
+    pages = list((root / "docs").rglob("*.md"))
+    results = [p for p in pages if p.is_relative_to(root / "docs" / "results")]
     return {
-        "Python files, package markers included": len(files),
-        "modules": len(counted),
-        "modules of uavcover outside a package": sum(n.startswith("uavcover.") for n in loose),
-        "modules of mission_io outside a package": sum(n.startswith("mission_io.") for n in loose),
-        "modules that one other module imports": sum(len(importers[n]) == 1 for n in counted),
-        "import layers of uavcover, by its contract": layers(root, "layers of uavcover"),
-        "import layers of mission_io, by its contract": layers(root, "mission_io: each layer"),
-        "longest chain of imports between parts of uavcover": depth(parts("uavcover", 1)),
-        "longest chain of imports between parts of mission_io": depth(parts("mission_io", 1)),
-        "rings of parts": len(rings(parts("uavcover", 1)) + rings(parts("mission_io", 1))),
+        "product lines (uavcover and mission_io)": sum(lines.values()),
+        "lines of the core": sum(lines[n] for n in core),
+        "modules (without package markers)": len(counted),
+        "modules of the core": len(counted & set(core)),
+        "modules with one importer and under 120 lines": sum(
+            len(importers[n]) == 1 and lines[n] < 120 and files[n].name != "__init__.py" for n in counted
+        ),
+        "module-level numbers outside data/": sum(map(numbers_of, trees.values())),
+        "files in scripts/": len(scripts),
+        "lines in scripts/": sum(len(p.read_text(encoding="utf-8").splitlines()) for p in scripts),
+        "pages in docs/results/": len(results),
+        "words in docs/ without results": sum(
+            len(p.read_text(encoding="utf-8").split()) for p in pages if p not in results
+        ),
+        "test lines": sum(len(p.read_text(encoding="utf-8").splitlines()) for p in (root / "tests").rglob("*.py")),
+        "files over 450 lines": sum(count > 450 for count in lines.values()),
+        "import layers of uavcover": layers(root, "layers of uavcover"),
+        "longest chain of imports between packages of uavcover": depth(parts("uavcover", 1)),
+        "rings of packages": len(rings(parts("uavcover", 1)) + rings(parts("mission_io", 1))),
         "rings of modules": len(rings(graph)),
-        "modules in rings": sum(map(len, rings(graph))),
-        "names in uavcover's public API": exported(trees["uavcover"]),
-        "names in mission_io's public API": exported(trees["mission_io"]),
-        "public classes": sum(classes.values()),
-        "names used for two classes": sum(count > 1 for count in classes.values()),
-        "functions with more than 8 parameters": found_by_ruff(root, "PLR0913", "lint.pylint.max-args=8"),
         "functions of cyclomatic complexity over 15": found_by_ruff(root, "C901", "lint.mccabe.max-complexity=15"),
-        "files over 400 lines": sum(len(text.splitlines()) > 400 for text in texts),
-        "lines": sum(len(text.splitlines()) for text in texts),
-        "lines of code (no blank, comment or docstring)": sum(map(code_lines, texts)),
     }
+
+
+def numbers_of(tree: ast.Module) -> int:
+    """How many module-level names are set to a number."""
+    return sum(
+        isinstance(node, ast.Assign | ast.AnnAssign)
+        and isinstance(node.value, ast.Constant | ast.UnaryOp)
+        and isinstance(getattr(node.value, "operand", node.value), ast.Constant)
+        and isinstance(getattr(getattr(node.value, "operand", node.value), "value", None), int | float)
+        for node in tree.body
+    )
 
 
 def layers(root: Path, name: str) -> int:
     """Number of layers in the import contract whose name holds ``name``."""
     contracts = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     return next(len(contract["layers"]) for contract in contracts if name in contract["name"])
-
-
-def exported(tree: ast.Module) -> int:
-    """Number of names in a module's `__all__`."""
-    for node in tree.body:
-        if isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets):
-            return len(ast.literal_eval(node.value))
-    return 0
 
 
 def main() -> None:

@@ -17,8 +17,8 @@ from sitl_tests.flying import fly_mission, require_flown, waypoints_held
 from sitl_tests.matrix import WORKS
 from sitl_tests.missions import long_mission, route_mission
 from sitl_tests.relay import Relay
+from uavcover.extras.mavsdk.session import raw_items
 from uavcover.routes.mission_compiler import AUTOPILOTS
-from uavcover.vehicle.mavsdk.session import raw_items
 from uavcover.vehicle.modes import Mode, custom_mode
 from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent
 from uavcover.vehicle.readiness import request_telemetry, wait_until_ready

@@ -11,7 +11,7 @@ from mission_io.wire import messages as m
 from tests.cli import bad_inputs
 from tests.cli.bad_inputs import options, square_parts
 from tests.cli.conftest import Cli, Ended
-from tests.cli.test_check import GOOD, mission
+from tests.extras.check.test_command import GOOD, mission
 from tests.hostile_text import HOSTILE, control_characters, hostile_text
 from tests.scenario.areas import written
 from uavcover.mock.state import MockState

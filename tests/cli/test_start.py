@@ -83,14 +83,14 @@ def test_help_of_a_command_loads_that_command_and_no_numbers() -> None:
 _WORKFLOWS = (
     (("uavcover.recording.reader",), {"rerun", "numpy"}),
     (("uavcover.run.folder", "uavcover.run.judge"), {"numba", "rasterio", "pyproj", "shapely"}),
-    (("uavcover.run.export",), {"uavcover.routes.mission_compiler"}),
+    (("uavcover.extras.exports.export",), {"uavcover.routes.mission_compiler"}),
     (("uavcover.run.session",), {"pymavlink", "uavcover.vehicle.fly"}),
 )
 """Modules that commands begin with, and what shows that they were loaded."""
 _NOT_FOR = {
     "uavcover.recording.reader": {"numba", "scipy", "rasterio", "pymavlink", "uavcover.scenario.site"},
     "uavcover.run.judge": {"scipy.spatial", "scipy.ndimage", "scipy.interpolate", "pymavlink", "matplotlib", "asyncio"},
-    "uavcover.run.export": {"scipy.spatial", "scipy.sparse", "pymavlink", "uavcover.optimizers"},
+    "uavcover.extras.exports.export": {"scipy.spatial", "scipy.sparse", "pymavlink", "uavcover.optimizers"},
     "uavcover.run.session": {"scipy.spatial", "scipy.sparse", "asyncio", "uavcover.optimizers"},
 }
 """What they must not load: it takes longer than their work, and this work needs none of it."""

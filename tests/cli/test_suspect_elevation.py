@@ -9,7 +9,7 @@ import pytest
 import rasterio
 
 from tests.cli.conftest import Cli
-from tests.cli.test_check import DEM, GOOD, mission
+from tests.extras.check.test_command import DEM, GOOD, mission
 from uavcover.run.new_elevation import trust_asked_for
 from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import terrain_source
@@ -31,7 +31,7 @@ def dem_with(folder: Path, *, value: float, lat: tuple[float, float], lon: tuple
 
 
 HILL = (22, 0, 0, 40), (16, 36.4770, -84.2160, 70), (16, 36.4850, -84.2240, 70), (20, 0, 0, 0)
-"""A leg into a hill of the bundled data: ``test_a_hill_in_the_way`` of tests/cli/test_check.py."""
+"""A leg into a hill of the bundled data: ``test_a_hill_in_the_way`` of tests/extras/check/test_command.py."""
 
 
 def hill(folder: Path) -> Path:

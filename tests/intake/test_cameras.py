@@ -6,8 +6,8 @@ import re
 import pytest
 
 from uavcover.errors import InputError
+from uavcover.extras.exports.dji_aircraft import dji_aircraft_named
 from uavcover.intake.cameras import all_cameras, camera_named
-from uavcover.intake.dji_aircraft import dji_aircraft_named
 from uavcover.intake.vehicles import all_vehicles, vehicle_named
 
 CAMERAS = {camera.name: camera for camera in all_cameras()}

@@ -9,7 +9,7 @@ import pytest
 from tests.falsifying.honest_run import SURVEY, Field, make_site, save_lines
 from tests.judging.flights import changed
 from uavcover.judging.phases import PlannedRoute
-from uavcover.judging.photos.evidence import PictureEvidence
+from uavcover.judging.photo_evidence import PictureEvidence
 from uavcover.judging.verify import FlownTrack, verify_flight
 from uavcover.mock.faults import parse_fault
 from uavcover.run.close_gaps import plan_gap_mission

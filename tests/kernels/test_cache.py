@@ -1,5 +1,6 @@
 """Machine code is never older than the sources: a chain of kernels in a package of its own, each run in a new process."""
 
+import ast
 import os
 import shutil
 import subprocess
@@ -30,8 +31,10 @@ def value(x):
     return x * 10 + {digit}
 """
 PROGRAM = """from uavcover.kernels import jit
+from pathlib import Path
 from uavcover.kernels.k{top} import value
-print(value(7), getattr(value, "_cache_hits", None) and sum(value._cache_hits.values()), jit.folder())
+from uavcover.kernels import k{top} as top
+print(value(7), getattr(value, "_cache_hits", None) and sum(value._cache_hits.values()), jit.folder(Path(top.__file__)))
 """
 
 
@@ -126,36 +129,68 @@ def test_where_the_sources_cannot_be_written_to_and_where_nothing_can(chain: Cha
 def test_interpreted_kernels_keep_nothing(chain: Chain) -> None:
     value, _, _ = chain.run(NUMBA_DISABLE_JIT="1")
     assert value == chain.expected
-    assert not list(chain.kernels.glob("__pycache__/kernels-*/*"))
+    assert not list(chain.kernels.glob("__pycache__/kernels/*/*"))
+
+
+def test_a_change_recompiles_what_depends_on_it_and_nothing_else(chain: Chain) -> None:
+    """The link below the top changes: those below it keep their machine code."""
+    _, _, folder = chain.run()
+    before = {path.name for path in Path(folder).parent.iterdir()}
+    chain.write(DEPTH - 2, 9)
+    assert chain.run()[:2] == (chain.expected, False)
+    new = {path.name.split("-")[0] for path in Path(folder).parent.iterdir() if path.name not in before}
+    assert new == {f"k{DEPTH - 2}", f"k{DEPTH - 1}"}
 
 
 @pytest.mark.parametrize(("module", "name"), [(numba, "__version__"), (np, "__version__"), (numba.config, "OPT")])
 def test_the_key_holds_the_compiler_and_its_settings(
     monkeypatch: pytest.MonkeyPatch, module: object, name: str
 ) -> None:
-    before = jit._key(SOURCES)
+    before = jit._key(SOURCES / "sight.py")
     monkeypatch.setattr(module, name, "other")
-    assert jit._key(SOURCES) != before
+    assert jit._key(SOURCES / "sight.py") != before
+
+
+def test_the_sources_are_those_that_python_imports() -> None:
+    """Read by the syntax tree, which shares nothing with the search for import lines."""
+    for file in SOURCES.glob("*.py"):
+        naive, ahead = set(), [file]
+        while ahead:
+            path = ahead.pop()
+            if path in naive or not path.is_file():
+                continue
+            naive.add(path)
+            for node in ast.walk(ast.parse(path.read_text())):
+                names = []
+                if isinstance(node, ast.ImportFrom) and node.module == "uavcover.kernels":
+                    names = [alias.name for alias in node.names]
+                elif isinstance(node, ast.ImportFrom) and (node.module or "").startswith("uavcover.kernels."):
+                    names = [str(node.module).split(".")[2]]
+                elif isinstance(node, ast.Import):
+                    names = [a.name.split(".")[2] for a in node.names if a.name.startswith("uavcover.kernels.")]
+                ahead += [SOURCES / f"{name}.py" for name in names]
+        assert jit._sources(file) == naive, file.name
 
 
 def test_the_key_holds_every_source(tmp_path: Path) -> None:
-    (tmp_path / "a.py").write_text("x = 1\n")
+    (tmp_path / "a.py").write_text("from uavcover.kernels.b import y\n")
     (tmp_path / "b.py").write_text("y = 2\n")
-    keys = {jit._key(tmp_path)}
-    for name, content in [("a.py", "x = 3\n"), ("b.py", "y = 4\n"), ("c.py", ""), ("a.py", "x = 3\ny"), ("b.py", "")]:
+    (tmp_path / "c.py").write_text("z = 2\n")
+    keys = {jit._key(tmp_path / "a.py")}
+    for name, content in [("b.py", "y = 4\n"), ("b.py", "y = 4\nx"), ("a.py", "x = 3\n"), ("a.py", "x = 3\ny")]:
         (tmp_path / name).write_text(content)
-        keys.add(jit._key(tmp_path))
+        keys.add(jit._key(tmp_path / "a.py"))
     (tmp_path / "c.py").unlink()
-    assert len(keys | {jit._key(tmp_path)}) == 7
+    assert len(keys | {jit._key(tmp_path / "a.py")}) == 5
 
 
 def test_old_machine_code_goes(tmp_path: Path) -> None:
-    place = tmp_path / "__pycache__"
-    place.mkdir()
-    for age in range(6):
-        (place / f"kernels-{age}").mkdir()
-        os.utime(place / f"kernels-{age}", (1000 - age, 1000 - age))
-    for name in ("a.value-5.py311.nbi", "a.value-5.py311.1.nbc", "a.cpython-311.pyc"):
-        (place / name).touch()
-    jit._remove_old(place)
-    assert {path.name for path in place.iterdir()} == {"kernels-0", "kernels-1", "kernels-2", "a.cpython-311.pyc"}
+    place = tmp_path / "kernels"
+    (tmp_path / "kernels-of-before").mkdir()
+    for stem in ("a", "b"):
+        for age in range(6):
+            (place / f"{stem}-{age}").mkdir(parents=True)
+            os.utime(place / f"{stem}-{age}", (1000 - age, 1000 - age))
+    jit._remove_old(place, "a")
+    assert {path.name for path in place.iterdir()} == {"a-0", "a-1", "a-2", *(f"b-{age}" for age in range(6))}
+    assert not (tmp_path / "kernels-of-before").exists()

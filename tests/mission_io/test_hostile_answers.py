@@ -171,7 +171,7 @@ def test_what_is_no_position_may_be_any_number() -> None:
 
 
 def test_mavsdk_refuses_the_same() -> None:
-    session = pytest.importorskip("uavcover.vehicle.mavsdk.session")
+    session = pytest.importorskip("uavcover.extras.mavsdk.session")
     for item, says in NOWHERE[:5]:
         raw = session.raw_items([UP, item], MissionType.MISSION)
         with pytest.raises(FormatError, match=re.escape(says)):

@@ -6,7 +6,7 @@ from typing import ClassVar, Final
 import numpy as np
 import pytest
 
-from uavcover.benchmarks.mmf.problems import PROBLEMS
+from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
 from uavcover.kernels.arrays import IntArray
 from uavcover.optimizers.imodbo_niching import ImodboNiching
 from uavcover.optimizers.niching import NichePool

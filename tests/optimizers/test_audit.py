@@ -10,8 +10,8 @@ from tests.naive.dominance import dominates
 from tests.optimizers.problems import two_spheres
 from tests.optimizers.test_contract import build, objectives_of, same, width
 from tests.optimizers.test_convergence import solve
-from uavcover.benchmarks.mmf.problems import PROBLEMS
 from uavcover.errors import OptimizerError
+from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
 from uavcover.optimizers import ALGORITHMS
 from uavcover.optimizers.indicators import hypervolume
 from uavcover.optimizers.pymoo.adapters import PymooOptimizer

@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from uavcover.benchmarks.mmf.problems import PROBLEMS
-from uavcover.benchmarks.mmf.runs import Budget, MmfFolder, RunId, contender_names, make_runs, solve
 from uavcover.errors import OptimizerError
+from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
+from uavcover.extras.benchmarks.mmf.runs import Budget, MmfFolder, RunId, contender_names, make_runs, solve
 from uavcover.optimizers import (
     ALGORITHMS,
     IMODBO,

@@ -15,7 +15,7 @@ from uavcover.planning.baselines.boustrophedon import fly_rows, scanned_rows
 from uavcover.planning.baselines.swaths import fly_layout, regular_layout
 from uavcover.planning.final_choice import ChosenRoute, choose
 from uavcover.planning.front import judge_members
-from uavcover.planning.search.insertion import with_viewpoints
+from uavcover.planning.search.closing import with_viewpoints
 from uavcover.planning.selection_rule import parse_rule
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import finer_map, judging_map

@@ -8,8 +8,7 @@ import pytest
 from tests.planning.sites import Ups, flat, hills, make_site
 from uavcover.model.route import Route
 from uavcover.model.sensor import SphereSensor
-from uavcover.planning.search.closing import with_gaps_closed
-from uavcover.planning.search.insertion import _detours_m, with_viewpoints
+from uavcover.planning.search.closing import _detours_m, with_gaps_closed, with_viewpoints
 from uavcover.planning.search.tuning import TUNED
 from uavcover.routes.leg_checks import climb_angles_deg, measure_violations
 from uavcover.scenario.site import Site

@@ -10,7 +10,7 @@ from tests.planning.test_planner import make_plan
 from uavcover.errors import InfeasibleError
 from uavcover.model.route import Route
 from uavcover.model.sensor import SphereSensor
-from uavcover.planning.legs_that_fit import with_legs_that_fit
+from uavcover.planning.final_choice import with_legs_that_fit
 from uavcover.routes.flights import compile_flights
 from uavcover.scenario.site import Site
 

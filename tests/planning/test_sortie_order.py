@@ -14,8 +14,7 @@ from uavcover.model.vehicle import Wind
 from uavcover.planning.final_choice import ChosenRoute, choose
 from uavcover.planning.selection_rule import parse_rule
 from uavcover.planning.sortie_order.order_costs import NO_LINK_S, OrderCosts
-from uavcover.planning.sortie_order.order_search import better_order
-from uavcover.planning.sortie_order.reorder import OrderEffort, has_several_sorties, reordered
+from uavcover.planning.sortie_order.reorder import OrderEffort, better_order, has_several_sorties, reordered
 from uavcover.planning.sortie_order.stretches import Stretches, first_place, last_place, stretches_of
 from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.routes.fleet_cuts import share_out

@@ -8,11 +8,10 @@ import pytest
 from scripts.bench.kinds import measure
 from tests.terrain_kinds import write_scenario
 from uavcover.model.route import Route
-from uavcover.planning.sure_pictures import surely, with_sure_pictures
+from uavcover.planning.sure_pictures import LEAST_SPARE_M, surely, unsure_pictures, with_sure_pictures
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.flown_line import line_flown
-from uavcover.sensing.unsure_pictures import LEAST_SPARE_M, unsure_pictures
 
 DISTANCE_M = 40.0
 UP_M = 80.0

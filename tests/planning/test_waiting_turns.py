@@ -8,7 +8,7 @@ import pytest
 
 from tests.terrain_kinds import write_scenario
 from uavcover.model.route import Route
-from uavcover.planning.search.waiting_turns import with_waiting_turns
+from uavcover.planning.search.improve import with_waiting_turns
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map

@@ -17,6 +17,7 @@ from tests.run.scripted_fleet import fly_script, job
 from tests.run.test_fleet import Listener
 from tests.run.test_fly_fleet import copied, fly, judged, no_recording_of_single_flights, plan_for
 from uavcover.errors import InfeasibleError, InputError, ScenarioError
+from uavcover.extras.exports.export import ExportRequest, export_mission
 from uavcover.mock.behaviour import Settings, quick
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
@@ -27,7 +28,6 @@ from uavcover.model.route import Route
 from uavcover.planning.sortie_order.reorder import _done_s
 from uavcover.planning.terrain_following import lay_over_terrain
 from uavcover.routes.flights import compile_flights
-from uavcover.run.export import ExportRequest, export_mission
 from uavcover.run.fleet import fleet_document, say_fleet
 from uavcover.run.fleet_jobs import OnLoss, planned_jobs
 from uavcover.run.fly_fleet import FleetFailedError

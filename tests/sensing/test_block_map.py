@@ -9,7 +9,7 @@ import pytest
 from tests.planning.sites import hills, make_site
 from tests.sensing.test_blocks import hard_site
 from uavcover.errors import ScenarioError
-from uavcover.planning.bounds import are_quick, farthest_looks_m, least_path_length_m
+from uavcover.extras.bounds.bounds import are_quick, farthest_looks_m, least_path_length_m
 from uavcover.scenario.site import Site
 from uavcover.sensing import block_map
 from uavcover.sensing.block_map import BlockMap, judge_by_blocks, look_at_all, look_at_block, one_after_the_other

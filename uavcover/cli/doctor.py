@@ -1,20 +1,36 @@
 """``uavcover doctor``: what is installed, what works, what the optional parts would need."""
 
+import contextlib
 import importlib
 import os
 import platform
 import shutil
 import sys
 import tempfile
+import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import typer
 
 from uavcover.cli import options
+from uavcover.errors import InfeasibleError
+from uavcover.judging.phases import PlannedRoute
+from uavcover.judging.verify import FlownTrack, verify_flight
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.route import Route
+from uavcover.model.track import Track
+from uavcover.planning.gap_route import plan_closing_route
+from uavcover.routes.flights import compile_flights
+from uavcover.run.bounds import bounds
+from uavcover.run.plan_search import SearchRequest, plan
+from uavcover.run.user import User
+from uavcover.scenario.site import Site, load_site
+from uavcover.sensing.coverage_map import judging_map
 
 _PACKAGES = {
     "numpy": "numpy", "scipy": "scipy", "numba": "numba", "pyproj": "pyproj", "rasterio": "rasterio", "shapely": "shapely",
@@ -41,7 +57,7 @@ class Diagnosis:
 
 def examine(*, try_imports: bool) -> list[Diagnosis]:
     """Look at everything."""
-    return [*_basics(), *_packages(try_imports), *_data(), *_optional()]
+    return [*_basics(), *_packages(try_imports), *_data(), *_extensions(), *_optional()]
 
 
 def _basics() -> Iterator[Diagnosis]:
@@ -81,6 +97,21 @@ def _data() -> Iterator[Diagnosis]:
             yield Diagnosis(f"scenario {name}", True, True, site.scenario.description)
         except UavcoverError as error:
             yield Diagnosis(f"scenario {name}", False, True, str(error))
+
+
+def _extensions() -> Iterator[Diagnosis]:
+    """The extras of uavcover and what packages of third parties add."""
+    from uavcover.errors import InputError
+    from uavcover.plugins import GROUPS, load, package_of, registered
+
+    for group in GROUPS:
+        for name, entry in registered(group).items():
+            what = f"{group.removeprefix('uavcover.').replace('_', ' ').removesuffix('s')} {name}"
+            try:
+                load(group, name)
+                yield Diagnosis(what, True, False, f"{entry.value}, of package {package_of(entry)}")
+            except InputError as error:
+                yield Diagnosis(what, False, False, str(error))
 
 
 def _optional() -> Iterator[Diagnosis]:
@@ -136,8 +167,6 @@ def doctor(
     """Say what is installed, what works, and what each optional part would need."""
     console = output.console()
     if compile_ahead:
-        from uavcover.run.compile_ahead import compile_kernels
-
         wall_s = compile_kernels(console)
         console.say(f"the numeric kernels are compiled ({wall_s:.0f} s)")
         console.result({"compiled": True, "wall_s": wall_s})
@@ -150,3 +179,59 @@ def doctor(
     healthy = all(finding.ok for finding in findings if finding.needed)
     console.result({"healthy": healthy, "findings": [asdict(finding) for finding in findings]})
     return 0 if healthy else 1
+
+
+# Compiles the numeric kernels before they are needed, so that no search and no verdict waits for it.
+#
+# A kernel is compiled for the types that it is called with. The rounds below plan, judge and close gaps once with each kind of
+# sensor and encoding, on little work; what they call is what every scenario calls.
+
+ROUNDS = (("jacksboro", 200), ("paper-R2", 200))
+"""A camera along its path, and a sphere at waypoints; with evaluations enough for the local search too."""
+
+_SAMPLE_S = 0.2
+_GAP_CELLS = 40
+
+
+def compile_kernels(user: User) -> float:
+    """Compile whatever is not compiled yet; returns the seconds that it took.
+
+    Args:
+        user: told which round begins.
+    """
+    started = time.monotonic()
+    for number, (name, evaluations) in enumerate(ROUNDS, start=1):
+        user.say(f"compiling the numeric kernels: {number} of {len(ROUNDS)}")
+        site = load_site(name)
+        result = plan(site, SearchRequest(evaluations=evaluations, seed=1))
+        bounds(site, result, time_s=0.0)
+        chosen = result.chosen
+        promised = PlannedRoute(chosen.route.waypoints_m, chosen.metrics.coverage_fraction)
+        coverage = judging_map(site)
+        track = _flown(site, chosen.route)
+        verify_flight(site, coverage, [FlownTrack(track, promised)])
+        if site.home_m is not None:
+            compile_flights(site, chosen.route)
+            distance_m = np.linalg.norm(coverage.grid.cells.centre_m - chosen.route.waypoints_m[-1], axis=1)
+            missing = coverage.coverable & (distance_m <= np.sort(distance_m)[_GAP_CELLS])
+            with contextlib.suppress(InfeasibleError):
+                plan_closing_route(coverage, missing, start_m=site.home_m, end_m=site.home_m)
+    return time.monotonic() - started
+
+
+def _flown(site: Site, route: Route) -> Track:
+    """A track at cruise speed along a route."""
+    path: FloatArray = route.waypoints_m
+    along_m = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(path, axis=0), axis=1))])
+    speed_m_s = site.scenario.vehicle.cruise_speed_m_s
+    time_s = np.arange(0.0, max(along_m[-1] / speed_m_s, 2.0 * _SAMPLE_S), _SAMPLE_S)
+    enu_m = np.column_stack([np.interp(time_s * speed_m_s, along_m, path[:, axis]) for axis in range(3)])
+    geodetic = enu_m[:, [1, 0, 2]] * 0.0 if site.frame is None else np.column_stack(site.frame.geodetic_from_enu(enu_m))
+    return Track(
+        time_s=time_s,
+        geodetic=geodetic,
+        enu_m=enu_m,
+        attitude_deg=np.outer(np.cos(np.arange(len(time_s))), (1e-6, -1e-6, 0.0)),  # all zero would be no measurement
+        current_waypoint=np.searchsorted(along_m, time_s * speed_m_s).astype(np.int64),
+        attitude_age_s=np.zeros(len(time_s)),
+    )

@@ -36,7 +36,7 @@ def ending_well(command: Callable[..., int]) -> Callable[..., None]:
     @functools.wraps(command)
     def wrapped(context: typer.Context, **values: Any) -> None:
         traces = bool(context.find_root().params["debug"])
-        raise typer.Exit(_code(lambda: command(**values), as_json=values["as_json"], traces=traces))
+        raise typer.Exit(_code(lambda: command(**values), as_json=values.get("as_json", False), traces=traces))
 
     signature = inspect.signature(command)
     context = inspect.Parameter("context", inspect.Parameter.KEYWORD_ONLY, annotation=typer.Context)

@@ -7,9 +7,10 @@ from importlib import metadata
 import typer
 
 from uavcover.cli.ending import run_app
-from uavcover.cli.on_demand import Entry, overview_of
+from uavcover.cli.on_demand import Entry, Groups, overview_of
+from uavcover.plugins import loaded
 
-_GROUPS: dict[str, dict[str, Entry]] = {
+_CORE: dict[str, dict[str, Entry]] = {
     "Start": {
         "demo": (
             "uavcover.cli.demo",
@@ -23,11 +24,6 @@ _GROUPS: dict[str, dict[str, Entry]] = {
         ),
     },
     "Plan": {
-        "terrain": (
-            "uavcover.cli.terrain",
-            "elevation data for an area; terrain-server sends it",
-            ("uavcover terrain area.kml", "uavcover terrain area.kml --dem tiles/ --dat TERRAIN"),
-        ),
         "new": (
             "uavcover.cli.new",
             "a scenario from your area, elevation data and camera",
@@ -53,22 +49,6 @@ _GROUPS: dict[str, dict[str, Entry]] = {
             "uavcover.cli.select",
             "",
             ("uavcover select RUN knee", 'uavcover select RUN "coverage>=0.98"'),
-        ),
-        "check": (
-            "uavcover.cli.check",
-            "any mission, judged over the terrain before flight",
-            (
-                "uavcover check mission.plan --dem dem.tif --no-fly zones.json --return-height 60m",
-                "uavcover check survey.waypoints --dem tiles/ --vehicle dji-m350-rtk --battery 30min --map found.geojson",
-            ),
-        ),
-        "export": (
-            "uavcover.cli.export",
-            "the mission for other software: DJI, Litchi, ROS, GPX",
-            (
-                "uavcover export RUN --format wpml --drone dji-m3e -o survey.kmz",
-                "uavcover export RUN --format litchi -o survey.csv",
-            ),
         ),
     },
     "Vehicle": {
@@ -106,30 +86,6 @@ _GROUPS: dict[str, dict[str, Entry]] = {
             "arm, start, follow, record, land",
             ("uavcover fly RUN --to mock:", "uavcover fly RUN --to udp:127.0.0.1:14550 --resume"),
         ),
-        "send-file": (
-            "uavcover.cli.send_file",
-            "files onto the vehicle's card; get-file reads one",
-            (
-                "uavcover send-file TERRAIN/N36W085.DAT --to udp:127.0.0.1:14550",
-                "uavcover send-file script.lua --folder /APM/scripts --to tcp:127.0.0.1:5760",
-            ),
-        ),
-        "get-file": (
-            "uavcover.cli.get_file",
-            "",
-            (
-                "uavcover get-file /APM/LOGS/ --to udp:127.0.0.1:14550",
-                "uavcover get-file @MISSION/mission.dat --to tcp:127.0.0.1:5760 -o mission.dat",
-            ),
-        ),
-        "terrain-server": (
-            "uavcover.cli.terrain_server",
-            "",
-            (
-                "uavcover terrain-server --dem dem.tif --to udp:127.0.0.1:14550",
-                "uavcover terrain-server --dem tiles/ --to tcp:127.0.0.1:5760",
-            ),
-        ),
         "mock-vehicle": (
             "uavcover.cli.mock_vehicle",
             "a MAVLink vehicle for any ground station",
@@ -148,14 +104,6 @@ _GROUPS: dict[str, dict[str, Entry]] = {
                 "uavcover verify flight.bin --photos DCIM/ --area area.kml --dem dem.tif",
             ),
         ),
-        "judge-photos": (
-            "uavcover.cli.judge_photos",
-            "what any pictures show of an area, and what is missing",
-            (
-                "uavcover judge-photos DCIM/ --area area.kml --dem dem.tif --overlap 75/70 -o verdict",
-                "uavcover judge-photos DCIM/ --scenario RUN --takeoff 46.5,7.9",
-            ),
-        ),
         "gaps": (
             "uavcover.cli.gaps",
             "what was not seen, and a mission that flies only that",
@@ -172,11 +120,21 @@ _GROUPS: dict[str, dict[str, Entry]] = {
             ("uavcover inspect RUN", "uavcover inspect RUN --screenshot flight.png"),
         ),
     },
-    "Measure": {
-        "bench": ("uavcover.cli.bench", "the benchmarks of this project", ()),
-    },
 }
 """By group and name: the module that has the command under its name, what the overview says of it, and examples."""
+
+
+def _with_extras(core: Groups) -> Groups:
+    """The commands of the core with those of every installed extra; a name of the core cannot be taken."""
+    groups = {title: dict(entries) for title, entries in core.items()}
+    own = {name for entries in core.values() for name in entries}
+    for added in loaded("uavcover.commands").values():
+        for title, entries in added.items():
+            groups.setdefault(title, {}).update({name: entry for name, entry in entries.items() if name not in own})
+    return groups
+
+
+_GROUPS: Groups = _with_extras(_CORE)
 
 app = typer.Typer(
     name="uavcover",

@@ -1,13 +1,12 @@
 """The options that say how far pictures are believed, and what is searched for, for ``judge-photos`` and ``verify``."""
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
-    from uavcover.judging.photos.placing import Assumptions
     from uavcover.model.detection import DetectionCurve
 
 
@@ -44,14 +43,13 @@ class PhotoOptions:
         ),
     ] = None
 
-    def assumed(self) -> "Assumptions":
-        """What is taken where pictures do not tell it.
+    def assumed(self) -> dict[str, Any]:
+        """What is taken where pictures do not tell it, as arguments of `uavcover.extras.photos.placing.Assumptions`.
 
         Raises:
             InputError: a number is out of range.
         """
         from uavcover.errors import InputError
-        from uavcover.judging.photos.placing import Assumptions
 
         for option, value in (
             ("--position-error", self.position_error), ("--height-error", self.height_error),
@@ -65,10 +63,10 @@ class PhotoOptions:
             raise InputError(
                 f"--geoid-height: {self.geoid_height:g} is out of range; it is between -110 and 90 m on Earth"
             )
-        return Assumptions(
-            horizontal_m=self.position_error, vertical_m=self.height_error, attitude_deg=self.angle_error,
-            geoid_height_m=self.geoid_height,
-        )  # fmt: skip
+        return {
+            "horizontal_m": self.position_error, "vertical_m": self.height_error, "attitude_deg": self.angle_error,
+            "geoid_height_m": self.geoid_height,
+        }  # fmt: skip
 
     def place(self) -> tuple[float, float] | None:
         """Latitude and longitude of take-off."""

@@ -7,6 +7,7 @@ import typer
 
 if TYPE_CHECKING:
     from uavcover.run.new_elevation import NewRequest
+    from uavcover.run.vehicle_terrain import ElevationData
 
 
 Dem = Annotated[
@@ -64,6 +65,31 @@ TrustDem = Annotated[
 Band = Annotated[
     str | None, typer.Option("--band", help="Number or name of the elevation data's band; default: the first.")
 ]
+
+
+@dataclass(frozen=True, slots=True)
+class DemOptions:
+    """The elevation data, and what it does not say of itself."""
+
+    dem: Dem = None
+    vertical_datum: VerticalDatum = None
+    dem_crs: DemCrs = None
+    height_unit: HeightUnit = None
+    band: Band = None
+    water_height: WaterHeight = None
+
+    def data(self) -> "ElevationData":
+        """What was named."""
+        from uavcover.run.vehicle_terrain import ElevationData
+
+        return ElevationData(
+            names=tuple(self.dem or ()),
+            vertical_datum=self.vertical_datum,
+            crs=self.dem_crs,
+            height_unit=self.height_unit,
+            band=self.band,
+            water_height=self.water_height,
+        )
 
 
 @dataclass(frozen=True, slots=True)

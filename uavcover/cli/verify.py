@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -52,12 +52,10 @@ def verify(
     Any flight at all: verify FLIGHT.bin --area A --dem DEM --camera C, or --photos FOLDER.
     """
     from uavcover.errors import InputError
-    from uavcover.judging.photos.evidence import PictureEvidence
-    from uavcover.run.any_flight import NO_PICTURES, evidence_of, run_of_flight, verify_evidence
+    from uavcover.judging.photo_evidence import NO_PICTURES, GivenEvidence, PictureEvidence
+    from uavcover.plugins import loaded
     from uavcover.run.folder import RunFolder
     from uavcover.run.judge import JudgedPictures, verify_run
-    from uavcover.run.judge_photos import judge_photos
-    from uavcover.run.photo_judgement import PhotoRequest
     from uavcover.run.user import to_paste
 
     console = output.console()
@@ -68,24 +66,31 @@ def verify(
             raise InputError(f"verify: {given[0]} goes with --area, for a flight without a run folder; {run} says it")
         if out is not None:
             raise InputError("verify: -o goes with --area; the verdict on a run is kept in its folder")
-    evidence = evidence_of([*([run] if area and run else []), *(logs or [])], photos or [], system=system)
-    request = PhotoRequest(
-        photos=evidence.photos, area=None if area is None else survey.request(area, autopilot=None), scenario=None,
-        assumed=belief.assumed(), takeoff=belief.place(), coverage=None, mount_known=area is None or survey.mount is not None,
-        refly=False, budget_s=None, force=force, detection=search.curve(), pod=search.pod,
-        max_blur_px=belief.max_blur,
-    )  # fmt: skip
+    of_photos = loaded("uavcover.evidence").get("photos")
+    if of_photos is None and (area is not None or photos):
+        raise InputError("verify: --area and --photos need the extra photos of uavcover, which is not installed")
+    tracks = [*([run] if area and run else []), *(logs or [])]
+    evidence = GivenEvidence(tuple(tracks), (), system)
+    request: Any = None
+    if of_photos is not None:
+        evidence = of_photos.evidence_of(tracks, photos or [], system=system)
+        request = of_photos.PhotoRequest(
+            photos=evidence.photos, area=None if area is None else survey.request(area, autopilot=None), scenario=None,
+            assumed=of_photos.Assumptions(**belief.assumed()), takeoff=belief.place(), coverage=None,
+            mount_known=area is None or survey.mount is not None, refly=False, budget_s=None, force=force,
+            detection=search.curve(), pod=search.pod, max_blur_px=belief.max_blur,
+        )  # fmt: skip
     folder = RunFolder(run) if area is None and run is not None else RunFolder(out or Path("verdict"))
-    if request.area is not None:
+    if of_photos is not None and request.area is not None:
         if not evidence.logs and not evidence.photos:
             raise InputError(
                 "verify: --area needs a flight: a log (.bin, .tlog, .ulg, .csv, .gpx), or pictures (--photos)"
             )
         if not evidence.logs:
-            _, report = judge_photos(request, folder, console, command=sys.argv)
+            _, report = of_photos.judge_photos(request, folder, console, command=sys.argv)
             console.result(report)
             return 0 if report["passed"] else 1
-        evidence = run_of_flight(request.area, evidence, console, out=folder, command=sys.argv, force=force)
+        evidence = of_photos.run_of_flight(request.area, evidence, console, out=folder, command=sys.argv, force=force)
     if not evidence.photos:
         for option, asked in (("--detection", search.detection), ("--max-blur", belief.max_blur)):
             if asked is not None:
@@ -95,15 +100,17 @@ def verify(
             "--scheduler: shares out what a track saw; leave it out where pictures (--photos) tell the coverage"
         )
     pictures = JudgedPictures(PictureEvidence(photos_required=require_photos))
-    if evidence.photos:
-        report = verify_evidence(folder, evidence, request, console, command=sys.argv, accepted=accept_changed or ())
+    if of_photos is not None and evidence.photos:
+        report = of_photos.verify_evidence(
+            folder, evidence, request, console, command=sys.argv, accepted=accept_changed or ()
+        )
     elif area is not None:
         _, report = verify_run(
             folder,
             console,
             command=sys.argv,
             logs=evidence.logs,
-            pictures=NO_PICTURES,
+            pictures=JudgedPictures(NO_PICTURES),
             scheduler=scheduler,
             system=system,
         )

@@ -15,7 +15,7 @@ from uavcover.judging.ends import FlightContinuation, continuations
 from uavcover.judging.flown_coverage import FlownCoverage, possibly_seen
 from uavcover.judging.judged_track import JudgedTrack
 from uavcover.judging.observations import level_observations
-from uavcover.judging.photos.evidence import NOTHING_KNOWN, PictureEvidence
+from uavcover.judging.photo_evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.judging.possible_motion import motion_limits
 from uavcover.judging.separation import NOT_ASKED, Separation
 from uavcover.judging.unobserved import (

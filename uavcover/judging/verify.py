@@ -18,7 +18,7 @@ from uavcover.judging.gaps import GapRegion, find_gaps
 from uavcover.judging.judged_track import JudgedTrack, judge_track, largest, track_positions_m
 from uavcover.judging.observations import Observations
 from uavcover.judging.phases import PlannedRoute
-from uavcover.judging.photos.evidence import NOTHING_KNOWN, PictureEvidence
+from uavcover.judging.photo_evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.judging.reported_photos import reports_photos
 from uavcover.judging.same_flight import Records, at_two_places, has_near, records_of_one_flight
 from uavcover.judging.separation import judge_separation

@@ -16,15 +16,17 @@ compiled in.
 ``NUMBA_DISABLE_JIT=1`` runs kernels as plain Python, for debugging and for measuring test coverage.
 
 **Cache.** Numba's own cache checks the file that a function stands in, but not the files of the kernels that are compiled
-into it. Here one folder holds the machine code for one state of *all* kernel sources, of numba and of numpy; another state
-has another folder, so machine code is never older than its sources. The folder is beside the sources, in the user's cache
-where that cannot be written to, or in ``NUMBA_CACHE_DIR`` where that is set; where none of them can be used, kernels are
-compiled in every run.
+into it. Here each file of kernels has a folder for one state of its source, of the kernels that it imports, directly or not, of
+numba and of numpy; another state has another folder. So machine code is never older than its sources, and a change in one file
+recompiles what depends on it and nothing else. The folders are beside the sources, in the user's cache where that cannot be
+written to, or in ``NUMBA_CACHE_DIR`` where that is set; where none of them can be used, kernels are compiled in every run.
 """
 
 import contextlib
 import functools
 import hashlib
+import os
+import re
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
@@ -40,58 +42,78 @@ from numba.misc.appdirs import AppDirs
 SETTINGS: Any = numba.config
 """Of numba, from its environment variables."""
 
-_FOLDER = "kernels-"
+_FOLDER = "kernels"
 _KEPT = 3
-"""States of the sources whose machine code stays: this one and the latest others, for who goes to and fro between two."""
+"""States of a file whose machine code stays: this one and the latest others, for who goes to and fro between two."""
+_IMPORT = re.compile(rf"^\s*(?:from|import) {re.escape(__package__ or '')}(?:\.| import )(\w+)", re.MULTILINE)
 
 
 def keep_compiled(dispatcher: Any) -> None:
     """Let a compiled function load its machine code from where it is kept, and keep it there, where there is a place for it."""
-    if folder() is not None:
+    if root() is not None:
         # What numba's own ``cache=True`` does, with another class of cache.
         dispatcher._cache = _KernelCache(dispatcher.py_func)  # type: ignore[no-untyped-call]
 
 
 @functools.cache
-def folder() -> Path | None:
-    """The folder of this state of the sources, made if need be and older ones removed; none when no place can be written to."""
-    sources = Path(__file__).parent
-    name = _FOLDER + _key(sources)
+def root() -> Path | None:
+    """The folder of all machine code, made if need be; none when no place can be written to."""
     of_user = AppDirs(appname="uavcover", appauthor=False).user_cache_dir  # type: ignore[no-untyped-call]
-    places = [sources / "__pycache__", Path(of_user)]
+    places = [Path(__file__).parent / "__pycache__", Path(of_user)]
     if SETTINGS.CACHE_DIR:
         places.insert(0, Path(SETTINGS.CACHE_DIR))
     for place in places:
         with contextlib.suppress(OSError):
-            new = not (place / name).is_dir()
-            (place / name).mkdir(parents=True, exist_ok=True)
-            tempfile.TemporaryFile(
-                dir=place / name
-            ).close()  # also makes the folder younger than those that are not used
-            if new:
-                _remove_old(place)
-            return place / name
+            (place / _FOLDER).mkdir(parents=True, exist_ok=True)
+            tempfile.TemporaryFile(dir=place / _FOLDER).close()
+            return place / _FOLDER
     return None
 
 
-def _key(sources: Path) -> str:
+@functools.cache
+def folder(source: Path) -> Path | None:
+    """The folder of this state of a file of kernels, made if need be and older ones removed; none without a place."""
+    place = root()
+    if place is None:
+        return None
+    found = place / f"{source.stem}-{_key(source)}"
+    with contextlib.suppress(OSError):
+        if not found.is_dir():
+            found.mkdir(exist_ok=True)
+            _remove_old(place, source.stem)
+        os.utime(found)  # younger than those that are not used
+    return found
+
+
+def _key(source: Path) -> str:
     """What machine code depends on and numba does not look at itself (it does at the processor and the version of Python)."""
     state = hashlib.sha256()
     settings = (SETTINGS.OPT, SETTINGS.BOUNDSCHECK)
     state.update(repr((numba.__version__, llvmlite.__version__, np.__version__, settings)).encode())
-    for source in sorted(sources.glob("*.py")):
-        content = source.read_bytes()
-        state.update(f"{source.name} {len(content)}\n".encode() + content)
+    for file in (Path(__file__), *sorted(_sources(source))):
+        content = file.read_bytes()
+        state.update(f"{file.name} {len(content)}\n".encode() + content)
     return state.hexdigest()[:20]
 
 
-def _remove_old(place: Path) -> None:
-    ages = {path: path.stat().st_mtime_ns for path in place.glob(f"{_FOLDER}*") if path.is_dir()}
+def _sources(source: Path) -> set[Path]:
+    """A file of kernels and those that it imports, directly or not."""
+    found: set[Path] = set()
+    ahead = [source]
+    while ahead:
+        file = ahead.pop()
+        if file not in found and file.is_file():
+            found.add(file)
+            ahead += [source.parent / f"{name}.py" for name in _IMPORT.findall(file.read_text(encoding="utf-8"))]
+    return found
+
+
+def _remove_old(place: Path, stem: str) -> None:
+    ages = {path: path.stat().st_mtime_ns for path in place.glob(f"{stem}-*") if path.is_dir()}
     for path in sorted(ages, key=lambda path: ages[path], reverse=True)[_KEPT:]:
         shutil.rmtree(path, ignore_errors=True)
-    if place.name == "__pycache__":
-        for path in place.glob("*.nb[ic]"):  # numba's own cache, which is not used any more
-            path.unlink(missing_ok=True)
+    for path in place.parent.glob(f"{_FOLDER}-*"):  # of versions that kept all files together
+        shutil.rmtree(path, ignore_errors=True)
 
 
 class _Locator:
@@ -104,7 +126,7 @@ class _Locator:
 
     @classmethod
     def from_function(cls, function: Callable[..., object], file: str) -> "_Locator | None":
-        place = folder()
+        place = folder(Path(file))
         return None if place is None else cls(function, file, place)
 
     def ensure_cache_path(self) -> None:

@@ -15,7 +15,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 import numpy.typing as npt
 
-from uavcover.errors import OptimizerError, UavcoverError
+from uavcover.errors import InputError, OptimizerError, UavcoverError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.optimizers.ablations import (
     ImodboMinusDynamicParameters,
@@ -38,6 +38,7 @@ from uavcover.optimizers.rivals.mogwo import MOGWO
 from uavcover.optimizers.rivals.mossa import MOSSA
 from uavcover.optimizers.rivals.mowoa import MOWOA
 from uavcover.optimizers.rivals.random_search import RandomSearch
+from uavcover.plugins import load, registered
 
 Returned = TypeVar("Returned")
 
@@ -269,6 +270,11 @@ def make_optimizer(
 
 def _imported(name: str) -> object:
     module_name, colon, class_name = name.partition(":")
+    if not colon and name in registered("uavcover.algorithms"):
+        try:
+            return load("uavcover.algorithms", name)
+        except InputError as error:
+            raise OptimizerError(f"algorithm {error}") from error
     if not colon:
         raise OptimizerError(
             f"algorithm {name!r} is not known: choose one of {', '.join(ALGORITHMS)}, or name a class as module:Class"

@@ -5,11 +5,14 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 
+import numpy as np
+
 from uavcover.errors import InfeasibleError
+from uavcover.kernels.arrays import IntArray
+from uavcover.kernels.way_cost import FlightCosts, battery_s
 from uavcover.model.route import Route, RouteMember
 from uavcover.model.scenario import PlannerSettings
 from uavcover.planning.front import NamedRoute, judge_members, pareto_members, thinned, why_infeasible
-from uavcover.planning.legs_that_fit import with_legs_that_fit
 from uavcover.planning.search.closing import with_gaps_closed
 from uavcover.planning.search.route_judge import SAFETY
 from uavcover.planning.search.simplify import simplified
@@ -18,6 +21,7 @@ from uavcover.planning.selection_rule import Rule, select, without_flukes
 from uavcover.planning.sortie_order.reorder import OrderEffort, has_several_sorties, reordered
 from uavcover.planning.sound_corners import with_sound_corners
 from uavcover.planning.sure_pictures import surely
+from uavcover.routes.flight_costs import flight_costs_along_transits
 from uavcover.routes.leg_checks import measure_violations
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
@@ -320,3 +324,43 @@ def _chosen_so_far(feasible: Sequence[RouteMember], rule: Rule) -> RouteMember |
         return None
     pareto = pareto_members(feasible)
     return pareto[select(pareto, rule).index]
+
+
+_MOST_HALVINGS = 6
+_SHORTEST_M = 20.0
+"""A leg of less is not halved: what is too far away is not reached by shorter legs."""
+
+
+def with_legs_that_fit(site: Site, route: Route) -> Route:
+    """The route, or in its place the same line with waypoints on legs that no flight takes as a whole.
+
+    Sorties are cut at waypoints. Where legs do not fit however short they are, and where a sensor looks from waypoints alone,
+    the route as it is.
+
+    Args:
+        site: the scenario on its ground; of one vehicle, or of several that are alike.
+        route: keeps the limits.
+    """
+    vehicle = site.scenario.vehicle
+    looks_along = site.scenario.sensor.sensing == "along-path"
+    if vehicle.endurance_s is None or site.home_m is None or site.frame is None or not looks_along:
+        return route
+    if site.scenario.vehicles or route.begins or len(route) < 2:
+        return route
+    points = route.waypoints_m
+    for _ in range(_MOST_HALVINGS):
+        long = _too_long(flight_costs_along_transits(site, Route(points), vehicle.autopilot, None))
+        if long.size == 0:
+            return route if len(points) == len(route) else Route(points)
+        if (np.linalg.norm(points[long + 1] - points[long], axis=1) < _SHORTEST_M).any():
+            return route
+        points = np.insert(points, long + 1, 0.5 * (points[long] + points[long + 1]), axis=0)
+    return route
+
+
+def _too_long(costs: FlightCosts) -> IntArray:
+    """Numbers of the waypoints at the beginnings of legs that take too long, or too much of a battery, to be flown alone."""
+    legs = np.arange(len(costs.so_far_s) - 1)
+    alone_s = costs.there_s[:-1] + np.diff(costs.so_far_s) + costs.back_s[1:]
+    used_s = np.array([battery_s(costs.energies, int(leg), int(leg) + 1) for leg in legs])
+    return np.flatnonzero((alone_s > costs.endurance_s) | (used_s > costs.energies.usable_s))

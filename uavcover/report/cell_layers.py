@@ -18,7 +18,6 @@ from uavcover.judging.gaps import REASONS, reason_codes
 from uavcover.judging.verify import Verdict
 from uavcover.kernels.arrays import BoolArray, ByteArray, FloatArray
 from uavcover.report.content import PlannedView, ReportContent
-from uavcover.run.photo_verdict import PhotoVerdict
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, pictures_asked
 
@@ -95,30 +94,11 @@ def cell_layers(content: ReportContent) -> list[CellLayer]:
     if verdict is None:
         layers.append(_planned_coverage_layer(coverage, planned))
     else:
-        layers += [_coverage_layer(coverage, verdict.flown), _gap_layer(coverage, verdict.flown)]
-        layers += _picture_layers(coverage, verdict.pictures, "flown", asked)
-    layers += _picture_layers(coverage, planned.pictures, "planned", asked)
+        layers += [coverage_layer(coverage, verdict.flown), gap_layer(coverage, verdict.flown)]
+        layers += picture_layers(coverage, verdict.pictures, "flown", asked)
+    layers += picture_layers(coverage, planned.pictures, "planned", asked)
     if verdict is not None:
         layers += _flown_layers(coverage, verdict)
-    return [layer for layer in layers if layer is not None]
-
-
-def photo_layers(verdict: PhotoVerdict) -> list[CellLayer]:
-    """The cell layers of a verdict on pictures; layers without any known value are omitted."""
-    coverage, flown = verdict.coverage, verdict.shown.coverage
-    counts = PictureCounts(
-        verdict.shown.pictures, flown.ground_sample_m, len(verdict.placed.pictures), verdict.shown.looks
-    )
-    per_point, sample = _picture_layers(coverage, counts, "flown", verdict.asked)
-    directions = np.where(verdict.shown.directions > 0, verdict.shown.directions.astype(float), np.nan)
-    layers = [
-        per_point, sample, _coverage_layer(coverage, flown), _gap_layer(coverage, verdict.asked_coverage),
-        _ramp_layer(coverage, "directions", "Directions of the cameras", directions, "viridis", _label("{:.0f}")),
-        _ramp_layer(coverage, "incidence", "Incidence angle", flown.incidence_deg, "magma_r", _label("{:.0f}°")),
-    ]  # fmt: skip
-    if verdict.shown.detection is not None:
-        pod = 100.0 * verdict.shown.detection.pod
-        layers.append(_ramp_layer(coverage, "pod", "Probability of detection", pod, "viridis", _label("{:.0f} %")))
     return [layer for layer in layers if layer is not None]
 
 
@@ -129,13 +109,13 @@ def _flown_layers(coverage: CoverageMap, verdict: Verdict) -> list[CellLayer | N
     # Of single pictures there are layers of their own.
     sample_m = np.full(flown.seen.size, np.nan) if verdict.pictures is not None else flown.ground_sample_m
     return [
-        _ramp_layer(coverage, key, title, values, colors, label)
+        ramp_layer(coverage, key, title, values, colors, label)
         for key, title, values, colors, label in (
-            ("looks", "Passes that saw it", passes, "viridis", _label("{:.0f}")),
-            ("first-seen", "When first seen", (flown.first_seen_s - start_s) / 60.0, "cividis", _label("{:.1f} min")),
-            ("sample", "Ground sample distance", 100.0 * sample_m, "plasma_r", _label("{:.1f} cm")),
-            ("incidence", "Incidence angle", flown.incidence_deg, "magma_r", _label("{:.0f}°")),
-            ("distance", "Shortest distance", flown.nearest_m, "plasma_r", _label("{:.0f} m")),
+            ("looks", "Passes that saw it", passes, "viridis", label("{:.0f}")),
+            ("first-seen", "When first seen", (flown.first_seen_s - start_s) / 60.0, "cividis", label("{:.1f} min")),
+            ("sample", "Ground sample distance", 100.0 * sample_m, "plasma_r", label("{:.1f} cm")),
+            ("incidence", "Incidence angle", flown.incidence_deg, "magma_r", label("{:.0f}°")),
+            ("distance", "Shortest distance", flown.nearest_m, "plasma_r", label("{:.0f} m")),
         )
     ]
 
@@ -147,7 +127,7 @@ def _planned_coverage_layer(coverage: CoverageMap, planned: PlannedView) -> Cell
     )  # fmt: skip
 
 
-def _picture_layers(
+def picture_layers(
     coverage: CoverageMap, counts: PictureCounts | None, which: str, asked: int | None
 ) -> list[CellLayer | None]:
     """Pictures per point against the overlap asked for, and the best ground sample distance."""
@@ -157,7 +137,7 @@ def _picture_layers(
     title = f"Pictures per point, {which}"
     if asked is None:
         shown = np.where(pictures > 0, pictures.astype(float), np.nan)
-        per_point = _ramp_layer(coverage, f"pictures-{which}", title, shown, "viridis", _label("{:.0f}"))
+        per_point = ramp_layer(coverage, f"pictures-{which}", title, shown, "viridis", label("{:.0f}"))
     else:
         per_point = _classes_layer(
             coverage, f"pictures-{which}", f"{title} (overlap)",
@@ -167,9 +147,9 @@ def _picture_layers(
                 for rgb, low, high in _picture_classes(asked)
             ],
         )  # fmt: skip
-    sample = _ramp_layer(
+    sample = ramp_layer(
         coverage, f"sample-{which}", f"Ground sample distance, {which}", 100.0 * counts.ground_sample_m, "plasma_r",
-        _label("{:.1f} cm"),
+        label("{:.1f} cm"),
     )  # fmt: skip
     return [per_point, sample]
 
@@ -196,11 +176,13 @@ def _classes_layer(coverage: CoverageMap, key: str, title: str, classes: list[tu
     return CellLayer(key, title, _cells_image(coverage, colors), legend)
 
 
-def _label(template: str) -> Callable[[float], str]:
+def label(template: str) -> Callable[[float], str]:
+    """Writes values by a template of ``str.format``."""
     return template.format
 
 
-def _coverage_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
+def coverage_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
+    """What was surely, possibly or not observed."""
     exact = bool((flown.surely_seen == flown.seen).all() and (flown.possibly_seen == flown.seen).all())
     kinds: list[tuple[Rgb, str, NDArray[np.bool_]]] = [
         (UNSEEN_RGB, "not seen", np.ones(coverage.grid.count, dtype=bool)),
@@ -215,7 +197,8 @@ def _coverage_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
     return _classes_layer(coverage, "coverage", "Coverage", kinds)
 
 
-def _gap_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
+def gap_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
+    """Why cells were not observed."""
     codes = reason_codes(coverage, flown)
     colors = np.zeros((coverage.grid.count, 4), dtype=np.uint8)
     legend = []
@@ -227,9 +210,10 @@ def _gap_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
     return CellLayer("gaps", "Gaps, by reason", _cells_image(coverage, colors), tuple(legend))
 
 
-def _ramp_layer(
+def ramp_layer(
     coverage: CoverageMap, key: str, title: str, values: FloatArray, colors: str, label: Callable[[float], str]
 ) -> CellLayer | None:
+    """Values on a ramp of colours; none where no cell has one."""
     known = np.isfinite(values)
     if not known.any():
         return None

@@ -12,13 +12,12 @@ from uavcover.judging.verify import Verdict
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import Route
 from uavcover.model.verdict import Gap
-from uavcover.report.cell_layers import REASON_WORDS, Bounds, cell_layers, cells_bounds_m, data_uri, photo_layers
+from uavcover.report.cell_layers import REASON_WORDS, Bounds, cell_layers, cells_bounds_m, data_uri
 from uavcover.report.content import Flight, ReportContent
 from uavcover.report.plots import flight_style
 from uavcover.routes.failsafe_states import IN_PLACE
 from uavcover.routes.mission_compiler import compile_mission
 from uavcover.routes.return_advice import flight_states
-from uavcover.run.photo_verdict import PhotoVerdict, footprints_m
 from uavcover.scenario.airspace.zone_lines import zone_lines_m
 from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.frames import LocalFrame
@@ -38,9 +37,7 @@ SURFACE_NODES = 110
 MAX_SAMPLES = 4000
 """Of the flown line; a longer track is drawn through every second, third... sample."""
 
-_PAD_M = 30.0
-MAX_FOOTPRINTS = 400
-_NEAR_M = 500.0
+PAD_M = 30.0
 """Pictures farther from the area do not widen the map."""
 
 
@@ -67,48 +64,14 @@ def map_data(content: ReportContent) -> dict[str, Any]:
             for number, route_m in enumerate(content.sorties_m)
         ],
         "cellBounds": rounded(np.array([west, south, east, north])),
-        "cells": [_layer(layer) for layer in cell_layers(content)],
+        "cells": [layer_data(layer) for layer in cell_layers(content)],
         "pictures": _pictures(content),
         "tracks": [_track(flight, number) for number, flight in enumerate(content.flights)],
-        "gaps": [] if verdict is None else _gaps(verdict.report.gaps),
+        "gaps": [] if verdict is None else gap_data(verdict.report.gaps),
         "violations": [] if verdict is None else _violations(verdict, content.flights),
         "unsafeReturns": _unsafe_returns(site, content.sorties_m or (content.planned.route.waypoints_m,)),
         "surface": _surface(site, bounds),
     }
-
-
-def photo_map_data(verdict: PhotoVerdict) -> dict[str, Any]:
-    """The drawing data of a verdict on pictures: the area, cells, where pictures were taken, footprints of some, and gaps."""
-    site = verdict.site
-    west, south, east, north = site.area.bounds
-    eyes = verdict.placed.eyes_m
-    near = eyes[shapely.dwithin(shapely.points(eyes[:, :2]), site.area, _NEAR_M)]
-    if len(near):
-        west, south = min(west, near[:, 0].min()), min(south, near[:, 1].min())
-        east, north = max(east, near[:, 0].max()), max(north, near[:, 1].max())
-    bounds = (float(west) - _PAD_M, float(south) - _PAD_M, float(east) + _PAD_M, float(north) + _PAD_M)
-    return {
-        "bounds": rounded(np.array(bounds)),
-        "relief": relief_image(site.ground, bounds),
-        "geodetic": geodetic_fit(site.frame, bounds),
-        "area": [rounded(ring) for ring in rings_of(site.area)],
-        "drawn": [rounded(ring) for ring in rings_of(area_as_drawn(site))] if site.scenario.area.margin_m > 0.0 else [],
-        "fence": [], "obstacles": [], "noFly": [], "home": None, "plan": [], "planHeights": [], "sorties": [], "tracks": [],
-        "violations": [], "unsafeReturns": [], "background": None,
-        "cellBounds": rounded(np.array(cells_bounds_m(verdict.coverage))),
-        "cells": [_layer(layer) for layer in photo_layers(verdict)],
-        "pictures": {"planned": [], "flown": rounded(eyes), "unknown": 0},
-        "footprints": [
-            {"name": verdict.placed.pictures[number].name, "ring": rounded(edge[:, :2])}
-            for number, edge in footprints_m(verdict, every=footprints_drawn_every(verdict))
-        ],
-        "gaps": _gaps([region.gap for region in verdict.gaps]),
-    }  # fmt: skip
-
-
-def footprints_drawn_every(verdict: PhotoVerdict) -> int:
-    """Every how many pictures a footprint is drawn."""
-    return max(1, math.ceil(len(verdict.placed.pictures) / MAX_FOOTPRINTS))
 
 
 def drawn_every(samples: int) -> int:
@@ -119,7 +82,7 @@ def drawn_every(samples: int) -> int:
 def bounds_m(site: Site) -> Bounds:
     """The displayed bounds: fence and area with a margin."""
     west, south, east, north = shapely.union_all([site.area, site.fence]).bounds
-    return west - _PAD_M, south - _PAD_M, east + _PAD_M, north + _PAD_M
+    return west - PAD_M, south - PAD_M, east + PAD_M, north + PAD_M
 
 
 def relief_image(ground: Ground, bounds_m: Bounds) -> str:
@@ -162,7 +125,8 @@ def _zone_lines(site: Site, zone: Zone, bounds: Bounds) -> dict[str, Any]:
     return {"lines": [rounded(line) for line in zone_lines_m(site, zone, bounds)]}
 
 
-def _layer(layer: Any) -> dict[str, Any]:
+def layer_data(layer: Any) -> dict[str, Any]:
+    """A layer of cells as the script takes it."""
     return {
         "key": layer.key,
         "title": layer.title,
@@ -194,7 +158,8 @@ def _pictures(content: ReportContent) -> dict[str, Any]:
     }
 
 
-def _gaps(gaps: Iterable[Gap]) -> list[dict[str, Any]]:
+def gap_data(gaps: Iterable[Gap]) -> list[dict[str, Any]]:
+    """Gaps as the script takes them."""
     return [
         {
             "east": gap.east_m,

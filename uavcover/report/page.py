@@ -52,7 +52,7 @@ BOUND_WORDS = {
 def render_report(content: ReportContent, background: Background | None = None) -> str:
     """Render the page, with a map of the user's own behind its map where there is one."""
     return rendered_page(
-        "report.html",
+        _PAGE / "report.html",
         own_script="\n".join(_read(_PAGE / name) for name in ("map.js", "view3d.js", "charts.js")),
         data=map_data(content) | {"background": None if background is None else background.image},
         facts={"background": background, **_facts(content)},
@@ -64,19 +64,19 @@ def map_script() -> str:
     return _read(_PAGE / "map.js") + "\nreport.start();\n"
 
 
-def rendered_page(template: str, *, own_script: str, data: dict[str, Any], facts: dict[str, Any]) -> str:
+def rendered_page(template: Path, *, own_script: str, data: dict[str, Any], facts: dict[str, Any]) -> str:
     """A page with a map, one file that needs no network.
 
     Content from files is escaped and has no control characters; only our own scripts may run, by their hashes.
 
     Args:
-        template: its file among the pages.
+        template: its file; it may include those of the report.
         own_script: runs after Leaflet's.
         data: for the script, as JSON.
         facts: for the template.
     """
     environment = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(_PAGE),
+        loader=jinja2.FileSystemLoader([template.parent, _PAGE]),
         autoescape=True,
         undefined=jinja2.StrictUndefined,
         trim_blocks=True,
@@ -86,7 +86,7 @@ def rendered_page(template: str, *, own_script: str, data: dict[str, Any], facts
     scripts = [_without_source_map(_read(_LEAFLET / "leaflet.js")), own_script]
     style = _without_urls(_read(_LEAFLET / "leaflet.css")) + _read(_PAGE / "report.css")
     return plain_lines(
-        environment.get_template(template).render(
+        environment.get_template(template.name).render(
             scripts=[Markup(script) for script in scripts],
             style=Markup(style),
             policy="; ".join(

@@ -238,3 +238,8 @@ def writing(path: Path) -> Iterator[None]:
     except OSError as error:
         reason = error.strerror or type(error).__name__
         raise OutputError(f"{path}: cannot be written ({reason}); free some space or choose another folder") from error
+
+
+def numbered(out: Path, number: int) -> str:
+    """Name of one of several files of an export."""
+    return f"{out.stem}-{number}{out.suffix}"

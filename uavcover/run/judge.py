@@ -14,7 +14,7 @@ from uavcover.judging.elevation_bias import elevation_biases, widened, with_meas
 from uavcover.judging.flown_coverage import FlownCoverage, count_observations
 from uavcover.judging.gaps import REASONS, reason_codes
 from uavcover.judging.phases import PlannedRoute
-from uavcover.judging.photos.evidence import NOTHING_KNOWN, PictureEvidence
+from uavcover.judging.photo_evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.judging.reported_photos import looks_singly
 from uavcover.judging.requirements import requirement_rows
 from uavcover.judging.shared_clock import UNKNOWN_DATES, DateBounds

@@ -1,6 +1,7 @@
 """From a planned route to missions, and to the files of other software."""
 
 from collections.abc import Sequence
+from typing import Protocol
 
 from mission_io.formats import wpl
 from mission_io.formats.files import FORMATS, mission_text
@@ -8,6 +9,7 @@ from mission_io.formats.plan import PlanFile
 from uavcover.errors import InputError
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
+from uavcover.plugins import load
 from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compile_mission
 from uavcover.routes.sorties import Sortie
 from uavcover.scenario.site import Site
@@ -37,6 +39,25 @@ def mission_texts(compiled: CompiledMission, *, autopilot: AutopilotName, name: 
         "mission.plan": export_text(compiled, "plan", autopilot=autopilot, name=name),
         "mission.kml": export_text(compiled, "kml", autopilot=autopilot, name=name),
     }
+
+
+class Exporter(Protocol):
+    """A format of other software: an entry point of the group ``uavcover.exporters``; its name is that of the format."""
+
+    def __call__(self, compiled: CompiledMission, *, autopilot: AutopilotName, name: str) -> bytes:
+        """The content of a file for a compiled mission and its title."""
+
+
+def export_content(compiled: CompiledMission, file_format: str, *, autopilot: AutopilotName, name: str) -> bytes:
+    """A compiled mission in one of the formats of :mod:`mission_io.formats.files`, or in one of an installed exporter.
+
+    Raises:
+        InputError: another format, or an exporter that cannot be loaded.
+    """
+    if file_format in FORMATS:
+        return export_text(compiled, file_format, autopilot=autopilot, name=name).encode()
+    write: Exporter = load("uavcover.exporters", file_format)
+    return write(compiled, autopilot=autopilot, name=name)
 
 
 def export_text(compiled: CompiledMission, file_format: str, *, autopilot: AutopilotName, name: str) -> str:

@@ -14,6 +14,7 @@ from uavcover.model.vehicle import autopilot_name
 from uavcover.planning.fleet_parts import part_sites
 from uavcover.planning.planner import SearchProgress
 from uavcover.planning.selection_rule import parse_rule
+from uavcover.plugins import loaded
 from uavcover.routes.flights import compile_flights
 from uavcover.routes.mission_compiler import CompiledMission
 from uavcover.routes.sorties import Sortie
@@ -121,6 +122,8 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         check_site(own)
     check_site(site)
     _check_heights(site, user)
+    if request.bounds_s is not None and not loaded("uavcover.bounds"):
+        raise InputError("--bounds: no prover is installed; install uavcover with its extras")
     name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
     run = RunFolder(request.folder)
     started = time.monotonic()

@@ -14,7 +14,7 @@ from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.client.client import Client
 from mission_io.errors import TransferSilentError, VehicleSilentError
-from mission_io.links.opening import Link, open_link
+from mission_io.links.opening import open_link
 from mission_io.links.shared import SharedLink
 from mission_io.links.telemetry_log import LoggedLink
 from mission_io.model.items import GeoPoint, MissionType
@@ -28,6 +28,7 @@ from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Route
 from uavcover.model.sensor import FrameCamera
 from uavcover.model.vehicle import AutopilotName
+from uavcover.plugins import load
 from uavcover.routes.flight_costs import way_home
 from uavcover.routes.leg_checks import find_problems
 from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compile_continuation, compile_return
@@ -149,8 +150,8 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
     )
     share = None if at.shared is None or at.system_id is None else at.shared.share(at.system_id)
     link = LoggedLink(open_link(at.url, schemes={"mock": endpoint}) if share is None else share)
-    if at.client_name == "mavsdk":
-        client, monitor = _open_mavsdk(link, at.own_system)
+    if at.client_name != "native":
+        client, monitor = load("uavcover.clients", at.client_name).open_client(link, own_system=at.own_system)
     else:
         client, monitor = open_vehicle(link, timing=at.timing, own_system=at.own_system)
     with client:
@@ -169,14 +170,6 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
         except (VehicleSilentError, TransferSilentError):
             require_answers(client)  # a vehicle that answers nothing at all has a reason of its own
             raise
-
-
-def _open_mavsdk(link: Link, own_system: int) -> tuple[Client, Monitor]:
-    """MAVSDK's client on a link, with a monitor that hears everything."""
-    from uavcover.vehicle.mavsdk.client import MavsdkClient  # its library is large, and few ask for it
-
-    monitor = Monitor()
-    return MavsdkClient(link, system_id=own_system, listener=monitor), monitor
 
 
 def home_of(site: Site) -> GeoPoint | None:

@@ -21,6 +21,7 @@ from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.scenario import Scenario
 from uavcover.model.terrain import RasterTerrain, Terrain
+from uavcover.plugins import load, registered
 from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.areas.area_file import SUFFIXES as AREA_SUFFIXES
 from uavcover.scenario.fleet_tables import LAUNCH_POINTS, with_fleet
@@ -85,6 +86,7 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ScenarioError(f"{source}: not valid TOML: {error}") from error
     raw, given = with_fleet(raw, source=source), raw
+    raw = _with_built_in_sensors(raw, source)
     # Validated as JSON: there the validator accepts a list for a tuple and a table for a dataclass, and is strict otherwise.
     document = json.dumps(raw, default=str)
     mistakes: list[str] = []
@@ -126,6 +128,40 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
         obstacles=_inline_obstacles(scenario.obstacles, folder),
         no_fly=_inline_zones(scenario, folder),
     )
+
+
+def _with_built_in_sensors(raw: dict[str, Any], source: str) -> dict[str, Any]:
+    """The tables with every sensor of a third party as the built-in one that it is the same as.
+
+    A sensor of a third party is an entry point of the group ``uavcover.sensors``, whose name is its kind: a function from its
+    table in the scenario, without ``kind``, to the table of a built-in sensor; a ValueError says what is wrong with a key.
+
+    Raises:
+        ScenarioError: the table cannot be used.
+    """
+
+    def built_in(section: dict[str, Any], key: str) -> dict[str, Any]:
+        kind = section.get("kind")
+        if not isinstance(kind, str) or kind not in registered("uavcover.sensors"):
+            return section
+        try:
+            return dict(
+                load("uavcover.sensors", kind)({name: value for name, value in section.items() if name != "kind"})
+            )
+        except (InputError, ValueError, TypeError, KeyError) as error:
+            raise ScenarioError(f"{source}: {key}: {kind}: {error}") from error
+
+    found = dict(raw)
+    if isinstance(raw.get("sensor"), dict):
+        found["sensor"] = built_in(raw["sensor"], "sensor")
+    if isinstance(vehicles := raw.get("vehicles"), list):
+        found["vehicles"] = [
+            {**vehicle, "sensor": built_in(vehicle["sensor"], f"vehicle.{k}.sensor")}
+            if isinstance(vehicle, dict) and isinstance(vehicle.get("sensor"), dict)
+            else vehicle
+            for k, vehicle in enumerate(vehicles)
+        ]
+    return found
 
 
 def dump_scenario(scenario: Scenario) -> str:

@@ -229,3 +229,22 @@ def planned_pictures(coverage: CoverageMap, routes_m: Sequence[FloatArray]) -> P
     if not takes_pictures(coverage.site.scenario):
         return None
     return picture_statistics(coverage, count_pictures(coverage, planned_poses(coverage, routes_m)))
+
+
+def camera_axes(yaw_deg: FloatArray, pitch_deg: FloatArray, roll_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """(n, 3) ENU unit vectors along cameras' views, and towards the tops of their pictures.
+
+    Angles are turned in the order yaw, pitch, roll, as DJI, Parrot and MAVLink gimbals tell them.
+
+    >>> axes, tops = camera_axes(np.array([90.0]), np.array([-90.0]), np.array([0.0]))
+    >>> (axes + 0.0).round(6).tolist(), (tops + 0.0).round(6).tolist()
+    ([[0.0, 0.0, -1.0]], [[1.0, 0.0, 0.0]])
+    """
+    yaw, pitch, roll = np.radians(yaw_deg), np.radians(pitch_deg), np.radians(roll_deg)
+    ahead = np.column_stack([np.sin(yaw), np.cos(yaw), np.zeros_like(yaw)])
+    up = np.array([0.0, 0.0, 1.0])
+    axes = np.cos(pitch)[:, None] * ahead + np.sin(pitch)[:, None] * up
+    level_tops = -np.sin(pitch)[:, None] * ahead + np.cos(pitch)[:, None] * up
+    right = np.cross(axes, level_tops)
+    tops = np.cos(roll)[:, None] * level_tops + np.sin(roll)[:, None] * right
+    return np.ascontiguousarray(axes), np.ascontiguousarray(tops)

@@ -5,12 +5,12 @@ import random
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
+from mission_io.conformance.__main__ import VEHICLE_CASES
 from mission_io.conformance.case import CaseResult, Outcome
 from mission_io.conformance.fake_vehicle import FakeVehicle
 from mission_io.conformance.probe import Probe
 from mission_io.conformance.run import ask_one, ask_vehicle
 from mission_io.conformance.samples import sample
-from mission_io.conformance.vehicle_cases import VEHICLE_CASES
 from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions, Peer, SimulatedLink
 from mission_io.model.items import GeoPoint, MissionType

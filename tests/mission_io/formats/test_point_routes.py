@@ -17,7 +17,7 @@ from mission_io.formats.wpml import write_kmz
 from mission_io.model.items import Command, Frame
 from tests.mission_io.formats.flights import random_flight
 from tests.mission_io.formats.route_files import ROUTES
-from uavcover.intake.dji_aircraft import all_dji_aircraft
+from uavcover.extras.exports.dji_aircraft import all_dji_aircraft
 
 POINTS = [(46.5, 8.25, 40.0), (46.501, 8.252, 55.5), (46.499, 8.26, 61.0)]
 READERS: dict[str, Callable[[str], PointRoute]] = {

@@ -6,21 +6,38 @@ Our own ``.csv`` and ``.rrd`` are read by :func:`uavcover.run.judge.read_log`.
 from collections.abc import Callable
 from pathlib import Path
 
-from uavcover.errors import TrackError
+from uavcover.errors import InputError, TrackError
 from uavcover.judging.track_logs.assembly import LoggedRows, assemble_track
 from uavcover.judging.track_logs.dataflash import read_dataflash
 from uavcover.judging.track_logs.gpx import read_gpx
 from uavcover.judging.track_logs.telemetry import read_telemetry
 from uavcover.judging.track_logs.ulog import read_ulog
 from uavcover.model.track import ReadTrack
+from uavcover.plugins import load, registered
 from uavcover.scenario.frames import LocalFrame
 
+
+def _of_plugin(name: str) -> Callable[[Path], LoggedRows]:
+    """The reader of an installed package, loaded when its first log is read."""
+
+    def read(path: Path) -> LoggedRows:
+        try:
+            rows: LoggedRows = load("uavcover.log_readers", name)(path)
+        except InputError as error:
+            raise TrackError(f"{path}: {error}") from error
+        return rows
+
+    return read
+
+
 READERS: dict[str, Callable[[Path], LoggedRows]] = {
+    **{f".{name}": _of_plugin(name) for name in registered("uavcover.log_readers")},
     ".bin": read_dataflash,
     ".tlog": read_telemetry,
     ".ulg": read_ulog,
     ".gpx": read_gpx,
 }
+"""By suffix; a package of a third party cannot replace a reader of ours."""
 
 
 def read_foreign_log(path: Path, frame: LocalFrame, *, system: int | None = None) -> ReadTrack:

@@ -1,5 +1,6 @@
 """A zone as a file of zones has it, before it is checked; and the units of such files."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Final
 
@@ -54,6 +55,20 @@ class ReadZones:
 
     zones: tuple[ReadZone, ...]
     notes: tuple[str, ...] = field(default=())
+
+
+@dataclass(frozen=True, slots=True)
+class ZoneReader:
+    """A format of zones: an entry point of the group ``uavcover.zone_readers``.
+
+    Attributes:
+        suffixes: of its files, in lower case with the dot.
+        read: takes the text of a file and its suffix; none where the text is not of this format. A text of this format that
+            cannot be read is a `mission_io.errors.FormatError`.
+    """
+
+    suffixes: tuple[str, ...]
+    read: Callable[[str, str], ReadZones | None]
 
 
 def shown(name: str) -> str:

@@ -11,19 +11,16 @@ import numpy as np
 
 from mission_io.errors import FormatError
 from mission_io.formats import plan
-from mission_io.formats.json_node import parse_json
 from mission_io.formats.text import text_from_bytes
 from uavcover.errors import InputError
 from uavcover.model.area import Rings
 from uavcover.model.no_fly import NoFly
-from uavcover.scenario.airspace.geographical_zones import is_ed269, is_ed318, read_ed269, read_ed318
-from uavcover.scenario.airspace.openair import looks_like_openair, read_openair
-from uavcover.scenario.airspace.read_zone import ReadZone, ReadZones, shown
+from uavcover.plugins import loaded
+from uavcover.scenario.airspace.read_zone import ReadZone, ReadZones, ZoneReader, shown
 from uavcover.scenario.areas.area_file import MAX_BYTES, SUFFIXES, read_document
 from uavcover.scenario.areas.features import WGS84
 from uavcover.scenario.areas.rings import RingReading, joined, read_polygons, rings_of
 
-ZONE_SUFFIXES = (*SUFFIXES, ".txt", ".air", ".openair")
 _HEIGHTS: Final = ("floor_agl_m", "floor_amsl_m", "ceiling_agl_m", "ceiling_amsl_m")
 _TIMES: Final = ("from_utc", "until_utc")
 
@@ -75,9 +72,20 @@ def read_zones(
     return tuple(found), tuple(notes)
 
 
+def zone_suffixes() -> tuple[str, ...]:
+    """Of files of zones: those of areas, and those of the installed readers."""
+    own = dict.fromkeys(suffix for reader in _readers() for suffix in reader.suffixes)
+    return (*SUFFIXES, *(suffix for suffix in own if suffix not in SUFFIXES))
+
+
+def _readers() -> tuple[ZoneReader, ...]:
+    return tuple(loaded("uavcover.zone_readers").values())
+
+
 def _read(path: Path) -> ReadZones:
     suffix = path.suffix.lower()
-    if not path.is_file() or suffix not in ZONE_SUFFIXES:
+    suffixes = zone_suffixes()
+    if not path.is_file() or suffix not in suffixes:
         what = (
             "no such file"
             if not path.exists()
@@ -85,8 +93,8 @@ def _read(path: Path) -> ReadZones:
             if path.is_dir()
             else f"{suffix or 'no suffix'} is not a format of zones"
         )
-        raise InputError(f"{path}: {what}; give one of {', '.join(ZONE_SUFFIXES)}")
-    if suffix in (".json", ".geojson", ".plan", ".txt", ".air", ".openair"):
+        raise InputError(f"{path}: {what}; give one of {', '.join(suffixes)}")
+    if suffix == ".plan" or any(suffix in reader.suffixes for reader in _readers()):
         try:
             if path.stat().st_size > MAX_BYTES:
                 raise InputError(f"{path}: is larger than {MAX_BYTES:,} bytes; save the zones near the flight alone")
@@ -106,20 +114,15 @@ def _of_text(text: str, suffix: str) -> ReadZones | None:
     """The zones of a text in a format of airspace; none for one of areas."""
     if suffix == ".plan":
         return _of_plan(text)
-    if suffix in (".json", ".geojson"):
-        root = parse_json(text, "document")
-        return read_ed269(root) if is_ed269(root.value) else read_ed318(root) if is_ed318(root.value) else None
-    if not text.strip():
+    if suffix not in SUFFIXES and not text.strip():
         raise FormatError("the file is empty", where="line 1", advice="save it again")
-    if text.lstrip().startswith(("{", "[")):
-        root = parse_json(text, "document")
-        if is_ed269(root.value):
-            return read_ed269(root)
-        if is_ed318(root.value):
-            return read_ed318(root)
-    if not looks_like_openair(text):
+    for reader in _readers():
+        found = reader.read(text, suffix) if suffix in reader.suffixes else None
+        if found is not None:
+            return found
+    if suffix not in SUFFIXES:
         raise FormatError("is not OpenAir, whose zones begin with AC", where="line 1", advice="give a file of zones")
-    return read_openair(text)
+    return None
 
 
 def _of_plan(text: str) -> ReadZones:

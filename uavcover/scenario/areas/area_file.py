@@ -13,13 +13,20 @@ from mission_io.errors import FormatError
 from mission_io.formats.text import text_from_bytes
 from uavcover.errors import InputError
 from uavcover.model.area import Rings
+from uavcover.plugins import load, registered
 from uavcover.scenario.areas import gis_file
 from uavcover.scenario.areas.features import AreaDocument, AreaFeature, chosen
 from uavcover.scenario.areas.kmz import kml_of
 from uavcover.scenario.areas.rings import RingReading, joined, read_polygons, rings_of
 from uavcover.scenario.areas.text_formats import TEXT_FORMATS, circle_ring, read_kml, read_wkt
 
-SUFFIXES = (*TEXT_FORMATS, ".kmz", *gis_file.SUFFIXES, ".zip")
+SUFFIXES = (
+    *TEXT_FORMATS,
+    ".kmz",
+    *gis_file.SUFFIXES,
+    ".zip",
+    *(f".{name}" for name in registered("uavcover.area_readers")),
+)
 MAX_BYTES = 256 * 1024 * 1024
 _NUMBER = r"[-+]?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?"
 _NUMBERS = re.compile(rf"\s*(?:(bbox|box|circle):)?\s*({_NUMBER}(?:\s*,\s*{_NUMBER})*)\s*(m|km)?\s*", re.IGNORECASE)
@@ -157,7 +164,11 @@ def read_document(path: Path, layer: str | None) -> AreaDocument:
     try:
         data = kml_of(path) if suffix == ".kmz" else path.read_bytes()
         text = text_from_bytes(data).text
-        return read_kml(text, str(path)) if suffix == ".kmz" else TEXT_FORMATS[suffix](text, str(path))
+        if suffix == ".kmz":
+            return read_kml(text, str(path))
+        read = TEXT_FORMATS.get(suffix) or load("uavcover.area_readers", suffix.removeprefix("."))
+        document: AreaDocument = read(text, str(path))
+        return document
     except FormatError as error:
         advice = "" if error.advice else "; save it again from the program that wrote it"
         raise InputError(f"{path}: {error}{advice}") from error

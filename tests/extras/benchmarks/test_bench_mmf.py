@@ -1,0 +1,127 @@
+"""``uavcover bench mmf`` as a user gives it."""
+
+import json
+import select
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.cli.conftest import Cli, command, in_process, started
+from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
+from uavcover.extras.benchmarks.mmf.runs import CONTENDERS
+
+SMALL = ("--population", 12, "--iterations", 4, "--archive", 8)
+
+
+def sets(folder: Path) -> dict[str, bytes]:
+    return {str(path.relative_to(folder)): path.read_bytes() for path in sorted(folder.glob("sets/*/*/*.csv"))}
+
+
+def test_list_names_everything(cli: Cli) -> None:
+    ended = cli("bench", "mmf", "--list", "--json")
+    assert ended.document == {"functions": list(PROBLEMS), "algorithms": list(CONTENDERS)}
+    assert "MMF16_l3" in cli("bench", "mmf", "--list").out
+
+
+def test_leaves_the_layout_that_was_promised(cli: Cli, tmp_path: Path) -> None:
+    ended = cli(
+        "bench", "mmf", "--functions", "MMF4,MMF1", "--algorithms", "imodbo,random", "--runs", 2, "-o", tmp_path / "out",
+        *SMALL, "--json",
+    )  # fmt: skip
+    assert ended.code == 0
+    assert (ended.document["runs"], ended.document["made"]) == (8, 8)
+    lines = (tmp_path / "out" / "summary.csv").read_text().splitlines()
+    assert lines[0] == "function,algorithm,metric,mean,std,median,runs"
+    assert len(lines) == 1 + 2 * 2 * 5
+    assert list(sets(tmp_path / "out")) == [
+        f"sets/{function}/{algorithm}/{run}.csv"
+        for function in ("MMF1", "MMF4")
+        for algorithm in ("imodbo", "random")
+        for run in (1, 2)
+    ]
+
+
+def test_the_same_command_again_makes_nothing(cli: Cli, tmp_path: Path) -> None:
+    arguments = ("bench", "mmf", "--functions", "MMF2", "--algorithms", "uniform", "--runs", 1, "-o", tmp_path, *SMALL)
+    assert "1 runs, 0 of them already" in cli(*arguments).out
+    assert "1 runs, 1 of them already" in cli(*arguments).out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [
+        (("--functions", "MMF1,MMF99"), "--functions: 'MMF99' not known; choose from MMF1"),
+        (("--algorithms", ","), "--algorithms: no name given; choose from imodbo"),
+        ((), "-o/--out: name the folder"),
+    ],
+)
+def test_bad_usage_is_one_line(cli: Cli, arguments: tuple[str, ...], told: str) -> None:
+    ended = cli("bench", "mmf", *arguments)
+    assert ended.code == 2
+    assert told in ended.error
+
+
+def test_population_too_small_for_an_algorithm(cli: Cli, tmp_path: Path) -> None:
+    ended = cli("bench", "mmf", "--functions", "MMF1", "--algorithms", "imodbo", "-o", tmp_path, "--population", 2)
+    assert ended.code == 2
+    assert "population_size" in ended.error
+
+
+def test_a_folder_of_something_else_is_left_alone(cli: Cli, tmp_path: Path) -> None:
+    (tmp_path / "thesis.tex").write_text("mine")
+    ended = cli("bench", "mmf", "-o", tmp_path, *SMALL)
+    assert ended.code == 2
+    assert "use another folder" in ended.error
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+TWELVE = (
+    "bench", "mmf", "--functions", "MMF1,MMF15", "--algorithms", "imodbo,nsga2", "--runs", 3,
+    "--population", 40, "--iterations", 30, "--archive", 20,
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Twelve runs that nothing disturbed."""
+    folder = tmp_path_factory.mktemp("mmf") / "whole"
+    assert in_process(*TWELVE, "-o", folder).code == 0
+    return folder
+
+
+@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGINT])
+def test_stopped_hard_in_the_middle_and_resumed_gives_the_same_sets(
+    cli: Cli, tmp_path: Path, whole: Path, how: signal.Signals
+) -> None:
+    broken = tmp_path / "broken"
+    with started(command(*TWELVE, "-o", broken)) as process:
+        while len(sets(broken)) < 3:
+            assert process.poll() is None
+            select.select([], [], [], 0.02)
+        process.send_signal(how)
+        _, errors = process.communicate()
+    before = sets(broken)
+    assert 3 <= len(before) < 12
+    if how == signal.SIGINT:
+        assert process.returncode == 130
+        assert "the same command goes on" in errors
+    stamps = {name: (broken / name).stat().st_mtime_ns for name in before}
+    resumed = cli(*TWELVE, "-o", broken, "--json")
+    assert resumed.code == 0
+    assert json.loads(resumed.out)["made"] <= 12 - len(before)
+    assert sets(broken) == sets(whole)
+    assert {name: (broken / name).stat().st_mtime_ns for name in before} == stamps
+    assert (broken / "summary.csv").read_bytes() == (whole / "summary.csv").read_bytes()
+    assert not list(broken.glob("sets/*/*/.*"))
+
+
+def test_a_missing_package_is_refused_before_anything_is_computed(
+    cli: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pymoo.core.problem", None)
+    ended = cli("bench", "mmf", "-o", tmp_path / "mmf", "--functions", "MMF1", "--algorithms", "imodbo,nsga2")
+    assert ended.code == 2
+    assert "needs pymoo" in ended.error
+    assert not (tmp_path / "mmf").exists()

@@ -1,0 +1,99 @@
+"""Turns at corners against a vehicle that is flown step by step, and what is found in them."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+import shapely
+
+from mission_io.model.areas import Fence, FenceCircle, LatLon
+from mission_io.model.items import Command
+from tests.extras.check.test_checks import checked, found
+from tests.extras.check.worlds import COPTER, PLANE, home, item, lat_lon, mission, up, way, world
+from tests.naive import turn as naive
+from uavcover.extras.check.aircraft import default_aircraft, radius_of_bank_m
+from uavcover.extras.check.flown_path import flown_path
+from uavcover.extras.check.turns import turns_of
+
+EARLY = dataclasses.replace(PLANE, acceptance_m=60.0, return_height_m=130.0)
+
+
+@pytest.mark.parametrize("turn_deg", [20.0, 60.0, -90.0, 130.0, -165.0])
+def test_both_ways_round_a_corner(turn_deg: float) -> None:
+    legs = up(100.0), way(0.0, -1.0, 100.0), way(0.0, 500.0, 100.0), way(
+        -500.0 * math.sin(math.radians(turn_deg)), 500.0 + 500.0 * math.cos(math.radians(turn_deg)), 100.0
+    )  # fmt: skip
+    whole = mission(*legs)
+    path = flown_path(whole, world(), EARLY)
+    turns = [one for one in turns_of(path, whole, EARLY).segments if one.items[1] == 4]
+    assert len(turns) == 2
+    u, v = np.array([0.0, 1.0]), np.array([-math.sin(math.radians(turn_deg)), math.cos(math.radians(turn_deg))])
+    cut_m = max(30.0 * math.tan(math.radians(abs(turn_deg)) / 2.0), 60.0 * min(1.0, abs(turn_deg) / 90.0))
+    for one, flown in zip(turns, (naive.early(u, v, cut_m), naive.late(u, v, 30.0)), strict=True):
+        ours = shapely.LineString(one.enu_m[:, :2])
+        theirs = shapely.LineString(flown + np.array([0.0, 500.0]))
+        assert shapely.hausdorff_distance(shapely.segmentize(ours, 1.0), theirs) < 1.5
+        assert one.enu_m[:, 2] == pytest.approx(100.0, abs=0.2)
+
+
+def test_ground_that_only_a_late_turn_hits() -> None:
+    """The ridge begins 15 m beside the leg, and its top is 50 m above it."""
+    legs = up(50.0), way(0.0, -300.0, 50.0), way(335.0, -300.0, 50.0), way(335.0, 0.0, 50.0), way(0.0, 0.0, 50.0)
+    plane = dataclasses.replace(EARLY, turn_radius_m=60.0, acceptance_m=20.0)
+    told = [one for one in checked(*legs, aircraft=plane).findings if one.kind == "ground"]
+    assert told
+    assert all("in the turn there" in one.what for one in told)
+    assert not [one for one in checked(*legs, aircraft=COPTER).findings if one.kind == "ground"]
+
+
+def test_a_cut_corner_and_the_fence() -> None:
+    circle = Fence(circles=(FenceCircle(LatLon(*lat_lon(-285.0, 285.0)), 10.0, False),))
+    legs = up(50.0), way(0.0, 300.0, 50.0), way(-300.0, 300.0, 50.0), way(-300.0, 0.0, 50.0), home()
+    cut = [one.items for one in checked(*legs, aircraft=EARLY, fence=circle).findings if one.kind == "fence"]
+    assert cut == [(2, 4)]
+    assert not [one for one in checked(*legs, fence=circle).findings if one.kind == "fence"]
+
+
+def test_the_acceptance_radius_of_px4() -> None:
+    px4 = dataclasses.replace(default_aircraft("px4", "multirotor"), return_height_m=130.0)
+    circle = Fence(circles=(FenceCircle(LatLon(*lat_lon(-290.0, 290.0)), 8.0, False),))
+    legs = [up(115.0), way(0.0, 300.0, 115.0), way(-300.0, 300.0, 115.0), way(-300.0, 0.0, 115.0), home()]
+    assert not [one for one in checked(*legs, aircraft=px4, fence=circle).findings if one.kind == "fence"]
+    # The arc of a radius of 30 m comes 12 m nearer to the inside of the corner than the corner itself.
+    legs[2] = dataclasses.replace(legs[2], params=(0.0, 30.0, 0.0, math.nan))
+    assert [one for one in checked(*legs, aircraft=px4, fence=circle).findings if one.kind == "fence"]
+    stop = dataclasses.replace(legs[2], params=(5.0, 30.0, 0.0, math.nan))
+    legs[2] = stop
+    assert not [one for one in checked(*legs, aircraft=px4, fence=circle).findings if one.kind == "fence"]
+
+
+def test_radius_by_speed_and_bank() -> None:
+    assert radius_of_bank_m(15.0, 45.0) == pytest.approx(22.9, abs=0.1)
+    assert PLANE.turn_radius_at(30.0) == pytest.approx(120.0)
+
+
+def test_more_speed_than_the_vehicle_makes() -> None:
+    slow = dataclasses.replace(COPTER, max_airspeed_m_s=9.0, return_height_m=130.0)
+    assert ("speed", (0, 4)) in found(
+        checked(up(), way(300.0, 0.0, 115.0), way(600.0, 0.0, 115.0), home(), aircraft=slow)
+    )
+
+
+@pytest.mark.parametrize("radius_m", [80.0, -80.0])
+def test_wings_leave_a_circle_where_they_head_for_the_next_place(radius_m: float) -> None:
+    """ArduPlane in simulation was 63 m beside a leg from where it had come to the circle."""
+    round_it = item(Command.NAV_LOITER_TURNS, 0.0, 300.0, 100.0, params=(1.0, 0.0, radius_m, 0.0))
+    legs = up(100.0), round_it, way(600.0, 300.0, 60.0)
+    whole = mission(*legs)
+    path = flown_path(whole, world(), PLANE)
+    out = [one.enu_m for one in turns_of(path, whole, PLANE).segments if one.items == (2, 3)]
+    centre = np.array([0.0, 300.0])
+    tangent = next(line for line in out if abs(np.hypot(*(line[0, :2] - centre)) - 80.0) < 0.1)
+    spoke, course = tangent[0, :2] - centre, tangent[-1, :2] - tangent[0, :2]
+    assert abs(float(spoke @ course)) < 0.01 * float(np.hypot(*course)) * 80.0
+    turn = float(spoke[0] * course[1] - spoke[1] * course[0])
+    assert (turn < 0.0) == (radius_m > 0.0)  # clockwise circles are left clockwise
+    assert min(np.hypot(*(line[0, :2] - centre)) for line in out) == pytest.approx(0.0, abs=0.1)
+    assert all(line[-1, :2] == pytest.approx([600.0, 300.0], abs=0.1) for line in out)
+    assert all(line[-1, 2] < line[0, 2] for line in out)

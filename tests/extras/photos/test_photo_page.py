@@ -1,0 +1,115 @@
+"""The report of a verdict on pictures: what it says, that it needs no network, and that it fits a phone."""
+
+import dataclasses
+import json
+import re
+
+import numpy as np
+import pytest
+
+from tests.extras.photos.test_judge_photos import AREA, DEM, shots
+from tests.report.conftest import HOSTILE
+from tests.report.test_accessibility import axe_source, findings
+from uavcover.extras.photos.photo_judgement import PhotoRequest, judged
+from uavcover.extras.photos.photo_map import MAX_FOOTPRINTS, photo_map_data
+from uavcover.extras.photos.photo_page import render_photo_report
+from uavcover.extras.photos.picture import Picture
+from uavcover.extras.photos.placing import Assumptions
+from uavcover.extras.photos.readers import PictureSet
+from uavcover.intake.detection import curve_named
+from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planning.baselines.swaths import fly_layout
+from uavcover.run.new import new_scenario
+from uavcover.run.new_elevation import NewRequest
+from uavcover.run.user import Unattended
+from uavcover.scenario.areas.area_file import AreaQuery
+
+
+@pytest.fixture(scope="module")
+def verdict(tmp_path_factory):
+    """On the first two thirds of a survey's pictures, one of which has no place and a name that would be markup."""
+    request = NewRequest(area=AreaQuery(source=AREA), dem=(DEM,), camera="dji-m3e", gsd="2.5cm", overlap="75/70")
+    site = new_scenario(request, Unattended(), folder=tmp_path_factory.mktemp("scenario")).site
+    taken = shots(site, fly_layout(site, plain_boustrophedon(site)))
+    pictures = [
+        Picture(name=f"p{k}", lat_deg=lat, lon_deg=lon, alt_m=alt, yaw_deg=yaw, pitch_deg=-90.0, time_s=float(time_s))
+        for k, (lat, lon, alt, yaw, time_s) in enumerate(taken[: 2 * len(taken) // 3])
+    ]
+    asked = PhotoRequest(
+        photos=(), area=request, scenario=None, assumed=Assumptions(), takeoff=None, coverage=0.98, mount_known=True,
+        refly=False, budget_s=None, force=False, detection=curve_named("person"), pod=0.95,
+    )  # fmt: skip
+    return judged(asked, PictureSet((*pictures, Picture(name=HOSTILE)), ()), site, Unattended())
+
+
+@pytest.fixture(scope="module")
+def text(verdict):
+    return render_photo_report(verdict)
+
+
+def test_it_says_what_photos_json_says(verdict, text):
+    told = verdict.document
+    assert "<b>Failed</b>" in text
+    assert f"{told['counted']} of {told['pictures']}" in text
+    assert f"{100.0 * told['surely']:.2f} %" in text
+    assert text.count('data-label="why"') == 1 + min(30, len(verdict.gaps))
+    assert told["inputs"]["pictures"] in text
+    assert f"{100.0 * told['detection']['pod']:.2f} %; best picture alone" in text
+    assert "Johnson 1958" in text
+
+
+def test_it_needs_no_network_and_files_are_no_markup(text):
+    assert HOSTILE not in text
+    assert "default-src &#39;none&#39;" in text
+    without_data = re.sub(r'<script type="application/json".*?</script>', "", text, flags=re.DOTALL)
+    page = re.sub(r"<script>.*?</script>", "", without_data, flags=re.DOTALL)
+    assert not re.search(r'(src|href)="(?!#)', page)
+    assert json.loads(re.search(r'id="data">(.*?)</script>', text, re.DOTALL)[1])["cells"]
+
+
+def test_the_map_has_cells_pictures_footprints_and_gaps(verdict):
+    data = photo_map_data(verdict)
+    assert [layer["key"] for layer in data["cells"]][:4] == ["pictures-flown", "sample-flown", "coverage", "gaps"]
+    assert data["cells"][-1]["key"] == "pod"
+    assert len(data["pictures"]["flown"]) == verdict.document["counted"]
+    assert len(data["gaps"]) == len(verdict.gaps) > 0
+    number = 5
+    eye = verdict.placed.eyes_m[number]
+    ring = np.array(data["footprints"][number]["ring"])
+    west, south, east, north = data["bounds"]
+    assert west <= eye[0] <= east
+    assert south <= eye[1] <= north
+    # A camera that looks down stands over the middle of what it shows, give or take the slope.
+    assert np.hypot(*(ring.mean(axis=0) - eye[:2])) < 15.0
+
+
+def test_of_many_pictures_some_footprints_are_drawn(verdict):
+    times = 2 * MAX_FOOTPRINTS // len(verdict.placed.pictures) + 1
+    parts = {
+        name: np.concatenate([getattr(verdict.placed, name)] * times)
+        for name in ("eyes_m", "axes", "tops", "direction_known", "horizontal_m", "vertical_m", "turn_deg")
+    }
+    many = dataclasses.replace(verdict.placed, pictures=verdict.placed.pictures * times, **parts)
+    data = photo_map_data(dataclasses.replace(verdict, placed=many))
+    assert MAX_FOOTPRINTS // 2 <= len(data["footprints"]) <= MAX_FOOTPRINTS
+
+
+@pytest.mark.parametrize("width", [320, 390, 1200])
+def test_it_fits_its_screen(page, tmp_path, text, width):
+    (tmp_path / "photos.html").write_text(text)
+    page.open(tmp_path / "photos.html", width=width, height=844)
+    assert page.run("document.documentElement.scrollWidth") <= width
+    assert page.run("document.querySelectorAll('#map path.footprint').length") > 10
+    assert page.run("document.querySelectorAll('#map img.cells').length") == 1
+    assert page.run("document.getElementById('legend').children.length") > 2
+    assert page.complaints == []
+    assert [url for url in page.requests if not url.startswith(("file:", "data:"))] == []
+
+
+@pytest.mark.parametrize("width", [390, 1400])
+def test_axe_finds_nothing_serious(page, tmp_path, text, width):
+    source = axe_source()
+    (tmp_path / "photos.html").write_text(text, encoding="utf-8")
+    for colors in ("light", "dark"):
+        page.open(tmp_path / "photos.html", width=width, height=844, colors=colors)
+        assert [one for one in findings(page, source) if one["impact"] in {"serious", "critical"}] == []

@@ -1,0 +1,1 @@
+"""A package of a third party that extends uavcover through entry points alone."""

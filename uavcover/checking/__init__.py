@@ -1,1 +1,0 @@
-"""Anybody's mission, judged over the terrain before it is flown."""

@@ -1,0 +1,345 @@
+"""``uavcover bench``: the benchmarks of this project, each a command of its own."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+from uavcover.cli.ending import ending_well
+from uavcover.cli.options import Overview, one_by_one
+
+bench = typer.Typer(
+    cls=Overview,
+    help="Measure what is claimed. Every benchmark can be stopped at any time; the same command goes on.",
+    rich_markup_mode=None,
+)
+
+ResultsFolder = Annotated[
+    Path | None, typer.Option("-o", "--out", help="Folder of the results; runs in it are kept.", metavar="DIR")
+]
+Processes = Annotated[int | None, typer.Option(help="Runs at a time; default: one for each core.", min=1, metavar="N")]
+
+
+@dataclass(frozen=True, slots=True)
+class SeedsAndTimes:
+    """How often and for how long each planner runs."""
+
+    seeds: Annotated[int, typer.Option(help="Runs of each planner; their numbers, from 1, are their seeds.", min=1)] = (
+        10
+    )
+    seeds_long: Annotated[
+        int, typer.Option("--seeds-long", help="Runs with budgets above 100 s.", min=1, metavar="N")
+    ] = 3
+    times: Annotated[str, typer.Option("--time", help="Budgets in seconds of processor time.", metavar="S,T")] = (
+        "10,60,300"
+    )
+    equal_evaluations: Annotated[
+        bool,
+        typer.Option(
+            "--equal-evaluations/--no-equal-evaluations",
+            help="Also run with each scenario's number of evaluations, however long that takes.",
+        ),
+    ] = True
+
+
+def bench_coverage(
+    *,
+    scenarios: Annotated[
+        str | None, typer.Option(help="Some of the scenarios, as paper-r1,jacksboro; default: all.", metavar="A,B")
+    ] = None,
+    algorithms: Annotated[
+        str | None, typer.Option(help="Some of the contenders, as memetic,nsga2; default: all.", metavar="X,Y")
+    ] = None,
+    each: SeedsAndTimes,
+    out: ResultsFolder = None,
+    processes: Processes = None,
+    scheduler: options.Scheduler = None,
+    list_names: Annotated[bool, typer.Option("--list", help="Print the names and end.")] = False,
+    output: options.Output,
+) -> int:
+    """Compare the planner with baselines and other optimizers, at equal processor time and at equal evaluations.
+
+    Stop it when you like: what is done is kept, and the same command goes on; what tells most comes first. A run with a
+    long budget tells the shorter ones as well. Results: table.md, runs.csv and coverage.png.
+    """
+    from uavcover.errors import InputError
+    from uavcover.extras.benchmarks.coverage.contenders import CONTENDERS
+    from uavcover.extras.benchmarks.coverage.judging import CASES
+    from uavcover.extras.benchmarks.coverage.results import write_results
+    from uavcover.extras.benchmarks.coverage.runs import make_runs, wanted_runs
+    from uavcover.extras.benchmarks.runs import KeptRuns
+
+    console = output.console()
+    if list_names:
+        console.say(f"scenarios:  {' '.join(CASES)}")
+        console.say(f"algorithms: {' '.join(CONTENDERS)}")
+        console.result({"scenarios": list(CASES), "algorithms": list(CONTENDERS)})
+        return 0
+    chosen_scenarios = options.names("--scenarios", scenarios, CASES)
+    chosen_algorithms = options.names("--algorithms", algorithms, CONTENDERS)
+    times_s = _seconds(each.times)
+    if out is None:
+        raise InputError("-o/--out: name the folder of the results, as: uavcover bench coverage -o coverage")
+    folder = KeptRuns(out, {"benchmark": "coverage"})
+    with folder.reserved():
+        wanted = wanted_runs(
+            scenarios=chosen_scenarios,
+            algorithms=chosen_algorithms,
+            seeds=each.seeds,
+            seeds_long=each.seeds_long,
+            times_s=times_s,
+            equal_evaluations=each.equal_evaluations,
+        )
+        missing = [run for run in wanted if not folder.has(run.key)]
+        console.say(f"{len(wanted)} runs, {len(wanted) - len(missing)} of them already in {out}")
+        whole_s, done_s, begin = sum(run.guessed_s for run in missing), 0.0, time.monotonic()
+        try:
+            with console.progress("runs", total=len(missing)) as bar:
+                made = make_runs(folder, missing, times_s=times_s, processes=processes, scheduler=scheduler)
+                for done, run in enumerate(made, start=1):
+                    done_s += run.guessed_s
+                    left_min = (whole_s / done_s - 1.0) * (time.monotonic() - begin) / 60.0
+                    bar.update(done, note=f"{done} of {len(missing)}, about {left_min:.0f} min left, last {run.key}")
+        except KeyboardInterrupt:
+            write_results(folder, command=_command(scenarios, algorithms, each))
+            console.warn(f"stopped; the runs that are done are in {out}, with their table: the same command goes on")
+            raise
+        files = write_results(folder, command=_command(scenarios, algorithms, each))
+    for file in files:
+        console.say(f"written: {file}")
+    console.result({"runs": len(wanted), "made": len(missing), "files": [str(file) for file in files]})
+    return 0
+
+
+def _seconds(text: str) -> list[float]:
+    from uavcover.errors import InputError
+
+    try:
+        times_s = [float(part) for part in text.split(",")]
+    except ValueError:
+        times_s = []
+    if not times_s or not all(0.0 < value < 1e6 for value in times_s):
+        raise InputError(f"--time: {text!r} are not seconds above 0; write them as 10,60")
+    return sorted(set(times_s))
+
+
+def _command(scenarios: str | None, algorithms: str | None, each: SeedsAndTimes) -> str:
+    parts = ["uavcover bench coverage"]
+    if scenarios is not None:
+        parts.append(f"--scenarios {scenarios}")
+    if algorithms is not None:
+        parts.append(f"--algorithms {algorithms}")
+    parts.append(f"--seeds {each.seeds} --seeds-long {each.seeds_long} --time {each.times}")
+    if not each.equal_evaluations:
+        parts.append("--no-equal-evaluations")
+    return " ".join([*parts, "-o DIR"])
+
+
+def bench_link(
+    *,
+    clients: Annotated[
+        str | None, typer.Option(help="Some of simulated,native,mavsdk; default: all.", metavar="A,B")
+    ] = None,
+    losses: Annotated[
+        str, typer.Option(help="Shares of the datagrams that get lost, each way.", metavar="X,Y")
+    ] = "0,0.05,0.1,0.2,0.3,0.4",
+    delay_ms: Annotated[
+        float, typer.Option("--delay", help="How long each datagram is under way, in milliseconds.", min=0.0)
+    ] = 1.0,
+    seeds: Annotated[int, typer.Option(help="Runs of each cell; their numbers, from 0, are their seeds.", min=1)] = 50,
+    at_a_time: Annotated[
+        int, typer.Option("--at-a-time", help="Transfers over UDP at once, where datagrams get lost.", min=1)
+    ] = 16,
+    out: ResultsFolder = None,
+    output: options.Output,
+) -> int:
+    """Upload and download 100 items with vehicles that time out as ArduPilot and PX4 do, and count what worked.
+
+    Clients: ours in simulated time, ours over UDP, MAVSDK's over UDP. Stop it when you like: what is done is kept, and
+    the same command goes on. Results: outcomes.csv (every transfer), link.csv and link.md (every cell).
+    """
+    from uavcover.errors import InputError
+    from uavcover.extras.benchmarks.link.runs import read_outcomes, run_missing, trials
+    from uavcover.extras.benchmarks.link.trials import CLIENTS, cells_of, csv_lines, markdown
+    from uavcover.run.folder import write_text
+
+    console = output.console()
+    if out is None:
+        raise InputError("-o/--out: name the folder of the results, as: uavcover bench link -o link")
+    chosen = options.names("--clients", clients, CLIENTS)
+    try:
+        shares = [float(text) for text in losses.split(",")]
+    except ValueError:
+        raise InputError(f"--losses: {losses!r} are not numbers; write them as 0,0.1,0.3") from None
+    if not all(0.0 <= share < 1.0 for share in shares):
+        raise InputError(f"--losses: {losses!r} are not all from 0 to below 1")
+    wanted = trials(clients=chosen, losses=shares, delay_s=delay_ms / 1e3, seeds=seeds)
+    done = {outcome.trial for outcome in read_outcomes(out)}
+    missing = sum(trial not in done for trial in wanted)
+    console.say(f"{len(wanted)} transfers, {len(wanted) - missing} of them already in {out}")
+    try:
+        with console.progress("transfers", total=missing) as bar:
+            for number, outcome in enumerate(run_missing(out, wanted, at_a_time=at_a_time), start=1):
+                bar.update(number, note=f"{number} of {missing}, last {outcome.trial.client} {outcome.trial.loss:.0%}")
+    except KeyboardInterrupt:
+        console.warn(f"stopped; the transfers that are done are in {out}: the same command goes on")
+        raise
+    cells = cells_of(read_outcomes(out))
+    write_text(out / "link.csv", "\n".join(csv_lines(cells)) + "\n")
+    write_text(out / "link.md", markdown(cells) + "\n")
+    for line in markdown(cells).splitlines():
+        console.say(line)
+    console.result(
+        {"transfers": len(wanted), "made": missing, "wrong_unnoticed": sum(cell.wrong_unnoticed for cell in cells)}
+    )
+    return 0
+
+
+@dataclass(frozen=True, slots=True)
+class RunSize:
+    """How much each run does and returns."""
+
+    population: Annotated[int, typer.Option(help="Candidates of each iteration.", min=1)] = 200
+    iterations: Annotated[int, typer.Option(help="Iterations of each run.", min=1)] = 500
+    archive: Annotated[int, typer.Option(help="Most solutions that a run returns.", min=1)] = 200
+
+
+def bench_mmf(
+    *,
+    functions: Annotated[
+        str | None, typer.Option(help="Some of the functions, as MMF1,MMF14_a; default: all.", metavar="A,B")
+    ] = None,
+    algorithms: Annotated[
+        str | None,
+        typer.Option(
+            help="Some of the algorithms, as imodbo,pymoo:NSGA3,my_module:MyClass; default: all of ours.", metavar="X,Y"
+        ),
+    ] = None,
+    runs: Annotated[int, typer.Option(help="Runs of each; their numbers, from 1, are their seeds.", min=1)] = 10,
+    out: ResultsFolder = None,
+    size: RunSize,
+    processes: Processes = None,
+    scheduler: options.Scheduler = None,
+    list_names: Annotated[bool, typer.Option("--list", help="Print the names and end.")] = False,
+    output: options.Output,
+) -> int:
+    """Run optimizers on the 24 multimodal functions, and tabulate IGD, IGDx, CR, PSP and hypervolume.
+
+    Stop it when you like: what is done is kept, and the same command goes on. Results: summary.csv, tables.md with
+    the paper's figures beside, runs.csv, comparisons.csv, figure3.png to figure6.png, and sets/FUNCTION/ALGORITHM/RUN.csv.
+    """
+    from uavcover.errors import InputError
+    from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
+    from uavcover.extras.benchmarks.mmf.results import write_results
+    from uavcover.extras.benchmarks.mmf.runs import (
+        Budget,
+        MmfFolder,
+        contender_names,
+        make_runs,
+        missing_runs,
+        try_each,
+    )
+
+    console = output.console()
+    if list_names:
+        console.say(f"functions:  {' '.join(PROBLEMS)}")
+        console.say(f"algorithms: {' '.join(contender_names())}")
+        console.result({"functions": list(PROBLEMS), "algorithms": contender_names()})
+        return 0
+    chosen_functions = options.names("--functions", functions, PROBLEMS)
+    chosen_algorithms = options.names("--algorithms", algorithms, contender_names(options.listed(algorithms)))
+    if out is None:
+        raise InputError("-o/--out: name the folder of the results, as: uavcover bench mmf -o mmf")
+    folder, budget = MmfFolder(out), Budget(size.population, size.iterations, size.archive)
+    try_each(chosen_algorithms, budget)
+    with folder.reserved(budget):
+        missing = missing_runs(folder, functions=chosen_functions, algorithms=chosen_algorithms, runs=runs)
+        wanted = len(chosen_functions) * len(chosen_algorithms) * runs
+        console.say(f"{wanted} runs, {wanted - len(missing)} of them already in {out}")
+        try:
+            with console.progress("runs", total=len(missing)) as bar:
+                made = make_runs(folder, missing, budget, processes=processes, scheduler=scheduler)
+                for done, run in enumerate(made, start=1):
+                    bar.update(done, note=f"{done} of {len(missing)}, last {run}")
+        except KeyboardInterrupt:
+            console.warn(f"stopped; the runs that are done are in {out}: the same command goes on")
+            raise
+        files = write_results(folder, budget)
+    for file in files:
+        console.say(f"written: {file}")
+    console.result({"runs": wanted, "made": len(missing), "files": [str(file) for file in files]})
+    return 0
+
+
+def bench_paper(
+    *,
+    readings: Annotated[
+        str | None, typer.Option(help="Some of the readings, as R2-ray,planar; default: all.", metavar="A,B")
+    ] = None,
+    runs: Annotated[int, typer.Option(help="Runs of each; their numbers, from 1, are their seeds.", min=1)] = 5,
+    out: ResultsFolder = None,
+    population: Annotated[int, typer.Option(help="Beetles.", min=20)] = 50,
+    iterations: Annotated[int, typer.Option(help="Iterations of each run.", min=1)] = 500,
+    processes: Processes = None,
+    list_names: Annotated[bool, typer.Option("--list", help="Print the readings and end.")] = False,
+    output: options.Output,
+) -> int:
+    """Run MODBO and IMODBO on the paper's simulation, under five readings of its sensor.
+
+    Stop it when you like: what is done is kept, and the same command goes on. Results: tables.md (Tables 5 and 6 beside
+    the paper's, and which reading fits), runs.csv, the routes, figure7.png and figures8-11-READING.png.
+    """
+    from uavcover.errors import InputError
+    from uavcover.extras.benchmarks.paper.results import write_results
+    from uavcover.extras.benchmarks.paper.runs import ALGORITHMS, READINGS, make_runs, paper_runs
+    from uavcover.extras.benchmarks.runs import KeptRuns, available_cores
+
+    console = output.console()
+    if list_names:
+        for reading in READINGS.values():
+            console.say(f"{reading.name:12} {reading.meaning}")
+        console.result({"readings": list(READINGS)})
+        return 0
+    chosen = options.names("--readings", readings, READINGS)
+    if out is None:
+        raise InputError("-o/--out: name the folder of the results, as: uavcover bench paper -o paper")
+    folder = KeptRuns(out, {"population": population, "iterations": iterations})
+    with folder.reserved():
+        wanted = paper_runs(chosen, ALGORITHMS, runs)
+        missing = [run for run in wanted if not folder.has(run.key)]
+        console.say(f"{len(wanted)} runs, {len(wanted) - len(missing)} of them already in {out}")
+        made = make_runs(
+            folder, missing, population=population, iterations=iterations, processes=processes or available_cores()
+        )
+        try:
+            with console.progress("runs", total=len(missing)) as bar:
+                for done, run in enumerate(made, start=1):
+                    bar.update(done, note=f"{done} of {len(missing)}, last {run.key}")
+        except KeyboardInterrupt:
+            console.warn(f"stopped; the runs that are done are in {out}: the same command goes on")
+            raise
+        files = write_results(folder)
+    for file in files:
+        console.say(f"written: {file}")
+    console.result({"runs": len(wanted), "made": len(missing), "files": [str(file) for file in files]})
+    return 0
+
+
+_BENCHMARKS: dict[str, tuple[Callable[..., int], str]] = {
+    "coverage": (bench_coverage, "planners and baselines on the bundled scenarios, at equal time"),
+    "link": (bench_link, "missions over links that lose datagrams, against MAVSDK"),
+    "mmf": (bench_mmf, "the paper's 24 functions: Tables 3 and 4, tests, figures"),
+    "paper": (bench_paper, "the paper's simulation: Tables 5 and 6, Figures 7 to 11"),
+}
+
+for _name, (_run, _short) in _BENCHMARKS.items():
+    bench.command(_name, short_help=_short, rich_help_panel="Measure")(ending_well(one_by_one(_run)))
+
+
+@bench.callback()
+def _group() -> None:
+    """Keep ``mmf`` a command also while it is the only one."""

@@ -1,0 +1,286 @@
+"""The tables of the MMF benchmark as Markdown and CSV: the paper's Tables 3 and 4, wins and losses, ranks, fidelity, ablation.
+
+Beside our figures stand those that the paper reports, and the highest PSP that was found for a set of 200 points.
+"""
+
+import csv
+import math
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from types import MappingProxyType
+
+import numpy as np
+
+from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
+from uavcover.extras.benchmarks.mmf.runs import FLOOR, Budget, table_order
+from uavcover.extras.benchmarks.mmf.summary import METRICS, Samples, figure
+from uavcover.extras.benchmarks.rank_tests import Comparison, compared, friedman
+
+
+@dataclass(frozen=True, slots=True)
+class Published:
+    """A figure of the paper.
+
+    Attributes:
+        mean: over 10 runs.
+        std: the standard deviation; NaN where there is none.
+    """
+
+    mean: float
+    std: float
+
+
+@cache
+def published() -> MappingProxyType[tuple[str, str, str], Published]:
+    """(metric, function, algorithm) -> figure, for IGD and PSP and the seven algorithms of the paper.
+
+    Algorithm ``ceiling`` (PSP only) is no algorithm but the highest PSP that was found by optimizing 200 points against the
+    reference set itself, with an IGD no worse than the paper's IMODBO: a search result, not a proof.
+    """
+    text = files("uavcover").joinpath("data", "paper_mmf.csv").read_text(encoding="utf-8")
+    return MappingProxyType(
+        {
+            (row["metric"], row["function"], row["algorithm"]): Published(
+                float(row["mean"]), float(row["std"] or "nan")
+            )
+            for row in csv.DictReader(text.splitlines())
+        }
+    )
+
+
+PAPER = ("nsga2", "moead", "mowoa", "mossa", "mogwo", "modbo", "imodbo")
+"""The algorithms of the paper, in the order of its tables."""
+
+_ABLATION = (
+    "modbo",
+    "modbo+lhs",
+    "modbo+dynamic",
+    "modbo+sine-cosine",
+    "imodbo-lhs",
+    "imodbo-dynamic",
+    "imodbo-sine-cosine",
+    "imodbo",
+)
+_READINGS = ("modbo", "modbo+own-best", "imodbo", "imodbo+own-best")
+_VARIANTS = tuple(name for name in (*_ABLATION, *_READINGS) if "+" in name or "-" in name)
+
+
+def contestants(samples: Samples) -> list[str]:
+    """The algorithms that were run, without ablation variants, in our order; the floor comes last."""
+    return table_order({algorithm for _, algorithm in samples if algorithm not in _VARIANTS})
+
+
+def tables_markdown(samples: Samples, budget: Budget, *, version: str) -> str:
+    """``tables.md``: everything that can be said of the runs that are there."""
+    runs = sorted({len(columns["IGD"]) for columns in samples.values()})
+    told = str(runs[0]) if len(runs) == 1 else f"{runs[0]} to {runs[-1]}"
+    parts = [
+        "# The MMF functions\n",
+        f"uavcover {version}; {told} run(s) of each; population {budget.population}, {budget.iterations} iterations "
+        f"({budget.population * budget.iterations:,} evaluations), at most {budget.archive} solutions returned. Mean ± standard "
+        f"deviation of the runs. `{FLOOR}` is {budget.archive} uniform random points: the floor, no algorithm. PSP says nothing "
+        "without IGD beside it: random points have a higher PSP than the paper's IMODBO on nine functions.\n",
+        _beside_the_paper(samples, "IGD", "Table 3: IGD, less is better"),
+        _beside_the_paper(samples, "PSP", "Table 4: PSP, more is better"),
+        *(_means(samples, metric, f"{metric}, {METRICS[metric]} is better") for metric in ("IGDx", "CR", "HV")),
+    ]
+    parts += [_ratios(samples, metric) for metric in ("IGD", "PSP")]
+    parts += [_limits(samples, pivot) for pivot in pivots(samples)]
+    parts += [_wins(samples, pivot) for pivot in pivots(samples)]
+    parts.append(_ranks(samples))
+    parts.append(_ablation(samples, _ABLATION, "The three improvements of IMODBO, one by one"))
+    parts.append(_ablation(samples, _READINGS, "Survival by front and crowding, or each beetle its own best"))
+    return "\n".join(part for part in parts if part)
+
+
+def pivots(samples: Samples) -> list[str]:
+    """Whom the others are compared with: IMODBO and its better variants, where they were run."""
+    return [name for name in contestants(samples) if name.startswith("imodbo")]
+
+
+def rivals_of(pivot: str, function: str, samples: Samples) -> list[str]:
+    """The contestants other than ``pivot`` that were run on a function; the floor is none of them."""
+    return [name for name in contestants(samples) if name not in (pivot, FLOOR) and (function, name) in samples]
+
+
+def comparisons(samples: Samples, pivot: str, metric: str) -> dict[str, list[Comparison]]:
+    """Function -> how ``pivot`` stands to each rival; one family of tests for each function."""
+    return {
+        function: compared(
+            samples[function, pivot][metric],
+            [(name, samples[function, name][metric]) for name in rivals_of(pivot, function, samples)],
+            better=METRICS[metric],
+        )
+        for function in functions(samples)
+        if (function, pivot) in samples
+    }
+
+
+def functions(samples: Samples) -> list[str]:
+    """The functions that were run, in our order."""
+    return [name for name in PROBLEMS if any(key[0] == name for key in samples)]
+
+
+def markdown(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A Markdown table.
+
+    >>> print(markdown(["a", "b"], [["1", "2"]]))
+    | a | b |
+    |---|---|
+    | 1 | 2 |
+    """
+    lines = [header, ["---"] * len(header), *rows]
+    return "\n".join("|" + "|".join(f" {cell} " if cell != "---" else cell for cell in line) + "|" for line in lines)
+
+
+def short(value: float) -> str:
+    """A figure with four digits, for people: the CSV files have it unrounded."""
+    if math.isnan(value):
+        return "-"
+    return f"{value:.4g}" if 1e-2 <= abs(value) < 1e5 or value == 0 or math.isinf(value) else f"{value:.3e}"
+
+
+def _mean_and_std(samples: Samples, function: str, algorithm: str, metric: str) -> str:
+    if (function, algorithm) not in samples:
+        return "-"
+    told = figure(samples[function, algorithm][metric])
+    return short(told.mean) if math.isnan(told.std) else f"{short(told.mean)} ± {told.std:.1e}"
+
+
+def _means(samples: Samples, metric: str, title: str) -> str:
+    names = contestants(samples)
+    rows = [
+        [function, *(_mean_and_std(samples, function, name, metric) for name in names)]
+        for function in functions(samples)
+    ]
+    return f"## {title}\n\n{markdown(['function', *names], rows)}\n"
+
+
+def _beside_the_paper(samples: Samples, metric: str, title: str) -> str:
+    """Two rows for each function: ours, and the paper's."""
+    names, figures = contestants(samples), published()
+    with_ceiling = metric == "PSP"
+    header = ["function", "", *names, *(["ceiling"] if with_ceiling else [])]
+    rows = []
+    for function in functions(samples):
+        ours = [_mean_and_std(samples, function, name, metric) for name in names]
+        theirs = []
+        for name in names:
+            printed = figures.get((metric, function, name))
+            theirs.append(f"{short(printed.mean)} ± {printed.std:.1e}" if printed else "")
+        ceiling = [short(figures[metric, function, "ceiling"].mean)] if with_ceiling else []
+        rows += [[function, "ours", *ours, *ceiling], ["", "paper", *theirs, *([""] if with_ceiling else [])]]
+    return f"## {title}\n\n{markdown(header, rows)}\n"
+
+
+def _ratios(samples: Samples, metric: str) -> str:
+    """Our mean over the paper's, for each algorithm that the paper has."""
+    names = [name for name in PAPER if name in contestants(samples)]
+    if not names:
+        return ""
+    figures = published()
+    ratios = {
+        (function, name): samples[function, name][metric].mean() / figures[metric, function, name].mean
+        for function in functions(samples)
+        for name in names
+        if (function, name) in samples
+    }
+    rows = [
+        [function, *(short(ratios.get((function, name), math.nan)) for name in names)]
+        for function in functions(samples)
+    ]
+    for limit in (1.5, 2.0):
+        within = [
+            [1.0 / limit <= ratio <= limit for (_, other), ratio in ratios.items() if other == name] for name in names
+        ]
+        rows.append([f"within a factor of {limit:g}", *(f"{sum(every)} of {len(every)}" for every in within)])
+    at_least_as_good = [
+        [
+            ratio <= 1.0 if METRICS[metric] == "less" else ratio >= 1.0
+            for (_, other), ratio in ratios.items()
+            if other == name
+        ]
+        for name in names
+    ]
+    rows.append(["at least as good", *(f"{sum(every)} of {len(every)}" for every in at_least_as_good)])
+    return f"## {metric}: ours / the paper's\n\n{markdown(['function', *names], rows)}\n"
+
+
+def _limits(samples: Samples, name: str) -> str:
+    """One algorithm against the paper's IMODBO and against the highest PSP known."""
+    figures = published()
+    shared = complete(samples, [name])
+    rows, ratios = [], []
+    for function in shared:
+        told = {metric: samples[function, name][metric].mean() for metric in ("PSP", "IGD")}
+        psp = told["PSP"] / figures["PSP", function, "imodbo"].mean
+        ceiling = told["PSP"] / figures["PSP", function, "ceiling"].mean
+        igd = told["IGD"] / figures["IGD", function, "imodbo"].mean
+        ratios.append((psp, ceiling, igd))
+        both = "yes" if psp > 1 and igd <= 1 else "**no**"
+        rows.append([function, short(told["PSP"]), f"{psp:.2f}", f"{ceiling:.2f}", f"{igd:.2f}", both])
+    table = np.array(ratios)
+    kept = table[:, 2] <= 1
+    return (
+        f"## {name} against the paper's IMODBO and the ceiling\n\n"
+        "The ceiling is the highest PSP found for 200 points with that IGD by optimizing against the reference itself; "
+        "no proof.\n\n"
+        f"{markdown(['function', 'PSP', '/ paper', '/ ceiling', 'IGD / paper', 'both'], rows)}\n\n"
+        f"Together with an IGD no worse than the paper's IMODBO: PSP above its on {int((kept & (table[:, 0] > 1)).sum())} of "
+        f"{len(table)}; at least 0.7 of the ceiling on {int((kept & (table[:, 1] >= 0.7)).sum())}, "
+        f"0.9 on {int((kept & (table[:, 1] >= 0.9)).sum())}.\n"
+    )
+
+
+def _wins(samples: Samples, pivot: str) -> str:
+    rivals = [name for name in contestants(samples) if name not in (pivot, FLOOR)]
+    rows = []
+    for metric in METRICS:
+        told = comparisons(samples, pivot, metric)
+        cells = []
+        for rival in rivals:
+            outcomes = [one.outcome for per_function in told.values() for one in per_function if one.rival == rival]
+            cells.append("/".join(str(outcomes.count(kind)) for kind in ("win", "tie", "loss")))
+        all_won = sum(bool(per) and all(one.outcome == "win" for one in per) for per in told.values())
+        rows.append([metric, *cells, f"{all_won} of {len(told)}"])
+    return (
+        f"## {pivot} against the others: win/tie/loss\n\nWilcoxon's rank-sum test, two-sided at 5 %, Holm's correction over the "
+        f"rivals on each function. Last column: functions on which it wins against every other.\n\n"
+        f"{markdown(['', *rivals, 'wins against all'], rows)}\n"
+    )
+
+
+def complete(samples: Samples, names: Collection[str]) -> list[str]:
+    """The functions on which all of ``names`` were run."""
+    return [function for function in functions(samples) if all((function, name) in samples for name in names)]
+
+
+def _ranks(samples: Samples) -> str:
+    names = [name for name in contestants(samples) if name != FLOOR]
+    shared = complete(samples, names)
+    if len(names) < 2 or not shared:
+        return ""
+    rows = []
+    for metric in METRICS:
+        means = np.array([[samples[function, name][metric].mean() for name in names] for function in shared])
+        told = friedman(means, better=METRICS[metric])
+        rows.append([metric, *(f"{rank:.2f}" for rank in told.ranks), short(told.p)])
+    return f"## Friedman's mean ranks over {len(shared)} functions (1 is best)\n\n{markdown(['', *names, 'p'], rows)}\n"
+
+
+def _ablation(samples: Samples, variants: Sequence[str], title: str) -> str:
+    names = [name for name in variants if any(key[1] == name for key in samples)]
+    shared = complete(samples, names)
+    if not shared or "modbo" not in names or not set(names) & set(_VARIANTS):
+        return ""
+    parts = [f"## {title}\n"]
+    for metric in ("IGD", "PSP"):
+        means = np.array([[samples[function, name][metric].mean() for name in names] for function in shared])
+        ratio = np.exp(np.log(means / means[:, [names.index("modbo")]]).mean(axis=0))
+        rows = [[function, *map(short, row)] for function, row in zip(shared, means, strict=True)]
+        rows.append(["geometric mean of the ratio to modbo", *(f"{value:.3f}" for value in ratio)])
+        rows.append(["mean rank", *(f"{rank:.2f}" for rank in friedman(means, better=METRICS[metric]).ranks)])
+        parts.append(f"{metric}, {METRICS[metric]} is better:\n\n{markdown(['function', *names], rows)}\n")
+    return "\n".join(parts)

@@ -1,0 +1,341 @@
+"""Everything that is written about the runs of the paper's simulation: Tables 5 and 6, and Figures 7 to 11.
+
+The tables put what the runs of each reading come to beside the paper's figures, as Markdown and CSV. The figures show the
+terrain and what both algorithms planned over it, from the side and from above.
+"""
+
+import csv
+import io
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Final
+
+import numpy as np
+
+from uavcover.extras.benchmarks.mmf.tables import markdown
+from uavcover.extras.benchmarks.paper.runs import (
+    ALGORITHMS,
+    READINGS,
+    TABLE_5,
+    TABLE_6,
+    Figures,
+    PaperResult,
+    Reading,
+    paper_runs,
+    read_result,
+)
+from uavcover.extras.benchmarks.runs import KeptRuns
+from uavcover.kernels.arrays import FloatArray
+from uavcover.planning.selection_rule import PAPER_WEIGHTS
+from uavcover.run.folder import write_text
+from uavcover.sensing.coverage_map import CoverageMap
+
+Results = Mapping[tuple[str, str], Sequence[PaperResult]]
+"""The results of the runs by reading and algorithm, in the order of their numbers."""
+
+PAPERS_NODES = (38, 44)
+"""Numbers of nodes that the paper's schemes have: both means of Table 5, give or take a standard deviation."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Scheme:
+    """A member of a run's Pareto set that was chosen."""
+
+    figures: Figures
+    route: FloatArray
+
+
+def by_weights(results: Sequence[PaperResult]) -> Scheme:
+    """The smallest weighted sum of the objectives, each scaled to 0..1 over the sets of all results (section 5.3)."""
+    schemes = _all(results)
+    values = np.array([[-s.figures.coverage, s.figures.nodes, s.figures.length] for s in schemes])
+    spread = np.ptp(values, axis=0)
+    scaled = (values - values.min(axis=0)) / np.where(spread > 0.0, spread, 1.0)
+    return schemes[int(np.argmin(scaled @ np.array(PAPER_WEIGHTS)))]
+
+
+def by_nodes(results: Sequence[PaperResult]) -> Scheme:
+    """Most coverage with as many nodes as the paper has; with the nearest number where there is none such."""
+    low, high = PAPERS_NODES
+
+    def away(scheme: Scheme) -> float:
+        return max(0.0, low - scheme.figures.nodes, scheme.figures.nodes - high)
+
+    return min(_all(results), key=lambda s: (away(s), -s.figures.coverage, s.figures.length))
+
+
+CHOICES: Final = MappingProxyType[str, Callable[[Sequence[PaperResult]], Scheme]](
+    {"weights": by_weights, "nodes": by_nodes}
+)
+"""How one scheme is chosen: by the paper's weights, or by its number of nodes."""
+
+
+def _all(results: Sequence[PaperResult]) -> list[Scheme]:
+    return [
+        Scheme(figures, route) for result in results for figures, route in zip(result.front, result.routes, strict=True)
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class TableRow:
+    """A row of Table 5: mean and standard deviation (of a sample; NaN for one run) over the runs."""
+
+    mean: Figures
+    std: Figures
+    runs: int
+
+
+def row(results: Sequence[PaperResult], choice: str) -> TableRow:
+    """The runs of one algorithm on one reading."""
+    chosen = [CHOICES[choice]([result]).figures for result in results]
+    values = np.array([[c.coverage, c.nodes, c.length] for c in chosen])
+    std = values.std(axis=0, ddof=1) if len(values) > 1 else np.full(3, math.nan)
+    return TableRow(Figures(*values.mean(axis=0).tolist()), Figures(*std.tolist()), len(values))
+
+
+def misfit(rows: Mapping[str, TableRow]) -> float:
+    """How far the rows of both algorithms are from Table 5: root mean square of the six means' relative deviations."""
+    deviations = [
+        getattr(rows[algorithm].mean, name) / getattr(mean, name) - 1.0
+        for algorithm, (mean, _) in TABLE_5.items()
+        for name in ("coverage", "nodes", "length")
+    ]
+    return math.sqrt(sum(d * d for d in deviations) / len(deviations))
+
+
+_CHOSEN = {
+    "weights": "chosen by the weights 0.6, 0.2, 0.2 (section 5.3)",
+    "nodes": f"chosen by the paper's number of nodes: most coverage with {PAPERS_NODES[0]} to {PAPERS_NODES[1]}",
+}
+
+
+def readings_done(results: Results) -> list[str]:
+    """Readings that both algorithms have runs of, in our order."""
+    return [name for name in READINGS if all((name, algorithm) in results for algorithm in ALGORITHMS)]
+
+
+def runs_csv(results: Results) -> str:
+    """``runs.csv``: reading, algorithm, run, choice, coverage, nodes, length, cpu_s; unrounded."""
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["reading", "algorithm", "run", "choice", "coverage", "nodes", "length", "cpu_s"])
+    for (reading, algorithm), found in results.items():
+        for number, result in enumerate(found, start=1):
+            for choice, choose in CHOICES.items():
+                figures = choose([result]).figures
+                writer.writerow(
+                    [reading, algorithm, number, choice, figures.coverage, figures.nodes, figures.length, result.cpu_s]
+                )
+    return text.getvalue()
+
+
+def tables_markdown(results: Results, *, population: int, iterations: int, version: str) -> str:
+    """``tables.md``: both tables for both choices, and the readings by how well they fit."""
+    runs = sorted({len(found) for found in results.values()})
+    told = str(runs[0]) if len(runs) == 1 else f"{runs[0]} to {runs[-1]}"
+    parts = [
+        "# The paper's simulation under five readings\n",
+        f"uavcover {version}; population {population}, {iterations} iterations, {told} run(s) of each, seeds from 1. Mean ± "
+        "standard deviation. Lengths in the paper's units.\n",
+        "| reading | meaning |\n|---|---|\n"
+        + "\n".join(f"| {name} | {READINGS[name].meaning} |" for name in readings_done(results))
+        + "\n",
+    ]
+    for choice, told in _CHOSEN.items():
+        parts += [f"## Table 5, {told}\n", _table_5(results, choice)]
+    for choice, told in _CHOSEN.items():
+        parts += [f"## Table 6: of all runs one scheme, {told}\n", _table_6(results, choice)]
+    parts += [
+        "## Which reading fits\n",
+        "Root mean square of the relative deviations of the six means of Table 5 (coverage, nodes and length of both "
+        "algorithms); coverage apart, in percentage points, ours less the paper's; least misfit first.\n",
+        _fits(results),
+    ]
+    return "\n".join(parts)
+
+
+def _table_5(results: Results, choice: str) -> str:
+    lines = [["paper", algorithm, *_spread(TableRow(mean, std, 5)), ""] for algorithm, (mean, std) in TABLE_5.items()]
+    for reading in readings_done(results):
+        rows: dict[str, TableRow] = {algorithm: row(results[reading, algorithm], choice) for algorithm in ALGORITHMS}
+        fit = f"{misfit(rows):.3f}"
+        lines += [[reading, algorithm, *_spread(rows[algorithm]), fit] for algorithm in ALGORITHMS]
+    return markdown(["reading", "algorithm", "coverage %", "length", "nodes", "misfit"], lines) + "\n"
+
+
+def _table_6(results: Results, choice: str) -> str:
+    lines = [["paper", algorithm, *_plain(figures)] for algorithm, figures in TABLE_6.items()]
+    for reading in readings_done(results):
+        for algorithm in ALGORITHMS:
+            lines.append([reading, algorithm, *_plain(CHOICES[choice](results[reading, algorithm]).figures)])
+    return markdown(["reading", "algorithm", "coverage %", "length", "nodes"], lines) + "\n"
+
+
+def _fits(results: Results) -> str:
+    found: list[tuple[float, list[str]]] = []
+    for choice in CHOICES:
+        for reading in readings_done(results):
+            rows: dict[str, TableRow] = {
+                algorithm: row(results[reading, algorithm], choice) for algorithm in ALGORITHMS
+            }
+            gaps = [100.0 * (rows[name].mean.coverage - TABLE_5[name][0].coverage) for name in ALGORITHMS]
+            gain = 100.0 * (rows["imodbo"].mean.coverage - rows["modbo"].mean.coverage)
+            fit = misfit(rows)
+            cells = [reading, choice, f"{fit:.3f}", *(f"{gap:+.1f}" for gap in gaps), f"{gain:+.1f}"]
+            found.append((fit, cells))
+    paper_gain = 100.0 * (TABLE_5["imodbo"][0].coverage - TABLE_5["modbo"][0].coverage)
+    header = ["reading", "choice", "misfit", "modbo", "imodbo", f"imodbo less modbo (paper {paper_gain:+.1f})"]
+    return markdown(header, [cells for _, cells in sorted(found, key=lambda item: item[0])]) + "\n"
+
+
+def _spread(told: TableRow) -> Sequence[str]:
+    mean, std = told.mean, told.std
+    return (
+        f"{100 * mean.coverage:.2f} ± {100 * std.coverage:.2f}",
+        f"{mean.length:.2f} ± {std.length:.2f}",
+        f"{mean.nodes:.1f} ± {std.nodes:.1f}",
+    )
+
+
+def _plain(figures: Figures) -> Sequence[str]:
+    return f"{100 * figures.coverage:.1f}", f"{figures.length:.2f}", f"{figures.nodes:.0f}"
+
+
+_FIGURES = {"modbo": (8, 10), "imodbo": (9, 11)}
+_SIDE = 10.0
+_STEPS = 81
+
+
+def draw_terrain(path: Path) -> Path:
+    """Figure 7: the terrain (Eq. 26); returns the file."""
+    plt = _pyplot()
+    page = plt.figure(figsize=(5.0, 3.8))
+    try:
+        axis = page.add_subplot(projection="3d")
+        axis.plot_surface(*_surface(READINGS["planar"]), cmap="terrain", linewidth=0.0)
+        axis.set(xlabel="x", ylabel="y", zlabel="z", title="As the paper's Figure 7: z = sin(y) cos(x)")
+        page.tight_layout()
+        page.savefig(path, dpi=80)
+    finally:
+        plt.close(page)
+    return path
+
+
+def draw_schemes(path: Path, reading: Reading, schemes: dict[str, Scheme]) -> Path:
+    """Figures 8 to 11 for a reading: side view and top view of each algorithm's scheme; returns the file.
+
+    The top view has what is seen in green and what is not in red.
+    """
+    plt = _pyplot()
+    page = plt.figure(figsize=(9.0, 7.6))
+    try:
+        for column, algorithm in enumerate(ALGORITHMS):
+            scheme = schemes[algorithm]
+            figures = scheme.figures
+            side, top = _FIGURES[algorithm]
+            told = f"{100 * figures.coverage:.1f} %, {figures.nodes:.0f} nodes, length {figures.length:.1f}"
+            axis = page.add_subplot(2, 2, 1 + column, projection="3d")
+            _side_view(axis, reading, scheme.route)
+            axis.set_title(f"As Figure {side}: {algorithm}, {told}", fontsize=9)
+            axis = page.add_subplot(2, 2, 3 + column)
+            _top_view(axis, reading, scheme.route)
+            axis.set_title(f"As Figure {top}: {algorithm}", fontsize=9)
+        page.suptitle(f"{reading.name}: {reading.meaning}", fontsize=10)
+        page.tight_layout()
+        page.savefig(path, dpi=80)
+    finally:
+        plt.close(page)
+    return path
+
+
+def _side_view(axis: Any, reading: Reading, route: FloatArray) -> None:
+    axis.plot_surface(*_surface(reading), cmap="terrain", linewidth=0.0, alpha=0.45)
+    axis.plot(*route.T, ".-", color="tab:red", markersize=4.0, linewidth=1.0)
+    axis.view_init(elev=18.0, azim=-60.0)
+    axis.set(xlabel="x", ylabel="y", zlabel="z")
+    axis.tick_params(labelsize=6)
+
+
+def _top_view(axis: Any, reading: Reading, route: FloatArray) -> None:
+    site = reading.site()
+    coverage = CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m)
+    lattice = coverage.grid.cells.lattice
+    picture = np.where(lattice >= 0, coverage.seen(route)[lattice], np.nan)
+    axis.imshow(picture, origin="lower", extent=(0.0, _SIDE, 0.0, _SIDE), cmap="RdYlGn", vmin=-0.3, vmax=1.3, alpha=0.6)
+    axis.contour(*_surface(reading), levels=7, colors="0.4", linewidths=0.4)
+    axis.plot(*route[:, :2].T, ".-", color="black", markersize=5.0, linewidth=0.9)
+    axis.plot(*route[:1, :2].T, "o", color="tab:blue", markersize=7.0, markerfacecolor="none")
+    axis.set(xlabel="x", ylabel="y", aspect="equal")
+    axis.tick_params(labelsize=6)
+
+
+def _surface(reading: Reading) -> tuple[FloatArray, FloatArray, FloatArray]:
+    axis = np.linspace(0.0, _SIDE, _STEPS)
+    x, y = np.meshgrid(axis, axis)
+    z = reading.site().ground.heights_m(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
+    return x, y, z
+
+
+def _pyplot() -> Any:
+    import matplotlib
+
+    matplotlib.use("Agg")
+    from matplotlib import pyplot
+
+    return pyplot
+
+
+_MOST_RUNS = 1000
+
+
+def read_results(folder: KeptRuns) -> Results:
+    """Every run that is done, whoever asked for it.
+
+    Raises:
+        InputError: the file of a run cannot be read.
+    """
+    found: dict[tuple[str, str], list[PaperResult]] = {}
+    done = set(folder.done())
+    for run in paper_runs(READINGS, ALGORITHMS, _MOST_RUNS):
+        if run.key in done:
+            found.setdefault((run.reading, run.algorithm), []).append(read_result(folder, run))
+    return found
+
+
+def write_results(folder: KeptRuns) -> list[Path]:
+    """Write runs.csv, tables.md, the routes and the figures; returns the files.
+
+    Raises:
+        InputError: the file of a run cannot be read.
+        OutputError: a file cannot be written.
+    """
+    results = read_results(folder)
+    population, iterations = int(folder.settings["population"]), int(folder.settings["iterations"])
+    told = tables_markdown(results, population=population, iterations=iterations, version=version("uavcover"))
+    texts = {"runs.csv": runs_csv(results), "tables.md": told}
+    drawn: dict[str, dict[str, Scheme]] = {}
+    for reading in readings_done(results):
+        for choice, choose in CHOICES.items():
+            schemes: dict[str, Scheme] = {algorithm: choose(results[reading, algorithm]) for algorithm in ALGORITHMS}
+            drawn.setdefault(reading, schemes)
+            for algorithm, scheme in schemes.items():
+                texts[f"route-{reading}-{algorithm}-{choice}.csv"] = _route_csv(scheme)
+    for name, text in texts.items():
+        write_text(folder.path / name, text)
+    files = [folder.path / name for name in texts]
+    files.append(draw_terrain(folder.path / "figure7.png"))
+    for reading, schemes in drawn.items():
+        files.append(draw_schemes(folder.path / f"figures8-11-{reading}.png", READINGS[reading], schemes))
+    return files
+
+
+def _route_csv(scheme: Scheme) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(["x", "y", "z"])
+    writer.writerows(scheme.route.tolist())
+    return text.getvalue()

@@ -1,0 +1,199 @@
+"""The runs of the paper's simulation: MODBO and IMODBO on each reading, five times each, as in section 5.3.
+
+A reading is one way to understand the paper's sensor: the paper does not say which made its Tables 5 and 6, which stand here as
+printed.
+"""
+
+import dataclasses
+import time
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+
+from uavcover.extras.benchmarks.runs import KeptRuns, completed
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.route import RouteMember
+from uavcover.model.scenario import PlannerAlgorithm
+from uavcover.model.sensor import LineOfSight, SphereSensor
+from uavcover.planning.planner import Effort, plan_routes
+from uavcover.planning.selection_rule import PAPER_WEIGHTS
+from uavcover.scenario.site import Site, load_site
+
+
+@dataclass(frozen=True, slots=True)
+class Figures:
+    """Coverage as a share 0..1, number of nodes, length of the path in the paper's units."""
+
+    coverage: float
+    nodes: float
+    length: float
+
+
+TABLE_5: Final = MappingProxyType(
+    {
+        "modbo": (Figures(0.7284, 41.8, 72.1694), Figures(0.014876, 2.1679, 2.3748)),
+        "imodbo": (Figures(0.8680, 41.2, 71.6046), Figures(0.003670, 1.9235, 1.1020)),
+    }
+)
+"""Mean and standard deviation over five runs, by algorithm."""
+
+TABLE_6: Final = MappingProxyType({"modbo": Figures(0.746, 40.0, 71.1091), "imodbo": Figures(0.872, 40.0, 70.7435)})
+"""The scheme chosen by the weights 0.6, 0.2, 0.2, by algorithm."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A reading of sections 2.2 and 5.2.
+
+    Attributes:
+        name: short.
+        scenario: the bundled scenario that it is a variant of.
+        line_of_sight: how a cell is hidden by ground; none where nothing hides it.
+        meaning: in words.
+    """
+
+    name: str
+    scenario: str
+    line_of_sight: LineOfSight | None
+    meaning: str
+
+    def site(self) -> Site:
+        """The paper's ground, seen by this reading's sensor."""
+        site = load_site(self.scenario)
+        sensor = site.scenario.sensor
+        if self.line_of_sight is None or not isinstance(sensor, SphereSensor):
+            return site
+        changed = dataclasses.replace(sensor, line_of_sight=self.line_of_sight)
+        return dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, sensor=changed))
+
+
+READINGS: Final = MappingProxyType(
+    {
+        reading.name: reading
+        for reading in (
+            Reading("R2-ray", "paper-R2", "ray", "R = 2 in three dimensions (Table 1), exact line of sight"),
+            Reading("R2-midpoint", "paper-R2", "midpoint", "R = 2 in three dimensions, the midpoint test of Eq. 5"),
+            Reading("r1-ray", "paper-r1", "ray", "r = 1 in three dimensions (section 2.2.2), exact line of sight"),
+            Reading("r1-midpoint", "paper-r1", "midpoint", "r = 1 in three dimensions, the midpoint test of Eq. 5"),
+            Reading("planar", "paper-planar", None, "r = 1 in the horizontal plane (S = pi r^2), nothing hides a cell"),
+        )
+    }
+)
+"""The readings by name."""
+
+
+ALGORITHMS: tuple[PlannerAlgorithm, ...] = ("modbo", "imodbo")
+RULE = "weighted:" + ",".join(map(str, PAPER_WEIGHTS))
+
+_OBJECTIVES = ("coverage", "nodes", "length")
+
+
+@dataclass(frozen=True, slots=True)
+class PaperRun:
+    """One run; its number, from 1, is the seed."""
+
+    reading: str
+    algorithm: PlannerAlgorithm
+    number: int
+
+    @property
+    def key(self) -> str:
+        """Where it is kept."""
+        return f"{self.reading}/{self.algorithm}/{self.number}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PaperResult:
+    """What a run found.
+
+    Attributes:
+        front: the Pareto set, by coverage.
+        routes: the waypoints (n, 3) of each member.
+        chosen: number of the member that the weights choose.
+        cpu_s: processor time.
+    """
+
+    front: tuple[Figures, ...]
+    routes: tuple[FloatArray, ...]
+    chosen: int
+    cpu_s: float
+
+
+def paper_runs(readings: Collection[str], algorithms: Collection[PlannerAlgorithm], runs: int) -> list[PaperRun]:
+    """Every run, first runs first, so that a benchmark that is stopped early has seen everything once."""
+    return [
+        PaperRun(reading, algorithm, number)
+        for number in range(1, runs + 1)
+        for reading in readings
+        for algorithm in algorithms
+    ]
+
+
+@dataclass(frozen=True, slots=True)
+class _PaperTask:
+    folder: Path
+    settings: Mapping[str, str | int | float]
+    run: PaperRun
+    population: int
+    iterations: int
+
+    def __str__(self) -> str:
+        return self.run.key
+
+
+def make_runs(
+    folder: KeptRuns, runs: Sequence[PaperRun], *, population: int, iterations: int, processes: int
+) -> Iterator[PaperRun]:
+    """Make the runs and yield each once it is in the folder; the result does not depend on the number of processes.
+
+    Raises:
+        UavcoverError: a process was killed, or a run failed; what is done is kept.
+    """
+    tasks = [_PaperTask(folder.path, folder.settings, run, population, iterations) for run in runs]
+    for task, _ in completed(_make, tasks, processes=processes):
+        yield task.run
+
+
+def _make(task: _PaperTask) -> None:
+    run = task.run
+    site = READINGS[run.reading].site()
+    settings = dataclasses.replace(
+        site.scenario.planner,
+        algorithm=run.algorithm,
+        seed=run.number,
+        population_size=task.population,
+        evaluations=task.population * task.iterations,
+    )
+    effort = Effort(settings.evaluations, None, time.process_time)
+    plan = plan_routes(site, settings=settings, select_rule=RULE, effort=effort)
+    chosen = next(k for k, member in enumerate(plan.members) if member is plan.chosen)
+    KeptRuns(task.folder, task.settings).write(
+        run.key,
+        {"chosen": chosen, "cpu_s": plan.wall_s, "members": [_member(member) for member in plan.members]},
+    )
+
+
+def _member(member: RouteMember) -> dict[str, object]:
+    metrics = member.metrics
+    values = (metrics.coverage_fraction, metrics.waypoint_count, metrics.path_length_m)
+    return dict(zip(_OBJECTIVES, values, strict=True)) | {"route": member.route.waypoints_m.tolist()}
+
+
+def read_result(folder: KeptRuns, run: PaperRun) -> PaperResult:
+    """A run that is done.
+
+    Raises:
+        InputError: its file cannot be read.
+    """
+    document = folder.read(run.key)
+    members = document["members"]
+    return PaperResult(
+        front=tuple(Figures(*(float(member[name]) for name in _OBJECTIVES)) for member in members),
+        routes=tuple(np.array(member["route"], dtype=float).reshape(-1, 3) for member in members),
+        chosen=int(document["chosen"]),
+        cpu_s=float(document["cpu_s"]),
+    )

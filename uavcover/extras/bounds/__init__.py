@@ -1,0 +1,50 @@
+"""Proved bounds on any plan: how few waypoints or how short a path there can be, how much coverage at most.
+
+In: a site on its ground and a plan. Out: for each question what is proved and what was found (docs/explanation/bounds.md).
+Begin with ``proved``, the prover of the group ``uavcover.bounds``; ``bounds.py`` has the proofs.
+"""
+
+from typing import Any
+
+from uavcover.extras.bounds.bounds import are_quick, least_path_length_m, path_bounds, waypoint_bounds
+from uavcover.model.route import Plan
+from uavcover.planning.selection_rule import parse_rule
+from uavcover.planning.set_cover.solvers import SolverEffort
+from uavcover.run.documents import bound_document
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.fleet_map import fleet_map
+
+
+def least_length_m(site: Site, rule: str) -> float | None:
+    """Lower bound on path length for the required coverage; None where none applies.
+
+    Args:
+        site: the scenario on its ground.
+        rule: see :mod:`uavcover.planning.selection_rule`; there is a bound when it names a coverage, for a sensor that observes
+            along the path and an objective that is a length.
+
+    Raises:
+        InputError: the rule cannot be understood.
+    """
+    share = parse_rule(rule).required_coverage
+    in_metres = site.scenario.objective == "length" and site.scenario.sensor.sensing == "along-path"
+    return least_path_length_m(judging_map(site), share) if in_metres and share is not None else None
+
+
+def proved(site: Site, result: Plan, *, time_s: float | None) -> dict[str, Any]:
+    """Proved limits with what a plan has, by question: as ``bounds`` of ``plan.json`` has them.
+
+    Args:
+        site: the scenario on its ground.
+        result: the plan.
+        time_s: for prices on the ground, or for branch and bound, half of it for each question; 0: proofs that take no solver
+            alone; none: linear relaxations too, where they are quick.
+    """
+    coverage = fleet_map(site)
+    found = path_bounds(coverage, result, time_s=time_s or 0.0)
+    if time_s is not None and time_s > 0.0:
+        found += waypoint_bounds(coverage, result, SolverEffort(time_s=0.5 * time_s))
+    elif time_s is None and are_quick(coverage):
+        found += waypoint_bounds(coverage, result, SolverEffort(nodes=0))
+    return {bound.question: bound_document(bound) for bound in found}

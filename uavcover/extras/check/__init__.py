@@ -1,0 +1,18 @@
+"""Judge anybody's mission over the terrain, before it is flown.
+
+In: a mission file, elevation data, limits. Out: findings of every leg, a verdict, a map, a repaired mission.
+Begin with ``command.py``, then ``mission_file.py``; ``check.py`` asks one module for each kind of judgement.
+"""
+
+COMMANDS = {
+    "Plan": {
+        "check": (
+            "uavcover.extras.check.command",
+            "any mission, judged over the terrain before flight",
+            (
+                "uavcover check mission.plan --dem dem.tif --no-fly zones.json --return-height 60m",
+                "uavcover check survey.waypoints --dem tiles/ --vehicle dji-m350-rtk --battery 30min --map found.geojson",
+            ),
+        ),
+    },
+}

@@ -1,0 +1,190 @@
+"""Elevation data of ``uavcover check``: the ground, and what stands on it."""
+
+import dataclasses
+import math
+import re
+from dataclasses import dataclass
+
+import numpy as np
+
+from mission_io.model.items import Mission
+from uavcover.errors import TerrainError
+from uavcover.extras.check.check import Bounds
+from uavcover.intake.surface_look import read_as_needed, surface_datum
+from uavcover.kernels.arrays import FloatArray
+from uavcover.run.new_elevation import ask_about_heights, ask_about_surface
+from uavcover.run.user import User
+from uavcover.run.vehicle_terrain import ElevationData, open_elevation_data
+from uavcover.scenario.elevation_file import read_ground, read_heights_amsl_m
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.ground import Ground
+from uavcover.scenario.surface_model import higher_of, of_surface, refuse_misfit
+from uavcover.scenario.suspect_heights import SuspectPlace, is_suspect, suspect_places
+from uavcover.scenario.terrain_source import TerrainSource
+
+_REACH_DEG = 1.0
+_FLOWN_DEG, _AROUND_DEG = 0.3, 0.005
+"""Places farther from most others are mistakes; around the others the ground matters."""
+_MOST_SUSPECTS = 5
+_AS_OPTIONS = (
+    (r'; set terrain\.(?:surface_)?height_unit to "ft"', "; convert it to metres, or give --height-unit ft"),
+    (r"; set terrain\.surface_vertical_datum or surface_height_unit", "; bring both to one datum and unit"),
+    (r"\(file is the ground, surface_file what stands on it\)", "(--dem is the ground, --dsm what stands on it)"),
+    (r"terrain\.surface_(?:file|crs|band|height_unit|vertical_datum)", "--dsm"),
+    (r"terrain\.file", "--dem"),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class CheckElevation:
+    """Where heights come from.
+
+    Attributes:
+        ground: the ground's files.
+        datum: of their heights.
+        over: files of a surface model; none without one.
+        over_datum: of its heights.
+        suspects: places of the ground's files that do not look like ground: their heights count as unknown.
+    """
+
+    ground: TerrainSource
+    datum: str
+    over: TerrainSource | None = None
+    over_datum: str = ""
+    suspects: tuple[SuspectPlace, ...] = ()
+
+    def heights_amsl_m(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
+        """Heights (n,) of the ground above sea level at (n,) places, NaN where it is not known."""
+        heights = read_heights_amsl_m(self.ground, self.datum, lat_deg, lon_deg)
+        return np.where(is_suspect(self.suspects, lat_deg, lon_deg), np.nan, heights)
+
+    def doubt(self, lat_deg: float, lon_deg: float) -> str:
+        """Why the height of a place is not believed; empty where it is."""
+        here = (one.words for one in self.suspects if is_suspect([one], np.array([lat_deg]), np.array([lon_deg]))[0])
+        return next(here, "")
+
+    def read_ground(self, frame: LocalFrame, bounds_m: Bounds) -> Ground:
+        """The ground within west, south, east, north.
+
+        Raises:
+            TerrainError: the files cannot be used there.
+        """
+        ground = read_ground(self.ground, self.datum, frame=frame, bounds_m=bounds_m, grid_step_m=None)
+        return ground.without([(one.in_frame(frame), one.words) for one in self.suspects]) if self.suspects else ground
+
+    def read_surface(self, frame: LocalFrame, bounds_m: Bounds, ground: Ground) -> Ground:
+        """The surface model over a ground.
+
+        Raises:
+            TerrainError: it cannot be used there, or does not fit the ground.
+        """
+        assert self.over is not None
+        try:
+            surface = read_ground(self.over, self.over_datum, frame=frame, bounds_m=bounds_m, grid_step_m=None)
+            refuse_misfit(ground, surface, bounds_m=bounds_m, alt_amsl_offset_m=frame.alt_amsl_m)
+        except TerrainError as error:
+            raise _in_options(of_surface(error)) from error
+        return surface
+
+    def read_higher(self, frame: LocalFrame, bounds_m: Bounds, ground: Ground) -> Ground:
+        """The higher of a ground and the surface model on one grid, for what is looked at.
+
+        Raises:
+            TerrainError: as in :meth:`read_surface`, or the two cannot be laid into one grid.
+        """
+        surface = self.read_surface(frame, bounds_m, ground)
+        try:
+            higher = higher_of(ground, surface, bounds_m=bounds_m, alt_amsl_offset_m=frame.alt_amsl_m)
+        except TerrainError as error:
+            raise _in_options(error) from error
+        return higher
+
+
+def open_check_elevation(
+    data: ElevationData,
+    surface: tuple[str, ...],
+    mission: Mission,
+    home: tuple[float, float] | None,
+    user: User,
+    *,
+    trusted: bool = False,
+) -> CheckElevation:
+    """Open what the user named as the ground, and as what stands on it; asks what looks like a mistake.
+
+    Args:
+        data: the ground.
+        surface: files, folders or patterns of a surface model; empty without one.
+        mission: whose places say which tiles are needed.
+        home: latitude and longitude of the take-off place, where it is not the mission's.
+        user: is asked.
+        trusted: whether heights are taken as they are where they do not look like ground.
+
+    Raises:
+        InputError: a name, a unit or a datum is not known.
+        TerrainError: a file cannot be used.
+    """
+    ground, datum = _opened(data, mission, home)
+    ask_about_heights(ground, user, option="--dem")
+    suspects = () if trusted else _suspects(ground, datum, mission, home)
+    for one in suspects[:_MOST_SUSPECTS]:
+        user.warn(f"--dem: {ground.name} has {one.words}: its heights count as unknown there (--trust-dem: as ground)")
+    if not surface:
+        return CheckElevation(ground, datum, suspects=suspects)
+    ask_about_surface(ground, user, beside_surface=True)
+    named = dataclasses.replace(
+        data, names=surface, crs=None, height_unit=None, band=None, vertical_datum=None, option="--dsm"
+    )
+    try:
+        over, _ = _opened(named, mission, home)
+        over = read_as_needed(over, crs=data.crs, height_unit=ground.height_unit)
+        over_datum = surface_datum(over, datum)
+    except TerrainError as error:
+        raise _in_options(error) from error
+    ask_about_heights(over, user, option="--dsm")
+    return CheckElevation(ground, datum, over, over_datum, suspects)
+
+
+def _real_places(mission: Mission, home: tuple[float, float] | None) -> FloatArray:
+    """(n, 2) latitudes and longitudes of home and items."""
+    places = [] if home is None else [home]
+    if mission.home is not None:
+        places.append((mission.home.lat_deg, mission.home.lon_deg))
+    places += [(item.lat_deg, item.lon_deg) for item in mission.items if item.has_position]
+    real = [place for place in places if all(map(math.isfinite, place)) and place != (0.0, 0.0)]
+    return np.array(real, dtype=float).reshape(-1, 2)
+
+
+def _suspects(
+    ground: TerrainSource, datum: str, mission: Mission, home: tuple[float, float] | None
+) -> tuple[SuspectPlace, ...]:
+    real = _real_places(mission, home)
+    if not len(real):
+        return ()
+    near = real[(np.abs(real - np.median(real, axis=0)) < _FLOWN_DEG).all(axis=1)]
+    near = near if len(near) else real[:1]
+    south, west = near.min(axis=0) - _AROUND_DEG
+    north, east = near.max(axis=0) + _AROUND_DEG
+    return suspect_places(ground, datum, (west, max(south, -90.0), east, min(north, 90.0)))
+
+
+def _opened(data: ElevationData, mission: Mission, home: tuple[float, float] | None) -> tuple[TerrainSource, str]:
+    real = _real_places(mission, home)
+    if not len(real):
+        return open_elevation_data(data)
+    # Around what most places are near to: one wrong place must not bring the tiles of half the Earth.
+    lat, lon = np.median(real, axis=0)
+    around = (lon - _REACH_DEG, max(-90.0, lat - _REACH_DEG), lon + _REACH_DEG, min(90.0, lat + _REACH_DEG))
+    try:
+        return open_elevation_data(data, around=around)
+    except TerrainError as error:
+        if "none of" not in str(error):
+            raise
+        return open_elevation_data(data)
+
+
+def _in_options(error: TerrainError) -> TerrainError:
+    """An error about a scenario's keys, in the options of the command."""
+    text = str(error)
+    for key, option in _AS_OPTIONS:
+        text = re.sub(key, option, text)
+    return TerrainError(text)

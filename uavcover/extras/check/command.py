@@ -1,0 +1,322 @@
+"""``uavcover check``: anybody's mission, judged before it is flown."""
+
+import dataclasses
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from uavcover.cli import options
+from uavcover.cli.survey_options import At, DemOptions, Dsm, TrustDem
+
+if TYPE_CHECKING:
+    from uavcover.extras.check.limits import Limits
+    from uavcover.extras.check.planned_view import ViewQuery
+
+
+@dataclass(frozen=True, slots=True)
+class AircraftOptions:
+    """Who flies it."""
+
+    vehicle: Annotated[
+        str | None,
+        typer.Option("--vehicle", help="A vehicle: a name (new --vehicle list), or a TOML file.", metavar="NAME"),
+    ] = None
+    autopilot: Annotated[
+        str | None,
+        typer.Option(help="Whose meaning the items have; default: the file's, or ardupilot.", metavar="ardupilot|px4"),
+    ] = None
+    flies_as: Annotated[
+        str | None,
+        typer.Option("--flies-as", help="multirotor, fixed-wing or vtol; default: the file's.", metavar="KIND"),
+    ] = None
+    speed: Annotated[
+        str | None, typer.Option("--speed", help="Default: the vehicle's or the autopilot's.", metavar="SPEED")
+    ] = None
+    bank: Annotated[
+        float | None, typer.Option("--bank", help="Of wings in turns; default: the autopilot's.", metavar="DEGREES")
+    ] = None
+    battery: Annotated[
+        str | None, typer.Option("--battery", help="Time in the air, such as 25min.", metavar="TIME")
+    ] = None
+    reserve: Annotated[
+        float, typer.Option("--reserve", help="Percent of the battery that must be left.", metavar="PERCENT")
+    ] = 20.0
+    return_height: Annotated[
+        str | None,
+        typer.Option(
+            "--return-height",
+            help="Return altitude above home (RTL_ALT, RTL_RETURN_ALT); default: the autopilot's.",
+            metavar="LENGTH",
+        ),
+    ] = None
+    parameters: Annotated[
+        Path | None,
+        typer.Option(
+            "--parameters",
+            help="The vehicle's parameters, as a ground station saves them: returns and failsafes; default: the autopilot's.",
+            metavar="FILE",
+        ),
+    ] = None
+
+
+@dataclass(frozen=True, slots=True)
+class LimitOptions:
+    """What it has to keep."""
+
+    min_height: Annotated[
+        str,
+        typer.Option("--min-height", help="Least height above ground between take-off and landing.", metavar="LENGTH"),
+    ] = "10m"
+    max_height: Annotated[
+        str, typer.Option("--max-height", help="Largest height above ground; none: no limit.", metavar="LENGTH")
+    ] = "120m"
+    max_above_home: Annotated[
+        str | None, typer.Option("--max-above-home", help="Largest height above home.", metavar="LENGTH")
+    ] = None
+    max_distance: Annotated[
+        str | None, typer.Option("--max-distance", help="Largest distance from home.", metavar="LENGTH")
+    ] = None
+    obstacle_clearance: Annotated[
+        str, typer.Option("--obstacle-clearance", help="Least distance from obstacles.", metavar="LENGTH")
+    ] = "10m"
+    wind: Annotated[
+        str | None, typer.Option("--wind", help="Wind, from the worst side, such as 8m/s.", metavar="SPEED")
+    ] = None
+
+    def limits(self) -> "Limits":
+        """What was given."""
+        from uavcover.errors import InputError
+        from uavcover.extras.check.limits import Limits
+        from uavcover.intake.quantities import length_m, speed_m_s
+
+        def length(text: str | None, option: str, example: str) -> float | None:
+            return None if text is None or text == "none" else length_m(text, option=option, example=example)
+
+        low, high = length(self.min_height, "--min-height", "10m"), length(self.max_height, "--max-height", "120m")
+        if low is not None and high is not None and low > high:
+            raise InputError(f"--min-height: {low:g} m is above --max-height, {high:g} m; leave room between them")
+        return Limits(
+            min_height_agl_m=0.0 if low is None else low,
+            max_height_agl_m=high,
+            max_above_home_m=length(self.max_above_home, "--max-above-home", "120m"),
+            max_distance_m=length(self.max_distance, "--max-distance", "500m"),
+            obstacle_clearance_m=length_m(self.obstacle_clearance, option="--obstacle-clearance", example="10m"),
+            wind_m_s=0.0 if self.wind is None else speed_m_s(self.wind, option="--wind", example="8m/s"),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class AroundOptions:
+    """What is around it."""
+
+    dsm: Dsm = None
+    trust_dem: TrustDem = False
+    fence: Annotated[
+        Path | None,
+        typer.Option(
+            "--fence",
+            help="Fence (.plan, .waypoints, .fen), or an area to stay inside; default: the fence of a .plan.",
+            metavar="FILE",
+        ),
+    ] = None
+    rally: Annotated[
+        Path | None,
+        typer.Option(
+            "--rally", help="Rally points (.plan, .waypoints); default: the rally points of a .plan.", metavar="FILE"
+        ),
+    ] = None
+    no_fly: Annotated[
+        list[str] | None, typer.Option("--no-fly", help="No-fly zones, as in new; again for more.", metavar="FILE")
+    ] = None
+    at: At = None
+    obstacles: Annotated[
+        Path | None,
+        typer.Option("--obstacles", help="Polygons with height_m (.geojson) or heights (.kml, .kmz).", metavar="FILE"),
+    ] = None
+    home: Annotated[
+        str | None, typer.Option("--home", help="Take-off place; default: the file's.", metavar="LAT,LON")
+    ] = None
+    pilot: Annotated[
+        str | None, typer.Option("--pilot", help="Where pilot and radio are; default: at home.", metavar="LAT,LON")
+    ] = None
+
+
+@dataclass(frozen=True, slots=True)
+class ViewOptions:
+    """What its pictures should show."""
+
+    area: Annotated[
+        str | None,
+        typer.Option("--area", help="What should be seen, as new takes it: a file, or LAT,LON,RADIUS; needs --camera."),
+    ] = None
+    camera: Annotated[
+        str | None,
+        typer.Option("--camera", help="A camera: a name (new --camera list), or a TOML file.", metavar="NAME"),
+    ] = None
+    gsd: Annotated[
+        str | None, typer.Option("--gsd", help="Largest ground sample distance that counts.", metavar="LENGTH")
+    ] = None
+    overlap: Annotated[
+        str | None, typer.Option("--overlap", help="Forward/side overlap in percent that has to hold.", metavar="F/S")
+    ] = None
+    coverage: Annotated[
+        float | None, typer.Option("--coverage", help="Share of the area that has to be seen, 0 to 1.")
+    ] = None
+    camera_pitch: Annotated[
+        float,
+        typer.Option(
+            "--camera-pitch", help="Where the mission does not say it; -90: straight down.", metavar="DEGREES"
+        ),
+    ] = -90.0
+    picture_every: Annotated[
+        str | None,
+        typer.Option(
+            "--picture-every", help="The camera takes pictures by itself, such as 10m or 2s.", metavar="LENGTH|TIME"
+        ),
+    ] = None
+
+    def query(self) -> "ViewQuery | None":
+        """What was given; none: nobody asks."""
+        from uavcover.errors import InputError
+        from uavcover.extras.check.planned_pictures import Series
+        from uavcover.extras.check.planned_view import ViewQuery
+        from uavcover.intake.quantities import length_m, time_s
+        from uavcover.scenario.areas.area_file import AreaQuery
+
+        if self.area is None:
+            for name in ("camera", "gsd", "overlap", "coverage", "picture_every"):
+                if getattr(self, name) is not None:
+                    raise InputError(f"--{name.replace('_', '-')}: goes with --area, the ground that should be seen")
+            return None
+        if self.camera is None:
+            raise InputError("--area: needs --camera, whose pictures show it (uavcover new --camera list)")
+        if self.coverage is not None and not 0.0 < self.coverage <= 1.0:
+            raise InputError(f"--coverage: {self.coverage:g} is a share, above 0 and at most 1")
+        if not -90.0 <= self.camera_pitch <= 0.0:
+            raise InputError(f"--camera-pitch: {self.camera_pitch:g} is outside -90 (straight down) to 0 (ahead)")
+        every, always = self.picture_every, None
+        if every is not None:
+            by_time = every.strip().endswith(("s", "min"))
+            always = (
+                Series(interval_s=time_s(every, option="--picture-every", example="2s"))
+                if by_time
+                else Series(distance_m=length_m(every, option="--picture-every", example="10m"))
+            )
+        return ViewQuery(
+            area=AreaQuery(source=self.area), camera=self.camera, overlap=self.overlap, coverage=self.coverage,
+            gsd_m=None if self.gsd is None else length_m(self.gsd, option="--gsd", example="2.5cm"),
+            pitch_deg=self.camera_pitch, always=always,
+        )  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class WrittenOptions:
+    """What is written besides the table."""
+
+    map_file: Annotated[
+        Path | None,
+        typer.Option(
+            "--map", help="Path and findings: a page (.html), or for map programs (.geojson).", metavar="FILE"
+        ),
+    ] = None
+    fix: Annotated[
+        bool,
+        typer.Option("--fix", help="Lift what is too low, put waypoints over what legs hit, split; needs -o."),
+    ] = False
+    out: Annotated[
+        Path | None, typer.Option("-o", "--out", help="The repaired mission, which is checked again.", metavar="FILE")
+    ] = None
+    max_items: Annotated[
+        int | None,
+        typer.Option("--max-items", help="Items that the vehicle takes; --fix splits longer missions.", metavar="N"),
+    ] = None
+    force: options.Force = False
+
+
+def check(
+    file: Annotated[
+        Path,
+        typer.Argument(help="A mission: .plan, .waypoints, .mission, .csv (items, Litchi), .kmz (DJI), .gpx, .kml."),
+    ],
+    *,
+    dem: DemOptions,
+    around: AroundOptions,
+    aircraft: AircraftOptions,
+    limit: LimitOptions,
+    view: ViewOptions,
+    written: WrittenOptions,
+    output: options.Output,
+) -> int:
+    """Judge anybody's mission over the terrain, every leg at its full length, before it is flown.
+
+    Exit code 0: passed; 1: something breaks a limit, or cannot be judged for want of elevation data; 2: a file
+    cannot be read. With --fix findings, --json and the exit code are those of the repaired mission.
+    """
+    from uavcover.errors import InputError
+    from uavcover.extras.check.check_report import document_of, refuse_map, say_findings, worst_verdict, write_map
+    from uavcover.extras.check.mission_file import CheckQuery
+    from uavcover.extras.check.mission_file import check as check_file
+    from uavcover.extras.check.repair_mission import refuse_repair_into, repair_mission
+    from uavcover.intake.quantities import flight_window, lat_lon, length_m, speed_m_s, time_s
+
+    console = output.console()
+    if not dem.dem:
+        raise InputError("--dem: give elevation data: a raster, a folder or a pattern of tiles")
+    if not 0.0 <= aircraft.reserve < 100.0:
+        raise InputError(f"--reserve: {aircraft.reserve:g} is not a share of the battery; give 0 to 99 percent")
+    if written.max_items is not None and written.max_items < 8:
+        raise InputError(f"--max-items: {written.max_items} leaves no room for a flight; give 8 or more")
+    if aircraft.bank is not None and not 5.0 <= aircraft.bank <= 80.0:
+        raise InputError(f"--bank: {aircraft.bank:g} is outside 5 to 80 degrees")
+    if written.map_file is not None:
+        refuse_map(written.map_file, force=written.force)
+    if written.out is not None and not written.fix:
+        raise InputError("-o: goes with --fix")
+    fixed = refuse_repair_into(file, written.out, force=written.force) if written.fix else None
+    height, speed, battery = aircraft.return_height, aircraft.speed, aircraft.battery
+    query = CheckQuery(
+        flight_window_utc=None if around.at is None else flight_window(around.at, option="--at"),
+        file=file, elevation=dem.data(), surface=tuple(around.dsm or ()), fence=around.fence,
+        rally=around.rally, parameters=aircraft.parameters,
+        no_fly=tuple(around.no_fly or ()), obstacles=around.obstacles,
+        vehicle=aircraft.vehicle,
+        autopilot=aircraft.autopilot, kind=aircraft.flies_as,
+        home=None if around.home is None else lat_lon(around.home, option="--home"),
+        pilot=None if around.pilot is None else lat_lon(around.pilot, option="--pilot"),
+        return_height_m=None if height is None else length_m(height, option="--return-height", example="60m"),
+        speed_m_s=None if speed is None else speed_m_s(speed, option="--speed", example="8m/s"),
+        bank_deg=aircraft.bank,
+        endurance_s=None if battery is None else time_s(battery, option="--battery", example="25min"),
+        reserve_fraction=aircraft.reserve / 100.0, limits=limit.limits(),
+        view=view.query(),
+        most_items=written.max_items, trust_dem=around.trust_dem,
+    )  # fmt: skip
+    outcome = check_file(query, console)
+    say_findings(outcome, console)
+    outcomes = [(query, outcome)]
+    if fixed is not None:
+        for part in repair_mission(query, outcome.checked, fixed, console, force=written.force):
+            outcomes = [each for each in outcomes if each[0] is not query]
+            console.say(f"{part}:")
+            again = dataclasses.replace(query, file=part)
+            outcomes.append((again, check_file(again, console)))
+            say_findings(outcomes[-1][1], console)
+    query, outcome = outcomes[0]
+    if written.map_file is not None:
+        if written.map_file.suffix.lower() == ".html":
+            from uavcover.extras.check.check_page import write_check_page
+
+            write_check_page(query, outcome, written.map_file)
+        else:
+            write_map(outcome, written.map_file, force=written.force)
+        console.say(f"written: {written.map_file}")
+    document = document_of(query, outcome)
+    if len(outcomes) > 1:
+        document = {
+            "verdict": worst_verdict([each for _, each in outcomes]),
+            "parts": [document_of(*each) for each in outcomes],
+        }
+    console.result(document)
+    return 0 if document["verdict"] == "passed" else 1

@@ -1,0 +1,392 @@
+"""The path that an autopilot flies for a mission: every item by its meaning for that autopilot.
+
+The meanings are listed, with their sources, in docs/reference/checked_missions.md.
+"""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Final, Literal
+
+import numpy as np
+
+from mission_io.model.items import Command, Frame, Mission, MissionItem, SpeedType
+from uavcover.extras.check import curves
+from uavcover.extras.check.aircraft import Aircraft, return_height_m
+from uavcover.extras.check.findings import CheckFinding
+from uavcover.extras.check.item_order import order_of
+from uavcover.extras.check.segments import Deed, FlownPath, Phase, Segment
+from uavcover.extras.check.world import World
+from uavcover.kernels.arrays import FloatArray
+
+_LEG_STEP_M = 400.0
+"""A leg keeps its height above the sea, which a straight line in space does not: 3 mm in pieces this long."""
+_TERRAIN_STEP_M = 10.0
+_SPLINE_STEP_M = 2.0
+_LAST_NAVIGATION = 95
+"""MAV_CMD_NAV_LAST: commands up to here fly somewhere."""
+_REGION_OF_INTEREST, _GUIDED_ENABLE = 80, 92
+_FREE_FLIGHT: Final = frozenset({42702, 42703})
+"""ArduPilot's NAV_SCRIPT_TIME and NAV_ATTITUDE_TIME: a script, or angles, fly in place of the mission."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Place:
+    """East, north, and a height above sea level, or above the terrain where ``over_terrain``."""
+
+    east_m: float
+    north_m: float
+    height_m: float
+    over_terrain: bool = False
+
+    @property
+    def array(self) -> FloatArray:
+        return np.array([self.east_m, self.north_m, self.height_m])
+
+
+def flown_path(
+    mission: Mission, world: World, aircraft: Aircraft, *, skipped: frozenset[int] = frozenset()
+) -> FlownPath:
+    """The path of a mission that begins on the ground at home.
+
+    Args:
+        mission: its items.
+        world: where home and the ground are.
+        aircraft: who flies it.
+        skipped: numbers of items that are left out because their place is not one to fly to.
+    """
+    item_order = order_of(mission.items)
+    flight = _Flight(mission, world, aircraft)
+    order = [number for number in item_order.numbers if number not in skipped]
+    for k, number in enumerate(order):
+        if not flight.has_ended or flight.begins_again(number):
+            flight.fly(number, order[k + 1 :])
+    flight.end(skipped)
+    return FlownPath(tuple(flight.segments), (*item_order.findings, *flight.findings), tuple(flight.deeds))
+
+
+class _Flight:
+    """Flies items one after the other."""
+
+    def __init__(self, mission: Mission, world: World, aircraft: Aircraft) -> None:
+        self._items, self._world, self._aircraft = mission.items, world, aircraft
+        self._at = _Place(0.0, 0.0, world.home_alt_amsl_m)
+        self._number = 0
+        self._speed_m_s = aircraft.cruise_speed_m_s
+        self._wait_s = 0.0
+        self._vector_m: FloatArray | None = None
+        """Along which the last leg arrived without a stop; ArduCopter's next spline begins with it."""
+        self._then: list[int] = []
+        self._is_up = False
+        self._is_over = False
+        self._flown: set[int] = set()
+        self.segments: list[Segment] = []
+        self.deeds: list[Deed] = []
+        self.findings: list[CheckFinding] = []
+
+    @property
+    def has_ended(self) -> bool:
+        """Whether it has landed or returned."""
+        return self._is_over
+
+    def begins_again(self, number: int) -> bool:
+        """Whether an item is flown although the flight has ended before: a take-off, or a landing sequence of wings."""
+        command = self._items[number - 1].command
+        again = command in _TAKEOFFS or (command == Command.DO_LAND_START and self._aircraft.has_wings)
+        self._is_over = not again
+        return again
+
+    def fly(self, number: int, then: list[int]) -> None:
+        """Fly one item; ``then`` are the numbers of those that follow."""
+        item = self._items[number - 1]
+        command = _COMMANDS.get(item.command)
+        self._flown.add(number)
+        if command is not None:
+            self._then = then
+            command(self, number, item)
+        elif item.command in _FREE_FLIGHT or (item.command == _GUIDED_ENABLE and item.params[0] != 0.0):
+            self._look(number, "meaning", f"command {item.command} lets something else than the mission fly, nobody knows where",
+                       "judge that part by itself", "unknown")  # fmt: skip
+        elif item.command > _LAST_NAVIGATION or item.command in (_REGION_OF_INTEREST, _GUIDED_ENABLE):
+            self.deeds.append(Deed(number, len(self.segments)))
+        elif item.has_position and self._has_place(item):
+            self._look(number, "meaning", f"command {item.command} is judged as a straight way to its place",
+                       "look at what the autopilot does there", "unknown")  # fmt: skip
+            self._go(number, self._target(item), doubt=f"command {item.command}")
+        else:
+            self._look(number, "meaning", f"command {item.command} has no place: where it flies is not known",
+                       "look at what the autopilot does there", "unknown")  # fmt: skip
+
+    def end(self, skipped: frozenset[int]) -> None:
+        """Note what a whole flight has and this one has not, and the items that it never comes to."""
+        ways = [
+            n for n, item in enumerate(self._items, 1) if item.command in _COMMANDS and item.command <= _LAST_NAVIGATION
+        ]
+        missed = [n for n in ways if n not in self._flown and n not in skipped]
+        if missed and self.segments:
+            which = (
+                f"item {missed[0]} is"
+                if len(missed) == 1
+                else f"{len(missed)} items from {missed[0]} to {missed[-1]} are"
+            )
+            found = CheckFinding(
+                kind="order", weight="look", items=(missed[0], missed[-1]), what=f"{which} never flown",
+                do="look at the jumps, and at the landing or return before",
+            )  # fmt: skip
+            self.findings.append(found)
+        if not self.segments:
+            self.findings.append(
+                CheckFinding(
+                    kind="empty",
+                    weight="unknown",
+                    what="no item of the mission flies anywhere",
+                    do="give a mission that does",
+                )
+            )
+        elif not self._is_over:
+            self._look(self._number, "end", "the mission ends in the air", "end it with a landing or a return", "look")
+
+    # What the items do.
+
+    def _waypoint(self, number: int, item: MissionItem) -> None:
+        self._check_is_up(number)
+        hold_s = item.params[0] if self._aircraft.autopilot == "px4" or not self._aircraft.has_wings else 0.0
+        self._go(number, self._target(item), wait_s=_number(hold_s))
+
+    def _spline(self, number: int, item: MissionItem) -> None:
+        if self._aircraft.autopilot == "px4" or self._aircraft.has_wings:
+            self._look(
+                number, "meaning", "only ArduCopter flies splines; judged as a straight leg", "use a waypoint", "look"
+            )
+            self._waypoint(number, item)
+            return
+        self._check_is_up(number)
+        target = self._target(item)
+        # ArduPilot, AC_WPNav::set_spline_destination: vectors count only between heights of one kind.
+        same = self._at.over_terrain == target.over_terrain
+        begin = self._in_kind(self._at, over_terrain=target.over_terrain)
+        begin_vector = self._vector_m if same and self._vector_m is not None else np.zeros(3)
+        end_vector = np.zeros(3)
+        follower = next((n for n in self._then if self._items[n - 1].command <= _LAST_NAVIGATION), None)
+        if follower is not None and _number(item.params[0]) == 0.0:
+            next_item = self._items[follower - 1]
+            onward = self._target(next_item, after=target) if next_item.has_position else target
+            if onward.over_terrain == target.over_terrain:
+                is_spline = next_item.command == Command.NAV_SPLINE_WAYPOINT
+                end_vector = onward.array - (begin.array if is_spline else target.array)
+        points = curves.spline(begin.array, target.array, begin_vector, end_vector, step_m=_SPLINE_STEP_M)
+        self._add(number, self._enu(points, target.over_terrain), wait_s=_number(item.params[0]), is_straight=False)
+        self._at = target
+        self._vector_m = end_vector if np.any(end_vector) else None
+
+    def _takeoff(self, number: int, item: MissionItem) -> None:
+        target = self._target(item)
+        top = _Place(self._at.east_m, self._at.north_m, target.height_m, target.over_terrain)
+        rises = item.command == Command.NAV_VTOL_TAKEOFF or not self._aircraft.has_wings
+        if rises:
+            self._go(number, top, phase="take-off")
+            if self._aircraft.autopilot == "px4" and self._has_place(item):
+                self._go(number, target)
+        elif self._has_place(item):
+            self._go(number, target, phase="take-off")
+        else:
+            self._look(number, "meaning", "the direction of this take-off is not in the mission",
+                       "look at the ground around the runway", "look")  # fmt: skip
+            self._go(number, top, phase="take-off", doubt="direction of the take-off")
+        self._is_up = True
+        self._vector_m = None
+
+    def _loiter_turns(self, number: int, item: MissionItem) -> None:
+        self._circle(number, item, turns=max(_number(item.params[0]), 0.0), radius_m=_number(item.params[2]))
+
+    def _loiter_time(self, number: int, item: MissionItem) -> None:
+        wait_s = max(_number(item.params[0]), 0.0)
+        if not self._aircraft.has_wings:
+            self._go(number, self._target(item), wait_s=wait_s)
+            self._vector_m = None
+            return
+        self._circle(number, item, turns=1.0, radius_m=_number(item.params[2]), wait_s=wait_s)
+
+    def _loiter_unlimited(self, number: int, item: MissionItem) -> None:
+        self._look(number, "endless", "it stays here until somebody commands otherwise; what follows was judged as if it went on",
+                   "give a time or a number of turns, or watch the battery", "look")  # fmt: skip
+        if self._aircraft.has_wings:
+            self._circle(number, item, turns=1.0, radius_m=_number(item.params[2]))
+        else:
+            self._go(number, self._target(item))
+            self._vector_m = None
+
+    def _loiter_to_alt(self, number: int, item: MissionItem) -> None:
+        target = self._target(item)
+        if self._aircraft.has_wings:
+            over = self._in_kind(self._at, over_terrain=target.over_terrain, where=target)
+            self._circle(number, item, turns=1.0, radius_m=_number(item.params[1]), begin_height_m=over.height_m)
+            return
+        self._go(number, self._in_kind(self._at, over_terrain=target.over_terrain, where=target))
+        self._go(number, target)
+        self._vector_m = None
+
+    def _return(self, number: int, _: MissionItem) -> None:
+        aircraft, at = self._aircraft, self._in_kind(self._at, over_terrain=False)
+        home_m = self._world.home_alt_amsl_m
+        height_m = home_m + return_height_m(at.height_m - home_m, math.hypot(at.east_m, at.north_m), aircraft)
+        if not aircraft.has_wings:
+            self._go(number, _Place(at.east_m, at.north_m, height_m), phase="return")
+        self._go(number, _Place(0.0, 0.0, height_m), phase="return")
+        if not aircraft.has_wings:
+            self._go(number, _Place(0.0, 0.0, self._world.home_alt_amsl_m), phase="landing")
+        self._is_over = True
+
+    def _land(self, number: int, item: MissionItem) -> None:
+        target = self._target(item)
+        ground = float(self._world.alts_amsl_m(self._world.above_ground([[target.east_m, target.north_m]], 0.0))[0])
+        if item.command == Command.NAV_VTOL_LAND or not self._aircraft.has_wings:
+            over = self._in_kind(self._at, over_terrain=self._at.over_terrain, where=target)
+            if (over.east_m, over.north_m) != (self._at.east_m, self._at.north_m):
+                self._go(number, over)
+            self._go(number, _Place(target.east_m, target.north_m, ground), phase="landing")
+        else:
+            self._go(number, target, phase="landing")
+        self._is_over = True
+
+    def _delay(self, number: int, item: MissionItem) -> None:
+        if any(part >= 0.0 for part in item.params[1:]) and _number(item.params[0]) <= 0.0:
+            limited = self._aircraft.endurance_s is not None
+            self._look(number, "endless", "waits until a time of day; how long that is depends on the take-off",
+                       "give seconds, or watch the battery", "unknown" if limited else "look")  # fmt: skip
+        if self._aircraft.autopilot == "px4" and not self._aircraft.has_wings:  # docs/results/safety.md
+            self._look(number, "meaning", "PX4 1.17 sinks at a DELAY, and flew the leg after it up to 38 m too low in simulation",
+                       "let the waypoint before it wait (its parameter 1)", "unknown")  # fmt: skip
+        self._wait(max(_number(item.params[0]), 0.0))
+        self._vector_m = None
+
+    def _change_speed(self, _: int, item: MissionItem) -> None:
+        kind, speed = item.params[:2]
+        px4 = self._aircraft.autopilot == "px4"  # which takes any kind as the speed on the way, and none as the default
+        if speed > 0.0 and math.isfinite(speed) and (px4 or kind in (SpeedType.AIRSPEED.value, SpeedType.GROUND.value)):
+            self._speed_m_s = speed
+        elif not speed > 0.0 and (px4 or (speed == -2.0 and self._aircraft.has_wings)):
+            self._speed_m_s = self._aircraft.cruise_speed_m_s
+
+    # How it is done.
+
+    def _check_is_up(self, number: int) -> None:
+        if not self._is_up:
+            self._is_up = True
+            self._look(
+                number, "take-off", "the first item flies off without a take-off", "put a take-off first", "look"
+            )
+
+    def _circle(
+        self,
+        number: int,
+        item: MissionItem,
+        *,
+        turns: float,
+        radius_m: float,
+        wait_s: float = 0.0,
+        begin_height_m: float | None = None,
+    ) -> None:
+        center = self._target(item)
+        radius = abs(radius_m) or self._aircraft.loiter_radius_m
+        away = np.array([self._at.east_m - center.east_m, self._at.north_m - center.north_m])
+        distance = float(np.hypot(*away))
+        edge = center.array[:2] + (away / distance if distance > 0.0 else np.array([0.0, 1.0])) * radius
+        height = center.height_m if begin_height_m is None else begin_height_m
+        self._go(number, _Place(float(edge[0]), float(edge[1]), height, center.over_terrain))
+        points = curves.circle(
+            center.array, radius, self._at.array, turns=turns, end_height_m=center.height_m, clockwise=radius_m >= 0.0
+        )
+        self._add(number, self._enu(points, center.over_terrain), wait_s=wait_s, is_straight=False)
+        east, north, height = (float(value) for value in points[-1])
+        self._at, self._vector_m = _Place(east, north, height, center.over_terrain), None
+
+    def _go(self, number: int, to: _Place, *, phase: Phase = "route", wait_s: float = 0.0, doubt: str = "") -> None:
+        begin = self._in_kind(self._at, over_terrain=to.over_terrain)
+        step_m = _TERRAIN_STEP_M if to.over_terrain else _LEG_STEP_M
+        points = curves.straight(begin.array, to.array, step_m=step_m)
+        self._add(
+            number, self._enu(points, to.over_terrain), phase=phase, wait_s=wait_s, doubt=doubt,
+            is_straight=not to.over_terrain,
+        )  # fmt: skip
+        stops = wait_s > 0.0 or phase != "route" or self._at.over_terrain != to.over_terrain
+        self._vector_m = None if stops else to.array - begin.array
+        self._at = to
+
+    def _add(
+        self, number: int, enu_m: FloatArray, *, phase: Phase = "route", wait_s: float = 0.0, is_straight: bool = True,
+        doubt: str = "",
+    ) -> None:  # fmt: skip
+        self.segments.append(
+            Segment((self._number, number), phase, enu_m, self._speed_m_s, wait_s + self._wait_s, is_straight, doubt)
+        )
+        self._number, self._wait_s = number, 0.0
+
+    def _wait(self, wait_s: float) -> None:
+        self._wait_s += wait_s
+
+    def _enu(self, points: FloatArray, over_terrain: bool) -> FloatArray:
+        make = self._world.above_ground if over_terrain else self._world.at_alts
+        return make(points[:, :2], points[:, 2])
+
+    def _in_kind(self, place: _Place, *, over_terrain: bool, where: _Place | None = None) -> _Place:
+        """A place with its height in another kind, and perhaps with the position of another one."""
+        height = place.height_m
+        if place.over_terrain != over_terrain:
+            en = [[place.east_m, place.north_m]]
+            if over_terrain:
+                height = float(self._world.ground.heights_agl_m(self._world.at_alts(en, height))[0])
+            else:
+                height = float(self._world.alts_amsl_m(self._world.above_ground(en, height))[0])
+        at = place if where is None else where
+        return _Place(at.east_m, at.north_m, height, over_terrain)
+
+    def _has_place(self, item: MissionItem) -> bool:
+        finite = math.isfinite(item.lat_deg) and math.isfinite(item.lon_deg)
+        return finite and not (item.lat_deg == 0.0 and item.lon_deg == 0.0)
+
+    def _target(self, item: MissionItem, *, after: _Place | None = None) -> _Place:
+        """Where an item is. Zeros and NaN mean what was there before (ArduPilot, ModeAuto::loc_from_cmd)."""
+        before = self._at if after is None else after
+        east, north = before.east_m, before.north_m
+        if item.has_position and self._has_place(item):
+            east, north = self._world.place(item.lat_deg, item.lon_deg)
+        over_terrain = item.frame is Frame.ABOVE_TERRAIN
+        keeps = math.isnan(item.alt_m) or not item.has_position
+        keeps |= item.alt_m == 0.0 and self._aircraft.autopilot == "ardupilot" and item.command not in _LANDINGS
+        if keeps:
+            return self._in_kind(before, over_terrain=before.over_terrain, where=_Place(east, north, 0.0))
+        base = self._world.home_alt_amsl_m if item.frame is Frame.ABOVE_HOME else 0.0
+        return _Place(east, north, base + item.alt_m, over_terrain)
+
+    def _look(self, number: int, kind: str, what: str, do: str, weight: Literal["look", "unknown"]) -> None:
+        found = CheckFinding(kind=kind, weight=weight, items=(number, number), what=what, do=do)
+        if found not in self.findings:
+            self.findings.append(found)
+
+
+def _number(value: float) -> float:
+    """A parameter; NaN leaves it to the vehicle, as 0 does."""
+    return 0.0 if math.isnan(value) else value
+
+
+_TAKEOFFS: Final = frozenset({Command.NAV_TAKEOFF, Command.NAV_VTOL_TAKEOFF})
+_LANDINGS: Final = frozenset({Command.NAV_LAND, Command.NAV_VTOL_LAND})
+_COMMANDS: Final[Mapping[int, Callable[[_Flight, int, MissionItem], None]]] = MappingProxyType(
+    {
+        int(Command.NAV_WAYPOINT): _Flight._waypoint,
+        int(Command.NAV_SPLINE_WAYPOINT): _Flight._spline,
+        int(Command.NAV_TAKEOFF): _Flight._takeoff,
+        int(Command.NAV_VTOL_TAKEOFF): _Flight._takeoff,
+        int(Command.NAV_LOITER_TURNS): _Flight._loiter_turns,
+        int(Command.NAV_LOITER_TIME): _Flight._loiter_time,
+        int(Command.NAV_LOITER_UNLIM): _Flight._loiter_unlimited,
+        int(Command.NAV_LOITER_TO_ALT): _Flight._loiter_to_alt,
+        int(Command.NAV_RETURN_TO_LAUNCH): _Flight._return,
+        int(Command.NAV_LAND): _Flight._land,
+        int(Command.NAV_VTOL_LAND): _Flight._land,
+        int(Command.NAV_DELAY): _Flight._delay,
+        int(Command.DO_CHANGE_SPEED): _Flight._change_speed,
+    }
+)

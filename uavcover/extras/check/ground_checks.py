@@ -1,0 +1,192 @@
+"""Heights along every segment at its full length: ground and what stands on it, band, height above home."""
+
+from dataclasses import replace
+from itertools import pairwise
+
+import numpy as np
+import shapely
+import shapely.ops
+
+from uavcover.extras.check.findings import CheckFinding, joined
+from uavcover.extras.check.limits import Limits
+from uavcover.extras.check.places import OTHER_DATA
+from uavcover.extras.check.segments import FlownPath, Segment
+from uavcover.extras.check.world import World
+from uavcover.intake.surface_look import HIDES_M
+from uavcover.kernels.arrays import FloatArray
+
+TOLERANCE_M = 0.05
+"""Heights this near to a limit keep it: files are rounded, and so are elevation models."""
+_LANDED_M = 0.5
+"""Take-off and landing may be so far below the ground; below a surface model ``HIDES_M``, which grass and its errors reach."""
+
+
+def height_findings(path: FlownPath, world: World, limits: Limits) -> list[CheckFinding]:
+    """Segments too near to the ground or in it, too high, or over unknown ground."""
+    low, high, unknown, above_home = [], [], [], []
+    for whole in path.distinct:
+        segment = _cut_at_doubts(whole, world)
+        ranges = world.leg_height_ranges_m(segment.enu_m)
+        if not np.isfinite(ranges).all():
+            unknown.append(_unknown(segment, world, ranges))
+        if np.isfinite(ranges).any():
+            low += _too_low(segment, world, limits, ranges)
+            high += _too_high(segment, world, limits, ranges)
+        above_home += _above_home(segment, world, limits)
+    return [
+        *_worst_of_each(low),
+        *joined(high, lambda one: one.kind),
+        *joined(above_home, lambda one: one.kind),
+        *joined(unknown, lambda one: (one.kind, one.what)),
+    ]
+
+
+def _worst_of_each(findings: list[CheckFinding]) -> list[CheckFinding]:
+    """One finding for each pair of items; a leg that is flown again may come from elsewhere."""
+    worst: dict[tuple[int, int] | None, CheckFinding] = {}
+    for one in findings:
+        if one.items not in worst or one.by > worst[one.items].by:
+            worst[one.items] = one
+    return list(worst.values())
+
+
+def place_of(segment: Segment, piece: int, at: float) -> FloatArray:
+    """The place (3,) at a parameter 0..1 of a piece of a segment."""
+    begin, end = segment.enu_m[piece], segment.enu_m[piece + 1]
+    return np.asarray(begin + at * (end - begin))
+
+
+def _too_low(segment: Segment, world: World, limits: Limits, ranges: FloatArray) -> list[CheckFinding]:
+    piece = int(np.nanargmin(ranges[:, 0]))
+    lowest_m = float(ranges[piece, 0])
+    where = place_of(segment, piece, float(ranges[piece, 1]))
+    # Take-off and landing touch the ground at their ends, and nowhere else.
+    landed_m = _LANDED_M if world.surface is None else HIDES_M
+    limit_m = limits.min_height_agl_m if segment.phase in ("route", "return") else -landed_m
+    if lowest_m >= limit_m - TOLERANCE_M:
+        return []
+    short_m = limit_m - lowest_m
+    words = height_in_words(lowest_m, where, world)
+    a, b = segment.items
+    points = f"item {b}" if a in (0, b) or segment.phase != "route" else f"items {a} and {b}"
+    return [
+        CheckFinding(
+            kind="ground",
+            weight="breaks",
+            items=segment.items,
+            by=short_m,
+            unit="m",
+            what=f"{words}, the least is {max(limit_m, 0.0):g} m",
+            do=_remedy(segment, world, points, short_m),
+        ).at(world.geodetic(where)),
+    ]
+
+
+def _remedy(segment: Segment, world: World, points: str, short_m: float) -> str:
+    if segment.phase == "return":
+        return "return higher (--return-height), or end with legs home"
+    if segment.phase in ("take-off", "landing") and world.surface is not None:
+        return "take off and land where nothing stands"
+    return f"raise {points} by {short_m:.0f} m or more, or put a waypoint there"
+
+
+def height_in_words(lowest_m: float, place_m: FloatArray, world: World) -> str:
+    """A least height, above what it is, for people; also above the ground where trees or roofs stand on it."""
+    side = f"{-lowest_m:.1f} m below" if lowest_m < 0.0 else f"{lowest_m:.1f} m above"
+    if world.surface is None:
+        return f"{side} the ground"
+    bare_m = float(world.ground.heights_agl_m(place_m)[0])
+    if not bare_m - lowest_m > HIDES_M:
+        return f"{side} the ground"
+    return f"{side} the top of trees or roofs ({bare_m:.1f} m above the ground)"
+
+
+def _too_high(segment: Segment, world: World, limits: Limits, ranges: FloatArray) -> list[CheckFinding]:
+    piece = int(np.nanargmax(ranges[:, 2]))
+    highest_m = float(ranges[piece, 2])
+    if limits.max_height_agl_m is None or highest_m <= limits.max_height_agl_m + TOLERANCE_M:
+        return []
+    if segment.phase in ("return", "landing"):
+        return []  # the band is that of the route; an autopilot's own return is high on purpose
+    over_m = highest_m - limits.max_height_agl_m
+    return [
+        CheckFinding(
+            kind="height",
+            weight="breaks",
+            items=segment.items,
+            by=over_m,
+            unit="m",
+            what=f"{highest_m:.0f} m above the ground, the most is {limits.max_height_agl_m:g} m",
+            do=f"fly {over_m:.0f} m lower there, or allow more with --max-height",
+        ).at(world.geodetic(place_of(segment, piece, float(ranges[piece, 3])))),
+    ]
+
+
+def _above_home(segment: Segment, world: World, limits: Limits) -> list[CheckFinding]:
+    if limits.max_above_home_m is None:
+        return []
+    alts = world.alts_amsl_m(segment.enu_m)
+    if not np.isfinite(alts).any():
+        return []
+    k = int(np.nanargmax(alts))
+    over_m = float(alts[k]) - world.home_alt_amsl_m - limits.max_above_home_m
+    if over_m <= TOLERANCE_M:
+        return []
+    return [
+        CheckFinding(
+            kind="above-home",
+            weight="breaks",
+            items=segment.items,
+            by=over_m,
+            unit="m",
+            what=f"{over_m + limits.max_above_home_m:.0f} m above home, the most is {limits.max_above_home_m:g} m",
+            do=f"fly {over_m:.0f} m lower there",
+        ).at(world.geodetic(segment.enu_m[k])),
+    ]
+
+
+def _cut_at_doubts(segment: Segment, world: World) -> Segment:
+    """The segment with more places, where it enters or leaves ground that is not believed: the rest is judged."""
+    line = segment.enu_m
+    doubtful = [shape.buffer(2.0 * world.ground.surface.step_m) for shape, _ in world.ground.left_out]
+    if not doubtful or not np.isfinite(line).all():
+        return segment
+    places = [line[:1]]
+    for begin, end in pairwise(line):
+        leg = shapely.LineString([begin[:2], end[:2]])
+        length_m = leg.length
+        cuts = [
+            leg.project(shapely.Point(corner)) / length_m
+            for shape in doubtful
+            if length_m > 0.0 and shape.intersects(leg)
+            for corner in shapely.get_coordinates(shape.intersection(leg))
+        ]
+        inner = np.array(sorted({cut for cut in cuts if 1e-6 < cut < 1.0 - 1e-6})).reshape(-1, 1)
+        places += [begin + inner * (end - begin), end[None, :]]
+    return replace(segment, enu_m=np.vstack(places))
+
+
+def _unknown(segment: Segment, world: World, ranges: FloatArray) -> CheckFinding:
+    piece = int(np.argmin(np.isfinite(ranges).all(axis=1)))
+    place = segment.enu_m[piece]
+    leg = shapely.LineString(segment.enu_m[piece : piece + 2, :2])
+    reach_m = 2.0 * world.ground.surface.step_m
+    for shape, words in world.ground.left_out:
+        if np.isfinite(place).all() and shape.distance(leg) <= reach_m:
+            nearest = shapely.ops.nearest_points(leg, shape)[0]
+            at = np.array([nearest.x, nearest.y, place[2]])
+            return CheckFinding(
+                kind="suspect-ground",
+                weight="unknown",
+                items=segment.items,
+                what=f"the ground is not believed here: {words}",
+                do=OTHER_DATA,
+            ).at(world.geodetic(at))
+    found = CheckFinding(
+        kind="no-elevation",
+        weight="unknown",
+        items=segment.items,
+        what="the elevation data has no height here",
+        do="give elevation data that reaches all of the flight",
+    )
+    return found.at(world.geodetic(place)) if np.isfinite(place).all() else found

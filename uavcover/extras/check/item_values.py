@@ -1,0 +1,199 @@
+"""Items whose values no autopilot takes, and items that change what is flown without flying anywhere.
+
+What autopilots do with them is as in ArduPilot's AP_Mission.cpp, ModeAuto and ArduPlane's commands_logic.cpp, and in PX4's
+navigator_main.cpp and FeasibilityChecker.cpp.
+"""
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from types import MappingProxyType
+from typing import Final
+
+from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem, SpeedType
+from mission_io.model.places import ground_distance_m
+from uavcover.extras.check.aircraft import Aircraft
+from uavcover.extras.check.findings import CheckFinding, Weight
+
+_HIGHEST_M, _WIDEST_M, _MOST_TURNS = 20_000.0, 20_000.0, 1000.0
+_FASTEST_M_S = 150.0
+_ARDUPILOT_TURNS, _ARDUPILOT_RADIUS_M, _ARDUPILOT_WAIT_S = 255.0, 2550.0, 65_535.0
+"""ArduPilot keeps a circle in two bytes, and a time too."""
+_TIMED: Final = (Command.NAV_WAYPOINT, Command.NAV_SPLINE_WAYPOINT, Command.NAV_LOITER_TIME)
+_SAME_HOME_M = 5.0
+_CIRCLES: Final = (Command.NAV_LOITER_UNLIM, Command.NAV_LOITER_TURNS, Command.NAV_LOITER_TIME)
+_TAKEOFFS: Final = (Command.NAV_TAKEOFF, Command.NAV_VTOL_TAKEOFF)
+_PLACES: Final = (
+    *_CIRCLES, *_TAKEOFFS, Command.NAV_WAYPOINT, Command.NAV_SPLINE_WAYPOINT, Command.NAV_LOITER_TO_ALT, Command.NAV_LAND,
+    Command.NAV_VTOL_LAND,
+)  # fmt: skip
+_SET_HOME = 179
+_WAITS: Final = {
+    int(Command.NAV_WAYPOINT): "waits", int(Command.NAV_SPLINE_WAYPOINT): "waits", int(Command.NAV_LOITER_TIME): "circles",
+    int(Command.NAV_DELAY): "waits", int(Command.CONDITION_DELAY): "delays what follows",
+}  # fmt: skip
+_Told = tuple[Weight, str, str]
+"""How much it weighs, what is wrong, what to do."""
+
+
+def impossible_numbers(mission: Mission) -> list[CheckFinding]:
+    """Numbers that no aircraft flies; nothing else of such a mission is judged."""
+    found = []
+    for number, item in enumerate(mission.items, 1):
+        told = []
+        if item.has_position and abs(item.alt_m) > _HIGHEST_M:
+            told.append(f"a height of {item.alt_m:g} m")
+        if item.command in _CIRCLES and abs(item.params[2]) > _WIDEST_M:
+            told.append(f"a circle of {item.params[2]:g} m")
+        if item.command == Command.NAV_LOITER_TURNS and abs(item.params[0]) > _MOST_TURNS:
+            told.append(f"{item.params[0]:g} turns")
+        if item.command == Command.DO_CHANGE_SPEED and item.params[1] > _FASTEST_M_S:
+            told.append(f"a speed of {item.params[1]:g} m/s")
+        if item.command in _WAITS and math.isinf(item.params[0]):
+            told.append(f"{item.params[0]:g} s of waiting")
+        found += [
+            CheckFinding(
+                kind="number",
+                weight="breaks",
+                items=(number, number),
+                what=what,
+                do="correct it; nothing else was judged",
+            )
+            for what in told
+        ]
+    return found
+
+
+def value_findings(mission: Mission, aircraft: Aircraft, home: GeoPoint | None) -> list[CheckFinding]:
+    """Items whose values do nothing, or not what was meant, and items that change what is flown.
+
+    Args:
+        mission: whose items.
+        aircraft: whose autopilot carries them out.
+        home: the take-off place; none where it is not known.
+    """
+    land_starts = 0
+    found = []
+    for number, item in enumerate(mission.items, 1):
+        told = [*_frames(item), *_waits(item, aircraft), *_circles(item, aircraft), *_taking_over(item)]
+        if item.command == Command.DO_CHANGE_SPEED:
+            told += _speeds(item, aircraft)
+        if item.command == _SET_HOME:
+            told += _homes(item, home)
+        if item.command == Command.DO_LAND_START:
+            land_starts += 1
+            if land_starts > 1 and aircraft.autopilot == "px4":
+                told.append(("breaks", "a second land start, with which PX4 refuses the mission", "keep one"))
+        if aircraft.autopilot == "px4" and not item.autocontinue and item.command in _PLACES:
+            told.append(
+                (
+                    "look",
+                    "it does not go on from here by itself (autocontinue 0)",
+                    "set it, or have somebody at the controls",
+                )
+            )
+        found += [
+            CheckFinding(kind="value", weight=weight, items=(number, number), what=what, do=do)
+            for weight, what, do in told
+        ]
+    return found
+
+
+def _frames(item: MissionItem) -> Iterator[_Told]:
+    """A place in the frame of items without a place."""
+    if item.frame is not Frame.COMMAND or item.command not in _PLACES:
+        return
+    if (item.lat_deg, item.lon_deg) != (0.0, 0.0) or (item.command in _TAKEOFFS and item.alt_m != 0.0):
+        what = "its frame, 2, is that of items without a place; ArduPilot takes its height as above sea level"
+        yield "breaks", what, "give frame 3 (above home), 0 (above sea level) or 10 (above the terrain)"
+
+
+def _waits(item: MissionItem, aircraft: Aircraft) -> Iterator[_Told]:
+    if item.command not in _WAITS:
+        return
+    time_s = item.params[0]
+    by_the_clock = item.command == Command.NAV_DELAY and any(part >= 0.0 for part in item.params[1:])
+    if time_s < 0.0 and not (by_the_clock and time_s == -1.0):
+        yield "look", f"{_WAITS[item.command]} for {time_s:g} s, which is no time", "give 0 seconds or more"
+    if time_s > _ARDUPILOT_WAIT_S and aircraft.autopilot == "ardupilot" and item.command in _TIMED:
+        what = f"{_WAITS[item.command]} for {time_s:g} s, of which ArduPilot keeps {_ARDUPILOT_WAIT_S:g}"
+        yield "breaks", what, "give less, or put in two items"
+
+
+def _circles(item: MissionItem, aircraft: Aircraft) -> Iterator[_Told]:
+    if item.command != Command.NAV_LOITER_TURNS:
+        return
+    turns, radius_m = item.params[0], abs(item.params[2])
+    if turns < 0.0:
+        yield (
+            "breaks",
+            f"{turns:g} turns: what an autopilot makes of that is not known",
+            "give turns above 0; a negative radius turns left",
+        )
+    elif turns == 0.0:
+        yield "look", "no turns: it goes to the circle and on", "give turns, or use a waypoint"
+    elif aircraft.autopilot == "ardupilot" and turns > _ARDUPILOT_TURNS:
+        yield "breaks", f"{turns:g} turns, of which ArduPilot keeps {_ARDUPILOT_TURNS:g}", "put in two items"
+    if aircraft.autopilot == "ardupilot" and radius_m > _ARDUPILOT_RADIUS_M:
+        yield (
+            "breaks",
+            f"a circle of {radius_m:g} m, of which ArduPilot keeps {_ARDUPILOT_RADIUS_M:g} m",
+            "fly it with waypoints",
+        )
+
+
+def _speeds(item: MissionItem, aircraft: Aircraft) -> Iterator[_Told]:
+    kind, speed, throttle = item.params[:3]
+    if not (math.isfinite(kind) and math.isfinite(speed)):
+        yield "unknown", "a change of speed without a number", "give the speed in m/s"
+        return
+    if kind not in tuple(each.value for each in SpeedType):
+        yield "look", f"{kind:g} is no kind of speed (0 air, 1 ground, 2 climb, 3 descent)", "give one of these"
+    if speed > 0.0 or (speed == -1.0 and throttle > 0.0) or speed == -2.0:
+        return  # -1 leaves the speed alone, -2 takes the default
+    does = "sets the speed back to its default" if aircraft.autopilot == "px4" else "changes nothing"
+    if aircraft.autopilot == "ardupilot" and aircraft.has_wings and kind == SpeedType.GROUND.value:
+        does = "is taken as the least speed over ground, which is then none"
+    if speed == -1.0 and does == "changes nothing":
+        return
+    yield "look", f"a speed of {speed:g} m/s {does}", "give the speed in m/s; -2 takes the default"
+
+
+def _homes(item: MissionItem, home: GeoPoint | None) -> Iterator[_Told]:
+    """A home that is moved: heights above home and the return count from there on from another one."""
+    moved = "moves home: heights above home and the return are then others; judged as if home stayed"
+    if item.params[0] != 1.0 and home is not None and item.has_position:
+        away_m = ground_distance_m(home.lat_deg, home.lon_deg, item.lat_deg, item.lon_deg)
+        above_m = item.alt_m - (home.alt_amsl_m if item.frame is Frame.AMSL else 0.0)
+        if away_m < _SAME_HOME_M and abs(above_m) < _SAME_HOME_M:
+            return
+    yield "unknown", moved, "remove it, or judge the mission in two parts (--home)"
+
+
+def _taking_over(item: MissionItem) -> Iterator[_Told]:
+    row = _TAKE_OVER.get(item.command)
+    if row is not None:
+        weight, what, applies = row
+        if applies(item.params):
+            yield weight, what, "remove it, or judge without what follows"
+
+
+def _always(_: tuple[float, float, float, float]) -> bool:
+    return True
+
+
+_TAKE_OVER: Final[Mapping[int, tuple[Weight, str, Callable[[tuple[float, float, float, float]], bool]]]] = MappingProxyType(
+    {
+        113: ("unknown", "changes the height at a rate; judged as if it did not", _always),
+        int(Command.DO_SET_MODE): ("unknown", "changes the flight mode: what follows is not this mission", _always),
+        185: ("breaks", "terminates the flight: motors off", lambda params: params[0] > 0.5),
+        186: ("unknown", "changes the height; judged as if it did not", _always),
+        191: ("unknown", "goes around: what is flown then is the autopilot's", _always),
+        int(Command.DO_REPOSITION): ("unknown", "sends the vehicle elsewhere; judged as if it did not", _always),
+        int(Command.DO_PAUSE_CONTINUE): ("look", "stays until somebody lets it go on", lambda params: params[0] == 0.0),
+        194: ("unknown", "drives backwards; judged as if it did not", lambda params: params[0] == 1.0),
+        207: ("look", "switches the fence off: nothing keeps the vehicle in", lambda params: params[0] == 0.0),
+        208: ("breaks", "releases the parachute", lambda params: params[0] == 2.0),
+        223: ("breaks", "stops the engine", lambda params: params[0] == 0.0),
+        int(Command.COMPONENT_ARM_DISARM): ("breaks", "disarms: motors off", lambda params: params[0] == 0.0),
+    }
+)  # fmt: skip

@@ -1,0 +1,435 @@
+"""The workflow of ``uavcover check``: somebody's mission file and elevation data in, findings out."""
+
+import contextlib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+
+from mission_io.autopilots.vehicle_types import VehicleKind, kind_of
+from mission_io.errors import FormatError
+from mission_io.formats import files, litchi, plan, wpml
+from mission_io.formats.dialects import words_of
+from mission_io.formats.text import text_from_bytes
+from mission_io.model.areas import Fence, FramedPoint
+from mission_io.model.enums import AutopilotId
+from mission_io.model.items import Command, Mission
+from mission_io.model.places import doubts_about_fence
+from uavcover.errors import InputError, ScenarioError
+from uavcover.extras.check.aircraft import BANK_DEG, KINDS, Aircraft, Kind, default_aircraft, radius_of_bank_m
+from uavcover.extras.check.check import Bounds, Checked, CheckRequest, check_mission
+from uavcover.extras.check.check_elevation import open_check_elevation
+from uavcover.extras.check.fences import FenceSource
+from uavcover.extras.check.findings import CheckFinding
+from uavcover.extras.check.limits import Limits
+from uavcover.extras.check.obstacle_checks import with_obstacles
+from uavcover.extras.check.planned_view import MissionView, ViewQuery, planned_view
+from uavcover.extras.check.return_checks import OwnReturn
+from uavcover.intake.vehicles import VehicleType, vehicle_named
+from uavcover.model.active_times import window_of
+from uavcover.model.judgement import VerdictName
+from uavcover.model.no_fly import NoFly
+from uavcover.model.obstacles import Obstacle
+from uavcover.model.vehicle import AutopilotName, autopilot_name
+from uavcover.routes.failsafe_parameters import failsafe_settings
+from uavcover.run.route_file import ROUTE_SUFFIXES, read_route_file
+from uavcover.run.user import User
+from uavcover.run.vehicle_terrain import ElevationData
+from uavcover.scenario.airspace.zone_file import read_zones
+from uavcover.scenario.areas.area_file import AreaQuery, read_area
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.ground import Ground
+from uavcover.scenario.obstacles import read_obstacles
+from uavcover.scenario.scenario_file import load_scenario
+
+MISSION_SUFFIXES = (".plan", ".waypoints", ".txt", ".mission", ".csv", *ROUTE_SUFFIXES)
+_MOST_POINTS = {
+    ".csv": (litchi.MOST_WAYPOINTS, "Litchi"),
+    ".kmz": (wpml.MOST_POINTS, "WPML"),
+    ".wpml": (wpml.MOST_POINTS, "WPML"),
+}
+_FENCE_FILES = (".plan", ".waypoints", ".txt", ".fen")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CheckQuery:
+    """What the user asks for.
+
+    Attributes:
+        file: the mission.
+        elevation: the elevation data of the ground.
+        surface: files of a surface model, with trees and roofs, that flights keep clear of too.
+        fence: file of a fence, or of an area to stay inside; none: the mission file's own.
+        rally: file of rally points; none: the mission file's own.
+        parameters: file of the vehicle's parameters; none: the autopilot's defaults.
+        no_fly: files of no-fly zones.
+        flight_window_utc: when it is flown; none: at any time.
+        vehicle: a vehicle by name; none: the autopilot's defaults.
+        autopilot: "ardupilot" or "px4"; none: the file's, or ArduPilot.
+        kind: how the aircraft moves; none: the file's, or what its commands suggest.
+        home: take-off place; none: the file's.
+        pilot: where the pilot stands; none: at home.
+        return_height_m: the autopilot's return altitude above home; none: its default.
+        speed_m_s: none: the vehicle's.
+        bank_deg: of wings in turns; none: the autopilot's default.
+        endurance_s: none: the vehicle's.
+        reserve_fraction: of the endurance.
+        limits: of heights, distance and wind.
+        view: what should be seen; none: nobody asks.
+        obstacles: file of obstacles with heights.
+        most_items: that the vehicle or its controller takes; none: not judged.
+        trust_dem: whether heights are taken as they are where they do not look like ground.
+    """
+
+    file: Path
+    elevation: ElevationData
+    surface: tuple[str, ...] = ()
+    fence: Path | None = None
+    rally: Path | None = None
+    parameters: Path | None = None
+    no_fly: tuple[str, ...] = ()
+    flight_window_utc: tuple[str, str] | None = None
+    vehicle: str | None = None
+    autopilot: str | None = None
+    kind: str | None = None
+    home: tuple[float, float] | None = None
+    pilot: tuple[float, float] | None = None
+    return_height_m: float | None = None
+    speed_m_s: float | None = None
+    bank_deg: float | None = None
+    endurance_s: float | None = None
+    reserve_fraction: float = 0.2
+    limits: Limits = field(default_factory=Limits)
+    view: ViewQuery | None = None
+    obstacles: Path | None = None
+    most_items: int | None = None
+    trust_dem: bool = False
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class CheckOutcome:
+    """What came of it.
+
+    Attributes:
+        checked: the findings, also of what would be seen, and the path.
+        aircraft: whose speeds and returns were counted on.
+        view: what would be seen; none where nobody asked, or nothing is flown.
+    """
+
+    checked: Checked
+    aircraft: Aircraft
+    view: MissionView | None = None
+
+    @property
+    def verdict(self) -> VerdictName:
+        """Passed, failed or not proved."""
+        return self.checked.verdict
+
+
+@dataclass(frozen=True, slots=True)
+class ReadMission:
+    """A mission file as it is judged.
+
+    Attributes:
+        mission: its mission.
+        fence: its fence, none where it has none.
+        autopilot: whom it was made for; none: it does not say.
+        kind: of aircraft, likewise.
+        repairs: what was repaired to read it.
+        return_height_m: above home, where the file states it.
+        speed_m_s: likewise.
+        points: of a route, the item that each of its points became.
+        home: latitude and longitude of a home without a height, which is none to ``mission``.
+        rally: its rally points.
+    """
+
+    mission: Mission
+    fence: Fence | None = None
+    autopilot: AutopilotName | None = None
+    kind: Kind | None = None
+    repairs: tuple[str, ...] = ()
+    return_height_m: float | None = None
+    speed_m_s: float | None = None
+    points: tuple[int, ...] = ()
+    home: tuple[float, float] | None = None
+    rally: tuple[FramedPoint, ...] = ()
+
+
+def check(query: CheckQuery, user: User) -> CheckOutcome:
+    """Read everything, judge the mission, and tell of repairs.
+
+    Raises:
+        UavcoverError: a file cannot be read or used.
+        FormatError: the mission file is none.
+    """
+    read = read_mission_file(query.file)
+    for repair in read.repairs:
+        user.warn(f"{query.file}: repaired: {repair}")
+    if read.points:
+        user.say(
+            f"point 1 of {query.file} is item {read.points[0]}, the last one, {len(read.points)}, item {read.points[-1]}"
+        )
+    if read.fence is not None:
+        for doubt in doubts_about_fence(read.fence):
+            user.warn(f"{query.file}: doubtful: {doubt}")
+    if not read.mission.items:
+        raise InputError(f"{query.file}: the mission has no items; give a file that flies somewhere")
+    aircraft = aircraft_of(query, read)
+    home = read.home if query.home is None else query.home
+    elevation = open_check_elevation(query.elevation, query.surface, read.mission, home, user, trusted=query.trust_dem)
+    request = CheckRequest(
+        mission=read.mission, aircraft=aircraft, limits=query.limits, home=home, pilot=query.pilot,
+        fence=_read_fence(query.fence) if query.fence is not None else read.fence,
+        obstacles=_read_obstacles(query.obstacles),
+        own_return=OwnReturn(
+            parameters={} if query.parameters is None else read_parameter_file(query.parameters),
+            rally=read.rally if query.rally is None else _read_rally(query.rally),
+        ),
+    )  # fmt: skip
+
+    def zones(near: Bounds) -> Sequence[NoFly]:
+        found: list[NoFly] = []
+        for file in query.no_fly:
+            entries, notes = read_zones(NoFly(file=str(Path(file).resolve())), near=near)
+            found += entries
+            for note in notes:
+                user.say(note)
+        asked = query.flight_window_utc
+        window = None if asked is None else window_of(*asked, "--at")
+        counting = [zone for zone in found if zone.in_force(window)]
+        timed = sum(zone.has_times for zone in counting)
+        if len(counting) < len(found):
+            user.say(
+                f"{len(found) - len(counting)} of {len(found)} no-fly zones are not in force then and do not count"
+            )
+        elif timed and window is None:
+            user.say(f"{timed} no-fly zones have times and count as in force all the time; --at says when it is flown")
+        return counting
+
+    surface = None if elevation.over is None else elevation.read_surface
+    checked = check_mission(
+        request, elevation.heights_amsl_m, elevation.read_ground, zones, surface, doubt=elevation.doubt
+    )
+    checked = checked.with_findings(_too_many(query, read))
+    if query.view is None:
+        return CheckOutcome(checked, aircraft)
+    obstacles = request.obstacles, query.limits.obstacle_clearance_m
+
+    def looked_at(frame: LocalFrame, bounds_m: Bounds) -> tuple[Ground, Ground | None]:
+        bare = elevation.read_ground(frame, bounds_m)
+        higher = None if elevation.over is None else elevation.read_higher(frame, bounds_m, bare)
+        top, _ = with_obstacles(higher or bare, obstacles[0], frame, bounds_m, obstacles[1], foot=bare)
+        return top, None if higher is None else bare
+
+    view = planned_view(query.view, read.mission, checked, aircraft, looked_at)
+    return CheckOutcome(checked if view is None else checked.with_findings(view.findings), aircraft, view)
+
+
+def _too_many(query: CheckQuery, read: ReadMission) -> list[CheckFinding]:
+    """Whether the vehicle, or the controller that the file is for, takes so many items or points."""
+    found = []
+    controller = _MOST_POINTS.get(query.file.suffix.lower())
+    if read.points and controller is not None and len(read.points) > controller[0]:
+        most, name = controller
+        found.append((f"{len(read.points)} points, {name} takes {most}", len(read.points) - most))
+    count = len(read.mission.items)
+    if query.most_items is not None and count > query.most_items:
+        found.append((f"{count} items, {query.most_items} are taken", count - query.most_items))
+    return [
+        CheckFinding(
+            kind="items", weight="breaks", by=float(over), what=what, do="split it: --fix --max-items N -o FILE"
+        )
+        for what, over in found
+    ]
+
+
+def read_mission_file(path: Path) -> ReadMission:
+    """Read a mission of any known format.
+
+    Raises:
+        InputError: there is no such file, or it is of no known format.
+        FormatError: it is not what its name says.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: {'is a folder' if path.is_dir() else 'no such file'}; give a mission file")
+    suffix = path.suffix.lower()
+    if suffix not in MISSION_SUFFIXES:
+        raise InputError(f"{path}: {suffix or 'no suffix'} is not read; give one of {', '.join(MISSION_SUFFIXES)}")
+    route = read_route_file(path)
+    if route is not None:
+        return ReadMission(
+            route.mission,
+            None,
+            None,
+            "multirotor",
+            route.repairs,
+            route.return_height_m,
+            route.speed_m_s,
+            route.numbers,
+        )
+    if suffix == ".plan":
+        try:
+            decoded = text_from_bytes(path.read_bytes())
+            document = plan.read(decoded.text)
+        except FormatError as error:
+            raise FormatError(
+                error.what, where=f"{path}: {error.where}" if error.where else str(path), advice=error.advice
+            ) from error
+        fence = document.fence if document.fence != Fence() else None
+        return ReadMission(
+            document.mission, fence, _autopilot_of(document.mav_autopilot), _kind_of(document.vehicle_type, document.mission),
+            (*decoded.repairs, *document.repairs), home=_home_without_height(document), rally=document.rally.points,
+        )  # fmt: skip
+    read = files.read_file(path)
+    if read.mission is None:
+        raise InputError(f"{path}: holds a fence or rally points and no mission; give it with --fence")
+    return ReadMission(read.mission, None, None, _kind_of(None, read.mission), read.repairs)
+
+
+def _home_without_height(document: plan.PlanFile) -> tuple[float, float] | None:
+    """Where a plan starts whose home has no height, as QGroundControl saves it without terrain data: the ground there counts."""
+    home = document.extras.get("mission", {}).get("plannedHomePosition")
+    return (float(home[0]), float(home[1])) if document.mission.home is None and isinstance(home, list) else None
+
+
+def aircraft_of(query: CheckQuery, read: ReadMission) -> Aircraft:
+    """The aircraft: the autopilot's defaults, over them data sheet or plan, the vehicle's parameters, the user's own values.
+
+    Raises:
+        InputError: a name is not known.
+    """
+    vehicle = planned_vehicle(query.file) if query.vehicle is None else vehicle_named(query.vehicle)
+    stated = vehicle.autopilot if vehicle is not None else None
+    autopilot = autopilot_name(query.autopilot, stated or read.autopilot or "ardupilot")
+    kind: Kind = read.kind or "multirotor"
+    if query.kind is not None:
+        known: dict[str, Kind] = {name: name for name in KINDS}
+        if query.kind not in known:
+            raise InputError(f"--flies-as: {query.kind!r} is not known; give {', '.join(KINDS)}")
+        kind = known[query.kind]
+    own = default_aircraft(autopilot, kind)
+    sheet = vehicle or VehicleType("", "")
+    set_m_s: Mapping[str, float] = {}
+    if query.parameters is not None and kind == "multirotor":
+        settings = failsafe_settings(autopilot, read_parameter_file(query.parameters), known=_NOT_SET)
+        set_m_s = {name: value for name, value in settings.values.items() if name in _NOT_SET and not math.isnan(value)}
+
+    def first(*values: float | None, default: float) -> float:
+        return next((value for value in values if value is not None), default)
+
+    set_cruise_m_s = set_m_s.get("cruise_m_s")
+    cruise_m_s = first(
+        query.speed_m_s, read.speed_m_s, set_cruise_m_s, sheet.cruise_speed_m_s, default=own.cruise_speed_m_s
+    )
+    bank_deg = BANK_DEG[autopilot] if query.bank_deg is None else query.bank_deg
+    parts = ["your options"] * (query.speed_m_s is not None) + [str(query.parameters)] * bool(set_m_s)
+    parts += [sheet.title] if vehicle is not None else []
+    return replace(
+        own,
+        speeds_from=", then ".join([*parts, f"the defaults of {'PX4' if autopilot == 'px4' else 'ArduPilot'}"]),
+        cruise_speed_m_s=cruise_m_s,
+        turn_radius_m=radius_of_bank_m(cruise_m_s, bank_deg) if own.has_wings else 0.0,
+        acceptance_m=own.acceptance_m * (cruise_m_s / own.cruise_speed_m_s if own.has_wings else 1.0),
+        max_climb_m_s=first(set_m_s.get("climb_m_s"), sheet.max_climb_m_s, default=own.max_climb_m_s),
+        max_descent_m_s=first(set_m_s.get("descent_m_s"), sheet.max_descent_m_s, default=own.max_descent_m_s),
+        max_airspeed_m_s=sheet.max_speed_m_s,
+        return_height_m=first(query.return_height_m, read.return_height_m, default=own.return_height_m),
+        endurance_s=query.endurance_s if query.endurance_s is not None else sheet.endurance_s,
+        reserve_fraction=query.reserve_fraction,
+    )
+
+
+_NOT_SET: Mapping[str, float] = MappingProxyType(dict.fromkeys(("cruise_m_s", "climb_m_s", "descent_m_s"), math.nan))
+
+
+def planned_vehicle(mission: Path) -> VehicleType | None:
+    """The vehicle that a run's mission file was planned for, from the scenario beside it; none for other files.
+
+    Raises:
+        ScenarioError: the scenario cannot be used.
+    """
+    folder = mission.resolve().parent
+    if not (folder / "plan.json").is_file() or not (folder / "scenario.toml").is_file():
+        return None
+    scenario = load_scenario(folder / "scenario.toml")
+    own = scenario.vehicle
+    return VehicleType(
+        name="plan", title=f"the plan in {mission.parent}", endurance_s=own.endurance_s, autopilot=own.autopilot,
+        cruise_speed_m_s=own.cruise_speed_m_s, max_speed_m_s=own.max_airspeed_m_s, max_climb_m_s=own.max_climb_m_s,
+        max_descent_m_s=own.max_descent_m_s, acceleration_m_s2=own.acceleration_m_s2,
+    )  # fmt: skip
+
+
+def _autopilot_of(mav_autopilot: int) -> AutopilotName | None:
+    return {int(AutopilotId.ARDUPILOT): "ardupilot", int(AutopilotId.PX4): "px4"}.get(mav_autopilot)  # type: ignore[return-value]
+
+
+def _kind_of(vehicle_type: int | None, mission: Mission) -> Kind | None:
+    if vehicle_type is not None:
+        named: dict[VehicleKind, Kind] = {VehicleKind.PLANE: "fixed-wing", VehicleKind.VTOL: "vtol"}
+        kind = named.get(kind_of(vehicle_type))
+        if kind is not None:
+            return kind
+    commands = {item.command for item in mission.items}
+    if commands & {Command.NAV_VTOL_TAKEOFF, Command.NAV_VTOL_LAND}:
+        return "vtol"
+    return "multirotor" if vehicle_type is not None else None
+
+
+def _read_obstacles(path: Path | None) -> tuple[Obstacle, ...]:
+    if path is None:
+        return ()
+    if not path.is_file():
+        raise InputError(f"--obstacles: {path}: no such file; give polygons with heights (.geojson, .kml)")
+    try:
+        return read_obstacles(path)
+    except (ScenarioError, InputError) as error:
+        raise InputError(f"--obstacles: {str(error).removeprefix('obstacles.file: ')}") from error
+
+
+def _read_rally(path: Path) -> tuple[FramedPoint, ...]:
+    read = files.read_file(path) if path.is_file() else None
+    if read is None or read.rally is None:
+        raise InputError(
+            f"--rally: {path}: {'no such file' if read is None else 'holds no rally points'}; give a rally file"
+        )
+    return read.rally.points
+
+
+def read_parameter_file(path: Path) -> dict[str, float]:
+    """The parameters of a file as ground stations save them: a name and a number a line, or QGroundControl's five columns.
+
+    Raises:
+        InputError: there is no such file, or a line is neither.
+    """
+    if not path.is_file():
+        raise InputError(f"--parameters: {path}: no such file; give a file of parameters as a ground station saves it")
+    found: dict[str, float] = {}
+    for number, line in enumerate(text_from_bytes(path.read_bytes()).text.splitlines(), 1):
+        content = line.split("#")[0].strip()
+        if not content:
+            continue
+        words: tuple[str, ...] = ()
+        for count in (2, 5):
+            with contextlib.suppress(FormatError):
+                words = words or words_of(content, count).words
+        name, value = (words[2], words[3]) if len(words) == 5 else words if len(words) == 2 else ("", "")
+        try:
+            found[name] = float(value)
+        except ValueError:
+            raise InputError(
+                f"--parameters: {path}: line {number}: {line.strip()!r} is not a name and a number"
+            ) from None
+    return found
+
+
+def _read_fence(path: Path) -> FenceSource:
+    if path.suffix.lower() in _FENCE_FILES:
+        if not path.is_file():
+            raise InputError(f"--fence: {path}: no such file; give a fence or an area")
+        read = files.read_file(path)
+        if read.fence is None or read.fence == Fence():
+            raise InputError(f"--fence: {path}: holds no fence; give a fence, or an area to stay inside")
+        return read.fence
+    return read_area(AreaQuery(source=str(path))).parts

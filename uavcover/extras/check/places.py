@@ -1,0 +1,219 @@
+"""Whether the places of a mission are where it can be meant: home, items, and the elevation data belong together."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from mission_io.model.items import Command, GeoPoint, Mission
+from mission_io.model.places import FAR_FROM_HOME_M, ground_distance_m
+from uavcover.extras.check.findings import CheckFinding
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.vehicle import AutopilotName
+
+Heights = Callable[[FloatArray, FloatArray], FloatArray]
+"""Heights of the ground above sea level at latitudes and longitudes, NaN where there is none."""
+Doubt = Callable[[float, float], str]
+"""Why the height at a latitude and longitude is not believed; empty where it is."""
+HOME_DIFFERENCE_M = 15.0
+"""A planned home whose height differs from the ground by more is told: elevation models differ by less."""
+
+OTHER_DATA = "give other data, or mark its missing heights (gdal_edit.py -a_nodata); if it is right, --trust-dem"
+"""What to do about heights that do not look like ground."""
+
+_NEAR_DEG = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class MissionPlaces:
+    """Where a mission is.
+
+    Attributes:
+        home: on the ground; none where that is not known, and nothing can be judged.
+        skipped: numbers of items whose place cannot be meant.
+        findings: what is wrong with places.
+    """
+
+    home: GeoPoint | None
+    skipped: frozenset[int]
+    findings: tuple[CheckFinding, ...]
+
+
+def believed(_lat_deg: float, _lon_deg: float) -> str:
+    """Every height is believed."""
+    return ""
+
+
+def places_of(
+    mission: Mission,
+    heights: Heights,
+    autopilot: AutopilotName,
+    *,
+    home: tuple[float, float] | None = None,
+    doubt: Doubt = believed,
+) -> MissionPlaces:
+    """Look at home and at the places of the items.
+
+    Args:
+        mission: whose places.
+        heights: of the ground.
+        autopilot: PX4 flies to 0, 0; ArduPilot stays where it is.
+        home: latitude and longitude of the take-off place; none: the mission's, or its first place.
+        doubt: why heights are missing that the elevation data has.
+    """
+    findings: list[CheckFinding] = []
+    numbers = [
+        n for n, item in enumerate(mission.items, 1) if item.has_position and _is_place(item.lat_deg, item.lon_deg)
+    ]
+    lat = np.array([mission.items[n - 1].lat_deg for n in numbers])
+    lon = np.array([mission.items[n - 1].lon_deg for n in numbers])
+    ground = _heights(heights, lat, lon)
+    at = _home_place(mission, home, lat, lon, findings)
+    if at is None:
+        findings.append(
+            CheckFinding(kind="place", weight="unknown", what="no item has a place", do="give a mission with places")
+        )
+        return MissionPlaces(None, frozenset(), tuple(findings))
+    height = float(_heights(heights, np.array([at[0]]), np.array([at[1]]))[0])
+    if not math.isfinite(height) and (why := doubt(*at)):
+        findings.append(
+            CheckFinding(
+                kind="suspect-ground", weight="unknown", items=(0, 0), lat_deg=at[0], lon_deg=at[1],
+                what=f"home, from which heights count, is on {why}", do=OTHER_DATA,
+            )
+        )  # fmt: skip
+        return MissionPlaces(None, frozenset(), tuple(findings))
+    if not math.isfinite(height):
+        findings.append(_home_elsewhere(at, heights, known=bool(np.isfinite(ground).any())))
+        return MissionPlaces(None, frozenset(), tuple(findings))
+    if home is None and mission.home is not None and at == (mission.home.lat_deg, mission.home.lon_deg):
+        _compare_home(mission.home.alt_amsl_m, at, height, findings)
+    skipped = _far_items(at, heights, dict(zip(numbers, zip(lat, lon, ground, strict=True), strict=True)), findings)
+    _zeros(mission, autopilot, findings)
+    return MissionPlaces(GeoPoint(at[0], at[1], height), frozenset(skipped), tuple(findings))
+
+
+def _is_place(lat_deg: float, lon_deg: float) -> bool:
+    return math.isfinite(lat_deg) and math.isfinite(lon_deg) and not (lat_deg == 0.0 and lon_deg == 0.0)
+
+
+def _heights(heights: Heights, lat: FloatArray, lon: FloatArray) -> FloatArray:
+    """Heights of places that may be anywhere; those that are no places on Earth have none."""
+    out = np.full(len(lat), np.nan)
+    real = (np.abs(lat) <= 90.0) & (np.abs(lon) <= 180.0)
+    # Places near to each other at once: far ones in one window would read all between them.
+    parts: dict[tuple[float, float], list[int]] = {}
+    for k in np.flatnonzero(real).tolist():
+        parts.setdefault((lat[k] // _NEAR_DEG, lon[k] // _NEAR_DEG), []).append(k)
+    for numbers in parts.values():
+        out[numbers] = heights(lat[numbers], lon[numbers])
+    return out
+
+
+def _home_place(
+    mission: Mission, home: tuple[float, float] | None, lat: FloatArray, lon: FloatArray, findings: list[CheckFinding]
+) -> tuple[float, float] | None:
+    if home is not None:
+        return home
+    if mission.home is not None and _is_place(mission.home.lat_deg, mission.home.lon_deg):
+        return mission.home.lat_deg, mission.home.lon_deg
+    if not len(lat):
+        return None
+    findings.append(
+        CheckFinding(
+            kind="home",
+            weight="look",
+            items=(0, 0),
+            lat_deg=float(lat[0]),
+            lon_deg=float(lon[0]),
+            what="the mission has no home; judged as if it took off below its first place",
+            do="give it with --home LAT,LON",
+        ),
+    )
+    return float(lat[0]), float(lon[0])
+
+
+def _home_elsewhere(at: tuple[float, float], heights: Heights, *, known: bool) -> CheckFinding:
+    swapped = abs(at[1]) <= 90.0 and math.isfinite(float(_heights(heights, np.array([at[1]]), np.array([at[0]]))[0]))
+    if swapped:
+        what, do = "latitude and longitude of home are swapped", "swap them"
+    elif known:
+        what, do = (
+            "home is outside the elevation data, the route is inside",
+            "give the take-off place with --home LAT,LON",
+        )
+    else:
+        what, do = "the mission is elsewhere than the elevation data", "give the elevation data of its place"
+    return CheckFinding(kind="place", weight="breaks", items=(0, 0), lat_deg=at[0], lon_deg=at[1], what=what, do=do)
+
+
+def _compare_home(stated_m: float, at: tuple[float, float], height_m: float, findings: list[CheckFinding]) -> None:
+    if math.isfinite(stated_m) and abs(stated_m - height_m) > HOME_DIFFERENCE_M:
+        findings.append(
+            CheckFinding(
+                kind="home",
+                weight="look",
+                items=(0, 0),
+                lat_deg=at[0],
+                lon_deg=at[1],
+                alt_amsl_m=stated_m,
+                by=abs(stated_m - height_m),
+                unit="m",
+                what=f"home is {stated_m:.0f} m above sea level in the file, the ground there {height_m:.0f} m; heights "
+                "above home were taken from the ground",
+                do="compare the vertical datums, or move home",
+            ),
+        )
+
+
+def _far_items(
+    at: tuple[float, float],
+    heights: Heights,
+    items: dict[int, tuple[float, float, float]],
+    findings: list[CheckFinding],
+) -> list[int]:
+    skipped = []
+    for number, (lat, lon, ground_m) in items.items():
+        if math.isfinite(ground_m) and ground_distance_m(*at, lat, lon) <= FAR_FROM_HOME_M:
+            continue
+        swapped_m = _heights(heights, np.array([lon]), np.array([lat]))[0] if abs(lon) <= 90.0 else math.nan
+        distance_m = ground_distance_m(*at, lat, lon)
+        if math.isfinite(swapped_m):
+            what, do = "latitude and longitude are swapped", "swap them"
+        elif distance_m > FAR_FROM_HOME_M:
+            what, do = f"{distance_m / 1000.0:.0f} km from home", "correct its place"
+        else:
+            continue  # near, over unknown ground: the legs tell
+        skipped.append(number)
+        findings.append(
+            CheckFinding(
+                kind="place",
+                weight="breaks",
+                items=(number, number),
+                lat_deg=float(lat),
+                lon_deg=float(lon),
+                by=distance_m,
+                unit="m",
+                what=what,
+                do=f"{do}; the item was left out of what follows",
+            ),
+        )
+    return skipped
+
+
+def _zeros(mission: Mission, autopilot: AutopilotName, findings: list[CheckFinding]) -> None:
+    for number, item in enumerate(mission.items, 1):
+        if item.has_position and item.lat_deg == 0.0 and item.lon_deg == 0.0 and item.command == Command.NAV_WAYPOINT:
+            px4 = autopilot == "px4"
+            findings.append(
+                CheckFinding(
+                    kind="place",
+                    weight="breaks" if px4 else "look",
+                    items=(number, number),
+                    lat_deg=0.0,
+                    lon_deg=0.0,
+                    what="a waypoint at latitude 0, longitude 0" + ("" if px4 else ": ArduPilot stays where it is"),
+                    do="give its place, or remove it",
+                ),
+            )

@@ -1,0 +1,276 @@
+"""What a checked mission's pictures would show of an area, counted as the planner and the judge of flights count."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import shapely
+
+from mission_io.model.items import Mission
+from uavcover.errors import InputError
+from uavcover.extras.check.aircraft import Aircraft
+from uavcover.extras.check.check import Bounds, Checked
+from uavcover.extras.check.findings import CheckFinding
+from uavcover.extras.check.planned_pictures import PlannedPictures, Series, planned_pictures
+from uavcover.extras.check.world import World
+from uavcover.intake.cameras import CameraBody, camera_named
+from uavcover.intake.quantities import overlaps
+from uavcover.judging.gaps import cells_outline
+from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.observation_counting import SensorPoses
+from uavcover.model.area import Area, Rings
+from uavcover.model.home import Home
+from uavcover.model.limits import FlightLimits
+from uavcover.model.scenario import Scenario
+from uavcover.model.sensor import FrameCamera
+from uavcover.model.terrain import RasterTerrain
+from uavcover.model.verdict import percent_beside
+from uavcover.scenario.areas.area_file import AreaQuery, read_area
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.ground import Ground
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.pictures import (
+    OVERLAP_FRACTION,
+    PictureCounts,
+    camera_axes,
+    count_pictures,
+    drawn_cells,
+    overlap_fraction,
+    pictures_asked,
+)
+
+_CELLS, _FINEST_CELL_M = 25_000, 1.0
+_AROUND_M = 50.0
+_MOST_OBLIQUE_DEG = 75.0
+GroundReader = Callable[[LocalFrame, Bounds], tuple[Ground, Ground | None]]
+"""What hides, within west, south, east, north; and the bare ground where a surface model lies over it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ViewQuery:
+    """What should be seen.
+
+    Attributes:
+        area: the ground.
+        camera: name or file.
+        gsd_m: largest ground sample distance that counts as seen; none: any.
+        overlap: forward and side, as "75/70"; none: not judged.
+        coverage: share of the area that has to be seen; none: not judged.
+        pitch_deg: of the camera where the mission does not say it.
+        always: pictures that are taken beside those of the mission's items.
+    """
+
+    area: AreaQuery
+    camera: str
+    gsd_m: float | None = None
+    overlap: str | None = None
+    coverage: float | None = None
+    pitch_deg: float = -90.0
+    always: Series | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MissionView:
+    """What would be seen.
+
+    Attributes:
+        document: figures for programs.
+        lines: the same for people.
+        findings: what lacks.
+        unseen_m: (east, north) metres of what no picture shows.
+        pictures: where they are taken.
+    """
+
+    document: dict[str, Any]
+    lines: tuple[str, ...]
+    findings: tuple[CheckFinding, ...]
+    unseen_m: shapely.MultiPolygon
+    pictures: PlannedPictures
+
+
+def planned_view(
+    query: ViewQuery,
+    mission: Mission,
+    checked: Checked,
+    aircraft: Aircraft,
+    read_ground: GroundReader,
+) -> MissionView | None:
+    """Count what a checked mission's pictures show; none where the mission has no path.
+
+    Raises:
+        UavcoverError: area, camera or elevation data cannot be used.
+    """
+    if checked.path is None or checked.world is None:
+        return None
+    camera = camera_named(query.camera)
+    area = read_area(query.area)
+    pictures = planned_pictures(
+        mission, checked.path, checked.world, aircraft, pitch_deg=query.pitch_deg, always=query.always
+    )
+    coverage = _map(query, camera, area.parts, checked.world, pictures, read_ground)
+    axes, tops = camera_axes(pictures.yaw_deg, pictures.pitch_deg, np.zeros(len(pictures.yaw_deg)))
+    poses = SensorPoses(pictures.places_m, axes, tops, np.arange(len(axes), dtype=float))
+    counts = count_pictures(coverage, poses)
+    seen = counts.pictures > 0
+    if query.gsd_m is not None:
+        seen &= counts.ground_sample_m <= query.gsd_m
+    return _view(query, camera, coverage, counts, pictures, seen)
+
+
+def _map(
+    query: ViewQuery,
+    camera: CameraBody,
+    parts: tuple[Rings, ...],
+    world: World,
+    pictures: PlannedPictures,
+    read_ground: GroundReader,
+) -> CoverageMap:
+    """The area's cells in the mission's frame, with the ground under area and pictures."""
+
+    def ring(places: tuple[tuple[float, float], ...]) -> FloatArray:
+        lon, lat = np.asarray(places, float).T
+        return np.asarray(world.frame.enu_from_geodetic(lat, lon, world.home_alt_amsl_m)[:, :2])
+
+    outline = shapely.union_all(
+        [shapely.Polygon(ring(outer), [ring(hole) for hole in holes]) for outer, *holes in parts]
+    )
+    if not isinstance(outline, shapely.Polygon | shapely.MultiPolygon) or outline.is_empty:
+        raise InputError("--area: has no ground to look at; give polygons")
+    away_m = float(shapely.distance(outline, shapely.Point(0.0, 0.0)))
+    if away_m > 50_000.0:
+        raise InputError(f"--area: lies {away_m / 1000.0:.0f} km from home; are latitude and longitude swapped?")
+    cell_m = round(max(math.sqrt(outline.area / _CELLS), _FINEST_CELL_M), 1)
+    west, south, east, north = shapely.union_all([outline, shapely.MultiPoint(pictures.places_m[:, :2])]).bounds
+    bounds = (west - _AROUND_M, south - _AROUND_M, east + _AROUND_M, north + _AROUND_M)
+    ground, bare = read_ground(world.frame, bounds)
+    forward, side = (None, 0.0) if query.overlap is None else overlaps(query.overlap)
+    sensor = FrameCamera(
+        kind="frame-camera", fov_across_deg=camera.fov_across_deg, fov_along_deg=camera.fov_along_deg,
+        range_m=_range_m(camera, pictures, bare or ground), max_incidence_deg=_MOST_OBLIQUE_DEG, mount="stabilised",
+        pixels_across=camera.pixels_across, forward_overlap=forward, side_overlap=side,
+    )  # fmt: skip
+    scenario = Scenario(
+        name="area",
+        area=Area(cell_size_m=cell_m, fewest_places=0, polygons_lon_lat_deg=parts),
+        terrain=RasterTerrain(kind="raster", file="-", vertical_datum="EGM96"),
+        sensor=sensor,
+        limits=FlightLimits(min_height_agl_m=0.0, max_height_agl_m=sensor.range_m),
+        home=Home(lat_deg=world.frame.lat_deg, lon_deg=world.frame.lon_deg),
+    )
+    return judging_map(Site(scenario, world.frame, ground, outline, shapely.box(*bounds), None, ground_model=bare))
+
+
+def _range_m(camera: CameraBody, pictures: PlannedPictures, ground: Ground) -> float:
+    """How far the farthest corner of any picture may be from the camera, over ground as low as any."""
+    if not len(pictures.places_m):
+        return 100.0
+    highest_m = float(pictures.places_m[:, 2].max() - np.nanmin(ground.surface.up_m))
+    half_angles = (0.5 * camera.fov_across_deg, 0.5 * camera.fov_along_deg)
+    corner_deg = math.degrees(math.atan(math.hypot(*(math.tan(math.radians(each)) for each in half_angles))))
+    lean_deg = min(float(np.max(90.0 + pictures.pitch_deg)) + corner_deg, _MOST_OBLIQUE_DEG)
+    return max(20.0, highest_m / math.cos(math.radians(lean_deg)))
+
+
+def _view(
+    query: ViewQuery,
+    camera: CameraBody,
+    coverage: CoverageMap,
+    counts: PictureCounts,
+    pictures: PlannedPictures,
+    seen: BoolArray,
+) -> MissionView:
+    drawn, weight = drawn_cells(coverage), coverage.grid.weight_m2
+    hidden_m2 = coverage.grid.hidden_m2
+    area_m2 = float(weight[drawn].sum()) + hidden_m2
+    share = float(weight[drawn & seen].sum() / area_m2) if drawn.any() else 0.0
+    number = counts.pictures[drawn]
+    sample_m = counts.ground_sample_m[drawn & (counts.pictures > 0)]
+    sample_m = sample_m[np.isfinite(sample_m)]
+    asked = None if query.overlap is None else pictures_asked(coverage.site.scenario.sensor)
+    enough = None if asked is None else overlap_fraction(coverage, counts)
+    document = {
+        "camera": camera.name, "pictures": counts.taken, "area_m2": area_m2, "hidden_m2": hidden_m2,
+        "cell_size_m": coverage.site.scenario.area.cell_size_m,
+        "coverage_fraction": share, "unseen_m2": float(weight[drawn & ~seen].sum()) + hidden_m2,
+        "pictures_fewest": int(number.min(initial=np.iinfo(np.int32).max)) if number.size else 0,
+        "pictures_median": float(np.median(number)) if number.size else 0.0,
+        "ground_sample_median_m": float(np.median(sample_m)) if sample_m.size else None,
+        "ground_sample_p95_m": float(np.percentile(sample_m, 95.0)) if sample_m.size else None,
+        "pictures_asked": asked, "overlap_fraction": enough,
+        "overlap_holds": None if enough is None else enough >= OVERLAP_FRACTION,
+        "notes": list(pictures.notes),
+    }  # fmt: skip
+    unseen = np.flatnonzero(drawn & ~seen)
+    outline = cells_outline(coverage, unseen) if len(unseen) else shapely.MultiPolygon()
+    findings = _findings(query, camera, document, pictures, outline, coverage.site.frame)
+    return MissionView(document, _lines(document), tuple(findings), outline, pictures)
+
+
+def _lines(told: dict[str, Any]) -> tuple[str, ...]:
+    lines = [
+        f"{told['pictures']} pictures would show {100.0 * told['coverage_fraction']:.1f} % of {told['area_m2'] / 1e4:.4g} ha"
+    ]
+    if told["hidden_m2"] > 0.0:
+        lines.append(
+            f"trees and roofs hide {100.0 * told['hidden_m2'] / told['area_m2']:.1f} %, which no picture shows"
+        )
+    if told["ground_sample_median_m"] is not None:
+        lines.append(
+            f"a point is in {told['pictures_median']:g} pictures (median), {told['pictures_fewest']} at least; ground "
+            f"sample distance {100.0 * told['ground_sample_median_m']:.2f} cm (median), 95 % below "
+            f"{100.0 * told['ground_sample_p95_m']:.2f} cm"
+        )
+    if told["overlap_fraction"] is not None:
+        holds = "holds" if told["overlap_holds"] else "does not hold"
+        lines.append(
+            f"the overlap {holds}: {100.0 * told['overlap_fraction']:.1f} % of the area is in {told['pictures_asked']} pictures "
+            "or more"
+        )
+    return (*lines, *told["notes"])
+
+
+def _findings(
+    query: ViewQuery, camera: CameraBody, told: dict[str, Any], pictures: PlannedPictures, unseen: shapely.MultiPolygon,
+    frame: LocalFrame | None,
+) -> list[CheckFinding]:  # fmt: skip
+    found = []
+    if told["pictures"] == 0:
+        found.append(
+            CheckFinding(
+                kind="pictures", weight="breaks", what="no item of the mission takes a picture",
+                do="put camera items in, or say with --picture-every what the camera does by itself",
+            )
+        )  # fmt: skip
+    if query.coverage is not None and told["coverage_fraction"] < query.coverage:
+        would = percent_beside(told["coverage_fraction"], query.coverage)
+        whole = f"{would} of the area would be seen, {100.0 * query.coverage:g} % are required"
+        one = CheckFinding(
+            kind="coverage", weight="breaks", what=whole, do="fly lines over what lacks (--map shows it)"
+        )
+        if frame is not None and not unseen.is_empty:
+            widest = max(unseen.geoms, key=lambda part: part.area).representative_point()
+            lat, lon, _ = frame.geodetic_from_enu(np.array([[widest.x, widest.y, 0.0]]))
+            one = replace(one, lat_deg=float(lat[0]), lon_deg=float(lon[0]))
+        found.append(one)
+    if told["overlap_holds"] is False:
+        found.append(
+            CheckFinding(
+                kind="overlap", weight="breaks", do="fly lines nearer to each other, or take pictures more often",
+                what=f"{percent_beside(told['overlap_fraction'], OVERLAP_FRACTION)} of the area is in "
+                f"{told['pictures_asked']} pictures or more, "
+                f"{100.0 * OVERLAP_FRACTION:g} % are required for an overlap of {query.overlap}",
+            )
+        )  # fmt: skip
+    if camera.min_interval_s is not None and pictures.least_gap_s < camera.min_interval_s - 1e-6:
+        item = pictures.least_gap_item
+        found.append(
+            CheckFinding(
+                kind="pictures", weight="breaks", items=(item, item), by=camera.min_interval_s - pictures.least_gap_s, unit="s",
+                what=f"a picture every {pictures.least_gap_s:.2f} s, {camera.name} takes {camera.min_interval_s:g} s between two",
+                do="fly slower, or take fewer pictures",
+            )
+        )  # fmt: skip
+    return found

@@ -1,0 +1,262 @@
+"""What an autopilot flies by itself from every part of the path, and the rally points: against all that limits the mission."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from shapely.geometry.base import BaseGeometry
+
+from mission_io.model.areas import FramedPoint
+from mission_io.model.items import Command, Frame, Mission
+from uavcover.extras.check.aircraft import Aircraft, default_aircraft
+from uavcover.extras.check.findings import CheckFinding, Weight
+from uavcover.extras.check.limits import Limits, LocalFence, Surroundings
+from uavcover.extras.check.segments import FlownPath, Segment
+from uavcover.extras.check.world import World
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.obstacles import Obstacles
+from uavcover.routes.failsafe_checks import ReturnLimits, judge_paths, judge_returns
+from uavcover.routes.failsafe_parameters import FailsafeSettings, failsafe_settings
+from uavcover.routes.failsafe_path import wings_return
+from uavcover.routes.failsafe_states import IN_PLACE, Destinations, FlightStates
+from uavcover.routes.unsafe_returns import Danger, UnsafeReturn
+from uavcover.scenario.airspace.zones import ZoneCheck
+
+_STEP_S, _MOST_STEP_M = 1.0, 20.0
+"""Returns begin once a second along the path, and at least this often in metres."""
+_LANDING_STARTS = (188, 189)
+"""DO_RETURN_PATH_START and DO_LAND_START."""
+_KINDS: Mapping[Danger, str] = {"fence": "return-fence", "obstacle": "return-obstacle", "zone": "return-no-fly"}
+_GROUND_TOLERANCE_M = 5.0
+"""Elevation models, and ArduPilot's rally points in whole metres, are this exact."""
+_FAR_M = 1e6
+_HEIGHT_NAMES = {("ardupilot", False): "RTL_ALT", ("ardupilot", True): "RTL_ALTITUDE"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OwnReturn:
+    """What is known of the autopilot's own returns.
+
+    Attributes:
+        parameters: of the vehicle, by the autopilot's names; what is missing has its default.
+        rally: the rally points.
+    """
+
+    parameters: Mapping[str, float]
+    rally: Sequence[FramedPoint] = ()
+
+
+def return_findings(
+    mission: Mission, path: FlownPath, world: World, limits: Limits, aircraft: Aircraft, around: Surroundings, own: OwnReturn,
+) -> list[CheckFinding]:  # fmt: skip
+    """Parts of the path from where a return of the autopilot's own hits or leaves something, and rally points that do."""
+    rally_m = _rally_places(own.rally, world, aircraft)
+    fence = allowed_area(around.fence)
+    found = rally_findings(own.rally, rally_m, world, limits, fence)
+    segments = [segment for segment in path.distinct if segment.phase == "route" and len(_known(segment))]
+    if not segments:
+        return found
+    settings = _settings(aircraft, own)
+    states = _states(segments, world)
+    ends = np.array([_known(segment)[-1] for segment in segments])
+    to = Destinations(
+        np.array([0.0, 0.0, world.home_alt_amsl_m]), rally_m, np.column_stack([ends[:, :2], world.alts_amsl_m(ends)]),
+        fence, _landing(mission, segments, aircraft),
+    )  # fmt: skip
+    clearance_m = around.obstacle_clearance_m
+    returns = ReturnLimits(
+        frame=world.frame, heights=world, ground=world.ground, zones=ZoneCheck(around.zones, world.ground, world.frame),
+        obstacles=Obstacles(clearance_beside_m=clearance_m, clearance_above_m=clearance_m), prisms=around.prisms, fence=fence,
+        clearance_m=limits.min_height_agl_m,
+    )  # fmt: skip
+    if aircraft.has_wings:
+        up, down = aircraft.max_climb_m_s, aircraft.max_descent_m_s
+        speed = aircraft.cruise_speed_m_s
+        paths = [
+            wings_return(
+                settings, states, to, returns.ground_alts_m, climb_slope=up / speed, descent_slope=down / speed
+            )
+        ]
+        judged = judge_paths(paths, settings, states, to, returns)
+    else:
+        judged = judge_returns(settings, states, to, returns)
+    enough_m = judged.safe_return_height_m
+    return found + [_finding(one, segments, world, settings, aircraft, enough_m) for one in judged.unsafe]
+
+
+def _known(segment: Segment) -> FloatArray:
+    return np.asarray(segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)])
+
+
+def _states(segments: Sequence[Segment], world: World) -> FlightStates:
+    """A moment every second along all segments."""
+    places, velocities, times, legs, ahead = [], [], [], [], []
+    now = 0.0
+    for number, segment in enumerate(segments):
+        line = _known(segment)
+        steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+        reached = np.concatenate([[0.0], np.cumsum(steps)])
+        speed = max(segment.speed_m_s, 0.1)
+        count = max(1, math.ceil(reached[-1] / min(_MOST_STEP_M, speed * _STEP_S)))
+        at = np.linspace(0.0, reached[-1], count + 1)
+        here = np.column_stack([np.interp(at, reached, line[:, axis]) for axis in range(3)])
+        way = np.gradient(here[:, :2], axis=0)
+        length = np.maximum(np.hypot(*way.T), 1e-9)[:, None]
+        places.append(here)
+        velocities.append(np.where(length > 1e-6, way / length * speed, 0.0))
+        times.append(now + at / speed)
+        ahead.append(np.maximum(0.0, reached[-1] - at))
+        legs.append(np.full(len(here), number))
+        now += reached[-1] / speed + segment.wait_s
+    enu = np.vstack(places)
+    return FlightStates(
+        np.column_stack([enu[:, :2], world.alts_amsl_m(enu)]), np.vstack(velocities), np.concatenate(times),
+        np.concatenate(legs), np.concatenate(ahead),
+    )  # fmt: skip
+
+
+def _settings(aircraft: Aircraft, own: OwnReturn) -> FailsafeSettings:
+    """The vehicle's parameters; what they leave open is as the aircraft has it, where that is not a default itself."""
+    known = {
+        "cruise_m_s": aircraft.cruise_speed_m_s, "climb_m_s": aircraft.max_climb_m_s, "descent_m_s": aircraft.max_descent_m_s,
+    }  # fmt: skip
+    usual = default_aircraft(aircraft.autopilot, aircraft.kind).return_height_m
+    if aircraft.return_height_m != usual or aircraft.has_wings:
+        known["return_height_m"] = aircraft.return_height_m
+    if aircraft.has_wings and aircraft.autopilot == "ardupilot":
+        known |= {"rally_limit_m": 5000.0, "rally_with_home": 0.0}
+    return failsafe_settings(aircraft.autopilot, own.parameters, known=known)
+
+
+def _landing(mission: Mission, segments: Sequence[Segment], aircraft: Aircraft) -> int | None:
+    """The segment at whose end the mission's landing begins, as the autopilot understands it."""
+    starts = _LANDING_STARTS
+    if aircraft.autopilot == "px4":
+        starts = (189, int(Command.NAV_LAND))
+    number = next((n for n, item in enumerate(mission.items, 1) if item.command in starts), None)
+    if number is None:
+        return None
+    return next((k for k, segment in enumerate(segments) if segment.items[1] >= number), len(segments) - 1)
+
+
+def _finding(
+    one: UnsafeReturn, segments: Sequence[Segment], world: World, settings: FailsafeSettings, aircraft: Aircraft,
+    enough_m: float,
+) -> CheckFinding:  # fmt: skip
+    name = _HEIGHT_NAMES.get((aircraft.autopilot, aircraft.has_wings), "RTL_RETURN_ALT")
+    assumed = f"; {name} is taken as its default, {settings['return_height_m']:g} m" if name in settings.assumed else ""
+    height = (
+        f"set {name} to {math.ceil(enough_m)} m or more, and give it with --return-height" if enough_m < _FAR_M else ""
+    )
+    do = {
+        "terrain": height or "give elevation data of the ways home",
+        "descent": "set the rally point's height, or the height at which the return ends, above the ground there",
+        "unknown ground": "give elevation data of the ways home",
+        "obstacle": f"set a higher {name} and give it with --return-height, or take off elsewhere",
+        "fence": "draw the fence wider, or end with legs home and let nothing but the pilot make it return",
+        "zone": "take off elsewhere, choose another return altitude, or end with legs home",
+        "battery": "plan a shorter mission, or add a rally point",
+    }[one.danger]
+    by = one.limit - one.value if one.danger in ("terrain", "descent") else one.value
+    # Over a house it lands on the house, whatever the mission is: for the pilot to know.
+    weight: Weight = (
+        "look" if one.destination == IN_PLACE else "unknown" if one.danger == "unknown ground" else "breaks"
+    )
+    why = ", ".join(str(response) for response in one.responses)
+    first, last = segments[one.first_leg].items[0], segments[one.last_leg].items[1]
+    return CheckFinding(
+        kind=_KINDS.get(one.danger, "return"), weight=weight, items=(first, last), by=max(by, 0.0), unit="m",
+        what=f"{one.what} after {one.begin_s:.0f} to {one.end_s:.0f} s of the route; return: {why}{assumed}", do=do,
+    ).at(world.geodetic(one.place_m))  # fmt: skip
+
+
+def allowed_area(fence: LocalFence) -> shapely.Geometry | None:
+    """The area that a fence leaves; none without a fence."""
+    if fence == LocalFence():
+        return None
+    circles = [(shapely.Point(e, n).buffer(r, quad_segs=256), stays) for e, n, r, stays in fence.circles]
+    inside: list[BaseGeometry] = [*fence.inside, *(circle for circle, stays in circles if stays)]
+    area: BaseGeometry = shapely.box(-_FAR_M, -_FAR_M, _FAR_M, _FAR_M)
+    if inside:
+        area = shapely.union_all(inside) if fence.any_inside else shapely.intersection_all(inside)
+    outside = [*fence.outside, *(circle for circle, stays in circles if not stays)]
+    return area.difference(shapely.union_all(outside)) if outside else area
+
+
+def _rally_places(rally: Sequence[FramedPoint], world: World, aircraft: Aircraft) -> FloatArray:
+    """(r, 3) east, north, height above sea level; NaN for one that the autopilot does not take."""
+    places = np.full((len(rally), 3), np.nan)
+    for k, point in enumerate(rally):
+        en = world.place(point.lat_deg, point.lon_deg)
+        if point.frame is Frame.AMSL:
+            up = point.alt_m
+        elif point.frame is Frame.ABOVE_TERRAIN:
+            ground = world.alts_amsl_m(world.above_ground([en], 0.0))[0]
+            up = float(ground) + point.alt_m if aircraft.autopilot == "ardupilot" else math.nan
+        else:
+            up = world.home_alt_amsl_m + point.alt_m
+        places[k] = (*en, up)
+    return places
+
+
+def rally_findings(
+    rally: Sequence[FramedPoint], rally_m: FloatArray, world: World, limits: Limits, fence: shapely.Geometry | None
+) -> list[CheckFinding]:
+    """Rally points inside the ground, at the wrong reference of heights, or outside the fence.
+
+    Args:
+        rally: as given.
+        rally_m: (r, 3) the same: east, north, height above sea level.
+        world: the ground.
+        limits: with the largest height above ground.
+        fence: allowed area.
+    """
+    found = []
+    ground = world.alts_amsl_m(world.above_ground(rally_m[:, :2], 0.0)) if len(rally) else np.empty(0)
+    for number, (point, (east, north, alt), at) in enumerate(zip(rally, rally_m, ground, strict=True), 1):
+        high = alt - at
+        highest = limits.max_height_agl_m or math.inf
+        amsl = point.frame is Frame.ABOVE_HOME and abs(point.alt_m - at) <= highest < high
+        where = (point.lat_deg, point.lon_deg, float(alt) if math.isfinite(alt) else world.home_alt_amsl_m)
+        if not math.isfinite(high):
+            found.append(
+                _rally(number, where, "unknown", 0.0, "its height or the ground there is unknown", "give both")
+            )
+        elif high < -_GROUND_TOLERANCE_M:
+            found.append(
+                _rally(
+                    number, where, "breaks", -high, f"it is {-high:.0f} m below the ground", "give a height above it"
+                )
+            )
+        elif amsl:
+            found.append(
+                _rally(
+                    number, where, "breaks", high - highest,
+                    f"{point.alt_m:.0f} m above home is {high:.0f} m above ground; the number is a height above sea level",
+                    "give it above home (frame 3), or in frame 0",
+                )
+            )  # fmt: skip
+        elif high > highest:
+            found.append(
+                _rally(
+                    number, where, "breaks", high - highest, f"it is {high:.0f} m above ground", "give a lower height"
+                )
+            )
+        if fence is not None and not bool(shapely.covers(fence, shapely.Point(east, north))):
+            away = float(shapely.distance(fence, shapely.Point(east, north)))
+            found.append(
+                _rally(
+                    number, where, "breaks", away, f"it is {away:.0f} m outside the fence", "move it inside the fence"
+                )
+            )
+    return found
+
+
+def _rally(
+    number: int, where: tuple[float, float, float], weight: Weight, by: float, what: str, do: str
+) -> CheckFinding:
+    return CheckFinding(
+        kind="rally", weight=weight, by=float(by), unit="m", what=f"rally point {number}: {what}", do=do
+    ).at(where)

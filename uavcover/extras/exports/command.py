@@ -1,0 +1,178 @@
+"""``uavcover export``: the chosen route of a run as files for other software."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from uavcover.cli import options
+
+if TYPE_CHECKING:
+    from uavcover.cli.console import Console
+    from uavcover.extras.exports.export import ExportedFile, ExportRequest
+    from uavcover.run.folder import RunFolder
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerOptions:
+    """What the flights of a controller are like."""
+
+    drone: Annotated[
+        str | None,
+        typer.Option(
+            "--drone",
+            help="Aircraft of wpml, and of print for the same flights on paper: list, a name, or a TOML file.",
+            metavar="NAME",
+        ),
+    ] = None
+    heights: Annotated[
+        str,
+        typer.Option(
+            "--heights",
+            help="Of wpml: takeoff (above the place of take-off) or ellipsoid (WGS 84, for RTK; needs a geoid grid).",
+            metavar="WHAT",
+        ),
+    ] = "takeoff"
+    most_points: Annotated[
+        int | None,
+        typer.Option(
+            "--max-waypoints-per-file",
+            help="Split into files of so many waypoints, each a checked flight from home to home; default: wpml 200, litchi 99.",
+            metavar="N",
+        ),
+    ] = None
+
+    @property
+    def given(self) -> dict[str, object]:
+        """The options by their names."""
+        heights = None if self.heights == "takeoff" else self.heights
+        return {"--drone": self.drone, "--heights": heights, "--max-waypoints-per-file": self.most_points}
+
+
+@dataclass(frozen=True, slots=True)
+class PrintOptions:
+    """What only the pilot knows, for a print-out."""
+
+    pilot: Annotated[str, typer.Option("--pilot", help="For print: who flies.", metavar="TEXT")] = ""
+    contact: Annotated[str, typer.Option("--contact", help="For print: emergency contact.", metavar="TEXT")] = ""
+    weather: Annotated[str, typer.Option("--weather", help="For print: weather window.", metavar="TEXT")] = ""
+
+    @property
+    def given(self) -> dict[str, object]:
+        """The options by their names."""
+        return {"--pilot": self.pilot or None, "--contact": self.contact or None, "--weather": self.weather or None}
+
+
+def export(
+    run: Annotated[Path | None, typer.Argument(help="Run folder.")] = None,
+    *,
+    file_format: Annotated[
+        str | None,
+        typer.Option(
+            "--format",
+            help="waypoints, plan, kml, geojson, csv, gpx, mavproxy-fence, mavproxy-rally, wpml (DJI), litchi; "
+            "print: a page for paper.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", help="File to write; several have numbers before the suffix.", metavar="FILE"),
+    ] = None,
+    sortie: options.Sortie = None,
+    autopilot: options.Autopilot = None,
+    controller: ControllerOptions,
+    paper: PrintOptions,
+    force: options.Force = False,
+    output: options.Output,
+) -> int:
+    """Write the route for other software: a mission file, a DJI KMZ, Litchi CSV, GPX; or paper."""
+    from uavcover.errors import InputError
+    from uavcover.extras.exports.dji_aircraft import dji_aircraft_named
+    from uavcover.extras.exports.export import CONTROLLER_POINTS, ExportRequest, export_mission, mission_formats
+    from uavcover.model.vehicle import autopilot_name
+    from uavcover.run.folder import RunFolder
+
+    console = output.console()
+    if controller.drone == "list":
+        return _list(console)
+    if run is None or file_format is None or out is None:
+        raise InputError(
+            "export: give a run folder, --format and -o, such as: uavcover export run --format gpx -o run.gpx"
+        )
+    if file_format not in (*mission_formats(), "print"):
+        known = ", ".join((*mission_formats(), "print"))
+        raise InputError(f"--format: {file_format!r} is not one of {known}")
+    request = ExportRequest(
+        file_format=file_format, out=out, sortie=sortie,
+        autopilot=None if autopilot is None else autopilot_name(autopilot, "ardupilot"),
+        most_points=controller.most_points, heights=controller.heights,
+        aircraft=None if controller.drone is None else dji_aircraft_named(controller.drone), force=force,
+    )  # fmt: skip
+    if file_format == "print":
+        return _print(console, RunFolder(run), request, paper)
+    for name, value in paper.given.items():
+        if value is not None:
+            raise InputError(f"{name}: goes with --format print, not with {file_format}")
+    written = export_mission(RunFolder(run), request)
+    what = "points" if file_format in CONTROLLER_POINTS else "items"
+    for file in written:
+        about = f" ({file.flight.items} {what}, {file.flight.flight_time_s / 60.0:.1f} min)" if len(written) > 1 else ""
+        console.say(f"written: {file.path}{about}")
+    if file_format in CONTROLLER_POINTS:
+        _say_how_it_flies(console, file_format, written)
+    rows = [
+        {
+            "file": str(file.path), "items": file.flight.items, "flight_time_s": file.flight.flight_time_s,
+            "highest_above_home_m": file.flight.highest_m, "warnings": list(file.flight.warnings),
+        }
+        for file in written
+    ]  # fmt: skip
+    console.result({**rows[0], "format": file_format, "files": rows})
+    return 0
+
+
+def _print(console: "Console", run: "RunFolder", request: "ExportRequest", paper: PrintOptions) -> int:
+    from uavcover.errors import InputError
+    from uavcover.extras.exports.print_page import PrintNotes, print_plan
+
+    if request.out.suffix.lower() not in (".html", ".htm"):
+        raise InputError(f"-o: {request.out}: print is an HTML page; name it .html, and save it as PDF from a browser")
+    notes = PrintNotes(pilot=paper.pilot, contact=paper.contact, weather=paper.weather)
+    flights = print_plan(run, request, notes)
+    console.say(f"written: {request.out}")
+    console.result({"file": str(request.out), "format": "print", "flights": flights})
+    return 0
+
+
+def _say_how_it_flies(console: "Console", file_format: str, written: "tuple[ExportedFile, ...]") -> None:
+    """What a list of points cannot say by itself, and what the pilot has to do."""
+    console.say("heights are above the place of take-off: start it on the ground at the plan's home")
+    console.say("it stops at each point; the last one is straight above home, and it lands there")
+    console.say(
+        f"its highest point is {max(file.flight.highest_m for file in written):.0f} m above home: the app must allow it"
+    )
+    if not any(file.flight.pictures for file in written):
+        console.say("the scenario has no distance of pictures, so the file takes none: start the camera by hand")
+    heights_m = [file.flight.return_height_m for file in written if file.flight.return_height_m is not None]
+    where = "in the file" if file_format == "wpml" else "to be set in the app"
+    console.say(f"return height, {where}: {max(heights_m):g} m above home")
+    for line in dict.fromkeys(line for file in written for line in file.flight.warnings):
+        console.warn(line)
+    if file_format == "litchi":
+        console.say('set in Mission Hub: Path Mode "Straight Lines", Heading Mode "Custom (WD)", Finish Action "Land"')
+
+
+def _list(console: "Console") -> int:
+    from uavcover.extras.exports.dji_aircraft import all_dji_aircraft
+
+    console.say(f"{'aircraft':20}{'drone':>8}{'payload':>9}{'camera pitch':>16}{'largest':>9}  title")
+    aircraft = all_dji_aircraft()
+    for name, one in aircraft.items():
+        low_deg, high_deg = one.pitch_range_deg
+        console.say(
+            f"{name:20}{f'{one.drone[0]}/{one.drone[1]}':>8}{one.payload:>9}{f'{low_deg:g} to {high_deg:g}':>16}"
+            f"{f'{one.max_speed_m_s:g} m/s':>9}  {one.title}"
+        )
+    console.result({"aircraft": list(aircraft)})
+    return 0

@@ -1,0 +1,275 @@
+"""Verifying any flight by whatever is left of it: its log, its pictures, or both, with or without a run folder."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from mission_io.formats.dialects import header_of
+from uavcover.errors import InputError
+from uavcover.extras.photos.exif import ENDINGS as PICTURE_ENDINGS
+from uavcover.extras.photos.judge_photos import judge_photos
+from uavcover.extras.photos.logs import ENDINGS as LOGS_WITH_PICTURES
+from uavcover.extras.photos.logs import tells_of_pictures
+from uavcover.extras.photos.photo_judgement import PhotoRequest
+from uavcover.extras.photos.photo_verdict import PhotoVerdict
+from uavcover.extras.photos.placing import Assumptions
+from uavcover.extras.photos.readers import LISTS, read_pictures
+from uavcover.extras.photos.survey_as_flown import survey_as_flown
+from uavcover.intake.quantities import length_m
+from uavcover.judging.photo_evidence import GivenEvidence, PictureEvidence
+from uavcover.judging.verify import track_positions_m
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.judgement import Requirement, noted
+from uavcover.model.sensor import FrameCamera
+from uavcover.run.folder import SCHEMA_VERSION, VERDICT_FILES, RunFolder
+from uavcover.run.judge import LOG_ENDINGS, JudgedPictures, read_log, verify_run
+from uavcover.run.judged_inputs import inspect_inputs, was_flown
+from uavcover.run.new_elevation import NewRequest
+from uavcover.run.provenance import with_entry
+from uavcover.run.user import User, percent, to_paste
+from uavcover.scenario.scenario_file import dump_scenario
+from uavcover.scenario.site import Site
+from uavcover.sensing.pictures import PictureCounts
+
+__all__ = [
+    "Assumptions",
+    "PhotoRequest",
+    "evidence_for_flight",
+    "evidence_of",
+    "judge_photos",
+    "run_of_flight",
+    "verify_evidence",
+]
+
+PHOTOS = "photos"
+"""The folder inside a run folder where the verdict on pictures is kept."""
+_IN_FLIGHT_M = 5.0
+_NO_FLOOR_M = 0.01
+_ABOVE_HIGHEST_M = 10.0
+"""Where nobody limited the height, the band reaches from the ground to above the flight."""
+_NO_FENCE_M = 30_000.0
+
+
+def evidence_of(logs: Sequence[Path], photos: Sequence[Path], *, system: int | None = None) -> GivenEvidence:
+    """Tell tracks from pictures among what was given as logs; what was given as pictures stays so."""
+    seen = [path for path in logs if _is_of_pictures(path)]
+    return GivenEvidence(tuple(path for path in logs if path not in seen), (*seen, *photos), system)
+
+
+def _is_of_pictures(path: Path) -> bool:
+    ending = path.suffix.lower()
+    if path.is_dir() or ending in PICTURE_ENDINGS:
+        return True
+    if ending == ".json":
+        return _is_list(path)
+    return ending in LISTS and (ending != ".csv" or not _is_track(path))
+
+
+def _is_list(path: Path) -> bool:
+    """Whether a JSON file is a list, as ODM's images.json is; plans and missions are objects."""
+    if not path.is_file():
+        return False
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        return file.read(1000).lstrip().startswith("[")
+
+
+def _is_track(path: Path) -> bool:
+    """Whether a table is a flown track: it has a time in each row and no names."""
+    if not path.is_file():
+        return True
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        first = "".join(file.readline(10_000) for _ in range(2))
+    return "time_s" in header_of(first)
+
+
+def verify_evidence(
+    run: RunFolder,
+    evidence: GivenEvidence,
+    request: PhotoRequest,
+    user: User,
+    *,
+    command: Sequence[str],
+    accepted: Sequence[str] = (),
+) -> dict[str, Any]:
+    """The verdict on a flight of a run folder: the coverage by its pictures, everything else by its track.
+
+    Args:
+        run: with a scenario.
+        evidence: with pictures; without logs the run's own track counts, where there is one.
+        request: how pictures are judged; its sources and its scenario are those of the run.
+        user: is told the verdict.
+        command: how it was asked for.
+        accepted: changes since planning that are accepted.
+
+    Returns:
+        What ``verification.json`` says; where there is no track, what ``photos/photos.json`` does.
+
+    Raises:
+        InputError: something cannot be read or used.
+    """
+    run.existing("scenario.toml", made_by="uavcover plan")
+    with run.reserved((), force=True):
+        run.remove(VERDICT_FILES)  # if the pictures cannot be read, no older verdict stands for them
+    asked = replace(request, photos=evidence.photos, area=None, scenario=run.path, refly=False, force=True)
+    verdict, document = judge_photos(asked, RunFolder(run.file(PHOTOS)), user, command=command)
+    if not evidence.logs and not was_flown(run):
+        user.warn(
+            "there is no track of the flight: heights, limits and no-fly zones are not judged, only what the pictures show"
+        )
+        return document
+    pictures = JudgedPictures(evidence_for_flight(verdict), document)
+    _, whole = verify_run(
+        run, user, command=command, logs=evidence.logs, accepted=accepted, pictures=pictures, system=evidence.system
+    )
+    return whole
+
+
+def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:
+    """What a verdict on pictures means for the flight that took them."""
+    told, shown = verdict.document, verdict.shown
+    found = (
+        f"coverage by the pictures alone is {percent(told['coverage_of_coverable'])} of what can be seen, surely "
+        f"{percent(told['surely'])}, "
+        f"possibly {percent(told['possibly'])}; required {percent(told['required'])}"
+    )
+    texts: dict[Requirement, str] = {
+        "coverage": found,
+        "overlap": f"the overlap asked for, {told['pictures_asked']} pictures of every point, holds on "
+        f"{percent(told['overlap_fraction'] or 0.0)} of the area as drawn, below the required "
+        f"{percent(told['overlap_required'] or 0.0)}",
+    }
+    if (searched := told["detection"]) is not None:
+        texts["detection"] = (
+            f"the probability of detection is {percent(searched['pod'])} over the area, below the required "
+            f"{percent(searched['asked'] or 0.0)}"
+        )
+    missed = [
+        replace(finding, text=texts[finding.concerns[0]])
+        for finding in verdict.judgement.findings
+        if finding.effect != "noted"
+    ]
+    counts = PictureCounts(shown.pictures, shown.coverage.ground_sample_m, told["counted"], shown.looks)
+    finding = f"coverage is that of {told['counted']} pictures, not what the track lets one expect"
+    return PictureEvidence(shown.coverage, counts, (*missed, noted(finding)))
+
+
+def run_of_flight(
+    area: NewRequest, evidence: GivenEvidence, user: User, *, out: RunFolder, command: Sequence[str], force: bool
+) -> GivenEvidence:
+    """Write the scenario of a flight that nobody planned here; its logs' own pictures join the evidence.
+
+    The scenario asks for what the user asked for: without ``--overlap`` no overlap, without ``--gsd`` no sample distance, without
+    ``--max-height`` no ceiling, and no fence.
+
+    Args:
+        area: what should be seen, with elevation data and camera.
+        evidence: with at least one log.
+        user: is told what is not judged.
+        out: where ``scenario.toml`` is written.
+        command: how it was asked for.
+        force: whether it may be replaced.
+
+    Raises:
+        InputError: something is missing or cannot be used; the flight was elsewhere.
+    """
+    if out.file("plan.json").exists():
+        raise InputError(
+            f"{out}: is the folder of a plan; give another one with -o, or verify its flight: {to_paste('verify', out)}"
+        )
+    for log in evidence.logs:
+        if not log.is_file():
+            raise InputError(f"{log}: no such file; give a flight log ({', '.join(LOG_ENDINGS)}), or pictures")
+        if log.with_name("plan.json").exists():
+            raise InputError(
+                f"{log}: lies in the folder of its plan; leave --area out: "
+                f"{to_paste('verify', log.parent, '--log', log)}, or copy it"
+            )
+    own = tuple(log for log in evidence.logs if log.suffix.lower() in LOGS_WITH_PICTURES and tells_of_pictures(log))
+    photos = evidence.photos or own
+    overlaps = area.overlap is not None and bool(photos)
+    found = read_pictures(evidence.photos).pictures if evidence.photos else ()
+
+    def heights_m(site: Site) -> FloatArray:
+        heights = np.concatenate(
+            [site.ground.heights_agl_m(_places_m(log, site, evidence.system)) for log in evidence.logs]
+        )
+        if np.isnan(heights).all():
+            raise InputError(
+                f"{evidence.logs[0]}: was flown outside the elevation data, "
+                f"{_away_km(evidence.logs[0], site, evidence.system):.0f} km from the "
+                "area; are latitude and longitude swapped, or is it another area?"
+            )
+        flying: FloatArray = heights[heights > _IN_FLIGHT_M]
+        if not flying.size:
+            raise InputError(
+                f"{evidence.logs[0]}: is nowhere more than {_IN_FLIGHT_M:g} m above the ground of the elevation data: nothing "
+                "flew, or its heights refer to something else"
+            )
+        return flying
+
+    with out.reserved(("scenario.toml", "run.json"), force=force):
+        site = survey_as_flown(
+            area, found, lambda site: float(np.median(heights_m(site))), user, out=out,
+            take_off=lambda site: _take_off(evidence.logs[0], site, evidence.system),
+        ).site  # fmt: skip
+        ceiling_m = None
+        if area.max_height is not None:
+            ceiling_m = length_m(area.max_height, option="--max-height", example="120m")
+        highest_m = float(heights_m(site).max())
+        scenario = site.scenario
+        sensor = scenario.sensor
+        if isinstance(sensor, FrameCamera):
+            sensor = replace(
+                sensor,
+                range_m=max(sensor.range_m, 2.0 * highest_m),
+                max_ground_sample_m=None if area.gsd is None else sensor.max_ground_sample_m,
+                forward_overlap=sensor.forward_overlap if overlaps else None,
+                side_overlap=sensor.side_overlap if overlaps else 0.0,
+            )
+        limits = replace(
+            scenario.limits, transit_clearance_m=0.0, min_height_agl_m=_NO_FLOOR_M, height_margin_m=0.0,
+            fence_margin_m=_NO_FENCE_M,
+            max_height_agl_m=highest_m + _ABOVE_HIGHEST_M if ceiling_m is None else ceiling_m,
+            max_transit_height_agl_m=ceiling_m,
+        )  # fmt: skip
+        asked = scenario.requirements
+        requirements = replace(asked, min_overlap_fraction=asked.min_overlap_fraction if overlaps else None)
+        drawn = scenario.area if area.margin else replace(scenario.area, margin_m=0.0)
+        text = dump_scenario(replace(scenario, area=drawn, sensor=sensor, limits=limits, requirements=requirements))
+        out.write_text("scenario.toml", text)
+        _record(out, evidence.logs, command)
+    if area.overlap is not None and not overlaps:
+        user.warn(f"--overlap is not judged: {evidence.logs[0].name} tells of no picture, and no --photos are given")
+    untold = [name for name, given in (("--max-height", area.max_height), ("--no-fly", area.no_fly)) if not given]
+    user.say(f"{'scenario':18}{out.file('scenario.toml')}; no plan and no fence are known, so none is judged")
+    if untold:
+        user.say(f"{'':18}not judged, because not given: {', '.join(untold)}")
+    return replace(evidence, photos=photos)
+
+
+def _record(out: RunFolder, logs: Sequence[Path], command: Sequence[str]) -> None:
+    """``run.json``: later changes of what this flight is judged by are noticed."""
+    hashes = inspect_inputs(out, logs).hashes
+    inputs = {
+        name: {"sha256": hashes[name]} for name in ("scenario", "terrain", "surface", "obstacles") if name in hashes
+    }
+    start = {"schema_version": SCHEMA_VERSION, "command": list(command), "inputs": inputs}
+    wrote = {"scenario.toml": hashes["scenario"]}
+    out.write_json("run.json", with_entry(start, "verify", command=command, inputs=inputs, wrote=wrote))
+
+
+def _places_m(log: Path, site: Site, system: int | None) -> FloatArray:
+    return track_positions_m(site, read_log(log, site, system=system).track)
+
+
+def _away_km(log: Path, site: Site, system: int | None) -> float:
+    return float(shapely.distance(site.area, shapely.points(_places_m(log, site, system)[:, :2])).min()) / 1000.0
+
+
+def _take_off(log: Path, site: Site, system: int | None) -> str:
+    lat_deg, lon_deg = read_log(log, site, system=system).track.geodetic[0, :2]
+    return f"{lat_deg:.8f},{lon_deg:.8f}"

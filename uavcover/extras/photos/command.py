@@ -1,0 +1,99 @@
+"""``uavcover judge-photos``: what pictures show of an area, whoever took them."""
+
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+from uavcover.cli.photo_options import PhotoOptions, SearchOptions, list_curves
+from uavcover.cli.survey_options import SurveyOptions
+
+
+def judge_photos(
+    photos: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            help="Folders of pictures (.jpg, .tif, .dng); geo.txt, images.json, .MRK, .csv; logs: .bin, .tlog, .ulg."
+        ),
+    ] = None,
+    *,
+    area: Annotated[
+        str | None, typer.Option("--area", help="What should be seen, as new takes it: a file, or LAT,LON,RADIUS.")
+    ] = None,
+    scenario: Annotated[
+        Path | None,
+        typer.Option("--scenario", help="A scenario file or run folder instead of an area.", metavar="FILE|RUN"),
+    ] = None,
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the verdict.", metavar="FOLDER")] = Path(
+        "photos"
+    ),
+    survey: SurveyOptions,
+    belief: PhotoOptions,
+    search: SearchOptions,
+    coverage: Annotated[
+        float | None,
+        typer.Option(
+            "--coverage",
+            help="Share of what can be seen that some picture has to show. Default: the scenario's, or 0.98.",
+        ),
+    ] = None,
+    refly: Annotated[bool, typer.Option("--refly/--no-refly", help="Plan the flight for what is missing.")] = True,
+    budget: Annotated[
+        str | None, typer.Option("--budget", help="Time for planning that flight, such as 30s.", metavar="TIME")
+    ] = "20s",
+    page: Annotated[
+        Path | None,
+        typer.Option("--report", help="Also write a page with map and tables, opens offline.", metavar="FILE.html"),
+    ] = None,
+    gpkg: Annotated[
+        Path | None,
+        typer.Option("--gpkg", help="Also write footprints, places and gaps as a GeoPackage.", metavar="FILE.gpkg"),
+    ] = None,
+    force: options.Force = False,
+    output: options.Output,
+) -> int:
+    """Count in how many pictures each point is, hidden ground left out, and plan the flight for what is missing.
+
+    The camera is the pictures' own, unless --camera names one. Exit 1 when too little is shown.
+    """
+    from uavcover.errors import InputError
+    from uavcover.extras.photos.judge_photos import judge_photos
+    from uavcover.extras.photos.photo_judgement import PhotoRequest
+    from uavcover.extras.photos.placing import Assumptions
+    from uavcover.run.folder import RunFolder
+
+    console = output.console()
+    if search.detection == "list":
+        return list_curves(console)
+    if not photos:
+        raise InputError("judge-photos: give folders of pictures, lists of them or logs, such as DCIM/")
+    if (area is None) == (scenario is None):
+        raise InputError("judge-photos: give either --area (with --dem), or --scenario")
+    if scenario is not None and survey.given():
+        raise InputError(f"judge-photos: {survey.given()[0]} belongs to --area; the scenario says it already")
+    request = PhotoRequest(
+        photos=photos, area=None if area is None else survey.request(area, autopilot=None), scenario=scenario,
+        assumed=Assumptions(**belief.assumed()), takeoff=belief.place(), coverage=coverage,
+        mount_known=area is None or survey.mount is not None,
+        refly=refly, budget_s=options.seconds(budget), force=force, detection=search.curve(), pod=search.pod,
+        max_blur_px=belief.max_blur,
+    )  # fmt: skip
+    if gpkg is not None:
+        from uavcover.extras.photos.photo_geopackage import check_geopackage, write_geopackage
+
+        check_geopackage(gpkg, force=force)
+    if page is not None:
+        from uavcover.extras.photos.photo_page import refuse_to_replace, save_photo_report
+
+        refuse_to_replace(page, force=force)
+    verdict, document = judge_photos(request, RunFolder(out), console, command=sys.argv)
+    if page is not None:
+        save_photo_report(verdict, page, console, force=force)
+        document["report"] = str(page)
+    if gpkg is not None:
+        write_geopackage(verdict, gpkg, console, force=force)
+        document["geopackage"] = str(gpkg)
+    console.result(document)
+    return 0 if verdict.document["passed"] else 1

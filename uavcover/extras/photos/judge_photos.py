@@ -1,0 +1,229 @@
+"""Judging pictures that were taken, and planning the flight for what is missing, as ``judge-photos`` does it."""
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import shapely
+
+from uavcover.errors import InfeasibleError, InputError
+from uavcover.extras.photos.photo_judgement import BLUR_PX, PhotoRequest, judged, placed_in
+from uavcover.extras.photos.photo_verdict import (
+    PhotoVerdict,
+    footprints_geojson,
+    frame_of,
+    photo_raster,
+    picture_table,
+)
+from uavcover.extras.photos.readers import PictureSet, read_pictures
+from uavcover.extras.photos.survey_as_flown import CAMERA_FILE, survey_as_flown
+from uavcover.judging.gaps import cells_outline, gaps_geojson
+from uavcover.model.area import Area
+from uavcover.model.sensor import FrameCamera
+from uavcover.run.folder import RunFolder, json_text
+from uavcover.run.plan import PlanRequest, plan_into
+from uavcover.run.user import User, percent
+from uavcover.scenario.scenario_file import dump_scenario
+from uavcover.scenario.site import Site, load_site
+from uavcover.sensing.pictures import overlap_rule
+
+FILES = ("scenario.toml", "photos.json", "pictures.csv", "footprints.geojson", "photos.tif", "gaps.geojson")
+REFLY = "refly"
+_SHOWN_NAMES = 3
+
+
+def judge_photos(
+    request: PhotoRequest, out: RunFolder, user: User, *, command: Sequence[str]
+) -> tuple[PhotoVerdict, dict[str, Any]]:
+    """Judge pictures, write the files of the verdict, plan the flight for what is missing, and say it.
+
+    Raises:
+        InputError: an area, a picture, a list or an option cannot be used.
+    """
+    if request.coverage is not None and not 0.0 < request.coverage <= 1.0:
+        raise InputError(f"--coverage: {request.coverage:g} is a share, above 0 and at most 1")
+    with user.progress("reading pictures") as bar:
+        found = read_pictures(request.photos, progress=bar.count)
+    for note in found.notes:
+        user.say(f"{'pictures read':18}{note}")
+    with out.reserved((*FILES, CAMERA_FILE, f"{REFLY}/plan.json"), force=request.force):
+        site, text = _site(request, found, out, user)
+        verdict = judged(request, found, site, user)
+        files: dict[str, str | bytes] = {
+            "scenario.toml": text,
+            "photos.json": json_text(verdict.document),
+            "pictures.csv": picture_table(verdict, site),
+            "gaps.geojson": json_text(_gaps(verdict)),
+            "footprints.geojson": json_text(footprints_geojson(verdict)),
+            "photos.tif": photo_raster(verdict),
+        }
+        out.write_together(files)
+    _say(verdict, user)
+    document = verdict.document | {"files": [str(out.file(name)) for name in FILES], "refly": None}
+    if request.refly and verdict.lacking.any():
+        document["refly"] = _refly(verdict, out, request, user, command=command)
+    user.say(f"written: {', '.join(str(out.file(name)) for name in FILES)}")
+    return verdict, document
+
+
+def _gaps(verdict: PhotoVerdict) -> dict[str, Any]:
+    """The gaps as polygons, and the stretches without photos as lines."""
+    collection = gaps_geojson(verdict.coverage, verdict.gaps)
+    for stretch in verdict.document["missing_photos"]:
+        told = {"reason": "photos-missing", **{key: stretch[key] for key in ("after", "before", "photos", "length_m")}}
+        line = {"type": "LineString", "coordinates": stretch["lon_lat_deg"]}
+        feature = {"type": "Feature", "id": len(collection["features"]), "geometry": line, "properties": told}
+        collection["features"].append(feature)
+    return collection
+
+
+def _site(request: PhotoRequest, found: PictureSet, out: RunFolder, user: User) -> tuple[Site, str]:
+    """The survey on its ground, and the text of its scenario."""
+    if request.scenario is not None:
+        path = request.scenario / "scenario.toml" if request.scenario.is_dir() else request.scenario
+        site = load_site(path)
+        if not isinstance(site.scenario.sensor, FrameCamera):
+            raise InputError(f"{path}: its sensor is a {site.scenario.sensor.kind}; pictures need a frame-camera")
+        return site, dump_scenario(site.scenario)
+    if request.area is None:
+        raise InputError("judge-photos: give --area with --dem, or --scenario with the survey's file or run folder")
+
+    def height_agl_m(site: Site) -> float:
+        placed = placed_in(request, found, site, frame_of(site))
+        height_m = float(np.nanmedian(site.ground.heights_agl_m(placed.eyes_m)))
+        if not height_m > 0.0:
+            raise InputError(
+                f"half of the pictures lie {-height_m:.0f} m or more under the ground: their heights do not fit the elevation "
+                "data; give --takeoff LAT,LON if they tell heights above take-off, or --geoid-height"
+            )
+        return height_m
+
+    scenario = survey_as_flown(request.area, found.pictures, height_agl_m, user, out=out)
+    return scenario.site, scenario.text
+
+
+def _refly(
+    verdict: PhotoVerdict, out: RunFolder, request: PhotoRequest, user: User, *, command: Sequence[str]
+) -> dict[str, Any] | None:
+    """The flight for what is missing, planned as a survey of its own; none where there is none inside the limits."""
+    site = missing_site(verdict)
+    missing_m2 = float(verdict.coverage.grid.weight_m2[verdict.lacking].sum())
+    user.say(f"{'missing':18}{missing_m2:.0f} square metres that could be seen")
+    try:
+        outcome = plan_into(
+            PlanRequest(
+                scenario=site, folder=out.file(REFLY), command=command, force=request.force, budget_s=request.budget_s
+            ),
+            user,
+            check_site=lambda _: None,
+        )
+    except InfeasibleError as error:
+        user.warn(f"no flight for what is missing: {error}")
+        return None
+    return {"missing_m2": missing_m2, **outcome.document}
+
+
+def missing_site(verdict: PhotoVerdict) -> Site:
+    """The survey again, its area only what could be seen and is in too few pictures; its margin is that of the survey."""
+    site = verdict.site
+    frame, own = frame_of(site), site.scenario.area
+    stairs = cells_outline(verdict.coverage, np.flatnonzero(verdict.lacking))
+    # The outline of cells is stairs: one step around it is flown as well.
+    region = shapely.simplify(stairs.buffer(own.cell_size_m), 0.5 * own.cell_size_m)
+    level_m = float(verdict.coverage.grid.cells.centre_m[:, 2].mean())
+
+    def ring(line: shapely.LinearRing) -> tuple[tuple[float, float], ...]:
+        places = shapely.get_coordinates(line)[:-1]
+        lat, lon, _ = frame.geodetic_from_enu(np.column_stack([places, np.full(len(places), level_m)]))
+        return tuple((round(float(x), 8), round(float(y), 8)) for x, y in zip(lon, lat, strict=True))
+
+    parts = tuple((ring(part.exterior), *(ring(hole) for hole in part.interiors)) for part in shapely.get_parts(region))
+    area = Area(
+        cell_size_m=own.cell_size_m, fewest_places=own.fewest_places, polygons_lon_lat_deg=parts, margin_m=own.margin_m
+    )
+    name = f"{site.scenario.name}-missing"
+    return load_site(replace(site.scenario, name=name, description="what pictures do not show", area=area))
+
+
+def _say(verdict: PhotoVerdict, user: User) -> None:
+    told = verdict.document
+    user.say(
+        f"{'pictures':18}{told['pictures']}, {told['counted']} count; the camera's angles are told by {told['direction_known']}"
+    )
+    if told["looks"] < told["counted"]:
+        user.say(
+            f"{'looks':18}{told['looks']}: photos from one place in a like direction, and of one capture, count as one look"
+        )
+    for name, why in list(verdict.placed.left_out.items())[:_SHOWN_NAMES]:
+        user.warn(f"{name}: {why}; it does not count")
+    if len(verdict.placed.left_out) > _SHOWN_NAMES:
+        user.warn(f"and {len(verdict.placed.left_out) - _SHOWN_NAMES} more do not count: pictures.csv says why")
+    heights = told["height_agl_m"]
+    user.say(
+        f"{'height':18}{heights['lowest']:.0f} to {heights['highest']:.0f} m above ground, {heights['median']:.0f} m (median)"
+    )
+    user.say(
+        f"{'shown':18}{percent(told['coverage_of_coverable'])} of what can be seen; surely {percent(told['surely'])}, possibly "
+        f"{percent(told['possibly'])}; required {percent(told['required'])}: {told['coverage_holds']}"
+    )
+    if told["pictures_asked"] is not None:
+        rule = overlap_rule(verdict.site.scenario.sensor)
+        user.say(
+            f"{'overlap':18}{percent(told['overlap_fraction'])} of the area is in at least {told['pictures_asked']} pictures: "
+            f"{'holds' if told['overlap_holds'] else 'DOES NOT HOLD'}" + ("" if rule is None else f" ({rule})")
+        )
+    user.say(
+        f"{'a point':18}is in {told['pictures_median']:g} pictures from {told['directions_median']:g} "
+        f"direction{'' if told['directions_median'] == 1 else 's'} (median)"
+    )
+    if told["detection"] is not None:
+        for line in _detection_lines(told["detection"]):
+            user.say(line)
+    if told["ground_sample_median_m"] is not None:
+        user.say(
+            f"{'ground sample':18}{100.0 * told['ground_sample_median_m']:.2f} cm (median), 95 % below "
+            f"{100.0 * told['ground_sample_p95_m']:.2f} cm"
+        )
+    if told["blur_median_px"] is not None:
+        user.say(
+            f"{'blur':18}{told['blur_median_px']:.2f} pixels (median), {told['blur_largest_px']:.2f} at most; "
+            f"{len(told['blurred'])} pictures above {BLUR_PX:g}"
+        )
+    if told["max_blur_px"] is not None:
+        too_blurred = sum(why.startswith("blurred by") for why in verdict.placed.left_out.values())
+        user.say(
+            f"{'blur limit':18}{told['max_blur_px']:g} pixels: {too_blurred} pictures are above it, "
+            f"{told['blur_not_known']} do not tell theirs"
+        )
+    if told["missing_photos"]:
+        longest = max(told["missing_photos"], key=lambda stretch: stretch["length_m"])
+        user.say(
+            f"{'missing photos':18}{sum(stretch['photos'] for stretch in told['missing_photos'])} on "
+            f"{len(told['missing_photos'])} stretches; the longest is {longest['length_m']:.0f} m (usual: "
+            f"{longest['usual_m']:.0f} m), from {longest['after']} to {longest['before']}"
+        )
+    areas: Counter[str] = Counter()
+    for gap in told["gaps"]:
+        areas[gap["reason"]] += gap["area_m2"]
+    user.say(f"{'gaps':18}{len(told['gaps'])}, {sum(areas.values()):.0f} square metres in all")
+    for reason, area_m2 in areas.most_common():
+        user.say(f"{'':18}{reason}: {area_m2:.0f} square metres")
+    user.say(f"{'verdict':18}{told['verdict'].upper() if not told['passed'] else told['verdict']}")
+
+
+def _detection_lines(told: dict[str, Any]) -> list[str]:
+    shares = told["pod_percentiles"]
+    asked, words = told["asked"], ""
+    if asked is not None:
+        words = f"; asked {percent(asked)}: {'holds' if told['holds'] else 'DOES NOT HOLD'}"
+    lines = [
+        f"{'detection':18}{percent(told['pod'])} over the area ({told['title']}){words}",
+        f"{'':18}best picture alone {percent(told['pod_best_look'])}, every picture a chance of its own "
+        f"{percent(told['pod_every_picture'])}",
+        f"{'':18}on 5 % of the area {percent(shares['5'])} or less, on half of it {percent(shares['50'])} or less",
+    ]
+    if asked is not None:
+        lines.append(f"{'':18}{told['area_below_m2']:.0f} square metres below {percent(asked)}")
+    return lines

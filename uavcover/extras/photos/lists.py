@@ -1,0 +1,305 @@
+"""Lists of pictures: ODM's ``geo.txt`` and ``images.json``, DJI's ``.MRK``, and tables (``.csv``) with a row for each picture.
+
+Facts: the geolocation file in OpenDroneMap's documentation (projection, then name, x, y, z, three angles, two accuracies); the
+image log in DJI's manuals of Zenmuse P1 and Matrice 4 (latitude, longitude and ellipsoid height are those of the camera, already
+compensated; standard deviations north, east, down in metres).
+"""
+
+import json
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+from pyproj import CRS, Transformer
+from pyproj.exceptions import CRSError
+
+from mission_io.errors import FormatError
+from mission_io.formats.dialects import sniff
+from mission_io.formats.text import text_from_bytes
+from uavcover.errors import TrackError
+from uavcover.extras.photos.picture import RTK_FIXED, HeightDatum, Picture, finite, moment
+
+_LARGEST = 100_000_000
+_SECONDS_A_WEEK = 604_800.0
+_DEGREES = CRS.from_epsg(4326)
+
+
+def read_geo_txt(path: Path) -> list[Picture]:
+    """Of ODM's geolocation file; its angles are left out, which ODM does not use for places either.
+
+    Raises:
+        TrackError: it is none.
+    """
+    lines = [(number, line.split()) for number, line in enumerate(_text(path).splitlines(), start=1) if line.strip()]
+    if not lines:
+        raise TrackError(f"{path}: is empty; the first line names the projection, such as EPSG:4326")
+    head = " ".join(lines[0][1])
+    crs = _projection(head, path)
+    if not (crs.is_geographic or crs.is_projected):
+        raise TrackError(f"{path}: line 1: {head[:60]!r} has no places on a map; name a projection such as EPSG:4326")
+    to_degrees = None if crs.is_geographic else Transformer.from_crs(crs, _DEGREES, always_xy=True)
+    pictures = []
+    for number, words in lines[1:]:
+        values = [finite(word) for word in words[1:9]]
+        if len(values) < 2 or values[0] is None or values[1] is None:
+            raise TrackError(f"{path}: line {number}: {' '.join(words)[:80]!r} is not a name, x and y")
+        lon, lat = (values[0], values[1]) if to_degrees is None else to_degrees.transform(values[0], values[1])
+        values += [None] * (8 - len(values))
+        pictures.append(
+            Picture(
+                name=words[0], lat_deg=finite(lat), lon_deg=finite(lon), alt_m=values[2],
+                horizontal_error_m=values[6] or None, vertical_error_m=values[7] or None,
+            )
+        )  # fmt: skip
+    return pictures
+
+
+def _projection(text: str, path: Path) -> CRS:
+    utm = re.fullmatch(r"WGS84 UTM (\d{1,2})([NS])", text.strip(), re.IGNORECASE)
+    try:
+        if utm is not None:
+            return CRS.from_epsg((32600 if utm[2].upper() == "N" else 32700) + int(utm[1]))
+        return CRS.from_user_input(text.strip())
+    except CRSError as error:
+        raise TrackError(
+            f"{path}: line 1: {text[:60]!r} is no projection; it is such as EPSG:4326, WGS84 UTM 16N or a PROJ string"
+        ) from error
+
+
+def read_images_json(path: Path) -> list[Picture]:
+    """Of the list of pictures that ODM writes.
+
+    Raises:
+        TrackError: it is none.
+    """
+    try:
+        rows = json.loads(_text(path))
+    except (ValueError, RecursionError) as error:  # ValueError also of numbers with thousands of digits
+        raise TrackError(f"{path}: is not JSON ({str(error)[:100]})") from error
+    if not isinstance(rows, list) or not all(isinstance(row, dict) and "filename" in row for row in rows):
+        raise TrackError(f"{path}: is not ODM's list of pictures: rows with filename, latitude, longitude, altitude")
+    pictures = []
+    for row in rows:
+        off_nadir = finite(row.get("pitch"))
+        known = off_nadir is not None and finite(row.get("yaw")) is not None
+        time_ms = finite(row.get("utc_time"))
+        pictures.append(
+            Picture(
+                name=str(row["filename"]), lat_deg=finite(row.get("latitude")), lon_deg=finite(row.get("longitude")),
+                alt_m=finite(row.get("altitude")), time_s=None if time_ms is None else 1e-3 * time_ms,
+                clock=None if time_ms is None else path.name,
+                # ODM turns every maker's pitch so that 0 looks straight down.
+                yaw_deg=finite(row.get("yaw")) if known else None,
+                pitch_deg=off_nadir - 90.0 if known and off_nadir is not None else None,
+                roll_deg=finite(row.get("roll")) if known else None,
+                horizontal_error_m=finite(row.get("gps_xy_stddev")), vertical_error_m=finite(row.get("gps_z_stddev")),
+                camera=f"{row.get('camera_make', '')} {row.get('camera_model', '')}".strip() or None,
+                pixels=_pixels(row), exposure_s=finite(row.get("exposure_time")),
+                capture_id=str(row["capture_uuid"]) if row.get("capture_uuid") else None,
+            )
+        )  # fmt: skip
+    return pictures
+
+
+def _pixels(row: Mapping[str, Any]) -> tuple[int, int] | None:
+    width, height = finite(row.get("width")), finite(row.get("height"))
+    return None if not width or not height else (int(max(width, height)), int(min(width, height)))
+
+
+_NUMBER = r"([-+]?\d{1,12}(?:\.\d{0,20})?)"
+_MRK = re.compile(
+    rf"\s*(\d{{1,9}})\s+{_NUMBER}\s+\[(\d{{1,6}})\]\s.*?(?<![-+\d.]){_NUMBER},Lat\s+{_NUMBER},Lon\s+{_NUMBER},Ellh\s+"
+    rf"{_NUMBER},\s*{_NUMBER},\s*{_NUMBER}"
+)
+_LONGEST_ROW = 500
+
+
+def read_mrk(path: Path) -> list[Picture]:
+    """Of DJI's image log; pictures are named by their number.
+
+    Raises:
+        TrackError: it is none.
+    """
+    pictures = []
+    for number, line in enumerate(_text(path).splitlines(), start=1):
+        if not line.strip():
+            continue
+        row = _MRK.match(line) if len(line) <= _LONGEST_ROW else None
+        if row is None:
+            raise TrackError(f"{path}: line {number}: {line[:60]!r} is no row of DJI's image log")
+        values = [float(row[k]) for k in (2, 3, 4, 5, 6, 7, 8, 9)]
+        seconds, week, lat, lon, height, north, east, up = values
+        pictures.append(
+            Picture(
+                name=f"{int(row[1]):04d}", lat_deg=lat, lon_deg=lon, alt_m=height, datum=HeightDatum.ELLIPSOID,
+                time_s=_SECONDS_A_WEEK * week + seconds, clock="GPS", horizontal_error_m=max(north, east), vertical_error_m=up,
+            )
+        )  # fmt: skip
+    return pictures
+
+
+_COLUMNS: dict[str, tuple[str, ...]] = {
+    "name": ("name", "image", "imagename", "filename", "file", "label", "photo", "sourcefile"),
+    "lat_deg": ("lat", "latitude", "gpslatitude", "latdeg", "y"),
+    "lon_deg": ("lon", "lng", "long", "longitude", "gpslongitude", "londeg", "x"),
+    "alt_m": ("absolutealtitude", "alt", "altitude", "height", "elevation", "gpsaltitude", "altamslm", "altm", "z"),
+    "alt_ellipsoid_m": ("ellipsoidalheight", "ellipsoidheight", "ellh", "altellipsoidm"),
+    "height_above_takeoff_m": ("relativealtitude",),
+    "time_s": (
+        "time",
+        "times",
+        "timestamp",
+        "seconds",
+        "datetimeoriginal",
+        "subsecdatetimeoriginal",
+        "createdate",
+        "datetime",
+    ),
+    "yaw_deg": ("yaw", "yawdeg", "heading", "gimbalyaw", "gimbalyawdegree"),
+    "pitch_deg": ("pitch", "pitchdeg", "gimbalpitch", "gimbalpitchdegree"),
+    "roll_deg": ("roll", "rolldeg", "gimbalroll", "gimbalrolldegree"),
+    "vehicle_yaw_deg": ("flightyawdegree",),
+    "horizontal_error_m": ("horizontalaccuracy", "accuracyhorizontal", "gpsxyaccuracy", "horizontalerrorm"),
+    "vertical_error_m": ("verticalaccuracy", "accuracyvertical", "gpszaccuracy", "verticalerrorm"),
+    "exposure_s": ("exposuretime",),
+    "focal_length_mm": ("focallength",),
+    "focal_length_35mm": ("focallengthin35mmformat", "focallengthin35mmfilm"),
+    "digital_zoom": ("digitalzoomratio",),
+}
+_REFERENCES = {
+    "lat_deg": ("gpslatituderef", "latituderef"),
+    "lon_deg": ("gpslongituderef", "longituderef"),
+    "alt_m": ("gpsaltituderef", "altituderef"),
+}
+_TEXTS = {
+    "make": ("make",), "model": ("model",), "serial": ("droneserialnumber", "bodyserialnumber", "serialnumber"),
+    "capture_id": ("captureuuid", "captureid"), "rtk": ("rtkflag",), "altitude_type": ("altitudetype",),
+    "width": ("imagewidth", "exifimagewidth"), "height": ("imageheight", "exifimageheight"),
+}  # fmt: skip
+_SEXAGESIMAL = re.compile(
+    r"([-+]?)([NSEW]?)\s*(\d{1,3}(?:\.\d+)?)\s*(?:deg|[°d:]|\s)?\s*(?:(\d{1,2}(?:\.\d+)?)\s*['’′m:]?\s*)?"
+    r"(?:(\d{1,2}(?:\.\d+)?)\s*(?:[\"”″s]|'')?\s*)?([NSEW]?)",
+    re.IGNORECASE | re.ASCII,
+)
+"""Sign, hemisphere, degrees, minutes, seconds, hemisphere."""
+_WITH_UNIT = re.compile(r"(.+?)\s*(?:m|mm|s|deg|°)?\s*((?:above|below) sea level)?", re.IGNORECASE)
+_LONGEST_CELL = 60
+_SIXTY = 60.0
+_NEGATIVE = {"lat_deg": ("s",), "lon_deg": ("w",), "alt_m": ("below", "negative", "1", "3")}
+_ABOVE_ELLIPSOID = ("2", "3", "positive ellipsoid", "negative ellipsoid")
+_MAY_BE_ODD = {"exposure_s", "focal_length_mm", "focal_length_35mm", "digital_zoom"}
+"""Where ExifTool prints words such as "undef", too."""
+
+
+def read_table(path: Path) -> list[Picture]:
+    """Of a table with names of columns in its first row: at least a name, latitude, longitude and a height.
+
+    Tables of ExifTool (``-csv``) have these, as it prints them (``8 deg 27' 55.22" N``, ``390.7 m Above Sea Level``), or as
+    numbers (``-n``).
+    Pitch is that of the camera above the horizon: -90 looks straight down.
+
+    Raises:
+        TrackError: it is none, or a number is not one.
+    """
+    text = _text(path)
+    try:
+        rows = list(sniff(text).rows(text))
+    except FormatError as error:
+        raise TrackError(f"{path}: {error}") from error
+    if not rows:
+        raise TrackError(f"{path}: is empty; the first row names the columns")
+    # ExifTool puts groups before names, as in "XMP:GimbalYawDegree".
+    heads = [re.sub(r"[^a-z0-9]", "", head.rpartition(":")[2].casefold()) for head in rows[0][1]]
+
+    def columns(named: Mapping[str, tuple[str, ...]]) -> dict[str, int]:
+        return {
+            key: heads.index(next(n for n in names if n in heads))
+            for key, names in named.items()
+            if set(names) & set(heads)
+        }
+
+    place = columns(_COLUMNS)
+    lacking = [key for key in ("name", "lat_deg", "lon_deg") if key not in place]
+    if not {"alt_m", "alt_ellipsoid_m", "height_above_takeoff_m"} & set(place):
+        lacking.append("alt_m")
+    if lacking:
+        raise TrackError(
+            f"{path}: no column for {', '.join(lacking)}; its columns are {', '.join(rows[0][1])[:100]}; use names such as "
+            "name, latitude, longitude, altitude, yaw, pitch, roll"
+        )
+    references, texts = columns(_REFERENCES), columns(_TEXTS)
+    return [
+        _of_row(
+            path,
+            number,
+            *({key: cells[k] if k < len(cells) else "" for key, k in of.items()} for of in (place, references, texts)),
+        )
+        for number, cells in rows[1:]
+    ]
+
+
+def _of_row(
+    path: Path, line: int, cells: Mapping[str, str], references: Mapping[str, str], texts: Mapping[str, str]
+) -> Picture:
+    numbers: dict[str, float | None] = {}
+    for key in cells.keys() - {"name", "time_s"}:
+        value = numbers[key] = _number(key, cells[key])
+        if value is None and cells[key] not in ("", "-") and key not in _MAY_BE_ODD:
+            raise TrackError(f"{path}: line {line}: {key}: {cells[key][:40]!r} is no number")
+        if value is not None and value > 0.0 and references.get(key, "").casefold().startswith(_NEGATIVE.get(key, ())):
+            numbers[key] = -value
+    above_ellipsoid_m = numbers.pop("alt_ellipsoid_m", None)
+    by_ellipsoid = (
+        finite(texts.get("rtk")) == RTK_FIXED
+        or texts.get("altitude_type", "").casefold() == "rtkalt"
+        or references.get("alt_m", "").casefold().startswith(_ABOVE_ELLIPSOID)
+    )
+    if numbers.get("alt_m") is None:
+        numbers["alt_m"] = above_ellipsoid_m
+        by_ellipsoid = by_ellipsoid or above_ellipsoid_m is not None
+    told = cells.get("time_s", "")
+    time_s, zone_known = (finite(told), False) if finite(told) is not None else moment(told)
+    camera = f"{texts.get('make', '')} {texts.get('model', '')}".strip() or None
+    clock = " ".join(filter(None, (path.name, camera, texts.get("serial"))))
+    return Picture(
+        name=cells["name"] or f"row {line}", datum=HeightDatum.ELLIPSOID if by_ellipsoid else HeightDatum.SEA_LEVEL,
+        time_s=time_s, clock=None if time_s is None else "UTC" if zone_known else clock, utc_s=time_s if zone_known else None,
+        camera=camera, capture_id=texts.get("capture_id") or None, pixels=_pixels(texts), **numbers,  # type: ignore[arg-type]
+    )  # fmt: skip
+
+
+def _number(key: str, cell: str) -> float | None:
+    """A number as tables hold it: also in degrees, minutes and seconds, or with a unit."""
+    value = finite(cell)
+    if value is not None or len(cell) > _LONGEST_CELL:
+        return value
+    if key in ("lat_deg", "lon_deg"):
+        return _degrees(cell, "NS" if key == "lat_deg" else "EW")
+    unit = _WITH_UNIT.fullmatch(cell.partition("(")[0].strip())
+    value = finite(unit[1]) if unit else None
+    return -abs(value) if value is not None and unit and (unit[2] or "").casefold().startswith("below") else value
+
+
+def _degrees(cell: str, hemispheres: str) -> float | None:
+    found = _SEXAGESIMAL.fullmatch(cell)
+    if found is None:
+        return None
+    sign, before, degrees, minutes, seconds, after = found.groups(default="")
+    side = (before + after).upper()
+    parts = [float(part or 0.0) for part in (degrees, minutes, seconds)]
+    if side not in ("", *hemispheres) or (sign and side) or parts[1] >= _SIXTY or parts[2] > _SIXTY:
+        return None
+    if (minutes and "." in degrees) or (seconds and "." in minutes):
+        return None
+    value = parts[0] + parts[1] / 60.0 + parts[2] / 3600.0
+    return -value if sign == "-" or side == hemispheres[1] else value
+
+
+def _text(path: Path) -> str:
+    if path.stat().st_size > _LARGEST:
+        raise TrackError(f"{path}: {path.stat().st_size} bytes are too many for a list of pictures")
+    try:
+        return text_from_bytes(path.read_bytes()).text
+    except FormatError as error:
+        raise TrackError(f"{path}: is not text ({error.what})") from error

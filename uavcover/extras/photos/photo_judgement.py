@@ -1,0 +1,330 @@
+"""The verdict on pictures: where they were taken, what they show, whether it is enough."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import shapely
+
+from uavcover.errors import InfeasibleError, InputError
+from uavcover.extras.photos.detecting import detection_document, detection_doubts
+from uavcover.extras.photos.doubts import direction_doubts, height_doubts, missing_stretches
+from uavcover.extras.photos.photo_verdict import PhotoVerdict, blur_px, clocks_of, frame_of
+from uavcover.extras.photos.picture import Picture
+from uavcover.extras.photos.placing import Assumptions, PlacedPictures, place_pictures
+from uavcover.extras.photos.readers import PictureSet
+from uavcover.extras.photos.showing import shown_cells
+from uavcover.extras.photos.survey_as_flown import FILM_DIAGONAL_MM, LENS_DIFFERS
+from uavcover.judging.gaps import find_gaps
+from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.model.detection import DetectionCurve
+from uavcover.model.judgement import Effect, Finding, Holds, Judgement, Requirement
+from uavcover.model.sensor import FrameCamera, Sensor
+from uavcover.run.new_elevation import NewRequest
+from uavcover.run.user import User
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.pictures import OVERLAP_FRACTION, drawn_cells, pictures_asked
+
+USUAL_COVERAGE = 0.98
+_SAME_SHAPE = 0.03
+BLUR_PX = 1.0
+"""Pictures in which the ground moves farther are told."""
+_FARTHEST_M = 5000.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PhotoRequest:
+    """What is asked.
+
+    Attributes:
+        photos: folders, picture files, lists.
+        area: what should be seen, with elevation data and camera; none with ``scenario``.
+        scenario: of the survey, instead.
+        assumed: what is taken where pictures do not tell it; the height of take-off is filled in from ``takeoff``.
+        takeoff: latitude and longitude: heights above it count, not those above the sea.
+        coverage: share of what can be seen that some picture has to show; none: what the scenario requires, or 0.98.
+        detection: how probably one look finds what is searched for; none: nobody searches.
+        pod: least mean probability, over the area, that the pictures find it; none: it is only told.
+        max_blur_px: pictures in which the ground moves farther do not count, and none whose blur is not known; none: any count.
+        mount_known: whether the camera hangs on its vehicle as the sensor says, where pictures tell only the vehicle's attitude.
+        refly: whether to plan the flight for what is missing.
+        budget_s: time for its search; none: the scenario's number of evaluations.
+        force: whether files may be replaced.
+    """
+
+    photos: Sequence[Path]
+    area: NewRequest | None
+    scenario: Path | None
+    assumed: Assumptions
+    takeoff: tuple[float, float] | None
+    coverage: float | None
+    mount_known: bool
+    refly: bool
+    budget_s: float | None
+    force: bool
+    detection: DetectionCurve | None = None
+    pod: float | None = None
+    max_blur_px: float | None = None
+
+
+def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: LocalFrame) -> PlacedPictures:
+    """The pictures of the site's camera in its frame.
+
+    Raises:
+        InputError: none is of that camera or can be placed, or the place of take-off has no ground.
+    """
+    assumed = request.assumed
+    if request.takeoff is not None:
+        lat, lon = request.takeoff
+        place = frame.enu_from_geodetic(lat, lon, 0.0)
+        ground_m = float(site.ground.heights_m(place[:, :2])[0])
+        if not math.isfinite(ground_m):
+            raise InputError(f"--takeoff: {lat:g}, {lon:g} is outside the elevation data; latitude first")
+        place[0, 2] = ground_m
+        _, _, alt = frame.geodetic_from_enu(place)
+        assumed = replace(assumed, takeoff_alt_amsl_m=float(alt[0]))
+    sensor = site.scenario.sensor
+    if isinstance(sensor, FrameCamera) and request.mount_known:
+        assumed = replace(assumed, mounted=sensor)
+    others = _of_other_cameras(found.pictures, sensor)
+    same = [p for p in found.pictures if p.name not in others]
+    if not same:
+        name, why = next(iter(others.items()))
+        raise InputError(
+            f"no picture is of the camera; {name}: {why}; give another --camera, or none to take the pictures' own"
+        )
+    placed = place_pictures(same, frame, assumed)
+    if np.isnan(site.ground.heights_agl_m(placed.eyes_m)).all():
+        away = shapely.distance(site.area, shapely.points(placed.eyes_m[:, :2])) / 1000.0
+        raise InputError(
+            f"all {len(placed.pictures)} pictures were taken outside the elevation data, {float(away.min()):.0f} km or more from "
+            "the area; are latitude and longitude swapped, or is it another area?"
+        )
+    return replace(placed, left_out=others | placed.left_out)
+
+
+def _of_other_cameras(pictures: Sequence[Picture], sensor: Sensor) -> dict[str, str]:
+    """Why pictures are not of a camera, by their names: other pixels, another shape, another lens or zoom."""
+    if not isinstance(sensor, FrameCamera):
+        return {}
+    across, along = (math.tan(math.radians(0.5 * fov)) for fov in (sensor.fov_across_deg, sensor.fov_along_deg))
+    film_mm = 0.5 * FILM_DIAGONAL_MM / math.hypot(across, along)
+    shape = max(across, along) / min(across, along)
+    found: dict[str, str] = {}
+    for picture in pictures:
+        if picture.pixels is not None:
+            long, short = picture.pixels
+            if sensor.pixels_across is not None and long != sensor.pixels_across:
+                found[picture.name] = (
+                    f"{long} x {short} pixels: of another camera, which has {sensor.pixels_across} across"
+                )
+            elif not abs(long / max(short, 1) / shape - 1.0) <= _SAME_SHAPE:
+                found[picture.name] = f"{long} x {short} pixels: cropped; the camera's sides are as {shape:.2f} to 1"
+        lens_mm = picture.focal_length_35mm
+        if lens_mm is not None and not abs(lens_mm / film_mm - 1.0) <= LENS_DIFFERS:
+            found.setdefault(
+                picture.name,
+                f"sees as {lens_mm:.0f} mm do on 35 mm film, the camera as {film_mm:.0f} mm: another lens or zoom",
+            )
+    return found
+
+
+def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> PhotoVerdict:
+    """The verdict on pictures of a site.
+
+    Raises:
+        InputError: none can be placed, or the site's sensor takes no pictures.
+        InfeasibleError: nothing of the area can be seen.
+    """
+    frame = frame_of(site)
+    placed = placed_in(request, found, site, frame)
+    heights_m = site.ground.heights_agl_m(placed.eyes_m)
+    of_heights = height_doubts(
+        placed, frame, site.ground, by_takeoff=request.takeoff is not None, error_m=request.assumed.vertical_m,
+        home_en_m=None if request.scenario is None or site.home_m is None else np.asarray(site.home_m, dtype=float)[:2],
+    )  # fmt: skip
+    doubts = _told([*of_heights, *direction_doubts(placed)], user)
+    sensor = site.scenario.sensor
+    if not isinstance(sensor, FrameCamera):
+        raise InputError(f"scenario {site.scenario.name}: its sensor is a {sensor.kind}; pictures need a frame-camera")
+    if request.detection is not None and sensor.pixels_across is None:
+        raise InputError(
+            "--detection: the scenario's sensor has no pixels_across, so nobody knows how fine pictures are; add it"
+        )
+    seeing = _whole(request, site, sensor, placed)
+    coverage = judging_map(replace(site, scenario=replace(site.scenario, sensor=seeing)))
+    blur = blur_px(placed, sensor, heights_m)
+    blurred, unknown = _too_blurred(request, placed, blur)
+    with user.progress("counting what the pictures show"):
+        verdict = _counted(request, coverage, site, placed, blur, blurred | unknown)
+    missing = {"missing_photos": [asdict(stretch) for stretch in missing_stretches(placed)]}
+    document = _document(request, found, verdict, heights_m, len(unknown)) | missing
+    judgement = _judgement(document)
+    if unknown and judgement.verdict == "failed":
+        # Pictures whose blur nobody tells may be sharp enough.
+        with_them = _counted(request, coverage, site, placed, blur, blurred)
+        of_all = _document(request, found, with_them, heights_m, len(unknown))
+        if _judgement(of_all).verdict != "failed":
+            holds = _answer(document["surely"], of_all["possibly"], document["required"])
+            document |= {"possibly": of_all["possibly"], "coverage_holds": holds}
+            judgement = Judgement(
+                tuple(replace(each, effect="not proved") for each in judgement.findings if each.effect != "noted")
+            )
+            seen, perhaps = verdict.shown.coverage, with_them.shown.coverage.possibly_seen
+            shown = replace(verdict.shown, coverage=replace(seen, possibly_seen=seen.possibly_seen | perhaps))
+            verdict = replace(verdict, shown=shown)
+    if verdict.shown.detection is not None:
+        doubts += _told(detection_doubts(verdict.shown.detection, verdict.shown.coverage.ground_sample_m), user)
+    decided = {"passed": judgement.verdict == "passed", "verdict": judgement.verdict}
+    return replace(verdict, judgement=judgement, document=document | decided | {"doubts": doubts})
+
+
+def _judgement(document: Mapping[str, Any]) -> Judgement:
+    """The decision on pictures by their figures."""
+    findings: list[Finding] = []
+    effects: dict[Holds, Effect] = {"no": "fails", "not proved": "not proved", "yes": "noted"}
+    searched = document["detection"]
+    answers: dict[Requirement, Holds] = {
+        "coverage": document["coverage_holds"],
+        "overlap": "no" if document["overlap_holds"] is False else "yes",
+        "detection": "no" if searched is not None and searched["holds"] is False else "yes",
+    }
+    for requirement, answer in answers.items():
+        findings.append(Finding(effects[answer], (requirement,), f"{requirement}: {answer}"))
+    return Judgement(tuple(findings))
+
+
+def _too_blurred(
+    request: PhotoRequest, placed: PlacedPictures, blur: FloatArray
+) -> tuple[dict[str, str], dict[str, str]]:
+    """Why pictures do not count that are too blurred, and those whose blur is not known, by their names."""
+    limit = request.max_blur_px
+    if limit is None:
+        return {}, {}
+    unknown = f"its blur is not known (no exposure, or no speed), and --max-blur asks for {limit:g} pixels"
+    return (
+        {
+            p.name: f"blurred by {b:.2f} pixels, above {limit:g}"
+            for p, b in zip(placed.pictures, blur, strict=True)
+            if b > limit
+        },
+        {p.name: unknown for p, b in zip(placed.pictures, blur, strict=True) if math.isnan(b)},
+    )
+
+
+def _counted(
+    request: PhotoRequest,
+    coverage: CoverageMap,
+    site: Site,
+    placed: PlacedPictures,
+    blur: FloatArray,
+    left_out: Mapping[str, str],
+) -> PhotoVerdict:
+    """What pictures show, some of them left out; the document is still to be written."""
+    kept = np.array([picture.name not in left_out for picture in placed.pictures])
+    placed = placed.without(left_out)
+    shown = shown_cells(coverage, placed, request.detection)
+    asked = pictures_asked(site.scenario.sensor) if _asks_overlap(request) else None
+    verdict = PhotoVerdict(site, coverage, placed, shown, drawn_cells(coverage), asked, blur[kept], [], Judgement(), {})
+    return replace(verdict, gaps=find_gaps(coverage, verdict.asked_coverage))
+
+
+def _told(doubts: list[str], user: User) -> list[str]:
+    for doubt in doubts:
+        user.warn(doubt)
+    return doubts
+
+
+def _asks_overlap(request: PhotoRequest) -> bool:
+    return request.area is None or request.area.overlap is not None
+
+
+def _whole(request: PhotoRequest, site: Site, sensor: FrameCamera, placed: PlacedPictures) -> FrameCamera:
+    """The camera with its whole picture, however far: only what the user asked for limits it."""
+    grid = judging_map(site).grid
+    highest = float(placed.eyes_m[:, 2].max() - grid.cells.centre_m[:, 2].min())
+    reach_m = min(
+        _FARTHEST_M, max(sensor.range_m, highest / max(math.cos(math.radians(sensor.max_incidence_deg)), 0.05))
+    )
+    limited = request.area is None or request.area.gsd is not None
+    return replace(
+        sensor, side_overlap=0.0, range_m=reach_m, max_ground_sample_m=sensor.max_ground_sample_m if limited else None
+    )
+
+
+def _required(request: PhotoRequest, site: Site) -> tuple[float, float]:
+    """The share of what can be seen that has to be shown, and that of the area in which the overlap has to hold."""
+    if request.area is not None:
+        return request.coverage or USUAL_COVERAGE, OVERLAP_FRACTION
+    asked = site.scenario.requirements
+    return request.coverage or asked.min_coverage_of_coverable, asked.min_overlap_fraction or OVERLAP_FRACTION
+
+
+def _answer(sure: float, possible: float, wanted: float) -> Holds:
+    return "yes" if sure >= wanted else "no" if possible < wanted else "not proved"
+
+
+def _document(
+    request: PhotoRequest, found: PictureSet, verdict: PhotoVerdict, heights_m: FloatArray, blur_unknown: int
+) -> dict[str, Any]:
+    placed, shown, coverage, drawn = verdict.placed, verdict.shown, verdict.coverage, verdict.drawn
+    asked = verdict.asked
+    weight = coverage.grid.weight_m2
+    can_be = drawn & (coverage.coverable | shown.coverage.seen)
+    if not can_be.any():
+        raise InfeasibleError("no part of the area can be seen by this camera within the limits")
+
+    def share(cells: BoolArray) -> float:
+        return float(weight[cells & can_be].sum() / weight[can_be].sum())
+
+    flown = shown.coverage
+    seen, sure, possible = share(flown.seen), share(flown.surely_seen), share(flown.possibly_seen)
+    overlap = None if asked is None else float(weight[drawn & (shown.pictures >= asked)].sum() / weight[drawn].sum())
+    required, overlap_required = _required(request, verdict.site)
+    holds = None if overlap is None else overlap >= overlap_required
+    answer = _answer(sure, possible, required)
+    samples = flown.ground_sample_m[drawn]
+    samples = samples[np.isfinite(samples)]
+    blur = verdict.blur_px
+    sharp = blur[np.isfinite(blur)]
+    found_by = None
+    if shown.detection is not None:
+        found_by = detection_document(shown.detection, drawn, weight, request.pod)
+    return {
+        "pictures": len(found.pictures),
+        "inputs": {"pictures": found.sha256},
+        "clocks": clocks_of(found.pictures),
+        "counted": len(placed.pictures),
+        "looks": shown.looks,
+        "left_out": placed.left_out,
+        "direction_known": int(placed.direction_known.sum()),
+        "height_agl_m": {"lowest": float(np.nanmin(heights_m)), "median": float(np.nanmedian(heights_m)),
+                         "highest": float(np.nanmax(heights_m))},
+        "area_m2": float(weight[drawn].sum()),
+        "coverable_area_m2": float(weight[can_be].sum()),
+        "coverage_of_coverable": seen,
+        "surely": sure,
+        "possibly": possible,
+        "required": required,
+        "coverage_holds": answer,
+        "pictures_asked": asked,
+        "overlap_fraction": overlap,
+        "overlap_required": None if overlap is None else overlap_required,
+        "overlap_holds": holds,
+        "detection": found_by,
+        "pictures_median": float(np.median(shown.pictures[drawn])),
+        "directions_median": float(np.median(shown.directions[drawn])),
+        "ground_sample_median_m": float(np.median(samples)) if samples.size else None,
+        "ground_sample_p95_m": float(np.percentile(samples, 95.0)) if samples.size else None,
+        "max_blur_px": request.max_blur_px,
+        "blur_not_known": blur_unknown,
+        "blur_median_px": float(np.median(sharp)) if sharp.size else None,
+        "blur_largest_px": float(sharp.max()) if sharp.size else None,
+        "blurred": [p.name for p, b in zip(placed.pictures, blur, strict=True) if b > BLUR_PX],
+        "gaps": [asdict(region.gap) for region in verdict.gaps],
+    }  # fmt: skip

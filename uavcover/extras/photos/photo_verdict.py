@@ -1,0 +1,204 @@
+"""What pictures show of an area, and the files that say it."""
+
+import csv
+import io
+import itertools
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.errors import InputError
+from uavcover.extras.photos.footprints import footprint_m
+from uavcover.extras.photos.picture import Picture
+from uavcover.extras.photos.placing import PlacedPictures
+from uavcover.extras.photos.showing import ShownCells
+from uavcover.judging.flown_coverage import FlownCoverage
+from uavcover.judging.gaps import GapRegion, reason_codes
+from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.model.judgement import Judgement
+from uavcover.model.sensor import FrameCamera, Sensor
+from uavcover.run.geotiff import cells_geotiff
+from uavcover.run.judge import LAYER_REASONS
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import focal_px
+
+_LONGEST_STEP_S = 10.0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PhotoVerdict:
+    """What the pictures show.
+
+    Attributes:
+        site: whose area it is, as a flight for it is planned.
+        coverage: its cells with the whole picture in view.
+        placed: the pictures that count.
+        shown: what they show.
+        drawn: (cells,) of the area without its margin.
+        asked: pictures in which the overlap asked for puts each point; none where none is.
+        blur_px: (n,) of each picture that counts, NaN where it is not known.
+        gaps: where too few show it.
+        judgement: the decision, and what it comes from.
+        document: what ``photos.json`` says.
+    """
+
+    site: Site
+    coverage: CoverageMap
+    placed: PlacedPictures
+    shown: ShownCells
+    drawn: BoolArray
+    asked: int | None
+    blur_px: FloatArray
+    gaps: list[GapRegion]
+    judgement: Judgement
+    document: dict[str, Any]
+
+    @property
+    def needed(self) -> int:
+        """Pictures in which each cell has to be."""
+        return self.asked or 1
+
+    @property
+    def asked_coverage(self) -> FlownCoverage:
+        """The coverage, with those cells as seen that are in as many pictures as they have to be, and the margin."""
+        return replace(self.shown.coverage, seen=self.shown.enough(self.needed) | ~self.drawn)
+
+    @property
+    def lacking(self) -> BoolArray:
+        """(cells,) of the drawn area that could be seen and are in too few pictures."""
+        return self.drawn & self.coverage.coverable & ~self.shown.enough(self.needed)
+
+
+def frame_of(site: Site) -> LocalFrame:
+    """The local frame of a site on Earth.
+
+    Raises:
+        InputError: it has no place on Earth.
+    """
+    if site.frame is None:
+        raise InputError(f"scenario {site.scenario.name}: has no place on Earth, so pictures have no place in it")
+    return site.frame
+
+
+def blur_px(placed: PlacedPictures, sensor: Sensor, heights_m: FloatArray) -> FloatArray:
+    """(n,) how many pixels the ground below moves while the shutter is open; NaN where it is not told."""
+    focal = focal_px(sensor)
+    speeds = _speeds_m_s(placed)
+    exposures = np.array([np.nan if p.exposure_s is None else p.exposure_s for p in placed.pictures])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(heights_m > 0.0, speeds * exposures * focal / heights_m, np.nan)
+
+
+def _speeds_m_s(placed: PlacedPictures) -> FloatArray:
+    told = np.array([np.nan if p.speed_m_s is None else p.speed_m_s for p in placed.pictures])
+    times = np.array([np.nan if p.time_s is None else p.time_s for p in placed.pictures])
+    if len(told) < 2:
+        return told
+    step_s, step_m = np.diff(times), np.linalg.norm(np.diff(placed.eyes_m, axis=0), axis=1)
+    clocks = [p.clock for p in placed.pictures]
+    same = np.array([one == other for one, other in itertools.pairwise(clocks)])
+    with np.errstate(divide="ignore", invalid="ignore"):
+        speed = np.where(same & (step_s > 0.0) & (step_s <= _LONGEST_STEP_S), step_m / step_s, np.nan)
+    onwards, before = np.append(speed, np.nan), np.append(np.nan, speed)
+    return np.where(np.isfinite(told), told, np.where(np.isfinite(onwards), onwards, before))
+
+
+def clocks_of(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
+    """Each clock of some pictures: how many, from when to when, and how far it is from UTC where that is told.
+
+    A camera's clock without a zone shows local time, or what somebody set: its times are written without one.
+    """
+    told = []
+    for clock in sorted({p.clock for p in pictures if p.clock is not None}):
+        times = [p.time_s for p in pictures if p.clock == clock and p.time_s is not None]
+        ahead = [
+            p.utc_s - p.time_s for p in pictures if p.clock == clock and p.utc_s is not None and p.time_s is not None
+        ]
+        told.append(
+            {
+                "clock": clock,
+                "pictures": len(times),
+                "first_s": min(times),
+                "last_s": max(times),
+                "utc_minus_clock_s": float(np.median(ahead)) if ahead else None,
+            }
+        )
+    return told
+
+
+def picture_table(verdict: PhotoVerdict, site: Site) -> str:
+    """A row for each picture that counts, then those that do not."""
+    heights_m = site.ground.heights_agl_m(verdict.placed.eyes_m)
+    blur = verdict.blur_px
+    lat, lon, alt = frame_of(site).geodetic_from_enu(verdict.placed.eyes_m)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(
+        ["name", "counted", "reason", "lat_deg", "lon_deg", "alt_amsl_m", "height_agl_m", "direction_known", "blur_px"]
+    )
+    for k, picture in enumerate(verdict.placed.pictures):
+        row = [f"{lat[k]:.7f}", f"{lon[k]:.7f}", f"{alt[k]:.2f}", f"{heights_m[k]:.1f}"]
+        known = "yes" if verdict.placed.direction_known[k] else "no"
+        writer.writerow([picture.name, "yes", "", *row, known, f"{blur[k]:.2f}" if math.isfinite(blur[k]) else ""])
+    for name, why in verdict.placed.left_out.items():
+        writer.writerow([name, "no", why, "", "", "", "", "", ""])
+    return text.getvalue()
+
+
+def footprints_m(verdict: PhotoVerdict, *, every: int = 1) -> Iterator[tuple[int, FloatArray]]:
+    """The number of each picture that counts, or of one in ``every``, and (k, 3) ENU, the places of its edge on the ground."""
+    sensor = verdict.coverage.site.scenario.sensor
+    if not isinstance(sensor, FrameCamera):
+        return
+    for number in range(0, len(verdict.placed.pictures), every):
+        edge = footprint_m(verdict.placed, number, sensor, verdict.site.ground, reach_m=sensor.range_m)
+        if len(edge) >= 3:
+            yield number, edge
+
+
+def footprint_polygons(verdict: PhotoVerdict) -> Iterator[tuple[int, shapely.Polygon]]:
+    """The number of each picture that counts, and its footprint in longitude and latitude."""
+    frame = frame_of(verdict.site)
+    for number, edge in footprints_m(verdict):
+        lat, lon, _ = frame.geodetic_from_enu(np.vstack([edge, edge[:1]]))
+        yield number, shapely.orient_polygons(shapely.Polygon(np.column_stack([lon, lat]).round(8)))
+
+
+def footprints_geojson(verdict: PhotoVerdict) -> dict[str, Any]:
+    """A polygon on the ground for each picture that counts (RFC 7946)."""
+    features = [
+        {
+            "type": "Feature",
+            "geometry": shapely.geometry.mapping(shape),
+            "properties": {"name": verdict.placed.pictures[number].name},
+        }
+        for number, shape in footprint_polygons(verdict)
+    ]
+    return {"type": "FeatureCollection", "features": features}
+
+
+def photo_raster(verdict: PhotoVerdict) -> bytes:
+    """What the pictures show of each cell as a GeoTIFF."""
+    coverage, shown = verdict.coverage, verdict.shown
+    flown = shown.coverage
+    enough = replace(flown, seen=shown.enough(verdict.needed))
+    sureness = flown.seen.astype(float) + flown.possibly_seen + flown.surely_seen
+    layers: list[tuple[str, str, NDArray[Any]]] = [
+        ("pictures", "pictures that show the cell", shown.pictures),
+        ("directions", "directions of nine: down, or one of eight points of the compass", shown.directions),
+        ("ground_sample_m", "smallest ground sample distance in metres", flown.ground_sample_m),
+        ("incidence_deg", "smallest incidence angle in degrees", flown.incidence_deg),
+        ("sureness", "0 not seen, 1 possibly, 2 seen if measurements are exact, 3 surely", sureness),
+        ("reason", LAYER_REASONS, reason_codes(coverage, enough)),
+    ]
+    if shown.detection is not None:
+        words = f"probability of detection, 0 to 1: {shown.detection.curve.title}"
+        layers.append(("pod", words, shown.detection.pod))
+    return cells_geotiff(coverage, frame_of(verdict.site), layers)

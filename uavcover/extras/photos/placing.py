@@ -1,0 +1,229 @@
+"""Where pictures were taken and how their cameras were turned, in the local frame, and how well that is known."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.errors import TerrainError, TrackError
+from uavcover.extras.photos.picture import HeightDatum, Picture
+from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.model.sensor import FrameCamera
+from uavcover.scenario.frames import LocalFrame
+from uavcover.scenario.vertical import Undulation
+from uavcover.sensing.pictures import camera_axes
+from uavcover.sensing.sensors import camera_turn
+
+_NO_COURSE_M = 0.5
+_ROUGHLY_M = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)
+"""Errors are rounded up to these, so that pictures of like errors are counted together."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Assumptions:
+    """What is taken where pictures do not tell it.
+
+    Attributes:
+        horizontal_m: error of places.
+        vertical_m: error of heights above sea level or the ellipsoid.
+        vertical_by_barometer_m: error of heights above the place of take-off.
+        attitude_deg: error of the camera's angles where they are told.
+        unknown_attitude_deg: how far a camera may lean where nothing is told.
+        pitch_deg: of the camera where it is not told.
+        takeoff_alt_amsl_m: of the place of take-off: heights above it count, if given.
+        geoid_height_m: of the sea level above the ellipsoid; default: by PROJ's grid.
+        mounted: a camera whose mount says how it hangs on the vehicle, for pictures that tell the vehicle's attitude only; none:
+            that is not known.
+    """
+
+    horizontal_m: float = 3.0
+    vertical_m: float = 10.0
+    vertical_by_barometer_m: float = 3.0
+    attitude_deg: float = 2.0
+    unknown_attitude_deg: float = 10.0
+    pitch_deg: float = -90.0
+    takeoff_alt_amsl_m: float | None = None
+    geoid_height_m: float | None = None
+    mounted: FrameCamera | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlacedPictures:
+    """The n pictures that have a place and a direction.
+
+    Attributes:
+        pictures: themselves.
+        eyes_m: (n, 3) ENU.
+        axes: (n, 3) unit vectors along their views.
+        tops: (n, 3) unit vectors towards their tops.
+        direction_known: (n,) whether the camera's angles were told.
+        horizontal_m: (n,) errors of places.
+        vertical_m: (n,) errors of heights.
+        turn_deg: (n,) errors of directions.
+        left_out: why the others do not count, by name.
+    """
+
+    pictures: tuple[Picture, ...]
+    eyes_m: FloatArray
+    axes: FloatArray
+    tops: FloatArray
+    direction_known: BoolArray
+    horizontal_m: FloatArray
+    vertical_m: FloatArray
+    turn_deg: FloatArray
+    left_out: dict[str, str]
+
+    def without(self, why: Mapping[str, str]) -> "PlacedPictures":
+        """Those that are not named; the others do not count any more, with the reason."""
+        kept = np.array([picture.name not in why for picture in self.pictures], dtype=bool)
+        return PlacedPictures(
+            tuple(picture for picture, keep in zip(self.pictures, kept, strict=True) if keep),
+            np.ascontiguousarray(self.eyes_m[kept]), self.axes[kept], self.tops[kept], self.direction_known[kept],
+            self.horizontal_m[kept], self.vertical_m[kept], self.turn_deg[kept], self.left_out | dict(why),
+        )  # fmt: skip
+
+
+def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assumptions) -> PlacedPictures:
+    """Place pictures in the local frame.
+
+    A camera whose angles are not told hangs on its vehicle as ``assumed.mounted`` does. Where that is not known either, it looks
+    along ``assumed.pitch_deg``, its picture's top along the vehicle's nose, or else along the line on which the pictures lie.
+
+    Raises:
+        TrackError: none can be placed, or heights above the ellipsoid cannot be brought to sea level.
+    """
+    left_out = {picture.name: why for picture in pictures if (why := picture.lacks()) is not None}
+    placed = [picture for picture in pictures if picture.name not in left_out]
+    by_takeoff = assumed.takeoff_alt_amsl_m is not None
+    heights = []
+    for picture in list(placed):
+        height = picture.height_above_takeoff_m if by_takeoff else picture.alt_m
+        if height is None:
+            left_out[picture.name] = (
+                "no height above the place of take-off"
+                if by_takeoff
+                else "only a height above take-off: give --takeoff"
+            )
+            placed.remove(picture)
+        else:
+            heights.append(height + (assumed.takeoff_alt_amsl_m or 0.0))
+    if not placed:
+        raise TrackError(_none_placed(left_out))
+    lat = np.array([picture.lat_deg for picture in placed], dtype=float)
+    lon = np.array([picture.lon_deg for picture in placed], dtype=float)
+    alt_amsl_m = np.array(heights)
+    if not by_takeoff:
+        above_ellipsoid = np.array([picture.datum is HeightDatum.ELLIPSOID for picture in placed])
+        alt_amsl_m -= np.where(above_ellipsoid, _geoid_m(lat, lon, above_ellipsoid, assumed), 0.0)
+    eyes = frame.enu_from_geodetic(lat, lon, alt_amsl_m)
+    known = np.array([picture.has_direction for picture in placed])
+    yaw, found = _yaws_deg(placed, eyes)
+    for picture, told, some in zip(placed, known, found, strict=True):
+        if not told and not some:
+            left_out[picture.name] = (
+                "no direction: neither angles of the camera, nor a heading, nor other pictures in line"
+            )
+    keep = known | found
+    if not keep.any():
+        raise TrackError(_none_placed(left_out))
+    pitch = np.array([assumed.pitch_deg if picture.pitch_deg is None else picture.pitch_deg for picture in placed])
+    roll = np.array([picture.roll_deg or 0.0 for picture in placed])
+    # A gimbal's pitch counts with the vehicle's heading, too: its yaw follows the nose.
+    tilted = known | np.array([picture.vehicle_yaw_deg is not None for picture in placed])
+    axes, tops = camera_axes(yaw, np.where(tilted, pitch, assumed.pitch_deg), np.where(tilted, roll, 0.0))
+    if assumed.mounted is not None:
+        turn = camera_turn(assumed.mounted, _vehicle_attitudes_deg(placed))
+        hung = ~known & turn.known & np.array([picture.vehicle_yaw_deg is not None for picture in placed])
+        axes[hung], tops[hung] = turn.axes[hung], turn.tops[hung]
+        known = known | hung
+    horizontal = [_or(picture.horizontal_error_m, assumed.horizontal_m) for picture in placed]
+    vertical = [_vertical_m(picture, assumed) for picture in placed]
+    turn_deg = np.where(known, assumed.attitude_deg, assumed.unknown_attitude_deg)
+    return PlacedPictures(
+        tuple(picture for picture, kept in zip(placed, keep, strict=True) if kept),
+        np.ascontiguousarray(eyes[keep]), axes[keep], tops[keep], known[keep],
+        _rounded_up(np.array(horizontal)[keep]), _rounded_up(np.array(vertical)[keep]), turn_deg[keep], left_out,
+    )  # fmt: skip
+
+
+def _vehicle_attitudes_deg(pictures: Sequence[Picture]) -> FloatArray:
+    """(n, 3) roll, pitch and yaw of the vehicle; NaN where they are not told."""
+    angles = [(p.vehicle_roll_deg, p.vehicle_pitch_deg, p.vehicle_yaw_deg) for p in pictures]
+    return np.array([[np.nan if angle is None else angle for angle in row] for row in angles])
+
+
+def _none_placed(left_out: dict[str, str]) -> str:
+    name, why = next(iter(left_out.items()))
+    advice = ""
+    if why == "no position":
+        advice = "; give a list of their places as well (geo.txt, .csv, .MRK or the flight's log), or geotag them"
+    return f"none of {len(left_out)} pictures can be placed; {name}: {why}{advice}"
+
+
+def _or(error_m: float | None, otherwise_m: float) -> float:
+    return otherwise_m if error_m is None or error_m <= 0.0 else error_m
+
+
+def _vertical_m(picture: Picture, assumed: Assumptions) -> float:
+    if assumed.takeoff_alt_amsl_m is not None:
+        return assumed.vertical_by_barometer_m
+    return _or(picture.vertical_error_m, assumed.vertical_m)
+
+
+def _rounded_up(errors_m: FloatArray) -> FloatArray:
+    steps = np.array(_ROUGHLY_M)
+    return np.where(
+        errors_m <= steps[-1], steps[np.minimum(np.searchsorted(steps, errors_m), len(steps) - 1)], errors_m
+    )
+
+
+def _geoid_m(lat: FloatArray, lon: FloatArray, wanted: BoolArray, assumed: Assumptions) -> FloatArray:
+    if not wanted.any():
+        return np.zeros(lat.size)
+    if assumed.geoid_height_m is not None:
+        return np.full(lat.size, assumed.geoid_height_m)
+    try:
+        return Undulation().heights_m(lat, lon)
+    except TerrainError as error:
+        raise TrackError(
+            f"{int(wanted.sum())} pictures have heights above the ellipsoid, and PROJ has no geoid grid for them: fetch it "
+            "(projsync --file us_nga_egm96_15.tif), or give --geoid-height, the height of sea level above the ellipsoid there"
+        ) from error
+
+
+def _yaws_deg(pictures: Sequence[Picture], eyes_m: FloatArray) -> tuple[FloatArray, BoolArray]:
+    """Headings of the pictures' tops, and whether there is one."""
+    yaw = np.array(
+        [np.nan if (a := p.yaw_deg if p.has_direction else p.vehicle_yaw_deg) is None else a for p in pictures]
+    )
+    along = courses_deg(eyes_m)
+    yaw = np.where(np.isfinite(yaw), yaw, along)
+    return np.where(np.isfinite(yaw), yaw, 0.0), np.isfinite(yaw)
+
+
+def courses_deg(eyes_m: FloatArray) -> FloatArray:
+    """(n,) the direction of the line on which each of some places in order lies; NaN where there is none.
+
+    Of the steps to a place and from it the one counts that goes on straight, so that the first and last places of a line belong
+    to it and not to the way to the next one.
+    """
+    steps = np.diff(eyes_m[:, :2], axis=0)
+    long_enough = np.hypot(steps[:, 0], steps[:, 1]) >= _NO_COURSE_M
+    course = np.where(long_enough, np.degrees(np.arctan2(steps[:, 0], steps[:, 1])), np.nan)
+    count = len(eyes_m)
+    out = np.full(count, np.nan)
+    for k in range(count):
+        before = course[k - 1] if k >= 1 else np.nan
+        after = course[k] if k < count - 1 else np.nan
+        bend_before = _bend_deg(course[k - 2], before) if k >= 2 else 180.0
+        bend_after = _bend_deg(after, course[k + 1]) if k < count - 2 else 180.0
+        choices = [(bend_before, before), (bend_after, after)]
+        choices = [choice for choice in choices if np.isfinite(choice[1])]
+        if choices:
+            out[k] = min(choices, key=lambda choice: choice[0])[1]
+    return out
+
+
+def _bend_deg(one_deg: float, other_deg: float) -> float:
+    bend = abs((one_deg - other_deg + 180.0) % 360.0 - 180.0)
+    return bend if np.isfinite(bend) else 180.0

@@ -1,0 +1,166 @@
+"""What placed pictures show of an area: how often, from how many sides, how finely, how surely, and why not."""
+
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.extras.photos.detecting import Detection, detection_of
+from uavcover.extras.photos.placing import PlacedPictures
+from uavcover.judging.flown_coverage import WORKERS, FlownCoverage
+from uavcover.kernels import observation_counting as kernels
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.kernels.observation_counting import Camera, ObservationCounts, SensorPoses
+from uavcover.kernels.sight import SEEN, TOO_COARSE, LocalSlopes, Sight, local_slopes
+from uavcover.model.detection import DetectionCurve
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.looks import look_distance_m, looks_of
+from uavcover.sensing.sensors import focal_px
+
+DIRECTIONS = ("down", "north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
+_DOWN_WITHIN_DEG = 20.0
+"""A camera within this of the vertical looks down, others towards one of eight points of the compass."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ShownCells:
+    """What pictures show of each of the n cells of a map; the whole picture counts, hidden ground does not.
+
+    How coarse a picture is does not matter for how many there are, as :mod:`uavcover.sensing.pictures` counts them.
+
+    Attributes:
+        pictures: (n,) how many looks show it, measurements taken as exact, however coarse; photos from one place are one look.
+        looks: how many looks the photos are.
+        directions: (n,) into how many of ``DIRECTIONS`` their cameras looked.
+        coverage: (n,) each: seen by a picture as finely as the sensor has to, surely, possibly, how closely, and the best
+            outcome of any picture.
+        detection: how probably they find what is searched for, by the pictures that are as fine as the sensor has to be; none
+            where nobody searches.
+    """
+
+    pictures: NDArray[np.int32]
+    looks: int
+    directions: NDArray[np.int32]
+    coverage: FlownCoverage
+    detection: Detection | None = None
+
+    def enough(self, needed: int) -> BoolArray:
+        """(n,) which cells are seen, and shown by so many pictures."""
+        return self.coverage.seen & (self.pictures >= needed)
+
+
+def shown_cells(coverage: CoverageMap, placed: PlacedPictures, curve: DetectionCurve | None = None) -> ShownCells:
+    """Count pictures by cell, and with a curve how probably they find what is searched for.
+
+    A cell is surely seen when some picture shows it wherever within its errors the camera was and however within them it looked.
+    How finely it is shown, and what looks find, is taken as measured.
+    """
+    slopes = local_slopes(coverage.site.ground.surface)
+    steepest = float(slopes.steepest[np.isfinite(slopes.steepest)].max(initial=0.0))
+    count = coverage.grid.count
+    finely: ObservationCounts = kernels.no_observations(count, searched=curve is not None)
+    anyhow: ObservationCounts = kernels.no_observations(count)
+    however_coarse = coverage.sight._replace(sample_focal_m=np.inf)
+    by_direction = np.zeros(count, dtype=np.int32)
+    errors = np.column_stack([placed.horizontal_m, placed.vertical_m, placed.turn_deg])
+    direction = looking_towards(placed.axes)
+    taken = 0
+    exact = Camera(
+        focal_px=focal_px(coverage.site.scenario.sensor),
+        pass_gap_s=-1.0,  # every picture counts
+        offset_m=0.0,
+        horizontal_m=0.0,
+        lift_m=0.0,
+        turn_rad=0.0,
+    )
+    searching = exact if curve is None else exact._replace(detection=curve.table)
+    for towards in np.unique(direction):
+        before = anyhow.passes.copy()
+        for row in np.unique(errors[direction == towards], axis=0):
+            chosen = (direction == towards) & (errors == row).all(axis=1)
+            horizontal, vertical = float(row[0]), float(row[1]) + coverage.site.vertical_uncertainty_m
+            uncertain = exact._replace(
+                offset_m=float(np.hypot(horizontal, vertical)),
+                horizontal_m=horizontal,
+                lift_m=vertical + horizontal * steepest,
+                turn_rad=float(np.radians(row[2])),
+            )
+            numbers = taken + np.arange(int(chosen.sum()), dtype=float)
+            taken += numbers.size
+            poses = _poses(placed, chosen, numbers)
+            _add(coverage, slopes, coverage.sight, searching, poses, finely)
+            _add(coverage, slopes, however_coarse, uncertain, poses, anyhow)
+        by_direction += anyhow.passes > before
+    detection = None if curve is None else detection_of(curve, finely.looks)
+    closer_m = look_distance_m(coverage.site.scenario, placed.horizontal_m)
+    looks = looks_of(placed.eyes_m, placed.axes, closer_m, [picture.capture_id for picture in placed.pictures])
+    number, pictures = int(looks.max(initial=-1)) + 1, anyhow.passes
+    if number < len(looks):
+        by_look: ObservationCounts = kernels.no_observations(count)
+        order = np.argsort(looks, kind="stable")
+        _add(
+            coverage, slopes, however_coarse, exact._replace(pass_gap_s=0.0),
+            _poses(placed, order, looks[order].astype(float)), by_look,
+        )  # fmt: skip
+        pictures = by_look.passes
+    return ShownCells(pictures, number, by_direction, _coverage(finely, anyhow), detection)
+
+
+def looking_towards(axes: FloatArray) -> IntArray:
+    """(n,) numbers in ``DIRECTIONS`` of (n, 3) viewing directions.
+
+    >>> looking_towards(np.array([[0.0, 0.0, -1.0], [0.0, 0.7, -0.7], [-0.7, 0.0, -0.7]])).tolist()
+    [0, 1, 7]
+    """
+    octant = np.round(np.degrees(np.arctan2(axes[:, 0], axes[:, 1])) / 45.0).astype(np.int64) % 8
+    down = -axes[:, 2] >= np.cos(np.radians(_DOWN_WITHIN_DEG))
+    return np.where(down, 0, 1 + octant)
+
+
+def _poses(placed: PlacedPictures, chosen: BoolArray | IntArray, numbers: FloatArray) -> SensorPoses:
+    return SensorPoses(
+        np.ascontiguousarray(placed.eyes_m[chosen]), np.ascontiguousarray(placed.axes[chosen]),
+        np.ascontiguousarray(placed.tops[chosen]), numbers,
+    )  # fmt: skip
+
+
+def _add(
+    coverage: CoverageMap,
+    slopes: LocalSlopes,
+    sight: Sight,
+    camera: Camera,
+    poses: SensorPoses,
+    counts: ObservationCounts,
+) -> None:
+    def rows(first_row: int) -> None:
+        kernels.count_rows(
+            coverage.site.ground.surface,
+            slopes,
+            sight,
+            camera,
+            coverage.grid.cells,
+            poses,
+            (first_row, WORKERS),
+            counts,
+        )
+
+    with ThreadPoolExecutor(WORKERS) as executor:
+        list(executor.map(rows, range(WORKERS)))
+
+
+def _coverage(counts: ObservationCounts, anyhow: ObservationCounts) -> FlownCoverage:
+    seen = counts.passes > 0
+    none = np.full(seen.size, np.nan)
+    return FlownCoverage(
+        seen=seen,
+        surely_seen=seen & (anyhow.sure > 0),
+        possibly_seen=seen | ((anyhow.possible > 0) & (counts.outcome != TOO_COARSE)),
+        possibly_by_attitude=np.zeros(seen.size, dtype=bool),
+        first_seen_s=none,
+        passes=counts.passes,
+        nearest_m=np.where(np.isfinite(counts.nearest_m), counts.nearest_m, np.nan),
+        ground_sample_m=np.where(np.isfinite(counts.ground_sample_m), counts.ground_sample_m, np.nan),
+        incidence_deg=np.where(seen, np.degrees(np.arccos(np.clip(counts.cos_incidence, -1.0, 1.0))), np.nan),
+        outcome=np.where(seen, SEEN, counts.outcome).astype(np.uint8),
+    )

@@ -1,0 +1,83 @@
+"""``uavcover terrain``: the elevation data that an area needs, and ArduPilot's terrain files of it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from uavcover.cli import options
+from uavcover.cli.survey_options import DemOptions
+
+
+@dataclass(frozen=True, slots=True)
+class AreaOptions:
+    """How the area's file is read, and how far around it the ground matters."""
+
+    around: Annotated[
+        str, typer.Option("--around", help="How far around the area the ground matters.", metavar="LENGTH")
+    ] = "1km"
+    layer: Annotated[str | None, typer.Option("--layer", help="Layer or folder of the area's file.")] = None
+    feature: Annotated[str | None, typer.Option("--feature", help="Name or number (from 1) of one feature.")] = None
+    crs: Annotated[
+        str | None,
+        typer.Option("--crs", help="Coordinate system of the area's file, where it does not say.", metavar="EPSG:N"),
+    ] = None
+    make_valid: Annotated[bool, typer.Option("--make-valid", help="Mend outlines that cross themselves.")] = False
+    swap_axes: Annotated[bool, typer.Option("--swap-axes", help="The area's file has latitude first.")] = False
+
+
+def terrain(
+    area: Annotated[str, typer.Argument(help="What new takes: a file; WEST,SOUTH,EAST,NORTH; or LAT,LON,RADIUS.")],
+    *,
+    dem: DemOptions,
+    where: AreaOptions,
+    dat: Annotated[
+        Path | None, typer.Option("--dat", help="Write ArduPilot's terrain files into this folder.", metavar="FOLDER")
+    ] = None,
+    spacing: Annotated[
+        int, typer.Option("--spacing", help="The vehicle's TERRAIN_SPACING, for --dat.", metavar="METRES")
+    ] = 100,
+    force: options.Force = False,
+    output: options.Output,
+) -> int:
+    """Say which tiles of which free elevation data an area needs, and where they are; nothing is fetched.
+
+    With --dem: which of them are there, and whether they have heights all over the area (exit code 1 when not). With --dat:
+    .DAT files for the folder APM/TERRAIN on the vehicle's card.
+    """
+    from uavcover.errors import InputError
+    from uavcover.extras.vehicle_files.area_terrain import files_in, known_share, say_needed, terrain_of_area
+    from uavcover.intake.quantities import length_m
+    from uavcover.run.user import to_paste
+    from uavcover.run.vehicle_terrain import heights_of_files, open_elevation_data, write_terrain_files
+    from uavcover.scenario.areas.area_file import AreaQuery
+
+    console = output.console()
+    data = dem.data()
+    if dat is not None and not data.names:
+        raise InputError("--dat: needs elevation data; give --dem")
+    query = AreaQuery(
+        source=area, layer=where.layer, feature=where.feature, crs=where.crs, make_valid=where.make_valid,
+        swap_axes=where.swap_axes,
+    )  # fmt: skip
+    found = terrain_of_area(query, around_m=length_m(where.around, option="--around", example="1km"))
+    there = files_in(data.names) if data.names else None
+    document: dict[str, object] = {"area": area, "sets": say_needed(found, there, console)}
+    document["national"] = [{"title": one.title, "address": one.address} for one in found.national]
+    if there is None:
+        console.suggest(to_paste("terrain", area.strip(), "--dem", "FOLDER"))
+        console.result(document)
+        return 0
+    share = known_share(found, data, console)
+    console.say(f"{', '.join(data.names)}: heights on {100.0 * share:.1f} % of the area")
+    document["known_share"] = share
+    if dat is not None:
+        source, datum = open_elevation_data(data, around=found.around)
+        heights = heights_of_files(source, datum, console.warn)
+        written = write_terrain_files(heights, found.around, dat, spacing_m=spacing, force=force, user=console)
+        for name, blocks in written.items():
+            console.say(f"written: {dat / name} ({blocks} blocks)")
+        document["dat"] = {str(dat / name): blocks for name, blocks in written.items()}
+    console.result(document)
+    return 0 if share == 1.0 else 1

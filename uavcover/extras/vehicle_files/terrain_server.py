@@ -1,0 +1,35 @@
+"""``uavcover terrain-server``: terrain heights for a vehicle that requests them."""
+
+from dataclasses import asdict
+
+from uavcover.cli import options
+from uavcover.cli.survey_options import DemOptions
+
+
+def terrain_server(
+    to: options.To,
+    *,
+    dem: DemOptions,
+    vehicle: options.VehicleOptions,
+    link: options.LinkKind = "default",
+    output: options.Output,
+) -> int:
+    """Answer a vehicle's requests for terrain heights until Ctrl-C.
+
+    ArduPilot arms for a mission in a terrain frame only when somebody has answered. Heights are sent in whole metres; where the
+    elevation data has none, nothing is sent. fly and plan-upload answer from the data of their scenario by themselves.
+    """
+    from uavcover.run.session import connect
+    from uavcover.run.vehicle_terrain import heights_of_files, open_elevation_data, serve_terrain
+
+    console = output.console()
+    source, datum = open_elevation_data(dem.data())
+    with connect(vehicle.link_to(to, link=link)) as connected:
+        console.say(f"vehicle {connected.client.vehicle.system_id} at {to}: answering from {source} ({datum})")
+        counts = serve_terrain(connected.client, heights_of_files(source, datum, console.warn), console)
+    console.say(
+        f"{counts.requests} requests for {counts.blocks} blocks: {counts.parts_sent} parts sent, "
+        f"{counts.parts_unknown} not, for want of data"
+    )
+    console.result({"to": to, "dem": [str(file) for file in source.files], "vertical_datum": datum, **asdict(counts)})
+    return 0

@@ -1,1 +1,0 @@
-"""The second client: MAVSDK's transfers and commands behind the calls of our own client."""
