@@ -1,12 +1,8 @@
 """Kinds of options for the scripts' parsers: what cannot be is told in one line, with exit code 2, before anything begins."""
 
 import argparse
-import math
 from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import TypeVar
-
-Number = TypeVar("Number", int, float)
 
 
 def existing_folder(text: str) -> Path:
@@ -32,13 +28,6 @@ def file_to_write(text: str) -> Path:
     return Path(text)
 
 
-def run_folder(text: str) -> Path:
-    """A folder with a plan."""
-    if not (Path(text) / "plan.json").is_file():
-        raise argparse.ArgumentTypeError(f"{text}: no plan.json in it; name a run folder, as uavcover plan makes it")
-    return Path(text)
-
-
 def scenario_name(text: str) -> str:
     """A bundled scenario, or the file of one."""
     from uavcover.errors import UavcoverError
@@ -51,25 +40,12 @@ def scenario_name(text: str) -> str:
     return text
 
 
-def fraction(text: str) -> float:
-    """A number from 0 to 1."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = math.nan
-    if not 0.0 <= number <= 1.0:
-        raise argparse.ArgumentTypeError(f"{text}: give a fraction from 0 to 1")
-    return number
-
-
-def numbers(text: str) -> list[float]:
-    """Numbers with commas between them."""
-    return _by_commas(text, float, "numbers, with commas between them")
-
-
 def whole_numbers(text: str) -> list[int]:
     """Whole numbers with commas between them."""
-    return _by_commas(text, int, "whole numbers, with commas between them")
+    try:
+        return [int(part) for part in text.split(",")]
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"{text}: give whole numbers, with commas between them") from None
 
 
 def one_of(known: Collection[str]) -> Callable[[str], str]:
@@ -96,10 +72,3 @@ def first_and_second(first: Collection[str], second: Collection[str]) -> Callabl
         return one and one_of(first)(one), other and one_of(second)(other)
 
     return pair
-
-
-def _by_commas(text: str, kind: Callable[[str], Number], what: str) -> list[Number]:
-    try:
-        return [kind(part) for part in text.split(",")]
-    except ValueError:
-        raise argparse.ArgumentTypeError(f"{text}: give {what}") from None

@@ -222,3 +222,34 @@ def test_every_page_is_in_the_navigation_once() -> None:
     assert sorted(listed) == sorted(set(listed))
     pages = {str(page.relative_to(ROOT / "docs")) for page in (ROOT / "docs").rglob("*.md")}
     assert (pages | set(site_hook().PAGES)) - set(listed) == set()
+
+
+def test_the_laboratory_stays_small() -> None:
+    results = sorted((ROOT / "docs" / "results").rglob("*.md"))
+    assert len(results) <= 12
+    assert [page.name for page in results if len(page.read_text(encoding="utf-8").splitlines()) > 90] == []
+    scripts = [file for file in (ROOT / "scripts").rglob("*") if file.suffix in (".py", ".sh")]
+    assert len(scripts) <= 32
+    assert sum(len(file.read_text(encoding="utf-8").splitlines()) for file in scripts) <= 6_500
+
+
+def test_the_results_name_data_that_is_there_and_no_other() -> None:
+    folder = ROOT / "docs" / "results"
+    shown = "".join(
+        page.read_text(encoding="utf-8")
+        for page in [*folder.glob("*.md"), *(ROOT / "docs" / "explanation").glob("*.md")]
+    )
+    assert {
+        file.name for file in folder.rglob("*") if file.suffix not in ("", ".md") and file.name not in shown
+    } == set()
+
+
+def test_a_script_that_a_page_of_results_runs_exists_or_is_history() -> None:
+    """With a command of today a script is in the tree; one of history is named alone, in brackets."""
+    commands = {
+        script
+        for page in (ROOT / "docs" / "results").glob("*.md")
+        for script in re.findall(r"`[^`\n]*?python (scripts/[\w/]+\.py)", page.read_text(encoding="utf-8"))
+    }
+    assert commands
+    assert {script for script in commands if not (ROOT / script).exists()} == set()

@@ -16,14 +16,12 @@ from scripts.options import (
     existing_folder,
     file_to_write,
     first_and_second,
-    fraction,
     names_of,
-    numbers,
     one_of,
-    run_folder,
     scenario_name,
     whole_numbers,
 )
+from scripts.pages import put_section
 
 ROOT = Path(__file__).parents[1]
 
@@ -91,9 +89,7 @@ def test_help_is_no_run(name: str, monkeypatch: pytest.MonkeyPatch, capsys: pyte
 @pytest.mark.parametrize(
     ("kind", "text", "value"),
     [
-        (numbers, "10,0.5", [10.0, 0.5]),
         (whole_numbers, "1,2,40", [1, 2, 40]),
-        (fraction, "0.3", 0.3),
         (one_of(["a", "b"]), "b", "b"),
         (names_of(["a", "b"]), "b,a", ["b", "a"]),
         (first_and_second(["a"], ["b"]), "", ("", "")),
@@ -110,7 +106,7 @@ def test_what_can_be_is_read(kind: Callable[[str], object], text: str, value: ob
 def test_paths_that_are_there(tmp_path: Path) -> None:
     plan = tmp_path / "plan.json"
     plan.touch()
-    assert existing_folder(str(tmp_path)) == run_folder(str(tmp_path)) == tmp_path
+    assert existing_folder(str(tmp_path)) == tmp_path
     assert existing_file(str(plan)) == file_to_write(str(plan)) == plan
     assert file_to_write("page.md") == Path("page.md")
 
@@ -118,9 +114,6 @@ def test_paths_that_are_there(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "text"),
     [
-        (fraction, "1.5"),
-        (fraction, "nan"),
-        (fraction, "x"),
         (file_to_write, "/"),
         (first_and_second(["a"], ["b"]), "b:a"),
     ],
@@ -128,3 +121,12 @@ def test_paths_that_are_there(tmp_path: Path) -> None:
 def test_what_cannot_be_is_refused(kind: Callable[[str], object], text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError):
         kind(text)
+
+
+def test_a_script_renews_its_own_section_of_a_page(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    put_section(page, "One", "first")
+    put_section(page, "Two", "second")
+    page.write_text("# Title\n\nwords\n\n" + page.read_text())
+    put_section(page, "One", "\nanew\n\n### Part\n")
+    assert page.read_text() == "# Title\n\nwords\n\n## One\n\nanew\n\n### Part\n\n## Two\n\nsecond\n"

@@ -1,5 +1,5 @@
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -93,11 +93,11 @@ def cut(track: Track, part: slice) -> Track:
     return track.taken(np.arange(len(track))[part])
 
 
-def read_of_perfect_tracks(run: RunFolder) -> ReportContent:
+def read_of_perfect_tracks(run: RunFolder, logs: Sequence[Path] = ()) -> ReportContent:
     """A run's content with attitudes that count: made-up tracks take corners in no time, and have no lean to confirm."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("uavcover.judging.attitude._unconfirmed", lambda *_: None)
-        return read_run(run, logs=())
+        return read_run(run, logs=logs)
 
 
 @pytest.fixture(scope="session")

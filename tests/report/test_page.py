@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.report.conftest import HOSTILE, coarse, lines_over, write_run
+from tests.report.conftest import HOSTILE, coarse, lines_over, read_of_perfect_tracks, write_run
 from uavcover.errors import InputError
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.page import render_report
@@ -133,7 +133,7 @@ def test_two_tracks_count_together(run: RunFolder, tmp_path: Path, content: Repo
     logs = [tmp_path / "first.csv", tmp_path / "second.csv"]
     for log, part in zip(logs, (rows[:half], rows[half:]), strict=True):
         log.write_text(header + "".join(part))
-    both = read_run(run, logs=logs)
+    both = read_of_perfect_tracks(run, logs)
     assert both.verdict is not None
     assert content.verdict is not None
     assert both.verdict.report.coverage_fraction == pytest.approx(content.verdict.report.coverage_fraction, abs=0.02)
@@ -150,4 +150,4 @@ def test_no_plan_is_told(tmp_path: Path) -> None:
 
 
 def test_equal_runs_give_equal_pages(run: RunFolder, html: str) -> None:
-    assert render_report(read_run(run, logs=())) == html
+    assert render_report(read_of_perfect_tracks(run)) == html

@@ -117,20 +117,6 @@ def screenshot(path: str | Path, png: str | Path, *, at_share: float = 1.0) -> N
             unfinished.unlink(missing_ok=True)
 
 
-def loading_time_s(path: str | Path) -> float:
-    """Time a running headless viewer takes to load a recording completely.
-
-    Raises:
-        RecordingError: an unreadable recording, no graphics driver, or a viewer that does not answer.
-    """
-    path = Path(path)
-    check_finished(path)
-    with headless_viewer(path) as client:
-        started = time.monotonic()
-        _load(client, path)
-        return time.monotonic() - started
-
-
 @contextlib.contextmanager
 def headless_viewer(path: Path) -> Iterator[ViewerClient]:
     """A headless viewer that ends with the ``with`` block.

@@ -42,6 +42,7 @@ class ChartSize:
 WIDE = ChartSize("wide", 760.0, 270.0, 62.0, 14.0, 12.0, 44.0, x_ticks=8, y_ticks=6, points=1500)
 NARROW = ChartSize("narrow", 330.0, 250.0, 52.0, 10.0, 12.0, 42.0, x_ticks=4, y_ticks=5, points=600)
 """On a phone, whose text has the size of the page's."""
+PRINTED = ChartSize("print", 720.0, 170.0, 46.0, 6.0, 8.0, 26.0, x_ticks=8, y_ticks=5, points=600)
 
 FRAMES = (WIDE, NARROW)
 
@@ -134,8 +135,8 @@ class Plot:
 
     def __init__(self, x_range: tuple[float, float], y_range: tuple[float, float]) -> None:
         self.x_range, self.y_range = _opened(*x_range), _opened(*y_range)
-        self._lines: list[Callable[[_Scale], Line]] = []
-        self._marks: list[Callable[[_Scale], Mark]] = []
+        self._lines: list[Callable[[Scale], Line]] = []
+        self._marks: list[Callable[[Scale], Mark]] = []
         self._keys: list[Key] = []
 
     def line(self, style: str, x: FloatArray, y: FloatArray, *, name: str = "") -> None:
@@ -146,7 +147,7 @@ class Plot:
         """Add the region between two lines over the same (n,) positions, where both are known."""
         known = np.isfinite(low) & np.isfinite(high)
 
-        def path(scale: "_Scale") -> str:
+        def path(scale: "Scale") -> str:
             # Each line is thinned by its own peaks, so the two keep different points.
             below_x, below = _thinned(x[known], low[known], scale.frame.points)
             above_x, above = _thinned(x[known], high[known], scale.frame.points)
@@ -172,13 +173,13 @@ class Plot:
             keys=(*self._keys, *mark_keys),
         )
 
-    def _add(self, style: str, name: str, path: "Callable[[_Scale], str]") -> None:
+    def _add(self, style: str, name: str, path: "Callable[[Scale], str]") -> None:
         self._lines.append(lambda scale: Line(style, path(scale), name))
         if name:
             self._keys.append(Key(style, name, is_mark=False))
 
     def _drawn(self, frame: ChartSize) -> ChartView:
-        scale = _Scale(frame, self.x_range, self.y_range)
+        scale = Scale(frame, self.x_range, self.y_range)
         return ChartView(
             frame=frame,
             x_ticks=tuple(Tick(scale.x(v), text) for v, text in nice_ticks(*self.x_range, about=frame.x_ticks)),
@@ -189,7 +190,7 @@ class Plot:
 
 
 @dataclass(frozen=True, slots=True)
-class _Scale:
+class Scale:
     """Converts values to positions in a frame."""
 
     frame: ChartSize
@@ -197,15 +198,18 @@ class _Scale:
     y_range: tuple[float, float]
 
     def x(self, value: float) -> float:
+        """Horizontal position of a value."""
         (low, high), frame = self.x_range, self.frame
         return frame.left + (value - low) / (high - low) * (frame.width - frame.left - frame.right)
 
     def y(self, value: float) -> float:
+        """Vertical position of a value."""
         (low, high), frame = self.y_range, self.frame
         share = (value - low) / (high - low)
         return frame.height - frame.bottom - share * (frame.height - frame.top - frame.bottom)
 
     def path(self, x: FloatArray, y: FloatArray) -> str:
+        """SVG path through (n,) points, broken where a value is unknown."""
         parts: list[str] = []
         pen_down = False
         for a, b in zip(x.tolist(), y.tolist(), strict=True):

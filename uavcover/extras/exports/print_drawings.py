@@ -9,11 +9,11 @@ import shapely
 from markupsafe import Markup
 
 from uavcover.kernels.arrays import FloatArray
+from uavcover.report.charts import PRINTED, Scale, nice_ticks
 from uavcover.routes.sorties import Sortie
 from uavcover.scenario.site import Site
 
 MAP_WIDTH, MAP_HEIGHT = 720.0, 520.0
-PROFILE_WIDTH, PROFILE_HEIGHT = 720.0, 170.0
 _COLORS = ("#005a9c", "#b8460e", "#1b7a3d", "#7a2f8f", "#8a6d00", "#00747a")
 _DASHES = ("", "9 3", "2 3", "9 3 2 3", "14 4", "5 2")
 _CONTOUR_NODES = 160
@@ -60,50 +60,44 @@ def profile_svg(site: Site, sortie: Sortie, number: int) -> Markup:
     low = math.floor(float(np.nanmin(ground_m)) / 10.0) * 10.0 - 10.0
     high = max(float(path_m.max()), float(np.nanmax(ground_m)) + limits.max_height_agl_m)
     high += 0.06 * (high - low)
-    left, right, top, bottom = 46.0, PROFILE_WIDTH - 6.0, 8.0, PROFILE_HEIGHT - 26.0
-
-    def x(distance_m: float) -> float:
-        return left + (right - left) * distance_m / max(float(along_m[-1]), 1.0)
-
-    def y(alt_m: float) -> float:
-        return bottom - (bottom - top) * (alt_m - low) / max(high - low, 1.0)
-
+    scale = Scale(PRINTED, (0.0, max(float(along_m[-1]), 1.0)), (low, max(high, low + 1.0)))
+    left, right = PRINTED.left, PRINTED.width - PRINTED.right
+    top, bottom = PRINTED.top, PRINTED.height - PRINTED.bottom
     known = np.isfinite(ground_m)
-    outline = [(x(float(d)), y(float(h))) for d, h in zip(at_m[known], ground_m[known], strict=True)]
-    ground = _path([(outline[0][0], bottom), *outline, (outline[-1][0], bottom)]) + "Z" if outline else ""
-    path = _path([(x(float(d)), y(float(h))) for d, h in zip(along_m, path_m, strict=True)])
+    over = at_m[known]
+    ground = ""
+    if known.any():
+        ground = (
+            scale.path(np.concatenate([over[:1], over, over[-1:]]), np.concatenate([[low], ground_m[known], [low]]))
+            + "Z"
+        )
     begin_m, end_m = along_m[_planned_rows(sortie)]
     on_survey = known & (at_m >= begin_m) & (at_m <= end_m)
     layers = [
         Markup('<svg class="profile" viewBox="0 0 {:g} {:g}" role="img" aria-label="height profile">').format(
-            PROFILE_WIDTH, PROFILE_HEIGHT
+            PRINTED.width, PRINTED.height
         ),
         Markup('<path class="ground" d="{}"/>').format(ground),
         *(
-            Markup('<path class="band" d="{}"/>').format(
-                _path(
-                    [
-                        (x(float(d)), y(float(h) + agl_m))
-                        for d, h in zip(at_m[on_survey], ground_m[on_survey], strict=True)
-                    ]
-                )
-            )
+            Markup('<path class="band" d="{}"/>').format(scale.path(at_m[on_survey], ground_m[on_survey] + agl_m))
             for agl_m in (limits.min_height_agl_m, limits.max_height_agl_m)
             if on_survey.any()
         ),
-        Markup('<path fill="none" stroke-width="1.4" {} d="{}"/>').format(style_of(number), path),
+        Markup('<path fill="none" stroke-width="1.4" {} d="{}"/>').format(
+            style_of(number), scale.path(along_m, path_m)
+        ),
         Markup('<path class="axis" d="M{0:g} {1:g}V{2:g}H{3:g}"/>').format(left, top, bottom, right),
     ]
-    for alt_m in _ticks(low, high, 5):
-        layers.append(Markup('<path class="grid" d="M{:g} {:.1f}H{:g}"/>').format(left, y(alt_m), right))
-        layers.append(
-            Markup('<text x="{:g}" y="{:.1f}" text-anchor="end">{:g}</text>').format(left - 4, y(alt_m) + 3, alt_m)
-        )
-    for distance_m in _ticks(0.0, float(along_m[-1]), 8):
-        text = Markup('<text x="{:.1f}" y="{:g}" text-anchor="middle">{:g}</text>')
-        layers.append(text.format(x(distance_m), bottom + 12, distance_m))
+    height = Markup(
+        '<path class="grid" d="M{0:g} {1:.1f}H{2:g}"/><text x="{3:g}" y="{4:.1f}" text-anchor="end">{5}</text>'
+    )
+    for alt_m, label in nice_ticks(*scale.y_range, about=PRINTED.y_ticks):
+        layers.append(height.format(left, scale.y(alt_m), right, left - 4, scale.y(alt_m) + 3, label))
+    distance = Markup('<text x="{:.1f}" y="{:g}" text-anchor="middle">{}</text>')
+    for distance_m, label in nice_ticks(*scale.x_range, about=PRINTED.x_ticks):
+        layers.append(distance.format(scale.x(distance_m), bottom + 12, label))
     layers.append(
-        Markup('<text x="{:g}" y="{:g}" text-anchor="end">m from take-off</text>').format(right, PROFILE_HEIGHT - 3)
+        Markup('<text x="{:g}" y="{:g}" text-anchor="end">m from take-off</text>').format(right, PRINTED.height - 3)
     )
     return Markup("\n").join([*layers, Markup("</svg>")])
 
