@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mission_io.model.plain_text import plain_text
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.track import COLUMNS, Track
+from uavcover.model.track import COLUMNS, OPTIONAL_COLUMNS, Track
 from uavcover.recording import layout
 from uavcover.recording.layout import any_value_columns, any_values, log_static, time_column
 from uavcover.recording.tiles import coverage_tiles, shown_from_s, tick_times_s
@@ -62,8 +62,11 @@ def track_columns(track: Track) -> dict[str, NDArray[np.float64] | NDArray[np.in
         *track.enu_m.T,
         *track.attitude_deg.T,
         track.current_waypoint,
+        *(getattr(track, name) for name in OPTIONAL_COLUMNS),
     )
-    return {name: np.ascontiguousarray(array) for name, array in zip(COLUMNS, arrays, strict=True)}
+    return {
+        name: np.ascontiguousarray(array) for name, array in zip((*COLUMNS, *OPTIONAL_COLUMNS), arrays, strict=True)
+    }
 
 
 def log_track(recording: rr.RecordingStream, track: Track) -> None:
