@@ -55,18 +55,18 @@ class VehicleState:
 
 
 def track_columns(track: Track) -> dict[str, NDArray[np.float64] | NDArray[np.int64]]:
-    """The columns of ``track.csv``, each (n,)."""
+    """The columns of ``track.csv``, each (n,), without those that are unknown throughout."""
     arrays = (
         track.time_s,
         *track.geodetic.T,
         *track.enu_m.T,
         *track.attitude_deg.T,
         track.current_waypoint,
-        *(getattr(track, name) for name in OPTIONAL_COLUMNS),
     )
-    return {
-        name: np.ascontiguousarray(array) for name, array in zip((*COLUMNS, *OPTIONAL_COLUMNS), arrays, strict=True)
-    }
+    optional = {name: getattr(track, name) for name in OPTIONAL_COLUMNS}
+    known = {name: array for name, array in optional.items() if np.isfinite(array).any()}
+    columns = dict(zip(COLUMNS, arrays, strict=True)) | known
+    return {name: np.ascontiguousarray(array) for name, array in columns.items()}
 
 
 def log_track(recording: rr.RecordingStream, track: Track) -> None:

@@ -75,9 +75,10 @@ def read_recorded_track_with_warnings(path: str | Path) -> ReadTrack:
         )
     if (count is None and not warning) or not parts:
         raise RecordingError(f"{path}: a recording, but without a track of uavcover")
-    # Recordings of earlier versions have fewer columns.
-    present = [name for name in (*COLUMNS, *OPTIONAL_COLUMNS) if all(name in part for part in parts)]
-    columns = {name: np.concatenate([part[name] for part in parts]) for name in present}
+    columns = {
+        name: np.concatenate([part.get(name, np.full(part["time_s"].size, np.nan)) for part in parts])
+        for name in (*COLUMNS, *OPTIONAL_COLUMNS)
+    }
     order = np.argsort(columns["time_s"], kind="stable")
     if count is not None and order.size != count:
         raise RecordingError(
@@ -90,7 +91,7 @@ def read_recorded_track_with_warnings(path: str | Path) -> ReadTrack:
         enu_m=np.column_stack([columns[name] for name in COLUMNS[4:7]]),
         attitude_deg=np.column_stack([columns[name] for name in COLUMNS[7:10]]),
         current_waypoint=columns["current_waypoint"].astype(np.int64),
-        **{name: columns[name] for name in present if name in OPTIONAL_COLUMNS},
+        **{name: columns[name] for name in OPTIONAL_COLUMNS},
     )
     return ReadTrack(track, warning)
 
