@@ -18,7 +18,7 @@ from typing import Literal, Self
 
 import numpy as np
 
-from uavcover.judging.reported_velocity import Comparison, ContradictionKind, PositionError, contradictions
+from uavcover.judging.reported_velocity import ContradictionKind, PositionError, WindowFigures, contradictions
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.vehicle import Vehicle, Wind
 
@@ -403,7 +403,7 @@ def _mark_accelerations(found: _Found, limits: MotionLimits, windows: Windows) -
     found.mark(windows.before[k], windows.after[k], worst[k], limits.acceleration_m_s2, "acceleration")
 
 
-def _mark_velocities(found: _Found, compared: Iterator[tuple[ContradictionKind, Comparison]]) -> None:
+def _mark_velocities(found: _Found, compared: Iterator[tuple[ContradictionKind, WindowFigures]]) -> None:
     """Mark where reported velocities change too fast, or contradict the positions: in the shortest window that shows it."""
     for kind, windows in compared:
         off = windows.taken(found.unbroken(windows.first, windows.last))

@@ -53,7 +53,7 @@ class PositionError:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Comparison:
+class WindowFigures:
     """Windows of samples first..last with one figure each, and its limit.
 
     Attributes:
@@ -85,7 +85,7 @@ ContradictionKind = Literal["acceleration", "velocity"]
 
 def contradictions(
     time_s: FloatArray, enu_m: FloatArray, velocity_m_s: FloatArray, *, error: PositionError, acceleration_m_s2: float
-) -> Iterator[tuple[ContradictionKind, Comparison]]:
+) -> Iterator[tuple[ContradictionKind, WindowFigures]]:
     """Windows in which a reported velocity is impossible, the shortest ones first.
 
     Args:
@@ -126,7 +126,7 @@ def _against_positions(
     last: IntArray,
     error: PositionError,
     acceleration_m_s2: float,
-) -> Comparison:
+) -> WindowFigures:
     """Mean difference of reported velocity and change of position, in m/s, with the most that errors can make of it."""
     seconds = time_s[last] - time_s[first]
     step_s = np.diff(time_s)
@@ -151,17 +151,17 @@ def _against_positions(
             + _ROUNDING_M
         )
         parts.append((np.linalg.norm(off[:, columns], axis=1) / seconds, most / seconds))
-    return Comparison.larger(first, last, parts)
+    return WindowFigures.larger(first, last, parts)
 
 
 def _changes(
     time_s: FloatArray, velocity_m_s: FloatArray, first: IntArray, last: IntArray, acceleration_m_s2: float
-) -> Comparison:
+) -> WindowFigures:
     """Accelerations of the reported velocity in m/s2, with the most that the vehicle and a reset can make of it."""
     seconds = time_s[last] - time_s[first]
     change = (velocity_m_s[last] - velocity_m_s[first]) / seconds[:, None]
     most = acceleration_m_s2 + RESET_M_S / seconds
-    return Comparison.larger(first, last, [(np.hypot(*change[:, :2].T), most), (np.abs(change[:, 2]), most)])
+    return WindowFigures.larger(first, last, [(np.hypot(*change[:, :2].T), most), (np.abs(change[:, 2]), most)])
 
 
 def _windows(time_s: FloatArray, window_s: float) -> tuple[IntArray, IntArray]:

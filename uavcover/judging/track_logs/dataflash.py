@@ -14,7 +14,8 @@ from uavcover.errors import TrackError
 from uavcover.judging.track_logs.assembly import LoggedRows
 
 _MAGIC = b"\xa3\x95"
-_TYPES = ("POS", "GPS", "ATT", "CAM", "TRIG", "RFND", "TERR", "XKF1", "XKF4", "NKF1")
+_ESTIMATOR = ("XKF1", "XKF4", "NKF1")
+_TYPES = ("POS", "GPS", "ATT", "CAM", "TRIG", "RFND", "TERR", *_ESTIMATOR)
 _FIX_3D = 3
 _RANGE_GOOD, _TERRAIN_OK, _DOWN = 4, 2, 25
 """RFND.Stat of a reading in range, TERR.Status of known ground, RFND.Orient of a sensor that looks down."""
@@ -64,14 +65,9 @@ def read_dataflash(path: Path) -> LoggedRows:
                     elif kind == "RFND":
                         ranges += _down(message)
                     elif kind == "TERR":
-                        if message.Status == _TERRAIN_OK:
-                            stored.append((message.Lat, message.Lng, float(message.TerrH)))
-                    elif kind == "XKF4":
-                        primary = getattr(message, "PI", primary)
-                    elif kind in velocities and kind != "GPS":
-                        # NKF1 of old versions is of the first core alone and has no number.
-                        if kind == "NKF1" or getattr(message, "C", primary) == primary:
-                            velocities[kind].append(_row(message, "VN", "VE", "VD"))
+                        stored += _stored(message)
+                    elif kind in _ESTIMATOR:
+                        primary = _note_estimate(velocities, message, primary)
                     elif kind == "ATT":
                         attitudes.append(_row(message, "Roll", "Pitch", "Yaw"))
                     elif getattr(message, "I", 0) == 0 and message.Status >= _FIX_3D:
@@ -105,6 +101,22 @@ def read_dataflash(path: Path) -> LoggedRows:
             (velocities["XKF1"] or velocities["NKF1"] if estimated else []) or velocities["GPS"]
         ).reshape(-1, 4),
     )
+
+
+def _note_estimate(velocities: dict[str, list[tuple[float, ...]]], message: Any, primary: int) -> int:
+    """Note a velocity of the primary core, which XKF4 names; returns the primary core."""
+    kind = message.get_type()
+    if kind == "XKF4":
+        return int(getattr(message, "PI", primary))
+    # NKF1 of old versions is of the first core alone and has no number.
+    if kind == "NKF1" or getattr(message, "C", primary) == primary:
+        velocities[kind].append(_row(message, "VN", "VE", "VD"))
+    return primary
+
+
+def _stored(message: Any) -> list[tuple[float, float, float]]:
+    """Latitude, longitude and height of known ground in the vehicle's terrain data."""
+    return [(message.Lat, message.Lng, float(message.TerrH))] if message.Status == _TERRAIN_OK else []
 
 
 def _gps_velocity(message: Any) -> list[tuple[float, ...]]:
