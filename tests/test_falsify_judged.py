@@ -1,6 +1,7 @@
 """What the judge says of falsified flights: a few of each family always, all of them when asked for (``-m slow``)."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,7 @@ def resumed(folder: Path, base: Base) -> Path:
 BASES: dict[str, tuple[Base, Callable[[Path, Base], Path]]] = {
     "hills": (HILLS, honest_run),
     "wide picture": (OBLIQUE, honest_run),
+    "slow": (replace(HILLS, name="slow", vehicle="cruise_speed_m_s = 5.0"), honest_run),
     "barns": (BARNS, honest_run),
     "survey": (SURVEY, honest_run),
     "sorties": (SORTIES, honest_run),
@@ -56,6 +58,14 @@ def test_no_attitude_is_believed_that_cannot_be(runs: Callable[[str], Path]) -> 
     rows = list(falsify.judge_all(runs("wide picture"), seed=5, families=["attitude"], count=8))
     assert told(rows) == []
     assert len(rows) == 16
+
+
+@pytest.mark.parametrize("name", ["hills", "slow"])
+def test_no_velocity_is_believed_that_is_not_that_of_the_positions(runs: Callable[[str], Path], name: str) -> None:
+    rows = list(falsify.judge_all(runs(name), families=["velocity"], seed=5, count=6))
+    assert told(rows) == []
+    assert len(rows) == 12
+    assert any("reported velocity and positions contradict each other" in row.reasons for row in rows)
 
 
 def test_no_photo_counts_that_was_not_reported(runs: Callable[[str], Path]) -> None:

@@ -12,12 +12,13 @@ from tests.falsifying import (  # noqa: F401  (they register their families)
     of_place,
     of_time,
     of_unreported_photos,
+    of_velocity,
 )
 from tests.falsifying.flown import Flown
 from tests.falsifying.way import FAMILIES, Way
 
 COMBINED = "two at once"
-_NOT_COMBINED = ("honest", "violations hidden", "text")
+_NOT_COMBINED = ("honest", "velocity", "violations hidden", "text")
 
 
 def every_way(flown: Flown, *, seed: int, families: Collection[str] = (), combined: int = 12) -> list[Way]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.model.track import AGE_COLUMN, COLUMNS, PICTURES_COLUMN, UNIX_TIME_COLUMN
+from uavcover.model.track import AGE_COLUMN, COLUMNS, PICTURES_COLUMN, UNIX_TIME_COLUMN, VELOCITY_COLUMNS
 from uavcover.run.flight_folders import flown_tracks
 from uavcover.run.folder import RunFolder
 from uavcover.run.judge import read_planned_route
@@ -32,6 +32,7 @@ class Flown:
         attitude_age_s: (n,) time from the attitude to the place, NaN where it is not known; none: the record has no such column.
         photos_taken: (n,) the vehicle's count of photos, NaN where it is not known; none: it reported none.
         unix_time_s: (n,) seconds since 1970, where the record tells the date.
+        velocity_ned_m_s: (n, 3) reported velocity, north, east, down, NaN where it is not known; none: it reported none.
         folder: of this flight inside the run folder.
         folders: of all flights of the run.
     """
@@ -46,6 +47,7 @@ class Flown:
     attitude_age_s: FloatArray | None = None
     photos_taken: FloatArray | None = None
     unix_time_s: FloatArray | None = None
+    velocity_ned_m_s: FloatArray | None = None
     folder: Path = Path()
     folders: tuple[Path, ...] = (Path(),)
 
@@ -79,6 +81,7 @@ class Flown:
             attitude_age_s=None if self.attitude_age_s is None else self.attitude_age_s[keep],
             unix_time_s=None if self.unix_time_s is None else self.unix_time_s[keep],
             photos_taken=None if self.photos_taken is None else self.photos_taken[keep],
+            velocity_ned_m_s=None if self.velocity_ned_m_s is None else self.velocity_ned_m_s[keep],
         )  # fmt: skip
 
     def placed(self, enu_m: FloatArray) -> "Flown":
@@ -106,6 +109,7 @@ class Flown:
         header = list(COLUMNS)
         for name, column in (
             (AGE_COLUMN, self.attitude_age_s), (PICTURES_COLUMN, self.photos_taken), (UNIX_TIME_COLUMN, self.unix_time_s),
+            *([] if self.velocity_ned_m_s is None else zip(VELOCITY_COLUMNS, self.velocity_ned_m_s.T, strict=True)),
         ):  # fmt: skip
             if column is not None:
                 header.append(name)
@@ -140,6 +144,7 @@ def read_flown(run: Path, flight: Path = Path()) -> Flown:
     site = load_site(folder.existing("scenario.toml", made_by="uavcover plan"))
     planned = read_planned_route(folder)
     track = read_track(folder.existing("track.csv", made_by="uavcover fly"))
+    velocity = np.column_stack([getattr(track, name) for name in VELOCITY_COLUMNS])
     return Flown(
         site=site,
         plan_m=np.empty((0, 3)) if planned is None else planned.waypoints_m,
@@ -150,6 +155,7 @@ def read_flown(run: Path, flight: Path = Path()) -> Flown:
         waypoint=track.current_waypoint,
         attitude_age_s=track.attitude_age_s,
         photos_taken=track.pictures_taken if np.isfinite(track.pictures_taken).any() else None,
+        velocity_ned_m_s=velocity if np.isfinite(velocity).any() else None,
         folder=flight,
         folders=tuple(flights_in(run)),
     )

@@ -10,6 +10,7 @@ import numpy as np
 from tests.falsifying.flown import Change, Flown
 from tests.falsifying.of_time import at_date, has_timed_zones
 from tests.falsifying.of_unreported_photos import honest_reports
+from tests.falsifying.of_velocity import honest_velocities
 from tests.falsifying.way import Way, family
 from uavcover.model.sensor import Camera
 from uavcover.model.track import COLUMNS
@@ -241,6 +242,7 @@ def honest(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         yield Way("1.5 s without samples", none, lambda f: f.taken(
             ~f.between(f.moment(middle), f.moment(middle) + 1.5)), honest=True)  # fmt: skip
     yield from honest_reports(flown, rng)
+    yield from honest_velocities(flown, rng)
 
 
 def _one_a_second(f: Flown) -> np.ndarray:

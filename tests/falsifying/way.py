@@ -1,7 +1,7 @@
 """What a way to falsify is, and the register of all of them."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +25,7 @@ class Way:
         beside: of the same record, for a second log that is judged together with it; none: there is one log.
         photos: the list of photos that tells the coverage, as a table; none: the record tells it.
         honest: whether it changes nothing that matters: then it has to pass as a foreign log.
+        tells_velocity: whether it holds velocities. Another falsifier leaves them out, as they would give it away.
     """
 
     name: str
@@ -35,6 +36,7 @@ class Way:
     beside: Change | None = None
     photos: Callable[[Flown], str] | None = None
     honest: bool = False
+    tells_velocity: bool = False
     family: str = field(default="", compare=False)
 
     @property
@@ -49,6 +51,8 @@ class Way:
 
     def record(self, flown: Flown) -> bytes:
         """The falsified ``track.csv``."""
+        if not (self.honest or self.tells_velocity):
+            flown = replace(flown, velocity_ned_m_s=None)
         changed = flown if self.change is None else self.change(flown)
         text = changed.text().encode()
         return text if self.rewrite is None else self.rewrite(text)

@@ -29,7 +29,10 @@ SAMPLES = 400
 def samples(flight: Flight) -> list[TrackSample]:
     track = flight.track
     rows = zip(track.time_s, track.geodetic, track.enu_m, track.attitude_deg, track.current_waypoint, strict=True)
-    return [TrackSample(t, *g, *e, *a, int(w)) for t, g, e, a, w in list(rows)[:SAMPLES]]
+    return [
+        TrackSample(t, *g, *e, *a, int(w), velocity_north_m_s=e[0] if k else np.nan, velocity_down_m_s=-0.5)
+        for k, (t, g, e, a, w) in enumerate(list(rows)[:SAMPLES])
+    ]
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +55,9 @@ def test_the_track_comes_back_exactly_and_says_that_it_ends_in_flight(flight: Fl
     np.testing.assert_array_equal(read.track.enu_m, flight.track.enu_m[:SAMPLES])
     np.testing.assert_array_equal(read.track.geodetic, flight.track.geodetic[:SAMPLES])
     np.testing.assert_array_equal(read.track.current_waypoint, flight.track.current_waypoint[:SAMPLES])
+    np.testing.assert_array_equal(read.track.velocity_north_m_s, np.append(np.nan, flight.track.enu_m[1:SAMPLES, 0]))
+    assert (read.track.velocity_down_m_s == -0.5).all()
+    assert np.isnan(read.track.pictures_taken).all()
     assert "ends in flight" in read.warnings[0]
     assert os.listdir(grown.parent) == ["flight.rrd"]
 

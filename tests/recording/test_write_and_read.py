@@ -16,8 +16,9 @@ from rerun_cli.__main__ import __file__ as rerun_cli_main
 from tests.recording.conftest import write
 from tests.recording.flights import Flight, make_flight
 from uavcover.errors import InputError, OutputError
-from uavcover.model.track import Track
+from uavcover.model.track import COLUMNS, OPTIONAL_COLUMNS, Track
 from uavcover.recording import RecordingError, describe_recording, layout, read_recorded_track, write_recording
+from uavcover.recording import flight as flight_columns
 from uavcover.recording.tiles import TICK_S
 
 
@@ -46,10 +47,22 @@ def test_values_without_a_short_decimal_come_back_exactly(flight: Flight, tmp_pa
         enu_m=rng.uniform(-100.0, 100.0, (n, 3)) + np.array([-400.0, 400.0, 900.0]),
         attitude_deg=np.where(rng.random((n, 3)) < 0.1, np.nan, rng.uniform(-180.0, 360.0, (n, 3))),
         current_waypoint=rng.integers(-1, 2**40, n),
+        **{name: np.where(rng.random(n) < 0.1, np.nan, rng.uniform(-9.0, 9.0, n)) for name in OPTIONAL_COLUMNS},
     )
     unseen = np.full(flight.coverage.grid.count, np.nan)
     path = write(tmp_path / "f.rrd", dataclasses.replace(flight, track=track, first_seen_s=unseen, events=()))
     assert_equal_tracks(track, read_recorded_track(path))
+
+
+def test_a_recording_without_the_optional_columns_is_read(
+    flight: Flight, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Those of versions before there were any."""
+    every = flight_columns.track_columns
+    monkeypatch.setattr(flight_columns, "track_columns", lambda track: {name: every(track)[name] for name in COLUMNS})
+    moving = dataclasses.replace(flight.track, velocity_east_m_s=np.ones(len(flight.track)))
+    path = write(tmp_path / "f.rrd", dataclasses.replace(flight, track=moving))
+    assert_equal_tracks(dataclasses.replace(moving, velocity_east_m_s=np.empty(0)), read_recorded_track(path))
 
 
 def test_cells_have_the_colours_of_the_ground_truth_at_every_time(flight: Flight, recorded: Path) -> None:

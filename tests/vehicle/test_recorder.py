@@ -21,6 +21,7 @@ def recorded(
     heading_deg: float | None = 123.0,
     at_s: float = 50.0,
     photos_taken: int | None = None,
+    velocities: tuple[tuple[float, float, float], ...] = ((0.0, 0.0, 0.0),),
 ) -> TrackSample:
     samples: list[TrackSample] = []
     monitor = SimpleNamespace(
@@ -35,8 +36,9 @@ def recorded(
         FRAME, waypoint_of=lambda seq: seq - 1, on_sample=samples.append, utc_offset_s=1.7e9,
     )  # fmt: skip
     recorder.start()
-    monitor.on_position(m.GlobalPositionInt(at_s, 36.5, -84.2, 480.0, 80.0, 0.0, 0.0, 0.0, heading_deg))
-    return samples[0]
+    for number, velocity in enumerate(velocities):
+        monitor.on_position(m.GlobalPositionInt(at_s + number, 36.5, -84.2, 480.0, 80.0, *velocity, heading_deg))
+    return samples[-1]
 
 
 def attitude(at_s: float) -> m.Attitude:
@@ -100,3 +102,17 @@ def test_pictures_are_counted_as_the_vehicle_counts_them() -> None:
 
 def test_when_a_position_arrived_is_on_the_clock_of_the_ground_station():
     assert recorded(None).received_utc_s == 1.7e9 + 7.5
+
+
+def velocity(*told: tuple[float, float, float]) -> list[float]:
+    sample = recorded(None, velocities=told)
+    return [sample.velocity_north_m_s, sample.velocity_east_m_s, sample.velocity_down_m_s]
+
+
+def test_the_velocity_is_that_of_the_position() -> None:
+    assert velocity((3.0, -4.0, 0.25)) == [3.0, -4.0, 0.25]
+
+
+def test_a_velocity_of_zero_is_one_only_of_a_vehicle_that_reports_others() -> None:
+    assert all(map(math.isnan, velocity((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))))
+    assert velocity((0.0, 0.0, 0.0), (0.0, 0.01, 0.0), (0.0, 0.0, 0.0)) == [0.0, 0.0, 0.0]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from uavcover.errors import OutputError, TrackError
-from uavcover.model.track import COLUMNS, TrackSample
+from uavcover.model.track import COLUMNS, OPTIONAL_COLUMNS, TrackSample
 from uavcover.vehicle.track_file import TrackWriter, read_track, read_track_with_warnings
 
 
@@ -27,6 +27,9 @@ def sample(n: int, **changes) -> TrackSample:
         float(n // 2),
         1_780_000_000.25 + n,
         1.7e9 + n / 3.0,
+        5.01 - n,
+        -0.02 * n,
+        1.0 / 3.0,
     )
     return replace(first, **changes)
 
@@ -46,6 +49,7 @@ def test_what_was_written_is_read_to_the_last_bit(tmp_path):
     columns = [
         track.time_s, track.geodetic, track.enu_m, track.attitude_deg, track.current_waypoint, track.attitude_age_s,
         track.pictures_taken, track.unix_time_s, track.received_utc_s,
+        track.velocity_north_m_s, track.velocity_east_m_s, track.velocity_down_m_s,
     ]  # fmt: skip
     assert np.array_equal(np.column_stack(columns), expected)
     assert len(track) == 5
@@ -55,8 +59,8 @@ def test_what_was_written_is_read_to_the_last_bit(tmp_path):
 def test_the_header_is_the_columns(tmp_path):
     write(tmp_path / "track.csv", 1)
     header, row = (tmp_path / "track.csv").read_text().splitlines()
-    assert header == ",".join([*COLUMNS, "attitude_age_s", "pictures_taken", "unix_time_s", "received_utc_s"])
-    assert row.endswith(",-1,0.0,0.0,1780000000.25,1700000000.0")
+    assert header == ",".join([*COLUMNS, *OPTIONAL_COLUMNS])
+    assert row.endswith(",-1,0.0,0.0,1780000000.25,1700000000.0,5.01,-0.0,0.3333333333333333")
 
 
 def test_attitude_that_is_not_known_stands_there_empty(tmp_path):
@@ -65,7 +69,11 @@ def test_attitude_that_is_not_known_stands_there_empty(tmp_path):
     with TrackWriter(path) as writer:
         writer.write(sample(0, **unknown))
         writer.write(sample(1))
-    assert path.read_text().splitlines()[1].endswith(",,,359.99,-1,,0.0,1780000000.25,1700000000.0")
+    assert (
+        path.read_text()
+        .splitlines()[1]
+        .endswith(",,,359.99,-1,,0.0,1780000000.25,1700000000.0,5.01,-0.0,0.3333333333333333")
+    )
     track = read_track(path)
     assert np.isnan(track.attitude_deg[0]).tolist() == [True, True, False]
     assert np.isfinite(track.attitude_deg[1]).all()
@@ -75,7 +83,7 @@ def test_attitude_that_is_not_known_stands_there_empty(tmp_path):
 def test_a_track_without_the_last_columns_is_read(tmp_path):
     path = tmp_path / "track.csv"
     write(path)
-    names = ("received_utc_s", "unix_time_s", "pictures_taken", "attitude_age_s")
+    names = OPTIONAL_COLUMNS[::-1]
     for count in range(1, len(names) + 1):
         path.write_text("".join(line.rpartition(",")[0] + "\n" for line in path.read_text().splitlines()))
         track = read_track(path)
@@ -89,7 +97,7 @@ def test_a_count_of_pictures_is_a_whole_number(tmp_path, count):
     path = tmp_path / "track.csv"
     write(path)
     lines = path.read_text().splitlines()
-    path.write_text("\n".join([*lines[:3], lines[3].rsplit(",", 3)[0] + f",{count},,", *lines[4:]]) + "\n")
+    path.write_text("\n".join([*lines[:3], lines[3].rsplit(",", 6)[0] + f",{count},,,,,", *lines[4:]]) + "\n")
     with pytest.raises(TrackError, match="line 4, pictures_taken"):
         read_track(path)
 
@@ -99,7 +107,7 @@ def test_a_time_since_1970_is_one_of_flights(tmp_path, unix_s):
     path = tmp_path / "track.csv"
     write(path)
     lines = path.read_text().splitlines()
-    path.write_text("\n".join([*lines[:3], lines[3].rsplit(",", 2)[0] + f",{unix_s},", *lines[4:]]) + "\n")
+    path.write_text("\n".join([*lines[:3], lines[3].rsplit(",", 5)[0] + f",{unix_s},,,,", *lines[4:]]) + "\n")
     with pytest.raises(TrackError, match="line 4, unix_time_s"):
         read_track(path)
 
@@ -211,7 +219,7 @@ def test_a_short_line_inside_the_file_is_an_error(tmp_path):
     path = tmp_path / "track.csv"
     write(path)
     lines = path.read_text().splitlines()
-    lines[2] = lines[2].rsplit(",", 6)[0]
+    lines[2] = lines[2].rsplit(",", 9)[0]
     path.write_text("\n".join(lines) + "\n")
     with pytest.raises(TrackError, match="line 3, yaw_deg: is missing; the line has 9 values"):
         read_track(path)

@@ -110,10 +110,10 @@ def judge_track(
     scenario = site.scenario
     told_m = _checked_positions_m(site, track)
     limits = motion_limits(scenario.vehicle, scenario.wind)
-    error_m = max(POSITION_ERROR_M, scenario.uncertainty.position_m)
     motion = judge_motion(
-        track.time_s, told_m, limits, max_gap_s=scenario.requirements.max_gap_s, position_error_m=error_m
-    )
+        track.time_s, told_m, limits, max_gap_s=scenario.requirements.max_gap_s, velocity_m_s=track.velocity_enu_m_s,
+        position_error_m=max(POSITION_ERROR_M, scenario.uncertainty.position_m),
+    )  # fmt: skip
     kept = np.flatnonzero(motion.evidence)
     contradiction_m = float(np.max(np.linalg.norm(told_m - track.enu_m, axis=1)))
     whole, enu, track = track, told_m[kept], track.taken(kept)
@@ -305,6 +305,11 @@ def _motion_doubts(site: Site, track: Track, enu_m: FloatArray, motion: Motion) 
         doubts.append(
             f"the velocity changes at once at {track.time_s[step.first]:.1f} s, {place_of(site, enu_m[step.first])}, by "
             f"{step.step_m_s:.1f} m/s more than it can: flight is missing there, and how much is not known"
+        )
+    if (move := motion.contradiction) is not None:
+        doubts.append(
+            f"reported velocity and positions contradict each other over {motion.contradicted_fraction:.0%} of the time, from "
+            f"{track.time_s[move.first]:.1f} s, {place_of(site, enu_m[move.first])}: {move}; one of the two was not measured"
         )
     if len(motion.moves) <= MAX_IMPOSSIBLE_MOVES:
         return doubts

@@ -8,13 +8,17 @@ Position noise adds to these figures, more so in short windows. It is measured o
 differences over the windows of that length in which it moved. What it may excuse is bounded from outside: a receiver's error, or
 the one that the scenario states, wanders with the time constant of an estimator, so over short windows it changes little. Errors
 of neighbouring samples that have nothing to do with each other (white noise) are those of no estimator.
+
+Where a velocity is reported, it has to agree with the positions (:mod:`uavcover.judging.reported_velocity`).
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal, Self
 
 import numpy as np
 
+from uavcover.judging.reported_velocity import ContradictionKind, PositionError, WindowFigures, contradictions
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.vehicle import Vehicle, Wind
 
@@ -157,10 +161,13 @@ MAX_JUMP_M = 5.0
 SAME_PLACE_S = 1.0
 """Impossible moves closer to each other than this are merged."""
 
+MAX_CONTRADICTED = 0.1
+"""Where a reported velocity contradicts the positions over more of the time, it is no passing fault of the estimator."""
+
 STEP_WINDOW_S = 0.5
 """Averaging time of the velocities before and after an impossible move."""
 
-MoveKind = Literal["speed", "climb", "acceleration", "out of reach"]
+MoveKind = Literal["speed", "climb", "acceleration", "velocity", "out of reach"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -210,7 +217,8 @@ class ImpossibleMove:
     Attributes:
         first: number of the sample at which it begins.
         last: number of the sample at which it ends.
-        kind: the first impossibility: speed, climb (or descent), acceleration, or a position out of reach.
+        kind: the first impossibility: speed, climb (or descent), acceleration, a reported velocity that contradicts the
+            positions, or a position out of reach.
         worst: its worst value; for a position out of reach, the speed required.
         limit: the limit of that value.
         step_m_s: excess of the velocity change across it over what is possible. A receiver's jump changes the position but not
@@ -226,6 +234,11 @@ class ImpossibleMove:
 
     def __str__(self) -> str:
         """Description with the figures."""
+        if self.kind == "velocity":
+            return (
+                f"the reported velocity is off the change of position by {self.worst:.1f} m/s where at most "
+                f"{self.limit:.1f} m/s are possible"
+            )
         unit = "m/s2" if self.kind == "acceleration" else "m/s"
         what = "speed" if self.kind == "out of reach" else self.kind
         return f"{what} {self.worst:.1f} {unit} where at most {self.limit:.1f} {unit} are possible"
@@ -241,6 +254,9 @@ class Motion:
         moves: the impossible moves, in order of time.
         noise_m: (2,) measured horizontal and vertical position noise: medians of second differences over 0.2 s.
         white_m: see :func:`white_noise_m`.
+        contradicted_fraction: part of the time over which the reported velocity contradicts the positions, where that is too
+            much to leave it out: one of the two was not measured, and it is not known which.
+        contradiction: the stretch from the first to the last of these contradictions, with the worst.
     """
 
     joined: BoolArray
@@ -248,6 +264,8 @@ class Motion:
     moves: tuple[ImpossibleMove, ...]
     noise_m: tuple[float, float]
     white_m: float
+    contradicted_fraction: float = 0.0
+    contradiction: ImpossibleMove | None = None
 
 
 def judge_motion(
@@ -257,6 +275,7 @@ def judge_motion(
     *,
     max_gap_s: float,
     position_error_m: float = POSITION_ERROR_M,
+    velocity_m_s: FloatArray | None = None,
 ) -> Motion:
     """Judge which part of the motion through (n, 3) ENU positions at (n,) increasing times is possible.
 
@@ -266,6 +285,7 @@ def judge_motion(
         limits: limits of the vehicle.
         max_gap_s: largest time between joined neighbours.
         position_error_m: standard deviation of the positions, known from elsewhere.
+        velocity_m_s: (n, 3) reported velocity, east, north, up; NaN or none where it is not reported.
     """
     joined = np.diff(time_s) <= max_gap_s
     white_m = white_noise_m(time_s, enu_m, joined)
@@ -278,6 +298,21 @@ def judge_motion(
         _mark_speeds(found, time_s, enu_m, limits, windows[0], window_s)
     for each in windows:
         _mark_accelerations(found, limits, each)
+    fraction, contradiction = 0.0, None
+    if velocity_m_s is not None:
+        error = PositionError((position_error_m, UPWARD * position_error_m), ERROR_TIME_S)
+        told = _Found(joined & ~found.marked)
+        _mark_velocities(
+            told, contradictions(time_s, enu_m, velocity_m_s, error=error, acceleration_m_s2=limits.acceleration_m_s2)
+        )
+        fraction = float(np.diff(time_s) @ told.marked) / max(float(time_s[-1] - time_s[0]), ROUNDING_S)
+        if fraction > MAX_CONTRADICTED:
+            legs = np.flatnonzero(told.marked)
+            first, last = int(legs[0]), int(legs[-1]) + 1
+            contradiction = ImpossibleMove(first, last, *told.worst(first, last))
+        else:
+            fraction = 0.0
+            found.add(told)
     joined = joined & ~found.marked
     evidence, unreachable = _reachable(time_s, enu_m, joined, limits)
     # A single sample with only impossible motion around it is no evidence.
@@ -290,7 +325,7 @@ def judge_motion(
         replace(move, step_m_s=_velocity_step_m_s(time_s, enu_m, joined, windows[0], limits, move))
         for move in _moves(time_s, found, unreachable, limits)
     )
-    return Motion(joined, evidence, moves, windows[0].noise_m, white_m)
+    return Motion(joined, evidence, moves, windows[0].noise_m, white_m, fraction, contradiction)
 
 
 class _Found:
@@ -319,6 +354,11 @@ class _Found:
         np.add.at(changes, last, -1)
         self.marked |= np.cumsum(changes)[:-1] > 0
         self._windows.append((first, last, values, limit, kind))
+
+    def add(self, other: "_Found") -> None:
+        """Take over what another has marked."""
+        self.marked |= other.marked
+        self._windows += other._windows
 
     def worst(self, first: int, last: int) -> tuple[MoveKind, float, float]:
         """Kind, value and limit of the window inside samples first..last that is furthest beyond its limit."""
@@ -361,6 +401,16 @@ def _mark_accelerations(found: _Found, limits: MotionLimits, windows: Windows) -
     )
     k = np.flatnonzero(unbroken & (worst > limits.acceleration_m_s2))
     found.mark(windows.before[k], windows.after[k], worst[k], limits.acceleration_m_s2, "acceleration")
+
+
+def _mark_velocities(found: _Found, compared: Iterator[tuple[ContradictionKind, WindowFigures]]) -> None:
+    """Mark where reported velocities change too fast, or contradict the positions: in the shortest window that shows it."""
+    for kind, windows in compared:
+        off = windows.taken(found.unbroken(windows.first, windows.last))
+        if off.first.size:
+            ratios = off.values / off.limits
+            limit = float(off.limits[int(np.argmax(ratios))])
+            found.mark(off.first, off.last, ratios * limit, limit, kind)
 
 
 def _reachable(

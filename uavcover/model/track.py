@@ -29,7 +29,8 @@ AGE_COLUMN = "attitude_age_s"
 PICTURES_COLUMN = "pictures_taken"
 UNIX_TIME_COLUMN = "unix_time_s"
 RECEIVED_COLUMN = "received_utc_s"
-OPTIONAL_COLUMNS = (AGE_COLUMN, PICTURES_COLUMN, UNIX_TIME_COLUMN, RECEIVED_COLUMN)
+VELOCITY_COLUMNS = ("velocity_north_m_s", "velocity_east_m_s", "velocity_down_m_s")
+OPTIONAL_COLUMNS = (AGE_COLUMN, PICTURES_COLUMN, UNIX_TIME_COLUMN, RECEIVED_COLUMN, *VELOCITY_COLUMNS)
 """Last columns, which a file may lack."""
 
 MAY_BE_EMPTY = ("roll_deg", "pitch_deg", "yaw_deg", *OPTIONAL_COLUMNS)
@@ -57,6 +58,9 @@ class TrackSample:
         pictures_taken: how many pictures the vehicle's camera has taken so far, by its own count; NaN when it has told of none.
         unix_time_s: seconds since 1970 in UTC, as the vehicle's receiver tells the time; NaN when it has not told.
         received_utc_s: when the position arrived, seconds since 1970 on the ground station's clock; NaN when unknown.
+        velocity_north_m_s: over ground, as the vehicle reports it; NaN when not reported.
+        velocity_east_m_s: the same.
+        velocity_down_m_s: the same.
     """
 
     time_s: float
@@ -74,6 +78,9 @@ class TrackSample:
     pictures_taken: float = math.nan
     unix_time_s: float = math.nan
     received_utc_s: float = math.nan
+    velocity_north_m_s: float = math.nan
+    velocity_east_m_s: float = math.nan
+    velocity_down_m_s: float = math.nan
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,6 +97,9 @@ class Track:
         pictures_taken: (n,) see :class:`TrackSample`; default: unknown everywhere.
         unix_time_s: (n,) likewise.
         received_utc_s: (n,) likewise.
+        velocity_north_m_s: (n,) likewise.
+        velocity_east_m_s: (n,) likewise.
+        velocity_down_m_s: (n,) likewise.
         ranged: (r, 3) latitude, longitude and height above sea level of the ground as a rangefinder that looks down measured it.
         stored: (s, 3) the same as the vehicle's own terrain data has it.
     """
@@ -103,6 +113,9 @@ class Track:
     pictures_taken: FloatArray = field(default_factory=lambda: np.empty(0))
     unix_time_s: FloatArray = field(default_factory=lambda: np.empty(0))
     received_utc_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    velocity_north_m_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    velocity_east_m_s: FloatArray = field(default_factory=lambda: np.empty(0))
+    velocity_down_m_s: FloatArray = field(default_factory=lambda: np.empty(0))
     ranged: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     stored: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
 
@@ -123,6 +136,11 @@ class Track:
     def _repr_html_(self) -> str:
         return svg_map([("track", self.enu_m)], repr(self)[1:-1])
 
+    @property
+    def velocity_enu_m_s(self) -> FloatArray:
+        """(n, 3) reported velocity: east, north, up; NaN where not reported."""
+        return np.column_stack([self.velocity_east_m_s, self.velocity_north_m_s, -self.velocity_down_m_s])
+
     def taken(self, samples: NDArray[Any]) -> "Track":
         """The track reduced to some samples, by number or by mask."""
         return Track(
@@ -131,12 +149,9 @@ class Track:
             enu_m=self.enu_m[samples].copy(),
             attitude_deg=self.attitude_deg[samples].copy(),
             current_waypoint=self.current_waypoint[samples].copy(),
-            attitude_age_s=self.attitude_age_s[samples].copy(),
-            pictures_taken=self.pictures_taken[samples].copy(),
-            unix_time_s=self.unix_time_s[samples].copy(),
-            received_utc_s=self.received_utc_s[samples].copy(),
             ranged=self.ranged.copy(),
             stored=self.stored.copy(),
+            **{name: getattr(self, name)[samples].copy() for name in OPTIONAL_COLUMNS},
         )
 
 

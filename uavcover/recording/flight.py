@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from mission_io.model.plain_text import plain_text
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.track import COLUMNS, Track
+from uavcover.model.track import COLUMNS, OPTIONAL_COLUMNS, Track
 from uavcover.recording import layout
 from uavcover.recording.layout import any_value_columns, any_values, log_static, time_column
 from uavcover.recording.tiles import coverage_tiles, shown_from_s, tick_times_s
@@ -55,7 +55,7 @@ class VehicleState:
 
 
 def track_columns(track: Track) -> dict[str, NDArray[np.float64] | NDArray[np.int64]]:
-    """The columns of ``track.csv``, each (n,)."""
+    """The columns of ``track.csv``, each (n,), without those that are unknown throughout."""
     arrays = (
         track.time_s,
         *track.geodetic.T,
@@ -63,7 +63,10 @@ def track_columns(track: Track) -> dict[str, NDArray[np.float64] | NDArray[np.in
         *track.attitude_deg.T,
         track.current_waypoint,
     )
-    return {name: np.ascontiguousarray(array) for name, array in zip(COLUMNS, arrays, strict=True)}
+    optional = {name: getattr(track, name) for name in OPTIONAL_COLUMNS}
+    known = {name: array for name, array in optional.items() if np.isfinite(array).any()}
+    columns = dict(zip(COLUMNS, arrays, strict=True)) | known
+    return {name: np.ascontiguousarray(array) for name, array in columns.items()}
 
 
 def log_track(recording: rr.RecordingStream, track: Track) -> None:

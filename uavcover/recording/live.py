@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from mission_io.model.plain_text import plain_text
 from uavcover.errors import OutputError
 from uavcover.model.route import Route
-from uavcover.model.track import Track, TrackSample
+from uavcover.model.track import OPTIONAL_COLUMNS, Track, TrackSample
 from uavcover.recording import flight, layout
 from uavcover.recording.blueprint import LEGEND_TEXT, make_blueprint
 from uavcover.recording.layout import any_value_columns, any_values, application_id, log_static, time_column
@@ -252,4 +252,5 @@ def _track_of(samples: list[TrackSample]) -> Track:
         enu_m=columns("east_m", "north_m", "up_m"),
         attitude_deg=columns("roll_deg", "pitch_deg", "yaw_deg"),
         current_waypoint=np.array([sample.current_waypoint for sample in samples], dtype=np.int64),
+        **{name: columns(name)[:, 0] for name in OPTIONAL_COLUMNS},
     )

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rerun.chunk import Chunk, LazyChunkStream, RrdReader
 from rerun.error_utils import RerunWarning
 
-from uavcover.model.track import COLUMNS, ReadTrack, Track
+from uavcover.model.track import COLUMNS, OPTIONAL_COLUMNS, ReadTrack, Track
 from uavcover.recording import layout
 from uavcover.recording.layout import RecordingError
 
@@ -67,15 +67,18 @@ def read_recorded_track_with_warnings(path: str | Path) -> ReadTrack:
             if _columns(chunk, (layout.UNFINISHED,)):
                 warning = (f"{path}: the recording ends in flight; what was recorded until then is used",)
         else:
-            part = _columns(chunk, COLUMNS)
-            parts += [part] if len(part) == len(COLUMNS) else []
+            part = _columns(chunk, (*COLUMNS, *OPTIONAL_COLUMNS))
+            parts += [part] if part.keys() >= {*COLUMNS} else []
     if warning and not parts:
         raise RecordingError(
             f"{path}: the recording ends before its first sample was written; track.csv beside it has them"
         )
     if (count is None and not warning) or not parts:
         raise RecordingError(f"{path}: a recording, but without a track of uavcover")
-    columns = {name: np.concatenate([part[name] for part in parts]) for name in COLUMNS}
+    columns = {
+        name: np.concatenate([part.get(name, np.full(part["time_s"].size, np.nan)) for part in parts])
+        for name in (*COLUMNS, *OPTIONAL_COLUMNS)
+    }
     order = np.argsort(columns["time_s"], kind="stable")
     if count is not None and order.size != count:
         raise RecordingError(
@@ -88,6 +91,7 @@ def read_recorded_track_with_warnings(path: str | Path) -> ReadTrack:
         enu_m=np.column_stack([columns[name] for name in COLUMNS[4:7]]),
         attitude_deg=np.column_stack([columns[name] for name in COLUMNS[7:10]]),
         current_waypoint=columns["current_waypoint"].astype(np.int64),
+        **{name: columns[name] for name in OPTIONAL_COLUMNS},
     )
     return ReadTrack(track, warning)
 

@@ -27,6 +27,7 @@ from uavcover.model.track import (
     OPTIONAL_COLUMNS,
     PICTURES_COLUMN,
     UNIX_TIME_COLUMN,
+    VELOCITY_COLUMNS,
     ReadTrack,
     Track,
     TrackSample,
@@ -136,9 +137,13 @@ class TrackWriter:
             OutputError: the file cannot be written any more, for instance because the disk is full.
         """
         self._write(
-            ",".join([_written(float(getattr(sample, name))) for name in COLUMNS[:_WAYPOINT]])
-            + f",{sample.current_waypoint},{_written(sample.attitude_age_s)},{_written(sample.pictures_taken)}"
-            f",{_written(sample.unix_time_s)},{_written(sample.received_utc_s)}"
+            ",".join(
+                [
+                    *(_written(float(getattr(sample, name))) for name in COLUMNS[:_WAYPOINT]),
+                    str(sample.current_waypoint),
+                    *(_written(float(getattr(sample, name))) for name in OPTIONAL_COLUMNS),
+                ]
+            )
         )
         self.count += 1
 
@@ -184,10 +189,9 @@ def read_track(path: Path) -> Track:
 def read_track_with_warnings(path: Path) -> ReadTrack:
     """The track in a file, and what was left out of it.
 
-    Columns may stand in any order and others may stand beside them. Roll, pitch, yaw, the age of the three, the count of
-    pictures and the time since 1970 may be empty: not known. A last line that was cut off, as by a crash, is
-    pictures and the time of arrival may be empty: not known. A last line that was cut off, as by a crash, is
-    left out with a warning. Anything else that is wrong is an error, which names line and column.
+    Columns may stand in any order and others may stand beside them. Roll, pitch, yaw and the optional columns may be empty: not
+    known. A last line that was cut off, as by a crash, is left out with a warning. Anything else that is wrong is an error,
+    which names line and column.
 
     Raises:
         TrackError: no such file, a column is missing, a value is missing, is not a number or not finite, a latitude or
@@ -314,6 +318,7 @@ class Recorder:
         self.waypoint_of = waypoint_of
         self.count = 0
         self.first_s = self.last_s = -math.inf
+        self._tells_velocity = False
 
     def start(self) -> None:
         """Record from the next position on."""
@@ -356,8 +361,15 @@ class Recorder:
                 pictures_taken=math.nan if (taken := self._monitor.photos_taken) is None else float(taken),
                 unix_time_s=self._unix_time_s(position.time_boot_s),
                 received_utc_s=self._utc_offset_s + (self._monitor.position_at_s or 0.0),
+                **self._velocity(position),
             )
         )
+
+    def _velocity(self, position: m.GlobalPositionInt) -> dict[str, float]:
+        """The velocity columns, none before the first one that is not 0: that is what a vehicle sends which reports none."""
+        told = {name: float(getattr(position, name)) for name in VELOCITY_COLUMNS}
+        self._tells_velocity |= any(told.values())
+        return told if self._tells_velocity else {}
 
     def _unix_time_s(self, time_boot_s: float) -> float:
         """UTC at a vehicle time, as the vehicle tells it; NaN before its receiver knows."""

@@ -25,6 +25,11 @@ def flight() -> tuple[np.ndarray, np.ndarray]:
     return positions, attitudes
 
 
+def velocity_ned_m_s(time_s: np.ndarray) -> np.ndarray:
+    """(n, 3) the velocity of the made-up flight."""
+    return np.column_stack([5.0 * np.cos(time_s), np.full(len(time_s), 10.0), np.full(len(time_s), -2.5)])
+
+
 @dataclass(frozen=True)
 class Picture:
     """A picture of a log: when, where if it names a place, its number, whether it was taken, and which message tells of it."""
@@ -76,6 +81,7 @@ def _camera_messages(packer: mavlink.MAVLink, pictures: Sequence[Picture]) -> li
 def write_tlog(
     path: Path, *, systems: tuple[int, ...] = (1,), component: int = 1, pictures: Sequence[Picture] = (),
     began_unix_s: float | None = None, speed: float = 1.0, ranging: bool = False, stations: tuple[tuple[int, int, int], ...] = (),
+    velocity: bool = False,
 ) -> None:  # fmt: skip
     """As a ground station writes it: eight bytes of microseconds, then the packet.
 
@@ -95,7 +101,13 @@ def write_tlog(
                 messages = [
                     packer.heartbeat_encode(mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, 0, 0, 0),
                     packer.global_position_int_encode(
-                        round(t * 1e3), round(lat * 1e7), round(lon * 1e7), round(alt * 1e3), 0, 0, 0, 0, 0
+                        round(t * 1e3),
+                        round(lat * 1e7),
+                        round(lon * 1e7),
+                        round(alt * 1e3),
+                        0,
+                        *(100.0 * velocity * velocity_ned_m_s(np.array([t]))[0]).round().astype(int).tolist(),
+                        0,
                     ),
                     packer.attitude_encode(
                         round(ta * 1e3), *(math.radians(math.remainder(x, 360.0)) for x in (roll, pitch, yaw)), 0, 0, 0
@@ -163,10 +175,21 @@ class DataflashWriter:
 
 def write_dataflash(
     path: Path, *, estimated: bool = True, attitude: bool = True, pictures: Sequence[Picture] = (),
-    began_unix_s: float | None = None, ranging: bool = False,
+    began_unix_s: float | None = None, ranging: bool = False, core: str | None = None, velocity: bool = False,
 ) -> None:  # fmt: skip
+    """``core`` is the message of the estimator's velocities: XKF1 of two cores, the second one primary, or NKF1."""
     positions, attitudes = flight()
     log = DataflashWriter()
+    log.define(8, "XKF1", "QBfff", "TimeUS,C,VN,VE,VD")
+    log.define(9, "NKF1", "Qfff", "TimeUS,VN,VE,VD")
+    log.define(10, "XKF4", "QBB", "TimeUS,C,PI")
+    for t, v in zip(positions[:, 0] - 0.05, velocity_ned_m_s(positions[:, 0] - 0.05), strict=True):
+        if core == "XKF1":
+            log.write(10, round(t * 1e6), 0, 1)
+            log.write(8, round(t * 1e6), 0, 9.0, 9.0, 9.0)
+            log.write(8, round(t * 1e6), 1, *v)
+        elif core == "NKF1":
+            log.write(9, round(t * 1e6), *v)
     log.define(6, "RFND", "QBCBB", "TimeUS,Instance,Dist,Stat,Orient")
     log.define(7, "TERR", "QBLLff", "TimeUS,Status,Lat,Lng,TerrH,CHeight")
     if ranging:
@@ -176,7 +199,7 @@ def write_dataflash(
             log.write(7, round(t * 1e6), 2, round(lat * 1e7), round(lon * 1e7), 409.0, 80.0)
             log.write(7, round(t * 1e6), 1, 0, 0, 0.0, 0.0)
     log.define(1, "POS", "QLLff", "TimeUS,Lat,Lng,Alt,RelHomeAlt")
-    log.define(2, "GPS", "QBBIHLLf", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt")
+    log.define(2, "GPS", "QBBIHLLffff", "TimeUS,I,Status,GMS,GWk,Lat,Lng,Alt,Spd,GCrs,VZ")
     log.define(3, "ATT", "QccC", "TimeUS,Roll,Pitch,Yaw")
     log.define(4, "CAM", "QLL", "TimeUS,Lat,Lng")
     log.define(5, "TRIG", "QLL", "TimeUS,Lat,Lng")
@@ -185,8 +208,10 @@ def write_dataflash(
         if estimated:
             log.write(1, round(t * 1e6), *place, 0.0)
         week, seconds = divmod(t + (began_unix_s + 18 - 315_964_800 if began_unix_s is not None else 0.0), 604_800)
-        log.write(2, round(t * 1e6), 0, 3, round(seconds * 1e3), int(week), *place)
-        log.write(2, round(t * 1e6), 1, 3, 0, 0, 0, 0, 0.0)  # a second receiver, which is not asked
+        north, east, down = velocity * velocity_ned_m_s(np.array([t]))[0]
+        over_ground = (math.hypot(north, east), math.degrees(math.atan2(east, north)) % 360.0, down)
+        log.write(2, round(t * 1e6), 0, 3, round(seconds * 1e3), int(week), *place, *over_ground)
+        log.write(2, round(t * 1e6), 1, 3, 0, 0, 0, 0, 0.0, 9.0, 9.0, 9.0)  # a second receiver, which is not asked
         if attitude:
             log.write(3, round(ta * 1e6), round(roll * 100), round(pitch * 100), round(yaw * 100))
     for each in pictures:
@@ -214,11 +239,16 @@ _RANGE_FORMAT = (
     b"distance_sensor:uint64_t timestamp;float min_distance;float max_distance;float current_distance;"
     b"int8_t signal_quality;uint8_t orientation;"
 )
+_RECEIVER_VELOCITY = "float vel_n_m_s;float vel_e_m_s;float vel_d_m_s;bool vel_ned_valid;"
 _RECEIVER_FORMATS = {
-    "vehicle_gps_position": ("int32_t lat;int32_t lon;int32_t alt;uint8_t fix_type;", "<HQiiiB", (1e7, 1e3)),
+    "vehicle_gps_position": (
+        "int32_t lat;int32_t lon;int32_t alt;uint8_t fix_type;" + _RECEIVER_VELOCITY,
+        "<HQiiiBfff?",
+        (1e7, 1e3),
+    ),
     "sensor_gps": (
-        "double latitude_deg;double longitude_deg;double altitude_msl_m;uint8_t fix_type;",
-        "<HQdddB",
+        "double latitude_deg;double longitude_deg;double altitude_msl_m;uint8_t fix_type;" + _RECEIVER_VELOCITY,
+        "<HQdddBfff?",
         (1.0, 1.0),
     ),
 }
@@ -226,7 +256,7 @@ _RECEIVER_FORMATS = {
 
 def write_ulog(
     path: Path, *, pictures: Sequence[Picture] = (), began_unix_s: float | None = None, ranging: bool = False,
-    receiver: str | None = None,
+    receiver: str | None = None, velocity: bool = False,
 ) -> None:  # fmt: skip
     """Header, flags, formats, subscriptions and data as the ULog specification says."""
     positions, attitudes = flight()
@@ -243,6 +273,11 @@ def write_ulog(
         content += message(b"F", f"{receiver}:uint64_t timestamp;{fields}".encode())
     if ranging:
         content += message(b"F", _RANGE_FORMAT)
+    if velocity:
+        content += message(
+            b"F",
+            b"vehicle_local_position:uint64_t timestamp;float vx;float vy;float vz;bool v_xy_valid;bool v_z_valid;",
+        )
     if began_unix_s is not None:
         content += message(b"F", b"sensor_gps:uint64_t timestamp;uint64_t time_utc_usec;")
     kinds = list(dict.fromkeys(each.kind for each in pictures))
@@ -259,9 +294,13 @@ def write_ulog(
         number = int if degrees > 1.0 else float
         for k, (t, lat, lon, alt) in enumerate(positions):
             place = [number(round(v * unit, 9)) for v, unit in ((lat, degrees), (lon, degrees), (alt, metres))]
-            content += message(
-                b"D", struct.pack(layout, 10, round(t * 1e6), *(place if k else [0, 0, 0]), 3 if k else 0)
-            )
+            fix = (*(place if k else [0, 0, 0]), 3 if k else 0, *velocity_ned_m_s(np.array([t]))[0], velocity)
+            content += message(b"D", struct.pack(layout, 10, round(t * 1e6), *fix))
+    if velocity and receiver is None:
+        content += message(b"A", struct.pack("<BH", 0, 12) + b"vehicle_local_position")
+        for k, t in enumerate(positions[:, 0] + 0.1):
+            v = velocity_ned_m_s(np.array([t]))[0] if k else (9.0, 9.0, 9.0)
+            content += message(b"D", struct.pack("<HQfff??", 12, round(t * 1e6), *v, True, k > 0))
     if ranging:
         content += message(b"A", struct.pack("<BH", 0, 11) + b"distance_sensor")
         for t, distance in zip(attitudes[:, 0], distances_m(), strict=True):

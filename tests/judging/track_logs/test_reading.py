@@ -10,6 +10,7 @@ from tests.judging.track_logs.samples import (
     FRAME,
     GROUND_M,
     flight,
+    velocity_ned_m_s,
     write_dataflash,
     write_gpx,
     write_tlog,
@@ -54,6 +55,47 @@ def test_the_time_of_day_is_what_the_receiver_told(tmp_path: Path, name: str) ->
     WRITERS[name](path, began_unix_s=1_780_000_000.0)
     track = read(path).track
     np.testing.assert_allclose(track.unix_time_s, 1_780_000_000.0 + track.time_s, atol=2e-3)
+
+
+VELOCITIES = {
+    "of the position message": ("flight.tlog", write_tlog, {}),
+    "of the primary core": ("flight.bin", write_dataflash, {"core": "XKF1"}),
+    "of the core of old versions": ("flight.bin", write_dataflash, {"core": "NKF1"}),
+    "of the receiver where no core is logged": ("flight.bin", write_dataflash, {}),
+    "of the receiver whose positions are taken": ("flight.bin", write_dataflash, {"core": "XKF1", "estimated": False}),
+    "of the local position": ("flight.ulg", write_ulog, {}),
+    "of PX4's receiver until 1.14": ("flight.ulg", write_ulog, {"receiver": "vehicle_gps_position"}),
+    "of PX4's receiver": ("flight.ulg", write_ulog, {"receiver": "sensor_gps"}),
+}
+
+
+@pytest.mark.parametrize("source", VELOCITIES)
+def test_the_velocity_is_read(tmp_path: Path, source: str) -> None:
+    name, write, options = VELOCITIES[source]
+    write(tmp_path / name, velocity=True, **options)
+    track = read(tmp_path / name).track
+    velocity = np.column_stack([track.velocity_north_m_s, track.velocity_east_m_s, track.velocity_down_m_s])
+    known = np.isfinite(velocity).all(axis=1)
+    assert known.mean() > 0.9
+    # Between two rows 0.2 s apart it is interpolated.
+    np.testing.assert_allclose(velocity[known], velocity_ned_m_s(track.time_s)[known], atol=0.04)
+    np.testing.assert_array_equal(track.velocity_enu_m_s[known], velocity[known][:, [1, 0, 2]] * [1.0, 1.0, -1.0])
+
+
+@pytest.mark.parametrize("name", [*WRITERS, "flight.gpx"])
+def test_what_is_not_reported_is_unknown_and_no_warning(tmp_path: Path, name: str) -> None:
+    """Messages hold zeros then; GPX has none."""
+    {**WRITERS, "flight.gpx": write_gpx}[name](tmp_path / name)
+    loaded = read(tmp_path / name)
+    assert np.isnan(loaded.track.velocity_enu_m_s).all()
+    assert not any("velocit" in warning for warning in loaded.warnings)
+
+
+def test_velocities_too_far_apart_are_not_interpolated() -> None:
+    positions, _ = flight()
+    moving = np.column_stack([positions[::5, 0], np.ones((len(positions[::5]), 3))])
+    track = assemble_track(Path("x"), LoggedRows(positions, np.empty((0, 4)), velocities=moving), FRAME).track
+    assert np.flatnonzero(np.isfinite(track.velocity_down_m_s)).tolist() == list(range(0, COUNT, 5))
 
 
 def test_clocks_that_do_not_run_together_tell_no_time_of_day(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from uavcover.errors import TrackError
 from uavcover.judging.shared_clock import JUMP_S
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.model.active_times import is_flight_time
-from uavcover.model.track import ReadTrack, Track
+from uavcover.model.track import VELOCITY_COLUMNS, ReadTrack, Track
 from uavcover.terrain.frames import LocalFrame
 
 PICTURE_PLACE_ERROR_M = 10.0
@@ -26,6 +26,8 @@ _MOST_LEAN_COS = 0.94
 
 MAX_ATTITUDE_GAP_S = 1.0
 """Largest time between the two rows around a position from which its attitude is interpolated."""
+MAX_VELOCITY_GAP_S = 0.5
+"""The same for its velocity."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,6 +44,7 @@ class LoggedRows:
         stored: (s, 3) latitude, longitude and height above sea level of the ground in the vehicle's own terrain data.
         lost: (p,) number of photos before each picture that the camera counted and whose message is missing; empty: none.
         clock: (c, 2) times in seconds and the same moments in seconds since 1970 (UTC), where the log tells them.
+        velocities: (v, 4) time in seconds, reported velocity over ground north, east and down in m/s; empty: not reported.
     """
 
     positions: FloatArray
@@ -52,6 +55,7 @@ class LoggedRows:
     ranges: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
     stored: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     lost: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    velocities: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
 
 
 def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack:
@@ -97,6 +101,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
         warnings.append(
             f"{path}: {unknown} of {len(positions)} positions have no attitude; what a fixed camera saw from there is not known"
         )
+    velocity = _velocities_at(positions[:, 0], rows.velocities.reshape(-1, 4))
     pictures_taken = np.full(len(positions), np.nan)
     if rows.pictures is not None:
         pictures_taken, doubted = _pictures_taken(frame, positions, rows.pictures.reshape(-1, 3), rows.lost)
@@ -112,6 +117,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
             unix_time_s=positions[:, 0] + _unix_offsets_s(rows.clock, positions[:, 0]),
             ranged=_ranged(frame, positions, rows.attitudes.reshape(-1, 4), rows.ranges.reshape(-1, 2)),
             stored=rows.stored.reshape(-1, 3).copy(),
+            **dict(zip(VELOCITY_COLUMNS, velocity.T.copy(), strict=True)),
         ),
         tuple(warnings),
     )
@@ -212,4 +218,22 @@ def attitudes_at(time_s: FloatArray, attitudes: FloatArray) -> FloatArray:
         out[near, axis] = np.interp(time_s[near], known[:, 0], turned[:, axis])
     out[near, 0] = (out[near, 0] + 180.0) % 360.0 - 180.0
     out[near, 2] %= 360.0
+    return out
+
+
+def _velocities_at(time_s: FloatArray, velocities: FloatArray) -> FloatArray:
+    """(n, 3) velocity north, east, down at (n,) times, of (v, 4) rows; NaN where none are near, or all are exactly 0.
+
+    Zeros throughout are what messages hold whose sender reports no velocity.
+    """
+    out = np.full((len(time_s), 3), np.nan)
+    known = velocities[np.isfinite(velocities).all(axis=1)]
+    if not known[:, 1:].any():
+        return out
+    known = known[np.argsort(known[:, 0], kind="stable")]
+    after = np.minimum(np.searchsorted(known[:, 0], time_s), len(known) - 1)
+    gap_s = known[after, 0] - known[np.maximum(after - 1, 0), 0]
+    inside = (time_s > known[0, 0]) & (time_s < known[-1, 0]) & (gap_s <= MAX_VELOCITY_GAP_S)
+    near = inside | (known[after, 0] == time_s)
+    out[near] = np.column_stack([np.interp(time_s[near], known[:, 0], known[:, axis]) for axis in (1, 2, 3)])
     return out

@@ -2,6 +2,7 @@
 
 import contextlib
 import io
+import math
 import struct
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,8 @@ from uavcover.errors import TrackError
 from uavcover.judging.track_logs.assembly import LoggedRows
 
 _MAGIC = b"\xa3\x95"
+_ESTIMATOR = ("XKF1", "XKF4", "NKF1")
+_TYPES = ("POS", "GPS", "ATT", "CAM", "TRIG", "RFND", "TERR", *_ESTIMATOR)
 _FIX_3D = 3
 _RANGE_GOOD, _TERRAIN_OK, _DOWN = 4, 2, 25
 """RFND.Stat of a reading in range, TERR.Status of known ground, RFND.Orient of a sensor that looks down."""
@@ -22,6 +25,9 @@ _GPS_EPOCH_UNIX_S, _WEEK_S, _LEAP_S = 315_964_800.0, 604_800.0, 18.0
 
 def read_dataflash(path: Path) -> LoggedRows:
     """Read positions (POS of the estimator, otherwise the first GPS), attitudes (ATT) and pictures (CAM, otherwise TRIG).
+
+    Velocities are those of the estimator's primary core (XKF1, otherwise NKF1), or of the first GPS where positions are its own
+    or no core is logged.
 
     CAM is a picture that the camera took, or was told to take where no feedback is wired; TRIG is the trigger alone, of a
     camera with feedback, whose pictures are its CAM messages.
@@ -38,6 +44,8 @@ def read_dataflash(path: Path) -> LoggedRows:
     estimated: list[tuple[float, ...]] = []
     measured: list[tuple[float, ...]] = []
     attitudes: list[tuple[float, ...]] = []
+    velocities: dict[str, list[tuple[float, ...]]] = {"XKF1": [], "NKF1": [], "GPS": []}
+    primary = 0
     clock: list[tuple[float, float]] = []
     cameras: dict[str, list[tuple[float, ...]]] = {"CAM": [], "TRIG": []}
     ranges: list[tuple[float, ...]] = []
@@ -48,9 +56,7 @@ def read_dataflash(path: Path) -> LoggedRows:
         try:
             with _opened(DFReader.DFReader_binary, path) as reader:
                 left_out = _bytes_left_out(reader, content)
-                while (
-                    message := reader.recv_match(type=["POS", "GPS", "ATT", "CAM", "TRIG", "RFND", "TERR"])
-                ) is not None:
+                while (message := reader.recv_match(type=[*_TYPES])) is not None:
                     kind = message.get_type()
                     if kind == "POS":
                         estimated.append(_row(message, "Lat", "Lng", "Alt"))
@@ -59,13 +65,15 @@ def read_dataflash(path: Path) -> LoggedRows:
                     elif kind == "RFND":
                         ranges += _down(message)
                     elif kind == "TERR":
-                        if message.Status == _TERRAIN_OK:
-                            stored.append((message.Lat, message.Lng, float(message.TerrH)))
+                        stored += _stored(message)
+                    elif kind in _ESTIMATOR:
+                        primary = _note_estimate(velocities, message, primary)
                     elif kind == "ATT":
                         attitudes.append(_row(message, "Roll", "Pitch", "Yaw"))
                     elif getattr(message, "I", 0) == 0 and message.Status >= _FIX_3D:
                         measured.append(_row(message, "Lat", "Lng", "Alt"))
                         clock.append(_clock_row(message))
+                        velocities["GPS"] += _gps_velocity(message)
         except (AttributeError, ValueError, IndexError, KeyError, TypeError, struct.error) as error:
             raise TrackError(f"{path}: a damaged dataflash log ({type(error).__name__}: {error})") from error
     warnings = []
@@ -89,7 +97,35 @@ def read_dataflash(path: Path) -> LoggedRows:
         np.array(clock).reshape(-1, 2),
         np.array(ranges).reshape(-1, 2),
         np.array(stored).reshape(-1, 3),
+        velocities=np.array(
+            (velocities["XKF1"] or velocities["NKF1"] if estimated else []) or velocities["GPS"]
+        ).reshape(-1, 4),
     )
+
+
+def _note_estimate(velocities: dict[str, list[tuple[float, ...]]], message: Any, primary: int) -> int:
+    """Note a velocity of the primary core, which XKF4 names; returns the primary core."""
+    kind = message.get_type()
+    if kind == "XKF4":
+        return int(getattr(message, "PI", primary))
+    # NKF1 of old versions is of the first core alone and has no number.
+    if kind == "NKF1" or getattr(message, "C", primary) == primary:
+        velocities[kind].append(_row(message, "VN", "VE", "VD"))
+    return primary
+
+
+def _stored(message: Any) -> list[tuple[float, float, float]]:
+    """Latitude, longitude and height of known ground in the vehicle's terrain data."""
+    return [(message.Lat, message.Lng, float(message.TerrH))] if message.Status == _TERRAIN_OK else []
+
+
+def _gps_velocity(message: Any) -> list[tuple[float, ...]]:
+    """Time and velocity north, east, down of speed, course over ground and vertical speed, which is positive downwards."""
+    if not (hasattr(message, "Spd") and hasattr(message, "GCrs") and hasattr(message, "VZ")):
+        return []
+    course = math.radians(message.GCrs)
+    north, east = message.Spd * math.cos(course), message.Spd * math.sin(course)
+    return [(message.TimeUS * 1e-6, north, east, float(message.VZ))]
 
 
 def _down(message: Any) -> list[tuple[float, float]]:

@@ -29,7 +29,7 @@ _Rows = dict[_Source, list[tuple[float, ...]]]
 
 
 def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
-    """Read positions (GLOBAL_POSITION_INT), attitudes (ATTITUDE) and pictures of one vehicle in a log, on its own clock.
+    """Read positions and velocities (GLOBAL_POSITION_INT), attitudes (ATTITUDE) and pictures of one vehicle, on its own clock.
 
     Where any autopilot sends heartbeats, only autopilots are vehicles: ground stations and trackers send positions of their own.
     Ranges are DISTANCE_SENSOR, otherwise RANGEFINDER, of sensors that look down. Pictures are CAMERA_FEEDBACK, otherwise
@@ -48,6 +48,7 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
     from pymavlink.dialects.v20 import common as mavlink
 
     positions: _Rows = defaultdict(list)
+    velocities: _Rows = defaultdict(list)
     attitudes: _Rows = defaultdict(list)
     clocks: _Rows = defaultdict(list)
     autopilots: set[_Source] = set()
@@ -85,6 +86,7 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
             else:
                 now_s[source[0]] = time_s
                 positions[source].append((time_s, message.lat * 1e-7, message.lon * 1e-7, message.alt * 1e-3))
+                velocities[source].append((time_s, message.vx * 1e-2, message.vy * 1e-2, message.vz * 1e-2))
     finally:
         log.close()
     if not positions:
@@ -114,7 +116,7 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
     return LoggedRows(
         np.array(positions[source]), np.array(attitudes[source]).reshape(-1, 4), pictures, warnings,
         np.array(clocks[source]).reshape(-1, 2), np.array(measured).reshape(-1, 2), np.array(stored[source]).reshape(-1, 3),
-        _lost(counted),
+        _lost(counted), np.array(velocities[source]),
     )  # fmt: skip
 
 

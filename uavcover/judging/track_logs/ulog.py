@@ -1,6 +1,7 @@
 """PX4's logs (``.ulg``), read by pyulog, an optional dependency."""
 
 import struct
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +11,19 @@ from uavcover.errors import TrackError
 from uavcover.judging.track_logs.assembly import LoggedRows
 from uavcover.kernels.arrays import FloatArray
 
+_Velocity = tuple[str, tuple[str, str, str], tuple[str, ...]]
 _RECEIVERS = ("vehicle_gps_position", "sensor_gps")
 _TOPICS = (
-    "vehicle_global_position", "vehicle_attitude", "camera_capture", "camera_trigger", "distance_sensor", *_RECEIVERS,
+    "vehicle_global_position", "vehicle_local_position", "vehicle_attitude",
+    "camera_capture", "camera_trigger", "distance_sensor", *_RECEIVERS,
 )  # fmt: skip
+_VELOCITIES: tuple[_Velocity, ...] = (
+    # In vehicle_global_position until PX4 1.11.
+    ("vehicle_global_position", ("vel_n", "vel_e", "vel_d"), ()),
+    ("vehicle_local_position", ("vx", "vy", "vz"), ("v_xy_valid", "v_z_valid")),
+    *((name, ("vel_n_m_s", "vel_e_m_s", "vel_d_m_s"), ("vel_ned_valid",)) for name in _RECEIVERS),
+)
+"""Topics with velocities in order of preference, with their fields and what has to be true for them to count."""
 _LOOKS_DOWN = 25
 _FIX_3D = 3
 _FAILED = 0
@@ -23,9 +33,10 @@ _MAGIC = b"ULog\x01\x12\x35"
 
 
 def read_ulog(path: Path) -> LoggedRows:
-    """Read positions, attitudes (vehicle_attitude) and pictures (camera_capture, or camera_trigger).
+    """Read positions, velocities, attitudes (vehicle_attitude) and pictures (camera_capture, or camera_trigger).
 
     Positions are the estimator's (vehicle_global_position), otherwise the receiver's (vehicle_gps_position, sensor_gps).
+    Velocities are those of the same source.
 
     Raises:
         TrackError: no such log, no positions, or pyulog is not installed.
@@ -44,7 +55,8 @@ def read_ulog(path: Path) -> LoggedRows:
         raise TrackError(f"{path}: not a ULog that pyulog can read ({error})") from error
     datasets = {data.name: data.data for data in log.data_list if data.multi_id == 0}
     warnings = [f"{path}: parts of the log are damaged and were left out"] if log.file_corruption else []
-    if position := datasets.get("vehicle_global_position"):
+    position = datasets.get("vehicle_global_position")
+    if position:
         positions = np.column_stack([position["timestamp"] * 1e-6, position["lat"], position["lon"], position["alt"]])
     else:
         positions = _received(path, datasets)
@@ -56,7 +68,10 @@ def read_ulog(path: Path) -> LoggedRows:
     pictures, more = _pictures(path, datasets)
     warnings += more
     ranges = _ranges(datasets.get("distance_sensor"))
-    return LoggedRows(positions.astype(float), attitudes, pictures, tuple(warnings), _clock(datasets), ranges)
+    return LoggedRows(
+        positions.astype(float), attitudes, pictures, tuple(warnings), _clock(datasets), ranges,
+        velocities=_velocities(datasets, _VELOCITIES if position else _VELOCITIES[2:]),
+    )  # fmt: skip
 
 
 def _received(path: Path, datasets: dict[str, dict[str, Any]]) -> FloatArray:
@@ -83,6 +98,21 @@ def _received(path: Path, datasets: dict[str, dict[str, Any]]) -> FloatArray:
     raise TrackError(
         f"{path}: has no vehicle_global_position messages and no fix of a receiver (vehicle_gps_position), so no positions"
     )
+
+
+def _velocities(datasets: dict[str, dict[str, Any]], topics: Sequence[_Velocity]) -> FloatArray:
+    """(v, 4) time and velocity north, east, down of the first of these topics that the log has."""
+    for name, keys, valid in topics:
+        topic = datasets.get(name, {})
+        if set(keys) <= set(topic):
+            rows = np.column_stack(
+                [np.asarray(topic["timestamp"]) * 1e-6, *(np.asarray(topic[k], float) for k in keys)]
+            )
+            counts = np.ones(len(rows), dtype=bool)
+            for key in set(valid) & set(topic):
+                counts &= np.asarray(topic[key]) != 0
+            return np.asarray(rows[counts])
+    return np.empty((0, 4))
 
 
 def _ranges(sensor: dict[str, Any] | None) -> FloatArray:

@@ -1,0 +1,171 @@
+"""Agreement of the velocity that a vehicle reports with the change of its positions.
+
+An estimator makes both from the same measurements. Over any window of time the integral of the velocity is therefore the
+displacement, but for what is known from outside: the error of the positions wanders (Gauss and Markov), the velocity has an
+error of its own, the two need not be of exactly the same moment, and times are rounded. None of these bounds is measured on the
+track, so no noise of the positions excuses a velocity that contradicts them. Wind does not matter: both are over ground.
+
+Reported velocities are also smooth: they change by no more than the vehicle can accelerate, whatever the noise of the positions.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal, Self
+
+import numpy as np
+
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+
+AGREEMENT_WINDOWS_S = (2.0, 5.0, 10.0, 20.0, 40.0)
+"""Short ones find jumps and turns; in long ones the error of the positions counts least."""
+CHANGE_WINDOWS_S = (0.2, 0.5, 1.0)
+DEVIATIONS = 5.0
+"""Allowed change of the error of the positions, in standard deviations: of 200,000 independent windows one reaches it."""
+VELOCITY_ERROR_M_S = (0.2, 0.5)
+"""Lasting error of an estimator's velocity over ground and vertically, where a barometer drifts and accelerometers clip."""
+RESET_M_S = 1.0
+"""An estimator may change its velocity by this at once, as when it regains a fix."""
+SKEW_S = 0.3
+"""A receiver's velocity may be of this much another moment than its position."""
+STAMP_S = 0.1
+"""Resolution of the times of coarse logs."""
+LONGEST_STEP_S = 2.0
+"""Velocities further apart are not joined."""
+_ROUNDING_M = 0.25
+_ROUNDING_S = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class PositionError:
+    """What is known from outside about the error of positions: a wandering one.
+
+    Attributes:
+        deviation_m: standard deviation on each axis over ground, and vertically.
+        time_s: its time constant.
+    """
+
+    deviation_m: tuple[float, float]
+    time_s: float
+
+    def change_m(self, seconds: FloatArray, axis: int) -> FloatArray:
+        """Standard deviation of its change over these times, on each axis over ground (0) or vertically (1)."""
+        return np.asarray(self.deviation_m[axis] * np.sqrt(2.0 * -np.expm1(-seconds / self.time_s)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WindowFigures:
+    """Windows of samples first..last with one figure each, and its limit.
+
+    Attributes:
+        first: (k,) number of the first sample.
+        last: (k,) of the last one.
+        values: (k,) a velocity or an acceleration.
+        limits: (k,) the largest possible value.
+    """
+
+    first: IntArray
+    last: IntArray
+    values: FloatArray
+    limits: FloatArray
+
+    @classmethod
+    def larger(cls, first: IntArray, last: IntArray, parts: list[tuple[FloatArray, FloatArray]]) -> Self:
+        """The one of several pairs of value and limit that is furthest beyond its limit, in each window."""
+        values, limits = (np.array(each) for each in zip(*parts, strict=True))
+        worst = np.argmax(values / limits, axis=0)[None]
+        return cls(first, last, np.take_along_axis(values, worst, 0)[0], np.take_along_axis(limits, worst, 0)[0])
+
+    def taken(self, among: BoolArray) -> Self:
+        """Some of the windows."""
+        return type(self)(self.first[among], self.last[among], self.values[among], self.limits[among])
+
+
+ContradictionKind = Literal["acceleration", "velocity"]
+
+
+def contradictions(
+    time_s: FloatArray, enu_m: FloatArray, velocity_m_s: FloatArray, *, error: PositionError, acceleration_m_s2: float
+) -> Iterator[tuple[ContradictionKind, WindowFigures]]:
+    """Windows in which a reported velocity is impossible, the shortest ones first.
+
+    Args:
+        time_s: (n,) vehicle time, increasing.
+        enu_m: (n, 3) positions.
+        velocity_m_s: (n, 3) reported velocity, east, north, up; NaN where it is not reported. Such samples are left out, and
+            windows in which it is unknown for longer than ``LONGEST_STEP_S``.
+        error: of the positions.
+        acceleration_m_s2: the most of the vehicle.
+    """
+    known = np.flatnonzero(np.isfinite(velocity_m_s).all(axis=1))
+    time_s, enu_m, velocity_m_s = time_s[known], enu_m[known], velocity_m_s[known]
+    silent = np.append(0, np.cumsum(np.diff(time_s) > LONGEST_STEP_S))
+    kinds: tuple[tuple[ContradictionKind, tuple[float, ...]], ...] = (
+        ("acceleration", CHANGE_WINDOWS_S),
+        ("velocity", AGREEMENT_WINDOWS_S),
+    )
+    for kind, windows_s in kinds:
+        for window_s in windows_s:
+            first, last = _windows(time_s, window_s)
+            whole = silent[first] == silent[last]
+            first, last = first[whole], last[whole]
+            if not first.size:
+                continue
+            if kind == "acceleration":
+                compared = _changes(time_s, velocity_m_s, first, last, acceleration_m_s2)
+            else:
+                compared = _against_positions(time_s, enu_m, velocity_m_s, first, last, error, acceleration_m_s2)
+            off = compared.taken(compared.values > compared.limits)
+            yield kind, replace(off, first=known[off.first], last=known[off.last])
+
+
+def _against_positions(
+    time_s: FloatArray,
+    enu_m: FloatArray,
+    velocity_m_s: FloatArray,
+    first: IntArray,
+    last: IntArray,
+    error: PositionError,
+    acceleration_m_s2: float,
+) -> WindowFigures:
+    """Mean difference of reported velocity and change of position, in m/s, with the most that errors can make of it."""
+    seconds = time_s[last] - time_s[first]
+    step_s = np.diff(time_s)
+    mean = 0.5 * (velocity_m_s[1:] + velocity_m_s[:-1])
+    integral = np.vstack([np.zeros(3), np.cumsum(mean * step_s[:, None], axis=0)])
+    way = enu_m[last] - enu_m[first]
+    off = way - (integral[last] - integral[first])
+    turned = velocity_m_s[last] - velocity_m_s[first]
+    change = np.diff(velocity_m_s, axis=0)
+    longest_s = np.maximum.reduceat(np.append(step_s, 0.0), np.column_stack([first, last]).ravel())[::2]
+    parts = []
+    for axis, columns in ((0, slice(0, 2)), (1, slice(2, 3))):
+        # A trapezium is off by at most half of the change of velocity in its step, or by a dip between two samples.
+        trapezia = np.append(0.0, np.cumsum(0.5 * step_s * np.linalg.norm(change[:, columns], axis=1)))
+        most = (
+            DEVIATIONS * error.change_m(seconds, axis)
+            + VELOCITY_ERROR_M_S[axis] * seconds
+            + SKEW_S * np.linalg.norm(turned[:, columns], axis=1)
+            + STAMP_S * np.linalg.norm(way[:, columns], axis=1) / seconds
+            + (trapezia[last] - trapezia[first])
+            + 0.5 * acceleration_m_s2 * longest_s**2
+            + _ROUNDING_M
+        )
+        parts.append((np.linalg.norm(off[:, columns], axis=1) / seconds, most / seconds))
+    return WindowFigures.larger(first, last, parts)
+
+
+def _changes(
+    time_s: FloatArray, velocity_m_s: FloatArray, first: IntArray, last: IntArray, acceleration_m_s2: float
+) -> WindowFigures:
+    """Accelerations of the reported velocity in m/s2, with the most that the vehicle and a reset can make of it."""
+    seconds = time_s[last] - time_s[first]
+    change = (velocity_m_s[last] - velocity_m_s[first]) / seconds[:, None]
+    most = acceleration_m_s2 + RESET_M_S / seconds
+    return WindowFigures.larger(first, last, [(np.hypot(*change[:, :2].T), most), (np.abs(change[:, 2]), most)])
+
+
+def _windows(time_s: FloatArray, window_s: float) -> tuple[IntArray, IntArray]:
+    """Numbers of the first and the last sample of the windows of at least this length."""
+    last = np.searchsorted(time_s, time_s + window_s - _ROUNDING_S)
+    inside = np.flatnonzero(last < len(time_s))
+    return inside, last[inside]
