@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tests.falsifying.flown import Change, Flown
-from tests.falsifying.of_time import at_date, has_timed_zones
+from tests.falsifying.of_time import at_date, clocks_apart, has_timed_zones
 from tests.falsifying.of_unreported_photos import honest_reports
 from tests.falsifying.way import Way, family
 from uavcover.model.sensor import Camera
@@ -235,6 +235,7 @@ def honest(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     yield Way("without waypoint numbers", none, lambda f: replace(f, waypoint=np.full(len(f), -1)), honest=True)
     if flown.step_s <= 0.5:
         yield Way("one sample a second", none, lambda f: f.taken(_one_a_second(f)), honest=True)
+    yield Way("the satellites' clock, set right by 2 s", none, clocks_apart(2.0, 0.4), honest=True)
     yield Way("switched on an hour earlier", none, lambda f: replace(f, time_s=f.time_s + 3600.0), honest=True)
     middle = float(rng.uniform(0.3, 0.7))
     if flown.moment(1.0) - flown.moment(0.0) > 300.0:

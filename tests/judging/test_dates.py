@@ -7,7 +7,7 @@ import pytest
 
 from tests.judging.flights import fly_along, make_site
 from tests.planning.test_no_fly import ring
-from uavcover.judging.shared_clock import ROLLOVER_S, DateBounds, dated
+from uavcover.judging.shared_clock import ROLLOVER_S, DateBounds, clocks_apart, dated
 from uavcover.judging.verify import FlownTrack, verify_flight
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
@@ -94,3 +94,26 @@ def test_a_zone_that_was_closed_on_the_true_day_is_no_place_to_fly_by_a_false_da
         assert "no-fly-zone" in {violation.kind for violation in rolled.violations}
         assert any("is not believed" in finding for finding in rolled.findings)
         assert rolled.flown_utc is None
+
+
+@pytest.mark.parametrize("by_s", [-900.0, -8.0, 6.0, 40.0, 5.0 * HOUR_S])
+def test_time_that_one_of_two_clocks_does_not_know_was_inserted_or_taken_out(by_s: float) -> None:
+    track = track_at(NOON_S, jump_s=by_s)
+    found = clocks_apart(track)
+    assert found is not None
+    assert f"{abs(by_s):.1f} s further" in found
+    site = make_site()
+    report = verify_flight(site, CoverageMap(site, cell_size_m=20.0), [FlownTrack(track)]).report
+    assert f"the {'satellites' if by_s > 0.0 else 'vehicle'}' clock goes" in " ".join(report.doubts).replace("'s", "'")
+
+
+def test_a_slow_part_is_time_inserted_too_and_a_simulation_that_runs_fast_is_not() -> None:
+    track = track_at(NOON_S)
+    own_s = track.time_s - track.time_s[0]
+    slow = dataclasses.replace(track, time_s=track.time_s + np.interp(own_s, [10.0, 16.0], [0.0, 8.0]))
+    assert clocks_apart(slow) is not None
+    fast = dataclasses.replace(track, unix_time_s=NOON_S + 3.0 * own_s)
+    assert clocks_apart(fast) is None
+    assert clocks_apart(track) is None
+    assert clocks_apart(track_at(NOON_S, jump_s=3.0)) is None
+    assert clocks_apart(dataclasses.replace(track, unix_time_s=np.full(len(track), np.nan))) is None

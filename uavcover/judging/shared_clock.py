@@ -27,6 +27,9 @@ BEFORE_PLAN_S, AFTER_FILE_S = 600.0, 86_400.0
 DISAGREES_S = 1800.0
 """Between the receiver's clock and that of the ground station; simulations that run fast differ by minutes."""
 JUMP_S = 3600.0
+CLOCK_STEP_S = 5.0
+"""Between the clocks of vehicle and satellites, in flight. A receiver that learns the leap seconds steps by up to 3 s."""
+_CLOCKS_COMPARED_S, _ALIKE_S = 5.0, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +68,25 @@ def dated(track: Track, bounds: DateBounds) -> tuple[Track, tuple[str, ...]]:
     unknown = np.full(len(track), np.nan)
     return replace(track, unix_time_s=unknown), (
         f"{text}. No-fly zones with times are judged as if the time were unknown",
+    )
+
+
+def clocks_apart(track: Track) -> str | None:
+    """Where one of two clocks that run alike goes further than the other: the record has more or less time than there was."""
+    known = np.isfinite(track.unix_time_s)
+    own_s, apart_s = track.time_s[known], track.unix_time_s[known] - track.time_s[known]
+    if not own_s.size or np.ptp(apart_s) <= CLOCK_STEP_S:
+        return None
+    at_s = np.append(np.arange(own_s[0], own_s[-1], _CLOCKS_COMPARED_S), own_s[-1])
+    drift_s = np.diff(np.interp(at_s, own_s, apart_s))
+    # A simulation that runs fast, or waits, drifts all the time.
+    if np.median(np.abs(drift_s)) > _ALIKE_S and np.abs(np.diff(apart_s)).max() <= CLOCK_STEP_S:
+        return None
+    worst = int(np.argmax(np.abs(drift_s)))
+    further, other = ("satellites'", "vehicle's") if drift_s[worst] > 0.0 else ("vehicle's", "satellites'")
+    return (
+        f"from {at_s[worst]:.1f} s to {at_s[worst + 1]:.1f} s the {further} clock goes {abs(drift_s[worst]):.1f} s further than "
+        f"the {other}: time was inserted there, or taken out"
     )
 
 
