@@ -1,6 +1,6 @@
 """The clocks of a track: its date, and when its samples were taken on the clock of the ground station that received them.
 
-A date counts only when it is plausible: not before the logs that are read here, nor before the plan that was flown, not after
+A date counts only when it is plausible: not before the firmware that flew it, nor before the plan that was flown, not after
 the file that holds it, and in agreement with the ground station. Receivers count weeks modulo 1,024; when the count starts anew
 they report a date 1,024 weeks too early.
 
@@ -15,6 +15,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from uavcover.judging.firmware import Firmware
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.active_times import flown_window, window_in_words
 from uavcover.model.track import Track
@@ -39,10 +40,12 @@ class DateBounds:
     Attributes:
         planned_s: when its plan was made.
         written_s: when its file was written.
+        firmware: that flew it.
     """
 
     planned_s: float | None = None
     written_s: float | None = None
+    firmware: Firmware | None = None
 
 
 UNKNOWN_DATES = DateBounds()
@@ -98,7 +101,10 @@ def _date_problems(track: Track, bounds: DateBounds) -> Iterator[str]:
     if jumps_s.size and np.abs(jumps_s).max() > JUMP_S:
         at = int(np.argmax(np.abs(jumps_s)))
         yield f"its clock jumps by {jumps_s[at] / 3600.0:.1f} hours at {own_s[at + 1]:.1f} s"
-    if first_s < FIRST_LOG_S:
+    released_s = None if bounds.firmware is None else bounds.firmware.released_s
+    if released_s is not None and first_s < released_s:
+        yield f"its firmware, {bounds.firmware}, is of {_day(released_s)[:7]}"
+    elif first_s < FIRST_LOG_S:
         yield f"no firmware that writes such logs is older than {_day(FIRST_LOG_S)}"
     if bounds.planned_s is not None and first_s < bounds.planned_s - BEFORE_PLAN_S:
         yield f"its plan is of {_day(bounds.planned_s)}"
