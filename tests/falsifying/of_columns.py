@@ -55,6 +55,8 @@ UNMEASURED: dict[str, Callable[[int], Change]] = {
 
 UNRELATED = tuple(name for name in UNMEASURED if not name.endswith(("to a third", "doubled")))
 """Of these a part of a flight tells enough: a wrong size hides in gusts and noise where the vehicle turns seldom."""
+_LONG_ENOUGH_S = 110.0
+"""Of a route whose half is tested: a minute has two turns. Of half a minute the motion tells too little."""
 
 
 def _for_half(change: Change) -> Change:
@@ -99,7 +101,7 @@ def attitude(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         [f.attitude_deg[:, :2], (f.attitude_deg[:, 2] + 25.0 * f.time_s) % 360.0])))  # fmt: skip
     for name, change in UNMEASURED.items():
         yield Way(name, "nothing measured this attitude when the vehicle was there", change(int(rng.integers(2**31))))
-    for name in UNRELATED:
+    for name in UNRELATED if flown.moment(1.0) - flown.moment(0.0) > _LONG_ENOUGH_S else ():
         change = UNMEASURED[name](int(rng.integers(2**31)))
         yield Way(f"{name}, for half of the route", "nothing measured this attitude there", _for_half(change))
     away = "no vehicle flies a route like that"
