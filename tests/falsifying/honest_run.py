@@ -169,8 +169,8 @@ until_utc = "2004-01-02T00:00Z"
 )
 """A no-fly zone in the middle of the area, which is in force on one day long ago."""
 RESUMED = Base(name="resumed")
-SORTIES = Base(name="sorties", vehicle="endurance_s = 187.5")
-"""A route that takes two flights."""
+SORTIES = Base(name="sorties", vehicle="endurance_s = 195.0")
+"""A route that takes several flights."""
 
 
 def make_site(folder: Path, base: Base) -> Site:
