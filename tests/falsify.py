@@ -1,8 +1,11 @@
 """Falsify the record of an honest flight in every way known here, and see that the judge passes none of them.
 
-Usage: .venv/bin/python tests/falsify.py RUN [RUN ...] [--seed 0] [--family NAME ...] [--json] [-o docs/results/evidence.md]
+Usage: .venv/bin/python tests/falsify.py [RUN ...] [--bases DIR] [--seed 0] [--family NAME ...] [--workers 2] [--keep DIR]
+       [--json] [-o docs/results/evidence.md]
 
-RUN is the folder of a flight that passes, such as one of ``uavcover demo``; it is only read. Each way is judged by the command
+RUN is the folder of a flight that passes, such as one of ``uavcover demo``; it is only read. With --bases, the flights of
+``tests/falsifying/honest_run.py`` are falsified, and flown into DIR where they are not there yet. With --keep, rows are kept by
+commit and seed, and a run that was broken off goes on. Each way is judged by the command
 ``uavcover verify``, in this process, on a copy:
 
 - as the run folder itself, where hashes may give it away and a refusal (exit 2) counts as caught;
@@ -24,11 +27,15 @@ import json
 import os
 import shutil
 import signal
+import subprocess
 import sys
 import tempfile
 import warnings
 from collections.abc import Collection, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, fields
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -43,6 +50,7 @@ from importlib import metadata
 from scripts.pages import put_section
 from tests.falsifying.every_way import every_way
 from tests.falsifying.flown import Flown, flights_in, read_flown
+from tests.falsifying.honest_run import BASES, base_run
 from tests.falsifying.way import FAMILIES, Way
 from uavcover.cli.ending import run_app
 from uavcover.cli.main import app
@@ -159,9 +167,10 @@ def judged_as_of(way: Way) -> list[str]:
 
 
 def judge_all(
-    run: Path, *, seed: int = 0, families: Collection[str] = (), count: int | None = None
-) -> Iterator[Judged]:
-    """Judge every way, or ``count`` of them drawn by the seed, as often as it can be judged."""
+    run: Path, *, seed: int = 0, families: Collection[str] = (), count: int | None = None,
+    known: Collection[tuple[str, str, str]] = (),
+) -> Iterator[Judged]:  # fmt: skip
+    """Judge every way, or ``count`` of them drawn by the seed, as often as it can be judged; not those that are known."""
     flights = [read_flown(run, flight) for flight in flights_in(run)]
     chosen = np.random.default_rng([seed, 1]).integers(len(flights), size=10_000)
     ways = [every_way(flown, seed=seed, families=families) for flown in flights]
@@ -175,6 +184,8 @@ def judge_all(
         way = ways[chosen[number]][number]
         kinds = judged_as_of(way)
         for judged_as in kinds:
+            if (way.family, way.name, judged_as) in known:
+                continue
             with tempfile.TemporaryDirectory() as folder:
                 yield judge(way, flown, run, judged_as, folder=Path(folder))
 
@@ -230,10 +241,58 @@ def write_csv(path: Path, rows: Sequence[Judged]) -> None:
         rows_out.writerows([names, *([asdict(row)[name] for name in names] for row in rows)])
 
 
+def commit() -> str:
+    """The commit that judges."""
+    told = subprocess.run(
+        ["git", "describe", "--always", "--dirty"],
+        cwd=Path(__file__).parent,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    return told.stdout.strip() or "unknown"
+
+
+def _judged(
+    run: Path, *, seed: int, families: Collection[str], count: int | None, keep: Path | None, on_stderr: object
+) -> list[Judged]:
+    """The rows of one run: those that are kept, and the others, which are printed and kept as they come."""
+    rows: list[Judged] = []
+    file = None
+    if keep is not None:
+        name = "-".join([*run.resolve().parts[-3:], commit(), str(seed)])
+        path = keep / f"{name}.jsonl"
+        keep.mkdir(parents=True, exist_ok=True)
+        if path.is_file():
+            whole = [line for line in path.read_text().splitlines(keepends=True) if line.endswith("\n")]
+            path.write_text("".join(whole))  # a line that was broken off goes
+            rows = [Judged(**json.loads(line)) for line in whole]
+            rows = [row for row in rows if not families or row.family in families]
+        file = path.open("a", encoding="utf-8")
+    with contextlib.ExitStack() as stack:
+        if file is not None:
+            stack.enter_context(file)
+        known = {(row.family, row.way, row.judged_as) for row in rows}
+        for row in judge_all(run, seed=seed, families=families, count=count, known=known):
+            rows.append(row)
+            if file is not None:
+                print(json.dumps(asdict(row)), file=file, flush=True)
+            line = f"{row.finding or 'ok':8} {row.verdict:10} {row.family}, {row.way}, as {row.judged_as}: {row.reasons[:160]}"
+            print(line, file=sys.stderr if on_stderr else sys.stdout, flush=True)
+    return rows
+
+
 def main(arguments: Sequence[str] | None = None) -> int:
     """Judge all, print, and write the table."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("runs", type=Path, nargs="+", metavar="RUN", help="folder of an honest flight that passes")
+    parser.add_argument("runs", type=Path, nargs="*", metavar="RUN", help="folder of an honest flight that passes")
+    parser.add_argument(
+        "--bases", type=Path, metavar="DIR", help="falsify the flights of this folder, flown if need be"
+    )
+    parser.add_argument(
+        "--workers", type=int, default=1, metavar="N", help="processes, one run each at a time; default 1"
+    )
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="keep rows here, and judge none that are there")
     parser.add_argument("--seed", type=int, default=0, help="of the parameters; default 0")
     parser.add_argument("--ways", type=int, metavar="N", help="only so many, drawn by the seed; default all")
     parser.add_argument("--family", action="append", default=[], metavar="NAME", help="only this kind; may be repeated")
@@ -249,14 +308,23 @@ def main(arguments: Sequence[str] | None = None) -> int:
     unknown = set(chosen.family) - {*FAMILIES, "two at once"}
     if unknown:
         parser.error(f"no family {', '.join(sorted(unknown))}; there are {', '.join([*FAMILIES, 'two at once'])}")
-    rows: list[Judged] = []
-    judged = (judge_all(run, seed=chosen.seed, families=chosen.family, count=chosen.ways) for run in chosen.runs)
-    for row in itertools.chain.from_iterable(judged):
-        rows.append(row)
-        line = (
-            f"{row.finding or 'ok':8} {row.verdict:10} {row.family}, {row.way}, as {row.judged_as}: {row.reasons[:160]}"
-        )
-        print(line, file=sys.stderr if chosen.json else sys.stdout, flush=True)
+    if not chosen.runs and chosen.bases is None:
+        parser.error("name a RUN, or --bases DIR")
+    print(f"commit {commit()}", file=sys.stderr, flush=True)
+    judged = partial(
+        _judged,
+        seed=chosen.seed,
+        families=tuple(chosen.family),
+        count=chosen.ways,
+        keep=chosen.keep,
+        on_stderr=chosen.json,
+    )
+    runs = [*chosen.runs]
+    if chosen.bases is not None:
+        runs += [base_run(chosen.bases / name.replace(" ", "_"), name) for name in BASES]
+    with ProcessPoolExecutor(chosen.workers, mp_context=get_context("spawn")) as pool:
+        each = pool.map if chosen.workers > 1 else map
+        rows = list(itertools.chain.from_iterable(each(judged, runs)))
     findings = [row for row in rows if row.finding]
     if chosen.json:
         print(
@@ -271,7 +339,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             ways = "" if chosen.ways is None else f" --ways {chosen.ways}"
             words = (
                 f"Command: `.venv/bin/python tests/falsify.py RUN ... --seed {chosen.seed}{ways}`, "
-                f"{datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, {os.cpu_count()} cores. "
+                f"{datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, {os.cpu_count()} cores, "
+                f"commit {commit()}. "
                 "What is done is said at the top of the command, what each way is in `tests/falsifying`."
             )
             put_section(chosen.out, "Falsified flights", table(rows, words))

@@ -94,9 +94,34 @@ def test_the_command(run: Path, tmp_path: Path, capsys: pytest.CaptureFixture[st
     assert code == int("PASSED" in printed or "caught, but" in printed)
     assert "| text |" in out.read_text()
     assert len(out.with_name("falsified.csv").read_text().splitlines()) == 1 + 6
-    with pytest.raises(SystemExit) as ended:
-        falsify.main([str(run), "--family", "nonsense"])
-    assert ended.value.code == 2
+    for wrong in ([str(run), "--family", "nonsense"], ["--family", "text"]):
+        with pytest.raises(SystemExit) as ended:
+            falsify.main(wrong)
+        assert ended.value.code == 2
+
+
+def test_a_run_that_was_broken_off_goes_on(
+    run: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = [str(run), "--family", "text", "--ways", "2", "--keep", str(tmp_path)]
+    falsify.main(arguments)
+    (kept,) = tmp_path.glob("*.jsonl")
+    lines = kept.read_text().splitlines(keepends=True)
+    assert len(lines) == 4
+    kept.write_text("".join(lines[:3]) + lines[3][:20])
+    capsys.readouterr()
+    judged: list[str] = []
+    monkeypatch.setattr(falsify, "judge", lambda way, *_, **__: judged.append(way.name) or falsify.Judged(**ROW))
+    falsify.main(arguments)
+    assert len(judged) == 1
+    assert len(kept.read_text().splitlines()) == 4
+    assert capsys.readouterr().out.splitlines()[-1].startswith("ways: ")
+
+
+ROW = {
+    "scenario": "hills", "family": "text", "way": "one", "judged_as": falsify.LOG, "verdict": "refused", "exit_code": 2,
+    "reasons": "", "because": "", "finding": "",
+}  # fmt: skip
 
 
 def test_a_finding_is_what_passes_and_what_crashes(

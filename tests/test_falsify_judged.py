@@ -1,29 +1,13 @@
 """What the judge says of falsified flights: a few of each family always, all of them when asked for (``-m slow``)."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from tests import falsify
-from tests.falsifying.honest_run import BARNS, HILLS, OBLIQUE, RESUMED, SORTIES, SURVEY, Base, honest_run, resumed_run
+from tests.falsifying.honest_run import BASES, base_run
 from tests.falsifying.way import FAMILIES
-
-
-def resumed(folder: Path, base: Base) -> Path:
-    return resumed_run(folder, base, stop_s=60.0)
-
-
-BASES: dict[str, tuple[Base, Callable[[Path, Base], Path]]] = {
-    "hills": (HILLS, honest_run),
-    "wide picture": (OBLIQUE, honest_run),
-    "slow": (replace(HILLS, name="slow", vehicle="cruise_speed_m_s = 5.0"), honest_run),
-    "barns": (BARNS, honest_run),
-    "survey": (SURVEY, honest_run),
-    "sorties": (SORTIES, honest_run),
-    "resumed": (RESUMED, resumed),
-}
 
 
 @pytest.fixture(scope="module")
@@ -33,8 +17,7 @@ def runs(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
 
     def run(name: str) -> Path:
         if name not in flown:
-            base, fly = BASES[name]
-            flown[name] = fly(tmp_path_factory.mktemp("base"), base)
+            flown[name] = base_run(tmp_path_factory.mktemp("base"), name)
             # The flight itself passes, and leaves a verdict that says so for those who look for one.
             code, out, err = falsify.command("verify", flown[name])
             assert code == 0, out + err

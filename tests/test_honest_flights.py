@@ -27,7 +27,9 @@ def test_draws_are_the_same_every_time_and_of_all_kinds(script: ModuleType) -> N
     assert {one.autopilot for one in drawn} == {"ardupilot", "px4"}
     assert {one.judged_by for one in drawn} == {script.TRACK, script.THINNED, script.TELEMETRY}
     assert {one.record_hz or one.position_hz for one in drawn} == {1.0, 2.0, 5.0, 6.25, 10.0, 25.0, 50.0}
-    assert {one.sensor for one in drawn} == set(script.SENSORS)
+    assert {one.sensor for one in drawn} == {*script.SENSORS, script.SURVEYED}
+    assert {one.photos for one in drawn} == {"none", "reported", "required", "silent"}
+    assert all((one.photos == "none") == (one.sensor != script.SURVEYED) for one in drawn)
     assert {fault.split(":")[0] for one in drawn for fault in one.faults} == {
         "heartbeat-loss", "link-outage", "stuck", "strong-wind", "gps-loss",
     }  # fmt: skip

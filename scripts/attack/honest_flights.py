@@ -1,12 +1,14 @@
 """Fly 200 honest flights, each drawn by its number and the seed, and see that `uavcover verify` passes every one.
 
 Usage: .venv/bin/python scripts/attack/honest_flights.py [-o docs/results/evidence.md] [--flights 200] [--seed 0] [--runs DIR]
+       [--workers 2]
 
 Everything happens in this process on simulated clocks: a mock vehicle (ArduPilot or PX4) in wind with gusts, whose receiver is
 off by metres, behind a link that loses up to 15 % each way, flies a small area by another speed, camera and height each time.
 Its positions come 6 to 50 times a second; some records are thinned to 1 to 5 samples a second afterwards and judged as foreign
 logs, some flights are judged by their telemetry log. Faults are ridden out, the user pauses, or stops and goes on with the
-flight later.
+flight later. A third of the flights are surveys by a camera that is triggered by distance: with reported photos, with
+--require-photos, or with a camera that reports none.
 
 With --runs the run folders are kept, and flights that are there already are judged again but not flown again. Exit 1 when one
 does not pass.
@@ -19,13 +21,17 @@ import datetime
 import json
 import os
 import platform
+import shutil
 import sys
 import tempfile
 from collections import Counter
 from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import asdict, dataclass, fields
+from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -37,9 +43,9 @@ from importlib import metadata
 from mission_io.wire import messages as m
 from scripts.options import file_to_write
 from scripts.pages import put_section
-from tests.falsify import command
+from tests.falsify import command, commit
 from tests.falsifying.flown import read_flown
-from tests.falsifying.honest_run import NADIR, STABILISED, WIDE_PICTURE, Base, Field, make_site, save_lines
+from tests.falsifying.honest_run import NADIR, STABILISED, SURVEY, WIDE_PICTURE, Base, Field, make_site, save_lines
 from tests.falsifying.of_time import thinned
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.faults import parse_fault
@@ -51,6 +57,9 @@ from uavcover.scenario.site import Site
 from uavcover.vehicle.outcome import FlightFailedError
 
 SENSORS = {"nadir": NADIR, "stabilised": STABILISED, "wide picture": WIDE_PICTURE}
+SURVEYED = "survey"
+Photos = Literal["none", "reported", "required", "silent"]
+"""Whether single photos are taken, and what is known of them: reported; reported and required; taken without a word."""
 TRACK, THINNED, TELEMETRY = "track.csv", "thinned.csv", "flight.tlog"
 
 
@@ -60,7 +69,7 @@ class Drawn:
 
     Attributes:
         autopilot: whose behaviour the mock vehicle shows.
-        sensor: a name of ``SENSORS``.
+        sensor: a name of ``SENSORS``, or ``SURVEYED``.
         cruise_m_s: speed over ground.
         climb_m_s: upward and downward speed.
         height_agl_m: of the lines.
@@ -76,6 +85,7 @@ class Drawn:
         pause_s: vehicle time after take-off at which the user pauses, and for how long; None for no pause.
         stop_s: vehicle time after take-off at which the user stops; the flight is gone on with later. None for no stop.
         judged_by: the file that is judged.
+        photos: what is known of them.
     """
 
     autopilot: str
@@ -95,6 +105,7 @@ class Drawn:
     pause_s: tuple[float, float] | None
     stop_s: float | None
     judged_by: str
+    photos: Photos
 
     @property
     def happens(self) -> str:
@@ -117,6 +128,7 @@ class Row:
         gps: errors of the receiver.
         rates: positions, attitudes and recorded samples a second.
         loss: of the link.
+        photos: what is known of them.
         happens: faults, pauses, stops.
         endings: of the flight and of those that went on with it.
         samples: of all its tracks.
@@ -133,6 +145,7 @@ class Row:
     gps: str
     rates: str
     loss: float
+    photos: str
     happens: str
     endings: str
     samples: int
@@ -142,6 +155,7 @@ class Row:
 
 
 _TRIES = 4
+_SURVEYS = 1.0 / 3.0
 
 
 class TellingVehicle(MockVehicle):
@@ -163,9 +177,15 @@ def draw(flight: int, seed: int) -> Drawn:
     windy = rng.random() < 0.7
     rough = rng.random() < 0.6
     cruise = float(np.round(rng.uniform(5.0, 14.0), 1))
+    sensor = str(rng.choice(list(SENSORS)))
+    own = np.random.default_rng([seed, flight, 21])
+    photos: Photos = "none"
+    if own.random() < _SURVEYS:
+        sensor, photos = SURVEYED, ("reported", "required", "silent")[int(own.integers(3))]
     return Drawn(
         autopilot=autopilot,
-        sensor=str(rng.choice(list(SENSORS))),
+        photos=photos,
+        sensor=sensor,
         cruise_m_s=cruise,
         climb_m_s=float(np.round(rng.uniform(2.5, 5.0), 1)),
         height_agl_m=float(np.round(rng.uniform(70.0, 90.0))),
@@ -203,8 +223,9 @@ def base_of(drawn: Drawn) -> Base:
         f"cruise_speed_m_s = {drawn.cruise_m_s}\nmax_climb_m_s = {drawn.climb_m_s}\nmax_descent_m_s = {drawn.climb_m_s}\n"
         f'acceptance_radius_m = 3.0\nautopilot = "{drawn.autopilot}"'
     )
-    return Base(
-        name="honest", sensor=SENSORS[drawn.sensor], vehicle=vehicle, height_agl_m=drawn.height_agl_m,
+    kind = SURVEY if drawn.sensor == SURVEYED else Base(name="honest", sensor=SENSORS[drawn.sensor])
+    return dataclasses.replace(
+        kind, name="honest", vehicle=vehicle, height_agl_m=drawn.height_agl_m,
         autopilot="px4" if drawn.autopilot == "px4" else "ardupilot",
     )  # fmt: skip
 
@@ -212,7 +233,7 @@ def base_of(drawn: Drawn) -> Base:
 def field_of(site: Site, drawn: Drawn, flight: int, *, faults: Sequence[str]) -> Field:
     """The vehicle, at home."""
     own = {m.GlobalPositionInt: 1.0 / drawn.position_hz, m.Attitude: 1.0 / drawn.attitude_hz}
-    return Field(
+    field = Field(
         site=site, autopilot="px4" if drawn.autopilot == "px4" else "ardupilot", seed=flight, loss=drawn.loss,
         vehicle_class=type("Vehicle", (TellingVehicle,), {"own_interval_s": own}),
         options={
@@ -221,6 +242,8 @@ def field_of(site: Site, drawn: Drawn, flight: int, *, faults: Sequence[str]) ->
             "faults": [parse_fault(fault) for fault in faults],
         },
     )  # fmt: skip
+    field.vehicle.camera.reports = drawn.photos != "silent"
+    return field
 
 
 def fly(folder: Path, drawn: Drawn, flight: int) -> list[str]:
@@ -275,7 +298,8 @@ def judged(folder: Path, drawn: Drawn) -> tuple[str, str, int]:
         log = ["--log", path]
     elif drawn.judged_by == TELEMETRY:
         log = ["--log", run / TELEMETRY]
-    code, out, err = command("verify", run, "--json", *log)
+    required = ["--require-photos"] if drawn.photos == "required" else []
+    code, out, err = command("verify", run, "--json", *required, *log)
     said = json.loads(out.splitlines()[-1]) if out.strip() else {}
     passed = code == 0 and bool(said.get("passed"))
     reasons = "; ".join(said.get("reasons", ())) or str(said.get("error", err[-300:] if code else ""))
@@ -288,7 +312,8 @@ def measure(folder: Path, flight: int, seed: int) -> Row:
     drawn = draw(flight, seed)
     noted = folder / "endings.json"
     if not noted.is_file():
-        noted.parent.mkdir(parents=True, exist_ok=True)
+        shutil.rmtree(folder, ignore_errors=True)  # of a run that was broken off
+        noted.parent.mkdir(parents=True)
         noted.write_text(json.dumps(fly(folder, drawn, flight)))
     endings = json.loads(noted.read_text())
     if len(endings) > 1:  # both records together are the flight
@@ -304,6 +329,7 @@ def measure(folder: Path, flight: int, seed: int) -> Row:
         gps=f"{drawn.gps_m[0]:g} and {drawn.gps_m[1]:g} m",
         rates=f"{drawn.position_hz:g}, {drawn.attitude_hz:g}{recorded}",
         loss=drawn.loss,
+        photos=drawn.photos,
         happens=drawn.happens,
         endings=" ".join(endings),
         samples=samples,
@@ -325,8 +351,8 @@ def write(out: Path, rows: Sequence[Row], *, flights: int, seed: int) -> None:
     lines = [
         f"Command: `.venv/bin/python scripts/attack/honest_flights.py --flights {flights} --seed {seed}`, "
         f"{datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, Python "
-        f"{platform.python_version()}, {os.cpu_count()} cores ({platform.machine()}). What is flown is said at the "
-        "top of the script. Every flight: [honest_flights.csv](honest_flights.csv).",
+        f"{platform.python_version()}, {os.cpu_count()} cores ({platform.machine()}), commit {commit()}. What is flown is "
+        "said at the top of the script. Every flight: [honest_flights.csv](honest_flights.csv).",
         "",
         summary(rows),
     ]
@@ -337,6 +363,10 @@ def write(out: Path, rows: Sequence[Row], *, flights: int, seed: int) -> None:
         table = csv.DictWriter(file, [field.name for field in fields(Row)], lineterminator="\n")
         table.writeheader()
         table.writerows(asdict(row) for row in rows)
+
+
+def _measured(runs: Path, seed: int, flight: int) -> Row:
+    return measure(runs / f"flight_{flight}", flight, seed)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -353,13 +383,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--runs", type=Path, metavar="DIR", help="keep the run folders here, and fly none that is there"
     )
+    parser.add_argument("--workers", type=int, default=1, metavar="N", help="processes that fly and judge; default 1")
     chosen = parser.parse_args(arguments)
+    print(f"commit {commit()}", file=sys.stderr, flush=True)
     rows: list[Row] = []
     with tempfile.TemporaryDirectory() as temporary:
-        runs = chosen.runs or Path(temporary)
-        for flight in range(chosen.flights):
-            rows.append(measure(runs / f"flight_{flight}", flight, chosen.seed))
-            print(dataclasses.astuple(rows[-1]), flush=True)
+        fly_and_judge = partial(_measured, chosen.runs or Path(temporary), chosen.seed)
+        # Flights of the standard library's default, fork, would share locks of threads.
+        with ProcessPoolExecutor(chosen.workers, mp_context=get_context("spawn")) as pool:
+            each = pool.map if chosen.workers > 1 else map
+            for row in each(fly_and_judge, range(chosen.flights)):
+                rows.append(row)
+                print(dataclasses.astuple(row), flush=True)
     print(summary(rows))
     if chosen.out is not None:
         write(chosen.out, rows, flights=chosen.flights, seed=chosen.seed)

@@ -4,6 +4,7 @@ The vehicle flies on a simulated clock, so a flight is the same every time and t
 """
 
 import dataclasses
+import shutil
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -168,8 +169,8 @@ until_utc = "2004-01-02T00:00Z"
 )
 """A no-fly zone in the middle of the area, which is in force on one day long ago."""
 RESUMED = Base(name="resumed")
-SORTIES = Base(name="sorties", vehicle="endurance_s = 187.5")
-"""A route that takes two flights."""
+SORTIES = Base(name="sorties", vehicle="endurance_s = 195.0")
+"""A route that takes several flights."""
 
 
 def make_site(folder: Path, base: Base) -> Site:
@@ -325,3 +326,27 @@ def resumed_run(folder: Path, base: Base, *, stop_s: float) -> Path:
     save_rest(unfinished, site, command=["fly", "--resume"])
     Field(site=site, autopilot=base.autopilot, seed=2).fly(unfinished.folder)
     return run.path
+
+
+BASES = {
+    "hills": HILLS,
+    "wide picture": OBLIQUE,
+    "slow": dataclasses.replace(HILLS, name="slow", vehicle="cruise_speed_m_s = 5.0"),
+    "gimbal": dataclasses.replace(HILLS, name="gimbal", sensor=STABILISED, vehicle="cruise_speed_m_s = 6.0"),
+    "dated": DATED,
+    "barns": BARNS,
+    "survey": SURVEY,
+    "sorties": SORTIES,
+    "resumed": RESUMED,
+}
+"""The flights that are falsified."""
+
+
+def base_run(folder: Path, name: str) -> Path:
+    """The run folder of one of ``BASES``, flown unless it is there."""
+    noted = folder / "flown.txt"
+    if not noted.is_file():
+        shutil.rmtree(folder, ignore_errors=True)  # of a run that was broken off
+        run = resumed_run(folder, RESUMED, stop_s=60.0) if name == "resumed" else honest_run(folder, BASES[name])
+        noted.write_text(str(run.relative_to(folder)))
+    return folder / noted.read_text()

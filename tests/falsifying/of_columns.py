@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from tests.falsifying.flown import Change, Flown
-from tests.falsifying.of_time import at_date, has_timed_zones
+from tests.falsifying.of_time import at_date, clocks_apart, has_timed_zones
 from tests.falsifying.of_unreported_photos import honest_reports
 from tests.falsifying.of_velocity import honest_velocities
 from tests.falsifying.way import Way, family
@@ -54,6 +54,19 @@ UNMEASURED: dict[str, Callable[[int], Change]] = {
 }
 """Plausible in every sample, and not measured in flight."""
 
+UNRELATED = tuple(name for name in UNMEASURED if not name.endswith(("to a third", "doubled")))
+"""Of these a part of a flight tells enough: a wrong size hides in gusts and noise where the vehicle turns seldom."""
+_LONG_ENOUGH_S = 110.0
+"""Of a route whose half is tested: a minute has two turns. Of half a minute the motion tells too little."""
+
+
+def _for_half(change: Change) -> Change:
+    def half(f: Flown) -> Flown:
+        late = f.between(f.moment(0.5), f.moment(1.0))[:, None]
+        return replace(f, attitude_deg=np.where(late, change(f).attitude_deg, f.attitude_deg))
+
+    return half
+
 
 @family("attitude")
 def attitude(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
@@ -89,6 +102,9 @@ def attitude(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         [f.attitude_deg[:, :2], (f.attitude_deg[:, 2] + 25.0 * f.time_s) % 360.0])))  # fmt: skip
     for name, change in UNMEASURED.items():
         yield Way(name, "nothing measured this attitude when the vehicle was there", change(int(rng.integers(2**31))))
+    for name in UNRELATED if flown.moment(1.0) - flown.moment(0.0) > _LONG_ENOUGH_S else ():
+        change = UNMEASURED[name](int(rng.integers(2**31)))
+        yield Way(f"{name}, for half of the route", "nothing measured this attitude there", _for_half(change))
     away = "no vehicle flies a route like that"
     yield Way("rolled away by 70 degrees", away, turned(lambda a: a + [70.0, 0.0, 0.0]))
     yield Way("pitched away by 70 degrees", away, turned(lambda a: a + [0.0, 70.0, 0.0]))
@@ -236,6 +252,7 @@ def honest(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     yield Way("without waypoint numbers", none, lambda f: replace(f, waypoint=np.full(len(f), -1)), honest=True)
     if flown.step_s <= 0.5:
         yield Way("one sample a second", none, lambda f: f.taken(_one_a_second(f)), honest=True)
+    yield Way("the satellites' clock, set right by 2 s", none, clocks_apart(2.0, 0.4), honest=True)
     yield Way("switched on an hour earlier", none, lambda f: replace(f, time_s=f.time_s + 3600.0), honest=True)
     middle = float(rng.uniform(0.3, 0.7))
     if flown.moment(1.0) - flown.moment(0.0) > 300.0:

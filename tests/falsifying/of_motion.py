@@ -271,28 +271,6 @@ def motion(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
 
     yield Way("gets four times as fast, smoothly", "four times the speed of the vehicle", warped)
 
-    def stopped(hover_s: float, at: float) -> Change:
-        def change(f: Flown) -> Flown:
-            here = int(np.searchsorted(f.time_s, f.moment(at)))
-            count = round(hover_s / f.step_s)
-            order = np.concatenate([np.arange(here), np.full(count, here), np.arange(here, len(f))])
-            held_s = f.time_s[here] + f.step_s * np.arange(count)
-            time_s = np.concatenate([f.time_s[:here], held_s, f.time_s[here:] + count * f.step_s])
-            return replace(f.taken(order), time_s=time_s)
-
-        return change
-
-    for hover_s in (5.0, 20.0):
-        share = float(rng.uniform(0.1, 0.9))
-        yield Way(f"a hover of {hover_s:g} s that never was", "stops and starts at once", stopped(hover_s, share))
-
-    def many_hovers(f: Flown) -> Flown:
-        for share in np.linspace(0.05, 0.95, 10):
-            f = stopped(3.0, float(share))(f)
-        return f
-
-    yield Way("ten hovers of 3 s that never were", "stops and starts at once", many_hovers)
-
     def dropped(f: Flown) -> Flown:
         # Straight down on the ground from the end of the route's way home, in a second.
         end_s = f.time_s[-1]

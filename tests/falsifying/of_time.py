@@ -100,6 +100,103 @@ def _held_between(f: Flown, begin_s: float, end_s: float) -> np.ndarray:
     return np.where(inside, int(np.argmax(inside)), number)
 
 
+def brisk(f: Flown, share: float) -> int:
+    """The sample nearest to a share of the route at which the vehicle has at least 0.6 of its cruise speed.
+
+    From less, or from the slow part of a corner, a stop is within the limits of a vehicle that brakes hard: it could have been
+    flown. It observes the same cells at the same places, and gains whoever inserts it nothing.
+    """
+    speed = np.linalg.norm(np.gradient(f.enu_m, f.time_s, axis=0), axis=1)
+    fast = np.flatnonzero((speed >= 0.6 * f.site.scenario.vehicle.cruise_speed_m_s) & f.on_route)
+    wanted = np.searchsorted(f.time_s, f.moment(share))
+    return int(fast[np.argmin(np.abs(fast - wanted))]) if fast.size else int(wanted)
+
+
+def stopped(hover_s: float, share: float) -> Change:
+    """Stands still for a time at one place of the route, without braking."""
+
+    def change(f: Flown) -> Flown:
+        here = brisk(f, share)
+        count = round(hover_s / f.step_s)
+        order = np.concatenate([np.arange(here), np.full(count, here), np.arange(here, len(f))])
+        held_s = f.time_s[here] + f.step_s * np.arange(count)
+        time_s = np.concatenate([f.time_s[:here], held_s, f.time_s[here:] + count * f.step_s])
+        return replace(f.taken(order), time_s=time_s)
+
+    return change
+
+
+def slowed(lasts_s: float, times: float, share: float) -> Change:
+    """Flies a part of the route so many times as slow, and changes its speed in no time."""
+
+    def change(f: Flown) -> Flown:
+        begin_s = f.time_s[brisk(f, share)]
+        return replace(f, time_s=f.time_s + (times - 1.0) * np.clip(f.time_s - begin_s, 0.0, lasts_s))
+
+    return change
+
+
+_SOME_DATE_S = 1_767_225_600.0
+"""2026. Whether the date is believed does not matter, only how far it goes."""
+
+
+def clocks_apart(by_s: float, share: float) -> Change:
+    """The vehicle's clock as it was, and that of the satellites, which goes further or less far from a moment on."""
+
+    def change(f: Flown) -> Flown:
+        late = f.time_s >= f.moment(share)
+        return replace(f, unix_time_s=_SOME_DATE_S + f.time_s - f.time_s[0] + by_s * late)
+
+    return change
+
+
+@family("time inserted or taken out")
+def inserted(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
+    """Time that was not flown, or flight that is not in the record.
+
+    What is inserted begins and ends at once. A hover with its braking, or a slow part with smooth ends, can have been flown:
+    positions alone cannot contradict it, and it changes neither cells nor photos. Another clock does, where there is one.
+    """
+    none = "stops and starts at once"
+    for hover_s in (2.0, 5.0, 20.0, 60.0):
+        share = float(rng.uniform(0.1, 0.9))
+        yield Way(f"a hover of {hover_s:g} s that never was", none, stopped(hover_s, share))
+
+    def many_hovers(f: Flown) -> Flown:
+        for share in np.linspace(0.05, 0.95, 10):
+            f = stopped(3.0, float(share))(f)
+        return f
+
+    yield Way("ten hovers of 3 s that never were", none, many_hovers)
+    for lasts_s, times in ((3.0, 4.0), (10.0, 3.0), (30.0, 5.0)):
+        share = float(rng.uniform(0.1, 0.7))
+        yield Way(
+            f"{lasts_s:g} s of it {times:g} times as slow",
+            "changes its speed in no time",
+            slowed(lasts_s, times, share),
+        )
+    for by_s in (-40.0, -8.0, 8.0, 90.0, 900.0):
+        share = float(rng.uniform(0.1, 0.9))
+        why = "of two clocks that run alike one has more time than the other"
+        yield Way(f"the satellites' clock steps by {by_s:g} s", why, clocks_apart(by_s, share))
+    share = float(rng.uniform(0.1, 0.6))
+    yield Way(
+        "a slow part, the satellites' clock as it was", "of two clocks that run alike one has more time than the other",
+        lambda f: slowly(20.0, share)(clocks_apart(0.0, 0.0)(f)),
+    )  # fmt: skip
+
+
+def slowly(more_s: float, share: float) -> Change:
+    """A part of the route takes longer, with smooth ends; no other clock knows of it."""
+
+    def change(f: Flown) -> Flown:
+        begin_s, lasts_s = f.moment(share), 1.5 * more_s
+        phase = np.clip((f.time_s - begin_s) / lasts_s, 0.0, 1.0)
+        return replace(f, time_s=f.time_s + more_s * (phase - np.sin(2.0 * np.pi * phase) / (2.0 * np.pi)))
+
+    return change
+
+
 def thinned(rate_hz: float) -> Change:
     """As many samples a second."""
 

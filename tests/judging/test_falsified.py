@@ -155,6 +155,23 @@ def test_one_glitch_of_the_receiver_costs_a_moment_and_is_told(field: Field) -> 
     assert "m/s" in stretch.detail
 
 
+@pytest.mark.parametrize("from_m_s", [3.5, 5.0, 8.0])
+def test_a_hover_without_braking_is_no_jump_of_the_receiver(field: Field, from_m_s: float) -> None:
+    """It was forgiven as one, from 5 m/s: over the half seconds around it the velocity changed little enough."""
+    track = field.flights["calm"]
+    speed = np.linalg.norm(np.gradient(track.enu_m, track.time_s, axis=0), axis=1)
+    on = falsified.flying(track)
+    here = int(on[np.argmin(np.abs(speed[on] - from_m_s))])
+    assert speed[here] == pytest.approx(from_m_s, abs=0.7)
+    step_s, count = float(np.median(np.diff(track.time_s))), 200
+    order = np.concatenate([np.arange(here), np.full(count, here), np.arange(here, len(track))])
+    held = track.taken(order)
+    time_s = held.time_s + step_s * np.clip(np.arange(len(held)) - here, 0, count)
+    report = field.verify(replace(held, time_s=time_s))
+    assert report.verdict == "not proved"
+    assert len(report.unobserved) == 2
+
+
 def test_a_number_that_is_missing_inside_the_route_weakens_no_judgement(field: Field) -> None:
     track = field.flights["calm"]
     on = falsified.flying(track)

@@ -18,7 +18,7 @@ from typing import Literal
 
 import numpy as np
 
-from uavcover.judging.lean_fit import MOST_LATE_S, PART_S, SMALLEST_SIGNAL, lean_fits, mean_over, thrust_m_s2
+from uavcover.judging.lean_fit import MOST_LATE_S, SMALLEST_SIGNAL, lean_fits, mean_over, thrust_m_s2
 from uavcover.judging.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG, Windows
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
@@ -157,21 +157,23 @@ def _unconfirmed(
         return LeanProblem(
             f"roll and pitch do not fit the accelerations that were flown: {why}", everywhere, "contradicted"
         )
+    if fits.bad:
+        where = np.full(len(time_s), not own.confirms)
+        for part in fits.bad:
+            where |= (time_s >= part.begin_s) & (time_s <= part.end_s)
+        lasts_s = sum(part.end_s - part.begin_s for part in fits.bad)
+        return LeanProblem(
+            f"roll and pitch do not fit the accelerations that were flown for about {lasts_s:.0f} s, first from "
+            f"{fits.bad[0].begin_s:.0f} s to {fits.bad[0].end_s:.0f} s: {fits.bad[0].why}",
+            where,
+            "contradicted",
+        )
     if not own.confirms:
         text = (
             "roll and pitch are not confirmed by the accelerations that were flown (correlation "
             f"{own.correlation:.2f}, {own.signal:.1f} standard errors)"
         )
         return LeanProblem(text, everywhere, "unconfirmed")
-    if fits.bad_parts:
-        where = np.isin(fits.part, fits.bad_parts)
-        return LeanProblem(
-            f"roll and pitch do not fit the accelerations that were flown for about "
-            f"{PART_S * len(fits.bad_parts):.0f} s, first around "
-            f"{time_s[int(np.argmax(where))]:.0f} s",
-            where,
-            "contradicted",
-        )
     return None
 
 

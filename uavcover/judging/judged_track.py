@@ -5,11 +5,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from uavcover.errors import TrackError
-from uavcover.judging.attitude import KnownAttitude, known_attitude
+from uavcover.judging.attitude import known_attitude
 from uavcover.judging.ends import TrackEnd, ground_tolerance_m, track_ends
+from uavcover.judging.motion_doubts import motion_doubts, sampling_doubts
 from uavcover.judging.observations import Observations, observations_of
 from uavcover.judging.phases import PlannedRoute, on_route
-from uavcover.judging.possible_motion import COARSE_STEP_S, POSITION_ERROR_M, Motion, judge_motion, motion_limits
+from uavcover.judging.possible_motion import POSITION_ERROR_M, judge_motion, motion_limits
 from uavcover.judging.reported_photos import REACHED_RADII, TrackPhotos, photos_of, reports_photos
 from uavcover.judging.safety import (
     TOLERANCE,
@@ -34,9 +35,6 @@ from uavcover.scenario.site import Site
 
 MAX_CONTRADICTION_M = 1.0
 """Largest difference between a track's local columns and its latitudes and longitudes."""
-
-MAX_IMPOSSIBLE_MOVES = 3
-"""A receiver may lose and regain its position a few times in a flight; more impossible moves mean it was not flown."""
 
 TOLD_HEIGHT_M = 3.0
 """A vehicle that stands further above or below the scenario's ground is reported."""
@@ -110,9 +108,10 @@ def judge_track(
     scenario = site.scenario
     told_m = _checked_positions_m(site, track)
     limits = motion_limits(scenario.vehicle, scenario.wind)
+    error_m = max(POSITION_ERROR_M, scenario.uncertainty.position_m)
     motion = judge_motion(
         track.time_s, told_m, limits, max_gap_s=scenario.requirements.max_gap_s, velocity_m_s=track.velocity_enu_m_s,
-        position_error_m=max(POSITION_ERROR_M, scenario.uncertainty.position_m),
+        position_error_m=error_m,
     )  # fmt: skip
     kept = np.flatnonzero(motion.evidence)
     contradiction_m = float(np.max(np.linalg.norm(told_m - track.enu_m, axis=1)))
@@ -144,8 +143,8 @@ def judge_track(
     broken = find_violations(site, track, enu, heights, phases, joined)
     off = _requirement_violations(site, track, enu, phases, speeds, deviations)
     unbelieved = [
-        *_motion_doubts(site, whole, told_m, motion),
-        *_sampling_doubts(whole, motion, known),
+        *motion_doubts(site, whole, told_m, motion, limits, position_error_m=error_m),
+        *sampling_doubts(whole, motion, known),
         known.contradiction,
         # A flight that ended before its route has no place and no pace of the plan to keep.
         commanded_pace_doubt(track, enu, joined, scenario.vehicle, planned if route.any() else None),
@@ -293,48 +292,6 @@ def _ground_doubts(
                 f"positions are under the ground, by up to {-here_m[lowest]:.1f} m at {track.time_s[lowest]:.1f} s, "
                 f"{place_of(site, enu_m[lowest])}: their heights refer to something else, or belong to another place",
             )
-        )
-    return doubts
-
-
-def _motion_doubts(site: Site, track: Track, enu_m: FloatArray, motion: Motion) -> list[str]:
-    doubts = []
-    steps = [move for move in motion.moves if move.step_m_s > 0.0]
-    if steps:
-        step = max(steps, key=lambda move: move.step_m_s)
-        doubts.append(
-            f"the velocity changes at once at {track.time_s[step.first]:.1f} s, {place_of(site, enu_m[step.first])}, by "
-            f"{step.step_m_s:.1f} m/s more than it can: flight is missing there, and how much is not known"
-        )
-    if (move := motion.contradiction) is not None:
-        doubts.append(
-            f"reported velocity and positions contradict each other over {motion.contradicted_fraction:.0%} of the time, from "
-            f"{track.time_s[move.first]:.1f} s, {place_of(site, enu_m[move.first])}: {move}; one of the two was not measured"
-        )
-    if len(motion.moves) <= MAX_IMPOSSIBLE_MOVES:
-        return doubts
-    first = motion.moves[0]
-    return [
-        *doubts,
-        f"the vehicle cannot have moved like this in {len(motion.moves)} places, first at {track.time_s[first.first]:.1f} s, "
-        f"{place_of(site, enu_m[first.first])}: {first}",
-    ]
-
-
-def _sampling_doubts(track: Track, motion: Motion, known: KnownAttitude) -> list[str]:
-    """Positions that no estimator gives, or that are too far apart to tell a flight from a line that was drawn."""
-    doubts = []
-    if motion.white_m > 0.0:
-        doubts.append(
-            f"the positions are off by {motion.white_m:.1f} m from one sample to the next, each independently of the others: "
-            "no receiver and no autopilot reports such positions"
-        )
-    steps_s = np.diff(track.time_s)
-    coarse = steps_s > COARSE_STEP_S
-    if steps_s[coarse].sum() > 0.5 * steps_s.sum() and not known.confirmed:
-        doubts.append(
-            f"the samples are {np.median(steps_s[coarse]):.1f} s apart and no attitude confirms them: whether a vehicle can "
-            f"have turned as they do is not known; record at least one position in {COARSE_STEP_S:g} s"
         )
     return doubts
 

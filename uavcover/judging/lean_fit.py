@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from uavcover.judging.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG, NOISE_MEDIANS, Windows
-from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 
 SURE = 3.0
 """Standard errors by which a figure has to differ."""
@@ -29,7 +29,6 @@ MODEL = 0.9
 """Correlation that drag leaves which is not as it is modelled."""
 MOST_LATE_S = 1.0
 """An attitude may be as old as ``MAX_AGE_S``."""
-PART_S = 120.0
 _LATE_S = np.arange(-3.0, 3.1, 0.5)
 _SLOW_S = 5.0
 """Wind and drag that change over longer times than twice this are left out."""
@@ -136,19 +135,32 @@ class LeanFit:
         return bool(less * np.sqrt(max(0.0, self.count - 3.0)) > SURE)
 
 
+@dataclass(frozen=True, slots=True)
+class BadStretch:
+    """A stretch of a flight whose lean contradicts its accelerations.
+
+    Attributes:
+        begin_s: vehicle time.
+        end_s: vehicle time.
+        why: in what, for people.
+    """
+
+    begin_s: float
+    end_s: float
+    why: str
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LeanFits:
     """The fits of a track.
 
     Attributes:
         late: by the seconds by which the lean is taken from later; without 0 where too little is known.
-        bad_parts: numbers of the parts of ``PART_S`` whose lean contradicts their accelerations, or has little to do with them.
-        part: (n,) number of the part of each sample.
+        bad: the shortest stretches that contradict, in order of time.
     """
 
     late: Mapping[float, LeanFit]
-    bad_parts: tuple[float, ...]
-    part: FloatArray
+    bad: tuple[BadStretch, ...]
 
 
 def lean_fits(time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray) -> LeanFits:
@@ -168,9 +180,9 @@ def lean_fits(time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude
     good = (half_s <= _LONGEST_HALF_S) & (np.hypot(velocity[:, 0], velocity[:, 1]) > _LEAST_M_S)
     good &= np.hypot(acceleration[:, 0], acceleration[:, 1]) <= GRAVITY_M_S2 * np.tan(np.radians(MAX_LEAN_DEG))
     thrust = thrust_m_s2(attitude_deg)
+    noise_m_s2 = float(_NOISE * min(windows.noise_m[0], windows.most_noise_m[0] / NOISE_MEDIANS) / _WINDOW_S**2)
     fits: dict[float, LeanFit] = {}
-    part = np.minimum((time_s - time_s[0]) // PART_S, max(0.0, (time_s[-1] - time_s[0]) // PART_S - 1.0))
-    bad: tuple[float, ...] = ()
+    bad: tuple[BadStretch, ...] = ()
     for late_s in _LATE_S:
         lean = mean_over(time_s, thrust, time_s[middle] + late_s, half_s)
         known = good & np.isfinite(lean).all(axis=1) & np.isfinite(attitude_deg[middle, 2])
@@ -178,20 +190,74 @@ def lean_fits(time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude
             continue
         at_s, yaw = time_s[middle][known], np.radians(attitude_deg[middle, 2][known])
         a, b = _without_drag(at_s, velocity[known], yaw, acceleration[known], lean[known])
-        noise_m_s2 = float(_NOISE * min(windows.noise_m[0], windows.most_noise_m[0] / NOISE_MEDIANS) / _WINDOW_S**2)
-        each_s = 2.0 * float(np.median(half_s[known])) / max(_STEP_S, float(np.median(np.diff(at_s))))
-
-        def fit(
-            chosen: BoolArray, a: FloatArray = a, b: FloatArray = b, noise: float = noise_m_s2, each: float = each_s
-        ) -> LeanFit:
-            return LeanFit.of(a[chosen], b[chosen], count=float(chosen.sum()) / max(1.0, each), noise_m_s2=noise)
-
-        fits[float(late_s)] = fit(np.ones(len(a), dtype=bool))
+        each = max(1.0, 2.0 * float(np.median(half_s[known])) / max(_STEP_S, float(np.median(np.diff(at_s)))))
+        fits[float(late_s)] = LeanFit.of(a, b, count=len(a) / each, noise_m_s2=noise_m_s2)
         if late_s == 0.0:
-            of_each = part[middle][known]
-            numbers = np.unique(of_each).tolist()
-            bad = tuple(k for k in numbers if (own := fit(of_each == k)).contradiction is not None or own.loose)
-    return LeanFits(fits, bad, part)
+            bad = _bad_stretches(at_s, a, b, yaw, each=each, noise_m_s2=noise_m_s2)
+    return LeanFits(fits, bad)
+
+
+STRETCHES_S = (40.0, 80.0, 160.0, np.inf)
+"""Lengths of the stretches that are tested, each overlapping the next by half."""
+MODEL_ERROR = 0.1
+"""Of the concordance of lean and acceleration: drag, and attitudes that are up to a second old."""
+MOST_LEAN, LEAST_LEAN = 1.35, 0.7
+"""Lean in that of the accelerations, after two standard errors. Honest: 0.80 to 1.26 on the mock, 0.97 to 1.18 in simulations."""
+_AXES_FROM_S = 80.0
+_QUIET_S, _QUIET_PERCENT = 20.0, 30.0
+"""The unrelated part of lean and acceleration is taken from the stretches of this length that have least of it."""
+
+
+def _bad_stretches(
+    time_s: FloatArray, acceleration: FloatArray, lean: FloatArray, yaw: FloatArray, *, each: float, noise_m_s2: float
+) -> tuple[BadStretch, ...]:
+    """The shortest stretches whose lean contradicts the (k, 2) accelerations: as a vector, ahead, or to the right.
+
+    Lean and acceleration have the same energy, beside gusts and noise. So twice their product in that energy (Lin's concordance)
+    is 1, and 0 for an attitude of another time or place. Gusts come and go, so any stretch may have as much of them as is known
+    from outside; the noise of the positions comes from the quiet stretches, and is bounded. What a gentle stretch does not tell,
+    a longer one does.
+    """
+    ahead, right = np.column_stack([np.sin(yaw), np.cos(yaw)]), np.column_stack([np.cos(yaw), -np.sin(yaw)])
+    found: list[BadStretch] = []
+    for name, axes in (("", np.ones((len(yaw), 2))), (" ahead", ahead), (" to the right", right)):
+        a, b = (acceleration, lean) if not name else ((v * axes).sum(axis=1)[:, None] for v in (acceleration, lean))
+        sums = np.vstack([np.zeros(3), np.cumsum([(a * a).sum(1), (b * b).sum(1), (a * b).sum(1)], axis=1).T])
+        gusts, noise = (0.5 * a.shape[1] * rms**2 for rms in (GUST_LEAN_M_S2, noise_m_s2))
+        first, last = _stretches(time_s, _QUIET_S)
+        aa, bb, ab = ((sums[last] - sums[first]) / (last - first)[:, None]).T
+        unrelated = float(np.clip(np.percentile(aa + bb - 2.0 * ab, _QUIET_PERCENT), gusts, gusts + noise))
+        for length_s in STRETCHES_S:
+            if name and length_s < _AXES_FROM_S:
+                continue
+            first, last = _stretches(time_s, length_s)
+            enough = last - first >= _ENOUGH
+            first, last = first[enough], last[enough]
+            aa, bb, ab = ((sums[last] - sums[first]) / (last - first)[:, None]).T
+            count = np.maximum(1.0, a.shape[1] * (last - first) / each)
+            energy = np.maximum(0.5 * (aa + bb - unrelated), 1e-9)
+            error = np.sqrt((energy * unrelated + unrelated**2 / 4.0) / count) / energy
+            apart = (1.0 - ab / energy) / np.hypot(error, MODEL_ERROR) > SURE
+            whys = np.where(apart, f"it does not lean{name} as it accelerates", "")
+            if not name:
+                # Gusts and noise make the first slope smaller, and the second larger.
+                wide = 1.0 + 2.0 * error
+                clear = ~apart & (error < 1.0 / SURE) & (ab > 0.0)
+                whys = np.where(clear & (ab > MOST_LEAN * wide * aa), "it leans more than it accelerates", whys)
+                whys = np.where(clear & (bb * wide < LEAST_LEAN * ab), "it leans less than it accelerates", whys)
+            for k in np.flatnonzero(whys != ""):
+                part = BadStretch(float(time_s[first[k]]), float(time_s[last[k] - 1]), str(whys[k]))
+                if not any(other.begin_s < part.end_s and part.begin_s < other.end_s for other in found):
+                    found.append(part)
+    return tuple(sorted(found, key=lambda part: part.begin_s))
+
+
+def _stretches(time_s: FloatArray, length_s: float) -> tuple[IntArray, IntArray]:
+    """First samples, and those after the last, of overlapping stretches; of the whole where it is shorter."""
+    length_s = min(length_s, float(time_s[-1] - time_s[0]) + _STEP_S)
+    begin_s = np.arange(time_s[0], max(time_s[-1] - 0.7 * length_s, time_s[0] + _STEP_S), 0.5 * length_s)
+    first, last = np.searchsorted(time_s, begin_s), np.searchsorted(time_s, begin_s + length_s)
+    return first[last > first], last[last > first]
 
 
 def _without_drag(

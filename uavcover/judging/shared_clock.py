@@ -1,6 +1,6 @@
 """The clocks of a track: its date, and when its samples were taken on the clock of the ground station that received them.
 
-A date counts only when it is plausible: not before the logs that are read here, nor before the plan that was flown, not after
+A date counts only when it is plausible: not before the firmware that flew it, nor before the plan that was flown, not after
 the file that holds it, and in agreement with the ground station. Receivers count weeks modulo 1,024; when the count starts anew
 they report a date 1,024 weeks too early.
 
@@ -15,6 +15,7 @@ from datetime import UTC, datetime
 
 import numpy as np
 
+from uavcover.judging.firmware import Firmware
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.active_times import flown_window, window_in_words
 from uavcover.model.track import Track
@@ -27,6 +28,9 @@ BEFORE_PLAN_S, AFTER_FILE_S = 600.0, 86_400.0
 DISAGREES_S = 1800.0
 """Between the receiver's clock and that of the ground station; simulations that run fast differ by minutes."""
 JUMP_S = 3600.0
+CLOCK_STEP_S = 5.0
+"""Between the clocks of vehicle and satellites, in flight. A receiver that learns the leap seconds steps by up to 3 s."""
+_CLOCKS_COMPARED_S, _ALIKE_S = 5.0, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,10 +40,12 @@ class DateBounds:
     Attributes:
         planned_s: when its plan was made.
         written_s: when its file was written.
+        firmware: that flew it.
     """
 
     planned_s: float | None = None
     written_s: float | None = None
+    firmware: Firmware | None = None
 
 
 UNKNOWN_DATES = DateBounds()
@@ -68,6 +74,25 @@ def dated(track: Track, bounds: DateBounds) -> tuple[Track, tuple[str, ...]]:
     )
 
 
+def clocks_apart(track: Track) -> str | None:
+    """Where one of two clocks that run alike goes further than the other: the record has more or less time than there was."""
+    known = np.isfinite(track.unix_time_s)
+    own_s, apart_s = track.time_s[known], track.unix_time_s[known] - track.time_s[known]
+    if not own_s.size or np.ptp(apart_s) <= CLOCK_STEP_S:
+        return None
+    at_s = np.append(np.arange(own_s[0], own_s[-1], _CLOCKS_COMPARED_S), own_s[-1])
+    drift_s = np.diff(np.interp(at_s, own_s, apart_s))
+    # A simulation that runs fast, or waits, drifts all the time.
+    if np.median(np.abs(drift_s)) > _ALIKE_S and np.abs(np.diff(apart_s)).max() <= CLOCK_STEP_S:
+        return None
+    worst = int(np.argmax(np.abs(drift_s)))
+    further, other = ("satellites'", "vehicle's") if drift_s[worst] > 0.0 else ("vehicle's", "satellites'")
+    return (
+        f"from {at_s[worst]:.1f} s to {at_s[worst + 1]:.1f} s the {further} clock goes {abs(drift_s[worst]):.1f} s further than "
+        f"the {other}: time was inserted there, or taken out"
+    )
+
+
 def _date_problems(track: Track, bounds: DateBounds) -> Iterator[str]:
     known = np.isfinite(track.unix_time_s)
     unix_s, own_s = track.unix_time_s[known], track.time_s[known]
@@ -76,7 +101,10 @@ def _date_problems(track: Track, bounds: DateBounds) -> Iterator[str]:
     if jumps_s.size and np.abs(jumps_s).max() > JUMP_S:
         at = int(np.argmax(np.abs(jumps_s)))
         yield f"its clock jumps by {jumps_s[at] / 3600.0:.1f} hours at {own_s[at + 1]:.1f} s"
-    if first_s < FIRST_LOG_S:
+    released_s = None if bounds.firmware is None else bounds.firmware.released_s
+    if released_s is not None and first_s < released_s:
+        yield f"its firmware, {bounds.firmware}, is of {_day(released_s)[:7]}"
+    elif first_s < FIRST_LOG_S:
         yield f"no firmware that writes such logs is older than {_day(FIRST_LOG_S)}"
     if bounds.planned_s is not None and first_s < bounds.planned_s - BEFORE_PLAN_S:
         yield f"its plan is of {_day(bounds.planned_s)}"

@@ -22,7 +22,7 @@ from uavcover.judging.photo_evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.judging.reported_photos import reports_photos
 from uavcover.judging.same_flight import Records, at_two_places, has_near, records_of_one_flight
 from uavcover.judging.separation import judge_separation
-from uavcover.judging.shared_clock import UNKNOWN_DATES, DateBounds, dated
+from uavcover.judging.shared_clock import UNKNOWN_DATES, DateBounds, clocks_apart, dated
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.active_times import Window, flown_window, window_in_words
@@ -148,11 +148,11 @@ def verify_flight(
     Raises:
         TrackError: a track is empty, or has a position that is not on Earth.
     """
+    steps = [clocks_apart(flown.track) for flown in tracks]
     told = [dated(flown.track, flown.dates) for flown in tracks]
     tracks = [replace(flown, track=track) for flown, (track, _) in zip(tracks, told, strict=True)]
-    dates = [
-        f"track {k + 1}: {text}" if len(tracks) > 1 else text for k, (_, found) in enumerate(told) for text in found
-    ]
+    which = [f"track {k + 1}: " if len(tracks) > 1 else "" for k in range(len(tracks))]
+    dates = [f"{name}{text}" for name, (_, found) in zip(which, told, strict=True) for text in found]
     source: PhotoSource = "reported" if any(reports_photos(flown.track) for flown in tracks) else "predicted"
     judged = [judge_track(flown.site or site, flown.track, flown.planned, photo_source=source) for flown in tracks]
     records = records_of_one_flight(judged)
@@ -192,7 +192,8 @@ def verify_flight(
         unknown_attitude_looks=unknown_looks, evidence=evidence, separation=separation, eyes=[eye for eye, _ in eyes],
     )  # fmt: skip
     more = (*map(str, records), *_overlap_findings(site, statistics), *dates, *_time_findings(site, window))
-    doubts = at_two_places(judged, records) if site.scenario.fleet.vehicles == 1 else []
+    doubts = [f"{name}{step}" for name, step in zip(which, steps, strict=True) if step is not None]
+    doubts += at_two_places(judged, records) if site.scenario.fleet.vehicles == 1 else []
     judgement = Judgement(
         (*decision.judgement.findings, *(unproved("evidence", text) for text in doubts), *map(noted, more))
     )

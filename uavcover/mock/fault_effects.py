@@ -59,7 +59,7 @@ def _get_stuck(control: FlightControl, _: Fault) -> None:
 
 
 def _come_loose(control: FlightControl) -> None:
-    control.state.body.itinerary.stuck = False
+    control.state.body.itinerary.come_loose()
 
 
 def _blow(control: FlightControl, fault: Fault) -> None:

@@ -217,6 +217,13 @@ class Itinerary:
         """Whether the vehicle is coming straight down to land."""
         return self.step is not None and self.step.kind is StepKind.DESCEND
 
+    def come_loose(self) -> None:
+        """Go on with the present step from where the vehicle is: its legs stood still while it was stuck."""
+        self.stuck = False
+        if self._legs is not None and (step := self.step) is not None:
+            self._led_until = 0
+            self._lead(step, self._body.position_m)
+
     def wanted_velocity(self, now: float, ground_up_m: float) -> Vector:
         """The velocity to want now, moving on to the next step where one is done; east, north, up in m/s."""
         while (step := self.step) is not None and self._done(step, now):

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from uavcover.errors import InputError
 from uavcover.judging.elevation_bias import elevation_biases, widened, with_measured_ground
+from uavcover.judging.firmware import firmware_of
 from uavcover.judging.flown_coverage import FlownCoverage, count_observations
 from uavcover.judging.gaps import REASONS, reason_codes
 from uavcover.judging.phases import PlannedRoute
@@ -150,8 +151,8 @@ def _followed_by(track: Track, run: RunFolder) -> RunFolder:
 
 
 def date_bounds(log: Path, run: RunFolder) -> DateBounds:
-    """Between what the date of a log lies: not before the plan of its run, and not after its file."""
-    return DateBounds(provenance.planned_at_s(run), log.stat().st_mtime)
+    """Between what the date of a log lies: not before its firmware and the plan of its run, and not after its file."""
+    return DateBounds(provenance.planned_at_s(run), log.stat().st_mtime, firmware_of(log))
 
 
 def judge_tracks(

@@ -1,0 +1,80 @@
+"""Which firmware wrote a log, and from when it can be: a flight is not older than its autopilot's release.
+
+The version stands in every kind of log: as text (ArduPilot's MSG and VER), as a number (``ver_sw_release`` of PX4), and in the
+AUTOPILOT_VERSION that a ground station received. A track of ours has its telemetry log beside it.
+"""
+
+import re
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, date, datetime, time
+from functools import cache
+from importlib import resources
+from pathlib import Path
+
+_HEAD_BYTES = 8_000_000
+"""The version is told when a log or a link begins."""
+_ARDUPILOT = re.compile(rb"Ardu(?:Copter|Plane|Rover|Sub) V(\d+)\.(\d+)\.\d+(-?[a-z]*)")
+_PX4 = re.compile(rb"uint32_t ver_sw_release(.{4})", re.DOTALL)
+_MESSAGE = re.compile(rb"\xfd[\x14-\xff].{5}\x94\x00\x00.{16}(.{4})", re.DOTALL)
+"""AUTOPILOT_VERSION (148) as MAVLink 2: the version comes after two numbers of 64 bits."""
+_OFFICIAL = 255
+_UNRELEASED_VERSIONS = 2
+"""Builds of the next versions are flown from before a version's release on."""
+_TELEMETRY = "flight.tlog"
+
+
+@dataclass(frozen=True, slots=True)
+class Firmware:
+    """A firmware's version.
+
+    Attributes:
+        autopilot: "ardupilot" or "px4".
+        major: first number.
+        minor: second number.
+        official: whether it is a release, and not a build on the way to one.
+    """
+
+    autopilot: str
+    major: int
+    minor: int
+    official: bool
+
+    def __str__(self) -> str:
+        """Name and version."""
+        name = "ArduPilot" if self.autopilot == "ardupilot" else "PX4"
+        return f"{name} {self.major}.{self.minor}{'' if self.official else ' (not a release)'}"
+
+    @property
+    def released_s(self) -> float | None:
+        """Seconds since 1970 before which nobody flew it; none where that is not known."""
+        minor = self.minor if self.official else self.minor - _UNRELEASED_VERSIONS
+        released = _releases()[self.autopilot].get(f"{self.major}.{minor}")
+        return None if released is None else datetime.combine(released, time(), UTC).timestamp()
+
+
+@cache
+def _releases() -> Mapping[str, Mapping[str, date]]:
+    text = (resources.files("uavcover") / "data" / "firmware_releases.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def firmware_of(log: Path) -> Firmware | None:
+    """The firmware that a log, or the telemetry log beside a track of ours, tells of; none where it does not."""
+    path = log.with_name(_TELEMETRY) if log.suffix.lower() in (".csv", ".rrd") else log
+    if not path.is_file():
+        return None
+    with path.open("rb") as file:
+        head = file.read(_HEAD_BYTES)
+    kind = path.suffix.lower()
+    if kind == ".bin":
+        found = _ARDUPILOT.search(head)
+        return None if found is None else Firmware("ardupilot", int(found[1]), int(found[2]), not found[3].strip(b"-"))
+    number = {".ulg": _PX4, ".tlog": _MESSAGE}.get(kind)
+    found = None if number is None else number.search(head)
+    if found is None:
+        return None
+    level, _, minor, major = found[1]
+    autopilot = "px4" if kind == ".ulg" or major == 1 else "ardupilot"
+    return Firmware(autopilot, major, minor, level == _OFFICIAL)
