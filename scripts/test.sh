@@ -38,7 +38,7 @@ cat "$scratch/mypy"
 parallel="-q -n auto --dist loadfile --no-loadscope-reorder -p scripts.slowest_tests"
 # Tracing every line makes a test take three times as long: only what the gates below ask for is measured. Lines of a kernel
 # are reached where it is interpreted only, so its compiled tests are not traced.
-measured="tests/planning tests/optimizers tests/sensing tests/mission_io"
+measured="tests/planner tests/optimizers tests/sensing tests/mission_io"
 rm -f .coverage .coverage.* .test_times.jsonl
 export TEST_TIMES="$PWD/.test_times.jsonl"
 # These only compute: they take what the flights, which have a clock and wait for each other, leave of the cores.
@@ -69,4 +69,4 @@ cat "$scratch/compiled" "$scratch/interpreted"
 echo "gate: branch coverage: 95 % of mission_io, 90 % of the planner's core"
 "$bin/coverage" combine -q .coverage.compiled .coverage.interpreted
 "$bin/coverage" report --include='mission_io/*' --fail-under=95
-"$bin/coverage" report --include='uavcover/planning/*,uavcover/optimizers/*,uavcover/sensing/*,uavcover/kernels/*' --fail-under=90
+"$bin/coverage" report --include='uavcover/planner/*,uavcover/optimizers/*,uavcover/sensing/*,uavcover/kernels/*' --fail-under=90

@@ -15,11 +15,11 @@ from sitl_tests.matrix import ClientName
 from sitl_tests.simulators.running import RunningVehicle
 from uavcover.errors import VehicleError
 from uavcover.extras.mavsdk.client import MavsdkClient
+from uavcover.flight.flight_plan import FlightTimeouts
+from uavcover.flight.monitor import Monitor
+from uavcover.flight.session import Session
+from uavcover.model.outcome import FlightEvent
 from uavcover.model.vehicle import AutopilotName
-from uavcover.vehicle.flight_plan import FlightTimeouts
-from uavcover.vehicle.monitor import Monitor
-from uavcover.vehicle.outcome import FlightEvent
-from uavcover.vehicle.session import Session
 
 _FIRST_HEARTBEAT_S = 60.0
 _SECOND_STATION = 254

@@ -12,15 +12,15 @@ from mission_io.wire import messages as m
 from sitl_tests.case import Case, Station
 from sitl_tests.errors import require
 from sitl_tests.missions import FIRST_WAYPOINT_ITEM, route_mission
+from uavcover.flight.arming import arm_and_start, first_seq
+from uavcover.flight.flight_plan import FlightPlan, FlightTimeouts
+from uavcover.flight.fly import Orders, fly
+from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.readiness import request_telemetry, wait_until_ready
+from uavcover.missions.mission_compiler import AUTOPILOTS
+from uavcover.model.outcome import FlightEvent, FlightFailedError, FlightOutcome
 from uavcover.model.track import TrackSample
-from uavcover.routes.mission_compiler import AUTOPILOTS
 from uavcover.terrain.frames import LocalFrame
-from uavcover.vehicle.arming import arm_and_start, first_seq
-from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts
-from uavcover.vehicle.fly import Orders, fly
-from uavcover.vehicle.outcome import FlightEvent, FlightFailedError, FlightOutcome
-from uavcover.vehicle.precautions import OnBreach, Precautions
-from uavcover.vehicle.readiness import request_telemetry, wait_until_ready
 
 PASSED_WITHIN_M = 4.0
 """A waypoint counts as flown when the track comes so near; both autopilots turn 2 m before it by default."""

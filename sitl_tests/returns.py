@@ -24,15 +24,15 @@ from mission_io.model.items import (
 )
 from mission_io.wire import messages as m
 from sitl_tests.flying import frame_at
+from uavcover.flight.modes import Mode
 from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.missions.failsafe_parameters import Response, failsafe_settings
+from uavcover.missions.failsafe_path import predict
+from uavcover.missions.failsafe_states import Destinations, FailsafePaths, FlightStates
+from uavcover.missions.mission_compiler import AUTOPILOTS
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.vehicle import MOTIONS, AutopilotName
-from uavcover.routes.failsafe_parameters import Response, failsafe_settings
-from uavcover.routes.failsafe_path import predict
-from uavcover.routes.failsafe_states import Destinations, FailsafePaths, FlightStates
-from uavcover.routes.mission_compiler import AUTOPILOTS
-from uavcover.vehicle.modes import Mode
 
 WITHIN_M = 10.0
 """As far from its prediction as a flown path may be."""

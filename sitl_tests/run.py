@@ -19,7 +19,7 @@ from sitl_tests.simulators import ardupilot, mock, px4
 from sitl_tests.simulators.files import sha256
 from sitl_tests.simulators.running import Start, StartRequest
 from uavcover.errors import UavcoverError
-from uavcover.run.session import require_home
+from uavcover.flight.connect import require_home
 from uavcover.scenario.site import load_site
 
 FAILED = "failed"

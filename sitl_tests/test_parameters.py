@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from uavcover.vehicle.parameter_rules import ParameterTable, parameter_table
+from uavcover.flight.parameter_rules import ParameterTable, parameter_table
 
 
 def _declared(root: Path, pattern: str, suffixes: tuple[str, ...]) -> set[str]:

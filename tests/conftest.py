@@ -25,8 +25,8 @@ providers._get_local_constants = lambda: NO_CONSTANTS
 
 LONG = (
     "tests/test_setup.py", "tests/test_wheel.py", "tests/kernels/test_route_state.py", "tests/cli/test_fly.py",
-    "tests/cli/test_gaps.py", "tests/cli/test_plan.py", "sitl_tests/", "tests/cli/", "tests/vehicle/", "tests/mock/",
-    "tests/planning/test_memetic.py", "tests/mission_io/test_presets.py",
+    "tests/cli/test_gaps.py", "tests/cli/test_plan.py", "sitl_tests/", "tests/cli/", "tests/flight/", "tests/mock/",
+    "tests/planner/test_memetic.py", "tests/mission_io/test_presets.py",
 )  # fmt: skip
 """Files and folders that take long, the longest first: begun last, one of them would keep a single process busy at the end."""
 
@@ -43,4 +43,4 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 @pytest.fixture
 def attitudes_count(monkeypatch: pytest.MonkeyPatch) -> None:
     """Attitudes count unconfirmed: tracks that take corners in no time, or fly one long curve, have no lean to confirm."""
-    monkeypatch.setattr("uavcover.judging.attitude._unconfirmed", lambda *_: None)
+    monkeypatch.setattr("uavcover.verification.attitude._unconfirmed", lambda *_: None)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from mission_io.links.simulated import SimulatedLink
+from uavcover.flight.modes import Mode
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.vehicle.modes import Mode
-from uavcover.vehicle.outcome import Ending
+from uavcover.model.outcome import Ending
 
 GOOD = frozenset({Ending.LANDED, Ending.RESERVE_KEPT})
 ALWAYS = frozenset({Ending.STATE_UNKNOWN, Ending.ENDED_EARLY})

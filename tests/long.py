@@ -19,13 +19,13 @@ KEPT = {
     "tests/cli/test_verify.py::test_shifted_by_200_m_does_not_pass": "a flight that was not flown here",
     "tests/cli/test_client_option.py::test_a_run_is_uploaded_and_flown": "a whole flight by MAVSDK's client",
     "tests/cli/test_report.py::test_a_flown_run": "the report of a flight",
-    "tests/planning/test_no_fly.py::test_no_leg_of_a_plan_enters_a_zone[0-<lambda>]": "a plan beside zones",
+    "tests/planner/test_no_fly.py::test_no_leg_of_a_plan_enters_a_zone[0-<lambda>]": "a plan beside zones",
     "tests/extras/bounds/test_bounds.py": "bounds that are proved",
-    "tests/planning/test_tour_with_neighbourhoods.py::test_a_tour_ends_where": "tours through neighbourhoods",
-    "tests/planning/test_parallel_lines.py::test_lines_have_their_heading": "lines of a fixed heading",
-    "tests/planning/test_memetic.py::test_equal_seed": "equal plans on any number of threads",
-    "tests/vehicle/test_fly.py": "whole flights on a simulated clock",
-    "tests/run/test_resume.py::test_after_the_client_was_killed_in_the_air": "a killed flight goes on",
+    "tests/planner/test_tour_with_neighbourhoods.py::test_a_tour_ends_where": "tours through neighbourhoods",
+    "tests/planner/test_parallel_lines.py::test_lines_have_their_heading": "lines of a fixed heading",
+    "tests/planner/test_memetic.py::test_equal_seed": "equal plans on any number of threads",
+    "tests/flight/test_fly.py": "whole flights on a simulated clock",
+    "tests/flight/test_resume.py::test_after_the_client_was_killed_in_the_air": "a killed flight goes on",
 }
 """Beginnings of names that the quick run keeps however long they take, each with what would otherwise not be in it."""
 

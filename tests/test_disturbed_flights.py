@@ -11,7 +11,7 @@ from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
 from scripts.attack.disturbed_flights import Steered, against, steering_commands
 from tests.disturbances import KINDS
-from uavcover.vehicle.modes import Mode
+from uavcover.flight.modes import Mode
 
 VEHICLE, STATION = Codec(system_id=1, component_id=1), Codec(system_id=255, component_id=190)
 AUTO, RTL = 3, 6

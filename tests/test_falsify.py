@@ -1,4 +1,4 @@
-"""The ways to falsify a flight: what they are. ``tests/judging/test_falsified.py`` has them judged."""
+"""The ways to falsify a flight: what they are. ``tests/verification/test_falsified.py`` has them judged."""
 
 import dataclasses
 import hashlib

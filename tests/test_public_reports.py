@@ -21,20 +21,18 @@ from mission_io.formats import plan
 from tests.extras.photos.camera_files import write_jpeg
 from tests.extras.photos.test_doubts import survey
 from tests.extras.photos.test_placing import FRAME as PHOTO_FRAME
-from tests.judging.test_dates import BOUNDS, NOON_S, track_at
-from tests.judging.track_logs.samples import FRAME, GROUND_M, write_dataflash, write_tlog, write_ulog
-from tests.planning.sites import make_site
+from tests.planner.sites import make_site
 from tests.run.test_judged_inputs import nested
+from tests.verification.test_dates import BOUNDS, NOON_S, track_at
+from tests.verification.track_logs.samples import FRAME, GROUND_M, write_dataflash, write_tlog, write_ulog
 from uavcover.errors import InputError, TrackError
 from uavcover.extras.check.mission_file import read_mission_file, read_parameter_file
 from uavcover.extras.photos.doubts import missing_stretches
 from uavcover.extras.photos.placing import Assumptions, place_pictures
 from uavcover.extras.photos.readers import read_pictures
-from uavcover.judging.elevation_bias import elevation_biases, widened
-from uavcover.judging.shared_clock import ROLLOVER_S, dated
-from uavcover.judging.track_logs.readers import read_foreign_log
 from uavcover.model.judgement import Judgement, noted, unproved
 from uavcover.model.track import COLUMNS
+from uavcover.run.track_file import read_track_with_warnings
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.obstacles import read_obstacles
 from uavcover.scenario.scenario_file import parse_scenario
@@ -43,7 +41,9 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.terrain.elevation_file import read_heights_amsl_m
 from uavcover.terrain.suspect_heights import suspect_places
 from uavcover.terrain.terrain_source import TerrainSource
-from uavcover.vehicle.track_file import read_track_with_warnings
+from uavcover.verification.elevation_bias import elevation_biases, widened
+from uavcover.verification.shared_clock import ROLLOVER_S, dated
+from uavcover.verification.track_logs.readers import read_foreign_log
 
 
 @dataclass(frozen=True, slots=True)

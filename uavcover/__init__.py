@@ -20,12 +20,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from uavcover.errors import InfeasibleError, InputError, UavcoverError, VehicleError
-    from uavcover.judging.verify import Verdict
-    from uavcover.model.route import Plan, Route
-    from uavcover.model.track import Track
-    from uavcover.report.page import write_report
-    from uavcover.run.api import (
+    from uavcover.api import (
         compile_mission,
         find_gaps,
         fly,
@@ -35,9 +30,14 @@ if TYPE_CHECKING:
         verify,
         verify_track,
     )
-    from uavcover.run.fly import FlightOptions
-    from uavcover.run.session import VehicleLink, connect
+    from uavcover.errors import InfeasibleError, InputError, UavcoverError, VehicleError
+    from uavcover.flight.command import FlightOptions
+    from uavcover.flight.connect import VehicleLink, connect
+    from uavcover.model.route import Plan, Route
+    from uavcover.model.track import Track
+    from uavcover.report.page import write_report
     from uavcover.scenario.site import Site, load_site
+    from uavcover.verification.verify import Verdict
 
 __all__ = [
     "FlightOptions",
@@ -66,15 +66,15 @@ __all__ = [
 
 _PLACES = {
     "uavcover.errors": ("InfeasibleError", "InputError", "UavcoverError", "VehicleError"),
-    "uavcover.judging.verify": ("Verdict",),
+    "uavcover.verification.verify": ("Verdict",),
     "uavcover.model.route": ("Plan", "Route"),
     "uavcover.model.track": ("Track",),
     "uavcover.report.page": ("write_report",),
-    "uavcover.run.api": (
+    "uavcover.api": (
         "compile_mission", "find_gaps", "fly", "plan", "select", "upload", "verify", "verify_track",
     ),
-    "uavcover.run.fly": ("FlightOptions",),
-    "uavcover.run.session": ("VehicleLink", "connect"),
+    "uavcover.flight.command": ("FlightOptions",),
+    "uavcover.flight.connect": ("VehicleLink", "connect"),
     "uavcover.scenario.site": ("Site", "load_site"),
 }  # fmt: skip
 

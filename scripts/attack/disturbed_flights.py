@@ -3,7 +3,7 @@
 Usage: .venv/bin/python scripts/attack/disturbed_flights.py [-o PAGE.md] [--flights 300] [--seed 0] [--tlogs FOLDER]
 
 Everything happens in this process on simulated clocks: a mock vehicle (ArduPilot or PX4), a link, and
-``uavcover.run.session.fly`` over the bundled scenario. Two disturbances of different kinds are drawn for each flight, each with
+``uavcover.flight.connect`` over the bundled scenario. Two disturbances of different kinds are drawn for each flight, each with
 its moment, the failsafes that are enabled, and ``--on-breach``. What is required of each flight:
 
 - it ends in a name that one of its disturbances, or a good flight, may have; never in another error;
@@ -38,29 +38,29 @@ from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.links.telemetry_log import TelemetryLogWriter
 from scripts.options import file_to_write
 from tests.disturbances import ALWAYS, GOOD, KINDS, Act
+from uavcover.flight.connect import Connected, fly, require_home
+from uavcover.flight.flight_plan import FlightTimeouts
+from uavcover.flight.fly import Orders
+from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.monitor import open_vehicle
+from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.upload import upload
+from uavcover.missions.mission_compiler import AUTOPILOTS
+from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.objectives import judge_member
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
+from uavcover.model.outcome import Ending, FlightFailedError
 from uavcover.model.route import Plan
 from uavcover.model.vehicle import AutopilotName
-from uavcover.planning.baselines.boustrophedon import fly_layout, regular_layout
-from uavcover.routes.mission_compiler import AUTOPILOTS
-from uavcover.routes.objectives import judge_member
+from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
+from uavcover.planner.plan_files import save_plan
 from uavcover.run.folder import RunFolder
-from uavcover.run.mission import compile_plan
-from uavcover.run.plan_files import save_plan
 from uavcover.run.planned import read_planned
-from uavcover.run.session import Connected, fly, require_home
-from uavcover.run.upload import upload
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map
-from uavcover.vehicle.flight_plan import FlightTimeouts
-from uavcover.vehicle.fly import Orders
-from uavcover.vehicle.modes import Mode, custom_mode
-from uavcover.vehicle.monitor import open_vehicle
-from uavcover.vehicle.outcome import Ending, FlightFailedError
-from uavcover.vehicle.precautions import OnBreach, Precautions
 
 SCENARIO = "jacksboro"
 FIRST_S, LAST_S = 30.0, 260.0

@@ -45,8 +45,8 @@ from sitl_tests.returns import (
 )
 from sitl_tests.simulators import ardupilot, px4
 from sitl_tests.simulators.running import Start, StartRequest
+from uavcover.flight.modes import Mode, custom_mode
 from uavcover.model.vehicle import AutopilotName
-from uavcover.vehicle.modes import Mode, custom_mode
 
 _SPEEDS: Final = MappingProxyType({"arducopter": 8.0, "px4": 4.0})
 _LINK_SPEED: Final = 4.0

@@ -24,7 +24,7 @@ from types import FrameType
 from typing import Any
 
 _ATHERIS = importlib.util.find_spec("atheris") is not None
-_WATCHED = ["mission_io", "uavcover.scenario.airspace", "uavcover.extras.photos", "uavcover.intake"]
+_WATCHED = ["mission_io", "uavcover.scenario.airspace", "uavcover.extras.photos", "uavcover.new"]
 """Packages whose branches lead the way; they have to be imported for the first time under atheris' eyes."""
 
 if "--child" in sys.argv and "atheris" in sys.argv:

@@ -25,7 +25,7 @@ from uavcover.errors import InputError, UavcoverError
 from uavcover.extras.photos.exif import read_picture
 from uavcover.extras.photos.lists import read_geo_txt, read_images_json, read_mrk, read_table
 from uavcover.extras.photos.picture import Picture
-from uavcover.intake.detection import curve_named
+from uavcover.new.detection import curve_named
 from uavcover.scenario.airspace.zone_file import _of_text as read_zone_text
 
 

@@ -54,20 +54,20 @@ ENOUGH = 0.95
 TIMES_AS_LONG = 6.0
 """A run that takes so many times as long as its tests take as the code is does not end."""
 TESTS: dict[str, list[str]] = {
-    "uavcover/judging/*.py": [
-        "tests/judging", "tests/sensing/test_observations.py", "tests/sensing/test_frame_camera.py",
-        "tests/planning/test_gap_route.py",
+    "uavcover/verification/*.py": [
+        "tests/verification", "tests/sensing/test_observations.py", "tests/sensing/test_frame_camera.py",
+        "tests/planner/test_gap_route.py",
     ],
-    "uavcover/routes/leg_checks.py": [
-        "tests/routes/test_leg_checks.py", "tests/routes/test_mission_compiler.py", "tests/routes/test_ways_home.py",
-        "tests/planning/test_detours.py",
-        "tests/planning/test_swaths.py", "tests/planning/test_gap_route.py",
+    "uavcover/missions/leg_checks.py": [
+        "tests/missions/test_leg_checks.py", "tests/missions/test_mission_compiler.py", "tests/missions/test_ways_home.py",
+        "tests/planner/test_detours.py",
+        "tests/planner/test_swaths.py", "tests/planner/test_gap_route.py",
     ],
-    "uavcover/vehicle/readiness.py": [
-        "tests/vehicle/test_readiness.py", "tests/vehicle/test_fly.py",
+    "uavcover/flight/readiness.py": [
+        "tests/flight/test_readiness.py", "tests/flight/test_fly.py",
     ],
-    "uavcover/vehicle/track_file.py": [
-        "tests/vehicle/test_track_file.py", "tests/vehicle/test_reserve.py",
+    "uavcover/run/track_file.py": [
+        "tests/run/test_track_file.py", "tests/flight/test_reserve.py",
     ],
     "mission_io/autopilots/comparison.py": [
         "tests/mission_io/test_compare.py", "tests/mission_io/test_autopilots.py", "tests/mission_io/test_mavlink_facts.py",
@@ -83,13 +83,13 @@ NOTES = (
 """What a reader of the page has to know."""
 NAMED: dict[str, tuple[str, str, str]] = {
     "obstacles in transit are not judged": (
-        "uavcover/judging/safety.py", '*find.above("obstacle", ~route, lacking, 0.0, phase="transit"),', "",
+        "uavcover/verification/safety.py", '*find.above("obstacle", ~route, lacking, 0.0, phase="transit"),', "",
     ),
     "the highest height is 5 m too high in leg checks": (
-        "uavcover/routes/leg_checks.py", "high > highest_agl_m + tolerance_m", "high > highest_agl_m + tolerance_m + 5.0",
+        "uavcover/missions/leg_checks.py", "high > highest_agl_m + tolerance_m", "high > highest_agl_m + tolerance_m + 5.0",
     ),
-    "a home that is too low is accepted": ("uavcover/vehicle/readiness.py", "abs(up) > most_m", "up > most_m"),
-    "equal times in a track are accepted": ("uavcover/vehicle/track_file.py", "time_s <= before_s", "time_s < before_s"),
+    "a home that is too low is accepted": ("uavcover/flight/readiness.py", "abs(up) > most_m", "up > most_m"),
+    "equal times in a track are accepted": ("uavcover/run/track_file.py", "time_s <= before_s", "time_s < before_s"),
 }  # fmt: skip
 """Mutants that no test noticed once: always tried, and not counted. Module, the text of a statement, and what it becomes."""
 

@@ -30,8 +30,8 @@ from mission_io.model.items import Frame, GeoPoint, Mission, MissionType, waypoi
 from scripts.options import file_to_write
 from uavcover.mock.server import start_in_background
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planning.baselines.swaths import fly_layout
+from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planner.baselines.swaths import fly_layout
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 

@@ -8,10 +8,10 @@ import math
 import time
 
 from scripts.options import scenario_name, whole_numbers
-from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planning.baselines.swaths import fly_layout
-from uavcover.routes.flights import compile_flights
-from uavcover.run.fleet import fleet_document
+from uavcover.missions.flights import compile_flights
+from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planner.baselines.swaths import fly_layout
+from uavcover.planner.fleet_document import fleet_document
 from uavcover.scenario.site import load_site
 
 

@@ -37,7 +37,12 @@ from scripts.options import file_to_write, names_of
 from sitl_tests.errors import MissingSimulatorError
 from sitl_tests.simulators import ardupilot, px4
 from sitl_tests.simulators.running import RunningVehicle, Start, StartRequest
+from uavcover.flight.flight_plan import FlightPlan, FlightTimeouts
+from uavcover.flight.fly import Orders, fly
+from uavcover.flight.monitor import Monitor
+from uavcover.flight.precautions import OnBreach, Precautions
 from uavcover.kernels.arrays import FloatArray
+from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission, compile_mission
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.server import start_in_background
 from uavcover.mock.vehicle import MockConfig, MockVehicle
@@ -45,13 +50,8 @@ from uavcover.model.limits import FlightLimits
 from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
 from uavcover.model.vehicle import AutopilotName, Vehicle
-from uavcover.routes.mission_compiler import AUTOPILOTS, CompiledMission, compile_mission
 from uavcover.scenario.site import Site, load_site
 from uavcover.terrain.ground import grid_ground
-from uavcover.vehicle.flight_plan import FlightPlan, FlightTimeouts
-from uavcover.vehicle.fly import Orders, fly
-from uavcover.vehicle.monitor import Monitor
-from uavcover.vehicle.precautions import OnBreach, Precautions
 
 AIRBORNE_M = 0.5
 FIRST_HEARTBEAT_S = 60.0

@@ -44,10 +44,10 @@ from tests.naive.file_ground import FileGround, leg_ranges_m, plan_points
 from tests.naive.plan_coverage import coverage_of
 from tests.terrain_kinds import KINDS, SENSORS, write_scenario
 from uavcover.errors import UavcoverError
+from uavcover.missions.objectives import judge_member
 from uavcover.model.route import Route
-from uavcover.planning.baselines.boustrophedon import evaluated, fly_rows, scanned_rows
-from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout, width_across_m
-from uavcover.routes.objectives import judge_member
+from uavcover.planner.baselines.boustrophedon import evaluated, fly_rows, scanned_rows
+from uavcover.planner.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout, width_across_m
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import finer_map, judging_map

@@ -30,8 +30,8 @@ from scripts.bench.planner import window
 from scripts.options import file_to_write, one_of
 from uavcover.extras.bounds.bounds import least_path_length_m
 from uavcover.extras.bounds.ground_prices import lattice_parts, price_ground
-from uavcover.planning.baselines.boustrophedon import boustrophedons
-from uavcover.routes.objectives import judge_member
+from uavcover.missions.objectives import judge_member
+from uavcover.planner.baselines.boustrophedon import boustrophedons
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import judging_map, planning_map

@@ -28,9 +28,9 @@ if __name__ == "__main__":
 from scripts.bench.planner import window
 from scripts.options import file_to_write
 from scripts.pages import Row, read_rows, write_rows
-from uavcover.intake.quantities import memory_bytes
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import FrameCamera
+from uavcover.new.quantities import memory_bytes
 from uavcover.scenario.scenario_file import dump_scenario
 
 CASES = (

@@ -29,17 +29,17 @@ import numpy as np
 
 from scripts.options import file_to_write
 from uavcover.kernels.annealing import Prices, Schedule, anneal
+from uavcover.missions.objectives import evaluate_routes
 from uavcover.model.area import Area
 from uavcover.model.home import Home
 from uavcover.model.route import Route
 from uavcover.model.scenario import Origin, Scenario
-from uavcover.planning.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted
-from uavcover.planning.baselines.boustrophedon import NodeRows, best_height_agl_m, fly_rows, plain_boustrophedon
-from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad
-from uavcover.planning.search.local_search import CHAINS, Chain, PaceByClock, Work
-from uavcover.planning.search.route_problem import RouteProblem, route_problem, state_of
-from uavcover.planning.search.tuning import TUNED
-from uavcover.routes.objectives import evaluate_routes
+from uavcover.planner.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted
+from uavcover.planner.baselines.boustrophedon import NodeRows, best_height_agl_m, fly_rows, plain_boustrophedon
+from uavcover.planner.baselines.swaths import fly_layout, long_side_angle_rad
+from uavcover.planner.search.local_search import CHAINS, Chain, PaceByClock, Work
+from uavcover.planner.search.route_problem import RouteProblem, route_problem, state_of
+from uavcover.planner.search.tuning import TUNED
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.cells import make_scattered_cells
@@ -109,7 +109,7 @@ def usual_route(site: Site) -> Route:
 
 
 def chain_on(coverage: CoverageMap) -> Chain:
-    """A chain as :mod:`uavcover.planning.search.goal_search` begins one, at a middle temperature."""
+    """A chain as :mod:`uavcover.planner.search.goal_search` begins one, at a middle temperature."""
     site = coverage.site
     reach_m = max(reach_at_height_m(site.scenario.sensor, best_height_agl_m(site)), coverage.grid.cells.size_m)
     problem: RouteProblem = route_problem(coverage, margin_m=0.0, reach_m=reach_m)

@@ -19,9 +19,9 @@ from typing import Any
 import typer
 
 from uavcover.cli.main import app
-from uavcover.intake.cameras import all_cameras
-from uavcover.intake.vehicles import all_vehicles
 from uavcover.model.scenario import Scenario
+from uavcover.new.cameras import all_cameras
+from uavcover.new.vehicles import all_vehicles
 
 _VALUE_NAMES: dict[Any, str] = {
     str: "TEXT",

@@ -12,11 +12,11 @@ from sitl_tests.errors import require
 from sitl_tests.flying import Path, fly_mission, frame_at
 from sitl_tests.missions import HEIGHT_M, SPEED_M_S, route_mission
 from sitl_tests.relay import Relay
+from uavcover.flight.flight_plan import FlightPlan, OperatingVolume, PlanNeeds
+from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.precautions import OnBreach
 from uavcover.kernels.flight_time import Pace
-from uavcover.vehicle.flight_plan import FlightPlan, OperatingVolume, PlanNeeds
-from uavcover.vehicle.modes import Mode, custom_mode
-from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightOutcome
-from uavcover.vehicle.precautions import OnBreach
+from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightOutcome
 
 _AWAY_M = ((0.0, 30.0), (0.0, 500.0), (40.0, 500.0))
 _FAILSAFE_S, _THEN_DARK_S = {"ardupilot": 20.0, "px4": 10.0}, 4.0

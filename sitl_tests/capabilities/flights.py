@@ -22,11 +22,11 @@ from sitl_tests.flying import (
 )
 from sitl_tests.matrix import WORKS
 from sitl_tests.missions import DIAMOND_M, FIRST_WAYPOINT_ITEM, route_mission
-from uavcover.vehicle.arming import first_seq, fly_from_item, hold_mode, set_mode
-from uavcover.vehicle.modes import custom_mode
-from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightOutcome
-from uavcover.vehicle.readiness import request_telemetry, wait_until_ready
-from uavcover.vehicle.return_home import hold
+from uavcover.flight.arming import first_seq, fly_from_item, hold_mode, set_mode
+from uavcover.flight.modes import custom_mode
+from uavcover.flight.readiness import request_telemetry, wait_until_ready
+from uavcover.flight.return_home import hold
+from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightOutcome
 
 _ARM_TRIES = 10
 _HOLDS_WITHIN_M = 3.0

@@ -14,11 +14,11 @@ from sitl_tests.meddler import Meddler
 from sitl_tests.missions import route_mission
 from sitl_tests.relay import Relay
 from uavcover.errors import VehicleError
-from uavcover.run import session
+from uavcover.flight import connect as session
+from uavcover.flight.fly import Orders, fly
+from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError
 from uavcover.scenario.site import load_site
-from uavcover.vehicle.fly import Orders, fly
-from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightFailedError
-from uavcover.vehicle.precautions import OnBreach, Precautions
 
 _HEARTBEAT = 0
 _FORCED = 21196.0

@@ -10,11 +10,11 @@ from sitl_tests.case import Case, Finding, Station
 from sitl_tests.errors import require
 from sitl_tests.flying import fly_mission, require_at_home
 from sitl_tests.missions import fence_around, route_mission
+from uavcover.flight.applied_limits import set_parameter
+from uavcover.flight.flight_plan import FlightPlan, OperatingVolume, PlanNeeds
+from uavcover.flight.precautions import OnBreach
 from uavcover.kernels.flight_time import Pace
-from uavcover.vehicle.applied_limits import set_parameter
-from uavcover.vehicle.flight_plan import FlightPlan, OperatingVolume, PlanNeeds
-from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent, FlightOutcome
-from uavcover.vehicle.precautions import OnBreach
+from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightOutcome
 
 _LOWER_M = 8.0
 _NEAR_HOME_M, _HEIGHT_M = 3.0, 2.5

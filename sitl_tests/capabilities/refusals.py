@@ -8,7 +8,7 @@ from sitl_tests.case import Case, Finding
 from sitl_tests.errors import CheckFailedError, require
 from sitl_tests.matrix import WORKS
 from sitl_tests.missions import impossible_item, long_mission, route_mission
-from uavcover.routes.mission_compiler import AUTOPILOTS
+from uavcover.missions.mission_compiler import AUTOPILOTS
 
 _OLD_ITEMS, _NEW_ITEMS, _BAD_ITEM = 12, 15, 7
 _NEW_LOWEST_M = 40.0

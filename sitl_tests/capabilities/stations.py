@@ -18,10 +18,10 @@ from sitl_tests.matrix import WORKS
 from sitl_tests.missions import long_mission, route_mission
 from sitl_tests.relay import Relay
 from uavcover.extras.mavsdk.session import raw_items
-from uavcover.routes.mission_compiler import AUTOPILOTS
-from uavcover.vehicle.modes import Mode, custom_mode
-from uavcover.vehicle.outcome import Ending, EventKind, FlightEvent
-from uavcover.vehicle.readiness import request_telemetry, wait_until_ready
+from uavcover.flight.modes import Mode, custom_mode
+from uavcover.flight.readiness import request_telemetry, wait_until_ready
+from uavcover.missions.mission_compiler import AUTOPILOTS
+from uavcover.model.outcome import Ending, EventKind, FlightEvent
 
 _ITEMS = 30
 _ANSWER_S = 2.0

@@ -15,7 +15,7 @@ from sitl_tests.errors import require
 from sitl_tests.matrix import WORKS
 from sitl_tests.missions import fence_with_hole, long_mission, rally_points
 from sitl_tests.relay import Relay
-from uavcover.routes.mission_compiler import AUTOPILOTS
+from uavcover.missions.mission_compiler import AUTOPILOTS
 from uavcover.terrain.frames import LocalFrame
 
 _MISSION_ITEMS = 60

@@ -5,12 +5,12 @@ from contextlib import contextmanager
 from dataclasses import replace
 
 from sitl_tests.simulators.running import RunningVehicle, Start, StartRequest
+from uavcover.missions.mission_compiler import AUTOPILOTS
 from uavcover.mock.behaviour import GroundSource, quick
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.server import start_in_background
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.vehicle import AutopilotName
-from uavcover.routes.mission_compiler import AUTOPILOTS
 
 
 def starter(autopilot: AutopilotName, *, vehicle_type: int) -> Start:

@@ -7,7 +7,7 @@ import pytest
 
 from mission_io.formats.wpl import write_mission
 from tests.cli.conftest import Cli, mock_vehicle
-from tests.vehicle.scene import HOME, mission
+from tests.flight.scene import HOME, mission
 
 pytest.importorskip("mavsdk", reason="MAVSDK is not installed")
 

@@ -13,7 +13,7 @@ from pymavlink import mavutil
 
 from tests.cli.conftest import WATCHDOG_S, Cli, command, files, limited_to, mock_vehicle, started, wait_for_line
 from uavcover.recording.reader import read_recorded_track
-from uavcover.vehicle.track_file import read_track
+from uavcover.run.track_file import read_track
 
 
 def test_whole_flight_on_the_mock_of_this_process(cli: Cli, flown: Path) -> None:

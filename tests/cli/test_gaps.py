@@ -11,8 +11,8 @@ from pymavlink import mavwp
 from rasterio.warp import transform
 
 from tests.cli.conftest import Cli, files
+from uavcover.missions.mission_files import compile_plan
 from uavcover.run.folder import RunFolder
-from uavcover.run.mission import compile_plan
 from uavcover.run.planned import read_planned
 from uavcover.run.provenance import seal_flight
 from uavcover.sensing.coverage_map import judging_map

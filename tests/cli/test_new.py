@@ -14,7 +14,7 @@ from mission_io.model.items import Command
 from tests.cli import bad_inputs
 from tests.cli.bad_inputs import PLACES, SIZE_M, dem_at, options, square_parts
 from tests.scenario.areas import written
-from uavcover.run.plan import PlanRequest, plan_into
+from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site

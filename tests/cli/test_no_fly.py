@@ -15,7 +15,7 @@ from uavcover.cli.options import Output
 from uavcover.cli.plan import _site as site_of_plan
 from uavcover.cli.survey_options import SurveyOptions
 from uavcover.model.route import RouteMetrics
-from uavcover.run.plan_words import say_zones
+from uavcover.planner.plan_words import say_zones
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario, parse_scenario
 from uavcover.scenario.site import load_site
 

@@ -10,7 +10,7 @@ from rasterio.transform import Affine
 
 from tests.terrain.dem_files import fractal_m
 from uavcover.errors import InputError, ScenarioError
-from uavcover.intake.quantities import water_height_m
+from uavcover.new.quantities import water_height_m
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site
 from uavcover.terrain.elevation_file import read_ground, read_heights_amsl_m

@@ -21,9 +21,9 @@ from tests.cli.conftest import (
     wait_for_line,
 )
 from uavcover.model.route import RouteMetrics
-from uavcover.planning.planner import SearchProgress
-from uavcover.run.plan import PlanRequest, plan_into
-from uavcover.run.plan_words import progress_in_words, room_in_words
+from uavcover.planner.command import PlanRequest, plan_into
+from uavcover.planner.plan_words import progress_in_words, room_in_words
+from uavcover.planner.planner import SearchProgress
 from uavcover.run.user import Unattended
 from uavcover.scenario.site import load_site
 

@@ -12,7 +12,7 @@ import pytest
 
 from tests.cli.conftest import EVALUATIONS, WATCHDOG_S, Cli, command, corner_of_the_demo, mock_vehicle, started
 from tests.cli.relay import Relay
-from uavcover.run import plan
+from uavcover.planner import command as plan
 
 
 def test_run_folder_to_a_vehicle_in_another_process(cli: Cli, planned: Path) -> None:

@@ -9,8 +9,8 @@ from uavcover.cli import options
 from uavcover.cli.console import Console
 from uavcover.cli.fly import OLD_LIMITS, precautions_for
 from uavcover.errors import InputError
+from uavcover.flight.precautions import OnBreach
 from uavcover.run.folder import RunFolder
-from uavcover.vehicle.precautions import OnBreach
 
 
 def precautions(path, *, agreed: bool = False):

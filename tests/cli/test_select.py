@@ -3,8 +3,8 @@ import json
 from pathlib import Path
 
 from tests.cli.conftest import Cli
+from uavcover.missions.mission_files import compile_plan, export_text
 from uavcover.run.folder import RunFolder
-from uavcover.run.mission import compile_plan, export_text
 from uavcover.run.planned import read_planned
 
 

@@ -82,16 +82,23 @@ def test_help_of_a_command_loads_that_command_and_no_numbers() -> None:
 
 _WORKFLOWS = (
     (("uavcover.recording.reader",), {"rerun", "numpy"}),
-    (("uavcover.run.folder", "uavcover.run.judge"), {"numba", "rasterio", "pyproj", "shapely"}),
-    (("uavcover.extras.exports.export",), {"uavcover.routes.mission_compiler"}),
-    (("uavcover.run.session",), {"pymavlink", "uavcover.vehicle.fly"}),
+    (("uavcover.run.folder", "uavcover.verification.command"), {"numba", "rasterio", "pyproj", "shapely"}),
+    (("uavcover.extras.exports.export",), {"uavcover.missions.mission_compiler"}),
+    (("uavcover.flight.connect",), {"pymavlink", "uavcover.flight.fly"}),
 )
 """Modules that commands begin with, and what shows that they were loaded."""
 _NOT_FOR = {
     "uavcover.recording.reader": {"numba", "scipy", "rasterio", "pymavlink", "uavcover.scenario.site"},
-    "uavcover.run.judge": {"scipy.spatial", "scipy.ndimage", "scipy.interpolate", "pymavlink", "matplotlib", "asyncio"},
+    "uavcover.verification.command": {
+        "scipy.spatial",
+        "scipy.ndimage",
+        "scipy.interpolate",
+        "pymavlink",
+        "matplotlib",
+        "asyncio",
+    },
     "uavcover.extras.exports.export": {"scipy.spatial", "scipy.sparse", "pymavlink", "uavcover.optimizers"},
-    "uavcover.run.session": {"scipy.spatial", "scipy.sparse", "asyncio", "uavcover.optimizers"},
+    "uavcover.flight.connect": {"scipy.spatial", "scipy.sparse", "asyncio", "uavcover.optimizers"},
 }
 """What they must not load: it takes longer than their work, and this work needs none of it."""
 
@@ -101,7 +108,7 @@ def test_workflows_load_no_planner_and_no_library_that_they_do_not_need() -> Non
     for modules, needed in _WORKFLOWS:
         loaded = _loaded(code, *modules)
         assert needed <= loaded
-        assert not loaded & (_NOT_FOR[modules[-1]] | {"uavcover.planning.planner"}), modules
+        assert not loaded & (_NOT_FOR[modules[-1]] | {"uavcover.planner.planner"}), modules
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.cli.conftest import Cli, files
-from tests.judging.test_flown_blocks import Elsewhere
+from tests.verification.test_flown_blocks import Elsewhere
 
 
 def shifted(run: Path, north_m: float) -> None:
@@ -33,7 +33,7 @@ def test_recomputed_from_the_track(cli: Cli, flown: Path) -> None:
 def test_workers_give_the_same_verdict(cli: Cli, flown: Path, monkeypatch) -> None:
     asked: list[str] = []
     monkeypatch.setattr(
-        "uavcover.run.verify_workers.workers_of", lambda name: asked.append(name) or nullcontext(Elsewhere())
+        "uavcover.verification.verify_workers.workers_of", lambda name: asked.append(name) or nullcontext(Elsewhere())
     )
     before = json.loads((flown / "verification.json").read_text())
     ended = cli("verify", flown, "--scheduler", "tcp://there:8786", "--json")

@@ -12,11 +12,11 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.autopilots.vehicle_types import parse_type
 from mission_io.model.items import GeoPoint, MissionType
 from tests.cli.conftest import Cli
+from uavcover.flight.connect import require_home
 from uavcover.mock.server import MockServer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.run.folder import RunFolder
 from uavcover.run.planned import read_planned
-from uavcover.run.session import require_home
 
 FOREIGN = ["plane", "vtol", "helicopter", "rover", "boat", "submarine", "airship"]
 

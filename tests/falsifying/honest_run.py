@@ -15,31 +15,31 @@ import numpy as np
 
 from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.links.telemetry_log import LoggedLink
+from uavcover.flight.command import FlightOptions, record_flight
+from uavcover.flight.connect import Connected, fly, require_home
+from uavcover.flight.fly import FlightOutcome, Orders
+from uavcover.flight.monitor import open_vehicle
+from uavcover.flight.resume import find_unfinished, save_rest
+from uavcover.flight.upload import upload
+from uavcover.missions.flights import compile_flights
+from uavcover.missions.mission_compiler import AUTOPILOTS
+from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.objectives import judge_member
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Plan, Route
 from uavcover.model.vehicle import AutopilotName
-from uavcover.planning.baselines.boustrophedon import fly_layout, regular_layout
-from uavcover.routes.flights import compile_flights
-from uavcover.routes.mission_compiler import AUTOPILOTS
-from uavcover.routes.objectives import judge_member
-from uavcover.run.fly import FlightOptions, record_flight
+from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
+from uavcover.planner.plan_files import save_plan
 from uavcover.run.folder import RunFolder
-from uavcover.run.geotiff import Band, geotiff
-from uavcover.run.mission import compile_plan
-from uavcover.run.plan_files import save_plan
 from uavcover.run.planned import read_planned
-from uavcover.run.resume import find_unfinished, save_rest
-from uavcover.run.session import Connected, fly, require_home
-from uavcover.run.upload import upload
 from uavcover.run.user import Unattended
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map
 from uavcover.terrain.frames import LocalFrame
-from uavcover.vehicle.fly import FlightOutcome, Orders
-from uavcover.vehicle.monitor import open_vehicle
+from uavcover.verification.geotiff import Band, geotiff
 
 FRAME = LocalFrame(36.51, -84.23, 412.0)
 """Latitude, longitude and height are unlike each other: what is swapped shows."""
@@ -277,7 +277,7 @@ class Field:
         """Upload the plan of a run folder, fly it from the ground, and keep the record there as ``uavcover fly`` does.
 
         Raises:
-            uavcover.vehicle.outcome.FlightFailedError: it did not end as it should.
+            uavcover.model.outcome.FlightFailedError: it did not end as it should.
         """
         route = read_planned(run)[1].route
 

@@ -13,7 +13,7 @@ from tests.compiled_kernels import cases
 from tests.kernels.test_coverage import cells_on, make_sight, rough_ground, sights
 from tests.kernels.test_obstacles import obstacles_of
 from tests.naive import route_state as naive
-from tests.planning.sites import hills, make_site, tower
+from tests.planner.sites import hills, make_site, tower
 from uavcover.kernels import coverage as coverage_kernels
 from uavcover.kernels.annealing import Prices, Schedule, anneal, energy_of_share, snapshot
 from uavcover.kernels.leg_visibility import list_cells
@@ -26,12 +26,12 @@ from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS, RouteLimit
 from uavcover.kernels.sight import CONE, DISC, FRUSTUM, MIDPOINT, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight
 from uavcover.kernels.skyline import NO_SKYLINES
 from uavcover.kernels.surface import Surface, heights
+from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Route
 from uavcover.model.sensor import NadirCamera, SphereSensor
-from uavcover.planning.search.route_problem import route_problem, state_of
-from uavcover.planning.search.tuning import TUNED
-from uavcover.routes.leg_checks import measure_violations
+from uavcover.planner.search.route_problem import route_problem, state_of
+from uavcover.planner.search.tuning import TUNED
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.terrain.ground import grid_ground, sine_cosine_ground
 

@@ -11,7 +11,7 @@ from uavcover.kernels.flight_time import Pace
 from uavcover.kernels.route_state_cost import exchange_cost, reversal_cost, transfer_cost
 from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS
 from uavcover.kernels.way_cost import ENERGY, LENGTH, SHORTEST, TIME, WayCost, route_cost
-from uavcover.planning.search.tuning import TUNED
+from uavcover.planner.search.tuning import TUNED
 
 PACE = Pace(2.0, 0.7, 0.5, airspeed_m_s=2.5, wind_east_m_s=1.0, wind_north_m_s=-1.5, acceleration_m_s2=0.8)
 WAYS = {

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.naive import swath_edges as naive
-from tests.planning.sites import flat, make_site
+from tests.planner.sites import flat, make_site
 from uavcover.kernels.sight import CONE, NO_LINE_OF_SIGHT, SPHERE, Sight, horizontal_reach
 from uavcover.kernels.surface import height
 from uavcover.kernels.swaths import balance_lines, side_reach

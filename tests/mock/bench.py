@@ -7,8 +7,8 @@ from mission_io.model.enums import CommandResult, MissionResult
 from mission_io.model.items import Command, Frame, MissionItem, MissionType, takeoff, waypoint
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import item_from_message, message_from_item
-from tests.vehicle.scene import HOME, above_home, mock_vehicle
-from uavcover.vehicle.modes import Mode, custom_mode
+from tests.flight.scene import HOME, above_home, mock_vehicle
+from uavcover.flight.modes import Mode, custom_mode
 
 
 class Bench:

@@ -9,10 +9,10 @@ from mission_io.model.areas import Fence, FenceCircle, FencePolygon, LatLon, ite
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command, MissionType
 from mission_io.wire import messages as m
+from tests.flight.scene import HOME, above_home
 from tests.mock.bench import Bench, go, ready, up_there
-from tests.vehicle.scene import HOME, above_home
+from uavcover.flight.modes import Mode
 from uavcover.mock.dynamics import BatteryData
-from uavcover.vehicle.modes import Mode
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 STATION = m.Heartbeat(8, 6)

@@ -11,8 +11,8 @@ from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from tests.mock.bench import Bench, go, ready, up_there
 from uavcover.errors import InputError
+from uavcover.flight.modes import Mode
 from uavcover.mock.faults import Fault, FaultKind, FaultSchedule, FaultTrigger, Since, parse_fault
-from uavcover.vehicle.modes import Mode
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 

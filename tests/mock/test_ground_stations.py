@@ -15,12 +15,12 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.formats.wpl import write_mission
-from tests.vehicle.scene import HOME, mission
+from tests.flight.scene import HOME, mission
+from uavcover.flight.modes import Mode
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.ports import TcpPort, UdpPort
 from uavcover.mock.server import MockServer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.vehicle.modes import Mode
 
 pytestmark = pytest.mark.timeout(120)
 

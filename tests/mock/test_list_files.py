@@ -15,9 +15,9 @@ from mission_io.model.areas import Fence, FenceCircle, FencePolygon, FramedPoint
 from mission_io.model.items import Frame, Mission, MissionItem, MissionType, land, takeoff, waypoint
 from mission_io.protocol.ftp import FtpMessage, FtpOperation
 from mission_io.wire.messages import FileTransfer
+from tests.flight.scene import HOME, mock_vehicle
 from tests.mission_io.vehicle import VehiclePeer
 from tests.mission_io.vehicle import connected as vehicle_client
-from tests.vehicle.scene import HOME, mock_vehicle
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.vehicle import MockVehicle
 

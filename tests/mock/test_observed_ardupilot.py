@@ -10,10 +10,10 @@ from mission_io.model.enums import CommandResult, EkfFlag, MissionResult
 from mission_io.model.items import Command, Frame, MissionItem, MissionType
 from mission_io.protocol.terrain import TerrainAnswers
 from mission_io.wire import messages as m
+from tests.flight.scene import HOME, above_home
 from tests.mock.bench import Bench, go, up_there
-from tests.vehicle.scene import HOME, above_home
+from uavcover.flight.modes import Mode
 from uavcover.mock.behaviour import OBSERVED
-from uavcover.vehicle.modes import Mode
 
 FENCE, RALLY = MissionType.FENCE, MissionType.RALLY
 

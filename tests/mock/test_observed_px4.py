@@ -14,12 +14,12 @@ from mission_io.links.simulated import Conditions, SimulatedLink
 from mission_io.model.enums import CommandResult, MissionResult
 from mission_io.model.items import Command, Frame, MissionItem, MissionType
 from mission_io.wire import messages as m
+from tests.flight.scene import HOME, mission
 from tests.mock.bench import Bench, go, up_there
-from tests.vehicle.scene import HOME, mission
+from uavcover.flight.modes import Mode
 from uavcover.mock.behaviour import OBSERVED
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.vehicle.modes import Mode
 
 SEEN = OBSERVED[PX4.mav_autopilot]
 PUNCTUAL = replace(SEEN, stale_read_back=0.0)

@@ -5,7 +5,7 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
-from tests.vehicle.scene import HOME
+from tests.flight.scene import HOME
 from uavcover.mock.faults import parse_fault
 from uavcover.mock.peer import MockPeer, Pacing
 from uavcover.mock.vehicle import MockConfig, MockVehicle

@@ -18,15 +18,15 @@ from mission_io.model.items import Frame, Mission, MissionType, waypoint
 from mission_io.protocol.timing import Timing
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
-from tests.vehicle.scene import HOME, mission, plan_for, way_home
+from tests.flight.scene import HOME, mission, plan_for, way_home
 from uavcover.errors import InputError, VehicleError
+from uavcover.flight.fly import Ending, Orders, fly
+from uavcover.flight.monitor import open_vehicle
+from uavcover.flight.precautions import OnBreach, Precautions
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.ports import TcpPort
 from uavcover.mock.server import MockServer, mock_endpoint, run, start_in_background
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.vehicle.fly import Ending, Orders, fly
-from uavcover.vehicle.monitor import open_vehicle
-from uavcover.vehicle.precautions import OnBreach, Precautions
 
 SPEED = 40.0
 

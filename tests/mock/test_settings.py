@@ -8,10 +8,10 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
+from tests.flight.scene import HOME
 from tests.mock.bench import Bench, go, ready, up_there
 from tests.mock.test_failsafes import BOTH, set_parameter, texts
-from tests.vehicle.scene import HOME
-from uavcover.vehicle.modes import Mode
+from uavcover.flight.modes import Mode
 
 
 def flying(autopilot, *items, **parameters: float) -> Bench:

@@ -10,12 +10,12 @@ from mission_io.model.enums import CommandResult, EkfFlag, LandedState, MissionR
 from mission_io.model.items import Command, Frame, GeoPoint, delay, land, takeoff, waypoint
 from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
+from tests.flight.scene import HOME, above_home
 from tests.mock.bench import Bench, go, ready, up_there
-from tests.vehicle.scene import HOME, above_home
+from uavcover.flight.modes import Mode, custom_mode
 from uavcover.mock.behaviour import Settings, quick
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.telemetry import MOCK_UID
-from uavcover.vehicle.modes import Mode, custom_mode
 
 BOTH = pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
 

@@ -14,12 +14,12 @@ from rerun.chunk import RrdReader
 from rerun.experimental import ViewerClient
 
 from tests.recording.flights import Flight
-from uavcover.judging.verify import verify_track
 from uavcover.model.track import Track, TrackSample
 from uavcover.recording import RecordingError, VehicleState, describe_recording, layout, read_recorded_track, viewer
 from uavcover.recording.live import LiveRecording
 from uavcover.recording.reader import read_recorded_track_with_warnings, whole_messages
 from uavcover.sensing.coverage_map import LevelObservations
+from uavcover.verification.verify import verify_track
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="there is no /dev/fd")
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.planning.sites import flat, hills, make_site
+from tests.planner.sites import flat, hills, make_site
 from tests.recording.flights import Flight
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle, Obstacles

@@ -7,16 +7,16 @@ import pytest
 
 from tests.recording.flights import fly
 from tests.report.browser import Page, chromium_page
+from uavcover.flight.resume import find_unfinished, save_rest
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
 from uavcover.model.track import Track, TrackSample
+from uavcover.planner.plan_files import save_plan
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.page import render_report
 from uavcover.run.folder import RunFolder
-from uavcover.run.plan_files import save_plan
-from uavcover.run.resume import find_unfinished, save_rest
+from uavcover.run.track_file import TrackWriter
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.vehicle.track_file import TrackWriter
 
 HOSTILE = '</script><img src=x onerror="window.hacked=1"><!--{{ 7*7 }}&amp;\''
 """What would run, or end the data, if any text went into the page as it stands."""
@@ -96,7 +96,7 @@ def cut(track: Track, part: slice) -> Track:
 def read_of_perfect_tracks(run: RunFolder, logs: Sequence[Path] = ()) -> ReportContent:
     """A run's content with attitudes that count: made-up tracks take corners in no time, and have no lean to confirm."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("uavcover.judging.attitude._unconfirmed", lambda *_: None)
+        patch.setattr("uavcover.verification.attitude._unconfirmed", lambda *_: None)
         return read_run(run, logs=logs)
 
 

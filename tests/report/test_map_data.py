@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.planning.sites import flat, make_site, tower
+from tests.planner.sites import flat, make_site, tower
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
 from uavcover.report import map_data as drawing

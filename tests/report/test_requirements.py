@@ -6,11 +6,11 @@ from typing import Any, get_args
 import numpy as np
 import pytest
 
-from uavcover.judging.requirements import RequirementRow, requirement_rows
 from uavcover.model.judgement import Effect, Finding, Holds, Judgement, Requirement, combined, fails, unproved
 from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.model.verdict import LIMIT_OF, Violation, ViolationKind
 from uavcover.report.content import ReportContent
+from uavcover.verification.requirements import RequirementRow, requirement_rows
 
 
 def rows_of(

@@ -9,11 +9,11 @@ from mission_io.autopilots.autopilot import PX4
 from mission_io.links.base import WrappingLink
 from mission_io.links.simulated import Conditions, ManualClock, SimulatedLink
 from mission_io.links.telemetry_log import LoggedLink
+from uavcover.flight.connect import Connected, VehicleLink
+from uavcover.flight.monitor import open_vehicle
 from uavcover.mock.peer import InMemoryPeer
 from uavcover.mock.vehicle import MockVehicle
-from uavcover.run.session import Connected, VehicleLink
 from uavcover.scenario.site import Site
-from uavcover.vehicle.monitor import open_vehicle
 
 _SLACK_S = 0.25
 

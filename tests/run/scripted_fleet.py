@@ -13,19 +13,19 @@ import numpy as np
 from tests.run.lockstep import Lockstep
 from tests.run.test_fleet import Listener
 from tests.run.test_fleet_traffic import out_and_back
+from uavcover.fleet.board import Board, VehicleUser
+from uavcover.fleet.clock import FleetClock
+from uavcover.fleet.flight import FleetFlight
+from uavcover.fleet.jobs import Job, OnLoss
+from uavcover.fleet.orders import FleetOrders
+from uavcover.fleet.sortie import FlownSortie
+from uavcover.flight.command import FlightOptions
+from uavcover.flight.connect import Connected, VehicleLink
 from uavcover.model.fleet import Fleet
+from uavcover.model.outcome import Ending, FlightFailedError, FlightOutcome
 from uavcover.model.route import Route
 from uavcover.model.vehicle import Vehicle
-from uavcover.run.fleet_board import Board, VehicleUser
-from uavcover.run.fleet_clock import FleetClock
-from uavcover.run.fleet_flight import FleetFlight
-from uavcover.run.fleet_jobs import Job, OnLoss
-from uavcover.run.fleet_orders import FleetOrders
-from uavcover.run.fleet_sortie import FlownSortie
-from uavcover.run.fly import FlightOptions
 from uavcover.run.folder import RunFolder
-from uavcover.run.session import Connected, VehicleLink
-from uavcover.vehicle.outcome import Ending, FlightFailedError, FlightOutcome
 
 WATCHDOG_S = 120.0
 FLEET = Fleet(

@@ -8,14 +8,14 @@ import uavcover as uc
 from mission_io.errors import VehicleSilentError
 from tests.cli.conftest import corner_of_the_demo
 from uavcover.errors import InputError, OptimizerError
-from uavcover.run.bounds import bounds as bounds_of
-from uavcover.run.bounds import least_length_m
+from uavcover.flight.connect import VehicleLink, connect, home_of, require_home
+from uavcover.missions.mission_files import compile_plan, export_text
+from uavcover.planner.command import PlanRequest, plan_into
+from uavcover.planner.plan_bounds import bounds as bounds_of
+from uavcover.planner.plan_bounds import least_length_m
+from uavcover.planner.plan_search import SearchRequest, plan
 from uavcover.run.folder import RunFolder
-from uavcover.run.mission import compile_plan, export_text
-from uavcover.run.plan import PlanRequest, plan_into
-from uavcover.run.plan_search import SearchRequest, plan
 from uavcover.run.planned import read_planned
-from uavcover.run.session import VehicleLink, connect, home_of, require_home
 from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site

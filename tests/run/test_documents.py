@@ -9,9 +9,9 @@ import pytest
 
 from uavcover.errors import InputError
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
+from uavcover.planner.pareto_file import PARETO_COLUMNS, TradeOffAxis, pareto_csv, read_pareto, trade_off_axis
 from uavcover.run.documents import plan_document, read_plan_document
 from uavcover.run.folder import json_text
-from uavcover.run.pareto_file import PARETO_COLUMNS, TradeOffAxis, pareto_csv, read_pareto, trade_off_axis
 from uavcover.scenario.site import Site, load_site
 
 

@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.planning.sites import hills, make_site
-from tests.routes.test_sorties import there_and_back
+from tests.missions.test_sorties import there_and_back
+from tests.planner.sites import hills, make_site
+from uavcover.missions.flights import compile_flights
+from uavcover.missions.objectives import judge
 from uavcover.model.fleet import Fleet
 from uavcover.model.route import Plan, RouteMember
-from uavcover.routes.flights import compile_flights
-from uavcover.routes.objectives import judge
+from uavcover.planner.fleet_document import fleet_document, say_fleet
+from uavcover.planner.plan_files import save_plan
 from uavcover.run.documents import read_plan_document
-from uavcover.run.fleet import fleet_document, say_fleet
 from uavcover.run.folder import RunFolder
-from uavcover.run.plan_files import save_plan
 from uavcover.run.user import Unattended
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map

@@ -7,22 +7,22 @@ import numpy as np
 import pytest
 import shapely
 
+from tests.planner.test_fleet_parts import request
 from tests.run.lockstep import Hangar
 from tests.run.test_fleet import Listener
-from tests.run.test_fleet_parts import request
 from tests.run.test_fly_fleet import copied, fly, judged, no_recording_of_single_flights
 from tests.run.test_unlike_fleet import FAR, mock, unlike_site
 from uavcover.errors import InfeasibleError
+from uavcover.fleet.command import FleetFailedError
+from uavcover.fleet.jobs import planned_jobs, time_for
 from uavcover.mock.behaviour import quick
 from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.sensor import FrameCamera, NadirCamera
-from uavcover.planning.fleet_parts import first_paces, part_sites
-from uavcover.run.fleet_jobs import planned_jobs, time_for
+from uavcover.planner.command import plan_into
+from uavcover.planner.fleet_parts import first_paces, part_sites
 from uavcover.run.flown_by import site_for
-from uavcover.run.fly_fleet import FleetFailedError
 from uavcover.run.folder import RunFolder
-from uavcover.run.plan import plan_into
 from uavcover.run.planned import read_planned
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario
 from uavcover.scenario.site import Site, load_site

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from uavcover.errors import InfeasibleError
+from uavcover.fleet.position import FleetPhase
+from uavcover.fleet.traffic import Traffic
+from uavcover.missions.timeline import Timeline
 from uavcover.model.fleet import Fleet
-from uavcover.routes.timeline import Timeline
-from uavcover.run.fleet_position import FleetPhase
-from uavcover.run.fleet_traffic import Traffic
 
 FLEET = Fleet(vehicles=3, separation_m=20.0, path_error_m=2.0, timing_error_fraction=0.0, start_error_s=1.0, pad_s=10.0)
 HOME = (0.0, 0.0, 0.0)

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 
+from uavcover.model.outcome import Ending, FlightOutcome
 from uavcover.run import provenance
 from uavcover.run.folder import RunFolder
-from uavcover.vehicle.outcome import Ending, FlightOutcome
 
 OUTCOME = FlightOutcome(Ending.LANDED, 4, 100, 20.0, None)
 

@@ -17,28 +17,28 @@ from tests.cli.conftest import corner_of_the_demo
 from tests.run.lockstep import Hangar, Seat
 from tests.run.test_fleet import Listener
 from uavcover.errors import InputError
+from uavcover.fleet.command import FleetFailedError, FleetOptions, fly_fleet
+from uavcover.fleet.jobs import planned_jobs
+from uavcover.flight.command import FlightOptions
+from uavcover.flight.connect import VehicleLink, home_of
+from uavcover.missions.flights import compile_flights
+from uavcover.missions.objectives import judge
 from uavcover.mock.behaviour import Settings, quick
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.fleet import Fleet
 from uavcover.model.route import Plan, Route, RouteMember
-from uavcover.planning.terrain_following import lay_over_terrain
+from uavcover.planner.fleet_document import fleet_document
+from uavcover.planner.plan_files import save_plan
+from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.recording.reader import describe_recording
-from uavcover.routes.flights import compile_flights
-from uavcover.routes.objectives import judge
-from uavcover.run.fleet import fleet_document
-from uavcover.run.fleet_jobs import planned_jobs
-from uavcover.run.fly import FlightOptions
-from uavcover.run.fly_fleet import FleetFailedError, FleetOptions, fly_fleet
 from uavcover.run.folder import RunFolder
-from uavcover.run.judge import verify_run
-from uavcover.run.plan_files import save_plan
-from uavcover.run.session import VehicleLink, home_of
+from uavcover.run.track_file import read_track
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map
-from uavcover.vehicle.track_file import read_track
+from uavcover.verification.command import verify_run
 
 
 def plan_for(folder: Path, site: Site, route: Any) -> RunFolder:
@@ -72,8 +72,8 @@ def mock(number: int, sortie: int, site: Site, **config: Any) -> MockVehicle:
 @pytest.fixture(autouse=True)
 def no_recording_of_single_flights(monkeypatch: pytest.MonkeyPatch) -> None:
     """tests/cli/test_fly.py looks at these; here they would take most of the time."""
-    monkeypatch.setattr("uavcover.run.fly.live_recording", lambda *_, **__: None)
-    monkeypatch.setattr("uavcover.run.fly._keep_recording", lambda *_: None)
+    monkeypatch.setattr("uavcover.flight.command.live_recording", lambda *_, **__: None)
+    monkeypatch.setattr("uavcover.flight.command._keep_recording", lambda *_: None)
 
 
 @pytest.fixture(scope="module")

@@ -17,16 +17,16 @@ from pyproj import Transformer
 from tests.recording.flights import fly
 from tests.report.conftest import coarse, cut, lines_over, write_track
 from uavcover.errors import InputError
+from uavcover.flight.resume import find_unfinished, save_rest
+from uavcover.missions.mission_files import compile_plan
 from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.model.route import Plan, Route, RouteMember, RouteMetrics
 from uavcover.model.terrain import RasterTerrain
+from uavcover.planner.plan_files import save_plan
 from uavcover.run import judged_inputs
 from uavcover.run.folder import MISSION_FILES, PLAN_FILES, RunFolder, has_a_flight
 from uavcover.run.judged_inputs import WHATS, JudgedInputs, inspect_inputs, judged_logs, refuse_changes
-from uavcover.run.mission import compile_plan
-from uavcover.run.plan_files import save_plan
 from uavcover.run.provenance import note_files, note_in_run, read_record, seal_flight
-from uavcover.run.resume import find_unfinished, save_rest
 from uavcover.scenario.scenario_file import dump_scenario, terrain_source
 from uavcover.scenario.site import Site, load_site
 

@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from uavcover.run.fly import commands_after_flight
+from uavcover.flight.command import commands_after_flight
+from uavcover.model.outcome import Ending
 from uavcover.run.folder import RunFolder
-from uavcover.vehicle.outcome import Ending
 
 TO = ("--to", "URL")
 

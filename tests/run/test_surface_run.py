@@ -6,11 +6,11 @@ import pytest
 
 from tests.scenario.surface_files import WOOD_M, lon_lat, write_models
 from uavcover.errors import InputError
+from uavcover.new.command import new_scenario, say_design
+from uavcover.new.elevation_questions import NewRequest
+from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.run.folder import RunFolder
 from uavcover.run.judged_inputs import inspect_inputs, refuse_changes
-from uavcover.run.new import new_scenario, say_design
-from uavcover.run.new_elevation import NewRequest
-from uavcover.run.plan import PlanRequest, plan_into
 from uavcover.run.user import Unattended
 from uavcover.scenario.areas.area_file import AreaQuery
 

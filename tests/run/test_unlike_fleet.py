@@ -18,6 +18,12 @@ from tests.run.test_fleet import Listener
 from tests.run.test_fly_fleet import copied, fly, judged, no_recording_of_single_flights, plan_for
 from uavcover.errors import InfeasibleError, InputError, ScenarioError
 from uavcover.extras.exports.export import ExportRequest, export_mission
+from uavcover.fleet.command import FleetFailedError
+from uavcover.fleet.jobs import OnLoss, planned_jobs
+from uavcover.fleet.upload import first_sorties
+from uavcover.flight.connect import home_of
+from uavcover.missions.flights import compile_flights
+from uavcover.missions.mission_files import compile_plan
 from uavcover.mock.behaviour import Settings, quick
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
@@ -25,21 +31,15 @@ from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.home import Home
 from uavcover.model.no_fly import NoFly
 from uavcover.model.route import Route
-from uavcover.planning.sortie_order.reorder import _done_s
-from uavcover.planning.terrain_following import lay_over_terrain
-from uavcover.routes.flights import compile_flights
-from uavcover.run.fleet import fleet_document, say_fleet
-from uavcover.run.fleet_jobs import OnLoss, planned_jobs
-from uavcover.run.fly_fleet import FleetFailedError
+from uavcover.planner.fleet_document import fleet_document, say_fleet
+from uavcover.planner.sortie_order.reorder import _done_s
+from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.run.folder import RunFolder
-from uavcover.run.judge import verify_run
-from uavcover.run.mission import compile_plan
 from uavcover.run.planned import read_planned
-from uavcover.run.session import home_of
-from uavcover.run.upload_fleet import first_sorties
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicle_site import vehicle_sites
+from uavcover.verification.command import verify_run
 
 assert no_recording_of_single_flights  # a fixture that every flight here uses
 FAR = Home(lat_deg=36.4785, lon_deg=-84.2190)

@@ -13,17 +13,17 @@ import pytest
 
 from tests.run.test_fleet import Listener
 from uavcover.errors import InputError, VehicleError
+from uavcover.fleet.upload import first_sorties, upload_fleet
+from uavcover.flight.connect import Connected, VehicleLink, connect
+from uavcover.missions.flights import compile_flights
+from uavcover.missions.objectives import judge
 from uavcover.model.fleet import Fleet
 from uavcover.model.route import Plan, Route, RouteMember
-from uavcover.planning.terrain_following import lay_over_terrain
-from uavcover.routes.flights import compile_flights
-from uavcover.routes.objectives import judge
+from uavcover.planner.fleet_document import fleet_document
+from uavcover.planner.plan_files import save_plan
+from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.run import upload_fleet as module
-from uavcover.run.fleet import fleet_document
 from uavcover.run.folder import RunFolder
-from uavcover.run.plan_files import save_plan
-from uavcover.run.session import Connected, VehicleLink, connect
-from uavcover.run.upload_fleet import first_sorties, upload_fleet
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import judging_map

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.planning.sites import STEP_M, hills, make_site
-from tests.planning.test_planner import make_plan
-from uavcover.routes.leg_checks import measure_violations
-from uavcover.run.plan_words import say_steps
+from tests.planner.sites import STEP_M, hills, make_site
+from tests.planner.test_planner import make_plan
+from uavcover.missions.leg_checks import measure_violations
+from uavcover.planner.plan_words import say_steps
 from uavcover.run.user import Unattended
 from uavcover.scenario.airspace.flyable import flyable_area, share_flyable_area
 from uavcover.scenario.ground_steps import least_width_m, parts_between_steps

@@ -8,7 +8,7 @@ import pytest
 
 from tests.cli.conftest import corner_of_the_demo
 from tests.naive.file_ground import FileGround, enu_points, leg_ranges_m, mission_points, plan_points
-from uavcover.run.plan import PlanRequest, plan_into
+from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import load_scenario, terrain_source
 

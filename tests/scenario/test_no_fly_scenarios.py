@@ -6,7 +6,7 @@ import json
 import pytest
 import shapely
 
-from tests.planning.sites import make_site
+from tests.planner.sites import make_site
 from uavcover.errors import ScenarioError
 from uavcover.model.no_fly import NoFly
 from uavcover.scenario.scenario_file import dump_scenario, load_scenario, parse_scenario

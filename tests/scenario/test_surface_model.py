@@ -16,10 +16,10 @@ from tests.scenario.surface_files import (
     write_models,
 )
 from uavcover.errors import ScenarioError, TerrainError
-from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planning.baselines.swaths import fly_layout
-from uavcover.routes.flights import compile_flights
-from uavcover.run.vehicle_terrain import heights_of_site
+from uavcover.flight.vehicle_terrain import heights_of_site
+from uavcover.missions.flights import compile_flights
+from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planner.baselines.swaths import fly_layout
 from uavcover.scenario.scenario_file import dump_scenario, parse_scenario
 from uavcover.scenario.site import load_site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import pytest
 import shapely
 
-from tests.planning.sites import make_site
+from tests.planner.sites import make_site
 from uavcover.errors import ScenarioError
 from uavcover.model.area import Area, Outline
 from uavcover.model.fleet import Fleet

@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 
-from tests.planning.sites import hills, make_site
+from tests.planner.sites import hills, make_site
 from tests.sensing.test_blocks import hard_site
 from uavcover.errors import ScenarioError
 from uavcover.extras.bounds.bounds import are_quick, farthest_looks_m, least_path_length_m

@@ -6,7 +6,7 @@ import itertools
 import numpy as np
 import pytest
 
-from tests.planning.sites import CAMERA, hills, make_site, tower
+from tests.planner.sites import CAMERA, hills, make_site, tower
 from uavcover.errors import ScenarioError
 from uavcover.model.obstacles import Obstacles
 from uavcover.scenario.site import Site

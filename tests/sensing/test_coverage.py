@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.integrate import dblquad
 
-from tests.planning.sites import hills, make_site
+from tests.planner.sites import hills, make_site
 from uavcover.errors import ScenarioError, TerrainError
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, SphereSensor
 from uavcover.scenario.scenario_file import load_scenario

@@ -10,7 +10,7 @@ import pytest
 
 from scripts.bench.kinds import measure
 from tests.naive.flown_line import arducopter, passed_corners, reached_places
-from tests.planning.sites import make_site
+from tests.planner.sites import make_site
 from tests.sensing.flown_lines import places_when_passed, track_of_legs
 from tests.terrain_kinds import write_scenario
 from uavcover.model.vehicle import MOTIONS

@@ -6,18 +6,18 @@ import math
 import numpy as np
 import pytest
 
-from tests.judging.flights import fly_along
-from tests.planning.sites import EXACT, flat, hills, make_site
+from tests.planner.sites import EXACT, flat, hills, make_site
 from tests.sensing.test_coverage import grid_site
+from tests.verification.flights import fly_along
 from uavcover.errors import ScenarioError
-from uavcover.judging.observations import observations_of
-from uavcover.judging.reported_photos import photos_of
-from uavcover.judging.verify import flown_coverage
 from uavcover.kernels.coverage import seen_from_points
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.scenario.scenario_file import dump_scenario, parse_scenario
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 from uavcover.sensing.sensors import camera_turn, flat_picture, reach_at_height_m, whatever_heading
+from uavcover.verification.observations import observations_of
+from uavcover.verification.reported_photos import photos_of
+from uavcover.verification.verify import flown_coverage
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")
 

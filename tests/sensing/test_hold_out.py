@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.planning.sites import hills, make_site
+from tests.planner.sites import hills, make_site
 from uavcover.extras.benchmarks.coverage.judging import HoldOut
 from uavcover.model.sensor import SphereSensor
 from uavcover.sensing.coverage_map import CoverageMap

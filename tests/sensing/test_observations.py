@@ -7,16 +7,16 @@ import math
 import numpy as np
 import pytest
 
-from tests.judging.flights import fly_along
-from tests.planning.sites import EXACT, hills, make_site
+from tests.planner.sites import EXACT, hills, make_site
+from tests.verification.flights import fly_along
 from uavcover.errors import ScenarioError
-from uavcover.judging.phases import PlannedRoute
-from uavcover.judging.verify import FlownTrack, flown_coverage, verify_flight
 from uavcover.model.route import Route
 from uavcover.model.sensor import DiscSensor, SphereSensor
-from uavcover.planning.search.route_problem import route_problem, state_of
+from uavcover.planner.search.route_problem import route_problem, state_of
 from uavcover.scenario.scenario_file import dump_scenario, parse_scenario
 from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.verification.phases import PlannedRoute
+from uavcover.verification.verify import FlownTrack, flown_coverage, verify_flight
 
 DISC = DiscSensor(kind="disc", radius_m=60.0)
 TWICE = {"looks": 2, "look_distance_m": 30.0}

@@ -9,12 +9,9 @@ import pytest
 import shapely
 from scipy.interpolate import RegularGridInterpolator
 
-from tests.judging.flights import fly_along
 from tests.naive import pictures as naive
-from tests.planning.sites import HIGH_M, LOW_M, ORIGIN, STEP_M, flat, hills, make_site, ridge, tower, with_scenario
-from uavcover.judging.phases import PlannedRoute
-from uavcover.judging.requirements import requirement_rows
-from uavcover.judging.verify import FlownTrack, verify_flight
+from tests.planner.sites import HIGH_M, LOW_M, ORIGIN, STEP_M, flat, hills, make_site, ridge, tower, with_scenario
+from tests.verification.flights import fly_along
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.sensor import FrameCamera, NadirCamera, SphereSensor
 from uavcover.scenario.site import area_as_drawn, load_site
@@ -28,6 +25,9 @@ from uavcover.sensing.pictures import (
     planned_poses,
     takes_pictures,
 )
+from uavcover.verification.phases import PlannedRoute
+from uavcover.verification.requirements import requirement_rows
+from uavcover.verification.verify import FlownTrack, verify_flight
 
 CAMERA = FrameCamera(
     kind="frame-camera", fov_across_deg=62.0, fov_along_deg=47.0, range_m=220.0, pixels_across=4000,

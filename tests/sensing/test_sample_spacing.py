@@ -8,11 +8,11 @@ import pytest
 import shapely
 
 from uavcover.errors import ScenarioError
-from uavcover.judging.observations import level_observations
 from uavcover.scenario.scenario_file import bundled_scenarios, load_scenario, parse_scenario
 from uavcover.scenario.site import build_site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 from uavcover.sensing.sensors import LONGEST_SPACING_M, reach_at_height_m, sample_spacing_m
+from uavcover.verification.observations import level_observations
 
 HEIGHT_M = 20.0
 SCENARIO = """

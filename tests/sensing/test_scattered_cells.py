@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from tests.planning.sites import flat, hills, make_site
+from tests.planner.sites import flat, hills, make_site
 from uavcover.sensing.cells import make_cells, make_scattered_cells
 from uavcover.sensing.coverage_map import CoverageMap
 

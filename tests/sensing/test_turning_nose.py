@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.kernels.test_turning_nose import courses_deg, off_deg
-from tests.planning.sites import make_site
+from tests.planner.sites import make_site
 from tests.terrain_kinds import write_scenario
 from uavcover.model.sensor import FrameCamera
 from uavcover.model.vehicle import AutopilotName

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from uavcover.judging.track_logs.assembly import LoggedRows
-from uavcover.routes.mission_compiler import CompiledMission
+from uavcover.missions.mission_compiler import CompiledMission
+from uavcover.verification.track_logs.assembly import LoggedRows
 
 COMMANDS = {"After": {"hello": ("surveykit", "says hello to a file", ("uavcover hello mission.json",))}}
 

@@ -20,7 +20,7 @@ def clear(
     from mission_io.model.items import MissionType
     from uavcover.cli.mission_files import KINDS
     from uavcover.errors import InputError
-    from uavcover.run.session import connect
+    from uavcover.flight.connect import connect
 
     at = vehicle.link_to(to, link=link)
     console = output.console()

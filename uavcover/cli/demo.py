@@ -22,7 +22,7 @@ def demo(
 ) -> int:
     """Plan on real terrain, upload to a mock vehicle over UDP, read back, fly, record, verify."""
     from uavcover.cli.whole_chain import demonstrate
-    from uavcover.run.plan import PlanRequest
+    from uavcover.planner.command import PlanRequest
 
     console = output.console()
     request = PlanRequest(

@@ -19,18 +19,18 @@ import typer
 
 from uavcover.cli import options
 from uavcover.errors import InfeasibleError
-from uavcover.judging.phases import PlannedRoute
-from uavcover.judging.verify import FlownTrack, verify_flight
 from uavcover.kernels.arrays import FloatArray
+from uavcover.missions.flights import compile_flights
 from uavcover.model.route import Route
 from uavcover.model.track import Track
-from uavcover.planning.gap_route import plan_closing_route
-from uavcover.routes.flights import compile_flights
-from uavcover.run.bounds import bounds
-from uavcover.run.plan_search import SearchRequest, plan
+from uavcover.planner.gap_route import plan_closing_route
+from uavcover.planner.plan_bounds import bounds
+from uavcover.planner.plan_search import SearchRequest, plan
 from uavcover.run.user import User
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map
+from uavcover.verification.phases import PlannedRoute
+from uavcover.verification.verify import FlownTrack, verify_flight
 
 _PACKAGES = {
     "numpy": "numpy", "scipy": "scipy", "numba": "numba", "pyproj": "pyproj", "rasterio": "rasterio", "shapely": "shapely",

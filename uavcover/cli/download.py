@@ -20,8 +20,8 @@ def download(
     """Download a vehicle's mission, fence or rally points into a file."""
     from mission_io.model.items import MissionType
     from uavcover.cli.mission_files import check_output, text_of
+    from uavcover.flight.connect import connect
     from uavcover.run.folder import write_text
-    from uavcover.run.session import connect
 
     at = vehicle.transfer_link(url)
     console = output.console()

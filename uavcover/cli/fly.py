@@ -14,9 +14,9 @@ from uavcover.cli import options
 
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
-    from uavcover.run.fleet_jobs import OnLoss
+    from uavcover.fleet.jobs import OnLoss
+    from uavcover.flight.precautions import OnBreach, Precautions
     from uavcover.run.folder import RunFolder
-    from uavcover.vehicle.precautions import OnBreach, Precautions
 
 
 OLD_LIMITS = "limits_before.json"
@@ -94,13 +94,13 @@ def fly(
     whatever ended it, in a folder of its own inside RUN; verify counts both.
     """
     from uavcover.errors import INTERRUPTED, InputError
-    from uavcover.run.fly import ENDED_BY_USER, FlightOptions, commands_after_flight, fly_run, resume_run
+    from uavcover.fleet.own_links import links_of_run
+    from uavcover.flight.command import ENDED_BY_USER, FlightOptions, commands_after_flight, fly_run, resume_run
+    from uavcover.flight.flight_plan import FlightTimeouts
+    from uavcover.model.outcome import Ending
     from uavcover.run.folder import RunFolder
-    from uavcover.run.own_links import links_of_run
     from uavcover.run.planned import read_planned
     from uavcover.run.user import to_paste
-    from uavcover.vehicle.flight_plan import FlightTimeouts
-    from uavcover.vehicle.outcome import Ending
 
     if older.resume and not to and sortie is None and RunFolder(run).sorties():
         RunFolder(run).flight(sortie)  # one of several, and nobody says which
@@ -131,8 +131,8 @@ def fly(
         upload_first=link.url.startswith("mock:"),  # a vehicle that begins with this process holds nothing yet
     )  # fmt: skip
     if len(links) > 1:
-        from uavcover.run.close_gaps import GapRequest, commands_after_gaps
-        from uavcover.run.fly_fleet import FleetOptions, fly_fleet
+        from uavcover.fleet.command import FleetOptions, fly_fleet
+        from uavcover.planner.close_gaps import GapRequest, commands_after_gaps
 
         ended, document = fly_fleet(folder, links, console, FleetOptions(flight=asked, on_loss=loss), command=sys.argv)
         gap_mission = (document["gaps"] or {}).get("mission")
@@ -157,7 +157,7 @@ def fly(
 
 def _on_loss(text: str) -> "OnLoss":
     from uavcover.errors import InputError
-    from uavcover.run.fleet_jobs import OnLoss
+    from uavcover.fleet.jobs import OnLoss
 
     try:
         return OnLoss(text)
@@ -180,7 +180,7 @@ def precautions_for(
     Raises:
         InputError: what an earlier flight left is no list of parameters.
     """
-    from uavcover.vehicle.precautions import Precautions
+    from uavcover.flight.precautions import Precautions
 
     def keep(values: Mapping[str, float]) -> None:
         if values:

@@ -39,7 +39,7 @@ def gaps(
     cannot reach what was asked for.
     """
     from uavcover.errors import InputError
-    from uavcover.run.close_gaps import GapRequest, GapStart, close_gaps, commands_after_gaps
+    from uavcover.planner.close_gaps import GapRequest, GapStart, close_gaps, commands_after_gaps
     from uavcover.run.folder import RunFolder
 
     if start not in list(GapStart):

@@ -46,11 +46,11 @@ class Imitated:
         """
         from mission_io.autopilots.vehicle_types import parse_type
         from uavcover.errors import InputError
+        from uavcover.flight.connect import home_of
         from uavcover.mock.behaviour import Settings
         from uavcover.mock.dynamics import BatteryData
         from uavcover.mock.vehicle import MockConfig
         from uavcover.model.vehicle import autopilot_name
-        from uavcover.run.session import home_of
         from uavcover.scenario.site import load_site
 
         config = MockConfig(system_id=self.system, vehicle_type=parse_type(self.vehicle_type))
@@ -147,11 +147,11 @@ def mock_vehicle(
     """
     import numpy as np
 
+    from uavcover.missions.mission_compiler import AUTOPILOTS
     from uavcover.mock.faults import parse_fault
     from uavcover.mock.positioning import TruthFile
     from uavcover.mock.server import run
     from uavcover.mock.vehicle import MockVehicle
-    from uavcover.routes.mission_compiler import AUTOPILOTS
 
     console = output.console()
     name, place, config = imitated.configured()

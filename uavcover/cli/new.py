@@ -38,8 +38,8 @@ def new(
     console = output.console()
     if "list" in (survey.camera, survey.vehicle):
         return _list(console, cameras=survey.camera == "list", vehicles=survey.vehicle == "list")
-    from uavcover.intake.scenario_text import name_of  # the lists need no planner
-    from uavcover.run.new import new_scenarios, say_design, say_estimate
+    from uavcover.new.command import new_scenarios, say_design, say_estimate
+    from uavcover.new.scenario_text import name_of  # the lists need no planner
     from uavcover.run.user import to_paste
 
     if area is None:
@@ -74,8 +74,8 @@ def _refuse_to_replace(paths: list[Path], *, force: bool) -> None:
 
 
 def _list(console: "Console", *, cameras: bool, vehicles: bool) -> int:
-    from uavcover.intake.cameras import all_cameras
-    from uavcover.intake.vehicles import all_vehicles
+    from uavcover.new.cameras import all_cameras
+    from uavcover.new.vehicles import all_vehicles
 
     document: dict[str, Any] = {}
     if cameras:

@@ -41,9 +41,9 @@ class Overview(TyperGroup):
 if TYPE_CHECKING:
     from mission_io import SigningKey
     from uavcover.cli.console import Console
-    from uavcover.run.own_links import VehiclePlace
-    from uavcover.run.session import ClientName, VehicleLink
-    from uavcover.vehicle.precautions import OnBreach
+    from uavcover.fleet.own_links import VehiclePlace
+    from uavcover.flight.connect import ClientName, VehicleLink
+    from uavcover.flight.precautions import OnBreach
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors and warnings.")]
@@ -261,7 +261,7 @@ class LinkOptions:
             mission_io.errors.MissionIoError: the kind of link is not known, or the signing key cannot be used.
         """
         from mission_io.links.simulated import link_preset
-        from uavcover.run.session import VehicleLink
+        from uavcover.flight.connect import VehicleLink
 
         name = client_name(client, link=link, signed=self.signing_key is not None)
         return VehicleLink(
@@ -279,7 +279,7 @@ class VehicleOptions(LinkOptions):
 
     def link_to(self, url: str, *, client: str = "native", link: str = "default") -> "VehicleLink":
         """The vehicle at ``url``; see :meth:`LinkOptions.link_at`."""
-        from uavcover.run.own_links import VehiclePlace
+        from uavcover.fleet.own_links import VehiclePlace
 
         return self.link_at(VehiclePlace(url, self.system), client=client, link=link)
 
@@ -296,7 +296,7 @@ class EachVehicleOptions(LinkOptions):
         Raises:
             InputError: they do not fit each other.
         """
-        from uavcover.run.own_links import given_places
+        from uavcover.fleet.own_links import given_places
 
         return given_places(urls, self.system)
 
@@ -304,7 +304,7 @@ class EachVehicleOptions(LinkOptions):
         self, places: "Sequence[VehiclePlace]", *, client: str = "native", link: str = "default"
     ) -> "list[VehicleLink]":
         """The vehicles at these places, vehicle 1 first; what is on one link shares it. See :meth:`LinkOptions.link_at`."""
-        from uavcover.run.session import sharing_links
+        from uavcover.flight.connect import sharing_links
 
         return sharing_links([self.link_at(self._one(place), client=client, link=link) for place in places])
 
@@ -339,7 +339,7 @@ def on_breach(text: str | None) -> "OnBreach | None":
     Raises:
         InputError: it is not known.
     """
-    from uavcover.vehicle.precautions import OnBreach
+    from uavcover.flight.precautions import OnBreach
 
     if text is None:
         return None

@@ -9,7 +9,7 @@ from uavcover.cli import options
 
 if TYPE_CHECKING:
     from uavcover.model.route import MissionSize
-    from uavcover.run.pareto_file import ParetoRow
+    from uavcover.planner.pareto_file import ParetoRow
 
 
 def pareto(
@@ -21,10 +21,10 @@ def pareto(
 ) -> int:
     """List the Pareto set of a plan: coverage, waypoints, length, time and sorties of every member; or draw it."""
     from uavcover.errors import OutputError
+    from uavcover.planner.pareto_file import read_pareto
+    from uavcover.planner.plan_words import sizes_by_vehicles_in_words
     from uavcover.run.documents import bounds_in_words
     from uavcover.run.folder import RunFolder
-    from uavcover.run.pareto_file import read_pareto
-    from uavcover.run.plan_words import sizes_by_vehicles_in_words
     from uavcover.run.user import percent, to_paste
 
     console = output.console()

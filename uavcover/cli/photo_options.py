@@ -70,7 +70,7 @@ class PhotoOptions:
 
     def place(self) -> tuple[float, float] | None:
         """Latitude and longitude of take-off."""
-        from uavcover.intake.quantities import lat_lon
+        from uavcover.new.quantities import lat_lon
 
         return None if self.takeoff is None else lat_lon(self.takeoff, option="--takeoff")
 
@@ -99,7 +99,7 @@ class SearchOptions:
             InputError: it is not known, or the probability asked for is none.
         """
         from uavcover.errors import InputError
-        from uavcover.intake.detection import curve_named
+        from uavcover.new.detection import curve_named
 
         if self.pod is not None and not 0.0 < self.pod <= 1.0:
             raise InputError(f"--pod: {self.pod:g} is not a probability above 0 and at most 1")
@@ -112,7 +112,7 @@ class SearchOptions:
 
 def list_curves(console: "Console") -> int:
     """Say which curves of detection come with the package."""
-    from uavcover.intake.detection import all_curves
+    from uavcover.new.detection import all_curves
 
     curves = all_curves()
     console.say(f"{'curve':20}{'half of the looks find it at':>30}  title")

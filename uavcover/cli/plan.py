@@ -106,10 +106,10 @@ def plan(
     An area in place of a scenario is planned as `uavcover new` would describe it; RUN/scenario.toml then says how.
     Ctrl-C writes the best route so far and ends with 130.
     """
-    from uavcover.intake.quantities import memory_bytes
+    from uavcover.new.quantities import memory_bytes
+    from uavcover.planner.command import PlanRequest, plan_into
+    from uavcover.planner.plan_words import upload_in_words
     from uavcover.run.folder import RunFolder
-    from uavcover.run.plan import PlanRequest, plan_into
-    from uavcover.run.plan_words import upload_in_words
     from uavcover.run.user import to_paste
 
     console = output.console()
@@ -165,7 +165,7 @@ def _site(source: str, survey: SurveyOptions, console: "Console", *, autopilot: 
             raise InputError(f"{source}: is a scenario; {', '.join(given)} go with an area, such as area.kml")
         changed = survey.no_fly or survey.at is not None or survey.trust_dem
         return _with_options(source, survey, console) if changed else source
-    from uavcover.run.new import new_scenario, say_design, say_estimate
+    from uavcover.new.command import new_scenario, say_design, say_estimate
 
     new = new_scenario(survey.request(source, autopilot=autopilot), console, folder=Path())
     say_design(new, console)
@@ -177,9 +177,9 @@ def _with_options(source: str, survey: SurveyOptions, console: "Console") -> "Si
     """The scenario on its ground, with the zones of more files, another time of flight, and its heights confirmed."""
     from dataclasses import replace
 
-    from uavcover.intake.quantities import flight_window
-    from uavcover.intake.scenario_text import NO_FLY_MARGIN_M
     from uavcover.model.terrain import RasterTerrain
+    from uavcover.new.quantities import flight_window
+    from uavcover.new.scenario_text import NO_FLY_MARGIN_M
     from uavcover.scenario.scenario_file import load_scenario, with_no_fly
     from uavcover.scenario.site import load_site
 

@@ -11,8 +11,8 @@ from uavcover.cli import options
 
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
+    from uavcover.flight.connect import VehicleLink
     from uavcover.run.folder import RunFolder
-    from uavcover.run.session import VehicleLink
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,12 +61,12 @@ def plan_upload(
     upload.json tells of the last upload; an older one is replaced.
     """
     from uavcover.errors import InputError
+    from uavcover.fleet.own_links import links_of_run, links_of_scenario
+    from uavcover.flight.connect import require_home
+    from uavcover.flight.upload import upload_run
+    from uavcover.planner.command import PlanRequest, plan_into
     from uavcover.run.folder import RunFolder
-    from uavcover.run.own_links import links_of_run, links_of_scenario
-    from uavcover.run.plan import PlanRequest, plan_into
     from uavcover.run.planned import read_planned
-    from uavcover.run.session import require_home
-    from uavcover.run.upload import upload_run
     from uavcover.run.user import to_paste
 
     # A bad link or key is known before an hour of planning.
@@ -100,7 +100,7 @@ def plan_upload(
             console.result(outcome.document)
             return outcome.exit_code
     if len(links) > 1:
-        from uavcover.run.upload_fleet import links_that_fly
+        from uavcover.fleet.upload import links_that_fly
 
         links = links if is_run else links_that_fly(folder, links, console)
         return _upload_each(folder, links, console, in_flight=in_flight)
@@ -115,7 +115,7 @@ def plan_upload(
 
 
 def _upload_each(run: "RunFolder", links: "list[VehicleLink]", console: "Console", *, in_flight: bool) -> int:
-    from uavcover.run.upload_fleet import upload_fleet
+    from uavcover.fleet.upload import upload_fleet
     from uavcover.run.user import to_paste
 
     documents = upload_fleet(run, links, console, in_flight=in_flight)

@@ -38,10 +38,8 @@ def select(
 
     from uavcover.errors import InputError
     from uavcover.model.vehicle import autopilot_name
-    from uavcover.planning.selection_rule import parse_rule
-    from uavcover.run.fleet import say_fleet
-    from uavcover.run.folder import RunFolder, flown_in
-    from uavcover.run.plan_words import (
+    from uavcover.planner.fleet_document import say_fleet
+    from uavcover.planner.plan_words import (
         figures_header,
         figures_in_words,
         say_missions,
@@ -49,8 +47,10 @@ def select(
         say_size,
         upload_in_words,
     )
+    from uavcover.planner.select import choose
+    from uavcover.planner.selection_rule import parse_rule
+    from uavcover.run.folder import RunFolder, flown_in
     from uavcover.run.planned import read_planned
-    from uavcover.run.select import choose
 
     console = output.console()
     parse_rule(rule)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from uavcover.run.new_elevation import NewRequest
-    from uavcover.run.vehicle_terrain import ElevationData
+    from uavcover.flight.vehicle_terrain import ElevationData
+    from uavcover.new.elevation_questions import NewRequest
 
 
 Dem = Annotated[
@@ -80,7 +80,7 @@ class DemOptions:
 
     def data(self) -> "ElevationData":
         """What was named."""
-        from uavcover.run.vehicle_terrain import ElevationData
+        from uavcover.flight.vehicle_terrain import ElevationData
 
         return ElevationData(
             names=tuple(self.dem or ()),
@@ -187,7 +187,7 @@ class SurveyOptions:
             InputError: an option was given without a value, as by a script whose variable is empty.
         """
         from uavcover.errors import InputError
-        from uavcover.run.new_elevation import NewRequest
+        from uavcover.new.elevation_questions import NewRequest
         from uavcover.scenario.areas.area_file import AreaQuery
 
         if not area.strip():

@@ -32,8 +32,8 @@ def upload(
 ) -> int:
     """Upload a mission, fence or rally file, read it back and compare; the terrain is not checked."""
     from uavcover.cli.mission_files import home_of, read_contents, warn_of_home
-    from uavcover.run.session import connect
-    from uavcover.run.upload import say_comparison, telling_what_is_held
+    from uavcover.flight.connect import connect
+    from uavcover.flight.upload import say_comparison, telling_what_is_held
     from uavcover.run.user import to_paste
 
     at = vehicle.transfer_link(to)

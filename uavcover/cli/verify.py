@@ -52,11 +52,11 @@ def verify(
     Any flight at all: verify FLIGHT.bin --area A --dem DEM --camera C, or --photos FOLDER.
     """
     from uavcover.errors import InputError
-    from uavcover.judging.photo_evidence import NO_PICTURES, GivenEvidence, PictureEvidence
     from uavcover.plugins import loaded
     from uavcover.run.folder import RunFolder
-    from uavcover.run.judge import JudgedPictures, verify_run
     from uavcover.run.user import to_paste
+    from uavcover.verification.command import JudgedPictures, verify_run
+    from uavcover.verification.photo_evidence import NO_PICTURES, GivenEvidence, PictureEvidence
 
     console = output.console()
     if area is None:

@@ -12,16 +12,16 @@ from typing import Any
 
 from uavcover.cli.console import Console
 from uavcover.errors import INTERRUPTED, InputError, VehicleError
+from uavcover.flight.command import ENDED_BY_USER, FlightOptions, fly_run
+from uavcover.flight.connect import VehicleLink, require_home
+from uavcover.flight.fly import Ending
+from uavcover.flight.upload import upload_run
+from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.report.page import save_report
-from uavcover.run.fly import ENDED_BY_USER, FlightOptions, fly_run
 from uavcover.run.folder import REPORT_FILE, RunFolder
-from uavcover.run.judge import verify_run
-from uavcover.run.plan import PlanRequest, plan_into
 from uavcover.run.provenance import add_stage
-from uavcover.run.session import VehicleLink, require_home
-from uavcover.run.upload import upload_run
 from uavcover.run.user import metres, percent, to_paste
-from uavcover.vehicle.fly import Ending
+from uavcover.verification.command import verify_run
 
 _MOCK_START_S = 60.0
 _WIND = ("--wind", "3", "--wind-from", "250", "--gust", "0.7")

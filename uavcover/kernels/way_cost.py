@@ -2,7 +2,7 @@
 
 A cost of the whole mission begins and ends on the ground at home. During a search the way there and the way home are straight
 lines from above home: where the terrain bends them they take longer, by little beside what a route takes, and what is
-reported is counted along the checked transits (:func:`uavcover.routes.sorties.mission_time_s`).
+reported is counted along the checked transits (:func:`uavcover.missions.sorties.mission_time_s`).
 
 A route that no single flight can fly is split for the least total time in the order of its waypoints, by the procedure of
 Prins (2004), doi 10.1016/S0305-0548(03)00158-8.

@@ -4,6 +4,7 @@ import math
 from collections.abc import Callable
 from dataclasses import replace
 
+from mission_io.autopilots.flight_modes import Mode, mode_from_custom, mode_from_params
 from mission_io.model.enums import CommandResult, VehicleClass
 from mission_io.model.items import Command, Frame, GeoPoint, MissionItem
 from mission_io.wire import messages as m
@@ -13,7 +14,6 @@ from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.itinerary import Step, StepKind, changed_speeds
 from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import KIND_BY_ID, tell
-from uavcover.vehicle.modes import Mode, mode_from_custom, mode_from_params
 
 Params = tuple[float, ...]
 _FORCE_DISARM = 21196.0

@@ -7,10 +7,10 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from mission_io.autopilots.flight_modes import Mode
 from uavcover.mock.behaviour import TransferClock
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.state import MockState
-from uavcover.vehicle.modes import Mode
 
 _POSITION_TIMEOUT_S = 1.0
 _WARNING, _CRITICAL, _EMERGENCY = 4, 2, 0

@@ -3,11 +3,11 @@
 from collections.abc import Callable
 from dataclasses import replace
 
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.items import Command, MissionItem, MissionType
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.faults import Fault, FaultKind
 from uavcover.mock.flight_control import FlightControl
-from uavcover.vehicle.modes import Mode
 
 _CRITICAL_CHARGE = 0.06
 _UPWIND_DEG = 270.0

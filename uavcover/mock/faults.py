@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import Enum
 
+from mission_io.autopilots.flight_modes import Mode
 from uavcover.errors import InputError
-from uavcover.vehicle.modes import Mode
 
 
 class FaultKind(Enum):

@@ -5,6 +5,7 @@ Results are answers to commands; refusals are worded as the autopilot words them
 
 from collections.abc import Callable
 
+from mission_io.autopilots.flight_modes import Mode, has_mode
 from mission_io.model.enums import CommandResult, MissionState
 from mission_io.model.items import GeoPoint, MissionType
 from mission_io.wire import messages as m
@@ -17,7 +18,6 @@ from uavcover.mock.smart_return import SMART_RTL
 from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import tell
 from uavcover.mock.way_home import return_steps
-from uavcover.vehicle.modes import Mode, has_mode
 
 _INFO, _WARNING, _CRITICAL = 6, 4, 2
 _FAILSAFE_NAMES = {Mode.RETURN: "RTL Mode", Mode.LAND: "LAND Mode", Mode.HOLD: "BRAKE Mode"}

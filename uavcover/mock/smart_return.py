@@ -1,7 +1,7 @@
 """ArduCopter's SmartRTL on the mock vehicle: the flown path, simplified and with its loops cut out, and back along it.
 
 As libraries/AP_SmartRTL and mode_smart_rtl.cpp of ArduCopter 4.7, where they decide the path; the prediction in
-``uavcover/routes/failsafe_path.py`` shares no code with it.
+``uavcover/missions/failsafe_path.py`` shares no code with it.
 """
 
 import math

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from mission_io.autopilots.autopilot import Autopilot, autopilot_for
+from mission_io.autopilots.flight_modes import Mode, custom_mode, has_mode, mode_from_custom
 from mission_io.model.enums import AutopilotId, MissionState, VehicleClass
 from mission_io.model.items import GeoPoint, MissionItem, MissionType
 from mission_io.protocol.exchange import Address
@@ -30,7 +31,6 @@ from uavcover.mock.positioning import GpsError
 from uavcover.mock.smart_return import Trail
 from uavcover.mock.terrain_feed import TerrainFeed
 from uavcover.model.vehicle import MOTIONS
-from uavcover.vehicle.modes import Mode, custom_mode, has_mode, mode_from_custom
 
 _DISARM_WHEN_IDLE_S = 10.0
 """Time to wait for the ground station's next command: on the link's clock, however fast vehicle time runs."""

@@ -3,14 +3,14 @@
 import math
 from collections.abc import Callable
 
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.enums import EkfFlag, MissionState, ModeFlag
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
 from uavcover.mock.positioning import TruthSample
 from uavcover.mock.state import MockState
-from uavcover.vehicle.modes import Mode
-from uavcover.vehicle.precautions import MOCK_UID
+from uavcover.model.vehicle import MOCK_UID
 
 _CAPABILITIES = {
     # MISSION_INT, COMMAND_INT, MAVLINK2, MISSION_FENCE, MISSION_RALLY; then ArduPilot's C_CAST and TERRAIN, PX4's BYTEWISE

@@ -1,18 +1,18 @@
 """The mock vehicle's own return: ArduCopter's RTL and SmartRTL modes and PX4's Return mode, by the vehicle's parameters.
 
-It shares no code with ``uavcover/routes/failsafe_path.py``, which predicts returns: a flight on the mock tests the prediction.
+It shares no code with ``uavcover/missions/failsafe_path.py``, which predicts returns: a flight on the mock tests the prediction.
 """
 
 import math
 from dataclasses import replace
 
+from mission_io.autopilots.flight_modes import Mode
 from mission_io.model.items import Command, Frame, MissionItem, MissionType
 from uavcover.mock.dynamics import Vector
 from uavcover.mock.guidance import Speeds
 from uavcover.mock.itinerary import Step, StepKind, halting_point
 from uavcover.mock.smart_return import ABOVE_START_M, SMART_RTL
 from uavcover.mock.state import MockState
-from uavcover.vehicle.modes import Mode
 
 _TERRAIN_STEP_M = 30.0
 _SETTLED_M = 0.2

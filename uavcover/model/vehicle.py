@@ -12,6 +12,9 @@ from uavcover.model.power import PowerModel
 from uavcover.model.sensor import Sensor
 from uavcover.model.value_checks import STRICT, require, require_not_negative, require_positive
 
+MOCK_UID = int.from_bytes(b"uavcover", "big")
+"""The ``uid`` in the mock vehicle's AUTOPILOT_VERSION: how it says that it is no real vehicle."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wind:

@@ -1,1 +1,4 @@
-"""Pages that open offline: the report of a run, of pictures and of a checked mission, the print-out; figures."""
+"""``report.html``: one page about a run that opens offline.
+
+In: a run folder. Out: HTML with map, charts, tables. Begin with ``page.py``; ``content.py`` reads the run.
+"""

@@ -13,13 +13,13 @@ from matplotlib import colormaps
 from numpy.typing import NDArray
 from PIL import Image
 
-from uavcover.judging.flown_coverage import FlownCoverage
-from uavcover.judging.gaps import REASONS, reason_codes
-from uavcover.judging.verify import Verdict
 from uavcover.kernels.arrays import BoolArray, ByteArray, FloatArray
 from uavcover.report.content import PlannedView, ReportContent
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, pictures_asked
+from uavcover.verification.flown_coverage import FlownCoverage
+from uavcover.verification.gaps import REASONS, reason_codes
+from uavcover.verification.verify import Verdict
 
 Bounds = tuple[float, float, float, float]
 Rgb = tuple[int, int, int]

@@ -7,25 +7,25 @@ from typing import Any
 
 import numpy as np
 
-from uavcover.judging.phases import PlannedRoute
-from uavcover.judging.verify import Verdict, track_positions_m
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.model.verdict import PictureStatistics
+from uavcover.planner.pareto_file import ParetoRow, read_pareto
 from uavcover.run.documents import PlannedDocument, read_plan_document
 from uavcover.run.flown_by import site_for
 from uavcover.run.folder import RunFolder
-from uavcover.run.judge import date_bounds, judge_tracks, planned_for, read_log
 from uavcover.run.judged_inputs import judged_logs, was_flown
-from uavcover.run.pareto_file import ParetoRow, read_pareto
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicle_parts import groups_of, own_sensors
 from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.fleet_map import fleet_map, map_for
 from uavcover.sensing.pictures import PictureCounts, count_pictures, picture_statistics, planned_poses, takes_pictures
+from uavcover.verification.command import date_bounds, judge_tracks, planned_for, read_log
+from uavcover.verification.phases import PlannedRoute
+from uavcover.verification.verify import Verdict, track_positions_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -8,16 +8,15 @@ import numpy as np
 import shapely
 
 from uavcover.errors import UavcoverError
-from uavcover.judging.verify import Verdict
 from uavcover.kernels.arrays import FloatArray
+from uavcover.missions.failsafe_states import IN_PLACE
+from uavcover.missions.mission_compiler import compile_mission
+from uavcover.missions.return_advice import flight_states
 from uavcover.model.route import Route
 from uavcover.model.verdict import Gap
 from uavcover.report.cell_layers import REASON_WORDS, Bounds, cell_layers, cells_bounds_m, data_uri
 from uavcover.report.content import Flight, ReportContent
 from uavcover.report.plots import flight_style
-from uavcover.routes.failsafe_states import IN_PLACE
-from uavcover.routes.mission_compiler import compile_mission
-from uavcover.routes.return_advice import flight_states
 from uavcover.scenario.airspace.zone_lines import zone_lines_m
 from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.obstacles import Prism
@@ -25,6 +24,7 @@ from uavcover.scenario.site import Site, area_as_drawn
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
 from uavcover.terrain.shaded_relief import relief_grid
+from uavcover.verification.verify import Verdict
 
 RELIEF_PIXELS = 900
 """Along the longer side of the relief."""

@@ -15,7 +15,6 @@ from markupsafe import Markup
 
 from mission_io.model.plain_text import plain_lines, plain_values
 from uavcover.errors import InputError, OutputError
-from uavcover.judging.requirements import requirement_rows
 from uavcover.report import plots
 from uavcover.report.background import Background, read_background
 from uavcover.report.cell_layers import REASON_WORDS
@@ -36,6 +35,7 @@ from uavcover.run.judged_inputs import (
 from uavcover.run.provenance import note_files
 from uavcover.run.user import Unattended, User, to_paste
 from uavcover.sensing.pictures import OVERLAP_FRACTION, overlap_rule
+from uavcover.verification.requirements import requirement_rows
 
 _HERE = Path(__file__).parent
 _PAGE = _HERE / "page"

@@ -6,12 +6,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.judging.verify import Verdict
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import MissionSize, Route
+from uavcover.planner.pareto_file import trade_off_axis
 from uavcover.report.charts import Chart, Key, Plot
 from uavcover.report.content import Flight, ReportContent
-from uavcover.run.pareto_file import trade_off_axis
+from uavcover.verification.verify import Verdict
 
 _ALONG_STEPS = 1200
 

@@ -21,8 +21,8 @@ from typing import Any, Final
 
 from uavcover.errors import InputError, OutputError
 from uavcover.model.obstacles import Obstacles
+from uavcover.model.outcome import FlightOutcome
 from uavcover.run.folder import FLIGHT_FILES, SCHEMA_VERSION, RunFolder
-from uavcover.vehicle.outcome import FlightOutcome
 
 RUN_FILE = "run.json"
 RECORDING = "flight.rrd"

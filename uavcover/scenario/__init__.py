@@ -1,1 +1,4 @@
-"""The scenario on its ground: what is asked, and where."""
+"""What is asked, and where: the scenario file, areas, no-fly zones, the site that loads them all.
+
+In: TOML and the files that it names. Out: ``Scenario`` and ``Site``. Begin with ``scenario_file.py`` and ``site.py``.
+"""

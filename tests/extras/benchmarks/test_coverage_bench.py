@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from pymoo.indicators.hv import HV
 
-from tests.planning.sites import hills, make_site
+from tests.planner.sites import hills, make_site
 from uavcover.extras.benchmarks.coverage.contenders import (
     CONTENDERS,
     OURS,
@@ -45,16 +45,16 @@ from uavcover.extras.benchmarks.coverage.runs import (
 )
 from uavcover.extras.benchmarks.coverage.summary import CoverageOutcome, Outcomes, is_no_worse, read_outcomes
 from uavcover.extras.benchmarks.runs import KeptRuns
+from uavcover.missions.corner_checks import corner_excess_m
 from uavcover.model.route import Route
-from uavcover.planning.baselines.boustrophedon import (
+from uavcover.planner.baselines.boustrophedon import (
     PLAIN_TOLERANCE_M,
     NodeRows,
     best_height_agl_m,
     fly_rows,
     scanned_rows,
 )
-from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout
-from uavcover.routes.corner_checks import corner_excess_m
+from uavcover.planner.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout
 from uavcover.scenario.scenario_file import bundled_scenarios
 from uavcover.scenario.site import load_site
 

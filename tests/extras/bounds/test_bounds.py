@@ -5,14 +5,14 @@ import math
 import numpy as np
 import pytest
 
-from tests.planning.sites import hills, make_site
+from tests.planner.sites import hills, make_site
 from uavcover.errors import InputError
 from uavcover.extras.bounds.bounds import are_quick, farthest_looks_m, least_path_length_m, path_bounds, waypoint_bounds
 from uavcover.model.route import Bound
 from uavcover.model.sensor import SphereSensor
-from uavcover.planning.planner import Effort, plan_routes
-from uavcover.planning.set_cover.solvers import SolverEffort
-from uavcover.run.bounds import bounds as bounds_of
+from uavcover.planner.plan_bounds import bounds as bounds_of
+from uavcover.planner.planner import Effort, plan_routes
+from uavcover.planner.set_cover.solvers import SolverEffort
 from uavcover.run.documents import bound_document, bounds_in_words
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, judging_map, sees_each
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.naive.ground_prices import gain, height
-from tests.planning.sites import flat, hills, make_site
+from tests.planner.sites import flat, hills, make_site
 from uavcover.extras.bounds import ground_prices
 from uavcover.extras.bounds.bound_heights import margin_cells, over_tiles, relief_over
 from uavcover.extras.bounds.bounds import least_path_length_m

@@ -15,8 +15,8 @@ from uavcover.errors import InputError
 from uavcover.extras.check.check_page import render_check_page
 from uavcover.extras.check.limits import Limits
 from uavcover.extras.check.mission_file import CheckQuery, check
+from uavcover.flight.vehicle_terrain import ElevationData
 from uavcover.run.user import Unattended
-from uavcover.run.vehicle_terrain import ElevationData
 
 
 def page_of(folder: Path, *rows: str, name: str = "m.waypoints", north_deg: int = 36, **more) -> tuple[str, dict]:

@@ -12,17 +12,17 @@ import pytest
 
 from mission_io.errors import FormatError
 from tests.mission_io.formats.wpml_tables import ReadPoint, check_kmz
-from tests.planning.sites import flat, hills, make_site, ridge
-from tests.routes.test_sorties import there_and_back
+from tests.missions.test_sorties import there_and_back
+from tests.planner.sites import flat, hills, make_site, ridge
 from uavcover.errors import InfeasibleError, InputError, OutputError, TerrainError
 from uavcover.extras.exports.dji_aircraft import dji_aircraft_named
 from uavcover.extras.exports.export import ExportRequest, FlightFile, export_mission, flight_files, write_exported
+from uavcover.missions.leg_checks import find_problems
+from uavcover.missions.mission_compiler import compile_mission
 from uavcover.model.no_fly import NoFly
 from uavcover.model.scenario import Origin
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, Sensor, SphereSensor
 from uavcover.model.vehicle import AutopilotName
-from uavcover.routes.leg_checks import find_problems
-from uavcover.routes.mission_compiler import compile_mission
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
 
@@ -215,7 +215,7 @@ def test_heights_below_home_are_negative() -> None:
 def test_across_180_degrees_and_far_from_the_equator(
     monkeypatch: pytest.MonkeyPatch, lat_deg: float, lon_deg: float
 ) -> None:
-    monkeypatch.setattr("tests.planning.sites.ORIGIN", Origin(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=2500.0))
+    monkeypatch.setattr("tests.planner.sites.ORIGIN", Origin(lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=2500.0))
     site = make_site(hills)
     for file_format, read in READERS.items():
         (flight,) = flight_files(site, there_and_back(site), request(file_format))

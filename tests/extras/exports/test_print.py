@@ -9,14 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.planning.sites import flat, hills, make_site
+from tests.missions.test_sorties import there_and_back
+from tests.planner.sites import flat, hills, make_site
 from tests.report.browser import chromium_or_skip
-from tests.routes.test_sorties import there_and_back
 from uavcover.extras.exports.print_drawings import MAP_HEIGHT, MAP_WIDTH, place_text
 from uavcover.extras.exports.print_page import PrintNotes, clock, render_print
+from uavcover.missions.sorties import Sortie, compile_sorties
 from uavcover.model.no_fly import NoFly
 from uavcover.model.sensor import FrameCamera
-from uavcover.routes.sorties import Sortie, compile_sorties
 from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.site import Site
 

@@ -26,17 +26,17 @@ from mission_io.links.simulated import Conditions, LossyLink
 from mission_io.model.areas import Fence, FenceCircle, FencePolygon, LatLon, RallyPoints
 from mission_io.model.items import Command, MissionType
 from mission_io.wire.messages import AutopilotVersion
+from tests.flight.scene import HOME, mission, plan_for, way_home
 from tests.mission_io.protocol.scripts import items
-from tests.vehicle.scene import HOME, mission, plan_for, way_home
 from uavcover.extras.mavsdk.session import raw_items
+from uavcover.flight.flight_plan import FlightTimeouts
+from uavcover.flight.fly import Ending, Orders, fly
+from uavcover.flight.modes import Mode
+from uavcover.flight.monitor import Monitor
+from uavcover.flight.precautions import OnBreach, Precautions
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.server import MockServer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.vehicle.flight_plan import FlightTimeouts
-from uavcover.vehicle.fly import Ending, Orders, fly
-from uavcover.vehicle.modes import Mode
-from uavcover.vehicle.monitor import Monitor
-from uavcover.vehicle.precautions import OnBreach, Precautions
 
 client_module = pytest.importorskip("uavcover.extras.mavsdk.client", reason="MAVSDK is not installed")
 pytestmark = pytest.mark.timeout(120)

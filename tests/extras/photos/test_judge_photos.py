@@ -15,16 +15,16 @@ from uavcover.extras.photos.picture import Picture
 from uavcover.extras.photos.placing import Assumptions
 from uavcover.extras.photos.readers import PictureSet
 from uavcover.model.judgement import combined
-from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planning.baselines.swaths import fly_layout
+from uavcover.new.command import new_scenario
+from uavcover.new.elevation_questions import NewRequest
+from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planner.baselines.swaths import fly_layout
 from uavcover.run.folder import RunFolder
-from uavcover.run.judge import read_planned_route
-from uavcover.run.new import new_scenario
-from uavcover.run.new_elevation import NewRequest
 from uavcover.run.user import Unattended
 from uavcover.scenario.areas.area_file import AreaQuery
 from uavcover.scenario.site import area_as_drawn, load_site
 from uavcover.sensing.coverage_map import judging_map
+from uavcover.verification.command import read_planned_route
 
 AREA = "36.4762,-84.2160,45"
 DEM = "uavcover/data/jacksboro.tif"

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.judging.track_logs.samples import (
+from tests.naive.pictures import _rotation as rotation
+from tests.verification.track_logs.samples import (
     FRAME,
     flight,
     pictures_at,
@@ -12,7 +13,6 @@ from tests.judging.track_logs.samples import (
     write_tlog,
     write_ulog,
 )
-from tests.naive.pictures import _rotation as rotation
 from uavcover.errors import TrackError
 from uavcover.extras.photos.placing import Assumptions, place_pictures
 from uavcover.extras.photos.readers import read_pictures

@@ -16,11 +16,11 @@ from uavcover.extras.photos.photo_page import render_photo_report
 from uavcover.extras.photos.picture import Picture
 from uavcover.extras.photos.placing import Assumptions
 from uavcover.extras.photos.readers import PictureSet
-from uavcover.intake.detection import curve_named
-from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planning.baselines.swaths import fly_layout
-from uavcover.run.new import new_scenario
-from uavcover.run.new_elevation import NewRequest
+from uavcover.new.command import new_scenario
+from uavcover.new.detection import curve_named
+from uavcover.new.elevation_questions import NewRequest
+from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planner.baselines.swaths import fly_layout
 from uavcover.run.user import Unattended
 from uavcover.scenario.areas.area_file import AreaQuery
 

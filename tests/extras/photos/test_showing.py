@@ -7,7 +7,7 @@ import pytest
 from scipy.interpolate import RegularGridInterpolator
 
 from tests.naive import pictures as naive
-from tests.planning.sites import HIGH_M, LOW_M, STEP_M, hills, make_site, ridge
+from tests.planner.sites import HIGH_M, LOW_M, STEP_M, hills, make_site, ridge
 from uavcover.extras.photos.placing import PlacedPictures
 from uavcover.extras.photos.showing import DIRECTIONS, looking_towards, shown_cells
 from uavcover.model.sensor import FrameCamera

@@ -7,16 +7,16 @@ import shutil
 import pytest
 
 from tests.extras.photos.test_judge_photos import AREA, DEM, shots
-from tests.judging.honest import flown_by_the_mock
+from tests.verification.honest import flown_by_the_mock
 from uavcover.extras.photos.any_flight import evidence_of
 from uavcover.model.track import TrackSample
-from uavcover.planning.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planning.baselines.swaths import fly_layout
-from uavcover.run.new import new_scenario
-from uavcover.run.new_elevation import NewRequest
+from uavcover.new.command import new_scenario
+from uavcover.new.elevation_questions import NewRequest
+from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planner.baselines.swaths import fly_layout
+from uavcover.run.track_file import TrackWriter
 from uavcover.run.user import Unattended
 from uavcover.scenario.areas.area_file import AreaQuery
-from uavcover.vehicle.track_file import TrackWriter
 
 ANY = ("--area", AREA, "--dem", DEM, "--camera", "dji-m3e")
 

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from tests.naive.zones import enters
-from tests.planning.sites import flat, make_site
+from tests.planner.sites import flat, make_site
 from uavcover.model.no_fly import NoFly
 from uavcover.scenario.airspace.zones import ZoneCheck, around_circle, local_zones
 

@@ -8,8 +8,8 @@ from typing import Any
 
 from uavcover.extras.bounds.bounds import are_quick, least_path_length_m, path_bounds, waypoint_bounds
 from uavcover.model.route import Plan
-from uavcover.planning.selection_rule import parse_rule
-from uavcover.planning.set_cover.solvers import SolverEffort
+from uavcover.planner.selection_rule import parse_rule
+from uavcover.planner.set_cover.solvers import SolverEffort
 from uavcover.run.documents import bound_document
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import judging_map
@@ -21,7 +21,7 @@ def least_length_m(site: Site, rule: str) -> float | None:
 
     Args:
         site: the scenario on its ground.
-        rule: see :mod:`uavcover.planning.selection_rule`; there is a bound when it names a coverage, for a sensor that observes
+        rule: see :mod:`uavcover.planner.selection_rule`; there is a bound when it names a coverage, for a sensor that observes
             along the path and an objective that is a length.
 
     Raises:

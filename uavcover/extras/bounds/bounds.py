@@ -18,9 +18,9 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.sight import CONE, farthest_looks, highest_in_squares, horizontal_reach
 from uavcover.kernels.surface import GRID
 from uavcover.model.route import Bound, Plan, RouteMember
-from uavcover.planning.selection_rule import parse_rule
-from uavcover.planning.set_cover.candidates import finest_lattice_candidates, reduce
-from uavcover.planning.set_cover.solvers import CoverProgram, SolverEffort
+from uavcover.planner.selection_rule import parse_rule
+from uavcover.planner.set_cover.candidates import finest_lattice_candidates, reduce
+from uavcover.planner.set_cover.solvers import CoverProgram, SolverEffort
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import whatever_heading
 

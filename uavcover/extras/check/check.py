@@ -26,11 +26,11 @@ from uavcover.extras.check.return_lines import PIECE_M, Lines, cut, lowest_of, p
 from uavcover.extras.check.segments import FlownPath
 from uavcover.extras.check.turns import in_turns, turns_of
 from uavcover.extras.check.world import World
-from uavcover.intake.surface_look import HIDES_M
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.judgement import Judgement, VerdictName
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle
+from uavcover.new.surface_look import HIDES_M
 from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.obstacles import Prism
 from uavcover.terrain.frames import LocalFrame

@@ -10,11 +10,11 @@ import numpy as np
 from mission_io.model.items import Mission
 from uavcover.errors import TerrainError
 from uavcover.extras.check.check import Bounds
-from uavcover.intake.surface_look import read_as_needed, surface_datum
+from uavcover.flight.vehicle_terrain import ElevationData, open_elevation_data
 from uavcover.kernels.arrays import FloatArray
-from uavcover.run.new_elevation import ask_about_heights, ask_about_surface
+from uavcover.new.elevation_questions import ask_about_heights, ask_about_surface
+from uavcover.new.surface_look import read_as_needed, surface_datum
 from uavcover.run.user import User
-from uavcover.run.vehicle_terrain import ElevationData, open_elevation_data
 from uavcover.scenario.surface_model import higher_of, of_surface, refuse_misfit
 from uavcover.terrain.elevation_file import read_ground, read_heights_amsl_m
 from uavcover.terrain.frames import LocalFrame

@@ -89,7 +89,7 @@ class LimitOptions:
         """What was given."""
         from uavcover.errors import InputError
         from uavcover.extras.check.limits import Limits
-        from uavcover.intake.quantities import length_m, speed_m_s
+        from uavcover.new.quantities import length_m, speed_m_s
 
         def length(text: str | None, option: str, example: str) -> float | None:
             return None if text is None or text == "none" else length_m(text, option=option, example=example)
@@ -182,7 +182,7 @@ class ViewOptions:
         from uavcover.errors import InputError
         from uavcover.extras.check.planned_pictures import Series
         from uavcover.extras.check.planned_view import ViewQuery
-        from uavcover.intake.quantities import length_m, time_s
+        from uavcover.new.quantities import length_m, time_s
         from uavcover.scenario.areas.area_file import AreaQuery
 
         if self.area is None:
@@ -259,7 +259,7 @@ def check(
     from uavcover.extras.check.mission_file import CheckQuery
     from uavcover.extras.check.mission_file import check as check_file
     from uavcover.extras.check.repair_mission import refuse_repair_into, repair_mission
-    from uavcover.intake.quantities import flight_window, lat_lon, length_m, speed_m_s, time_s
+    from uavcover.new.quantities import flight_window, lat_lon, length_m, speed_m_s, time_s
 
     console = output.console()
     if not dem.dem:

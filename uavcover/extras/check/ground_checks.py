@@ -12,8 +12,8 @@ from uavcover.extras.check.limits import Limits
 from uavcover.extras.check.places import OTHER_DATA
 from uavcover.extras.check.segments import FlownPath, Segment
 from uavcover.extras.check.world import World
-from uavcover.intake.surface_look import HIDES_M
 from uavcover.kernels.arrays import FloatArray
+from uavcover.new.surface_look import HIDES_M
 
 TOLERANCE_M = 0.05
 """Heights this near to a limit keep it: files are rounded, and so are elevation models."""

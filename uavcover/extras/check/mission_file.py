@@ -26,16 +26,16 @@ from uavcover.extras.check.limits import Limits
 from uavcover.extras.check.obstacle_checks import with_obstacles
 from uavcover.extras.check.planned_view import MissionView, ViewQuery, planned_view
 from uavcover.extras.check.return_checks import OwnReturn
-from uavcover.intake.vehicles import VehicleType, vehicle_named
+from uavcover.extras.check.route_file import ROUTE_SUFFIXES, read_route_file
+from uavcover.flight.vehicle_terrain import ElevationData
+from uavcover.missions.failsafe_parameters import failsafe_settings
 from uavcover.model.active_times import window_of
 from uavcover.model.judgement import VerdictName
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle
 from uavcover.model.vehicle import AutopilotName, autopilot_name
-from uavcover.routes.failsafe_parameters import failsafe_settings
-from uavcover.run.route_file import ROUTE_SUFFIXES, read_route_file
+from uavcover.new.vehicles import VehicleType, vehicle_named
 from uavcover.run.user import User
-from uavcover.run.vehicle_terrain import ElevationData
 from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.obstacles import read_obstacles

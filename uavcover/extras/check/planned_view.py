@@ -15,9 +15,6 @@ from uavcover.extras.check.check import Bounds, Checked
 from uavcover.extras.check.findings import CheckFinding
 from uavcover.extras.check.planned_pictures import PlannedPictures, Series, planned_pictures
 from uavcover.extras.check.world import World
-from uavcover.intake.cameras import CameraBody, camera_named
-from uavcover.intake.quantities import overlaps
-from uavcover.judging.gaps import cells_outline
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.area import Area, Rings
@@ -27,6 +24,8 @@ from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import FrameCamera
 from uavcover.model.terrain import RasterTerrain
 from uavcover.model.verdict import percent_beside
+from uavcover.new.cameras import CameraBody, camera_named
+from uavcover.new.quantities import overlaps
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
@@ -41,6 +40,7 @@ from uavcover.sensing.pictures import (
 )
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
+from uavcover.verification.gaps import cells_outline
 
 _CELLS, _FINEST_CELL_M = 25_000, 1.0
 _AROUND_M = 50.0

@@ -16,12 +16,12 @@ from uavcover.extras.check.limits import Limits, LocalFence, Surroundings
 from uavcover.extras.check.segments import FlownPath, Segment
 from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import FloatArray
+from uavcover.missions.failsafe_checks import ReturnLimits, judge_paths, judge_returns
+from uavcover.missions.failsafe_parameters import FailsafeSettings, failsafe_settings
+from uavcover.missions.failsafe_path import wings_return
+from uavcover.missions.failsafe_states import IN_PLACE, Destinations, FlightStates
+from uavcover.missions.unsafe_returns import Danger, UnsafeReturn
 from uavcover.model.obstacles import Obstacles
-from uavcover.routes.failsafe_checks import ReturnLimits, judge_paths, judge_returns
-from uavcover.routes.failsafe_parameters import FailsafeSettings, failsafe_settings
-from uavcover.routes.failsafe_path import wings_return
-from uavcover.routes.failsafe_states import IN_PLACE, Destinations, FlightStates
-from uavcover.routes.unsafe_returns import Danger, UnsafeReturn
 from uavcover.scenario.airspace.zones import ZoneCheck
 
 _STEP_S, _MOST_STEP_M = 1.0, 20.0

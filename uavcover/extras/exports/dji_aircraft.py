@@ -4,7 +4,7 @@ from typing import Any
 
 from mission_io.formats.wpml import IMAGE_FORMATS, DjiAircraft
 from uavcover.errors import InputError
-from uavcover.intake.catalog import checked_row, number_of, read_catalog, read_row
+from uavcover.new.catalog import checked_row, number_of, read_catalog, read_row
 
 _TABLE = "dji.toml"
 _KEYS = ("drone", "payload", "payload_position", "image_format", "pitch_range_deg", "max_speed_m_s")

@@ -9,8 +9,8 @@ import shapely
 from markupsafe import Markup
 
 from uavcover.kernels.arrays import FloatArray
+from uavcover.missions.sorties import Sortie
 from uavcover.report.charts import PRINTED, Scale, nice_ticks
-from uavcover.routes.sorties import Sortie
 from uavcover.scenario.site import Site
 
 MAP_WIDTH, MAP_HEIGHT = 720.0, 520.0

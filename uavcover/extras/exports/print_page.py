@@ -15,9 +15,9 @@ from markupsafe import Markup
 from mission_io.model.plain_text import plain_lines
 from uavcover.extras.exports.export import ExportRequest, flights_for, refuse_unlike, time_with_stops_s, write_exported
 from uavcover.extras.exports.print_drawings import map_svg, place_text, profile_svg, style_of
+from uavcover.missions.sorties import Sortie
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.model.vehicle import AutopilotName
-from uavcover.routes.sorties import Sortie
 from uavcover.run.folder import RunFolder
 from uavcover.run.planned import read_planned
 from uavcover.run.provenance import sha256_of_content

@@ -11,13 +11,13 @@ from mission_io.model.items import MissionItem, MissionType
 
 if TYPE_CHECKING:
     from uavcover.extras.mavsdk.client import MavsdkClient
-    from uavcover.vehicle.monitor import Monitor
+    from uavcover.flight.monitor import Monitor
 
 
 def open_client(link: Link, *, own_system: int) -> "tuple[MavsdkClient, Monitor]":
     """A client on a link, with a monitor that hears everything."""
     from uavcover.extras.mavsdk.client import MavsdkClient
-    from uavcover.vehicle.monitor import Monitor
+    from uavcover.flight.monitor import Monitor
 
     monitor = Monitor()
     return MavsdkClient(link, system_id=own_system, listener=monitor), monitor

@@ -19,21 +19,21 @@ from uavcover.extras.photos.photo_verdict import PhotoVerdict
 from uavcover.extras.photos.placing import Assumptions
 from uavcover.extras.photos.readers import LISTS, read_pictures
 from uavcover.extras.photos.survey_as_flown import survey_as_flown
-from uavcover.intake.quantities import length_m
-from uavcover.judging.photo_evidence import GivenEvidence, PictureEvidence
-from uavcover.judging.verify import track_positions_m
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.judgement import Requirement, noted
 from uavcover.model.sensor import FrameCamera
+from uavcover.new.elevation_questions import NewRequest
+from uavcover.new.quantities import length_m
 from uavcover.run.folder import SCHEMA_VERSION, VERDICT_FILES, RunFolder
-from uavcover.run.judge import LOG_ENDINGS, JudgedPictures, read_log, verify_run
 from uavcover.run.judged_inputs import inspect_inputs, was_flown
-from uavcover.run.new_elevation import NewRequest
 from uavcover.run.provenance import with_entry
 from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
 from uavcover.sensing.pictures import PictureCounts
+from uavcover.verification.command import LOG_ENDINGS, JudgedPictures, read_log, verify_run
+from uavcover.verification.photo_evidence import GivenEvidence, PictureEvidence
+from uavcover.verification.verify import track_positions_m
 
 __all__ = [
     "Assumptions",

@@ -19,15 +19,15 @@ from uavcover.extras.photos.photo_verdict import (
 )
 from uavcover.extras.photos.readers import PictureSet, read_pictures
 from uavcover.extras.photos.survey_as_flown import CAMERA_FILE, survey_as_flown
-from uavcover.judging.gaps import cells_outline, gaps_geojson
 from uavcover.model.area import Area
 from uavcover.model.sensor import FrameCamera
+from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.run.folder import RunFolder, json_text
-from uavcover.run.plan import PlanRequest, plan_into
 from uavcover.run.user import User, percent
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.pictures import overlap_rule
+from uavcover.verification.gaps import cells_outline, gaps_geojson
 
 FILES = ("scenario.toml", "photos.json", "pictures.csv", "footprints.geojson", "photos.tif", "gaps.geojson")
 REFLY = "refly"

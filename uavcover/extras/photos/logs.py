@@ -6,9 +6,9 @@ import numpy as np
 
 from uavcover.errors import TrackError
 from uavcover.extras.photos.picture import Picture, finite
-from uavcover.judging.track_logs.assembly import LoggedRows, attitudes_at
-from uavcover.judging.track_logs.readers import READERS
 from uavcover.kernels.arrays import FloatArray
+from uavcover.verification.track_logs.assembly import LoggedRows, attitudes_at
+from uavcover.verification.track_logs.readers import READERS
 
 ENDINGS = (".bin", ".tlog", ".ulg")
 

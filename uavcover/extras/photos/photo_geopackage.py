@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from uavcover.errors import InputError, OutputError
 from uavcover.extras.photos.photo_verdict import PhotoVerdict, footprint_polygons, frame_of
-from uavcover.judging.gaps import gaps_geojson
 from uavcover.run.user import User
+from uavcover.verification.gaps import gaps_geojson
 
 LAYERS = ("footprints", "pictures", "gaps")
 

@@ -18,17 +18,17 @@ from uavcover.extras.photos.placing import Assumptions, PlacedPictures, place_pi
 from uavcover.extras.photos.readers import PictureSet
 from uavcover.extras.photos.showing import shown_cells
 from uavcover.extras.photos.survey_as_flown import FILM_DIAGONAL_MM, LENS_DIFFERS
-from uavcover.judging.gaps import find_gaps
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.detection import DetectionCurve
 from uavcover.model.judgement import Effect, Finding, Holds, Judgement, Requirement
 from uavcover.model.sensor import FrameCamera, Sensor
-from uavcover.run.new_elevation import NewRequest
+from uavcover.new.elevation_questions import NewRequest
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
 from uavcover.sensing.pictures import OVERLAP_FRACTION, drawn_cells, pictures_asked
 from uavcover.terrain.frames import LocalFrame
+from uavcover.verification.gaps import find_gaps
 
 USUAL_COVERAGE = 0.98
 _SAME_SHAPE = 0.03

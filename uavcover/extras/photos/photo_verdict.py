@@ -17,17 +17,17 @@ from uavcover.extras.photos.footprints import footprint_m
 from uavcover.extras.photos.picture import Picture
 from uavcover.extras.photos.placing import PlacedPictures
 from uavcover.extras.photos.showing import ShownCells
-from uavcover.judging.flown_coverage import FlownCoverage
-from uavcover.judging.gaps import GapRegion, reason_codes
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.judgement import Judgement
 from uavcover.model.sensor import FrameCamera, Sensor
-from uavcover.run.geotiff import cells_geotiff
-from uavcover.run.judge import LAYER_REASONS
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import focal_px
 from uavcover.terrain.frames import LocalFrame
+from uavcover.verification.command import LAYER_REASONS
+from uavcover.verification.flown_coverage import FlownCoverage
+from uavcover.verification.gaps import GapRegion, reason_codes
+from uavcover.verification.geotiff import cells_geotiff
 
 _LONGEST_STEP_S = 10.0
 

@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 
 from uavcover.extras.photos.detecting import Detection, detection_of
 from uavcover.extras.photos.placing import PlacedPictures
-from uavcover.judging.flown_coverage import WORKERS, FlownCoverage
 from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.observation_counting import Camera, ObservationCounts, SensorPoses
@@ -17,6 +16,7 @@ from uavcover.model.detection import DetectionCurve
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.looks import look_distance_m, looks_of
 from uavcover.sensing.sensors import focal_px
+from uavcover.verification.flown_coverage import WORKERS, FlownCoverage
 
 DIRECTIONS = ("down", "north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 _DOWN_WITHIN_DEG = 20.0

@@ -10,11 +10,11 @@ import numpy as np
 
 from uavcover.errors import InputError
 from uavcover.extras.photos.picture import Picture
-from uavcover.intake.cameras import CameraBody, camera_named
-from uavcover.intake.survey import LOWEST_TOP_M
+from uavcover.new.cameras import CameraBody, camera_named
+from uavcover.new.command import NewScenario, new_scenario
+from uavcover.new.elevation_questions import NewRequest
+from uavcover.new.survey import LOWEST_TOP_M
 from uavcover.run.folder import RunFolder
-from uavcover.run.new import NewScenario, new_scenario
-from uavcover.run.new_elevation import NewRequest
 from uavcover.run.user import Unattended, User
 from uavcover.scenario.site import Site
 

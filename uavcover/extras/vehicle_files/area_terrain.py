@@ -8,14 +8,14 @@ import numpy as np
 import shapely
 
 from uavcover.errors import InputError, TerrainError
-from uavcover.intake.elevation_sets import (
+from uavcover.flight.vehicle_terrain import ElevationData, open_elevation_data
+from uavcover.new.elevation_sets import (
     NationalSource,
     NeededTiles,
     national_sources,
     needed_tiles,
 )
 from uavcover.run.user import User
-from uavcover.run.vehicle_terrain import ElevationData, open_elevation_data
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.terrain.elevation_file import read_heights_amsl_m
 from uavcover.terrain.terrain_source import Bounds

@@ -37,8 +37,8 @@ def get_file(
     """
     from mission_io.client.files import FileDownloads
     from uavcover.errors import InputError, OutputError
+    from uavcover.flight.connect import connect
     from uavcover.run.file_group import write_file
-    from uavcover.run.session import connect
 
     console = output.console()
     if path.endswith("/"):
@@ -93,7 +93,7 @@ def _converted(
     from mission_io.client.files import FileDownloads
     from mission_io.model.items import MissionType
     from uavcover.cli.mission_files import text_of
-    from uavcover.run.session import connect
+    from uavcover.flight.connect import connect
 
     with connect(vehicle.link_to(to)) as connected, console.progress("getting the list") as bar:
         files, autopilot = FileDownloads(connected.client), connected.client.vehicle.autopilot

@@ -25,7 +25,7 @@ def send_file(
     """Send files to a vehicle by MAVLink FTP and compare their CRC; a file of the same name there is replaced."""
     from mission_io.client.files import FileUploads
     from uavcover.errors import InputError
-    from uavcover.run.session import connect
+    from uavcover.flight.connect import connect
 
     console = output.console()
     contents: dict[str, bytes] = {}

@@ -48,9 +48,9 @@ def terrain(
     """
     from uavcover.errors import InputError
     from uavcover.extras.vehicle_files.area_terrain import files_in, known_share, say_needed, terrain_of_area
-    from uavcover.intake.quantities import length_m
+    from uavcover.flight.vehicle_terrain import heights_of_files, open_elevation_data, write_terrain_files
+    from uavcover.new.quantities import length_m
     from uavcover.run.user import to_paste
-    from uavcover.run.vehicle_terrain import heights_of_files, open_elevation_data, write_terrain_files
     from uavcover.scenario.areas.area_file import AreaQuery
 
     console = output.console()

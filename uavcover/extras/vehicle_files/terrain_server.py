@@ -19,8 +19,8 @@ def terrain_server(
     ArduPilot arms for a mission in a terrain frame only when somebody has answered. Heights are sent in whole metres; where the
     elevation data has none, nothing is sent. fly and plan-upload answer from the data of their scenario by themselves.
     """
-    from uavcover.run.session import connect
-    from uavcover.run.vehicle_terrain import heights_of_files, open_elevation_data, serve_terrain
+    from uavcover.flight.connect import connect
+    from uavcover.flight.vehicle_terrain import heights_of_files, open_elevation_data, serve_terrain
 
     console = output.console()
     source, datum = open_elevation_data(dem.data())

@@ -17,7 +17,7 @@ from uavcover.errors import InfeasibleError
 from uavcover.extras.benchmarks.coverage.judging import Case, Judge
 from uavcover.model.route import Route
 from uavcover.model.scenario import InitialRoute, PlannerAlgorithm
-from uavcover.planning.baselines.boustrophedon import (
+from uavcover.planner.baselines.boustrophedon import (
     PLAIN_TOLERANCE_M,
     TUNED,
     best_height_agl_m,
@@ -26,10 +26,10 @@ from uavcover.planning.baselines.boustrophedon import (
     plain_rows,
     scanned_rows,
 )
-from uavcover.planning.baselines.initial_routes import constructed_routes
-from uavcover.planning.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout, width_across_m
-from uavcover.planning.front import NamedRoute, Snapshots
-from uavcover.planning.planner import Effort, plan_routes
+from uavcover.planner.baselines.initial_routes import constructed_routes
+from uavcover.planner.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout, width_across_m
+from uavcover.planner.front import NamedRoute, Snapshots
+from uavcover.planner.planner import Effort, plan_routes
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import reach_at_height_m

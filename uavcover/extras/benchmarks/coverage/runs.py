@@ -9,7 +9,7 @@ from typing import Any
 from uavcover.extras.benchmarks.coverage.contenders import CONSTRUCTIONS, PLANNERS, Found, plan_for
 from uavcover.extras.benchmarks.coverage.judging import CASES, Judge, moment_document
 from uavcover.extras.benchmarks.runs import KeptRuns, completed_by
-from uavcover.planning.planner import Effort, plan_routes
+from uavcover.planner.planner import Effort, plan_routes
 from uavcover.scenario.site import load_site
 
 ONCE = "once"

@@ -30,7 +30,7 @@ from uavcover.extras.benchmarks.paper.runs import (
 )
 from uavcover.extras.benchmarks.runs import KeptRuns
 from uavcover.kernels.arrays import FloatArray
-from uavcover.planning.selection_rule import PAPER_WEIGHTS
+from uavcover.planner.selection_rule import PAPER_WEIGHTS
 from uavcover.run.folder import write_text
 from uavcover.sensing.coverage_map import CoverageMap
 

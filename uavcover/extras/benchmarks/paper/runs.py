@@ -19,8 +19,8 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import RouteMember
 from uavcover.model.scenario import PlannerAlgorithm
 from uavcover.model.sensor import LineOfSight, SphereSensor
-from uavcover.planning.planner import Effort, plan_routes
-from uavcover.planning.selection_rule import PAPER_WEIGHTS
+from uavcover.planner.planner import Effort, plan_routes
+from uavcover.planner.selection_rule import PAPER_WEIGHTS
 from uavcover.scenario.site import Site, load_site
 
 

@@ -1,0 +1,127 @@
+"""A companion computer that speaks with the vehicle's system id decides nothing, whatever it says."""
+
+import random
+from itertools import pairwise
+
+import pytest
+
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4
+from mission_io.model.enums import LandedState
+from mission_io.wire import messages as m
+from sitl_tests.meddler import LIES, Lie, Meddler
+from tests.flight.scene import Scene, make_scene, mission, presses
+from uavcover.mock.flight_control import FlightControl
+from uavcover.mock.peer import InMemoryPeer
+from uavcover.mock.vehicle import MockVehicle
+from uavcover.model.outcome import Ending, EventKind
+
+
+class MeddledPeer(InMemoryPeer):
+    """A vehicle with a companion on the same link."""
+
+    def __init__(self, vehicle: MockVehicle, lies: list[Lie], *, speed: float) -> None:
+        super().__init__(vehicle, speed=speed)
+        self._meddler = Meddler(lies=lies)
+
+    def datagrams_to_send(self, now: float) -> list[bytes]:
+        return [*super().datagrams_to_send(now), *self._meddler.datagrams(now)]
+
+
+def meddled(autopilot, lies: list[Lie]) -> Scene:
+    scene = make_scene(autopilot, make_peer=lambda vehicle, speed: MeddledPeer(vehicle, lies, speed=speed))
+    scene.upload(mission())
+    return scene
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_a_companions_word_changes_nothing_of_a_flight(lie, monkeypatch):
+    sent: list[int] = []
+    original = FlightControl.disarm
+
+    def disarm(control, **how):
+        sent.append(control.state.armed and not control.state.body.on_ground)
+        return original(control, **how)
+
+    monkeypatch.setattr(FlightControl, "disarm", disarm)
+    autopilot = PX4 if sum(map(ord, lie)) % 2 else ARDUPILOT
+    scene = meddled(autopilot, [LIES[lie]])
+    outcome = scene.fly()
+    assert outcome.ending is Ending.LANDED
+    assert outcome.waypoints_reached == 4
+    assert outcome.incidents == ()
+    assert scene.vehicle.body.on_ground
+    assert not any(sent), "never told to disarm in the air"
+    times = [sample.time_s for sample in scene.samples]
+    assert max(b - a for a, b in pairwise(times)) <= 0.25
+    east_north = [(s.east_m, s.north_m) for s in scene.samples]
+    assert max(abs(v) for place in east_north for v in place) < 1000.0
+    assert max(abs(s.roll_deg) + abs(s.pitch_deg) for s in scene.samples) < 60.0
+    assert not scene.told(EventKind.WARNING)
+
+
+@pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
+def test_all_of_it_at_once_and_ctrl_c_still_comes_home(autopilot):
+    scene = meddled(autopilot, list(LIES.values()))
+    outcome = scene.fly(stop=presses(scene, 35.0))
+    assert outcome.ending is Ending.RETURNED
+    assert not scene.vehicle.body.crashed
+
+
+def test_what_a_companion_says_to_the_pilot_is_shown_with_its_component():
+    scene = meddled(ARDUPILOT, [lambda _: m.StatusText(2, "Crash: of the video process")])
+    assert scene.fly().ending is Ending.LANDED
+    assert "component 191: Crash: of the video process" in scene.told(EventKind.TEXT)
+
+
+class StutteringPeer(InMemoryPeer):
+    """The autopilot itself sends a message with a wrong stamp, or a wrong landed state, now and then."""
+
+    def __init__(self, vehicle: MockVehicle, lies: list[Lie], *, speed: float) -> None:
+        super().__init__(vehicle, speed=speed)
+        self._lies, self._rng, self._next_s = lies, random.Random(3), 12.0
+
+    def datagrams_to_send(self, now: float) -> list[bytes]:
+        datagrams = super().datagrams_to_send(now)
+        if now >= self._next_s and self.vehicle.flying:
+            self._next_s = now + self._rng.uniform(0.7, 3.0)
+            datagrams.append(self._codec.encode(self._rng.choice(self._lies)(self._rng)))
+        return datagrams
+
+
+@pytest.mark.thinned
+@pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
+@pytest.mark.parametrize(
+    "lie",
+    [
+        lambda rng: m.SystemTime(0.0, rng.choice([0.0, 4294967.0, rng.uniform(0.0, 1e4)])),
+        lambda rng: m.Attitude(rng.choice([0.0, 4294967.0, rng.uniform(0.0, 1e4)]), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        lambda _: m.ExtendedSysState(int(LandedState.ON_GROUND)),
+    ],
+    ids=["system-time", "attitude", "on-ground"],
+)
+def test_one_wrong_message_of_the_autopilot_itself_ends_no_flight_and_no_record(autopilot, lie):
+    scene = make_scene(autopilot, make_peer=lambda vehicle, speed: StutteringPeer(vehicle, [lie], speed=speed))
+    scene.upload(mission())
+    outcome = scene.fly()
+    assert outcome.ending is Ending.LANDED
+    assert outcome.waypoints_reached == 4
+    times = [sample.time_s for sample in scene.samples]
+    assert max(b - a for a, b in pairwise(times)) <= 0.25
+
+
+@pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
+def test_ctrl_c_while_the_autopilot_says_on_ground_in_the_air_disarms_nothing(autopilot, monkeypatch):
+    told: list[bool] = []
+    original = FlightControl.disarm
+
+    def disarm(control, **how):
+        told.append(control.state.body.on_ground)
+        return original(control, **how)
+
+    monkeypatch.setattr(FlightControl, "disarm", disarm)
+    scene = make_scene(autopilot, make_peer=lambda v, speed: StutteringPeer(v, [LIES["on-ground"]], speed=speed))
+    scene.upload(mission())
+    monkeypatch.setattr(type(scene.vehicle.body), "landed_state", LandedState.ON_GROUND)
+    outcome = scene.fly(stop=presses(scene, 35.0))
+    assert outcome.ending in (Ending.RETURNED, Ending.LEFT_HOLDING)
+    assert told == [] or all(told)

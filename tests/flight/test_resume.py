@@ -1,0 +1,326 @@
+"""A flight that ended early, and the one that goes on with it: together they see what was planned, and keep the limits."""
+
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+
+from mission_io.links.simulated import Conditions, SimulatedLink
+from tests.planner.sites import hills, make_site
+from uavcover.errors import InputError
+from uavcover.flight.command import commands_after_flight
+from uavcover.flight.connect import Connected, fly, fly_from_the_air, fly_on, home_of, is_in_the_air
+from uavcover.flight.fly import Ending, FlightOutcome, Orders
+from uavcover.flight.modes import Mode
+from uavcover.flight.monitor import open_vehicle
+from uavcover.flight.resume import find_unfinished, save_rest, took_off_s
+from uavcover.flight.upload import upload
+from uavcover.missions.leg_checks import measure_violations
+from uavcover.missions.mission_compiler import AUTOPILOTS
+from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.objectives import judge_member
+from uavcover.mock.behaviour import Settings
+from uavcover.mock.dynamics import Battery, BatteryData
+from uavcover.mock.faults import parse_fault
+from uavcover.mock.peer import InMemoryPeer
+from uavcover.mock.vehicle import MockConfig, MockVehicle
+from uavcover.model.outcome import FlightEvent, FlightFailedError
+from uavcover.model.route import Plan, Route
+from uavcover.model.track import TrackSample
+from uavcover.model.vehicle import AutopilotName
+from uavcover.model.verdict import VerificationReport
+from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
+from uavcover.planner.close_gaps import plan_gap_mission, save_gap_mission
+from uavcover.planner.plan_files import save_plan
+from uavcover.run.flight_folders import flights_of, flown_tracks
+from uavcover.run.folder import RunFolder
+from uavcover.run.judged_inputs import inspect_inputs
+from uavcover.run.track_file import TrackWriter, read_track
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import judging_map
+from uavcover.verification.command import judge_tracks, planned_for, read_planned_route
+
+
+class Killed(BaseException):
+    """The client's end in the middle of what it does."""
+
+
+@pytest.fixture(scope="module")
+def site() -> Site:
+    return make_site(hills, limits={"height_margin_m": 5.0, "transit_clearance_m": 30.0})
+
+
+@pytest.fixture(scope="module")
+def planned(site: Site, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run folder with a plan of three lines."""
+    run = RunFolder(tmp_path_factory.mktemp("planned") / "run")
+    run.path.mkdir()
+    layout = regular_layout(angle_rad=0.0, lines=3, height_agl_m=80.0, inset=0.0, tolerance_m=10.0)
+    route = fly_layout(site, layout)
+    member = judge_member(judging_map(site), route, "lines", margin_m=0.0)
+    plan = Plan(
+        chosen=member, members=(member,), baselines=(), rule="none", rule_met=True, algorithm="lines", evaluations=0,
+        wall_s=0.0,
+    )  # fmt: skip
+    save_plan(run, site, plan, compiled=compile_plan(site, route), autopilot="ardupilot", seed=0, command=["test"])
+    return run.path
+
+
+class Field:
+    """A vehicle at home, and ground stations that come and go."""
+
+    def __init__(self, site: Site, run: Path, *faults: str, autopilot: AutopilotName = "ardupilot") -> None:
+        self.site, self.run, self.autopilot = site, RunFolder(run), autopilot
+        home = home_of(site)
+        assert home is not None
+        self.vehicle = MockVehicle(
+            AUTOPILOTS[autopilot],
+            home,
+            MockConfig(
+                settings=Settings.for_vehicle(site.scenario.vehicle), faults=[parse_fault(fault) for fault in faults]
+            ),
+        )
+        self.link = SimulatedLink(InMemoryPeer(self.vehicle), rng=Random(1), conditions=Conditions(delay_s=0.002))
+        self.said: list[str] = []
+
+    def connected(self) -> Connected:
+        client, monitor = open_vehicle(self.link)
+        vehicle = client.wait_for_vehicle()
+        monitor.listen_to(vehicle.address)
+        return Connected(client, monitor, self.autopilot)
+
+    def nobody_listens_for(self, seconds: float) -> None:
+        until_s = self.link.clock.now() + seconds
+        while self.link.clock.now() < until_s:
+            self.link.receive(0.1)
+
+    def fly(self, *, stop: Callable[[], int] = lambda: 0, killed_after: int = 10**9) -> FlightOutcome | None:
+        """The planned flight; None when its client was killed."""
+        station = self.connected()
+        planned = read_planned_route(self.run)
+        assert planned is not None
+        compiled = compile_plan(self.site, Route(planned.waypoints_m), autopilot=self.autopilot)
+        upload(station.client, compiled)
+        return self.recorded(
+            self.run, lambda orders: fly(station, self.site, compiled, orders), stop=stop, killed_after=killed_after
+        )
+
+    def resume(self, *, killed_after: int = 10**9) -> FlightOutcome | None:
+        """What is left, from wherever the vehicle is."""
+        station = self.connected()
+        unfinished = find_unfinished(self.run, self.site)
+        unfinished.folder.path.mkdir(exist_ok=True)
+        save_rest(unfinished, self.site, command=["test"])
+        if is_in_the_air(station):
+            return self.recorded(
+                unfinished.folder,
+                lambda orders: fly_on(station, self.site, unfinished, orders),
+                killed_after=killed_after,
+            )
+        compiled = compile_plan(self.site, unfinished.route, autopilot=self.autopilot)
+        upload(station.client, compiled)
+        return self.recorded(
+            unfinished.folder, lambda orders: fly(station, self.site, compiled, orders), killed_after=killed_after
+        )
+
+    def recorded(
+        self,
+        folder: RunFolder,
+        begin: Callable[[Orders], FlightOutcome],
+        *,
+        stop: Callable[[], int] = lambda: 0,
+        killed_after: int,
+    ) -> FlightOutcome | None:
+        with TrackWriter(folder.file("track.csv"), overwrite=True) as track:
+
+            def take(sample: TrackSample) -> None:
+                track.write(sample)
+                if track.count == killed_after:
+                    raise Killed
+
+            def note(event: FlightEvent) -> None:
+                self.said.append(event.text)
+
+            try:
+                return begin(Orders(on_sample=take, on_event=note, stop=stop))
+            except FlightFailedError as error:
+                return error.outcome
+            except Killed:
+                return None
+
+    def report(self) -> VerificationReport:
+        tracks = [(read_track(path), planned_for(path, self.run)) for path in flown_tracks(self.run)]
+        return judge_tracks(self.site, tracks).report
+
+
+@pytest.fixture
+def run(planned: Path, tmp_path: Path) -> Path:
+    return Path(shutil.copytree(planned, tmp_path / "run"))
+
+
+@pytest.fixture(scope="module")
+def undisturbed(site: Site, planned: Path, tmp_path_factory: pytest.TempPathFactory) -> VerificationReport:
+    field = Field(site, Path(shutil.copytree(planned, tmp_path_factory.mktemp("whole") / "run")))
+    outcome = field.fly()
+    assert outcome is not None
+    assert outcome.ending is Ending.LANDED
+    assert field.report().violations == ()
+    return field.report()
+
+
+def check_together(field: Field, undisturbed: VerificationReport, flights: int) -> None:
+    report = field.report()
+    assert len(flown_tracks(field.run)) == flights
+    assert report.coverage_fraction >= undisturbed.coverage_fraction - 0.002
+    assert report.violations == ()
+    assert find_unfinished(field.run, field.site).complete
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_after_a_failsafe_that_brought_it_back(site, run, undisturbed, autopilot):
+    field = Field(site, run, "battery-failsafe@60s", autopilot=autopilot)
+    first = field.fly()
+    assert first is not None
+    # ArduCopter waits BATT_LOW_TIMER before it acts; meanwhile fly sees that the reserve will not last, and flies it home.
+    assert first.ending is (Ending.RESERVE_KEPT if autopilot == "ardupilot" else Ending.BATTERY_FAILSAFE)
+    assert field.report().coverage_fraction < undisturbed.coverage_fraction - 0.1
+    unfinished = find_unfinished(field.run, site)
+    assert unfinished.broken.waypoint == first.waypoints_reached
+    field.vehicle.body.battery = Battery(BatteryData())  # a fresh one
+    second = field.resume()
+    assert second is not None
+    assert second.ending is Ending.LANDED
+    check_together(field, undisturbed, 2)
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_after_the_client_was_killed_in_the_air(site, run, undisturbed, autopilot):
+    field = Field(site, run, autopilot=autopilot)
+    assert field.fly(killed_after=700) is None
+    field.nobody_listens_for(12.0)
+    assert field.vehicle.mode is Mode.MISSION, "the vehicle flies on by itself"
+    second = field.resume()
+    assert second is not None
+    assert second.ending is Ending.LANDED
+    assert "the rest of the mission is being sent" in field.said
+    check_together(field, undisturbed, 2)
+
+
+def test_killed_twice(site, run, undisturbed):
+    field = Field(site, run)
+    assert field.fly(killed_after=600) is None
+    assert field.resume(killed_after=300) is None
+    third = field.resume()
+    assert third is not None
+    assert third.ending is Ending.LANDED
+    check_together(field, undisturbed, 3)
+
+
+def test_after_a_stop_that_brought_it_home(site, run, undisturbed):
+    field = Field(site, run)
+    first = field.fly(stop=lambda: int(field.vehicle.time_s > 80.0))
+    assert first is not None
+    assert first.ending is Ending.RETURNED
+    assert commands_after_flight(field.run, first.ending, ["--to", "URL"]) == [
+        f"uavcover fly {run} --resume --to URL",
+        f"uavcover verify {run}",
+    ]
+    second = field.resume()
+    assert second is not None
+    assert second.ending is Ending.LANDED
+    check_together(field, undisturbed, 2)
+    check_logs_from_elsewhere(field)
+
+
+def check_logs_from_elsewhere(field: Field) -> None:
+    """A log of the flight that resumed, given from elsewhere, was judged by the whole route."""
+    elsewhere = field.run.path.parent / "elsewhere"
+    elsewhere.mkdir()
+    for number, path in enumerate(flown_tracks(field.run)):
+        log = Path(shutil.copy(path, elsewhere / f"log{number}.csv"))
+        followed, own = planned_for(log, field.run, read_track(log)), planned_for(path, field.run)
+        assert followed is not None
+        assert own is not None
+        assert followed.waypoints_m.tolist() == own.waypoints_m.tolist()
+    hashes = inspect_inputs(field.run, [elsewhere / "log1.csv"]).hashes
+    assert set(hashes["plans_followed"]) >= {"resumed-1/plan.json"}
+
+
+def test_held_where_it_left_the_route_it_goes_on_with_the_mission_that_it_has(site, run, undisturbed):
+    field = Field(site, run)
+    assert field.fly(killed_after=700) is None
+    held = field.vehicle.body.itinerary
+    field.vehicle.body.point.rest(up_m=field.vehicle.body.point.position_m[2])
+    field.vehicle.control.set_mode(Mode.GUIDED)
+    assert held is not field.vehicle.body.itinerary
+    second = field.resume()
+    assert second is not None
+    assert second.ending is Ending.LANDED
+    assert "the rest of the mission is being sent" not in field.said
+    check_together(field, undisturbed, 2)
+
+
+def test_a_vehicle_that_a_failsafe_has_is_left_to_it(site, run):
+    field = Field(site, run)
+    assert field.fly(killed_after=700) is None
+    field.vehicle.control.set_mode(Mode.RETURN)
+    second = field.resume()
+    assert second is not None
+    assert second.ending is Ending.NOT_ARMED
+    assert field.vehicle.mode is Mode.RETURN
+
+
+def test_what_resumed_an_older_flight_does_not_count(site, run):
+    field = Field(site, run)
+    assert field.fly(killed_after=600) is None
+    field.resume(killed_after=100)
+    assert len(flights_of(field.run)) == 2
+    track = field.run.file("track.csv")
+    track.write_text("".join(track.read_text().splitlines(keepends=True)[:-5]))
+    assert len(flights_of(field.run)) == 1
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_left_holding_it_closes_the_gaps_from_where_it_is_and_lands(site, run, undisturbed, autopilot):
+    field = Field(site, run, autopilot=autopilot)
+    first = field.fly(stop=lambda: 2 * int(field.vehicle.time_s > 110.0))
+    assert first is not None
+    assert first.ending is Ending.LEFT_HOLDING
+    track = read_track(field.run.file("track.csv"))
+    torn = (track, planned_for(field.run.file("track.csv"), field.run))
+    before = judge_tracks(site, [torn])
+    assert before.report.coverage_fraction < undisturbed.coverage_fraction - 0.1
+    mission = plan_gap_mission(site, before, in_the_air=track)
+    gaps = save_gap_mission(field.run, site, mission, command=["test"], force=False)
+    station = field.connected()
+    assert is_in_the_air(station)
+    up_since_s = took_off_s(gaps)
+    assert up_since_s == track.time_s[0]
+    closed = field.recorded(
+        gaps,
+        lambda orders: fly_from_the_air(station, site, mission.closing.route, orders, up_since_s=up_since_s),
+        killed_after=10**9,
+    )
+    assert closed is not None
+    assert closed.ending is Ending.LANDED
+    closing = gaps.file("track.csv")
+    together = [torn, (read_track(closing), planned_for(closing, field.run))]
+    report = judge_tracks(site, together).report
+    assert report.coverage_fraction >= undisturbed.coverage_fraction
+    assert report.violations == ()
+
+
+def test_nothing_flown_is_nothing_to_resume(site, run):
+    with pytest.raises(InputError, match=r"has no track.csv; it is made by: uavcover fly \(without --resume\)"):
+        find_unfinished(RunFolder(run), site)
+
+
+def test_the_rest_of_a_route_breaks_no_limit(site, run):
+    field = Field(site, run)
+    field.fly(killed_after=700)
+    unfinished = find_unfinished(field.run, site)
+    assert measure_violations(site, unfinished.route.waypoints_m, margin_m=0.0).total == 0.0
+    assert not np.shares_memory(unfinished.route.waypoints_m, unfinished.planned.route.waypoints_m)

@@ -1,0 +1,89 @@
+import math
+import shutil
+import struct
+from pathlib import Path
+from random import Random
+
+import numpy as np
+import pytest
+
+from mission_io.autopilots.terrain_grid import place_in_block, wrapped_deg
+from uavcover.errors import InputError
+from uavcover.flight.vehicle_terrain import heights_of_files, heights_of_site, write_terrain_files
+from uavcover.run.user import Unattended
+from uavcover.scenario.site import load_site
+from uavcover.terrain import elevation_file
+from uavcover.terrain.elevation_file import read_heights_amsl_m
+from uavcover.terrain.terrain_source import TerrainSource
+
+DEM = Path("uavcover/data/jacksboro.tif")
+
+
+@pytest.mark.parametrize("most_pixels", [1, 50, 5_000])
+def test_places_far_apart_are_read_without_all_that_is_between_them(
+    most_pixels: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    rng = Random(most_pixels)
+    lat = np.array([rng.uniform(36.3, 36.9) for _ in range(200)])
+    lon = np.array([rng.uniform(-84.6, -84.0) for _ in range(200)])
+    source = TerrainSource((DEM,))
+    at_once = read_heights_amsl_m(source, "EGM96", lat, lon)
+    windows: list[float] = []
+    read = elevation_file._Raster.read
+
+    def counted(self, window):
+        windows.append(window.width * window.height)
+        return read(self, window)
+
+    monkeypatch.setattr(elevation_file, "_MOST_PIXELS", most_pixels)
+    monkeypatch.setattr(elevation_file._Raster, "read", counted)
+    np.testing.assert_allclose(read_heights_amsl_m(source, "EGM96", lat, lon), at_once, rtol=0.0, atol=1e-6)
+    assert 0 < np.isnan(at_once).sum() < 200
+    assert max(windows) <= max(9, most_pixels)
+
+
+def test_files_that_vanish_are_said_and_their_ground_is_unknown(tmp_path: Path) -> None:
+    file = Path(shutil.copy(DEM, tmp_path))
+    told: list[str] = []
+    heights = heights_of_files(TerrainSource((file,)), "EGM96", told.append)
+    assert math.isfinite(heights([(36.48, -84.22)])[0])
+    file.unlink()
+    assert all(math.isnan(height) for height in heights([(36.48, -84.22), (36.49, -84.22)]))
+    assert len(told) == 1
+    assert str(file) in told[0]
+
+
+def test_a_scenario_without_a_place_on_earth_answers_nothing() -> None:
+    assert heights_of_site(load_site("paper-planar"), lambda _: None) is None
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_the_terrain_files_have_the_block_of_every_place(seed: int, tmp_path: Path) -> None:
+    rng = Random(seed)
+    spacing = rng.choice([50, 100, 300])
+    west, south = (
+        rng.choice([-180.0, 179.97, -0.02, rng.uniform(-180, 180)]),
+        rng.choice([-0.02, rng.uniform(-84, 84), 46.99]),
+    )
+    around = (west, south, west + rng.uniform(0.001, 0.15), south + rng.uniform(0.001, 0.1))
+
+    def level(places):
+        return [17.0] * len(places)
+
+    written = write_terrain_files(level, around, tmp_path, spacing_m=spacing, force=False, user=Unattended())
+    filled: set[tuple[int, ...]] = set()
+    for name in written:
+        data = (tmp_path / name).read_bytes()
+        filled |= {tuple(data[at + 8 : at + 16]) for at in range(0, len(data), 2048) if any(data[at : at + 2048])}
+    assert sum(written.values()) == len(filled)
+    for _ in range(300):
+        lat, lon = rng.uniform(around[1], around[3]), rng.uniform(around[0], around[2])
+        lat_e7, lon_e7 = place_in_block(lat, wrapped_deg(lon), spacing).block.corner_e7
+        assert tuple(struct.pack("<ii", lat_e7, lon_e7)) in filled
+
+
+def test_an_area_with_too_many_blocks_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="larger --spacing"):
+        write_terrain_files(
+            lambda at: [0.0] * len(at), (0.0, 0.0, 9.0, 9.0), tmp_path, spacing_m=30, force=False, user=Unattended()
+        )

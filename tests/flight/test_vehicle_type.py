@@ -1,0 +1,118 @@
+"""A vehicle other than a multirotor is refused before anything is sent to it, whichever autopilot it has."""
+
+import pytest
+from pymavlink import mavutil
+
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, autopilot_for
+from mission_io.autopilots.vehicle_types import VEHICLE_TYPES, VehicleKind, kind_of, parse_type, type_name
+from mission_io.model.items import MissionType
+from mission_io.wire import messages as m
+from tests.flight.scene import make_scene, mission
+from uavcover.errors import VehicleError
+from uavcover.flight.modes import Mode, custom_mode, has_mode, mode_from_custom
+from uavcover.mock.vehicle import MockVehicle
+from uavcover.model.outcome import Ending, FlightFailedError
+
+FLYABLE = [n for n in VEHICLE_TYPES if kind_of(n) is VehicleKind.MULTIROTOR]
+FOREIGN = [n for n in VEHICLE_TYPES if kind_of(n) not in (VehicleKind.MULTIROTOR, VehicleKind.NO_VEHICLE)] + [49, 250]
+
+
+@pytest.fixture
+def received(monkeypatch) -> list[m.Message]:
+    """All that the mock vehicle was sent but heartbeats."""
+    sent: list[m.Message] = []
+    original = MockVehicle.receive
+
+    def receive(vehicle, message, now):
+        if not isinstance(message.message, m.Heartbeat):
+            sent.append(message.message)
+        original(vehicle, message, now)
+
+    monkeypatch.setattr(MockVehicle, "receive", receive)
+    return sent
+
+
+@pytest.mark.parametrize("autopilot", [ARDUPILOT, PX4], ids=lambda a: a.name)
+@pytest.mark.parametrize("vehicle_type", FOREIGN, ids=type_name)
+def test_what_is_no_multirotor_is_not_touched(autopilot, vehicle_type, received):
+    scene = make_scene(autopilot, vehicle_type=vehicle_type)
+    scene.vehicle.missions.replace(MissionType.MISSION, ())
+    said = rf"says that it is an? .*, MAV_TYPE {vehicle_type}; uavcover plans for and flies multirotors only"
+    with pytest.raises(FlightFailedError, match=said) as failed:
+        scene.fly()
+    assert failed.value.outcome.ending is Ending.NOT_ARMED
+    assert received == []
+    assert (scene.vehicle.armed, scene.vehicle.mode) == (False, Mode.MANUAL)
+
+
+@pytest.mark.parametrize("vehicle_type", FLYABLE, ids=type_name)
+def test_every_multirotor_flies(vehicle_type):
+    scene = make_scene(vehicle_type=vehicle_type)
+    scene.upload(mission())
+    assert scene.fly().ending is Ending.LANDED
+
+
+def test_a_type_that_changes_before_arming_is_refused(received):
+    scene = make_scene()
+    scene.upload(mission())
+    scene.vehicle.vehicle_type = parse_type("plane")
+    scene.client.poll(1.5)
+    received.clear()
+    with pytest.raises(FlightFailedError, match="says that it is a plane, MAV_TYPE 1"):
+        scene.fly()
+    assert not scene.vehicle.armed
+    assert received == []
+
+
+MAPPINGS = {
+    "quadrotor": mavutil.mode_mapping_acm,
+    "plane": mavutil.mode_mapping_apm,
+    "vtol": mavutil.mode_mapping_apm,
+    "rover": mavutil.mode_mapping_rover,
+    "boat": mavutil.mode_mapping_rover,
+    "submarine": mavutil.mode_mapping_sub,
+    "airship": mavutil.mode_mapping_blimp,
+}
+WORDS = {
+    Mode.MANUAL: {"STABILIZE", "MANUAL"},
+    Mode.GUIDED: {"GUIDED"},
+    Mode.MISSION: {"AUTO"},
+    Mode.HOLD: {"LOITER", "HOLD", "POSHOLD"},
+    Mode.RETURN: {"RTL"},
+    Mode.LAND: {"LAND", "QLAND", "SURFACE"},
+}
+
+
+@pytest.mark.parametrize("name", MAPPINGS)
+def test_the_mode_numbers_are_those_that_pymavlink_knows_of_that_type(name):
+    autopilot = autopilot_for(ARDUPILOT.mav_autopilot, parse_type(name))
+    for mode, words in WORDS.items():
+        if has_mode(autopilot, mode):
+            number = custom_mode(autopilot, mode)
+            assert MAPPINGS[name][number] in words
+            assert mode_from_custom(autopilot, number) is mode
+
+
+def test_a_number_means_another_mode_on_another_type():
+    plane = autopilot_for(ARDUPILOT.mav_autopilot, parse_type("plane"))
+    assert custom_mode(ARDUPILOT, Mode.GUIDED) == 4
+    assert mode_from_custom(plane, 4) is None, "ACRO"
+    assert mode_from_custom(plane, 3) is None, "TRAINING"
+
+
+def test_a_mode_that_a_type_has_not_is_an_error_and_no_number():
+    submarine = autopilot_for(ARDUPILOT.mav_autopilot, parse_type("submarine"))
+    with pytest.raises(VehicleError, match=r"ArduPilot \(submarine\) has no return mode"):
+        custom_mode(submarine, Mode.RETURN)
+
+
+@pytest.mark.parametrize("vehicle_type", FOREIGN, ids=type_name)
+def test_the_mock_answers_with_its_own_types_numbers(vehicle_type):
+    scene = make_scene(vehicle_type=vehicle_type)
+    scene.client.wait_for_vehicle()
+    autopilot = scene.client.vehicle.autopilot
+    assert scene.client.vehicle.vehicle_type == vehicle_type
+    if has_mode(autopilot, Mode.GUIDED):
+        scene.client.poll(3.0)
+        scene.client.set_mode(custom_mode(autopilot, Mode.GUIDED))
+        assert scene.vehicle.mode is Mode.GUIDED

@@ -1,0 +1,103 @@
+"""The uploaded fence: one keep-in polygon, its holes, and no-fly zones as exclusions where the mission does not pass them."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+import shapely
+
+from mission_io.formats import plan as plan_format
+from mission_io.model.areas import fence_from_items, items_from_fence
+from tests.missions.test_no_fly_transits import LEVEL, compiled
+from tests.planner.sites import make_site
+from tests.planner.test_no_fly import circle, ring
+from uavcover.missions.fence import fence_of
+
+PATH = np.array([[-100.0, 50.0, 40.0], [20.0, 50.0, 80.0], [280.0, 150.0, 80.0], [-100.0, 50.0, 40.0]])
+
+
+def local(site, polygon):
+    lat, lon = np.array([(v.lat_deg, v.lon_deg) for v in polygon.vertices]).T
+    return shapely.Polygon(site.frame.enu_from_geodetic(lat, lon, site.frame.alt_amsl_m)[:, :2])
+
+
+def made(*zones, path=PATH, **keys):
+    site = make_site(no_fly=zones, **keys)
+    return site, fence_of(site, site.frame, path)
+
+
+def test_without_zones_it_is_one_inclusion():
+    _, found = made()
+    assert [polygon.inclusion for polygon in found.fence.polygons] == [True]
+    assert found.fence.circles == ()
+
+
+def test_zones_are_exclusions():
+    site, found = made(circle(150, -40, 20.0), ring((200, -60), (260, -60), (260, -20)))
+    (_, exclusion), (round_one,) = found.fence.polygons, found.fence.circles
+    assert not exclusion.inclusion
+    assert not round_one.inclusion
+    assert round_one.radius_m == 20.0
+    assert local(site, exclusion).symmetric_difference(site.zones[1].outline).area < 1e-3
+    assert len(found.zones) == 2
+    assert found.left_out == ()
+    assert fence_from_items(items_from_fence(found.fence)) == found.fence
+
+
+@pytest.mark.parametrize(
+    "zone",
+    [
+        circle(150, 100, 30.0, floor_agl_m=130.0, name="above"),
+        circle(-100, 50, 30.0, floor_agl_m=130.0, name="over home"),
+        ring((100, 0), (200, 0), (200, 200), (100, 200), ceiling_agl_m=20.0, name="below"),
+        ring((-500, -500), (900, -500), (900, 900), (-500, 900), floor_agl_m=200.0, name="everywhere"),
+    ],
+)
+def test_a_zone_that_the_mission_passes_over_or_under_is_left_out(zone):
+    _, found = made(zone)
+    assert [one.name for one in found.left_out] == [zone.name]
+    assert found.zones == ()
+    assert len(found.fence.polygons) == 1
+    assert found.fence.circles == ()
+
+
+def test_a_mission_in_the_hole_of_a_zone_leaves_it_out():
+    outline = shapely.box(-400, -300, 600, 500).difference(shapely.box(-200, -100, 400, 300))
+    site = make_site()
+    zone = made(ring((0, 0), (1, 0), (0, 1)), path=PATH)[0].zones[0]
+    site = dataclasses.replace(site, zones=(dataclasses.replace(zone, outline=outline),))
+    assert len(fence_of(site, site.frame, PATH).left_out) == 1
+    away = PATH + np.array([2000.0, 0.0, 0.0])
+    (_, exclusion) = fence_of(site, site.frame, away).fence.polygons
+    assert local(site, exclusion).area == pytest.approx(1000 * 800, rel=1e-3)  # filled: nothing flies in the hole
+
+
+@pytest.mark.parametrize("corners", [200, 1000])
+def test_zones_with_many_corners_get_fewer_and_stay_whole(corners):
+    rng = np.random.default_rng(corners)
+    angles = np.linspace(0.0, 2.0 * np.pi, corners, endpoint=False)
+    reach = 60.0 + 0.5 * rng.standard_normal(corners)
+    rough = ring(*np.column_stack([150 + reach * np.cos(angles), -80 + reach * np.sin(angles)]))
+    site, found = made(rough)
+    (_, exclusion) = found.fence.polygons
+    assert len(exclusion.vertices) < 100
+    simple = local(site, exclusion)
+    assert simple.buffer(1e-3).covers(site.zones[0].outline)
+    assert site.zones[0].grown(10.0).buffer(1e-3).covers(simple)
+
+
+def test_a_fence_with_a_hole_excludes_it():
+    site = make_site()
+    holed = dataclasses.replace(site, fence=site.fence.difference(shapely.box(300, 250, 320, 270)))
+    keep_in, hole = fence_of(holed, holed.frame, PATH).fence.polygons
+    assert (keep_in.inclusion, hole.inclusion) == (True, False)
+
+
+def test_compiled_missions_tell_and_plan_files_keep_the_exclusions():
+    site = make_site(no_fly=(circle(150, -40, 20.0), circle(150, 100, 30.0, floor_agl_m=130.0, name="above")))
+    found = compiled(site, LEVEL)
+    assert [zone.name for zone in found.zones_left_out] == ["above"]
+    assert [zone.name for zone in found.zones_in_fence] == ["no_fly 0"]
+    kept = plan_format.read(plan_format.write(plan_format.PlanFile(found.mission, found.fence, found.rally, 3))).fence
+    assert kept == found.fence
+    assert [circle.inclusion for circle in kept.circles] == [False]

@@ -1,0 +1,89 @@
+"""What a scenario says of wind, turns and objective, as numbers for kernels; and what it must not say."""
+
+import dataclasses
+import math
+
+import numpy as np
+import pytest
+
+from tests.planner.sites import make_site, with_scenario
+from uavcover.errors import InputError
+from uavcover.kernels.flight_time import BLENDED, BRAKED
+from uavcover.kernels.way_cost import ENERGY, LENGTH, TIME
+from uavcover.missions.mission_compiler import compile_mission
+from uavcover.missions.way_cost import mission_cost_of, power_of, way_cost_of
+from uavcover.model.route import Route
+from uavcover.model.scenario import PlannerSettings
+from uavcover.model.vehicle import Vehicle, Wind
+from uavcover.scenario.pace import pace_of
+from uavcover.scenario.site import load_site
+
+AT_ONCE = {"max_airspeed_m_s": 12.0, "acceleration_m_s2": math.inf}
+WINDY = with_scenario(make_site(vehicle=AT_ONCE), wind=Wind(speed_m_s=8.0, from_deg=270.0))
+
+
+def test_a_wind_from_the_west_blows_to_the_east() -> None:
+    pace = pace_of(WINDY)
+    assert (pace.wind_east_m_s, pace.wind_north_m_s) == (pytest.approx(8.0), pytest.approx(0.0, abs=1e-12))
+    assert pace.acceleration_m_s2 == math.inf
+    own = pace_of(make_site())
+    assert (own.acceleration_m_s2, own.jerk_m_s3, own.corner) == (2.5, 1.0, BLENDED), "ArduPilot's own"
+    other = make_site(vehicle={"autopilot": "px4", "acceleration_m_s2": 2.0})
+    assert (pace_of(other).acceleration_m_s2, pace_of(other).jerk_m_s3, pace_of(other).corner) == (2.0, 4.0, BRAKED)
+    assert pace_of(other, "ardupilot").jerk_m_s3 == 1.0
+    assert pace_of(make_site(vehicle={"acceleration_m_s2": math.inf})).acceleration_m_s2 == math.inf
+    assert pace_of(make_site()).airspeed_m_s == math.inf
+
+
+def test_objective_and_middle_of_the_band() -> None:
+    assert way_cost_of(make_site(planner={"objective": "length"})).unit == LENGTH
+    assert way_cost_of(load_site("paper-R2")).unit == LENGTH, "no home, no mission"
+    mission = way_cost_of(make_site(vehicle={"takeoff_height_m": 45.0}))
+    assert (mission.unit, mission.mission, mission.column_m, mission.stop_at_first) == (TIME, 1, 45.0, 0)
+    assert mission.column_top == (-100.0, 50.0, 45.0), "above home"
+    with pytest.raises(InputError, match=r"\[home\]"):
+        mission_cost_of(load_site("paper-R2"))
+    frugal = way_cost_of(make_site(planner={"objective": "energy"}, vehicle={"takeoff_height_m": 45.0}))
+    assert (frugal.unit, frugal.mission, frugal.column_m) == (ENERGY, 1, 45.0)
+    assert frugal.power == power_of(Vehicle())
+    timed = way_cost_of(make_site(planner={"objective": "flight-time", "band_deviation_price": 0.5}))
+    assert timed.mission == 0
+    assert (timed.unit, timed.deviation_price, timed.middle_agl_m) == (TIME, 0.5, 80.0)
+
+
+def test_the_flight_against_the_wind_takes_longer_and_counts_against_endurance() -> None:
+    still = make_site(vehicle=AT_ONCE)
+    there = Route(np.array([[0.0, 50.0, 80.0], [300.0, 50.0, 80.0]]))
+    calm, windy = (compile_mission(site, there, autopilot="ardupilot").flight_time_s for site in (still, WINDY))
+    # 400 m home at 12 - 8 m/s instead of 10 m/s; with the wind cruise speed is kept.
+    assert windy - calm == pytest.approx(400.0 / 4.0 - 400.0 / 10.0)
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Wind(speed_m_s=-1.0), "speed_m_s: -1.0 must not be negative"),
+        (lambda: Wind(from_deg=400.0), "from_deg: 400.0 is outside"),
+        (lambda: Vehicle(max_airspeed_m_s=5.0), "max_airspeed_m_s: 5.0 m/s is below cruise_speed_m_s = 10.0"),
+        (lambda: Vehicle(acceleration_m_s2=0.0), "acceleration_m_s2: must be above 0"),
+        (lambda: Vehicle(jerk_m_s3=-1.0), "jerk_m_s3: must be above 0"),
+        (lambda: Vehicle(max_mission_items=3), "max_mission_items: 3 is too few"),
+        (lambda: PlannerSettings(waypoint_price=-0.5), "waypoint_price: -0.5 must not be negative"),
+        (lambda: PlannerSettings(band_deviation_price=-1.0), "band_deviation_price: -1.0 must not be negative"),
+        (
+            lambda: make_site(home=None, planner={"objective": "energy"}),
+            r'planner.objective: "energy" needs a \[home\], from which the mission starts',
+        ),
+        (
+            lambda: dataclasses.replace(make_site().scenario, wind=Wind(speed_m_s=5.0)),
+            r"wind.speed_m_s: 5.0 m/s needs a larger vehicle.max_airspeed_m_s, not None",
+        ),
+        (
+            lambda: dataclasses.replace(WINDY.scenario, wind=Wind(speed_m_s=12.0)),
+            r"wind.speed_m_s: 12.0 m/s needs a larger vehicle.max_airspeed_m_s, not 12.0",
+        ),
+    ],
+)
+def test_what_makes_no_sense_is_refused(make, words: str) -> None:  # type: ignore[no-untyped-def]
+    with pytest.raises(ValueError, match=words):
+        make()

@@ -1,0 +1,170 @@
+"""The autopilot's own return, the rally point, and the checked way home from the air."""
+
+import dataclasses
+import itertools
+import math
+
+import numpy as np
+import pytest
+import shapely
+
+from tests.missions.compiled_routes import HOME, compiled, enu_of, route
+from tests.planner.sites import hills, make_site, ridge, tower
+from uavcover.errors import InfeasibleError
+from uavcover.missions.leg_checks import find_problems
+from uavcover.missions.mission_compiler import (
+    compile_return,
+)
+from uavcover.missions.return_advice import return_advice
+from uavcover.missions.transit import transit
+from uavcover.model.obstacles import Obstacles
+from uavcover.scenario.site import Site
+
+
+def ridge_between() -> Site:
+    """A ridge of 100 m at 140 m east, a saddle in it south of 60 m north; home is west of it."""
+
+    def ups(east: np.ndarray, north: np.ndarray) -> np.ndarray:
+        return ridge(140.0, 100.0)(east, north) * np.clip((north - 60.0) / 20.0, 0.0, 1.0)
+
+    return make_site(ups, vehicle={"return_height_m": 60.0}, limits={"max_climb_angle_deg": 80.0})
+
+
+def lowest_along(site: Site, start: np.ndarray, up_m: float) -> float:
+    assert site.home_m is not None
+    way = site.home_m[:2] - start[:2]
+    length = float(np.hypot(*way))
+    t = np.linspace(0.0, max(0.0, 1.0 - site.scenario.vehicle.acceptance_radius_m / length), 2000)
+    return float((up_m - site.ground.heights_m(start[:2] + t[:, None] * way)).min())
+
+
+def test_return_advice_on_a_ridge() -> None:
+    site = ridge_between()
+    path = np.array([[-100, 50, 60], [50, 20, 60], [250, 20, 60], [250, 180, 60], [50, 180, 60], [-100, 50, 60]], float)
+    advice = return_advice(site, path, first_waypoint=1, waypoint_count=4, autopilot="ardupilot")
+    # 0 and 1 look home through the saddle; 2 and the leg to 3 (which begins at 2) do not; 3 is west of the ridge.
+    assert advice.unsafe_waypoints == (2, 3)
+    assert advice.return_height_m == 60.0
+    assert advice.worst_clearance_m == pytest.approx(60.0 - 100.0, abs=0.5)
+    assert advice.safe_return_height_m == pytest.approx(120.0, abs=0.5)
+    # From every place of the path, at the height that was advised, by dense sampling.
+    for a, b in itertools.pairwise(path):
+        for t in np.linspace(0.0, 1.0, 23):
+            place = a + t * (b - a)
+            if np.hypot(*(place[:2] - HOME)) < 3.0:
+                continue
+            assert lowest_along(site, place, max(place[2], advice.safe_return_height_m)) >= 20.0 - 0.02
+            at_60 = lowest_along(site, place, max(place[2], 60.0))
+            assert at_60 >= advice.worst_clearance_m - 0.02
+
+
+def test_a_ridge_seen_only_from_the_middle_of_a_leg() -> None:
+    def cone(east: np.ndarray, north: np.ndarray) -> np.ndarray:
+        return np.maximum(0.0, 90.0 - 2.0 * np.hypot(east - 50.0, north - 50.0))
+
+    site = make_site(cone, vehicle={"return_height_m": 60.0})
+    path = np.array([[-100, 50, 60], [200, -140, 60], [200, 240, 60], [-100, 50, 60]], float)
+    ends = [lowest_along(site, point, 60.0) for point in path[1:3]]
+    assert min(ends) > 20.0
+    advice = return_advice(site, path, first_waypoint=1, waypoint_count=2, autopilot="ardupilot")
+    assert advice.unsafe_waypoints == (1,)
+    assert advice.worst_clearance_m == pytest.approx(-30.0, abs=1.5)
+    assert advice.safe_return_height_m == pytest.approx(110.0, abs=1.5)
+
+
+def test_a_safe_return_says_so() -> None:
+    advice = compiled(make_site()).return_advice
+    assert advice.unsafe_waypoints == ()
+    assert advice.safe_return_height_m == pytest.approx(20.0, abs=0.03)
+    assert advice.worst_clearance_m >= 59.9
+
+
+def test_unknown_ground_on_the_straight_way_home_is_not_safe_and_there_is_no_rally_point() -> None:
+    site = make_site(lambda e, n: np.where((e > 115) & (e < 135) & (n > 80), np.nan, 0.0 * n), home=(-100.0, 200.0))
+    found = compiled(site, route((0, 150, 80), (0, 50, 80), (200, 50, 80), (100, 50, 80)))
+    assert found.return_advice.unsafe_waypoints == (2, 3)
+    assert math.isnan(found.return_advice.worst_clearance_m)
+    assert math.isinf(found.return_advice.safe_return_height_m)
+    assert found.rally.points == ()
+
+
+def test_the_rally_point_is_home_at_a_safe_height() -> None:
+    site = ridge_between()
+    found = compiled(site)
+    (point,) = found.rally.points
+    assert found.mission.home is not None
+    assert (point.lat_deg, point.lon_deg) == (found.mission.home.lat_deg, found.mission.home.lon_deg)
+    assert point.alt_m >= found.return_advice.safe_return_height_m > 60.0
+
+
+# The way home from anywhere
+
+
+def way_home(site: Site, enu: tuple[float, float, float]) -> np.ndarray:
+    assert site.frame is not None
+    lat, lon, alt = (float(v[0]) for v in site.frame.geodetic_from_enu(enu))
+    mission = compile_return(site, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
+    assert [item.command for item in mission.items] == [178, *[16] * (len(mission.items) - 2), 21]
+    assert mission.home is not None
+    assert mission.items[0].params[1] == site.scenario.vehicle.cruise_speed_m_s
+    raised = [dataclasses.replace(item, alt_m=item.alt_m + mission.home.alt_amsl_m) for item in mission.items[1:]]
+    return np.vstack([enu, enu_of(raised)])
+
+
+@pytest.mark.parametrize(
+    "place", [(250.0, 150.0, 90.0), (250.0, 150.0, 190.0), (-60.0, 60.0, 80.0), (-100.0, 50.0, 60.0)]
+)
+def test_home_from_the_air(place: tuple[float, float, float]) -> None:
+    site = make_site(hills)
+    path = way_home(site, place)
+    problems = find_problems(site, path[:-1], lowest_agl_m=20.0 - 1e-3, highest_agl_m=None)
+    assert [p for p in problems if p.kind != "climb"] == []
+    assert path[-1] == pytest.approx(site.home_m, abs=1e-3)
+
+
+def test_home_over_a_ridge_from_a_valley() -> None:
+    site = make_site(ridge(100.0, 120.0))
+    place = (200.0, 50.0, 6.0)
+    path = way_home(site, place)
+    assert path[1] == pytest.approx([200.0, 50.0, path[1, 2]], abs=1e-3)  # straight up first
+    assert path[1, 2] >= 20.0
+    problems = find_problems(site, path[1:-1], lowest_agl_m=20.0 - 1e-3, highest_agl_m=None)
+    assert [p for p in problems if p.kind != "climb" or p.value > p.limit + 1e-3] == []  # heights are in millimetres
+    assert path[:, 2].max() >= 140.0
+
+
+def test_home_from_low_in_the_column_above_home() -> None:
+    path = way_home(make_site(), (*HOME, 4.0))
+    assert path[-1] == pytest.approx([*HOME, 0.0], abs=1e-3)
+
+
+def test_the_first_leg_home_is_checked_too() -> None:
+    site = make_site()
+    assert site.frame is not None
+    lat, lon, alt = (float(v[0]) for v in site.frame.geodetic_from_enu((900.0, 50.0, 60.0)))
+    with pytest.raises(InfeasibleError, match=r"the way home: leg to waypoint 1: .* outside the fence"):
+        compile_return(site, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
+
+
+def test_a_transit_that_would_be_too_high_leads_past_what_makes_it_so() -> None:
+    """A tower stands at the edge of a pit on the straight way: over both at once it is 195 m above the pit, of 150 m allowed."""
+
+    def pit(east: np.ndarray, north: np.ndarray) -> np.ndarray:
+        return np.where((np.abs(east - 70.0) < 22.0) & (np.abs(north - 80.0) < 60.0), -80.0, 0.0)
+
+    between = Obstacles(prisms=(tower(28.0, 55.0, 38.0, 65.0, 85.0),))
+    site = make_site(pit, obstacles=between, limits={"max_transit_height_agl_m": 150.0, "height_margin_m": 2.0})
+    home, end = np.array([-100.0, 50.0]), np.array([180.0, 70.0, 60.0])
+    points = transit(site, home, end, ground_end_height_m=30.0)
+    assert find_problems(site, points, lowest_agl_m=20.0, highest_agl_m=148.0) == []
+    assert len(points) > 2
+    np.testing.assert_array_equal(points[-1], end)
+    straight = shapely.LineString([home, end[:2]])
+    assert straight.distance(shapely.Point(points[:, :2][np.argmax(np.abs(points[:, 1] - 60.0))])) > 5.0
+    # Without the pit it is straight, over the tower.
+    over = transit(make_site(obstacles=between), home, end, ground_end_height_m=30.0)
+    assert max(straight.distance(shapely.Point(place)) for place in over[:, :2]) < 1e-6
+    # Where nothing is low enough it stays straight, and the check says what is in the way.
+    everywhere = make_site(obstacles=between, limits={"max_transit_height_agl_m": 58.0, "max_height_agl_m": 56.0})
+    high = transit(everywhere, home, np.array([180.0, 70.0, 75.0]), ground_end_height_m=70.0)
+    assert max(straight.distance(shapely.Point(place)) for place in high[:, :2]) < 1e-6

@@ -1,0 +1,105 @@
+"""The guided scan of the tuned boustrophedon: as good as all spacings, and much less work."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+from tests.planner.sites import flat, hills, make_site
+from uavcover.model.route import Route
+from uavcover.planner.baselines.boustrophedon import (
+    PLAIN_TOLERANCE_M,
+    Baseline,
+    best_height_agl_m,
+    boustrophedons,
+    evaluated,
+    fewest_lines,
+    taken,
+    taken_until_near,
+)
+from uavcover.planner.baselines.swaths import fly_layout, is_same_direction, long_side_angle_rad, regular_layout
+from uavcover.sensing.coverage_map import planning_map
+
+WIDE = ((0.0, 0.0), (900.0, 100.0), (800.0, 700.0), (100.0, 600.0))
+
+
+@pytest.mark.parametrize(("ups", "asked"), [(flat, 0.95), (hills, 0.95), (hills, 0.99)])
+def test_no_spacing_of_the_whole_scan_is_better_and_an_eighth_of_it_finds_that(ups, asked: float) -> None:
+    site = make_site(ups, ring=WIDE, cell_m=20.0)
+    coverage = planning_map(site)
+    goal = asked * coverage.share(coverage.coverable)
+
+    def cost(each) -> float:
+        return float(each.objectives[2]) if each.violation <= 0.0 and -each.objectives[0] >= goal else float("inf")
+
+    whole, guided = boustrophedons(coverage), list(fewest_lines(coverage, goal))
+    assert min(map(cost, guided)) <= min(map(cost, whole))
+    assert len(guided) < 0.4 * len(whole)
+    assert min(map(cost, guided[: len(whole) // 8])) <= 1.01 * min(map(cost, whole))
+
+
+def test_the_first_way_is_searched_to_the_fewest_lines_that_reach_the_goal() -> None:
+    site = make_site(hills, ring=WIDE, cell_m=20.0)
+    coverage = planning_map(site)
+    goal = 0.995 * coverage.share(coverage.coverable)
+    angle, height = long_side_angle_rad(site.area), best_height_agl_m(site)
+
+    def reaches(lines: int) -> bool:
+        layout = regular_layout(
+            angle_rad=angle, lines=lines, height_agl_m=height, inset=0.5, tolerance_m=PLAIN_TOLERANCE_M
+        )
+        return -evaluated(coverage, "", [fly_layout(site, layout)], None)[0].objectives[0] >= goal
+
+    fewest = next(lines for lines in itertools.count(1) if reaches(lines))
+    first = [e for e in fewest_lines(coverage, goal) if e.layout is not None and e.layout.angle_rad == angle]
+    same = [e.layout.heights_agl_m.size for e in first if e.layout.inset == 0.5 and e.layout.heights_agl_m[0] == height]
+    assert fewest in same
+    assert fewest - 1 in same
+
+
+def test_what_is_not_taken_is_left_for_later() -> None:
+    site = make_site(flat, cell_m=20.0)
+    coverage = planning_map(site)
+    tuned, stops = fewest_lines(coverage, 0.95), iter([False, False, True])
+    early = boustrophedons(coverage, should_stop=lambda: next(stops), tuned=tuned)
+    assert [each.name for each in early] == ["boustrophedon", "boustrophedon-tuned", "boustrophedon-tuned"]
+    late = taken(tuned, lambda: False)
+    whole = list(fewest_lines(coverage, 0.95))
+    assert len(early) - 1 + len(late) == len(whole)
+    assert late[-1].objectives == pytest.approx(whole[-1].objectives)
+
+
+def test_lines_along_an_edge_are_tried_besides_turns_of_the_long_side() -> None:
+    # A wedge: the long side of the box around it is one edge, the other slanted one is no turn of it by 30 degrees.
+    site = make_site(flat, ring=((0.0, 0.0), (900.0, 0.0), (900.0, 100.0), (100.0, 400.0)), cell_m=20.0)
+    coverage = planning_map(site)
+    edge = math.atan2(-300.0, 800.0)
+    for found in (boustrophedons(coverage), list(fewest_lines(coverage, 0.95))):
+        angles = [each.layout.angle_rad for each in found if each.layout is not None]
+        assert any(is_same_direction(angle, edge) for angle in angles)
+
+
+@pytest.mark.parametrize(
+    ("known", "stop_after", "numbers"),
+    [
+        ([(0.5, 0.0)], 9, [1, 2]),
+        ([(0.99, 1.0)], 9, [1, 2]),
+        ([(0.96, 0.0)], 9, []),
+        ([], 1, [1]),
+        ([], 0, []),
+    ],
+    ids=["until one is near", "what breaks a limit is not near", "one is near already", "time is over", "at once"],
+)
+def test_lines_are_taken_until_some_that_keep_the_limits_are_near_the_goal(
+    known: list[tuple[float, float]], stop_after: int, numbers: list[int]
+) -> None:
+    """Three lines, which see 0.7, 0.96 and 0.97 of 0.98."""
+    route = Route(np.array([[0.0, 0.0, 80.0], [100.0, 0.0, 80.0]]))
+
+    def lines(seen: float, violation: float) -> Baseline:
+        return Baseline("", route, None, np.array([-seen, 2.0, 100.0]), violation)
+
+    tuned, asked = [lines(seen, 0.0) for seen in (0.7, 0.96, 0.97)], itertools.count()
+    found = taken_until_near(iter(tuned), [lines(*each) for each in known], 0.98, lambda: next(asked) >= stop_after)
+    assert [1 + tuned.index(each) for each in found] == numbers

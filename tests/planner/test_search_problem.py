@@ -1,0 +1,57 @@
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.planner.sites import with_scenario
+from tests.terrain_kinds import write_scenario
+from uavcover.planner.baselines.boustrophedon import best_height_agl_m
+from uavcover.planner.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout
+from uavcover.planner.search.route_problem import RouteProblem, state_of
+from uavcover.planner.search.search_cells import counted_as_judged, search_problem
+from uavcover.planner.search.starts import SearchStart
+from uavcover.scenario.site import load_site
+from uavcover.sensing.coverage_map import judging_map, planning_map
+
+
+@pytest.mark.parametrize("fewest_places", [0, 25_000])
+def test_at_waypoints_a_search_sees_what_judges_see_where_these_have_smaller_cells(
+    fewest_places: int, tmp_path: Path
+) -> None:
+    site = load_site(str(write_scenario(tmp_path, "canyon", "sphere")))
+    site = with_scenario(site, area=dataclasses.replace(site.scenario.area, fewest_places=fewest_places))
+    planning = planning_map(site)
+    cells = search_problem(planning, judging_map(site)).numbers.cells
+    assert np.array_equal(cells.centre_m, planning.grid.cells.centre_m) is (fewest_places == 0)
+
+
+@pytest.mark.parametrize(("terrain", "likely"), [("terraces", True), ("flat", False)])
+def test_where_hardly_any_ground_is_in_view_all_the_way_likely_pictures_count(
+    terrain: str, likely: bool, tmp_path: Path
+) -> None:
+    """Pictures every 40 m: on cliffs the count of what they show for sure says little about what is judged."""
+    site = load_site(str(write_scenario(tmp_path, terrain, "sparse")))
+    judging = judging_map(site)
+    problem = search_problem(planning_map(site), judging)
+    routes = [
+        fly_layout(
+            site,
+            regular_layout(
+                angle_rad=long_side_angle_rad(site.area), lines=lines, height_agl_m=best_height_agl_m(site), inset=0.5,
+                tolerance_m=10.0,
+            ),
+        )
+        for lines in (5, 6)
+    ]  # fmt: skip
+    judged = [judging.share_of_coverable(judging.seen(route.waypoints_m)) for route in routes]
+
+    def off(counting: RouteProblem) -> float:
+        counted = [float(state_of(counting, route, capacity=len(route)).seen[0]) for route in routes]
+        return max(abs(a - b) for a, b in zip(counted, judged, strict=True))
+
+    starts = [SearchStart(route, seen) for route, seen in zip(routes, judged, strict=True)]
+    counted_on = counted_as_judged(problem, judging, starts)
+    assert (counted_on.numbers.trigger_m < problem.numbers.trigger_m) is likely
+    assert off(counted_on) < 0.03
+    assert (off(problem) > 0.05) is likely

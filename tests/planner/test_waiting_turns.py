@@ -1,0 +1,84 @@
+"""Turns that wait for the next picture by distance."""
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.terrain_kinds import write_scenario
+from uavcover.missions.leg_checks import measure_violations
+from uavcover.model.route import Route
+from uavcover.planner.search.improve import with_waiting_turns
+from uavcover.scenario.site import Site, load_site
+from uavcover.sensing.coverage_map import judging_map
+
+UP_M = 80.0
+THERE_AND_BACK = np.array([[100.0, 100.0, UP_M], [300.0, 100.0, UP_M], [300.0, 250.0, UP_M], [100.0, 250.0, UP_M]])
+"""With a picture every 40 m, made below to turn before one is due."""
+
+
+@pytest.fixture(scope="module")
+def site(tmp_path_factory: pytest.TempPathFactory) -> Site:
+    return load_site(str(write_scenario(tmp_path_factory.mktemp("flat"), "flat", "sparse")))
+
+
+def turning_at(east_m: float) -> Route:
+    points = THERE_AND_BACK.copy()
+    points[1:3, 0] = east_m
+    return Route(points)
+
+
+def waiting(site: Site, route: Route, *, goal: float = 1.0, price: float = 10.0, late: bool = False) -> Route:
+    return with_waiting_turns(
+        judging_map(site), route, goal, cost=lambda other: other.length_m, price=price, is_over=lambda: late
+    )
+
+
+def seen(site: Site, route: Route) -> float:
+    judging = judging_map(site)
+    return judging.share_of_coverable(judging.seen(route.waypoints_m))
+
+
+@pytest.mark.parametrize("east_m", [285.0, 295.0])
+def test_a_turn_waits_for_a_picture_that_shows_more_than_its_way_costs(site: Site, east_m: float) -> None:
+    route = turning_at(east_m)
+    found = waiting(site, route)
+    gained, longer = seen(site, found) - seen(site, route), found.length_m / route.length_m - 1.0
+    assert gained > 0.005
+    assert gained * 10.0 > longer
+    moved = found.waypoints_m - route.waypoints_m
+    assert 0.0 < np.abs(moved[:, :2]).max() < 0.75 * 40.0 + 8.0
+    heights = (site.ground.heights_agl_m(each.waypoints_m) for each in (route, found))
+    np.testing.assert_allclose(*heights, atol=1e-6)
+    margin_m = site.scenario.limits.height_margin_m
+    before, after = (measure_violations(site, each.waypoints_m, margin_m=margin_m).total for each in (route, found))
+    assert after <= before
+
+
+def test_nothing_waits_where_it_is_not_worth_it_not_needed_or_too_late(site: Site) -> None:
+    route = turning_at(285.0)
+    assert waiting(site, route, price=0.0) is route
+    assert waiting(site, route, goal=0.5 * seen(site, route)) is route
+    assert waiting(site, route, late=True) is route
+
+
+def test_what_shows_beyond_the_goal_is_worth_nothing(site: Site) -> None:
+    route = turning_at(285.0)
+    goal = seen(site, route) + 1e-5
+    assert waiting(site, route, goal=goal) is route
+
+
+def test_a_line_that_goes_straight_on_does_not_wait(site: Site) -> None:
+    points = np.insert(THERE_AND_BACK, 1, [[225.0, 100.0, UP_M]], axis=0)
+    found = waiting(site, Route(points))
+    np.testing.assert_array_equal(found.waypoints_m[:2], points[:2])
+
+
+def test_a_camera_without_a_distance_has_no_picture_to_wait_for(tmp_path: Path) -> None:
+    nadir = load_site(str(write_scenario(tmp_path, "flat", "nadir")))
+    route = Route(THERE_AND_BACK)
+    assert (
+        with_waiting_turns(judging_map(nadir), route, 1.0, cost=lambda _: math.nan, price=1.0, is_over=lambda: False)
+        is route
+    )

@@ -1,0 +1,176 @@
+"""What two records of one flight saw counts once, whatever their clocks, rates and cuts; two flights stay two."""
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from tests.planner.sites import flat
+from tests.verification.flights import Flight, changed, make_site, taken, track_of
+from uavcover.model.track import Track
+from uavcover.verification.same_flight import SameFlight, same_flight
+from uavcover.verification.verify import FlownTrack, Verdict, verify_flight
+
+pytestmark = pytest.mark.usefixtures("attitudes_count")
+
+RNG = np.random.default_rng(5)
+
+
+@pytest.fixture(scope="module")
+def level() -> Flight:
+    return Flight(make_site(flat))
+
+
+def resampled(flight: Flight, step_s: float) -> Track:
+    track = flight.track
+    times_s = np.arange(track.time_s[0], track.time_s[-1], step_s)
+    enu = np.column_stack([np.interp(times_s, track.time_s, axis) for axis in track.enu_m.T])
+    number = track.current_waypoint[np.clip(np.searchsorted(track.time_s, times_s), 0, len(track) - 1)]
+    return track_of(flight.site, enu, time_s=times_s, current_waypoint=number)
+
+
+def moved_by(flight: Flight, by_m: np.ndarray) -> Track:
+    track = flight.track
+    return track_of(
+        flight.site, track.enu_m + by_m, time_s=track.time_s, current_waypoint=track.current_waypoint
+    )  # fmt: skip
+
+
+def dated(track: Track, later_s: float) -> Track:
+    """With the satellites' time."""
+    return changed(track, unix_time_s=1_780_000_000.0 + track.time_s + later_s)
+
+
+def wandering(flight: Flight, by_m: float, *, step_s: float | None = None) -> Track:
+    """A record of another estimator, whose positions wander."""
+    track = flight.track if step_s is None else resampled(flight, step_s)
+    phase = 2.0 * np.pi * (track.time_s - track.time_s[0])[:, None] / np.array([70.0, 90.0, 110.0])
+    off_m = by_m * np.sin(phase) * np.array([0.8, 0.6, 0.2])
+    return track_of(flight.site, track.enu_m + off_m, time_s=track.time_s, current_waypoint=track.current_waypoint)
+
+
+def at_another_pace(flight: Flight) -> Track:
+    """The same way again, a little faster here and slower there, as in another wind."""
+    track = flight.track
+    time_s = track.time_s + 1.5 * np.sin(2.0 * np.pi * (track.time_s - track.time_s[0]) / 40.0)
+    return changed(track, time_s=time_s)
+
+
+RECORDS: dict[str, Callable[[Flight], Track]] = {
+    "as it is": lambda f: f.track,
+    "by another clock": lambda f: changed(f.track, time_s=f.track.time_s + 1_763_800_000.25),
+    "by an earlier clock": lambda f: changed(f.track, time_s=f.track.time_s - 87.3),
+    "at another rate": lambda f: resampled(f, 0.13),
+    "rounded to a centimetre": lambda f: moved_by(f, RNG.uniform(-0.01, 0.01, f.track.enu_m.shape)),
+    "a little noisy": lambda f: moved_by(f, RNG.normal(0.0, 0.08, f.track.enu_m.shape)),
+    "shifted by 0.45 m": lambda f: moved_by(f, np.array([0.45, 0.0, 0.0])),
+    "a metre higher": lambda f: moved_by(f, np.array([0.0, 0.0, 1.0])),
+    "wandering by 1.6 m": lambda f: wandering(f, 1.6),
+    "wandering by 6 m at the same times": lambda f: wandering(f, 6.0),
+    "wandering by 1.6 m, at another rate and by another clock": lambda f: changed(
+        (part := wandering(f, 1.6, step_s=0.13)), time_s=part.time_s + 900.0
+    ),
+    "wandering by 6 m, received at the same time": lambda f: dated(wandering(f, 6.0, step_s=0.13), 0.0),
+    "its first half": lambda f: taken(f.track, np.arange(len(f.track) // 2)),
+    "its last third, by another clock": lambda f: changed(
+        (part := taken(f.track, np.arange(2 * len(f.track) // 3, len(f.track)))), time_s=part.time_s - 50.0
+    ),
+    "with a hole": lambda f: taken(f.track, np.flatnonzero((np.arange(len(f.track)) // 100) % 3 != 1)),
+}
+FLIGHTS: dict[str, Callable[[Flight], Track]] = {
+    "a metre beside, a day later": lambda f: dated(moved_by(f, np.array([1.0, 0.0, 0.0])), 86_400.0),
+    "in another wind": at_another_pace,
+    "at another speed": lambda f: changed(f.track, time_s=100.0 + 1.02 * (f.track.time_s - 100.0)),
+    "the other way": lambda f: changed(
+        f.track, time_s=(f.track.time_s[-1] - f.track.time_s)[::-1] + 100.0,
+        enu_m=f.track.enu_m[::-1].copy(), geodetic=f.track.geodetic[::-1].copy(),
+        current_waypoint=np.full(len(f.track), -1, dtype=np.int64),
+    ),
+}  # fmt: skip
+
+
+def judged(flight: Flight, *tracks: Track) -> Verdict:
+    return verify_flight(flight.site, flight.coverage, [FlownTrack(track, flight.planned) for track in tracks])
+
+
+@pytest.mark.parametrize("name", RECORDS)
+def test_what_two_records_of_one_flight_saw_counts_once(level: Flight, name: str) -> None:
+    first = dated(level.track, 0.0)
+    alone, both = judged(level, first), judged(level, first, RECORDS[name](level))
+    (finding,) = [line for line in both.report.findings if "records of one flight" in line]
+    assert "tracks 1 and 2" in finding
+    assert both.flown.passes.max() == alone.flown.passes.max()
+    np.testing.assert_allclose(both.flown.passes.mean(), alone.flown.passes.mean(), rtol=0.02)
+    assert both.report.coverage_fraction == pytest.approx(alone.report.coverage_fraction, abs=0.001)
+
+
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_two_flights_are_two(level: Flight, name: str) -> None:
+    first = dated(level.track, 0.0)
+    alone, both = judged(level, first), judged(level, first, FLIGHTS[name](level))
+    assert not [line for line in both.report.findings if "records of one flight" in line]
+    assert both.flown.passes.mean() > 1.8 * alone.flown.passes.mean()
+
+
+def test_what_one_record_lacks_the_other_has(level: Flight) -> None:
+    torn = taken(level.track, np.flatnonzero(np.abs(np.arange(len(level.track)) - len(level.track) // 2) > 150))
+    assert judged(level, torn).report.coverage_fraction < 0.9
+    whole = changed(level.track, time_s=level.track.time_s + 12.5)
+    both = judged(level, torn, whole)
+    assert both.report.coverage_fraction == pytest.approx(level.planned.coverage_fraction, abs=0.005)
+    assert both.flown.passes.max() == judged(level, level.track).flown.passes.max()
+    assert (np.diff([moment.time_s for moment in both.report.coverage_by_time]) > 0.0).all()
+
+
+def test_a_record_without_attitude_takes_nothing_from_one_with_it(level: Flight) -> None:
+    unknown = changed(level.track, attitude_deg=np.full((len(level.track), 3), np.nan))
+    assert judged(level, unknown).report.coverage_fraction == 0.0
+    alone, both = judged(level, level.track), judged(level, unknown, level.track)
+    assert both.report.coverage_fraction == alone.report.coverage_fraction
+    assert both.flown.passes.max() == alone.flown.passes.max()
+
+
+def test_of_three_each_counts_once(level: Flight) -> None:
+    alone = judged(level, level.track)
+    three = judged(level, level.track, at_another_pace(level), RECORDS["by another clock"](level))
+    assert [line[:16] for line in three.report.findings if "records of one" in line] == ["tracks 1 and 3 a"]
+    np.testing.assert_allclose(three.flown.passes.mean(), 2.0 * alone.flown.passes.mean(), rtol=0.1)
+
+
+def same(one_s: np.ndarray, one_m: np.ndarray, other_s: np.ndarray, other_m: np.ndarray) -> SameFlight | None:
+    def track(time_s: np.ndarray, enu_m: np.ndarray) -> Track:
+        nothing = np.zeros_like(enu_m)
+        return Track(time_s.copy(), nothing, enu_m.copy(), nothing.copy(), np.zeros(len(time_s), dtype=np.int64))
+
+    return same_flight(track(one_s, one_m), one_m, track(other_s, other_m), other_m)
+
+
+def test_records_that_disagree_are_told_and_widen_the_uncertainty(level: Flight) -> None:
+    """Of one position error 1.6 m is stated by nobody, and proved by two records."""
+    first = dated(level.track, 0.0)
+    both = judged(level, first, wandering(level, 1.6))
+    assert any("they disagree by up to 1." in line for line in both.report.findings)
+    assert both.coverage.site.scenario.uncertainty.position_m > 1.0
+    assert judged(level, first, RECORDS["rounded to a centimetre"](level)).coverage is level.coverage
+
+
+def test_one_vehicle_does_not_fly_at_two_places(level: Flight) -> None:
+    far = dated(moved_by(level, np.array([0.0, 60.0, 0.0])), 0.05)
+    report = judged(level, dated(level.track, 0.0), changed(far, time_s=far.time_s + 0.05)).report
+    assert any("overlap in time at different places" in line for line in report.doubts)
+
+
+def test_one_leg_that_both_flew_at_the_same_speed_is_no_record() -> None:
+    time_s = np.arange(0.0, 200.0, 0.5)
+    leg = np.column_stack([5.0 * time_s, np.zeros_like(time_s), np.full_like(time_s, 50.0)])
+    other = leg.copy()
+    other[time_s > 60.0, 1] = 3.0 * (time_s[time_s > 60.0] - 60.0)
+    assert same(time_s, leg, time_s, other) is None
+    assert same(time_s, leg, time_s + 7.0, leg) is not None
+
+
+def test_what_does_not_move_is_no_flight() -> None:
+    time_s = np.arange(0.0, 100.0, 0.5)
+    still = np.tile([1.0, 2.0, 3.0], (len(time_s), 1))
+    assert same(time_s, still, time_s, still) is None
+    assert same(time_s[:1], still[:1], time_s, still) is None

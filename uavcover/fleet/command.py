@@ -1,0 +1,185 @@
+"""Flying all vehicles of a planned fleet at once: one process, one table, one recording."""
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from uavcover.errors import InputError, UavcoverError, VehicleError
+from uavcover.fleet.board import Board
+from uavcover.fleet.clock import FleetClock, RealClock
+from uavcover.fleet.flight import FleetFlight
+from uavcover.fleet.jobs import OnLoss, planned_jobs
+from uavcover.fleet.orders import FleetOrders, Opening
+from uavcover.fleet.own_links import VehiclePlace, require_different
+from uavcover.fleet.recording import FLEET_RECORDING, write_fleet_recording
+from uavcover.flight.command import ENDED_BY_USER, FlightOptions, refuse_older_flight
+from uavcover.flight.connect import VehicleLink, connect
+from uavcover.planner.close_gaps import GapRequest, close_gaps
+from uavcover.run.folder import RunFolder
+from uavcover.run.provenance import note_files
+from uavcover.run.user import User, to_paste
+
+_LOOK_S = 0.2
+_TABLE_EVERY_S = 60.0
+_FIRST_STOP = (
+    "stopping: all hold, then home along checked legs, one after the other; once more: all hold and are left there; "
+    "a third time: abort at once"
+)
+
+
+class FleetFailedError(VehicleError):
+    """A vehicle of the fleet did not end as it should; the record of all is kept.
+
+    Attributes:
+        document: what happened, for programs.
+    """
+
+    def __init__(self, text: str, document: dict[str, Any]) -> None:
+        self.document = document
+        super().__init__(text)
+
+    def details(self) -> dict[str, Any]:
+        """What happened, for programs."""
+        return self.document
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetOptions:
+    """What is asked of the flight of a fleet.
+
+    Attributes:
+        flight: of each vehicle.
+        on_loss: what becomes of what a lost vehicle was to see.
+        opening: opens the link to a vehicle.
+        clocks: the shared clock, as each vehicle's thread sees it; none is the computer's.
+    """
+
+    flight: FlightOptions
+    on_loss: OnLoss = OnLoss.SHARE
+    opening: Opening = connect
+    clocks: Sequence[FleetClock] | None = None
+
+
+def fly_fleet(
+    run: RunFolder, links: Sequence[VehicleLink], user: User, options: FleetOptions, *, command: Sequence[str]
+) -> tuple[bool, dict[str, Any]]:
+    """Fly all sorties of a plan for several vehicles; vehicle k is at link k.
+
+    All vehicles are found, checked and given their first sortie before one is armed. Each sortie has its record in its own
+    folder, and ``fleet.rrd`` has all tracks on one clock.
+
+    Returns:
+        whether the user ended it, and the answer for ``--json``.
+
+    Raises:
+        InputError: the plan is not for so many vehicles, or a sortie was flown already.
+        InfeasibleError: a leg breaks a limit.
+        FleetFailedError: a vehicle failed, or was lost.
+    """
+    require_different([VehiclePlace(link.url, link.system_id) for link in links])
+    clocks = [RealClock(_speed(links))] * len(links) if options.clocks is None else options.clocks
+    jobs = planned_jobs(run, len(links))
+    for job in jobs:
+        refuse_older_flight(job.folder, options.flight)
+    board = Board(user, len(links))
+    with (
+        run.reserved((), force=True),
+        user.stop_requests(_FIRST_STOP) as interrupts,
+        user.pause_requests() as keys,
+        user.progress("flying", total=sum(len(job.route) for job in jobs)) as bar,
+    ):
+        orders = FleetOrders(
+            links=links, flight=options.flight, on_loss=options.on_loss, opening=options.opening, clocks=clocks,
+            stops=lambda: interrupts.count, paused=keys.paused,
+        )  # fmt: skip
+        flight = FleetFlight(jobs, board, orders)
+        threads = [
+            threading.Thread(target=flight.follow, args=(k,), name=f"vehicle {k}", daemon=True)
+            for k in range(1, len(links) + 1)
+        ]
+        for thread in threads:
+            thread.start()
+        shown_s = 0.0
+        while any(thread.is_alive() for thread in threads):
+            try:
+                for thread in threads:
+                    thread.join(_LOOK_S / len(threads))
+            except KeyboardInterrupt:
+                flight.aborted = True
+            since_s = flight.traffic.since_first_s(clocks[0].now())
+            flown = sum(record.outcome.waypoints_reached for record in flight.flown if record.outcome is not None)
+            bar.update(flown + sum(row.waypoint for row in board.rows.values() if row.late_s is not None))
+            if since_s - shown_s >= _TABLE_EVERY_S:
+                shown_s = since_s
+                for line in board.lines(since_s):
+                    board.say(line)
+        if flight.aborted:
+            user.warn("aborted: the vehicles were left as they are, maybe armed and in the air; take over from here")
+        recorded = _record(run, flight, user, command)
+    gaps = _close_gaps(run, flight, user, command)
+    return _result(run, flight, user, {"recording": recorded, "gaps": gaps})
+
+
+def _speed(links: Sequence[VehicleLink]) -> float:
+    """How fast the vehicles fly, times real time; only ``mock:`` can be fast.
+
+    Raises:
+        InputError: fast ones among others.
+    """
+    mocks = [link for link in links if link.url.startswith("mock:")]
+    if len(mocks) == len(links):
+        return links[0].mock_speed
+    if any(link.mock_speed != 1.0 for link in mocks):
+        raise InputError("--to: mock: and other vehicles fly together only at --mock-speed 1")
+    return 1.0
+
+
+def _record(run: RunFolder, flight: FleetFlight, user: User, command: Sequence[str]) -> str | None:
+    """The recording of all tracks; an error of the flight itself is the one that counts."""
+    try:
+        path = write_fleet_recording(run, [record.job.folder for record in flight.flown if record.began_s is not None])
+        if path is not None:
+            note_files(run, "fly", [FLEET_RECORDING], command=command)
+            user.say(f"recorded: {path}")
+    except UavcoverError as error:
+        user.warn(str(error))
+        return None
+    return None if path is None else str(path)
+
+
+def _close_gaps(run: RunFolder, flight: FleetFlight, user: User, command: Sequence[str]) -> dict[str, Any] | None:
+    """The mission of what nobody has seen, where something was left."""
+    if not flight.work.left or flight.called_off or flight.aborted:
+        return None
+    user.say("what the lost vehicle left is planned as a mission of its own:")
+    try:
+        _, document = close_gaps(run, user, GapRequest(force=True), command=command)
+    except UavcoverError as error:
+        user.warn(f"{error}; plan it with: {to_paste('gaps', run)}")
+        return None
+    return document
+
+
+def _result(run: RunFolder, flight: FleetFlight, user: User, more: dict[str, Any]) -> tuple[bool, dict[str, Any]]:
+    if flight.aborted:
+        raise KeyboardInterrupt
+    flown = sorted(flight.flown, key=lambda record: (record.vehicle, record.planned_s))
+    document: dict[str, Any] = {
+        "run": str(run),
+        "sorties": [record.as_json() for record in flown],
+        "left": flight.work.left,
+        **more,
+    }
+    for line in flight.board.lines(0.0)[1:]:
+        user.say(line.strip())
+    for fault in flight.faults:
+        if not isinstance(fault, UavcoverError):
+            raise fault
+    failed = [record for record in flown if record.error]
+    texts = [f"vehicle {record.vehicle}, sortie {record.job.sortie}: {record.error}" for record in failed]
+    texts += [str(fault) for fault in flight.faults]
+    if texts:
+        raise FleetFailedError("; ".join(texts), document)
+    ended = {record.outcome.ending for record in flown if record.outcome is not None}
+    return bool(ended & ENDED_BY_USER) or flight.orders.stops() > 0, document

@@ -1,0 +1,253 @@
+"""The sorties of a fleet while it flies: who flies which when, and who takes over what a lost vehicle leaves."""
+
+import threading
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+
+from uavcover.errors import InfeasibleError, InputError
+from uavcover.fleet.upload import require_at_once
+from uavcover.flight.connect import require_home
+from uavcover.flight.resume import find_unfinished, save_part, save_rest, scenario_of_fleet
+from uavcover.missions.mission_files import compile_plan
+from uavcover.missions.sorties import Sortie
+from uavcover.missions.timeline import Timeline, timeline_of
+from uavcover.model.route import Route
+from uavcover.run.flight_folders import TRACK
+from uavcover.run.flown_by import is_alike
+from uavcover.run.folder import RunFolder
+from uavcover.run.planned import read_planned
+from uavcover.scenario.site import Site
+
+_LEAST_GAIN_M = 20.0
+
+
+class OnLoss(StrEnum):
+    """What becomes of what a lost vehicle was to see."""
+
+    SHARE = "share"
+    GAPS = "gaps"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Job:
+    """A sortie to fly.
+
+    Attributes:
+        name: its number, with a mark behind it where it is the rest of a sortie that another vehicle began.
+        sortie: the number of the planned sortie.
+        vehicle: who flies it, from 1.
+        planned_s: take-off, since the first take-off of all.
+        folder: where its record goes.
+        site: the scenario on its ground.
+        route: its waypoints.
+        timeline: as planned.
+        battery_used: share of a full battery, in the worst of the winds that it is planned for; none without an endurance.
+        is_rest: whether it is the rest of a sortie that another vehicle began.
+    """
+
+    name: str
+    sortie: int
+    vehicle: int
+    planned_s: float
+    folder: RunFolder
+    site: Site
+    route: Route
+    timeline: Timeline
+    battery_used: float | None = None
+    is_rest: bool = False
+
+    def of(self, vehicle: int, *, planned_s: float) -> "Job":
+        """The same for another vehicle, at another time."""
+        return replace(self, vehicle=vehicle, planned_s=planned_s)
+
+
+def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
+    """All sorties of a plan, in the order of their take-offs; every leg is checked.
+
+    Raises:
+        InputError: the plan is not for so many vehicles, or cannot be read.
+        InfeasibleError: a leg breaks a limit.
+    """
+    document = run.read_json("plan.json", made_by="uavcover plan")
+    fleet, rows = document.get("fleet"), document.get("sorties")
+    require_at_once(fleet, run)
+    flying = len(fleet.get("by_vehicle", [])) if isinstance(fleet, dict) else 1
+    alike = not isinstance(fleet, dict) or fleet.get("alike", True)
+    if not alike and isinstance(fleet, dict) and isinstance(fleet.get("vehicles"), int):
+        flying = fleet["vehicles"]  # each has its own link, also one that stays on the ground
+    if flying != vehicles or not isinstance(rows, list) or not rows:
+        planned_for = fleet.get("vehicles", 0) if isinstance(fleet, dict) else 1
+        more = (
+            "; more would not be done sooner"
+            if planned_for >= vehicles > flying
+            else f", or plan it with: uavcover plan SCENARIO --vehicles {vehicles}"
+        )
+        raise InputError(
+            f"{run}: is flown by {flying} vehicle{'' if flying == 1 else 's'}, and --to names {vehicles}; give --to "
+            f"{'once' if flying == 1 else f'{flying} times'}{more}"
+        )
+    try:
+        asked = [(int(row["number"]), int(row["vehicle"]), float(row["takeoff_s"])) for row in rows]
+    except (KeyError, TypeError, ValueError) as error:
+        raise InputError(
+            f"{run.file('plan.json')}: sorties is none ({type(error).__name__}: {error}); make it again with: uavcover plan"
+        ) from error
+    jobs = [_planned_job(run, number, vehicle, takeoff_s) for number, vehicle, takeoff_s in asked]
+    flyers, all_of_them = {job.vehicle for job in jobs}, set(range(1, vehicles + 1))
+    if flyers != all_of_them and (alike or not flyers < all_of_them):
+        raise InputError(f"{run.file('plan.json')}: sorties name other vehicles than 1 to {vehicles}; plan again")
+    return sorted(jobs, key=lambda job: (job.planned_s, job.sortie))
+
+
+def _planned_job(run: RunFolder, number: int, vehicle: int, takeoff_s: float) -> Job:
+    folder = run.flight(number)
+    site, planned = read_planned(folder)
+    require_home(site)
+    timeline, used = _planned_use(site, planned.route)
+    return Job(f"{number:03d}", number, vehicle, takeoff_s, folder, site, planned.route, timeline, used)
+
+
+def _planned_use(site: Site, route: Route) -> tuple[Timeline, float | None]:
+    """The planned times of a sortie, and the share of a battery that it uses.
+
+    Raises:
+        InfeasibleError: a leg breaks a limit, or the flight takes too long.
+    """
+    autopilot = site.scenario.vehicle.autopilot
+    compiled = compile_plan(site, route)
+    timeline = timeline_of(site, Sortie(0, len(route) - 1, route, compiled), autopilot=autopilot)
+    return timeline, compiled.battery_used
+
+
+def left_of(job: Job) -> Route | None:
+    """What a flight that ended early has left of its route; none when nothing is left.
+
+    Raises:
+        InputError: what was flown cannot be read.
+    """
+    if not job.folder.file(TRACK).exists():
+        return job.route
+    unfinished = find_unfinished(_sortie_of(job), job.site)
+    return None if unfinished.complete else unfinished.route
+
+
+def rest_of(job: Job, site: Site, command: Sequence[str]) -> Job:
+    """What a flight that ended early has left, as a job for the vehicle of a site.
+
+    Its plan is written into a folder inside that of the sortie, as ``fly --resume`` does, also for the rest of a rest.
+
+    Raises:
+        InfeasibleError: there is no checked way to it, or it takes too long for one flight.
+    """
+    if not job.folder.file(TRACK).exists():
+        return replace(for_another(job, site, command), name=f"{job.name}+")
+    unfinished = find_unfinished(_sortie_of(job), job.site)
+    timeline, used = _planned_use(site, unfinished.route)
+    unfinished.folder.path.mkdir(exist_ok=True)
+    save_rest(unfinished, site, command=command)
+    return replace(
+        job, name=f"{job.name}+", folder=unfinished.folder, site=site, route=unfinished.route, timeline=timeline,
+        battery_used=used, is_rest=True,
+    )  # fmt: skip
+
+
+def _sortie_of(job: Job) -> RunFolder:
+    return RunFolder(job.folder.path.parent) if job.is_rest else job.folder
+
+
+def is_for(job: Job, site: Site) -> bool:
+    """Whether a job is planned for a vehicle like that of a site, from the same home."""
+    return is_alike(job.site.scenario, site.scenario)
+
+
+def for_another(job: Job, site: Site, command: Sequence[str]) -> Job:
+    """A job that nobody began, as the vehicle of a site flies it, every leg checked; where it is not alike, it is planned anew.
+
+    Raises:
+        InfeasibleError: a leg breaks a limit of that vehicle, or the flight takes it too long.
+    """
+    if is_for(job, site):
+        return job
+    timeline, used = _planned_use(site, job.route)
+    save_part(job.folder, site, job.route, "taken over", command=command, scenario_sha256=scenario_of_fleet(job.folder))
+    return replace(job, site=site, timeline=timeline, battery_used=used)
+
+
+def time_for(job: Job, route: Route, site: Site) -> float:
+    """How long the vehicle of a site takes for a job, or for a part of it; as planned where it is like the job's own.
+
+    Raises:
+        InfeasibleError: that vehicle sees something else, a leg breaks a limit of it, or the flight takes it too long.
+    """
+    if job.site.scenario.sensor != site.scenario.sensor:
+        raise InfeasibleError("it is planned for another sensor than those of the vehicles that are left")
+    return job.timeline.duration_s if is_for(job, site) else _planned_use(site, route)[0].duration_s
+
+
+def require_gain(job: Job, rest: Job) -> None:
+    """Refuse the rest of a flight that a full battery did not bring on: another one would not either, again and again.
+
+    Raises:
+        InfeasibleError: hardly less is left than the flight had to fly.
+    """
+    if len(rest.route) >= len(job.route) and rest.route.length_m > job.route.length_m - _LEAST_GAIN_M:
+        raise InfeasibleError("a battery lasts there and back, and for nothing between")
+
+
+@dataclass(slots=True)
+class Queues:
+    """The sorties that nobody has begun; its methods may be called from several threads.
+
+    Attributes:
+        vehicles: those that can fly.
+    """
+
+    vehicles: set[int]
+    _waiting: list[Job] = field(default_factory=list)
+    _busy: set[int] = field(default_factory=set)
+    _lock: threading.RLock = field(default_factory=threading.RLock)
+
+    def add(self, job: Job) -> None:
+        """A sortie that waits."""
+        with self._lock:
+            self._waiting.append(job)
+            self._waiting.sort(key=lambda each: (each.planned_s, each.name))
+
+    def take(self, vehicle: int) -> Job | None:
+        """The next sortie of a vehicle, which is busy from here on; none when it has none now."""
+        with self._lock:
+            job = next((job for job in self._waiting if job.vehicle == vehicle), None)
+            if job is not None:
+                self._waiting.remove(job)
+                self._busy.add(vehicle)
+            return job
+
+    def done(self, vehicle: int) -> None:
+        """A vehicle's sortie is over."""
+        with self._lock:
+            self._busy.discard(vehicle)
+
+    def give_up(self, vehicle: int) -> list[Job]:
+        """A vehicle that flies no more; returns the sorties that it would have flown."""
+        with self._lock:
+            self.vehicles.discard(vehicle)
+            left = [job for job in self._waiting if job.vehicle == vehicle]
+            self._waiting = [job for job in self._waiting if job.vehicle != vehicle]
+            return left
+
+    def of(self, vehicle: int) -> list[Job]:
+        """The sorties that wait for a vehicle."""
+        with self._lock:
+            return [job for job in self._waiting if job.vehicle == vehicle]
+
+    @property
+    def work_is_left(self) -> bool:
+        """Whether a sortie is flown, or waits for somebody."""
+        with self._lock:
+            return bool(self._busy or self._waiting)
+
+    def work_may_come(self, vehicle: int) -> bool:
+        """Whether a vehicle without a sortie may get one: another one may still be lost."""
+        with self._lock:
+            return vehicle in self.vehicles and bool((self._busy - {vehicle}) or self._waiting)

@@ -1,0 +1,87 @@
+"""A flight of a fleet: what it does, where it is, and how late it is."""
+
+import math
+from dataclasses import dataclass, field
+from enum import Enum
+
+import numpy as np
+
+from uavcover.kernels.arrays import FloatArray
+from uavcover.missions.separation import PathPieces
+from uavcover.missions.timeline import Timeline
+from uavcover.model.fleet import Fleet
+
+_KNOWN_AFTER_S, _MOST_LATER = 20.0, 1.0
+"""After so long in the air a flight's lateness tells how late it will be at its landing: at most so much of what is left."""
+
+
+class FleetPhase(Enum):
+    """What a flight does."""
+
+    WAITING = "waits"
+    FLYING = "flies"
+    HOLDING = "holds, on its way home"
+    HOMEWARD = "flies home"
+    DOWN = "is down"
+    LOST = "is lost"
+
+
+@dataclass(slots=True, eq=False)
+class FleetPosition:
+    """A flight and where it is.
+
+    Attributes:
+        timeline: as planned.
+        pieces: of it, for pairs of starts.
+        planned_s: its take-off, since the first take-off of all.
+        pace_m_s: how fast it flies home, over ground and vertically.
+        phase: what it does.
+        progress_s: time since take-off at which the plan has it where it is.
+        began_s: when it took off.
+        seen_s: when it was there.
+        place_m: (3,) ENU, where it is.
+        held: whether it holds its place to let another one pass.
+        way_m: (k, 3) ENU, its way home.
+        asked_s: when it first asked for that.
+        free_s: when the place where it landed is free; for one that is lost, when it must be down.
+    """
+
+    timeline: Timeline
+    pieces: PathPieces
+    planned_s: float
+    pace_m_s: tuple[float, float]
+    phase: FleetPhase = FleetPhase.WAITING
+    progress_s: float = 0.0
+    began_s: float = 0.0
+    seen_s: float = 0.0
+    place_m: FloatArray = field(default_factory=lambda: np.zeros(3))
+    held: bool = False
+    way_m: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    asked_s: float = math.inf
+    free_s: float = -math.inf
+
+    @property
+    def as_if_begun_s(self) -> float:
+        """The take-off after which the plan would have it where it is."""
+        return self.seen_s - self.progress_s
+
+    @property
+    def gets_later_s(self) -> float:
+        """By how much more it will be late at its landing if it goes on as so far: wind slows all of a flight."""
+        if self.progress_s < _KNOWN_AFTER_S:
+            return 0.0
+        each_s = (self.as_if_begun_s - self.began_s) / self.progress_s
+        return min(max(each_s, 0.0), _MOST_LATER) * (self.timeline.duration_s - self.progress_s)
+
+    def may_fly(self, now: float, fleet: Fleet) -> bool:
+        """Whether one that is lost may be in the way of those in the air: until it must have landed and been taken away.
+
+        It is taken as flying on as planned. Those on the ground wait longer, until its battery must be empty.
+        """
+        late_s = self.gets_later_s + fleet.timing_error_fraction * self.timeline.duration_s + fleet.pad_s
+        return self.held or now < self.as_if_begun_s + self.timeline.duration_s + late_s
+
+    @property
+    def home_m(self) -> FloatArray:
+        """(3,) ENU, where it lands."""
+        return np.asarray(self.timeline.place_m[-1])

@@ -1,0 +1,137 @@
+"""Whether what is known of a vehicle is newer than the last gap in what is heard of it.
+
+While nothing is heard, a failsafe, a pilot or another ground station can take the vehicle over. What arrives first after a gap
+may have waited in a buffer and be older than the gap. So the vehicle is asked for its time, with a number of our own (TIMESYNC):
+only what arrives after the answer counts. Until mode, armed state, landed state and mission item are heard again, nothing is
+known, and nothing may be commanded.
+
+A link can fall behind without a gap: every second something arrives, and all of it is old. So the question is asked once a
+second all the time. Where an answer takes longer than the link needs at its best, what arrives with it is as old, and nothing is
+known either.
+"""
+
+import math
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from mission_io.wire import messages as m
+from uavcover.flight.client import VehicleClient
+from uavcover.flight.monitor import Monitor
+
+_OLD_BEAT_S = 3.5
+"""A mode that was reported longer ago is not known: heartbeats come once a second, and three may be lost."""
+_BEHIND_S = 2.0
+"""What is older than this, beyond the shortest round trip of the link, may hide a failsafe: as long as a gap."""
+_ASK_S, _ASK_AGAIN_S = 1.0, 0.25
+"""Time from one question to the next, and while an answer is overdue."""
+_UNANSWERED_S = 10.0
+"""A vehicle that is heard, and answers no question for its time, is believed after this time without another gap."""
+_KINDS: Mapping[type[m.Message], str] = MappingProxyType(
+    {m.ExtendedSysState: "EXTENDED_SYS_STATE", m.MissionCurrent: "MISSION_CURRENT"}
+)
+_AGREEING_BEATS = 2
+_REMEMBERED = 500
+"""Questions whose answers are still taken."""
+
+
+class Evidence:
+    """Asks for fresh evidence after each gap, and says whether it is there.
+
+    A gap is a silence of the vehicle, or a pause of this process: both show as time between two messages.
+
+    Args:
+        client: talks to the vehicle.
+        monitor: hears what the client hears.
+    """
+
+    def __init__(self, client: VehicleClient, monitor: Monitor) -> None:
+        self._client, self._monitor = client, monitor
+        self._gap_ended_s = monitor.gap_ended_at_s
+        self._asked_s: dict[int, float] = {}
+        self._ask_at_s = -math.inf
+        self._shortest_s, self._latest_s, self._answered_at_s = math.inf, 0.0, -math.inf
+        self._proved_at_s: float | None = self._gap_ended_s
+        self._complete = True
+        self._unknown_since_s: float | None = None
+
+    @property
+    def current(self) -> bool:
+        """Whether mode, armed state, landed state and mission item are known since the last gap."""
+        now, monitor = self._client.clock.now(), self._monitor
+        silent = monitor.has_gap(now) or self._client.heartbeat_age_s > _OLD_BEAT_S
+        return not (silent or self._behind) and self._gap_ended_s == monitor.gap_ended_at_s and self._complete
+
+    @property
+    def unknown_s(self) -> float:
+        """For how long the vehicle has been heard, and what it does has not been known; 0 while nothing is heard."""
+        return 0.0 if self._unknown_since_s is None else self._client.clock.now() - self._unknown_since_s
+
+    @property
+    def missing(self) -> str:
+        """What has to be heard before the vehicle's state is known."""
+        if self._client.heartbeat_age_s > _OLD_BEAT_S:
+            return "a heartbeat"
+        if self._behind:
+            return f"an answer to our question for its time (the last one took {self._latest_s:.0f} s)"
+        if self._proved_at_s is None:
+            return "an answer to our question for its time"
+        proved_at_s = self._proved_at_s
+        lacking = [name for kind, name in _KINDS.items() if self._monitor.arrived_at_s(kind) < proved_at_s]
+        return " and ".join(lacking) or "two heartbeats that agree"
+
+    def look(self) -> None:
+        """Ask for fresh evidence where it is needed, and take what has come; called whenever messages were received."""
+        self._look()
+        now = self._client.clock.now()
+        if self.current or self._monitor.has_gap(now):
+            self._unknown_since_s = None
+        elif self._unknown_since_s is None:
+            self._unknown_since_s = now
+
+    @property
+    def _behind(self) -> bool:
+        """Whether the answer that came last took long. Where none comes, only our way to the vehicle is known to be lost."""
+        answers = self._client.clock.now() - self._answered_at_s <= _UNANSWERED_S
+        return answers and self._latest_s > _BEHIND_S + self._shortest_s
+
+    def _look(self) -> None:
+        now, monitor = self._client.clock.now(), self._monitor
+        answers = self._take_answers()
+        if monitor.gap_ended_at_s > self._gap_ended_s:
+            self._gap_ended_s = self._ask_at_s = monitor.gap_ended_at_s
+            self._proved_at_s, self._complete = None, False
+        if monitor.has_gap(now):
+            return
+        if now >= self._ask_at_s:
+            self._ask(now)
+        if self._complete:
+            return
+        if self._proved_at_s is None:
+            since_gap = (arrived_s for arrived_s, asked_s in answers if asked_s >= self._gap_ended_s)
+            self._proved_at_s = next(since_gap, now if now - self._gap_ended_s > _UNANSWERED_S else None)
+        if self._proved_at_s is None:
+            return
+        beats = [beat for arrived_s, beat in monitor.beats if arrived_s >= self._proved_at_s]
+        agree = len(beats) >= _AGREEING_BEATS and len({(b.armed, b.custom_mode) for b in beats[-_AGREEING_BEATS:]}) == 1
+        self._complete = agree and all(monitor.arrived_at_s(kind) >= self._proved_at_s for kind in _KINDS)
+
+    def _ask(self, now: float) -> None:
+        number = round(now * 1e9) or 1
+        self._asked_s[number] = now
+        while len(self._asked_s) > _REMEMBERED:
+            del self._asked_s[next(iter(self._asked_s))]
+        overdue = self._proved_at_s is None or self._behind
+        self._ask_at_s = now + (_ASK_AGAIN_S if overdue else _ASK_S)
+        self._client.send(m.TimeSync(answered_ns=0, asked_ns=number))
+
+    def _take_answers(self) -> list[tuple[float, float]]:
+        """The answers to questions of ours since the last look: when each arrived, and when it was asked for."""
+        answers = []
+        while self._monitor.time_answers:
+            arrived_s, answer = self._monitor.time_answers.popleft()
+            asked_s = self._asked_s.get(answer.asked_ns)
+            if asked_s is not None:
+                answers.append((arrived_s, asked_s))
+                self._latest_s, self._answered_at_s = arrived_s - asked_s, arrived_s
+                self._shortest_s = min(self._shortest_s, self._latest_s)
+        return answers

@@ -1,0 +1,246 @@
+"""The record of a flight while it goes on: the track, the events, the growing recording."""
+
+import logging
+import math
+import sys
+
+from mission_io.links.telemetry_log import TelemetryLogWriter
+from mission_io.wire import messages as m
+from uavcover.errors import OutputError
+from uavcover.flight.connect import Connected
+from uavcover.flight.live_line import LiveLine
+from uavcover.model.outcome import EventKind, FlightEvent
+from uavcover.model.route import Route
+from uavcover.model.track import TrackSample
+from uavcover.recording import flight as recorded
+from uavcover.recording.live import LiveRecording
+from uavcover.run import provenance
+from uavcover.run.file_group import writing
+from uavcover.run.folder import (
+    FLIGHT_FILES,
+    MISSION_FILES,
+    PLAN_FILES,
+    VERDICT_FILES,
+    RunFolder,
+    moves_of_an_older_flight,
+)
+from uavcover.run.provenance import note_files
+from uavcover.run.track_file import SpaceReserve, TrackWriter
+from uavcover.run.user import ProgressBar, User
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import judging_map
+
+TELEMETRY_LOG = "flight.tlog"
+_GROWING = ".flight.rrd.growing"
+_GROWING_TELEMETRY = ".flight.tlog.growing"
+_log = logging.getLogger(__name__)
+_STATE_EVERY_S = 1.0
+_LINE_EVERY_S = 0.5
+"""On the link's clock: what the line says takes no time from following the vehicle."""
+_LINE_EVERY_FLOWN_S = 10.0
+"""In vehicle time, for a simulation that is fast."""
+
+
+def live_recording(run: RunFolder, site: Site, route: Route, *, viewer_url: str | None) -> LiveRecording | None:
+    """The recording that grows with a flight, not yet under its own name; none on Windows, which has no ``/dev/fd``."""
+    if sys.platform == "win32":
+        return None
+    return LiveRecording(
+        run.file(_GROWING), site=site, coverage=judging_map(site), planned=route, viewer_url=viewer_url
+    )
+
+
+class FlightLog:
+    """The track and the events of a flight, kept as they come.
+
+    ``track.csv``, ``flight.rrd`` and ``flight.tlog`` begin with ``begin``, just before the vehicle is armed, so a flight that
+    never began changes nothing in the run folder; then the recording and the verdict of an older flight are removed, and
+    ``run.json`` speaks of this one. What cannot be written is known before that, and room for all of it is kept free. The
+    telemetry log has what was said before, too. When the recording or the telemetry log ends early, the track goes on. When the
+    track cannot be written any more, the vehicle is in the air: the flight is followed to its end, and the error comes after it.
+
+    Args:
+        run: where to.
+        overwrite: whether a track that is there may be replaced.
+        user: where events are told.
+        bar: shows the waypoints, and what the vehicle does.
+        route: the planned one.
+        site: the scenario on its ground.
+        reserve: room that is kept free for the record until the flight is over.
+        vehicle: whose battery and link are recorded.
+        live: the recording that grows; none for the track alone.
+        took_off_s: vehicle time of the take-off; none when it comes.
+
+    Attributes:
+        events: what happened.
+        states: battery and link, once a second of vehicle time.
+        error: why the track ended before the flight did.
+        begun: whether the flight has begun, so that ``run.json`` speaks of it.
+        sample_count: of the track.
+    """
+
+    def __init__(
+        self, run: RunFolder, *, overwrite: bool, user: User, bar: ProgressBar, site: Site, route: Route,
+        reserve: SpaceReserve, vehicle: Connected, live: LiveRecording | None, took_off_s: float | None = None,
+    ) -> None:  # fmt: skip
+        self.events: list[FlightEvent] = []
+        self.states: list[recorded.VehicleState] = []
+        self.error: OutputError | None = None
+        self.sample_count = 0
+        self._run, self._overwrite, self._user, self._bar = run, overwrite, user, bar
+        self._waypoint_count, self._vehicle, self._live = len(route), vehicle, live
+        self._line = LiveLine(site, route, vehicle, covered=lambda: None if live is None else live.covered)
+        self._took_off_s = took_off_s
+        self._line_at = (-math.inf, -math.inf)
+        self._writer: TrackWriter | None = None
+        self._reserve = reserve
+        self.begun = False
+        self._telemetry: TelemetryLogWriter | None = None
+        if vehicle.link is not None:
+            self._telemetry = TelemetryLogWriter(run.file(_GROWING_TELEMETRY))
+            vehicle.link.log_to(self._telemetry)
+
+    @property
+    def recorded_events(self) -> list[recorded.RecordedEvent]:
+        """The events that have a time, for the recording."""
+        return [shown for event in self.events if (shown := _recorded(event)) is not None]
+
+    def begin(self) -> None:
+        """Give the files their names: the vehicle is about to be armed.
+
+        Raises:
+            OutputError, InputError: one of them cannot be written, so the vehicle must stay where it is.
+        """
+        for ended in (self._live, self._telemetry):
+            if ended is not None and ended.error is not None:
+                raise OutputError(f"{ended.error}; nothing was armed")
+        self._set_older_flight_aside()
+        provenance.forget(self._run)
+        self._writer = TrackWriter(self._run.file("track.csv"), overwrite=self._overwrite, reserve=self._reserve)
+        if self._live is not None:
+            self._live.rename(self._run.file("flight.rrd"))
+        if self._telemetry is not None:
+            self._telemetry.move_to(self._run.file(TELEMETRY_LOG))
+            if self._telemetry.error is not None:
+                raise OutputError(f"{self._telemetry.error}; nothing was armed")
+        provenance.note_flying(self._run)
+        self.begun = True
+
+    def take_sample(self, sample: TrackSample) -> None:
+        """Write a sample: into the track first."""
+        if self._writer is None:
+            raise OutputError(f"{self._run}: the record has not begun")
+        if self.error is None:
+            room = self._reserve.held
+            try:
+                self._writer.write(sample)
+                self.sample_count += 1
+            except OutputError as error:
+                self.error = error
+                self._user.warn(f"{error}; the flight goes on without a record")
+            if room and not self._reserve.held:
+                self._user.warn(f"{self._run}: the disk is full; the track goes on in the room that was kept for it")
+        if self._live is not None:
+            self._live.take_sample(sample)
+        if not self.states or sample.time_s - self.states[-1].time_s >= _STATE_EVERY_S:
+            self.states.append(self._state(sample.time_s))
+            if self._live is not None:
+                self._live.take_state(self.states[-1])
+
+        self._show_line(sample)
+
+    def _show_line(self, sample: TrackSample) -> None:
+        """Show what the vehicle does, twice a second."""
+        flown_s, now = self.flown_s(sample.time_s), self._vehicle.client.clock.now()
+        if flown_s is None or (
+            now - self._line_at[0] < _LINE_EVERY_S and flown_s - self._line_at[1] < _LINE_EVERY_FLOWN_S
+        ):
+            return
+        self._line_at = (now, flown_s)
+        try:
+            self._bar.status(self._line.text(sample), at_s=flown_s)
+        except Exception:  # whatever it is: the flight goes on without the line
+            _log.exception("the line of the flight ended")
+            self._line_at = (math.inf, math.inf)
+
+    def flown_s(self, time_s: float | None) -> float | None:
+        """Seconds since the take-off at a vehicle time; None before it."""
+        if time_s is None:
+            return None
+        if self._took_off_s is None and self._vehicle.monitor.on_ground is False:
+            self._took_off_s = time_s
+        return None if self._took_off_s is None else time_s - self._took_off_s
+
+    def _set_older_flight_aside(self) -> None:
+        """With a copy of the plan that it flew; none of it counts for the flight that begins."""
+        if not any(self._run.file(name).exists() for name in FLIGHT_FILES):
+            self._run.remove(VERDICT_FILES)
+            return
+        moved = moves_of_an_older_flight(self._run)
+        older = self._run.file(next(iter(moved.values()))).parent
+        plan = [name for name in (*PLAN_FILES, *MISSION_FILES) if self._run.file(name).is_file()]
+        with writing(older):
+            copies: dict[str, str | bytes] = {
+                f"{older.name}/{name}": self._run.file(name).read_bytes() for name in plan
+            }
+        self._run.write_together(copies, moved=moved)
+        note_files(self._run, "begin", FLIGHT_FILES, command=sys.argv, moved=moved)  # none of them is there now
+        self._user.warn(f"the flight that was here is kept in {older}, a run folder of its own")
+
+    def take_event(self, event: FlightEvent) -> None:
+        """Tell an event."""
+        self.events.append(event)
+        shown = _recorded(event)
+        if self._live is not None and shown is not None:
+            self._live.take_event(shown)
+        if event.kind is EventKind.WAYPOINT and event.waypoint is not None:
+            note = f"waypoint {event.waypoint} of {self._waypoint_count}"
+            self._bar.update(event.waypoint, total=self._waypoint_count, note=note)
+        elif event.kind is EventKind.WARNING:
+            self._user.warn(event.text)
+            if event.alarm:
+                self._user.ring()
+        else:
+            flown_s = self.flown_s(event.time_s)
+            self._user.say(f"  {'' if flown_s is None else f'{flown_s:.1f} s '}{event.text}")
+
+    def close(self) -> None:
+        """Close the track, the growing recording and the telemetry log; the latter two go when the flight never began."""
+        self._bar.status("", at_s=0.0)
+        self._reserve.release()
+        if self._writer is not None and self.error is None:
+            self._writer.close()
+        if self._live is not None:
+            self._live.close()
+            if self._live.error is not None:
+                self._user.warn(self._live.error)
+            if self._writer is None:
+                self._run.remove([_GROWING])
+        self._close_telemetry()
+
+    def _close_telemetry(self) -> None:
+        if self._telemetry is None or self._vehicle.link is None:
+            return
+        self._vehicle.link.log_to(None)
+        self._telemetry.close()
+        if self._telemetry.error is not None:
+            self._user.warn(self._telemetry.error)
+        if self._writer is None:
+            self._run.remove([_GROWING_TELEMETRY])
+
+    def _state(self, time_s: float) -> recorded.VehicleState:
+        status, link = self._vehicle.monitor.latest(m.SysStatus), self._vehicle.client.statistics
+        percent = None if status is None else status.battery_remaining_percent
+        return recorded.VehicleState(
+            time_s=time_s,
+            battery_v=None if status is None else status.battery_v,
+            battery_percent=None if percent is None else float(percent),
+            frames_in=link.frames_in,
+            frames_lost=link.lost,
+        )
+
+
+def _recorded(event: FlightEvent) -> recorded.RecordedEvent | None:
+    if event.time_s is None:
+        return None
+    return recorded.RecordedEvent(event.time_s, event.text, "WARN" if event.kind is EventKind.WARNING else "INFO")

@@ -1,0 +1,208 @@
+"""What a flight must know of its plan, and its timeouts."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
+from uavcover.errors import InputError
+from uavcover.flight.ground_contact import GroundAt
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.flight_time import Pace
+from uavcover.missions.return_advice import OwnReturns
+from uavcover.model.vehicle import Vehicle
+from uavcover.terrain.frames import LocalFrame
+
+_PLACES = (Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND, Command.NAV_LOITER_TIME)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanNeeds:
+    """What a plan assumes of the vehicle's settings.
+
+    Attributes:
+        pace: its speeds and acceleration.
+        return_height_m: height above home at which a straight return was checked.
+        fence: whether it has a fence that must be active.
+        camera_turns: whether the camera turns with the vehicle, and so with its legs.
+        longest_flight_s: what the mission may take, its endurance less the reserve; None where there is no limit.
+        vehicle: its endurance and reserve, to watch the battery against; None skips that.
+        way_home_s: seconds from a (3,) ENU place in flight to the ground at home along a checked transit; None where none is
+            known. Raises UavcoverError where there is no such transit.
+    """
+
+    pace: Pace
+    return_height_m: float
+    fence: bool
+    camera_turns: bool = False
+    longest_flight_s: float | None = None
+    vehicle: Vehicle | None = None
+    way_home_s: Callable[[FloatArray], float] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class OperatingVolume:
+    """Where the vehicle may be: fence, height band and known ground.
+
+    Attributes:
+        ground_up_m: height of the ground in the local frame by east and north; NaN where unknown.
+        outside_fence_m: distance outside the fence, or inside one of its exclusions, by east and north; 0 where it is kept.
+        min_height_agl_m: lower end of the height band between the first and the last planned waypoint.
+        max_height_agl_m: its upper end.
+    """
+
+    ground_up_m: Callable[[float, float], float]
+    outside_fence_m: Callable[[float, float], float]
+    min_height_agl_m: float
+    max_height_agl_m: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightPlan:
+    """The mission that the vehicle must hold, and what was planned with it.
+
+    Attributes:
+        mission: the mission as it was uploaded; the vehicle's is compared with it before arming.
+        first_waypoint_item: index in ``mission.items`` of the first planned waypoint.
+        waypoint_count: how many planned waypoints there are from it on.
+        frame: the scenario's local frame, for the track.
+        home: where the mission was planned to start.
+        ground_alt_amsl_m: height of the terrain at ``home``, or none when there is no terrain.
+        ground_at: height of the terrain anywhere, or none when there is no terrain.
+        max_home_error_m: largest distance of the vehicle's home from the planned one, over ground and in height.
+        passed_before: how many planned waypoints were passed before the flight, where it goes on with a mission.
+        acceptance_radius_m: distance within which a planned waypoint counts as passed.
+        max_climb_m_s: upward speed that the plan assumes; None when it assumes none.
+        max_descent_m_s: downward speed that the plan assumes.
+        needs: what else the plan assumes, for the table of limits before arming; None skips the table.
+        items_per_waypoint: how many items each planned waypoint takes: itself, then commands that are carried out there.
+        volume: ground, fence and height band to check positions against in flight; None skips the check.
+        returns: judges the vehicle's own returns by its parameters; None skips the check.
+    """
+
+    mission: Mission
+    first_waypoint_item: int
+    waypoint_count: int
+    frame: LocalFrame
+    home: GeoPoint
+    ground_alt_amsl_m: float | None = None
+    ground_at: GroundAt | None = None
+    max_home_error_m: float = 10.0
+    passed_before: int = 0
+    acceptance_radius_m: float = 3.0
+    max_climb_m_s: float | None = None
+    max_descent_m_s: float | None = None
+    volume: OperatingVolume | None = None
+    needs: PlanNeeds | None = None
+    items_per_waypoint: int = 1
+    returns: OwnReturns | None = None
+
+    def way_home(self, mission: Mission, *, home_up_m: float) -> "FlightPlan":
+        """The plan of a way home that the vehicle holds now, without planned waypoints.
+
+        Args:
+            mission: as it was sent.
+            home_up_m: how much higher than planned the vehicle's home is.
+        """
+        home = replace(self.home, alt_amsl_m=self.home.alt_amsl_m + home_up_m)
+        return replace(
+            self, mission=mission, home=home, first_waypoint_item=len(mission.items), waypoint_count=0, passed_before=0,
+            items_per_waypoint=1, returns=None,
+        )  # fmt: skip
+
+    @property
+    def is_way_home(self) -> bool:
+        """Whether it only leads home."""
+        return self.waypoint_count == 0
+
+    @property
+    def _end_item(self) -> int:
+        """Index of the first item behind the planned waypoints."""
+        return self.first_waypoint_item + self.items_per_waypoint * self.waypoint_count
+
+    def waypoints_m(self) -> FloatArray:
+        """(n, 3) ENU, the planned waypoints, as their items say."""
+        planned = slice(self.first_waypoint_item, self._end_item, self.items_per_waypoint)
+        places = [self.place_m(item) for item in self.mission.items[planned]]
+        return np.array(places, dtype=float).reshape(-1, 3)
+
+    def legs_m(self) -> dict[int, FloatArray]:
+        """The leg that leads to each item, by its index: (2, 3) ENU; none for the first place and for commands."""
+        legs: dict[int, FloatArray] = {}
+        before: FloatArray | None = None
+        for index, item in enumerate(self.mission.items):
+            if item.command not in _PLACES or (item.lat_deg, item.lon_deg) == (0.0, 0.0):
+                continue
+            here = self.place_m(item)
+            if before is not None:
+                legs[index] = np.vstack([before, here])
+            before = here
+        return legs
+
+    def place_m(self, item: MissionItem) -> FloatArray:
+        """(3,) ENU, the position of an item as it was planned."""
+        alt_amsl_m = item.alt_m + (self.home.alt_amsl_m if item.frame is Frame.ABOVE_HOME else 0.0)
+        place_m: FloatArray = self.frame.enu_from_geodetic(item.lat_deg, item.lon_deg, alt_amsl_m)[0]
+        return place_m
+
+    def index_of(self, seq: int, autopilot: Autopilot) -> int:
+        """Index in ``mission.items`` of item ``seq`` on the wire."""
+        return seq - (1 if autopilot.home_in_item_0 else 0)
+
+    def waypoint_of(self, seq: int, autopilot: Autopilot) -> int:
+        """Number of the planned waypoint that item ``seq`` on the wire is, or that its command belongs to; -1 for other items."""
+        number = (self.index_of(seq, autopilot) - self.first_waypoint_item) // self.items_per_waypoint
+        return number if 0 <= number < self.waypoint_count else -1
+
+    def is_past_waypoints(self, seq: int, autopilot: Autopilot) -> bool:
+        """Whether item ``seq`` on the wire comes after the last planned waypoint."""
+        return self.index_of(seq, autopilot) >= self._end_item
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FlightTimeouts:
+    """Timeouts of a flight, in seconds of vehicle time unless noted otherwise.
+
+    Attributes:
+        deadman_s: silence, or time without a position, before a warning; on the link's clock.
+        heartbeat_s: time without a heartbeat, while other messages arrive, before a warning; on the link's clock.
+        link_lost_s: silence before the vehicle is given up; on the link's clock.
+        ready_s: time to get ready for arming; ArduPilot needs about 41 s.
+        arm_s: time during which a refused arming is retried.
+        terrain_s: the same for a vehicle that requests terrain heights, since it last requested others than before.
+        start_s: time from the start command to leaving the ground.
+        halt_s: time to come to rest after a hold command.
+        stuck_s: time without progress.
+        override_s: without moving in a mode that somebody else chose, after which following ends; by default it never does, and
+            the record goes on until the vehicle is on the ground.
+        held_s: time of holding because of a breach, after which following ends and the vehicle is left holding.
+        rate_s: window over which telemetry rates are measured.
+        disarm_s: time from landing to disarming itself.
+        watchdog: each timeout in vehicle time also ends after this many times as long on the link's clock.
+    """
+
+    deadman_s: float = 3.0
+    heartbeat_s: float = 5.0
+    link_lost_s: float = 30.0
+    ready_s: float = 120.0
+    arm_s: float = 10.0
+    terrain_s: float = 60.0
+    start_s: float = 30.0
+    halt_s: float = 20.0
+    stuck_s: float = 60.0
+    override_s: float = math.inf
+    held_s: float = 180.0
+    rate_s: float = 2.0
+    disarm_s: float = 30.0
+    watchdog: float = 10.0
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            endless = name == "override_s" and getattr(self, name) == math.inf
+            if not (0.0 < getattr(self, name) < math.inf or endless):
+                raise InputError(f"{name}: {getattr(self, name):g} is not a number above 0")
+        if self.link_lost_s < self.deadman_s:
+            raise InputError(f"link_lost_s: {self.link_lost_s:g} s is shorter than deadman_s, {self.deadman_s:g} s")

@@ -1,0 +1,348 @@
+"""Flies a mission: get ready, check, arm, start, follow, record, land; or return along checked legs when the user stops it."""
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from mission_io.errors import MissionIoError, TransferSilentError, VehicleSilentError
+from uavcover.errors import VehicleError
+from uavcover.flight.applied_limits import AppliedLimits
+from uavcover.flight.arming import (
+    arm_and_start,
+    disarm_on_ground,
+    is_flying,
+)
+from uavcover.flight.clearance import ALONE, Clearance
+from uavcover.flight.client import VehicleClient
+from uavcover.flight.flight_plan import FlightPlan, FlightTimeouts
+from uavcover.flight.follow import follow_mission, follow_taken
+from uavcover.flight.modes import Mode, require_multirotor
+from uavcover.flight.monitor import Monitor
+from uavcover.flight.own_returns import tell_own_returns, tell_returns_by
+from uavcover.flight.precautions import USUAL, Precautions, require_answers, simulated_by
+from uavcover.flight.preconditions import Preconditions
+from uavcover.flight.progress import MissionProgress
+from uavcover.flight.readiness import (
+    check_home,
+    check_mission,
+    request_telemetry,
+    wait_until_ready,
+)
+from uavcover.flight.recorder import Recorder
+from uavcover.flight.return_home import PlanReturn, return_home
+from uavcover.flight.session import Session, Stopped, TakenOverError
+from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError, FlightFaultError, FlightOutcome
+from uavcover.model.track import TrackSample
+
+__all__ = ["Ending", "FlightOutcome", "Orders", "fly"]
+
+
+_AFTER_RESTART_S = 3.0
+"""Time to listen to a vehicle that restarted, to report what it does now."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Orders:
+    """What the user wants of a flight, and who receives its events.
+
+    Attributes:
+        on_sample: called with every sample as it is recorded, also when the flight fails.
+        on_event: called with every event.
+        on_begin: called before the vehicle is armed, or commanded in the air; an exception that it raises ends the flight there.
+        stop: how often the user has asked to stop (Ctrl-C): once to fly home along checked legs, twice to hold.
+        pause: whether the user wants the vehicle to hold its place; it continues when this turns false.
+        confirmed: whether the user confirmed that a vehicle that may be real may be flown.
+        timeouts: how long to wait for what; None takes the defaults.
+        precautions: what to do before the flight, and when something goes wrong.
+        clearance: when it may start, and fly home, beside other vehicles.
+        utc_offset_s: from the link's clock to UTC, for the times of arrival in the track; NaN where there is no such clock.
+    """
+
+    on_sample: Callable[[TrackSample], None]
+    on_event: Callable[[FlightEvent], None] = lambda _: None
+    on_begin: Callable[[], None] = lambda: None
+    stop: Callable[[], int] = lambda: 0
+    pause: Callable[[], bool] = lambda: False
+    confirmed: bool = False
+    timeouts: FlightTimeouts | None = None
+    precautions: Precautions = USUAL
+    clearance: Clearance = ALONE
+    utc_offset_s: float = math.nan
+
+
+def fly(
+    client: VehicleClient, monitor: Monitor, plan: FlightPlan, orders: Orders, *, plan_return: PlanReturn
+) -> FlightOutcome:
+    """Fly the mission that a vehicle on the ground holds, and record the flight.
+
+    Args:
+        client: talks to the vehicle; made with ``monitor`` as its listener, see ``open_vehicle``.
+        monitor: receives everything that the client receives.
+        plan: the mission that the vehicle must hold, and what was planned with it.
+        orders: what the user wants, and who receives the events.
+        plan_return: plans the checked way home after a stop.
+
+    Raises:
+        FlightFailedError: the flight failed; the error says what happened and what the vehicle does now, and carries the
+            outcome. All recorded samples have been delivered.
+    """
+    flight = FlightRun(client, monitor, orders)
+    return flight.ended(lambda: _from_the_ground(flight, plan, plan_return))
+
+
+class FlightRun:
+    """What every flight needs from its start to its end, from the ground or from the air."""
+
+    def __init__(self, client: VehicleClient, monitor: Monitor, orders: Orders) -> None:
+        self.orders = orders
+        self.session = Session(
+            client,
+            monitor,
+            timeouts=orders.timeouts if orders.timeouts is not None else FlightTimeouts(),
+            on_event=orders.on_event,
+            stop=orders.stop,
+            pause=orders.pause,
+        )
+        self.precautions = orders.precautions
+        self.limits = AppliedLimits(self.session, self.precautions)
+        self._on_sample = orders.on_sample
+        self.recorder: Recorder | None = None
+        self.progress: MissionProgress | None = None
+        self.preconditions: Preconditions | None = None
+        self.simulator: str | None = None
+        self.touched = False
+
+    def find(self, refuse: Callable[[Session], None]) -> None:
+        """Find the vehicle, and out whether it is simulated.
+
+        Args:
+            refuse: raises when the vehicle is not as it has to be.
+
+        Raises:
+            FlightFaultError: it may be real, and the user did not say that it may be flown.
+            VehicleError: it is not a multirotor, or answers nothing.
+        """
+        client, monitor = self.session.client, self.session.monitor
+        client.wait_for_vehicle()
+        vehicle = require_multirotor(client)
+        refuse(self.session)
+        require_answers(client)
+        monitor.listen_to(vehicle.address)
+        monitor.begin()
+        self.session.tell(EventKind.STAGE, f"vehicle {vehicle.system_id}, {vehicle.described}")
+        self.simulator = simulated_by(client)
+        if self.simulator is None and not self.orders.confirmed:
+            raise FlightFaultError(
+                Ending.NOT_ARMED,
+                f"nothing proves that vehicle {vehicle.system_id} is simulated; say --yes to fly a real vehicle; not touched",
+            )
+        self.session.on_breach = self.precautions.on_breach
+        self.session.photos_required = self.precautions.photos_required
+        self.session.simulated = self.simulator is not None
+
+    def watch_preconditions(self, plan: FlightPlan) -> None:
+        """Watch in flight what was checked; a change of what returns depend on judges the returns again."""
+        session, returns = self.session, plan.returns
+
+        def returns_changed(parameters: Mapping[str, float]) -> None:
+            if returns is not None:
+                tell_returns_by(session, returns, parameters)
+
+        self.preconditions = Preconditions(session, plan, self.limits.values, returns_changed=returns_changed)
+
+    def record(self, plan: FlightPlan) -> MissionProgress:
+        """Record from the next position on, and count the planned waypoints."""
+        session = self.session
+        autopilot = session.autopilot
+        if plan.ground_alt_amsl_m is not None:
+            session.monitor.ground.know_ground(plan.ground_at, home_alt_amsl_m=plan.ground_alt_amsl_m)
+
+        def waypoint_of(seq: int) -> int:
+            """No planned waypoint is flown to while somebody else has the vehicle, or made its mission."""
+            astray = session.watch.is_open(Ending.MISSION_CHANGED) or not session.on_mission
+            return -1 if astray else plan.waypoint_of(seq, autopilot)
+
+        self.recorder = Recorder(
+            session.monitor,
+            plan.frame,
+            waypoint_of=waypoint_of,
+            on_sample=self._on_sample,
+            utc_offset_s=self.orders.utc_offset_s,
+        )
+        self.progress = MissionProgress(session, plan)
+        session.monitor.reached = -1
+        self.recorder.start()
+        return self.progress
+
+    def home(self, plan_return: PlanReturn, cause: Ending | None) -> FlightOutcome:
+        """After the user's stop, a breach, or for the battery's sake: home along checked legs, or left holding.
+
+        Raises:
+            FlightFaultError: it was a breach, or the way home failed.
+        """
+        if self.progress is not None:
+            self.progress.update()
+        if not is_flying(self.session) and disarm_on_ground(self.session):
+            return self.outcome(Ending.NOT_FLOWN)
+        if self.recorder is not None:
+            self.recorder.waypoint_of = lambda _: -1  # the items of the way home are no planned waypoints
+        try:
+            landed = self._come_home(plan_return, 1 if cause is None else self.session.stop())
+        except FlightFaultError as error:
+            if cause is None or cause is Ending.RESERVE_KEPT or error.ending not in (Ending.FAILED, Ending.STUCK):
+                raise
+            raise FlightFaultError(cause, f"{self.session.watch.text_of(cause)}; {error}") from error
+        if cause is not None:
+            if cause is Ending.RESERVE_KEPT:
+                if landed:
+                    return self.outcome(cause)
+                raise FlightFaultError(
+                    Ending.BATTERY_LOW, "the vehicle was left holding, and its reserve is being used"
+                )
+            how = "it was flown home along checked legs, and landed" if landed else "it was left holding"
+            raise FlightFaultError(cause, f"{self.session.watch.text_of(cause)}; {how}")
+        return self.outcome(Ending.RETURNED if landed else Ending.LEFT_HOLDING)
+
+    def _come_home(self, plan_return: PlanReturn, stops: int) -> bool:
+        """Whether the vehicle landed; what something else has meanwhile is recorded until it is on the ground."""
+        session = self.session
+        while True:
+            try:
+                return return_home(
+                    session, plan_return, stops=stops, preconditions=self.preconditions,
+                    clear=self.orders.clearance.may_go_home,
+                )  # fmt: skip
+            except TakenOverError as error:
+                session.tell(EventKind.WARNING, str(error), alarm=True)
+                if error.ending is Ending.STATE_UNKNOWN:
+                    self._wait_until_known()
+                    continue
+                again, why = False, FlightFaultError(error.ending, str(error))
+            except VehicleSilentError as error:
+                session.tell(EventKind.WARNING, f"{error}; it is followed all the same", alarm=True)
+                again, why = True, FlightFaultError(Ending.FAILED, str(error))
+            landed = not session.client.vehicle.armed
+            stops = max(stops, session.stop())
+            try:
+                follow_taken(session)
+            except Stopped:
+                continue
+            except FlightFaultError as error:
+                if error.ending is Ending.STUCK and again:  # it holds, and may be heard again
+                    continue
+                raise
+            if landed:
+                return True
+            raise FlightFaultError(why.ending, f"{why}; it was followed, and landed and disarmed")
+
+    def _wait_until_known(self) -> None:
+        session, stops = self.session, self.session.stop()
+        while not session.evidence.current:
+            if session.stop() > stops:
+                raise FlightFaultError(
+                    Ending.STATE_UNKNOWN, f"{session.watch.text_of(Ending.STATE_UNKNOWN)}; stopped following"
+                )
+            session.pump()
+
+    def outcome(self, ending: Ending) -> FlightOutcome:
+        """How it ended."""
+        session, recorder = self.session, self.recorder
+        recorded = recorder is not None and recorder.count > 0
+        return FlightOutcome(
+            ending=ending,
+            waypoints_reached=0 if self.progress is None else self.progress.reached_count,
+            sample_count=0 if recorder is None else recorder.count,
+            duration_s=recorder.last_s - recorder.first_s if recorder is not None and recorded else 0.0,
+            simulated_by=self.simulator,
+            incidents=tuple(session.watch.incidents),
+            vehicle_now=session.vehicle_now,
+            limits=tuple(row.as_json() for row in self.limits.rows),
+        )
+
+    def ended(self, work: Callable[[], FlightOutcome]) -> FlightOutcome:
+        """Do the work; whatever goes wrong gets the name of an ending.
+
+        Raises:
+            FlightFailedError: it did not end as it should.
+        """
+        session = self.session
+        try:
+            outcome = work()
+        except (VehicleError, MissionIoError) as error:
+            raise self._failed(error) from error
+        finally:
+            session.monitor.on_position = None
+            self.limits.put_back()
+        session.tell(EventKind.STAGE, outcome.ending.value)
+        return outcome
+
+    def _failed(self, error: VehicleError | MissionIoError) -> FlightFailedError:
+        session = self.session
+        silent = isinstance(error, VehicleSilentError | TransferSilentError)
+        if isinstance(error, FlightFaultError):
+            ending = error.ending
+        elif silent and session.silence_s > session.timeouts.deadman_s:
+            ending = Ending.LINK_LOST
+        else:
+            ending = Ending.FAILED if self.touched else Ending.NOT_ARMED
+        if ending is Ending.RESTARTED:
+            session.listen(_AFTER_RESTART_S)
+        text = str(error)
+        if isinstance(error, MissionIoError):
+            text += session.recent_warnings
+        outcome = self.outcome(ending)
+        if self.touched:
+            text += f"; {outcome.vehicle_now}" if session.is_silent else f"; now: {outcome.vehicle_now}"
+        return FlightFailedError(text, outcome)
+
+
+def _from_the_ground(flight: FlightRun, plan: FlightPlan, plan_return: PlanReturn) -> FlightOutcome:
+    session = flight.session
+    flight.find(_refuse_armed)
+    try:
+        request_telemetry(session)
+        wait_until_ready(session)
+        check_home(session, plan)
+        check_mission(session, plan)
+        flight.limits.put_back_older()
+        flight.limits.check(plan)
+        flight.watch_preconditions(plan)
+        tell_own_returns(session, plan.returns)
+        _wait_for_clearance(session, flight.orders.clearance)
+        session.prepare(lambda: _refuse_armed(session), while_in=tuple(Mode))
+        flight.orders.on_begin()
+        progress = flight.record(plan)
+        flight.touched = True
+        try:
+            arm_and_start(session)
+        except TakenOverError as error:
+            if not session.client.vehicle.armed:
+                raise
+            session.tell(EventKind.WARNING, str(error), alarm=True)  # and follow it: somebody may fly it
+        follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)
+    except Stopped as stop:
+        return flight.home(plan_return, stop.cause)
+    return flight.outcome(Ending.LANDED)
+
+
+def _wait_for_clearance(session: Session, clearance: Clearance) -> None:
+    """Listen until the vehicle may start beside the others.
+
+    Raises:
+        Stopped: the user asked to stop meanwhile.
+        FlightFaultError: the vehicle is gone.
+    """
+    while not clearance.may_start():
+        if session.stop():
+            raise Stopped
+        session.pump()
+
+
+def _refuse_armed(session: Session) -> None:
+    vehicle = session.client.vehicle
+    if vehicle.armed:
+        raise FlightFaultError(
+            Ending.NOT_ARMED,
+            f"vehicle {vehicle.system_id} is armed already, in {session.mode_name}; not touched; --resume goes on with "
+            "a flight that ended early",
+        )

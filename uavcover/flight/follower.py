@@ -1,0 +1,443 @@
+"""Follows whatever a vehicle flies: its mode, pauses, stops, breaches and holds, and the landing.
+
+Nothing is commanded before current evidence shows that the vehicle does what was commanded last.
+"""
+
+import math
+from collections.abc import Callable, Collection
+
+from mission_io.errors import CommandRefusedError, VehicleSilentError
+from mission_io.wire import messages as m
+from uavcover.flight.arming import continue_mission, hold_mode, send_disarm, set_mode
+from uavcover.flight.hold_watch import HoldState, HoldWatch
+from uavcover.flight.mission_guard import ModeOverride
+from uavcover.flight.modes import Mode
+from uavcover.flight.policy import Phase, policy, reaction
+from uavcover.flight.precautions import OnBreach
+from uavcover.flight.progress import MissionProgress
+from uavcover.flight.session import Session, Stopped, TakenOverError, Timer
+from uavcover.model.outcome import Ending, EventKind, FlightFaultError
+
+_MOVED_M = 2.0
+_METRES_PER_DEGREE = 111_320.0
+_GOING_ON_S = 2.0
+"""After a pause the vehicle may still report for a moment that its mission is paused."""
+_EVIDENCE_S = 10.0
+"""Time to wait for evidence of how a flight ended that ended in a gap of the link."""
+_MOST_HOLDS = 3
+"""After as many holds for the same breach the mission is not continued by itself any more."""
+
+
+class Follower:
+    """What following checks all the time, whatever is flown.
+
+    Nothing is commanded before current evidence shows that the vehicle does what we commanded last.
+
+    Args:
+        session: with the vehicle.
+        stuck_s: time without progress in its mission.
+        stops_before: how many stops of the user are known already.
+        pause: whether the vehicle is to wait now.
+        progress: along the planned waypoints; None on the way home.
+        ours: the modes that were commanded where nothing is flown by it.
+
+    Attributes:
+        last_armed_s: vehicle time when it was last known to be armed.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        stuck_s: float,
+        *,
+        stops_before: int,
+        pause: Callable[[], bool],
+        progress: MissionProgress | None,
+        ours: Collection[Mode] = (Mode.MISSION,),
+    ) -> None:
+        self._session, self._stops_before, self._pause, self._progress = session, stops_before, pause, progress
+        self._ours = ours
+        self._known_until_s = session.monitor.gap_ended_at_s
+        self._override = ModeOverride(session)
+        self._stillness = Stillness(session, stuck_s)
+        self._elsewhere = Stillness(session, session.timeouts.override_s)
+        self._landed: Timer | None = None
+        self._told_to_disarm = self._record_goes_on = self._told_to_wait = False
+        self._hold: HoldWatch | None = None
+        self._lands_for: Ending | None = None
+        self._holds_for: dict[Ending, int] = {}
+        # What goes wrong since before the way home was planned was acted on by that.
+        self._acted_on: set[Ending] = set() if progress is not None else set(session.watch.open_kinds)
+        self._upside_down = False
+        self._declined: bool | None = None
+        self._going_on: Timer | None = None
+        self._mode_changes = session.monitor.mode_changes
+        self.last_armed_s = session.monitor.time_s
+
+    @property
+    def holds(self) -> bool:
+        """Whether the vehicle was commanded to hold, and holds."""
+        return self._hold is not None and not self._override.begun
+
+    @property
+    def in_mission(self) -> bool:
+        """Whether current evidence shows the vehicle in the mission that it was commanded to fly."""
+        return self.is_ours and self._hold is None and self._lands_for is None
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether current evidence shows that the vehicle does what we commanded."""
+        return not self._override.begun and self._session.obeys(self._commanded)
+
+    @property
+    def _commanded(self) -> Collection[Mode]:
+        """The modes that were commanded last."""
+        if self._lands_for is not None:
+            return [Mode.LAND]
+        return self._ours if self._hold is None else [hold_mode(self._session)]
+
+    @property
+    def phase(self) -> Phase:
+        """The part of the flight, for the policy."""
+        progress = self._progress
+        if progress is None:
+            return Phase.RETURN
+        if self._hold is not None:
+            return Phase.HOLD
+        if progress.heading_for > 0:
+            return Phase.ROUTE
+        return Phase.INBOUND if progress.reached_count > 0 and progress.heading_for < 0 else Phase.OUTBOUND
+
+    @property
+    def cause(self) -> Ending | None:
+        """Why something else, a pilot or a failsafe, has the vehicle; None when nothing has."""
+        return self._override.cause
+
+    @property
+    def why(self) -> str:
+        """What was told of the cause."""
+        return self._override.text
+
+    @property
+    def unseen(self) -> str:
+        """The gap in which the flight ended, as the end of a clause; empty where its end was seen."""
+        monitor = self._session.monitor
+        if monitor.gap_ended_at_s <= self._known_until_s:
+            return ""
+        return f"; what happened in the silence of {monitor.gap_s:.0f} s before that is not known"
+
+    def settle(self) -> None:
+        """Find the cause of what happened in the last moment, or in the gap before it."""
+        session, timer = self._session, Timer(self._session, _EVIDENCE_S)
+        in_a_gap = not session.evidence.current
+        while not (session.evidence.current or timer.over or session.silence_s > session.timeouts.deadman_s):
+            session.pump()  # a vehicle that is switched off after its landing is not waited for
+        if in_a_gap and (self._progress is None or not self._progress.all_reached):
+            self._look_at_mode()
+        self._override.settle()
+
+    def step(self, look: Callable[[], None]) -> None:
+        """Listen for a moment.
+
+        Raises:
+            FlightFaultError: the vehicle is gone, stuck, or stays armed.
+            Stopped: the user asked once more.
+        """
+        session = self._session
+        self.last_armed_s = session.monitor.time_s
+        if (stops := session.stop()) > self._stops_before:
+            self._end_at_users_wish(stops)
+        try:
+            self._pause_or_go_on()
+            if self._going_on is not None and self._going_on.over:
+                self._going_on, session.paused = None, self._hold is not None
+            session.pump()
+            look()
+            if self._hold is not None and self.is_ours and session.monitor.on_ground is not True:
+                self._look_at_hold(self._hold)
+        except TakenOverError as error:
+            session.tell(EventKind.WARNING, str(error), alarm=True)
+        if session.evidence.current:
+            self._look_at_mode()
+            if session.client.vehicle.armed:
+                self._known_until_s = session.monitor.gap_ended_at_s
+        if session.monitor.on_ground:
+            self._wait_until_disarmed()
+            return
+        self._landed = None
+        if self._override.begun:
+            self._stillness.restart()
+            if self._elsewhere.too_long and self.cause is not None:
+                raise FlightFaultError(
+                    self.cause,
+                    f"{self.why}; it has not moved for {self._elsewhere.timeout_s:g} s and is "
+                    "left to the pilot or station that controls it",
+                )
+            return
+        self._elsewhere.restart()
+        if self._hold is not None:
+            self._stillness.restart()
+        elif self._stillness.too_long:
+            self._raise_stuck()
+
+    def react(self) -> None:
+        """Do what the policy says about what goes wrong, once for each breach; nothing while something else has the vehicle.
+
+        Raises:
+            Stopped: the vehicle is to return.
+            TakenOverError: something else has just taken the vehicle over.
+        """
+        session, watch = self._session, self._session.watch
+        self._acted_on &= watch.open_kinds
+        falls = watch.is_open(Ending.FALLING)  # what follows from a fall is no breach of its own
+        if falls or not self.in_mission or session.monitor.on_ground is not False or self._going_on is not None:
+            return
+        beat_s = session.monitor.arrived_at_s(m.Heartbeat)
+        for breach, phase in policy():
+            is_new = watch.is_open(breach) and breach not in self._acted_on
+            if phase is not self.phase or not is_new or beat_s <= watch.opened_at_s(breach):
+                continue  # a mode that was reported before the breach says nothing of what the vehicle does about it
+            self._acted_on.add(breach)
+            action = reaction(breach, phase, simulated=session.simulated, chosen=session.on_breach)
+            if action is OnBreach.RETURN:
+                raise Stopped(breach)
+            if action is OnBreach.HOLD:
+                self._begin_hold(breach)
+                return
+            if action is OnBreach.LAND:
+                self._land(breach)
+                return
+
+    def _look_at_mode(self) -> None:
+        """Look whether the vehicle is in the mode that we commanded, and whether it has just come back to its mission."""
+        session, progress = self._session, self._progress
+        self._override.update(self._commanded)
+        changes, self._mode_changes = self._mode_changes, session.monitor.mode_changes
+        came_back = changes != self._mode_changes and not self._override.begun
+        if came_back and self._hold is not None:
+            self._hold.begin_again()
+        if not came_back or Mode.MISSION not in self._commanded or progress is None or progress.heading_for < 0:
+            return
+        progress.rejoin()
+        if (problem := progress.line_problem()) is not None:
+            session.watch.open(Ending.UNSAFE_LINE, problem)
+
+    def _begin_hold(self, breach: Ending) -> None:
+        session = self._session
+        session.paused = True
+        try:
+            obeyed = self._obeys(hold_mode(session), "hold")
+        except TakenOverError as error:
+            session.paused = False
+            if error.ending is Ending.STATE_UNKNOWN:
+                self._acted_on.discard(breach)
+            raise
+        if not obeyed:
+            session.paused = False
+            return
+        self._holds_for[breach] = self._holds_for.get(breach, 0) + 1
+        again = self._holds_for[breach] < _MOST_HOLDS and self._progress is not None
+        self._hold = HoldWatch(session, breach, may_go_on=again)
+        self._upside_down = not self._pause()
+        then = "flies home: p continues, Ctrl-C flies it home now"
+        if self._progress is None:
+            then = "the way home is planned again: Ctrl-C leaves it holding"
+        session.tell(
+            EventKind.STOP,
+            f"the vehicle therefore holds its place in {session.mode_name} for at most {session.timeouts.held_s:g} s, then "
+            f"{then}",
+        )
+
+    def _land(self, breach: Ending) -> None:
+        session = self._session
+        if self._obeys(Mode.LAND, "land"):
+            session.paused, self._lands_for = True, breach
+            session.tell(EventKind.STOP, "the vehicle therefore lands where it is")
+
+    def _obeys(self, mode: Mode, what: str) -> bool:
+        """Change a vehicle in its mission to a mode; one that refuses or does not answer is reported, and followed on."""
+        session = self._session
+        try:
+            session.steer(lambda: set_mode(session, mode), while_in=[Mode.MISSION, mode])
+        except CommandRefusedError as error:
+            session.tell(EventKind.WARNING, f"the vehicle refuses to {what}: {error}", alarm=True)
+            return False
+        except VehicleSilentError as error:
+            session.tell(
+                EventKind.WARNING, f"the vehicle was commanded to {what}, and does not obey: {error}", alarm=True
+            )
+            return False
+        return True
+
+    def _look_at_hold(self, hold: HoldWatch) -> None:
+        session, state = self._session, hold.look()
+        if state is HoldState.LOST and Ending.HOLD_LOST not in self._acted_on:
+            self._acted_on.add(Ending.HOLD_LOST)
+            raise Stopped(Ending.HOLD_LOST)
+        if state is HoldState.OVERDUE and hold.purpose is not None:
+            session.tell(
+                EventKind.STOP,
+                f"the vehicle has held its place for {session.timeouts.held_s:g} s, and nothing continued it",
+            )
+            raise Stopped(hold.purpose)
+        if state is HoldState.OVER:
+            problem = None if self._progress is None else self._progress.line_problem()
+            if problem is not None and hold.purpose is not None:
+                session.tell(EventKind.STOP, f"the mission is not continued: {problem}")
+                raise Stopped(hold.purpose)
+            if not self._goes_on("what it held for is over: the vehicle goes on with its mission"):
+                raise Stopped(hold.purpose)
+            self._upside_down = self._pause()
+
+    def _goes_on(self, text: str) -> bool:
+        """Continue the mission; a vehicle that refuses holds on, and one that flies another item is flown home."""
+        session = self._session
+        try:
+            continue_mission(session)
+        except FlightFaultError as error:
+            if error.ending is not Ending.FAILED:
+                raise
+            session.watch.open(Ending.FAILED, str(error))
+            raise Stopped(Ending.FAILED) from error
+        except (CommandRefusedError, VehicleSilentError) as error:
+            session.tell(EventKind.WARNING, f"the mission is not continued: {error}", alarm=True)
+            return False
+        session.tell(EventKind.STOP, text)
+        self._going_on, self._hold = Timer(session, _GOING_ON_S), None
+        return True
+
+    def _end_at_users_wish(self, stops: int) -> None:
+        """Home, unless something else has the vehicle: then the first stop is reported, and the second ends the record."""
+        session = self._session
+        if session.evidence.current:
+            self._look_at_mode()
+            self._override.settle()
+            if self.cause is None:
+                raise Stopped
+        why = "what the vehicle does is not known" if self.cause is None else self.why
+        if self._record_goes_on or stops > self._stops_before + 1:
+            raise FlightFaultError(
+                self.cause or Ending.STATE_UNKNOWN,
+                f"{why}; stopped following: the vehicle is left to the pilot or station that controls it",
+            )
+        if self.cause is None:
+            if not self._told_to_wait:
+                self._told_to_wait = True
+                session.tell(
+                    EventKind.STOP,
+                    f"{why}: it is asked to return as soon as it is heard in its mission; once more ends the record",
+                )
+            return
+        self._record_goes_on, self._stops_before = True, stops
+        session.tell(
+            EventKind.STOP,
+            "something else has the vehicle, so nothing is commanded; the record goes on until it is on the ground; once "
+            "more ends the record",
+        )
+
+    def _pause_or_go_on(self) -> None:
+        session = self._session
+        pressed = self._pause()
+        if self._declined is not pressed:
+            self._declined = None
+        wanted = pressed is not self._upside_down  # a key that was pressed before a breach does not end its hold
+        if (
+            self._declined is not None
+            or wanted == (self._hold is not None)
+            or not self.is_ours
+            or session.monitor.on_ground is not False
+        ):
+            return
+        if wanted:
+            session.paused, self._declined = True, pressed  # until it holds
+            try:
+                session.paused = self._obeys(hold_mode(session), "hold")
+            except TakenOverError:
+                session.paused = False
+                raise
+            if not session.paused:
+                return
+            self._declined = None
+            self._hold = HoldWatch(session, None, may_go_on=False)
+            session.tell(EventKind.STOP, f"paused: the vehicle holds its place in {session.mode_name}")
+            return
+        problem = None if self._progress is None else self._progress.line_problem()
+        if problem is not None:
+            self._declined = pressed
+            session.tell(EventKind.WARNING, f"the mission is not continued: {problem}; Ctrl-C flies home", alarm=True)
+            return
+        if not self._goes_on("the vehicle goes on with its mission"):
+            self._declined = pressed
+
+    def _raise_stuck(self) -> None:
+        session = self._session
+        cause = session.watch.recent_cause(within_s=self._stillness.timeout_s)
+        windy = cause is not None and cause.kind is Ending.WIND_ABOVE_LIMITS
+        text = (
+            f"the vehicle is stuck: no progress at item {session.monitor.current_seq} "
+            f"for {self._stillness.timeout_s:g} s{session.recent_warnings}"
+        )
+        raise FlightFaultError(Ending.WIND_ABOVE_LIMITS if windy else Ending.STUCK, text)
+
+    def _wait_until_disarmed(self) -> None:
+        session = self._session
+        if session.watch.is_open(Ending.HEARTBEAT_LOST):
+            raise FlightFaultError(
+                Ending.HEARTBEAT_LOST,
+                f"{session.watch.text_of(Ending.HEARTBEAT_LOST)}; it is on the ground and may be armed: keep away",
+            )
+        if self._landed is None:
+            self._landed = Timer(session, session.timeouts.disarm_s)
+            session.tell(EventKind.STAGE, "on the ground")
+        elif self._landed.over:
+            if self.cause is not None:
+                raise FlightFaultError(
+                    self.cause,
+                    f"{self.why}; it is on the ground and stays armed: left to the pilot or station that controls it",
+                )
+            if not session.evidence.current:
+                return
+            if self._told_to_disarm:
+                raise FlightFaultError(
+                    Ending.STAYED_ARMED, f"the vehicle has landed but stays armed{session.recent_warnings}"
+                )
+            self._told_to_disarm = True
+            ours = [Mode.MISSION, Mode.LAND, Mode.HOLD, hold_mode(session)]
+            try:
+                session.steer(lambda: send_disarm(session), while_in=ours)
+            except (TakenOverError, CommandRefusedError, VehicleSilentError) as error:
+                if session.client.vehicle.armed:
+                    session.tell(
+                        EventKind.WARNING, f"the vehicle is on the ground and stays armed: {error}", alarm=True
+                    )
+            self._landed.restart()
+
+
+class Stillness:
+    """Detects that a vehicle neither moves nor continues to another item."""
+
+    def __init__(self, session: Session, timeout_s: float) -> None:
+        self.timeout_s = timeout_s
+        self._session = session
+        self._timer = Timer(session, timeout_s)
+        self._seen: tuple[int, float, float, float] | None = None
+
+    def restart(self) -> None:
+        """Begin anew."""
+        self._seen = None
+        self._timer.restart()
+
+    @property
+    def too_long(self) -> bool:
+        """Whether nothing changed for ``timeout_s``."""
+        monitor = self._session.monitor
+        position = monitor.latest(m.GlobalPositionInt)
+        if position is None:
+            return self._timer.over
+        north = position.lat_deg * _METRES_PER_DEGREE
+        east = position.lon_deg * _METRES_PER_DEGREE * math.cos(math.radians(position.lat_deg))
+        now = (monitor.current_seq, east, north, position.alt_amsl_m)
+        if self._seen is None or self._seen[0] != now[0] or math.dist(self._seen[1:], now[1:]) > _MOVED_M:
+            self._seen = now
+            self._timer.restart()
+        return self._timer.over

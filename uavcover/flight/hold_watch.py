@@ -1,0 +1,88 @@
+"""Judges a hold while it lasts: its purpose, when the mission may go on, whether the place is held, and when it must end."""
+
+import math
+from enum import Enum
+
+from mission_io.wire import messages as m
+from uavcover.flight.session import Session, Timer
+from uavcover.model.outcome import Ending
+
+_COMES_TO_REST_S = 10.0
+_DRIFT_M = 15.0
+_CALM_S = 5.0
+"""Time without the breach before the mission goes on."""
+_TRANSIENT = frozenset(
+    {Ending.BAND_LEFT, Ending.FENCE_BREACHED, Ending.OFF_ROUTE, Ending.WIND_ABOVE_LIMITS, Ending.GROUND_UNKNOWN}
+)
+"""Breaches that can end by themselves. A mission that somebody changed does not change back."""
+
+
+class HoldState(Enum):
+    """What a hold has come to."""
+
+    HOLDS = "the hold goes on"
+    OVER = "what it was for is over: the mission may go on"
+    OVERDUE = "its time is up"
+    LOST = "the vehicle does not hold its place"
+
+
+class HoldWatch:
+    """One hold.
+
+    Args:
+        session: with the vehicle.
+        purpose: the breach that it is for; None for the user's pause, which ends with the user's word.
+        may_go_on: whether the mission may go on by itself once the breach is over.
+    """
+
+    def __init__(self, session: Session, purpose: Ending | None, *, may_go_on: bool) -> None:
+        self.purpose = purpose
+        self._session = session
+        self._may_go_on = may_go_on and purpose in _TRANSIENT
+        self._rest = Timer(session, _COMES_TO_REST_S)
+        self._deadline = Timer(session, session.timeouts.held_s)
+        self._calm: Timer | None = None
+        self._place: m.GlobalPositionInt | None = None
+
+    def begin_again(self) -> None:
+        """Hold where the vehicle comes to rest from now on: a pilot may have flown it elsewhere and given it back."""
+        self._place = None
+        self._rest.restart()
+
+    def look(self) -> HoldState:
+        """Judge it now."""
+        if self._drifts():
+            return HoldState.LOST
+        if self.purpose is None:
+            return HoldState.HOLDS
+        if self._session.watch.is_open(self.purpose):
+            self._calm = None
+        elif self._calm is None:
+            self._calm = Timer(self._session, _CALM_S)
+        elif self._calm.over and self._may_go_on and self._place is not None:
+            return HoldState.OVER
+        return HoldState.OVERDUE if self._deadline.over else HoldState.HOLDS
+
+    @property
+    def drift_m(self) -> float:
+        """Distance from the place that is held; 0 before the vehicle has come to rest."""
+        here = self._session.monitor.latest(m.GlobalPositionInt)
+        if here is None or self._place is None:
+            return 0.0
+        north_m = (here.lat_deg - self._place.lat_deg) * 111_320.0
+        east_m = (here.lon_deg - self._place.lon_deg) * 111_320.0 * math.cos(math.radians(here.lat_deg))
+        return math.hypot(north_m, east_m, here.alt_amsl_m - self._place.alt_amsl_m)
+
+    def _drifts(self) -> bool:
+        watch = self._session.watch
+        if self._place is None:
+            if self._rest.over:
+                self._place = self._session.monitor.latest(m.GlobalPositionInt)
+            return False
+        drift_m = self.drift_m
+        watch.measure(
+            Ending.HOLD_LOST, drift_m if drift_m > _DRIFT_M else None,
+            f"the vehicle does not hold its place: it is {drift_m:.0f} m away from it",
+            "the vehicle is back at the place that it holds",
+        )  # fmt: skip
+        return drift_m > _DRIFT_M

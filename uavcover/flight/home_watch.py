@@ -1,0 +1,153 @@
+"""Watches home and the origin of the position filter in flight, and says what comes of a move, in metres.
+
+Heights of a mission are above home. ArduPilot lays a leg out when it begins, so that a new home counts from the next item on; PX4
+moves the leg that is being flown.
+"""
+
+import math
+
+import numpy as np
+
+from mission_io.model.items import Command, GeoPoint
+from mission_io.wire import messages as m
+from uavcover.flight.flight_plan import FlightPlan
+from uavcover.flight.limit_table import HOME_SLACK_M
+from uavcover.flight.session import Session
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.outcome import Ending, EventKind
+from uavcover.terrain.frames import LocalFrame
+
+_ASIDE_M = 5.0
+"""A home that is farther aside was moved; arming sets it within the error of satellites."""
+_SAMPLES = 400
+
+
+class HomeWatch:
+    """Home and the origin of the position filter, compared with what they were before arming, or at the take-off.
+
+    Args:
+        session: with the vehicle.
+        plan: what it is to fly.
+        px4: whether it is one; else ArduPilot.
+
+    Attributes:
+        moved_up_m: by how much home is higher than when it was checked; 0 for what a barometer's error explains.
+    """
+
+    def __init__(self, session: Session, plan: FlightPlan, *, px4: bool) -> None:
+        self._session, self._plan, self._px4 = session, plan, px4
+        self._checked = [] if (home := session.monitor.latest(m.HomePosition)) is None else [_point(home)]
+        here = session.monitor.latest(m.GlobalPositionInt)
+        if here is not None and session.monitor.on_ground is not False:
+            self._checked.append(GeoPoint(here.lat_deg, here.lon_deg, here.alt_amsl_m))  # arming sets home there
+        self._origin = session.monitor.latest(m.GpsGlobalOrigin)
+        self._judged: m.HomePosition | None = None
+        self._begun = self._settled = False
+        self._amount: float | None = None
+        self._text = ""
+        self.moved_up_m = 0.0
+
+    def look(self) -> None:
+        """Compare the latest of both, and tell a move."""
+        if not self._begun:  # both autopilots set home anew at arming or take-off: wait for one that is fresh
+            self._begun = True
+            self._session.monitor.forget(m.HomePosition)
+        home = self._session.monitor.latest(m.HomePosition)
+        if home is not None and home != self._judged:
+            self._judged = home
+            self._amount, self._text = self._judge(_point(home))
+        origin = self._session.monitor.latest(m.GpsGlobalOrigin)
+        moved_m = 0.0
+        if origin is not None:
+            self._origin = origin if self._origin is None else self._origin
+            moved_m = math.dist((0.0, 0.0, 0.0), _offset_m(_point(self._origin), _point(origin)))
+        amount, text = self._amount, self._text
+        if amount is None and moved_m > HOME_SLACK_M:
+            amount = moved_m
+            text = f"the origin of the vehicle's heights and positions was moved by {moved_m:.1f} m in flight"
+        watch = self._session.watch
+        if amount is not None:
+            watch.measure(Ending.HOME_MOVED, amount, text, "")
+        elif watch.is_open(Ending.HOME_MOVED):
+            left = [incident.text for incident in watch.incidents if incident.kind is Ending.BAND_LEFT]
+            if left:  # what was flown meanwhile was not as planned, and stays so
+                was = f"the vehicle's home was moved in flight and was put back, and meanwhile {left[-1]}"
+                watch.open(Ending.HOME_MOVED, was, math.inf)
+            else:
+                watch.measure(Ending.HOME_MOVED, None, "", "the vehicle's home is where it was")
+
+    def _judge(self, home: GeoPoint) -> tuple[float | None, str]:
+        """By how much home was moved, and what comes of it; None for what arming alone explains."""
+        offsets = [_offset_m(place, home) for place in self._checked] or [_offset_m(self._plan.home, home)]
+        east, north, up = min(offsets, key=lambda offset: math.dist((0.0, 0.0, 0.0), offset))
+        aside_m = math.hypot(east, north)
+        self.moved_up_m = up if abs(up) > HOME_SLACK_M else 0.0
+        if abs(up) <= HOME_SLACK_M and aside_m <= _ASIDE_M:
+            if not self._settled:  # the home of this flight, from which a move counts
+                self._checked, self._settled = [home], True
+            return None, ""
+        parts = [f"{abs(up):.1f} m {'higher' if up > 0.0 else 'lower'}"] if abs(up) > HOME_SLACK_M else []
+        parts += [f"{aside_m:.0f} m aside"] if aside_m > _ASIDE_M else []
+        text = f"the vehicle's home was moved {' and '.join(parts)} in flight"
+        if abs(up) > HOME_SLACK_M:
+            text += f": {self._lowered_by(home.alt_amsl_m - self._plan.home.alt_amsl_m)}"
+        if aside_m > _ASIDE_M:
+            text += "; a return of the autopilot's own ends at the new home, by a way that was not checked"
+        if self._plan.is_way_home and abs(up) <= HOME_SLACK_M:  # its items stand where they stood
+            self._session.tell(EventKind.WARNING, f"{text}; our way home does not depend on it", alarm=True)
+            return None, ""
+        return math.hypot(aside_m, up), text
+
+    def _lowered_by(self, off_m: float) -> str:
+        """What comes of heights above home that begin elsewhere."""
+        since = "at once" if self._px4 else "from the next item on"
+        side, flown = "higher" if off_m > 0.0 else "lower", "way home" if self._plan.is_way_home else "mission"
+        text = f"{since} the rest of the {flown} is flown {abs(off_m):.1f} m {side} than planned"
+        heights_m, volume = self._rest_agl_m(), self._plan.volume
+        if volume is None or not len(heights_m):
+            return text
+        low_m, high_m = float(heights_m.min()), float(heights_m.max())
+        what, was_m, limit = "largest height", high_m, f"{volume.max_height_agl_m:g} m are allowed"
+        if off_m < 0.0:
+            what, was_m, limit = "clearance", low_m, f"{volume.min_height_agl_m:g} m are required"
+        text = f"{text}, and its {what} above the ground goes from {was_m:.1f} m to {was_m + off_m:.1f} m"
+        return text if self._plan.is_way_home else f"{text}, where {limit}"  # the band is that of the route
+
+    def _rest_agl_m(self) -> FloatArray:
+        """Planned heights above the ground along the legs that are left, those of planned waypoints where there are any."""
+        plan, session = self._plan, self._session
+        if plan.volume is None:
+            return np.array([])
+        legs_m = rest_of_legs(plan, session)
+        spacing = max(5.0, sum(float(np.linalg.norm(leg[1] - leg[0])) for leg in legs_m) / _SAMPLES)
+        heights = []
+        for leg in legs_m:
+            count = max(2, math.ceil(float(np.linalg.norm(leg[1] - leg[0])) / spacing) + 1)
+            for share in np.linspace(0.0, 1.0, count):
+                east, north, up = (leg[0] + share * (leg[1] - leg[0])).tolist()
+                heights.append(up - plan.volume.ground_up_m(east, north))
+        return np.array([height for height in heights if math.isfinite(height)])
+
+
+def rest_of_legs(plan: FlightPlan, session: Session) -> list[FloatArray]:
+    """(2, 3) ENU each, the legs between waypoints from the one that is flown on; transits only where nothing else is left."""
+    current = plan.index_of(session.monitor.current_seq, session.autopilot)
+    legs = {
+        index: leg
+        for index, leg in plan.legs_m().items()
+        if index >= current and plan.mission.items[index].command == Command.NAV_WAYPOINT
+    }
+    wire = 1 if session.autopilot.home_in_item_0 else 0
+    planned = [leg for index, leg in legs.items() if plan.waypoint_of(index + wire, session.autopilot) > 0]
+    return planned or list(legs.values())
+
+
+def _point(message: m.HomePosition | m.GpsGlobalOrigin) -> GeoPoint:
+    return GeoPoint(message.lat_deg, message.lon_deg, message.alt_amsl_m)
+
+
+def _offset_m(of: GeoPoint, place: GeoPoint) -> tuple[float, float, float]:
+    """East, north and up from one place to another."""
+    frame = LocalFrame(of.lat_deg, of.lon_deg, of.alt_amsl_m)
+    east, north, up = frame.enu_from_geodetic(place.lat_deg, place.lon_deg, place.alt_amsl_m)[0].tolist()
+    return east, north, up

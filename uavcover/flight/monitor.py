@@ -1,0 +1,371 @@
+"""What the vehicle has reported so far, and its clock.
+
+The monitor hears every message, whichever call waited for it. It joins status texts that arrive in pieces of 50 characters, and
+derives vehicle time from the time stamps of the messages: a single wrong stamp is rejected, several that agree are believed.
+"""
+
+import math
+from collections import Counter, deque
+from collections.abc import Callable
+from itertools import pairwise
+from typing import TypeVar
+
+from mission_io.client.client import Client
+from mission_io.links.opening import Link, open_link
+from mission_io.model.enums import MissionResult, MissionState
+from mission_io.model.items import MissionType
+from mission_io.protocol.exchange import Address
+from mission_io.protocol.timing import Timing
+from mission_io.wire import messages as m
+from mission_io.wire.messages import StatusText
+from uavcover.flight.ground_contact import GroundContact
+
+_PIECE_LETTERS = 50
+
+
+class TextAssembler:
+    """Puts pieces of text together; a line of which a piece was lost is given as far as it came."""
+
+    def __init__(self) -> None:
+        self._open: StatusText | None = None
+        self._next_chunk = 0
+
+    def take(self, piece: StatusText) -> list[StatusText]:
+        """The lines that are whole now, none to two: what was begun before ends when another line begins."""
+        whole = []
+        goes_on = self._open is not None and (piece.text_id, piece.chunk) == (self._open.text_id, self._next_chunk)
+        if self._open is not None and not goes_on:
+            whole.append(_tidy(self._open))
+            self._open = None
+        begun = "" if self._open is None else self._open.text
+        line = StatusText(piece.severity, begun + piece.text, piece.text_id)
+        if piece.text_id == 0 or len(piece.text) < _PIECE_LETTERS:
+            self._open = None
+            return [*whole, _tidy(line)]
+        self._open, self._next_chunk = line, piece.chunk + 1
+        return whole
+
+
+def _tidy(line: StatusText) -> StatusText:
+    """Without the tab by which PX4 marks a line that it tells as an event too."""
+    return StatusText(line.severity, line.text.strip())
+
+
+_LATE_S = 5.0
+"""Messages may come late by so much; a restart sets the time back further."""
+_STEP_S = 0.5
+"""A stamp that is ahead by more is doubted: positions come at least five times a second."""
+_LONGEST_STEP_S = 4.0
+"""Where messages are rare the step is learnt, up to this: less than what counts as late, so that no error reads as a restart."""
+_FASTEST = 100.0
+"""Vehicle seconds per second of the link's clock, at most."""
+_AGREE, _AGREE_RARE = 3, 5
+"""So many stamps in a row that fit each other are believed although they do not fit what was before; more where they are rare."""
+
+
+class VehicleClock:
+    """Judges stamps one by one.
+
+    Attributes:
+        time_s: the latest time, seconds since the vehicle was switched on; None while nothing is known.
+        restarted: whether the time has gone back: the vehicle was switched off and on.
+        proven: how many stamps right before the latest one were doubted, and are believed now that it agrees with them.
+    """
+
+    def __init__(self) -> None:
+        self.time_s: float | None = None
+        self.restarted = False
+        self.proven = 0
+        self._step_s = _STEP_S
+        self._doubted: list[tuple[float, float]] = []
+
+    def begin(self) -> None:
+        """Forget everything, as before a new flight."""
+        self.time_s, self.restarted, self._step_s = None, False, _STEP_S
+        self.proven = 0
+        self._doubted.clear()
+
+    @property
+    def doubted(self) -> int:
+        """How many stamps in a row wait for others that agree with them."""
+        return len(self._doubted)
+
+    def take(self, stamp_s: float, now: float) -> bool:
+        """Whether a stamp that arrived at ``now`` on the link's clock is believed.
+
+        A stamp that fits neither the time nor the doubted ones before it is left out. After a silence, and after a restart, the
+        first two are doubted: the third one that agrees proves them.
+        """
+        self.proven = 0
+        if not (math.isfinite(stamp_s) and stamp_s >= 0.0):
+            return False
+        if self.time_s is not None and -_LATE_S <= stamp_s - self.time_s <= self._step_s:
+            self._doubted.clear()
+            self.time_s = max(self.time_s, stamp_s)
+            return True
+        if self._doubted and not self._agrees(stamp_s, now):
+            self._doubted.clear()
+        self._doubted.append((stamp_s, now))
+        stamps = [stamp for stamp, _ in self._doubted]
+        longest_s = max((after - before for before, after in pairwise(stamps)), default=0.0)
+        if len(stamps) < (_AGREE if longest_s <= _STEP_S else _AGREE_RARE) or stamp_s <= stamps[0]:
+            return False
+        self._step_s = min(_LONGEST_STEP_S, max(self._step_s, 1.5 * longest_s))
+        self.restarted |= self.time_s is not None and stamp_s < self.time_s
+        self.time_s = stamp_s
+        self.proven = len(self._doubted) - 1
+        self._doubted.clear()
+        return True
+
+    def _agrees(self, stamp_s: float, now: float) -> bool:
+        """Whether a stamp fits the doubted ones: close to the last, or, where messages are rare, as far on as that was."""
+        before_s, then = self._doubted[-1]
+        gap_s = stamp_s - before_s
+        if abs(gap_s) <= _STEP_S:
+            return True
+        if not 0.0 < gap_s <= _FASTEST * (now - then):
+            return False
+        return len(self._doubted) < 2 or 0.5 <= gap_s / max(before_s - self._doubted[-2][0], 1e-3) <= 2.0
+
+
+MessageT = TypeVar("MessageT", bound=m.Message)
+
+
+_GAP_S = 2.0
+"""Time without any message of the vehicle, on the link's clock, after which what it does now is not known any more."""
+_MAX_TERRAIN_ASKED = 10_000
+_DOUBT_S = 1.0
+"""So long positions whose stamps are doubted count as coming; on the link's clock."""
+
+
+class Monitor:
+    """Listens to everything that arrives, also while a command or a transfer is going on.
+
+    It is given to the client when that is made: ``Client(link, listener=monitor)``, or see :func:`open_vehicle`.
+
+    Attributes:
+        on_position: called with each position of the vehicle.
+        texts: lines for the pilot that nobody has taken yet.
+        events: PX4's events that nothing has taken yet.
+        other_texts: lines of other components of its system, each with the component's number.
+        ground: what tells whether it stands on the ground.
+        position_at_s: when the latest position arrived, on the link's clock.
+        heard_at_s: when anything of the vehicle arrived last, on the link's clock; infinitely long ago before the first.
+        gap_ended_at_s: when the vehicle was heard again after the last gap, on the link's clock; see ``has_gap``.
+        gap_s: how long that gap was.
+        beats: the latest heartbeats, each with its time of arrival on the link's clock.
+        mode_changes: how often its flight mode changed.
+        mode_changed_here: where it was when that was last heard.
+        time_answers: its latest answers to questions for its time, each with its time of arrival on the link's clock.
+        counts: how many messages of each kind arrived.
+        reached: the highest mission item that the vehicle said it reached.
+        uploads_taken: how often it thanked somebody for a mission, us or another ground station.
+        lists_taken: the same for fences and rally points, by MAV_MISSION_TYPE.
+        parameters: the latest PARAM_VALUE of each parameter.
+        photos_taken: the number of photos by the autopilot's own count, of which no message can be lost; None while it reported
+            none, taken or failed.
+        terrain_asked: the different requests for terrain heights; one more shows that an answer to an earlier one arrived.
+    """
+
+    def __init__(self) -> None:
+        self.on_position: Callable[[m.GlobalPositionInt], None] | None = None
+        self.texts: deque[m.StatusText] = deque(maxlen=1000)
+        self.events: deque[m.Event] = deque(maxlen=100)
+        self.other_texts: deque[tuple[int, m.StatusText]] = deque(maxlen=100)
+        self.ground = GroundContact()
+        self.position_at_s: float | None = None
+        self.heard_at_s = self.gap_ended_at_s = -math.inf
+        self.gap_s = 0.0
+        self.mode_changes = 0
+        self.mode_changed_here: m.GlobalPositionInt | None = None
+        self.beats: deque[tuple[float, m.Heartbeat]] = deque(maxlen=3)
+        self.time_answers: deque[tuple[float, m.TimeSync]] = deque(maxlen=20)
+        self.counts: Counter[type[m.Message]] = Counter()
+        self.reached = -1
+        self.uploads_taken = 0
+        self.lists_taken: Counter[int] = Counter()
+        self.parameters: dict[str, m.ParamValue] = {}
+        self.photos_taken: int | None = None
+        self._failed_photos: set[int] = set()
+        self.terrain_asked: set[m.TerrainRequest] = set()
+        self._assembler = TextAssembler()
+        self._other_assemblers: dict[int, TextAssembler] = {}
+        self._time = VehicleClock()
+        self._doubted_since_s: float | None = None
+        self._doubted: list[m.Message] = []
+        self._vehicle: Address | None = None
+        self._latest: dict[type, m.Message] = {}
+        self._arrived_at_s: dict[type, float] = {}
+
+    def listen_to(self, vehicle: Address) -> None:
+        """Look only at this autopilot from here on, and forget what was heard of another one.
+
+        Other components of its system (a companion computer, a gimbal) do not speak for the vehicle, whatever they say.
+        """
+        if self._vehicle != vehicle:
+            self._latest.clear()
+            self.ground.forget()
+            self._time.begin()
+            self._doubted.clear()
+            self.photos_taken = None
+            self._failed_photos.clear()
+        self._vehicle = vehicle
+
+    @property
+    def time_s(self) -> float | None:
+        """The vehicle's latest time, seconds since it was switched on; None while it is not known."""
+        return self._time.time_s
+
+    @property
+    def restarted(self) -> bool:
+        """Whether the vehicle's time went back: it was switched off and on."""
+        return self._time.restarted
+
+    def begin(self) -> None:
+        """Begin a flight: what was said of an older one, and the vehicle's time then, count no more."""
+        self._time.begin()
+        self._doubted.clear()
+        self.reached = -1
+        self.forget(m.MissionCurrent)
+
+    def latest(self, kind: type[MessageT]) -> MessageT | None:
+        """The latest message of a kind."""
+        message = self._latest.get(kind)
+        return message if isinstance(message, kind) else None
+
+    def forget(self, kind: type[m.Message]) -> None:
+        """Wait for a fresh message of a kind: the latest one speaks of something that is over."""
+        self._latest.pop(kind, None)
+
+    def arrived_at_s(self, kind: type[m.Message]) -> float:
+        """When the latest message of a kind arrived, on the link's clock; infinitely long ago before the first."""
+        return self._arrived_at_s.get(kind, -math.inf)
+
+    def has_gap(self, now: float) -> bool:
+        """Whether, at ``now`` on the link's clock, nothing has been heard for so long that the vehicle may do anything."""
+        return now - self.heard_at_s > _GAP_S
+
+    def silence_s(self, now: float) -> float:
+        """How long nothing of the vehicle arrived, at ``now`` on the link's clock."""
+        return now - self.heard_at_s
+
+    @property
+    def current_seq(self) -> int:
+        """The mission item that is being flown to; -1 while it is not known."""
+        current = self.latest(m.MissionCurrent)
+        return -1 if current is None else current.seq
+
+    @property
+    def mission_complete(self) -> bool:
+        """Whether the vehicle says that its mission is done."""
+        current = self.latest(m.MissionCurrent)
+        return current is not None and current.state == MissionState.COMPLETE
+
+    @property
+    def on_ground(self) -> bool | None:
+        """Whether the vehicle stands on the ground, by its word, height and motion; see :class:`GroundContact`."""
+        return self.ground.on_ground(self.time_s)
+
+    def __call__(self, received: m.Received, now: float) -> None:
+        """Take a message that arrived at ``now`` on the link's clock."""
+        if self._vehicle is None or received.system_id != self._vehicle.system_id:
+            return
+        if received.component_id != self._vehicle.component_id:
+            self._take_other(received)
+            return
+        message = received.message
+        if self.has_gap(now) and self.heard_at_s > -math.inf:
+            self.gap_s, self.gap_ended_at_s = now - self.heard_at_s, now
+        self.heard_at_s = now
+        if not isinstance(message, m.GlobalPositionInt | m.Attitude | m.SystemTime):
+            self._take(message, now)
+        elif self._believes(message.time_boot_s, now):
+            # What this message proves came before it, and nothing of it is lost.
+            for earlier in [*self._doubted[len(self._doubted) - self._time.proven :], message]:
+                self._take(earlier, now)
+            self._doubted.clear()
+        else:
+            self._doubt(message, now)
+
+    def _take(self, message: m.Message, now: float) -> None:
+        """Take a message of the vehicle that is believed."""
+        if isinstance(message, m.GlobalPositionInt):
+            self._doubted_since_s = None
+        self.counts[type(message)] += 1
+        self._latest[type(message)] = message
+        self._arrived_at_s[type(message)] = now
+        match message:
+            case m.Heartbeat():
+                if self.beats and self.beats[-1][1].custom_mode != message.custom_mode:
+                    self.mode_changes += 1
+                    self.mode_changed_here = self.latest(m.GlobalPositionInt)
+                self.beats.append((now, message))
+            case m.TimeSync() if message.answered_ns != 0:
+                self.time_answers.append((now, message))
+            case m.GlobalPositionInt():
+                self.position_at_s = now
+                self.ground.take_position(message)
+                if self.on_position is not None:
+                    self.on_position(message)
+            case m.MissionAck(result=MissionResult.ACCEPTED, mission_type=MissionType.MISSION):
+                self.uploads_taken += 1
+            case m.ExtendedSysState():
+                self.ground.take_word(message.landed_state, self.time_s)
+            case m.MissionAck(result=MissionResult.ACCEPTED):
+                self.lists_taken[message.mission_type] += 1
+            case m.ParamValue():
+                self.parameters[message.name] = message
+            case m.CameraFeedback():
+                self.photos_taken = message.number
+            case m.CameraImageCaptured() if m.CameraFeedback not in self._latest:
+                if message.success != 1:
+                    self._failed_photos.add(message.number)
+                # PX4 counts from 0, and numbers the photos that fail as well.
+                failed = sum(number <= message.number for number in self._failed_photos)
+                self.photos_taken = message.number + 1 - failed
+            case m.MissionItemReached():
+                self.reached = max(self.reached, message.seq)
+            case m.TerrainRequest() if len(self.terrain_asked) < _MAX_TERRAIN_ASKED:
+                self.terrain_asked.add(message)
+            case m.Event():
+                self.events.append(message)
+            case m.StatusText():
+                self.texts.extend(self._assembler.take(message))
+
+    def _believes(self, stamp_s: float, now: float) -> bool:
+        """Whether a message's time stamp is believed; what was said before a restart is over."""
+        restarted = self._time.restarted
+        believed = self._time.take(stamp_s, now)
+        if self._time.restarted and not restarted:
+            self._latest.clear()
+            self.ground.forget()
+        return believed
+
+    def _doubt(self, message: m.Message, now: float) -> None:
+        """Keep a message until its stamp is proven; a position counts as come meanwhile, for a moment."""
+        self._doubted = [*self._doubted, message][-self._time.doubted :] if self._time.doubted else []
+        if not isinstance(message, m.GlobalPositionInt):
+            return
+        if self._doubted_since_s is None:
+            self._doubted_since_s = now
+        if now - self._doubted_since_s <= _DOUBT_S:
+            self.position_at_s = now
+
+    def _take_other(self, received: m.Received) -> None:
+        """What another component of the vehicle's system says is shown to the pilot, and decides nothing."""
+        said = received.message
+        if isinstance(said, m.StatusText):
+            assembler = self._other_assemblers.setdefault(received.component_id, TextAssembler())
+            self.other_texts.extend((received.component_id, text) for text in assembler.take(said))
+
+
+def open_vehicle(link: Link | str, *, timing: Timing | None = None, own_system: int = 255) -> tuple[Client, Monitor]:
+    """A client on a link or a link's URL, with a monitor that hears everything it hears.
+
+    Raises:
+        mission_io.errors.MisuseError: a URL that is not understood.
+        mission_io.errors.LinkError: the link cannot be opened.
+    """
+    monitor = Monitor()
+    opened = open_link(link) if isinstance(link, str) else link
+    return Client(opened, timing=timing, listener=monitor, system_id=own_system), monitor

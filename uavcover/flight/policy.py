@@ -1,0 +1,67 @@
+"""What is done about a breach: one table of breach, phase and kind of vehicle (``data/breach_policy.toml``)."""
+
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from functools import cache
+from importlib import resources
+
+from uavcover.flight.precautions import OnBreach
+from uavcover.model.outcome import Ending
+
+
+class Phase(Enum):
+    """The part of a flight in which a breach is judged."""
+
+    OUTBOUND = "outbound"
+    ROUTE = "route"
+    INBOUND = "inbound"
+    HOLD = "hold"
+    RETURN = "return"
+
+
+@dataclass(frozen=True, slots=True)
+class PolicyCell:
+    """One cell of the table.
+
+    Attributes:
+        simulated: what is done with a vehicle that is proved to be simulated.
+        real: what is done with any other.
+        choice: whether the user's ``--on-breach`` replaces it.
+        reason: why, for the documentation.
+    """
+
+    simulated: OnBreach
+    real: OnBreach
+    choice: bool
+    reason: str
+
+
+@cache
+def policy() -> Mapping[tuple[Ending, Phase], PolicyCell]:
+    """The table: a rule for each breach and phase that is acted on, or told on purpose."""
+    text = resources.files("uavcover").joinpath("data", "breach_policy.toml").read_text("utf-8")
+    rules: dict[tuple[Ending, Phase], PolicyCell] = {}
+    for row in tomllib.loads(text)["row"]:
+        rule = PolicyCell(OnBreach(row["simulated"]), OnBreach(row["real"]), row["choice"], row["reason"])
+        for phase in row["phase"]:
+            rules[Ending[row["breach"].upper()], Phase(phase)] = rule
+    return rules
+
+
+def reaction(breach: Ending, phase: Phase, *, simulated: bool, chosen: OnBreach | None) -> OnBreach:
+    """What to do about a breach.
+
+    Args:
+        breach: what went wrong.
+        phase: where in the flight.
+        simulated: whether the vehicle is proved to be simulated.
+        chosen: the user's ``--on-breach``; None where there is none.
+    """
+    rule = policy().get((breach, phase))
+    if rule is None:
+        return OnBreach.TELL
+    if rule.choice and chosen is not None:
+        return chosen
+    return rule.simulated if simulated else rule.real

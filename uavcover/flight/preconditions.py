@@ -1,0 +1,371 @@
+"""Watches in flight what was checked before arming: home, parameters, fence, rally points, who the vehicle is, and our own id.
+
+A change is an alarm that says what comes of it, in metres where it has any; ``--on-breach`` acts on it.
+"""
+
+import contextlib
+import math
+from collections.abc import Callable, Mapping
+
+import shapely
+
+from mission_io.client.peers import two_in_one
+from mission_io.errors import CommandRefusedError, FormatError, MissionIoError
+from mission_io.model.areas import fence_from_items
+from mission_io.model.enums import AutopilotId, LandedState
+from mission_io.model.items import Mission, MissionItem, MissionType
+from mission_io.wire import messages as m
+from uavcover.flight.applied_limits import numbers
+from uavcover.flight.flight_plan import FlightPlan
+from uavcover.flight.home_watch import HomeWatch, rest_of_legs
+from uavcover.flight.limit_table import limit_table
+from uavcover.flight.mission_guard import ListReading
+from uavcover.flight.parameter_rules import Limit, Weight, parameter_table
+from uavcover.flight.session import Session, Timer
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.outcome import Ending, EventKind, FlightFaultError
+from uavcover.terrain.frames import LocalFrame
+
+_PLACE_EACH_S = 5.0
+_PARAMETER_EACH_S, _UNANSWERED = 2.0, 8
+_LIST_EACH_S = 60.0
+_FENCE_BIT = 0x100000
+_ORDER = (Weight.NONE, Weight.NOTE, Weight.WARNING, Weight.REFUSED)
+
+ReturnsChanged = Callable[[Mapping[str, float]], None]
+"""Told all parameters that are known when one that changes the autopilot's own way home, or the rally points, were changed."""
+
+
+class Preconditions:
+    """What was checked before arming, watched until the landing.
+
+    Made before arming: it reads the fence and the rally points, and asks for home and the origin now and then.
+
+    Args:
+        session: with the vehicle.
+        plan: what it is to fly.
+        values: the vehicle's parameters of the table, in their own units, as they were judged.
+        returns_changed: judges the autopilot's own way home anew.
+    """
+
+    def __init__(
+        self,
+        session: Session,
+        plan: FlightPlan,
+        values: Mapping[str, float],
+        *,
+        returns_changed: ReturnsChanged = lambda _: None,
+    ) -> None:
+        self._session, self._plan = session, plan
+        self._px4 = session.client.vehicle.mav_autopilot == AutopilotId.PX4
+        for kind in (m.HomePosition, m.GpsGlobalOrigin):
+            with contextlib.suppress(CommandRefusedError):  # both autopilots send them by themselves when they change
+                session.client.request_message_interval(kind, _PLACE_EACH_S)
+        self._home = HomeWatch(session, plan, px4=self._px4)
+        self._settings = _SettingsWatch(session, plan, values, px4=self._px4, returns_changed=returns_changed)
+        self._lists = [
+            _ListWatch(session, plan, kind, lambda: returns_changed(self._settings.values)) for kind in _LISTS
+        ]
+        self._was_in_force = self._is_off = False
+        self._told: set[str] = set()
+        self._moved_before_m = 0.0
+
+    def look(self, meanwhile: Callable[[], None]) -> None:
+        """Look at everything once; called while the vehicle is in the air.
+
+        Args:
+            meanwhile: what has to be done all the time, also while a list is read.
+        """
+        self._home.look()
+        self._settings.look()
+        self._look_at_ids()
+        for one in self._lists:
+            one.look(meanwhile)
+        self._tell_lists()
+
+    def go_home(self, sent: Mission) -> FlightPlan:
+        """Watch a way home from here on, whose heights make up for the home that was moved; returns its plan.
+
+        What was changed before and still lasts is judged by the way home.
+        """
+        watch = self._session.watch
+        self._moved_before_m += self._home.moved_up_m
+        plan = self._plan.way_home(sent, home_up_m=self._moved_before_m)
+        watch.close(Ending.MISSION_CHANGED, "the vehicle holds the way home that was sent")
+        watch.close(Ending.HOME_MOVED, "the way home makes up for the home that was moved")
+        self._home = HomeWatch(self._session, plan, px4=self._px4)
+        self._settings.go_home(plan)
+        for one in self._lists:
+            one.go_home(plan)
+        return plan
+
+    def home_moved_up_m(self) -> float:
+        """By how much home is higher than when it was checked; heights above home that are sent now are off by it."""
+        with contextlib.suppress(MissionIoError):  # the vehicle tells a move by itself, too
+            self._session.client.request_message(m.HomePosition)
+        self._home.look()
+        return self._moved_before_m + self._home.moved_up_m
+
+    def look_once_more(self) -> None:
+        """After the landing: a list that was changed in the last minute is one, too."""
+        for one in self._lists:
+            if not self._session.watch.is_open(one.kind):
+                one.look_once_more()
+        self._tell_lists()
+
+    def _tell_lists(self) -> None:
+        off = self._fence_off_text()
+        for one in self._lists:
+            text = (off if one.kind is Ending.FENCE_CHANGED else "") or one.text
+            if text:
+                self._session.watch.open(one.kind, text)
+            else:
+                self._session.watch.close(one.kind, f"the vehicle's {one.name} as before")
+
+    def _fence_off_text(self) -> str:
+        """ArduPilot says in SYS_STATUS whether its fence is in force, also after a command that no parameter shows."""
+        status, state = self._session.monitor.latest(m.SysStatus), self._session.monitor.latest(m.ExtendedSysState)
+        lands = state is not None and state.landed_state == LandedState.LANDING  # which ends the least height
+        if not self._px4 and status is not None and not lands:
+            in_force = bool(status.sensors_enabled & _FENCE_BIT)
+            self._was_in_force |= in_force
+            self._is_off = self._was_in_force and not in_force
+        return (
+            "the vehicle's fence was put out of force in flight: it does not act at its limits" if self._is_off else ""
+        )
+
+    def _look_at_ids(self) -> None:
+        client = self._session.client
+        if client.impostor is not None:
+            self._tell_once(
+                f"{two_in_one(client.vehicle, client.impostor)}: what is heard and commanded may be of either"
+            )
+        for address in client.peers.same_ids:
+            self._tell_once(
+                f"another ground station (component {address.component_id}) uses our system id {address.system_id}: while it is "
+                "heard the vehicle does not notice that we are gone; give one of the two another id, ours by --own-system"
+            )
+
+    def _tell_once(self, text: str) -> None:
+        if text not in self._told:
+            self._told.add(text)
+            self._session.tell(EventKind.WARNING, text, alarm=True)
+
+
+class _SettingsWatch:
+    """The parameters of the table: those that are broadcast when they change, and each one read again now and then."""
+
+    def __init__(
+        self,
+        session: Session,
+        plan: FlightPlan,
+        values: Mapping[str, float],
+        *,
+        px4: bool,
+        returns_changed: ReturnsChanged,
+    ) -> None:
+        self._session, self._plan, self._px4, self._returns_changed = session, plan, px4, returns_changed
+        self.values = dict(values)
+        self._before = dict(values)
+        self._rows_before = self._rows()
+        self._names = list(values)
+        self._next = Timer(session, _PARAMETER_EACH_S)
+        self._worse = ""
+        self._unanswered = 0
+        session.monitor.parameters.clear()
+
+    def look(self) -> None:
+        session = self._session
+        if self._names and self._next.over:
+            self._ask_next()
+        heard = session.monitor.parameters
+        if heard:
+            self._unanswered, session.watch.unanswered = 0, ""
+            told = numbers(heard, px4=self._px4)
+            heard.clear()
+            changed = {
+                name: value
+                for name, value in told.items()
+                if name in self.values and not math.isclose(value, self.values[name], rel_tol=1e-5, abs_tol=1e-6)
+            }
+            if changed:
+                self._take(changed)
+        if self._worse or session.watch.is_open(Ending.SETTINGS_CHANGED):
+            session.watch.measure(
+                Ending.SETTINGS_CHANGED,
+                0.0 if self._worse else None,
+                self._worse,
+                "the parameters that the mission depends on are as they were",
+            )
+
+    def go_home(self, plan: FlightPlan) -> None:
+        """Judge by a way home what is changed from here on; the autopilot's own returns were judged for the route."""
+        self._plan, self._returns_changed = plan, lambda _: None
+        self._rows_before = self._rows()
+
+    def _ask_next(self) -> None:
+        session, vehicle = self._session, self._session.client.vehicle
+        self._next.restart()
+        self._names.append(name := self._names.pop(0))
+        if self._unanswered == _UNANSWERED and not session.watch.is_open(Ending.LINK_LOST):
+            text = f"vehicle {vehicle.system_id} is heard and has not answered {_UNANSWERED} questions in a row"
+            session.watch.unanswered = text
+            session.tell(
+                EventKind.WARNING,
+                f"{text}: our commands may not reach it; the link to it may be gone, or it listens to another ground "
+                "station alone",
+                alarm=True,
+            )
+        self._unanswered += 1
+        session.client.send(m.ParamRequestRead(vehicle.system_id, vehicle.component_id, name))
+
+    def _rows(self) -> dict[str, Limit]:
+        rows = limit_table(
+            self.values,
+            self._plan,
+            px4=self._px4,
+            home_alt_amsl_m=None,
+            own_system=self._session.client.local.system_id,
+        )
+        return {row.parameter: row for row in rows if row.parameter}
+
+    def _take(self, changed: Mapping[str, float]) -> None:
+        table, session = parameter_table(px4=self._px4), self._session
+        was, was_rows = dict(self.values), self._rows()
+        self.values.update(changed)
+        rows = self._rows()
+        worse = [row for name, row in rows.items() if _grew(row, was_rows.get(name))]
+        what = ", ".join(f"{name} was changed in flight from {was[name]:g} to {now:g}" for name, now in changed.items())
+        flown = [
+            row.flown
+            for name in changed
+            if (row := table.row_of(name)) is not None
+            and row.flown
+            and name in rows
+            and rows[name].weight is not Weight.NONE
+        ]
+        reasons = flown + [row.sentence for row in worse]
+        flight = "way home" if self._plan.is_way_home else "mission"
+        text = f"{what}: {'; '.join(reasons)}" if reasons else f"{what}; the {flight} does not depend on it"
+        breaches = [row for row in rows.values() if self._is_breach(row)]
+        if breaches:
+            self._worse = text if any(row in breaches for row in worse) else self._worse or text
+        else:
+            self._worse = ""
+        if not any(row in breaches for row in worse):
+            session.tell(
+                EventKind.WARNING, text, alarm=bool(flown) or any(row.weight is Weight.WARNING for row in worse)
+            )
+        if any((row := table.row_of(name)) is not None and row.returns for name in changed):
+            self._returns_changed(self.values)
+
+    def _is_breach(self, row: Limit) -> bool:
+        """Whether a vehicle that is set so would not have been armed, and was."""
+        return row.weight is Weight.REFUSED and _grew(row, self._rows_before.get(row.parameter))
+
+
+def _grew(row: Limit, before: Limit | None) -> bool:
+    return _ORDER.index(row.weight) > (0 if before is None else _ORDER.index(before.weight))
+
+
+_LISTS = (MissionType.FENCE, MissionType.RALLY)
+
+
+class _ListWatch:
+    """The fence or the rally points that the vehicle holds, read again at each sign of a change, and now and then."""
+
+    def __init__(
+        self, session: Session, plan: FlightPlan, mission_type: MissionType, returns_changed: Callable[[], None]
+    ) -> None:
+        self._session, self._plan, self._type, self._returns_changed = session, plan, mission_type, returns_changed
+        fence = mission_type is MissionType.FENCE
+        self.kind = Ending.FENCE_CHANGED if fence else Ending.RALLY_CHANGED
+        self.name = "fence is" if fence else "rally points are"
+        self.text = ""
+        try:
+            self._before: tuple[MissionItem, ...] | None = session.client.download(mission_type)
+        except (MissionIoError, FormatError) as error:
+            self._before = None
+            session.tell(EventKind.WARNING, f"the vehicle's {self.name} not watched, since not read: {error}")
+        self._reading: ListReading | None = None
+        self._signs = self._signs_now
+
+    @property
+    def _signs_now(self) -> tuple[int, int]:
+        current = self._session.monitor.latest(m.MissionCurrent)
+        ids = (0, 0) if current is None else (current.fence_id, current.rally_points_id)
+        return ids[0 if self._type is MissionType.FENCE else 1], self._session.monitor.lists_taken[self._type]
+
+    def look(self, meanwhile: Callable[[], None]) -> None:
+        if self._before is None:
+            return
+        session = self._session
+        if self._reading is None:
+            self._reading = ListReading(session, self._before, meanwhile, mission_type=self._type, every_s=_LIST_EACH_S)
+        signs = self._signs_now
+        if signs != self._signs:
+            self._signs = signs
+            self._reading.ask()
+        if self._reading.due:
+            self._read(self._reading)
+
+    def go_home(self, plan: FlightPlan) -> None:
+        """Judge it by a way home from here on."""
+        self._plan, self._returns_changed = plan, lambda: None
+        if self.text and self._reading is not None and self._type is MissionType.FENCE:
+            problem = self._consequence(self._reading.held)
+            self._session.tell(EventKind.WARNING, f"of the fence that was changed in flight: {problem}", alarm=True)
+
+    def look_once_more(self) -> None:
+        """Read it after the landing; a vehicle that is switched off by then is not asked."""
+        if self._reading is not None:
+            with contextlib.suppress(FlightFaultError):
+                self._read(self._reading)
+
+    def _read(self, reading: ListReading) -> None:
+        difference = reading.difference()
+        if reading.asked:  # it could not be read
+            return
+        text = "" if difference is None else self._told(difference, reading.held)
+        if text != self.text:
+            self.text = text
+            self._returns_changed()
+
+    def _told(self, difference: str, held: tuple[MissionItem, ...]) -> str:
+        what = "fence" if self._type is MissionType.FENCE else "rally points"
+        text = f"somebody else changed the vehicle's {what} in flight: {difference}"
+        if self._type is MissionType.RALLY:
+            return f"{text}; the autopilot's own return may go there, by a way that was not checked"
+        return f"{text}; {self._consequence(held)}"
+
+    def _consequence(self, held: tuple[MissionItem, ...]) -> str:
+        """What another fence means for the rest of the flight."""
+        if not held:
+            return "it has no fence any more"
+        flight = "way home" if self._plan.is_way_home else "mission"
+        outside_m = _outside_m(held, self._plan.frame, rest_of_legs(self._plan, self._session))
+        if outside_m > 0.0:
+            return f"the rest of the {flight} leads {outside_m:.0f} m out of it: a fence in force breaks it off there"
+        return f"the rest of the {flight} stays inside of it"
+
+
+def _outside_m(items: tuple[MissionItem, ...], frame: LocalFrame, legs_m: list[FloatArray]) -> float:
+    """How far the legs lead out of a fence, or how long they are inside of its exclusions."""
+    fence = fence_from_items(items)
+
+    def east_north(lat_deg: float, lon_deg: float) -> tuple[float, float]:
+        east, north, _ = frame.enu_from_geodetic(lat_deg, lon_deg, frame.alt_amsl_m)[0].tolist()
+        return east, north
+
+    kept = [shapely.Polygon([east_north(v.lat_deg, v.lon_deg) for v in one.vertices]) for one in fence.polygons]
+    kept += [shapely.Point(east_north(c.center.lat_deg, c.center.lon_deg)).buffer(c.radius_m) for c in fence.circles]
+    inclusions = [one.inclusion for one in fence.polygons] + [one.inclusion for one in fence.circles]
+    shapes = [(shape.buffer(0.0), inclusion) for shape, inclusion in zip(kept, inclusions, strict=True)]
+    inside = shapely.union_all([shape for shape, inclusion in shapes if inclusion])
+    outside = shapely.union_all([shape for shape, inclusion in shapes if not inclusion])
+    distances_m = [0.0]
+    for leg in legs_m:
+        ends = [shapely.Point(place) for place in leg[:, :2].tolist()]
+        distances_m += [] if inside.is_empty else [float(inside.distance(end)) for end in ends]
+        distances_m.append(float(shapely.LineString(ends).intersection(outside).length))
+    return max(distances_m)

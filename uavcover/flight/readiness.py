@@ -1,0 +1,240 @@
+"""Checks before arming: telemetry rates, the vehicle's readiness, its home, and the mission that it holds."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from mission_io.autopilots.autopilot import wire_items
+from mission_io.autopilots.comparison import compare_items, fault_text
+from mission_io.errors import CommandRefusedError
+from mission_io.model.enums import AutopilotId, CommandResult
+from mission_io.model.items import GeoPoint, MissionType
+from mission_io.wire import messages as m
+from uavcover.errors import VehicleError
+from uavcover.flight.flight_plan import FlightPlan
+from uavcover.flight.session import Session, Stopped, Timer
+from uavcover.flight.watch import has_position
+from uavcover.model.outcome import Ending, EventKind, FlightFaultError
+from uavcover.terrain.frames import LocalFrame
+
+
+@dataclass(frozen=True, slots=True)
+class _Stream:
+    """A kind of message that following needs.
+
+    Attributes:
+        interval_s: how often it is asked for.
+        least_hz: how often it has to come, by the vehicle's time.
+    """
+
+    interval_s: float
+    least_hz: float
+
+
+_STREAMS: dict[type[m.Message], _Stream] = {
+    m.GlobalPositionInt: _Stream(0.1, 5.0),
+    m.Attitude: _Stream(0.1, 2.0),
+    m.MissionCurrent: _Stream(0.2, 0.4),
+    m.ExtendedSysState: _Stream(0.5, 0.4),
+    m.SysStatus: _Stream(1.0, 0.2),
+    m.GpsRawInt: _Stream(1.0, 0.2),
+}
+_OF_ARDUPILOT: dict[type[m.Message], _Stream] = {m.EkfStatusReport: _Stream(1.0, 0.2)}
+_UNASKED_OF_PX4 = frozenset({m.MissionCurrent})
+"""PX4 sends these by itself, and answers FAILED when it is asked."""
+_FIX_3D = 3
+_TRIES = 3
+_PREARM_CHECKS = 401
+_ASK_WHY_S = 15.0
+
+
+def request_telemetry(session: Session) -> None:
+    """Request the telemetry that following needs. A refusal is only a warning: the rates are checked later."""
+    _request(session, _streams(session))
+
+
+def check_telemetry(session: Session) -> None:
+    """Measure the telemetry rates that following needs, and request again what arrives too rarely.
+
+    Raises:
+        FlightFaultError: a kind of message does not arrive, or too rarely; the error names it.
+    """
+    wanted = _streams(session)
+    rare = _rare(session, wanted)
+    for _ in range(_TRIES - 1):
+        if not rare:
+            return
+        again = {kind: wanted[kind] for kind in rare}
+        _request(session, again)
+        rare = _rare(session, again)
+    if not rare:
+        return
+    told = " and ".join(f"{kind.__name__} {rate_hz:.1f} times a second" for kind, rate_hz in rare.items())
+    needed = " and ".join(f"{wanted[kind].least_hz:g}" for kind in rare)
+    raise FlightFaultError(
+        Ending.NOT_READY,
+        f"of the vehicle's telemetry comes {told} of vehicle time, asked for {_TRIES} times; following needs {needed}; "
+        "not started: raise that rate in the autopilot, or use a faster link",
+    )
+
+
+def _streams(session: Session) -> dict[type[m.Message], _Stream]:
+    ardupilot = session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT
+    return {**_STREAMS, **(_OF_ARDUPILOT if ardupilot else {})}
+
+
+def _request(session: Session, streams: Mapping[type[m.Message], _Stream]) -> None:
+    px4 = session.client.vehicle.mav_autopilot == AutopilotId.PX4
+    for kind, stream in streams.items():
+        if px4 and kind in _UNASKED_OF_PX4:
+            continue
+        try:
+            session.client.request_message_interval(kind, stream.interval_s)
+        except CommandRefusedError as error:
+            text = f"{kind.__name__} each {stream.interval_s:g} s was answered {error.result_name}"
+            session.tell(EventKind.WARNING, text)
+
+
+def _rare(session: Session, streams: Mapping[type[m.Message], _Stream]) -> dict[type[m.Message], float]:
+    """The kinds that come too rarely, and how often they come; a kind that is asked for rarely is given the time for three."""
+    monitor = session.monitor
+    before, began_s = monitor.counts.copy(), monitor.time_s
+    window_s = max(session.timeouts.rate_s, 3.0 * max(stream.interval_s for stream in streams.values()))
+    timer = Timer(session, window_s)
+    while not timer.over:
+        if session.stop():
+            raise Stopped
+        session.pump()
+    elapsed_s = window_s if began_s is None or monitor.time_s is None else monitor.time_s - began_s
+    rates_hz = {kind: (monitor.counts[kind] - before[kind]) / max(elapsed_s, window_s) for kind in streams}
+    return {kind: rate_hz for kind, rate_hz in rates_hz.items() if rate_hz < streams[kind].least_hz}
+
+
+def wait_until_ready(session: Session) -> None:
+    """Wait until the vehicle can be armed, and until what following needs comes often enough.
+
+    ArduPilot's pre-arm bit is good about 18 s before arming works, so its position filter has to agree. Why it is not ready
+    is asked again and again, and passed on as it comes.
+
+    Raises:
+        FlightFaultError: it does not get ready; the message says what it lacks.
+    """
+    session.tell(EventKind.STAGE, "waiting until the vehicle is ready")
+    asked = _Reasons(session)
+
+    def ready() -> bool:
+        lacks = missing(session)
+        if lacks:
+            asked.ask()
+        return not lacks
+
+    session.wait(
+        ready,
+        timeout_s=session.timeouts.ready_s,
+        what=lambda: f"vehicle {session.client.vehicle.system_id} has no {' and no '.join(missing(session))}",
+        stops_before=0,
+        ending=Ending.NOT_READY,
+    )
+    check_telemetry(session)
+    session.tell(EventKind.STAGE, "the vehicle is ready")
+
+
+class _Reasons:
+    """Asks a vehicle now and then to say why it cannot be armed, as long as it knows the question."""
+
+    def __init__(self, session: Session) -> None:
+        self._session = session
+        self._timer = Timer(session, _ASK_WHY_S)
+        self._knows = session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT
+
+    def ask(self) -> None:
+        """Ask, if it is time to."""
+        if not self._knows or not self._timer.over:
+            return
+        self._timer.restart()
+        try:
+            self._session.client.command(_PREARM_CHECKS)
+        except CommandRefusedError as error:
+            self._knows = error.result != CommandResult.UNSUPPORTED
+
+
+def missing(session: Session) -> list[str]:
+    """What is missing before the vehicle can be armed; empty when it is ready."""
+    monitor = session.monitor
+    lacks: list[str] = []
+    gps = monitor.latest(m.GpsRawInt)
+    if gps is None or gps.fix_type < _FIX_3D:
+        lacks.append("satellite fix")
+    if session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT:
+        ekf = monitor.latest(m.EkfStatusReport)
+        if ekf is None or not has_position(ekf):
+            lacks.append("position estimate")
+    status = monitor.latest(m.SysStatus)
+    checked = m.PREARM_CHECK_BIT
+    if status is None or (status.sensors_present & checked and not status.sensors_healthy & checked):
+        lacks.append("passed pre-arm check")
+    if monitor.latest(m.GlobalPositionInt) is None:
+        lacks.append("position messages")
+    return lacks
+
+
+def check_home(session: Session, plan: FlightPlan) -> None:
+    """Refuse a vehicle whose home, or which itself, is not where the mission was planned to start.
+
+    Heights above home would be wrong by the difference. ArduPilot sets home anew where it is armed, so both count.
+
+    Raises:
+        VehicleError: it is too far away, over ground or in height.
+    """
+    check_home_position(session, plan)
+    here = session.monitor.latest(m.GlobalPositionInt)
+    if here is not None:
+        _check_place(plan, "position", GeoPoint(here.lat_deg, here.lon_deg, here.alt_amsl_m))
+
+
+def check_home_position(session: Session, plan: FlightPlan) -> None:
+    """Refuse a vehicle, on the ground or in the air, whose home is not the planned one, or not on the terrain there.
+
+    Raises:
+        VehicleError: it is too far away, over ground or in height.
+    """
+    home = session.client.request_message(m.HomePosition)
+    _check_place(plan, "home", GeoPoint(home.lat_deg, home.lon_deg, home.alt_amsl_m))
+    most_m = plan.max_home_error_m
+    if plan.ground_alt_amsl_m is not None and abs(home.alt_amsl_m - plan.ground_alt_amsl_m) > most_m:
+        raise VehicleError(
+            f"the vehicle's home is at {home.alt_amsl_m:.1f} m above sea level and the terrain there at "
+            f"{plan.ground_alt_amsl_m:.1f} m, max_home_error_m is {most_m:g}; not started: check the height datum"
+        )
+
+
+def _check_place(plan: FlightPlan, name: str, place: GeoPoint) -> None:
+    frame = LocalFrame(plan.home.lat_deg, plan.home.lon_deg, plan.home.alt_amsl_m)
+    most_m = plan.max_home_error_m
+    east, north, up = frame.enu_from_geodetic(place.lat_deg, place.lon_deg, place.alt_amsl_m)[0].tolist()
+    aside_m = math.hypot(east, north)
+    where = f"the vehicle's {name} (latitude {place.lat_deg:.7f}, longitude {place.lon_deg:.7f})"
+    if aside_m > most_m:
+        raise VehicleError(
+            f"{where} is {aside_m:.1f} m from the planned home, max_home_error_m is {most_m:g}; "
+            "not armed: move the vehicle or plan for this home"
+        )
+    if abs(up) > most_m:
+        raise VehicleError(
+            f"{where} is at {place.alt_amsl_m:.1f} m above sea level, {abs(up):.1f} m {'above' if up > 0 else 'below'} "
+            f"the planned home, max_home_error_m is {most_m:g}; not armed: heights above home would be wrong by it"
+        )
+
+
+def check_mission(session: Session, plan: FlightPlan) -> None:
+    """Refuse a vehicle that holds another mission than the planned one.
+
+    Raises:
+        VehicleError: it holds none, or one that differs; the message names the largest difference.
+    """
+    autopilot = session.autopilot
+    wanted = wire_items(plan.mission, autopilot)
+    held = session.client.download(MissionType.MISSION)
+    wrong = fault_text(compare_items(wanted, held, autopilot))
+    if wrong is not None:
+        raise VehicleError(f"the vehicle holds another mission: {wrong}; not armed: upload the mission first")

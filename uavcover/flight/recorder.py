@@ -1,0 +1,108 @@
+"""Samples of a track from what the vehicle reports."""
+
+import math
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+from mission_io.wire import messages as m
+from uavcover.model.active_times import is_flight_time
+from uavcover.model.track import (
+    VELOCITY_COLUMNS,
+    TrackSample,
+)
+from uavcover.terrain.frames import LocalFrame
+
+if TYPE_CHECKING:
+    from uavcover.flight.monitor import Monitor
+
+MAX_ATTITUDE_AGE_S = 1.0
+"""Largest age difference between an attitude and a position in one sample."""
+
+
+class Recorder:
+    """Makes a sample of each position, with the latest attitude and mission item.
+
+    Positions that come late or twice are left out: the track's time always goes on. Where no attitude of that moment is known it
+    stays unknown; the heading that the position itself tells is taken then.
+
+    Args:
+        monitor: what the vehicle says.
+        frame: the scenario's local frame.
+        waypoint_of: number of the planned waypoint that a mission item is, -1 for the others.
+        on_sample: takes the samples.
+        utc_offset_s: from the link's clock to UTC; NaN: when a position arrived is not recorded.
+    """
+
+    def __init__(
+        self,
+        monitor: "Monitor",
+        frame: LocalFrame,
+        *,
+        waypoint_of: Callable[[int], int],
+        on_sample: Callable[[TrackSample], None],
+        utc_offset_s: float = math.nan,
+    ) -> None:
+        self._monitor, self._frame, self._on_sample = monitor, frame, on_sample
+        self._utc_offset_s = utc_offset_s
+        self.waypoint_of = waypoint_of
+        self.count = 0
+        self.first_s = self.last_s = -math.inf
+        self._tells_velocity = False
+
+    def start(self) -> None:
+        """Record from the next position on."""
+        self._monitor.on_position = self._record
+
+    def stop(self) -> None:
+        """Record no more."""
+        self._monitor.on_position = None
+
+    def _record(self, position: m.GlobalPositionInt) -> None:
+        if position.time_boot_s <= self.last_s:
+            return
+        self.last_s = position.time_boot_s
+        if self.count == 0:
+            self.first_s = position.time_boot_s
+        self.count += 1
+        attitude = self._monitor.latest(m.Attitude)
+        age_s = math.nan if attitude is None else position.time_boot_s - attitude.time_boot_s
+        roll = pitch = yaw = math.nan
+        if attitude is not None and abs(age_s) <= MAX_ATTITUDE_AGE_S:
+            roll, pitch, yaw = attitude.roll_rad, attitude.pitch_rad, attitude.yaw_rad
+        if math.isnan(yaw) and position.heading_deg is not None:
+            yaw = math.radians(position.heading_deg)
+        lat, lon, alt = position.lat_deg, position.lon_deg, position.alt_amsl_m
+        east, north, up = self._frame.enu_from_geodetic(lat, lon, alt)[0].tolist()
+        self._on_sample(
+            TrackSample(
+                time_s=position.time_boot_s,
+                lat_deg=lat,
+                lon_deg=lon,
+                alt_amsl_m=alt,
+                east_m=east,
+                north_m=north,
+                up_m=up,
+                roll_deg=math.degrees(roll),
+                pitch_deg=math.degrees(pitch),
+                yaw_deg=math.degrees(yaw) % 360.0,
+                current_waypoint=self.waypoint_of(self._monitor.current_seq),
+                attitude_age_s=age_s,
+                pictures_taken=math.nan if (taken := self._monitor.photos_taken) is None else float(taken),
+                unix_time_s=self._unix_time_s(position.time_boot_s),
+                received_utc_s=self._utc_offset_s + (self._monitor.position_at_s or 0.0),
+                **self._velocity(position),
+            )
+        )
+
+    def _velocity(self, position: m.GlobalPositionInt) -> dict[str, float]:
+        """The velocity columns, none before the first one that is not 0: that is what a vehicle sends which reports none."""
+        told = {name: float(getattr(position, name)) for name in VELOCITY_COLUMNS}
+        self._tells_velocity |= any(told.values())
+        return told if self._tells_velocity else {}
+
+    def _unix_time_s(self, time_boot_s: float) -> float:
+        """UTC at a vehicle time, as the vehicle tells it; NaN before its receiver knows."""
+        told = self._monitor.latest(m.SystemTime)
+        if told is None or not is_flight_time(told.time_unix_s):
+            return math.nan
+        return told.time_unix_s + (time_boot_s - told.time_boot_s)

@@ -1,0 +1,243 @@
+"""Watches a flight against its plan: how late it is, whether its battery lasts, and whether its camera reports the photos."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from mission_io.model.items import Command
+from mission_io.wire.messages import SysStatus
+from uavcover.errors import UavcoverError
+from uavcover.flight.flight_plan import FlightPlan
+from uavcover.flight.progress import MissionProgress
+from uavcover.flight.reserve import BatteryAllows, BatteryUse
+from uavcover.flight.session import Session
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.flight_time import Pace, landing_time, leg_times, takeoff_time, turn_times
+from uavcover.model.outcome import Ending
+from uavcover.model.vehicle import Vehicle
+
+_LATE_S, _LATE_RATIO = 20.0, 0.2
+"""Late by more than both is late."""
+_LOOK_EVERY_S = 2.0
+_TAKES_PHOTO = (Command.DO_DIGICAM_CONTROL, Command.IMAGE_START_CAPTURE)
+_FEWEST = 3
+_BY_CHANCE = 1e-5
+"""Photos in a row without a report are an alarm where the link loses as many messages in a row more rarely than this."""
+_WAITS = (Command.NAV_WAYPOINT, Command.NAV_DELAY, Command.NAV_LOITER_TIME)
+
+
+@dataclass(frozen=True, slots=True)
+class Timetable:
+    """When a flight is planned to be where.
+
+    Attributes:
+        legs_m: the leg to each place, by the index of its item: (2, 3) ENU.
+        begins_s: when each leg is begun, by the index of its item, in seconds after take-off.
+        ends_s: when each leg is ended.
+        total_s: from take-off to landing.
+    """
+
+    legs_m: dict[int, FloatArray]
+    begins_s: dict[int, float]
+    ends_s: dict[int, float]
+    total_s: float
+
+    def planned_s(self, index: int, place_m: FloatArray) -> float | None:
+        """Planned time after take-off at a (3,) ENU place on the leg to item ``index``; None for an item without a leg."""
+        leg = self.legs_m.get(index)
+        if leg is None:
+            return None
+        along = leg[1] - leg[0]
+        square = float(along @ along)
+        fraction = 1.0 if square == 0.0 else min(1.0, max(0.0, float((place_m - leg[0]) @ along) / square))
+        return self.begins_s[index] + fraction * (self.ends_s[index] - self.begins_s[index])
+
+
+def timetable(plan: FlightPlan, pace: Pace) -> Timetable | None:
+    """The timetable of a mission; None for one without legs."""
+    legs = plan.legs_m()
+    if not legs:
+        return None
+    home_m = plan.frame.enu_from_geodetic(plan.home.lat_deg, plan.home.lon_deg, plan.home.alt_amsl_m)[0]
+    indices = sorted(legs)
+    path = np.vstack([legs[indices[0]][0], *(legs[index][1] for index in indices)])
+    lands = path[-1, 2] <= home_m[2] + 1.0
+    legs_s = leg_times(pace, path)
+    if lands:
+        legs_s[-1] = float(landing_time(pace, max(0.0, path[-2, 2] - path[-1, 2])))
+    turns_s = turn_times(pace, path[:-1] if lands else path)
+    climb_s = float(takeoff_time(pace, max(0.0, path[0, 2] - home_m[2])))
+    begins, ends, now_s = {}, {}, climb_s
+    items = plan.mission.items
+    for number, index in enumerate(indices):
+        begins[index] = now_s
+        now_s += float(legs_s[number]) + (float(turns_s[number + 1]) if number + 1 < len(turns_s) else 0.0)
+        ends[index] = now_s
+        until = indices[number + 1] if number + 1 < len(indices) else len(items)
+        now_s += sum(_wait_s(items[k].command, items[k].params[0]) for k in range(index, until))
+    return Timetable(legs, begins, ends, now_s)
+
+
+def _wait_s(command: int, seconds: float) -> float:
+    return seconds if command in _WAITS and math.isfinite(seconds) and seconds > 0.0 else 0.0
+
+
+class FlightSchedule:
+    """Compares a flight in the air with its plan.
+
+    Args:
+        session: with the vehicle.
+        plan: what it flies.
+        progress: along it.
+    """
+
+    def __init__(self, session: Session, plan: FlightPlan, progress: MissionProgress) -> None:
+        self._session, self._plan, self._progress = session, plan, progress
+        needs = plan.needs
+        self._table = None if needs is None else timetable(plan, needs.pace)
+        self._vehicle = Vehicle() if needs is None or needs.vehicle is None else needs.vehicle
+        self._home_s = None if needs is None else needs.way_home_s
+        endurance_s = self._vehicle.endurance_s
+        self._use = BatteryUse(self._vehicle, 100.0 / endurance_s if endurance_s else 0.0)
+        self._began: tuple[float, float] | None = None
+        self._next_s = -math.inf
+        self.aloft_s = 0.0
+        self.late_s = 0.0
+        self.left_s: float | None = None
+        self._must: str | None = None
+
+    def look(self) -> None:
+        """Look whether the flight is late, and whether its reserve lasts; called while the vehicle is in the air."""
+        now_s, place_m = self._session.monitor.time_s, self._progress.place_m
+        if now_s is None or place_m is None or now_s < self._next_s:
+            return
+        self._next_s = now_s + _LOOK_EVERY_S
+        index = self._plan.index_of(self._session.monitor.current_seq, self._session.autopilot)
+        planned_s = None if self._table is None else self._table.planned_s(index, place_m)
+        if self._began is None:
+            self._began = now_s, planned_s or 0.0
+        began_s, offset_s = self._began
+        self.aloft_s = now_s - began_s
+        if planned_s is None or self._table is None:
+            return
+        done_s, total_s = planned_s - offset_s, self._table.total_s - offset_s
+        self.late_s = self.aloft_s - done_s
+        pace = max(1.0, self.aloft_s / done_s) if done_s > _LATE_S else 1.0
+        self.left_s = pace * (total_s - done_s)
+        astray = self._session.watch.is_open(Ending.MISSION_CHANGED)  # what is flown then has another timetable
+        late = not astray and self.late_s > max(_LATE_S, _LATE_RATIO * done_s)
+        self._session.watch.measure(
+            Ending.LATE, self.late_s if late else None,
+            f"the flight is {self.late_s:.0f} s late: {self.aloft_s:.0f} s in the air where {done_s:.0f} s are planned; it "
+            f"lands after about {self.aloft_s + self.left_s:.0f} s instead of {total_s:.0f} s",
+            "the flight is on time again",
+        )  # fmt: skip
+        self._look_at_reserve(place_m, self.left_s)
+
+    def must_go_home(self) -> str | None:
+        """Why the mission must end now, so that the battery keeps its reserve; None while it may go on."""
+        return self._must
+
+    def _look_at_reserve(self, place_m: FloatArray, left_s: float) -> None:
+        vehicle, use = self._vehicle, self._use
+        status = self._session.monitor.latest(SysStatus)
+        told = None if status is None else status.battery_remaining_percent
+        if told is not None and told >= 0:
+            source, percent = "the battery", float(told)
+        elif vehicle.endurance_s is not None:
+            source, percent = "its endurance", 100.0 * (1.0 - self.aloft_s / vehicle.endurance_s)
+        else:
+            return
+        use.take(percent, aloft_s=self.aloft_s)
+        below = percent < 100.0 * vehicle.reserve_fraction
+        self._session.watch.measure(
+            Ending.RESERVE_USED, 100.0 / max(1.0, percent) if below else None,
+            f"the flight uses its reserve: {source} has {max(0.0, percent):.0f} % left, and "
+            f"{100.0 * vehicle.reserve_fraction:.0f} % are to stay",
+            "the reserve is whole again",
+        )  # fmt: skip
+        if self._home_s is None or self._must is not None or use.lasts_on(left_s):
+            return
+        try:
+            home_s = self._home_s(place_m)
+        except UavcoverError:  # the ground below the way home is not known
+            return
+        if use.allows(rest_s=left_s, home_s=home_s) is BatteryAllows.GO_HOME:
+            self._must = (
+                f"{source} has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the way home takes "
+                f"{home_s:.0f} s and the rest of the mission {left_s:.0f} s, which would use the reserve of "
+                f"{100.0 * vehicle.reserve_fraction:.0f} %; the vehicle returns now"
+            )
+
+
+class PhotoWatch:
+    """Compares the photos that a vehicle reports with those that its mission takes on the planned route.
+
+    A vehicle that has reported no photo at all is watched where photos are required, and otherwise not: its camera may have no
+    feedback.
+
+    Args:
+        session: with the vehicle.
+        plan: what it flies.
+        progress: along it.
+    """
+
+    def __init__(self, session: Session, plan: FlightPlan, progress: MissionProgress) -> None:
+        self._session, self._progress = session, progress
+        items = plan.mission.items
+        self._trigger_m = max(
+            (item.params[0] for item in items if item.command == Command.DO_SET_CAM_TRIGG_DIST), default=0.0
+        )
+        self._at_waypoints = not self._trigger_m and any(item.command in _TAKES_PHOTO for item in items)
+        self._taken = session.monitor.photos_taken
+        self._begin()
+
+    def _begin(self) -> None:
+        """Count from here: a photo was reported, or the camera is off."""
+        self._from_m: FloatArray | None = None
+        self._last_m: FloatArray | None = None
+        self._expected, self._flown_m, self._since_s = 0, 0.0, self._session.monitor.time_s
+        self._reached = self._progress.reached_count
+
+    def look(self) -> None:
+        """Look once."""
+        session = self._session
+        taken, now_s, here_m = session.monitor.photos_taken, session.monitor.time_s, self._progress.place_m
+        if here_m is None or now_s is None or not (self._trigger_m or self._at_waypoints):
+            return
+        if taken != self._taken:
+            self._taken = taken
+            self._begin()
+        elif self._at_waypoints or (session.on_mission and self._progress.heading_for > 0):
+            self._count(here_m)
+        else:
+            self._from_m = self._last_m = None  # between the legs of the route the camera is off
+        watched = taken is not None or session.photos_required
+        missing = self._expected if watched and self._expected >= self._enough else None
+        lasts_s = now_s - (now_s if self._since_s is None else self._since_s)
+        session.watch.measure(
+            Ending.PHOTOS_MISSING, missing,
+            f"the camera has reported no photo for {self._flown_m:.0f} m, {lasts_s:.0f} s; {self._expected} were expected",
+            "the camera reports photos again",
+        )  # fmt: skip
+
+    @property
+    def _enough(self) -> float:
+        link = self._session.client.statistics
+        lost = link.lost / max(1, link.lost + link.frames_in)
+        if lost >= 1.0:
+            return math.inf
+        return max(_FEWEST, math.ceil(math.log(_BY_CHANCE) / math.log(lost))) if lost > 0.0 else _FEWEST
+
+    def _count(self, here_m: FloatArray) -> None:
+        if self._last_m is not None:
+            self._flown_m += float(np.linalg.norm(here_m - self._last_m))
+        self._last_m = here_m
+        if self._at_waypoints:
+            self._expected = self._progress.reached_count - self._reached
+        elif self._from_m is None:
+            self._from_m = here_m
+        elif (away_m := math.dist(here_m[:2], self._from_m[:2])) >= self._trigger_m:
+            self._expected += int(away_m / self._trigger_m)
+            self._from_m = here_m

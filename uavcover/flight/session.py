@@ -1,0 +1,326 @@
+"""The session with one vehicle: sending commands, waiting with timeouts, passing on what it reports, noticing its loss."""
+
+from collections import deque
+from collections.abc import Callable, Collection
+from typing import TypeVar
+
+from mission_io.autopilots.autopilot import Autopilot
+from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledError
+from mission_io.model.enums import MissionState
+from mission_io.wire import messages as m
+from uavcover.flight.client import VehicleClient
+from uavcover.flight.evidence import Evidence
+from uavcover.flight.flight_plan import FlightTimeouts
+from uavcover.flight.modes import Mode, custom_mode, mode_from_custom
+from uavcover.flight.monitor import Monitor
+from uavcover.flight.precautions import OnBreach
+from uavcover.flight.watch import Watch
+from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFaultError
+
+ResultT = TypeVar("ResultT")
+
+_POLL_S = 0.1
+_WARNING_SEVERITY = 4
+_UNKNOWN_S = 10.0
+"""So long a vehicle may be heard without its state being known before that is an alarm; evidence takes about 3 s."""
+
+
+class Stopped(Exception):  # noqa: N818 - the user's wish is no error
+    """The flight is to end, by the user's wish, because of a breach, or so that the battery keeps its reserve.
+
+    Attributes:
+        cause: the breach, or RESERVE_KEPT; None when the user asked.
+    """
+
+    def __init__(self, cause: Ending | None = None) -> None:
+        self.cause = cause
+        super().__init__()
+
+
+class TakenOverError(FlightFaultError):
+    """A command was withheld: the vehicle is not in a mode that we commanded."""
+
+
+class Session:
+    """The session with one vehicle, shared by all stages of a flight.
+
+    Args:
+        client: talks to the vehicle.
+        monitor: hears what the client hears.
+        timeouts: how long to wait for what.
+        on_event: called with every event.
+        stop: how often the user has asked to stop.
+        pause: whether the user wants the vehicle to wait where it is.
+
+    Attributes:
+        watch: watches for failures.
+        evidence: whether what is known of the vehicle is newer than the last gap.
+        on_breach: what the user wants done on a breach; None leaves it to the policy.
+        photos_required: whether a camera that reports no photo at all is an alarm too.
+        simulated: whether the vehicle is proved to be simulated.
+        paused: whether the vehicle was commanded to hold on its way and has not continued since.
+    """
+
+    def __init__(
+        self,
+        client: VehicleClient,
+        monitor: Monitor,
+        *,
+        timeouts: FlightTimeouts,
+        on_event: Callable[[FlightEvent], None],
+        stop: Callable[[], int],
+        pause: Callable[[], bool] = lambda: False,
+    ) -> None:
+        self.client, self.monitor, self.timeouts = client, monitor, timeouts
+        self.stop = stop
+        self.pause = pause
+        self.paused = False
+        self.on_breach: OnBreach | None = None
+        self.photos_required = False
+        self.simulated = False
+        self._on_event = on_event
+        self._recent_warnings: deque[str] = deque(maxlen=3)
+        self.evidence = Evidence(client, monitor)
+        self.watch = Watch(
+            client, monitor, timeouts, self.tell, lambda text: self.tell(EventKind.WARNING, text, alarm=True)
+        )
+
+    @property
+    def autopilot(self) -> Autopilot:
+        """The vehicle's autopilot."""
+        return self.client.vehicle.autopilot
+
+    @property
+    def recent_warnings(self) -> str:
+        """The vehicle's latest warnings as the end of a sentence; empty when there were none."""
+        return f"; it says: {' | '.join(self._recent_warnings)}" if self._recent_warnings else ""
+
+    @property
+    def on_mission(self) -> bool:
+        """Whether the vehicle flies its mission or was paused by us; MISSION_CURRENT shows a change before the heartbeat."""
+        if self.paused:
+            return True
+        current = self.monitor.latest(m.MissionCurrent)
+        left = current is not None and current.state == MissionState.PAUSED
+        in_mission = self.client.vehicle.custom_mode == custom_mode(self.autopilot, Mode.MISSION)
+        return in_mission and not left
+
+    @property
+    def mode_name(self) -> str:
+        """The vehicle's flight mode as text."""
+        number = self.client.vehicle.custom_mode
+        mode = mode_from_custom(self.autopilot, number)
+        return f"mode {number}" if mode is None else f"{mode.value} mode"
+
+    @property
+    def silence_s(self) -> float:
+        """Time since the vehicle's last message."""
+        return self.monitor.silence_s(self.client.clock.now())
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether nothing has been heard of the vehicle for longer than the deadman time: its present state is unknown."""
+        return self.silence_s > self.timeouts.deadman_s
+
+    @property
+    def vehicle_now(self) -> str:
+        """What the vehicle does, or did when it was last heard, as text."""
+        monitor = self.monitor
+        try:
+            vehicle = self.client.vehicle
+        except MisuseError:
+            return "not heard"
+        unproved = "on the ground by its own word" if monitor.ground.says_landed else "somewhere"
+        where = {True: "on the ground", False: "in the air", None: unproved}[monitor.on_ground]
+        parts = [where, "armed" if vehicle.armed else "disarmed", f"in {self.mode_name}"]
+        here = monitor.latest(m.GlobalPositionInt)
+        if here is not None:
+            old = self.client.clock.now() - (monitor.position_at_s or 0.0) > self.timeouts.deadman_s + self.silence_s
+            place = f"{here.lat_deg:.6f}, {here.lon_deg:.6f}, {here.alt_above_home_m:.0f} m above home"
+            parts.append(f"last known at {place}" if old else f"at {place}")
+        return (f"last heard {self.silence_s:.0f} s ago: " if self.is_silent else "") + ", ".join(parts)
+
+    def tell(self, kind: EventKind, text: str, *, waypoint: int | None = None, alarm: bool = False) -> None:
+        """Pass on an event."""
+        self._on_event(FlightEvent(kind, text, self.monitor.time_s, waypoint, alarm))
+
+    def pump(self) -> None:
+        """Listen for a moment, and pass on what the vehicle says.
+
+        Raises:
+            FlightFaultError: it is gone, or it restarted.
+        """
+        self.client.poll(_POLL_S)
+        self.attend()
+
+    def attend(self) -> None:
+        """Pass on what was heard, and look at what can go wrong; also while a transfer is going on.
+
+        Raises:
+            FlightFaultError: the vehicle is gone, or it restarted.
+        """
+        while self.monitor.texts:
+            said = self.monitor.texts.popleft()
+            if said.severity <= _WARNING_SEVERITY:
+                self._recent_warnings.append(said.text)
+            self.watch.take_text(said)
+            self.tell(EventKind.TEXT, said.text)
+        while self.monitor.events:
+            self.watch.causes.take_event(self.monitor.events.popleft())
+        while self.monitor.other_texts:
+            component, said = self.monitor.other_texts.popleft()
+            self.tell(EventKind.TEXT, f"component {component}: {said.text}")
+        self.evidence.look()
+        self.watch.look()
+        self._look_at_evidence()
+
+    def _look_at_evidence(self) -> None:
+        """A vehicle in flight that is heard, and whose state is not known; a heartbeat that is lost says that already."""
+        unknown_s, lost = self.evidence.unknown_s, self.watch.is_open(Ending.HEARTBEAT_LOST)
+        if unknown_s > _UNKNOWN_S and not lost and self.client.vehicle.armed:
+            self.watch.open(Ending.STATE_UNKNOWN, self._unknown_text, unknown_s)
+        else:
+            self.watch.measure(Ending.STATE_UNKNOWN, None, "", "the vehicle's state is known again")
+
+    @property
+    def _unknown_text(self) -> str:
+        return (
+            f"the vehicle is heard, and its state has not been known for {self.evidence.unknown_s:.0f} s: "
+            f"{self.evidence.missing} is missing; nothing is commanded until it comes"
+        )
+
+    def listen(self, seconds: float) -> None:
+        """Listen for some seconds on the link's clock, whatever goes wrong."""
+        until_s = self.client.clock.now() + seconds
+        while self.client.clock.now() < until_s:
+            self.client.poll(_POLL_S)
+
+    def obeys(self, modes: Collection[Mode]) -> bool:
+        """Whether evidence that is newer than the last gap shows the vehicle armed, and in one of these modes."""
+        vehicle = self.client.vehicle
+        in_mode = vehicle.custom_mode in [custom_mode(self.autopilot, mode) for mode in modes]
+        return self.evidence.current and vehicle.armed and in_mode
+
+    def steer(self, act: Callable[[], ResultT], *, while_in: Collection[Mode]) -> ResultT:
+        """Command the vehicle in flight, as long as current evidence shows it in a mode that we commanded.
+
+        Nothing is sent, and nothing is sent again, while the evidence is older than the last gap, or when it shows another mode:
+        a failsafe or a pilot has the vehicle then. Silence is waited for until the link counts as lost, a vehicle that is heard
+        and not known for some seconds.
+
+        Args:
+            act: sends the command and waits for its answer.
+            while_in: the modes that we commanded, and the one that ``act`` commands.
+
+        Raises:
+            TakenOverError: the vehicle is in another mode, or disarmed, or its state stays unknown.
+            FlightFaultError: the vehicle is gone.
+            mission_io.errors.MissionIoError: whatever ``act`` raises but silence; silence too, when other messages arrive.
+        """
+        return self._command(act, lambda: self.obeys(while_in))
+
+    def prepare(self, act: Callable[[], ResultT], *, while_in: Collection[Mode] = ()) -> ResultT:
+        """Command a vehicle on the ground, as long as current evidence shows it disarmed, or in one of these modes.
+
+        Raises:
+            TakenOverError: it is armed, and in another mode, or its state stays unknown.
+            FlightFaultError: the vehicle is gone.
+            mission_io.errors.MissionIoError: as for ``steer``.
+        """
+
+        def may() -> bool:
+            return self.evidence.current and (not self.client.vehicle.armed or self.obeys(while_in))
+
+        return self._command(act, may)
+
+    def require_obedience(self, modes: Collection[Mode]) -> None:
+        """Nothing, unless current evidence shows the vehicle disarmed, or in none of these modes.
+
+        Raises:
+            TakenOverError: it does.
+        """
+        if self.evidence.current and not self.obeys(modes):
+            raise self._withheld()
+
+    def _withheld(self) -> TakenOverError:
+        how = f"armed, in {self.mode_name}" if self.client.vehicle.armed else "disarmed"
+        return TakenOverError(Ending.TAKEN_OVER, f"nothing was commanded: the vehicle is {how}")
+
+    def _command(self, act: Callable[[], ResultT], may: Callable[[], bool]) -> ResultT:
+        began_s = self.client.clock.now()
+
+        def withheld() -> bool:
+            self.evidence.look()  # nothing else asks while a long call waits
+            return not may()
+
+        while True:
+            while not self.evidence.current:
+                if self.evidence.unknown_s > _UNKNOWN_S:
+                    raise TakenOverError(Ending.STATE_UNKNOWN, f"nothing was commanded: {self._unknown_text}")
+                self.pump()
+            if not may():
+                raise self._withheld()
+            self.client.give_up = withheld
+            try:
+                return act()
+            except WaitCancelledError:
+                continue
+            except VehicleSilentError:
+                if self.client.clock.now() - began_s > self.timeouts.link_lost_s:
+                    raise
+            finally:
+                self.client.give_up = None
+            self.pump()
+
+    def wait(
+        self,
+        done: Callable[[], bool],
+        *,
+        timeout_s: float,
+        what: Callable[[], str],
+        stops_before: int | None = None,
+        ending: Ending = Ending.FAILED,
+    ) -> None:
+        """Listen until ``done``.
+
+        Args:
+            done: looks at the monitor.
+            timeout_s: longest time to wait, vehicle time where the vehicle tells it.
+            what: what does not happen, for the error.
+            stops_before: how many stops of the user are known already; None is not to look.
+            ending: the name of it when it took too long.
+
+        Raises:
+            FlightFaultError: it took too long, or the vehicle is gone.
+            Stopped: the user asked once more.
+        """
+        timer = Timer(self, timeout_s)
+        while not done():
+            if stops_before is not None and self.stop() > stops_before:
+                raise Stopped
+            if timer.over:
+                raise FlightFaultError(ending, f"{what()} within {timeout_s:g} s{self.recent_warnings}")
+            self.pump()
+
+
+class Timer:
+    """A timer in vehicle time where that is known, with the link's clock as its watchdog."""
+
+    def __init__(self, session: Session, timeout_s: float) -> None:
+        self._session, self._timeout_s = session, timeout_s
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin again."""
+        self._vehicle_s = self._session.monitor.time_s
+        self._link_s = self._session.client.clock.now()
+
+    @property
+    def over(self) -> bool:
+        """Whether the time has passed."""
+        link_elapsed_s = self._session.client.clock.now() - self._link_s
+        now_s = self._session.monitor.time_s
+        if now_s is None or self._vehicle_s is None:
+            return link_elapsed_s > self._timeout_s
+        watchdog_s = self._timeout_s * self._session.timeouts.watchdog
+        return now_s - self._vehicle_s > self._timeout_s or link_elapsed_s > watchdog_s

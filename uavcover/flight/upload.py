@@ -1,0 +1,176 @@
+"""Uploading a run's mission: check every leg and the vehicle's home, send, read back, compare."""
+
+import dataclasses
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from typing import Any
+
+from mission_io.autopilots.comparison import faults
+from mission_io.client.client import Client
+from mission_io.client.commands import name_of
+from mission_io.client.read_back import ReadBack
+from mission_io.errors import TransferError, TransferInterrupted
+from uavcover.flight.connect import Connected, VehicleLink, check_home, connect, require_home
+from uavcover.flight.flight_plan import FlightTimeouts
+from uavcover.flight.modes import require_multirotor
+from uavcover.flight.own_returns import read_return_parameters, return_warnings
+from uavcover.flight.session import Session
+from uavcover.missions.mission_compiler import CompiledMission
+from uavcover.missions.mission_files import compile_plan
+from uavcover.model.route import Route
+from uavcover.run.folder import SCHEMA_VERSION, RunFolder
+from uavcover.run.provenance import note_files
+from uavcover.run.user import User
+from uavcover.scenario.site import Site
+
+
+def upload(
+    client: Client,
+    compiled: CompiledMission,
+    *,
+    progress: Callable[[str, int, int], None] | None = None,
+    in_flight: bool = False,
+) -> list[ReadBack]:
+    """Upload mission, fence and rally points, read each back and compare.
+
+    Args:
+        client: connected, with a vehicle found.
+        compiled: what to send.
+        progress: told the list's name, items across and items in all.
+        in_flight: whether an armed vehicle is meant.
+
+    Raises:
+        VehicleError: the vehicle is not a multirotor; nothing was sent.
+        MissionIoError: the vehicle refused, or fell silent; says what it holds now.
+    """
+    require_multirotor(client)
+    results = []
+    for name, content in (("mission", compiled.mission), ("fence", compiled.fence), ("rally", compiled.rally)):
+        results.append(client.upload_and_verify(content, progress=_named(progress, name), in_flight=in_flight))
+    return results
+
+
+def _named(progress: Callable[[str, int, int], None] | None, name: str) -> Callable[[int, int], None] | None:
+    return None if progress is None else partial(progress, name)
+
+
+def upload_document(site: Site, compiled: CompiledMission, url: str, results: Sequence[ReadBack]) -> dict[str, Any]:
+    """``upload.json``: what was sent, what came back, every difference and why it is or is not acceptable."""
+    limit = compiled.max_height_above_home_m + 10.0
+    return {
+        "schema_version": SCHEMA_VERSION,
+        "name": site.scenario.name,
+        "url": url,
+        "passed": all(result.passed for result in results),
+        "first_waypoint_item": compiled.first_waypoint_item,
+        "waypoint_count": compiled.waypoint_count,
+        "items_per_waypoint": compiled.items_per_waypoint,
+        "return_advice": dataclasses.asdict(compiled.return_advice),
+        "no_fly_in_fence": [zone.name for zone in compiled.zones_in_fence],
+        "no_fly_not_in_fence": [zone.name for zone in compiled.zones_left_out],
+        "autopilot_max_height_above_home_m": limit,
+        "lists": [result.as_json() for result in results],
+    }
+
+
+UPLOAD_FILE = "upload.json"
+_SHOWN_ITEMS = 20
+
+
+def upload_run(
+    run: RunFolder,
+    site: Site,
+    route: Route,
+    to: VehicleLink,
+    user: User,
+    *,
+    in_flight: bool = False,
+) -> dict[str, Any]:
+    """Check every leg and the vehicle's home, upload, read back, compare; writes ``upload.json`` and returns it.
+
+    The file tells of the last upload only: it is gone from the moment at which something is sent.
+    """
+    require_home(site)
+    compile_plan(site, route)  # a bad leg is known before anybody is asked
+    with (
+        run.reserved((), force=True),
+        connect(to, site) as vehicle,
+    ):
+        return send_and_compare(run, site, route, vehicle, user, in_flight=in_flight)
+
+
+def send_and_compare(
+    run: RunFolder, site: Site, route: Route, vehicle: Connected, user: User, *, in_flight: bool = False
+) -> dict[str, Any]:
+    """The same over a link that is open, into a run folder that is reserved."""
+    user.say(f"vehicle {vehicle.client.vehicle.system_id} at {vehicle.url}: {vehicle.client.vehicle.described}")
+    compiled = compile_plan(site, route, autopilot=vehicle.autopilot)
+    check_home(vehicle, site, compiled)
+    run.remove([UPLOAD_FILE])
+    with telling_what_is_held(user), user.progress("uploading") as bar:
+        results = upload(
+            vehicle.client,
+            compiled,
+            progress=lambda name, done, total: bar.update(done, total=total, note=name),
+            in_flight=in_flight,
+        )
+    document = upload_document(site, compiled, vehicle.url, results)
+    run.write_json(UPLOAD_FILE, document)
+    note_files(run, "upload", [UPLOAD_FILE], command=sys.argv)
+    for result in results:
+        say_comparison(user, result)
+    session = Session(
+        vehicle.client, vehicle.monitor, timeouts=FlightTimeouts(), on_event=lambda _: None, stop=lambda: 0
+    )
+    for words in return_warnings(compiled.own_returns.advice(read_return_parameters(session))):
+        user.warn(words)
+    user.say(
+        f"set the autopilot's maximum height to at least {document['autopilot_max_height_above_home_m']:.0f} m above home "
+        "(fence items carry no height)"
+    )
+    return document
+
+
+@contextmanager
+def telling_what_is_held(user: User) -> Iterator[None]:
+    """When an upload fails or is interrupted, say what the vehicle holds now, with the list unless it is the old one."""
+    try:
+        yield
+    except TransferInterrupted as interrupted:
+        user.warn(str(interrupted.outcome))
+        _say_items(interrupted.outcome, user)
+        raise
+    except TransferError as error:
+        _say_items(error, user)
+        raise
+
+
+def _say_items(error: TransferError, user: User) -> None:
+    if error.vehicle_holds == "unchanged" or not error.held_items:
+        return
+    for number, item in enumerate(error.held_items[:_SHOWN_ITEMS]):
+        place = (
+            f" at {item.lat_deg:.7f}, {item.lon_deg:.7f}, {item.alt_m:g} m {item.frame.name}"
+            if item.has_position
+            else ""
+        )
+        user.warn(f"held now: {number}: {name_of(item.command)}{place}")
+    if len(error.held_items) > _SHOWN_ITEMS:
+        user.warn(f"held now: {len(error.held_items) - _SHOWN_ITEMS} more; see: uavcover download")
+
+
+def say_comparison(user: User, result: ReadBack) -> None:
+    """Say what came back differently, and warn of what should not have."""
+    name = result.mission_type.name.lower()
+    if not result.differences:
+        user.say(f"{name}: {len(result.sent)} items sent, read back equal")
+        return
+    wrong = faults(result.differences)
+    user.say(
+        f"{name}: {len(result.sent)} items sent, {len(result.differences)} fields came back changed, "
+        f"{len(result.differences) - len(wrong)} of them without another meaning"
+    )
+    for fault in wrong[:5]:
+        user.warn(f"{name}: {fault}")

@@ -1,0 +1,351 @@
+"""Watches a vehicle in flight for silence, lost position or satellites, low battery and a restart.
+
+An alarm is raised at once, when its amount has doubled, every half minute while it lasts, and when it is over.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from enum import Enum
+
+from mission_io.model.enums import AutopilotId, EkfFlag
+from mission_io.wire import messages as m
+from uavcover.flight.causes import Cause, Causes
+from uavcover.flight.client import VehicleClient
+from uavcover.flight.flight_plan import FlightTimeouts
+from uavcover.flight.monitor import Monitor
+from uavcover.model.outcome import Ending, EventKind, FlightFaultError, Incident
+
+REPEAT_S = 30.0
+"""Interval at which a lasting alarm is repeated."""
+
+
+class Told(Enum):
+    """Why an alarm is reported now."""
+
+    BEGUN = "it has begun"
+    DOUBLED = "it is twice as much as when that was told last"
+    LASTS = "it lasts"
+    ENDED = "it is over"
+
+
+class Alarm:
+    """One thing that can go wrong, by how much, and when that is to be told. Knows no clock: time is an argument.
+
+    What is over for less than ``settle_s`` is not over: an amount that swings about its limit is one alarm and not a hundred.
+
+    Args:
+        settle_s: how long it has to be away before it counts as over.
+        repeat_s: how often it is reported while it lasts.
+
+    Attributes:
+        largest: the largest amount since it began.
+    """
+
+    def __init__(self, *, settle_s: float = 0.0, repeat_s: float = REPEAT_S) -> None:
+        self._settle_s, self._repeat_s = settle_s, repeat_s
+        self._told_at_s: float | None = None
+        self._told_amount = 0.0
+        self._away_since_s: float | None = None
+        self.largest = 0.0
+
+    @property
+    def sounding(self) -> bool:
+        """Whether it has begun and is not over."""
+        return self._told_at_s is not None
+
+    def measure(self, amount: float | None, now: float) -> Told | None:
+        """Take what was measured at ``now`` (seconds), None for nothing wrong; returns why to tell it, None for silence."""
+        if self._told_at_s is None:
+            if amount is None:
+                return None
+            self._told_amount = self.largest = amount
+            return self._tell(Told.BEGUN, now)
+        if amount is None:
+            if self._away_since_s is None:
+                self._away_since_s = now
+            if now - self._away_since_s < self._settle_s:
+                return None
+            self._told_at_s = self._away_since_s = None
+            return Told.ENDED
+        self._away_since_s = None
+        self.largest = max(self.largest, amount)
+        if amount >= 2.0 * self._told_amount and amount > self._told_amount:
+            self._told_amount = amount
+            return self._tell(Told.DOUBLED, now)
+        if now - self._told_at_s >= self._repeat_s:
+            return self._tell(Told.LASTS, now)
+        return None
+
+    def _tell(self, told: Told, now: float) -> Told:
+        self._told_at_s, self._away_since_s = now, None
+        return told
+
+
+_FIX_3D = 3
+_OTHER_MISSION = ("changed", "received", "updated", "uploaded", "new")
+"""Words beside "mission" or "flight plan" that speak of another one."""
+
+_SILENCE = frozenset({Ending.LINK_LOST, Ending.HEARTBEAT_LOST, Ending.POSITION_LOST})
+_SETTLE_S = 2.0
+_CAUSE_WITHIN_S = 10.0
+_LOW_BATTERY_PERCENT = 15
+
+
+@dataclass(slots=True)
+class _Going:
+    """Something that goes wrong now: which incident it is, when to tell it, and what was told of it last."""
+
+    number: int
+    alarm: Alarm
+    since_s: float
+    text: str = ""
+    amount: float | None = 0.0
+
+
+class Watch:
+    """Detects failures and their end, and reports both.
+
+    Args:
+        client: hears the vehicle.
+        monitor: hears what the client hears.
+        timeouts: how long silence may be.
+        tell: takes what is to be told.
+        sound: takes what is to be heard, too.
+
+    Attributes:
+        incidents: all that went wrong so far, in the order in which it began.
+        causes: evidence for what the vehicle does by itself.
+        unanswered: that the vehicle is heard and does not answer, as text; empty while it answers.
+        mission_words: how many lines of the vehicle spoke of another mission.
+    """
+
+    def __init__(
+        self,
+        client: VehicleClient,
+        monitor: Monitor,
+        timeouts: FlightTimeouts,
+        tell: Callable[[EventKind, str], None],
+        sound: Callable[[str], None],
+    ) -> None:
+        self._client, self._monitor, self._timeouts = client, monitor, timeouts
+        self._tell, self._sound = tell, sound
+        self._open: dict[Ending, _Going] = {}
+        self._taken: tuple[Ending, _Going] | None = None
+        self._closed_at_s: dict[Ending, float] = {}
+        self.causes = Causes(client, monitor)
+        self.unanswered = ""
+        self._in_flight = False
+        self._heard_again_at_s = client.clock.now()
+        self.incidents: list[Incident] = []
+        self.mission_words = 0
+
+    def take_off(self) -> None:
+        """Watch for a lost fix from here on; on the ground it was waited for."""
+        self._in_flight = True
+
+    def take_text(self, said: m.StatusText) -> None:
+        """Take note of a warning of the vehicle."""
+        words = said.text.lower()
+        about = "mission" in words or "flight plan" in words
+        self.mission_words += about and any(word in words for word in _OTHER_MISSION)
+        self.causes.take_text(said)
+
+    def is_open(self, kind: Ending) -> bool:
+        """Whether an incident of this kind is open."""
+        return kind in self._open
+
+    def text_of(self, kind: Ending) -> str:
+        """What was told of the latest incident of a kind; what its name means when there was none."""
+        return next((i.text for i in reversed(self.incidents) if i.kind is kind), kind.value)
+
+    def opened_at_s(self, kind: Ending) -> float:
+        """When an open incident began, on the link's clock; infinity when none of this kind is open."""
+        going = self._open.get(kind)
+        return math.inf if going is None else going.since_s
+
+    @property
+    def open_kinds(self) -> frozenset[Ending]:
+        """The kinds of the incidents that are open."""
+        return frozenset(self._open)
+
+    def open(self, kind: Ending, text: str, amount: float = 0.0, *, evidence: tuple[str, ...] = ()) -> None:
+        """Something goes wrong, by an amount in a unit of its own: told at once, when it has doubled, and while it lasts."""
+        going = self._open.get(kind)
+        if going is None:
+            going = self._open[kind] = _Going(len(self.incidents), Alarm(settle_s=_SETTLE_S), self._client.clock.now())
+            self.incidents.append(Incident(kind, text, self._monitor.time_s, evidence=evidence))
+        elif amount > going.alarm.largest:
+            self.incidents[going.number] = replace(self.incidents[going.number], text=text)
+        going.text, going.amount = text, amount
+        self._measure(kind, going, amount)
+
+    def measure(self, kind: Ending, amount: float | None, text: str, over: str) -> None:
+        """Like ``open``, and with None the end of it, told as ``over``, once it has stayed away for a moment."""
+        going = self._open.get(kind)
+        if amount is not None:
+            self.open(kind, text, amount)
+        elif going is not None:
+            going.amount = None
+            if self._measure(kind, going, None) is Told.ENDED:
+                self.close(kind, over)
+
+    def close(self, kind: Ending, text: str) -> None:
+        """Tell that it is over, if it was there."""
+        going = self._open.pop(kind, None)
+        if going is None:
+            return
+        self._closed_at_s[kind] = self._client.clock.now()
+        self.incidents[going.number] = replace(self.incidents[going.number], end_s=self._monitor.time_s)
+        self._tell(EventKind.WARNING, text)
+
+    def taken(self, kind: Ending, text: str, evidence: tuple[str, ...]) -> None:
+        """Something else has the vehicle: an incident of its own, which does not end with the alarm that may be its cause."""
+        self._taken = kind, _Going(len(self.incidents), Alarm(), self._client.clock.now(), text)
+        self.incidents.append(Incident(kind, text, self._monitor.time_s, evidence=evidence))
+        self._measure(*self._taken, 0.0)
+
+    def given_back(self, text: str) -> None:
+        """Tell that nothing else has the vehicle any more."""
+        if self._taken is not None:
+            number, self._taken = self._taken[1].number, None
+            self.incidents[number] = replace(self.incidents[number], end_s=self._monitor.time_s)
+            self._tell(EventKind.WARNING, text)
+
+    def rest(self) -> None:
+        """What is open and not measured any more is not told again, as on the way home."""
+        for going in self._open.values():
+            going.amount = None
+
+    def _measure(self, kind: Ending, going: "_Going", amount: float | None) -> Told | None:
+        now, vehicle_s = self._client.clock.now(), self._monitor.time_s
+        if kind not in _SILENCE and vehicle_s is not None:  # the vehicle's own time stands still while nothing is heard
+            now = vehicle_s
+        told = going.alarm.measure(amount, now)
+        if told in (Told.BEGUN, Told.DOUBLED):
+            self._sound(going.text)
+        elif told is Told.LASTS:
+            self._sound(f"still: {going.text}")
+        return told
+
+    def recent_cause(self, *, within_s: float) -> Cause | None:
+        """What the vehicle most likely reacts to if it does something by itself now: what it reports, or what went wrong.
+
+        Args:
+            within_s: how long ago that may be, in seconds of the link's clock.
+        """
+        found = self.causes.recent(within_s=within_s)
+        if found is not None:
+            return found
+        recent = self._recent_incidents(within_s)
+        for kind in (Ending.BATTERY_FAILSAFE, Ending.GPS_LOST, Ending.WIND_ABOVE_LIMITS, Ending.LINK_LOST):
+            if kind in recent:
+                return Cause(kind, recent[kind], (recent[kind],))
+        return None
+
+    def cause_of_mode_change(self) -> Cause:
+        """Why the vehicle left the mode that we commanded, a moment ago."""
+        return self.causes.of_mode_change(self._recent_incidents(_CAUSE_WITHIN_S), unanswered=self.unanswered)
+
+    def _recent_incidents(self, within_s: float) -> dict[Ending, str]:
+        """What goes wrong, or did until some seconds of the link's clock ago, by its kind."""
+        now = self._client.clock.now()
+        recent = {kind for kind, closed_s in self._closed_at_s.items() if now - closed_s <= within_s}
+        return {kind: self.text_of(kind) for kind in [*self._open, *recent]}
+
+    def look(self) -> None:
+        """Look at everything once.
+
+        Raises:
+            FlightFaultError: the vehicle is gone, or it restarted.
+        """
+        now = self._client.clock.now()
+        silence_s = self._monitor.silence_s(now)
+        self._look_at_silence(silence_s)
+        if self._monitor.restarted:
+            text = f"vehicle {self._client.vehicle.system_id} restarted: its clock began anew"
+            self.open(Ending.RESTARTED, text)
+            raise FlightFaultError(Ending.RESTARTED, text)
+        if silence_s <= self._timeouts.deadman_s:
+            self._look_at_heartbeat(now)
+            self._look_at_positions(now)
+            self.causes.look()
+        if self._in_flight:
+            self._look_at_fix()
+            self._look_at_battery()
+        for kind, going in [*self._open.items(), *([] if self._taken is None else [self._taken])]:
+            if going.amount is not None:
+                self._measure(kind, going, going.amount)
+
+    def _look_at_silence(self, silence_s: float) -> None:
+        vehicle = self._client.vehicle.system_id
+        if silence_s > self._timeouts.link_lost_s and self.is_open(
+            Ending.LINK_LOST
+        ):  # a pause of ours is no silence yet
+            text = f"link lost: nothing from vehicle {vehicle} for {silence_s:.1f} s"
+            self.open(Ending.LINK_LOST, text)
+            raise FlightFaultError(Ending.LINK_LOST, f"{text}; look for it, and at the link")
+        if silence_s > self._timeouts.deadman_s:
+            self.open(
+                Ending.LINK_LOST,
+                f"nothing from vehicle {vehicle} for {silence_s:.1f} s; waiting for it up to {self._timeouts.link_lost_s:g} s",
+                silence_s,
+            )
+        elif self.is_open(Ending.LINK_LOST):
+            self._heard_again_at_s = self._client.clock.now()
+            self.close(Ending.LINK_LOST, f"vehicle {vehicle} is heard again")
+
+    def _look_at_heartbeat(self, now: float) -> None:
+        """A missing heartbeat while other messages arrive: following continues with these."""
+        age_s = min(self._client.heartbeat_age_s, now - self._heard_again_at_s)
+        vehicle = self._client.vehicle.system_id
+        if age_s > self._timeouts.heartbeat_s:
+            self.open(
+                Ending.HEARTBEAT_LOST,
+                f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages arrive; its mode, and "
+                "whether it is armed, are not known",
+                age_s,
+            )
+        elif self.is_open(Ending.HEARTBEAT_LOST):
+            self.close(Ending.HEARTBEAT_LOST, f"the heartbeat of vehicle {vehicle} is back")
+
+    def _look_at_positions(self, now: float) -> None:
+        if self._monitor.position_at_s is None:
+            return
+        heard_at = max(self._monitor.position_at_s, self._monitor.gap_ended_at_s)  # stamps are doubted after a gap
+        if now - heard_at > self._timeouts.deadman_s:
+            self.open(
+                Ending.POSITION_LOST,
+                f"no position for {now - heard_at:.1f} s, although other messages of the vehicle come",
+                now - heard_at,
+            )
+        elif self.is_open(Ending.POSITION_LOST):
+            self.close(Ending.POSITION_LOST, "positions arrive again")
+
+    def _look_at_fix(self) -> None:
+        gps = self._monitor.latest(m.GpsRawInt)
+        lacks = []
+        if gps is not None and gps.fix_type < _FIX_3D:
+            lacks.append(f"satellite fix (GPS fix type {gps.fix_type})")
+        ekf = self._monitor.latest(m.EkfStatusReport)
+        if self._client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT and ekf is not None and not has_position(ekf):
+            lacks.append("position estimate (EKF)")
+        if lacks:
+            self.open(Ending.GPS_LOST, f"the vehicle has lost its {' and its '.join(lacks)}")
+        else:
+            self.close(Ending.GPS_LOST, "the vehicle has its position again")
+
+    def _look_at_battery(self) -> None:
+        """A battery that is low; it doubles when half of what was left then is gone."""
+        status = self._monitor.latest(m.SysStatus)
+        left = None if status is None else status.battery_remaining_percent
+        if left is None or left < 0:
+            return
+        low = left <= _LOW_BATTERY_PERCENT
+        text = f"the battery has {left} % left"
+        self.measure(Ending.BATTERY_LOW, 100.0 / max(left, 1) if low else None, text, f"{text} again")
+
+
+def has_position(ekf: m.EkfStatusReport) -> bool:
+    """Whether ArduPilot's filter knows where the vehicle is."""
+    return bool(ekf.flags & EkfFlag.POSITION_HORIZONTAL_ABSOLUTE) and not ekf.flags & EkfFlag.CONSTANT_POSITION

@@ -1,0 +1,193 @@
+"""Moments of a flight, where a vehicle can return to, and the paths of its returns, as data.
+
+Positions are (east, north, height above sea level): autopilots keep a level above the sea.
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+import shapely
+
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.missions.failsafe_parameters import FailsafeSettings, Response
+
+Stage = Literal["stop", "climb", "return", "descend", "land", "mission"]
+"""``descend`` is a descent that does not expect the ground; ``land`` one that does; ``mission`` joins legs of the mission."""
+
+HOME, IN_PLACE = -1, -2
+"""Destinations that are no rally points."""
+
+CEILING_BIT = 1
+_CIRCLE_BIT, _POLYGON_BIT, _FLOOR_BIT = 2, 4, 8
+_NEARER_BY_M, _TOO_NEAR_HOME_M = 2.0, 10.0  # PX4: MIN_DIST_THRESHOLD, and a safe point this near is home
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlightStates:
+    """n moments of a flight.
+
+    Attributes:
+        places_m: (n, 3) east, north, height above sea level.
+        velocities_m_s: (n, 2) east, north.
+        times_s: (n,) since take-off.
+        legs: (n,) vertex of the route that the vehicle flies to.
+        ahead_m: (n,) way to that vertex, before which the vehicle slows down; none: it flies on.
+    """
+
+    places_m: FloatArray
+    velocities_m_s: FloatArray
+    times_s: FloatArray
+    legs: IntArray
+    ahead_m: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Destinations:
+    """Where a vehicle can go, in positions as in :class:`FlightStates`.
+
+    Attributes:
+        home_m: (3,) on the ground.
+        rally_m: (r, 3).
+        fence: area that the vehicle's fence allows, by its polygons; none without polygons.
+        route_m: (m, 3) vertices of the flown mission, take-off's top to landing's top.
+        landing: vertex of the route where the mission's landing begins; none without one.
+    """
+
+    home_m: FloatArray
+    rally_m: FloatArray
+    route_m: FloatArray
+    fence: shapely.Geometry | None = None
+    landing: int | None = None
+
+    @property
+    def items_m(self) -> FloatArray:
+        """(m, 3) vertices of the mission, and its landing at home's height where it has one."""
+        if self.landing is None:
+            return self.route_m
+        return np.vstack([self.route_m, [*self.route_m[-1, :2], self.home_m[2]]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FailsafePaths:
+    """What the vehicle flies from each of n moments, for one kind of response.
+
+    Attributes:
+        responses: that lead to these paths.
+        points_m: (n, k, 3) vertices; legs without length where a stage is left out.
+        stages: k - 1 of them.
+        destinations: (n,) number of a rally point, ``HOME`` or ``IN_PLACE``.
+        duration_s: (n,) until it lands or holds.
+        tail_m: (m, 3) legs of the mission that follow; none without them.
+        joins: (n,) first vertex of the tail that is flown to.
+        note: what else the paths depend on, for people.
+    """
+
+    responses: tuple[Response, ...]
+    points_m: FloatArray
+    stages: tuple[Stage, ...]
+    destinations: IntArray
+    duration_s: FloatArray
+    tail_m: FloatArray | None = None
+    joins: IntArray | None = None
+    note: str = ""
+
+    def path_m(self, moment: int) -> FloatArray:
+        """(j, 3) the whole path from one moment, without legs that have no length."""
+        points = self.points_m[moment]
+        if self.tail_m is not None and self.joins is not None:
+            points = np.vstack([points, self.tail_m[self.joins[moment] :]])
+        moved = np.linalg.norm(np.diff(points, axis=0), axis=1) > 1e-6
+        return np.asarray(points[np.concatenate([[True], moved])], float)
+
+
+def states_along(line_m: FloatArray, times_s: FloatArray, *, step_m: float, step_s: float) -> FlightStates:
+    """Moments along a (k, 3) line that is flown at (k,) times, both ends of every leg among them.
+
+    Args:
+        line_m: east, north, height above sea level.
+        times_s: when each vertex is passed.
+        step_m: largest distance between two moments.
+        step_s: largest time between them.
+    """
+    steps, spans = np.diff(line_m, axis=0), np.diff(times_s)
+    lengths = np.linalg.norm(steps, axis=1)
+    counts = np.maximum(1, np.ceil(np.maximum(lengths / step_m, spans / step_s))).astype(np.int64)
+    leg = np.repeat(np.arange(len(steps)), counts + 1)
+    first = np.cumsum(counts + 1) - (counts + 1)
+    t = (np.arange(len(leg)) - first[leg]) / counts[leg]
+    velocities = steps[leg, :2] / np.maximum(spans[leg], 1e-9)[:, None]
+    level = np.hypot(steps[leg, 0], steps[leg, 1])
+    return FlightStates(
+        line_m[leg] + t[:, None] * steps[leg], velocities, times_s[leg] + t * spans[leg], leg + 1, (1.0 - t) * level
+    )
+
+
+def ardupilot_destination(get: FailsafeSettings, to: Destinations, begin_m: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Number (n,) and place (n, 3) of the nearest rally point, or home, as ArduCopter takes it from (n, 3) places."""
+    home, number = to.home_m, np.full(len(begin_m), HOME)
+    place = np.tile(home, (len(begin_m), 1))
+    valid = np.flatnonzero(_is_rally_valid(get, to))
+    if not len(valid):
+        return number, place
+    away = np.stack([_away_m(begin_m, rally) for rally in to.rally_m[valid]], axis=1)
+    nearest, distance = away.argmin(axis=1), away.min(axis=1)
+    limit = get["rally_limit_m"]
+    taken = (distance <= limit) if limit > 0.0 else np.ones(len(begin_m), dtype=bool)
+    if round(get["rally_with_home"]):
+        taken &= distance < _away_m(begin_m, home)
+    number[taken], place[taken] = valid[nearest[taken]], to.rally_m[valid[nearest[taken]]]
+    return number, place
+
+
+def _is_rally_valid(get: FailsafeSettings, to: Destinations) -> BoolArray:
+    """(r,) inside every fence that is enabled: ArduCopter leaves out the others."""
+    rally, home = to.rally_m, to.home_m
+    valid = np.asarray(np.isfinite(rally).all(axis=1))
+    if not round(get["fence_enabled"]):
+        return valid
+    kinds, above_home = round(get["fence_kinds"]), rally[:, 2] - home[2]
+    if kinds & CEILING_BIT:
+        valid &= above_home <= get["fence_top_m"]
+    if kinds & _FLOOR_BIT:
+        valid &= above_home >= get["fence_floor_m"]
+    if kinds & _CIRCLE_BIT:
+        valid &= _away_m(rally, home) <= get["fence_radius_m"]
+    if kinds & _POLYGON_BIT and to.fence is not None:
+        valid &= shapely.covers(to.fence, shapely.points(rally[:, :2]))
+    return np.asarray(valid)
+
+
+def px4_destination(
+    get: FailsafeSettings, to: Destinations, begin_m: FloatArray
+) -> tuple[IntArray, FloatArray, BoolArray]:
+    """The nearest of home, the mission's landing and safe points, as PX4 takes it from (n, 3) places by RTL_TYPE 0, 1 and 3.
+
+    A landing pattern before the landing is left to the caller.
+
+    Returns:
+        Number (n,), place (n, 3), and whether it is the mission's landing (n,); its number is that of home.
+    """
+    home, count = to.home_m, len(begin_m)
+    number, place, at_landing = np.full(count, HOME), np.tile(home, (count, 1)), np.zeros(count, dtype=bool)
+    kind = round(get["return_type"])
+    least = np.full(count, np.inf) if kind == 1 else _away_m(begin_m, home)
+    if kind in (1, 3) and to.landing == len(to.route_m) - 1:
+        landing = to.items_m[-1]
+        away = _away_m(begin_m, landing)
+        at_landing = away + _NEARER_BY_M < least
+        least, place[at_landing] = np.where(at_landing, away, least), landing
+    for k, rally in enumerate(to.rally_m):
+        if not np.isfinite(rally).all() or math.dist(rally[:2], home[:2]) <= _TOO_NEAR_HOME_M:
+            continue
+        away = _away_m(begin_m, rally)
+        nearer = away + _NEARER_BY_M < least
+        least, number = np.where(nearer, away, least), np.where(nearer, k, number)
+        place[nearer], at_landing = rally, at_landing & ~nearer
+    return number, place, at_landing
+
+
+def _away_m(places_m: FloatArray, other_m: FloatArray) -> FloatArray:
+    """(n,) horizontal."""
+    return np.asarray(np.hypot(places_m[:, 0] - other_m[0], places_m[:, 1] - other_m[1]), float)

@@ -1,0 +1,121 @@
+"""When each vehicle of a fleet flies which sortie, so that all stay apart and the last landing is early."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.kernels.arrays import FloatArray
+from uavcover.missions.separation import late_s, pieces_of, safe_start_s, unsafe_starts
+from uavcover.missions.timeline import Timeline
+from uavcover.model.fleet import Fleet
+
+_TRIES = 1500
+"""How many orders of the sorties are tried."""
+_LEAST_GAIN_S = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Start:
+    """When a sortie begins.
+
+    Attributes:
+        vehicle: who flies it, from 0.
+        start_s: take-off, since the first take-off of all.
+    """
+
+    vehicle: int
+    start_s: float
+
+
+def schedule(
+    timelines: Sequence[Timeline], fleet: Fleet, *, vehicle_of: Sequence[int] | None = None
+) -> tuple[Start, ...]:
+    """Find starts for sorties that keep the vehicles apart.
+
+    A sortie begins when its vehicle is ready, even if it landed late, and when the start is safe beside all sorties that have a
+    start already. Orders of the sorties are tried by exchanging two.
+
+    Args:
+        timelines: of the sorties.
+        fleet: what keeps the vehicles apart.
+        vehicle_of: who flies each, from 0; none: any vehicle, as all are alike, numbered by their first take-offs.
+    """
+    search = _OrderSearch(timelines, fleet, vehicle_of)
+    by_length = sorted(range(len(timelines)), key=lambda k: (-timelines[k].duration_s, k))
+    best = min((list(range(len(timelines))), by_length), key=lambda order: search.value(order))
+    best = search.improved(best)
+    starts, _ = search.starts(best)
+    if vehicle_of is not None:
+        return tuple(starts)
+    numbered = {old: new for new, old in enumerate(dict.fromkeys(s.vehicle for s in sorted(starts, key=_by_start)))}
+    return tuple(Start(numbered[s.vehicle], s.start_s) for s in starts)
+
+
+def _by_start(start: Start) -> float:
+    return start.start_s
+
+
+class _OrderSearch:
+    """Lists of sorties, each of which gives a schedule: one after the other gets the earliest start that is left."""
+
+    def __init__(self, timelines: Sequence[Timeline], fleet: Fleet, vehicle_of: Sequence[int] | None) -> None:
+        self._fleet, self._vehicle_of = fleet, vehicle_of
+        self.durations_s = [t.duration_s for t in timelines]
+        late = late_s(np.array(self.durations_s), fleet)
+        self._busy_s = list(np.array(self.durations_s) + late + fleet.turnaround_s)
+        pieces = [pieces_of(t, fleet) for t in timelines]
+        self._unsafe: dict[tuple[int, int], FloatArray] = {}
+        for a in range(len(pieces)):
+            for b in range(a + 1, len(pieces)):
+                found = unsafe_starts(pieces[a], pieces[b], fleet)
+                self._unsafe[a, b] = found
+                self._unsafe[b, a] = -found[::-1, ::-1]
+
+    def starts(self, order: Sequence[int]) -> tuple[list[Start], float]:
+        """The starts in the order of the route, and when the last sortie lands."""
+        ready_s = [0.0] * self._fleet.vehicles
+        placed: dict[int, Start] = {}
+        for sortie in order:
+            may_s = ready_s if self._vehicle_of is None else [ready_s[self._vehicle_of[sortie]]]
+            begins = {free_s: self._safe_s(sortie, free_s, placed) for free_s in sorted(set(may_s))}
+            free_s = min(begins, key=lambda s: (begins[s], -s))
+            vehicle = ready_s.index(free_s) if self._vehicle_of is None else self._vehicle_of[sortie]
+            placed[sortie] = Start(vehicle, begins[free_s])
+            ready_s[vehicle] = begins[free_s] + self._busy_s[sortie]
+        first_s = min(start.start_s for start in placed.values())
+        starts = [Start(placed[k].vehicle, placed[k].start_s - first_s) for k in range(len(order))]
+        return starts, max(s.start_s + d for s, d in zip(starts, self.durations_s, strict=True))
+
+    def _safe_s(self, sortie: int, wanted_s: float, placed: dict[int, Start]) -> float:
+        at_s = wanted_s
+        while True:
+            before_s = at_s
+            for other, start in placed.items():
+                at_s = start.start_s + safe_start_s(self._unsafe[other, sortie], at_s - start.start_s)
+            if at_s == before_s:
+                return at_s
+
+    def value(self, order: Sequence[int]) -> tuple[float, float]:
+        """When the last sortie lands; then the sum of all starts."""
+        starts, makespan_s = self.starts(order)
+        return makespan_s, math.fsum(s.start_s for s in starts)
+
+    def improved(self, order: list[int]) -> list[int]:
+        """A better order, by exchanging two sorties until no exchange helps or enough was tried."""
+        best, tries = self.value(order), 0
+        better = True
+        while better:
+            better = False
+            for i in range(len(order)):
+                for j in range(i + 1, len(order)):
+                    if tries >= _TRIES:
+                        return order
+                    tries += 1
+                    other = list(order)
+                    other[i], other[j] = other[j], other[i]
+                    value = self.value(other)
+                    if value[0] < best[0] - _LEAST_GAIN_S:
+                        order, best, better = other, value, True
+        return order

@@ -1,0 +1,172 @@
+"""The flights of a planned route with their vehicles and take-off times, and what the whole mission comes to."""
+
+import dataclasses
+import math
+from collections.abc import Hashable, Sequence
+
+from uavcover.errors import InfeasibleError, InputError
+from uavcover.missions.fleet_schedule import schedule
+from uavcover.missions.sorties import Sortie, compile_sorties, compile_unlike_sorties
+from uavcover.missions.timeline import timeline_of
+from uavcover.model.route import MissionSize, Route
+from uavcover.model.vehicle import AutopilotName
+from uavcover.scenario.site import Site
+from uavcover.scenario.vehicle_parts import groups_of
+from uavcover.scenario.vehicle_site import vehicle_sites
+
+_SPACING_SHARES = (1.0, 0.5)
+"""Spacings of the starts for which a fleet's route is cut; the cut that is done soonest is flown (scripts/bench/fleet.py)."""
+
+
+def compile_flights(
+    site: Site, route: Route, *, autopilot: AutopilotName | None = None, vehicles: int | None = None
+) -> tuple[Sortie, ...]:
+    """The missions of a planned route: one, or several where endurance, items or vehicles ask for it (see ``sorties``).
+
+    Args:
+        site: the scenario on its ground.
+        route: the planned route.
+        autopilot: for whom; default: the scenario's. Vehicles that differ have their own.
+        vehicles: how many fly, where they are alike; default: the scenario's.
+
+    Raises:
+        InputError: the scenario has no place on Earth or no home, or the route was planned for other parts of the area.
+        InfeasibleError: a leg breaks a limit, or a part of the route cannot be reached inside the endurance (says which).
+    """
+    name = autopilot or site.scenario.vehicle.autopilot
+    count = site.scenario.fleet.vehicles if vehicles is None else vehicles
+    if site.scenario.vehicles:
+        sites = vehicle_sites(site)
+        groups = groups_of(site.scenario) or (tuple(range(1, len(sites) + 1)),)
+        if len(groups) != len(route.parts):
+            raise InputError(
+                f"the route has {len(route.parts)} parts, and the vehicles of {site.scenario.name} see {len(groups)} parts of "
+                "the area; plan it again"
+            )
+        unlike = [
+            scheduled_unlike(site, _of_groups(site, groups, route, spacing_share=share)) for share in _SPACING_SHARES
+        ]
+        return min(unlike, key=lambda flights: makespan_s(site, flights))
+    if count == 1:
+        return compile_sorties(site, route, autopilot=name)
+    if count != site.scenario.fleet.vehicles:
+        site = site.flown_by(count)
+    best = _cut_for(count, site, route, autopilot=name)
+    # Landings at one home are far apart: cut for fewer vehicles, or flown by one, a mission may be over sooner.
+    for fewer in range(count - 1, 0, -1):
+        found = _cut_for(fewer, site, route, autopilot=name)
+        if makespan_s(site, found) > makespan_s(site, best):
+            break
+        best = min(best, found, key=lambda flights: makespan_s(site, flights))
+    return best
+
+
+def _cut_for(vehicles: int, site: Site, route: Route, *, autopilot: AutopilotName) -> tuple[Sortie, ...]:
+    """The flights of a route that is cut for so many of a site's vehicles, which are alike."""
+    tried = [
+        scheduled(
+            site,
+            compile_sorties(site, route, autopilot=autopilot, vehicles=vehicles, spacing_share=share),
+            autopilot=autopilot,
+        )
+        for share in (_SPACING_SHARES if vehicles > 1 else _SPACING_SHARES[:1])
+    ]
+    return min(tried, key=lambda flights: makespan_s(site, flights))
+
+
+def _of_groups(
+    site: Site, groups: Sequence[Sequence[int]], route: Route, *, spacing_share: float
+) -> tuple[Sortie, ...]:
+    """The sorties of all parts of a route, each cut for the vehicles that see that part; numbers are those of the whole route."""
+    sites, one_at_a_time = vehicle_sites(site), site.scenario.fleet.one_at_a_time
+    found: list[Sortie] = []
+    for group, part, begins in zip(groups, route.parts, (0, *route.begins), strict=True):
+        own = [sites[number - 1] for number in group]
+        if len(own) == 1:
+            flights = compile_sorties(own[0], part, autopilot=own[0].scenario.vehicle.autopilot)
+        else:
+            flights = compile_unlike_sorties(own, part, spacing_share=spacing_share, one_at_a_time=one_at_a_time)
+        found += [
+            dataclasses.replace(
+                flight, first=begins + flight.first, last=begins + flight.last, vehicle=group[flight.vehicle - 1]
+            )
+            for flight in flights
+        ]
+    return tuple(found)
+
+
+def scheduled(site: Site, flights: Sequence[Sortie], *, autopilot: AutopilotName) -> tuple[Sortie, ...]:
+    """The flights with the vehicle that flies each and its take-off, so that all keep apart (``routes/fleet_schedule.py``)."""
+    timelines = [timeline_of(site, flight, autopilot=autopilot) for flight in flights]
+    starts = schedule(timelines, site.scenario.fleet)
+    return tuple(
+        dataclasses.replace(flight, vehicle=start.vehicle + 1, start_s=start.start_s)
+        for flight, start in zip(flights, starts, strict=True)
+    )
+
+
+def scheduled_unlike(site: Site, flights: Sequence[Sortie]) -> tuple[Sortie, ...]:
+    """The flights of vehicles that differ, each with its vehicle already, with take-offs at which all keep apart."""
+    fleet, sites = site.scenario.fleet, vehicle_sites(site)
+    if fleet.one_at_a_time:
+        return _one_after_the_other(flights, fleet.turnaround_s)
+    timelines = []
+    for flight in flights:
+        own = sites[flight.vehicle - 1]
+        timelines.append(timeline_of(own, flight, autopilot=own.scenario.vehicle.autopilot))
+    starts = schedule(timelines, fleet, vehicle_of=[flight.vehicle - 1 for flight in flights])
+    return tuple(
+        dataclasses.replace(flight, start_s=start.start_s) for flight, start in zip(flights, starts, strict=True)
+    )
+
+
+def _one_after_the_other(flights: Sequence[Sortie], turnaround_s: float) -> tuple[Sortie, ...]:
+    """With take-offs so long after the landing before; all flights from one home come before those from the next one."""
+    start_s, found = 0.0, {}
+    for k in sorted(range(len(flights)), key=lambda k: (flights[k].vehicle, k)):
+        found[k] = dataclasses.replace(flights[k], start_s=start_s)
+        start_s += flights[k].compiled.flight_time_s + turnaround_s
+    return tuple(found[k] for k in range(len(flights)))
+
+
+def makespan_s(site: Site, flights: Sequence[Sortie]) -> float:
+    """From the first take-off to the last landing, as planned; flights without take-off times are those of one vehicle."""
+    if all(flight.start_s is None for flight in flights):
+        times_s = [flight.compiled.flight_time_s for flight in flights]
+        return math.fsum(times_s) + site.scenario.fleet.turnaround_s * (len(flights) - 1)
+    return max((flight.start_s or 0.0) + flight.compiled.flight_time_s for flight in flights)
+
+
+def size_of(site: Site, flights: Sequence[Sortie]) -> MissionSize:
+    """What a mission comes to whose flights are compiled."""
+    flyers = {flight.vehicle for flight in flights}
+    vehicles = 1 if site.scenario.has_launch_points else len(flyers)
+    return MissionSize(sorties=len(flights), vehicles=vehicles, makespan_s=makespan_s(site, flights))
+
+
+def mission_size(
+    site: Site, route: Route, *, autopilot: AutopilotName | None = None, vehicles: int | None = None
+) -> MissionSize | None:
+    """What the mission of a route comes to, cut into flights, shared out and timed as :func:`compile_flights` does; found once.
+
+    Args:
+        site: the scenario on its ground.
+        route: keeps the limits.
+        autopilot: for whom; default: the scenario's.
+        vehicles: how many may fly, where they are alike; default: the scenario's.
+
+    Returns:
+        none where nothing can be flown: without a place on Earth or a home, or where no cut keeps the limits of a flight.
+    """
+    if site.frame is None or site.home_m is None:
+        return None
+    known: dict[Hashable, MissionSize | None] = site.derived.setdefault("sizes of missions", {})
+    name = autopilot or site.scenario.vehicle.autopilot
+    count = site.scenario.fleet.vehicles if vehicles is None else vehicles
+    key = (route.waypoints_m.tobytes(), route.begins, name, count)
+    if key not in known:
+        try:
+            known[key] = size_of(site, compile_flights(site, route, autopilot=name, vehicles=count))
+        except InfeasibleError:
+            known[key] = None
+    return known[key]

@@ -1,0 +1,387 @@
+"""Compiles a route into a mission: take-off, transit, planned waypoints, transit home, landing; every leg is checked.
+
+Heights are above home, so a wrong home would shift all of them: ``fly`` and ``plan-upload`` compare it first.
+
+Camera items follow each autopilot. ArduPilot takes gimbal angles as DO_GIMBAL_MANAGER_PITCHYAW, in whole degrees, and can hold
+a heading; its DO_MOUNT_CONTROL would turn a vehicle whose gimbal has no yaw axis. PX4 refuses DO_GIMBAL_MANAGER_PITCHYAW in a
+mission unless the mission has taken control of the gimbal, so it gets DO_MOUNT_CONTROL, as ground stations send it, and holds a
+heading by its waypoints. A picture at a waypoint is DO_DIGICAM_CONTROL for ArduPilot, in every version of it, and
+IMAGE_START_CAPTURE for PX4.
+"""
+
+import dataclasses
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mission_io.autopilots import autopilot as autopilots
+from mission_io.autopilots.autopilot import MissionList, items_of, mission_type_of
+from mission_io.autopilots.checks import check_for_autopilot
+from mission_io.model.actions import PointGimbal, PointMount, StartPictures, TakePicture, item_of
+from mission_io.model.areas import Fence, RallyPoints
+from mission_io.model.items import (
+    Frame,
+    GeoPoint,
+    Mission,
+    MissionItem,
+    MissionType,
+    change_speed,
+    land,
+    takeoff,
+    trigger_camera_every,
+    waypoint,
+)
+from uavcover.errors import InfeasibleError
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.flight_time import flight_time, landing_time, leg_time, takeoff_time
+from uavcover.missions.corner_checks import find_corner_problems
+from uavcover.missions.energy import FlightEnergy, battery_in_words, battery_used_s, longest_flight_in_words, usable_s
+from uavcover.missions.fence import fence_of
+from uavcover.missions.leg_checks import find_problems
+from uavcover.missions.rally_proposal import returns_and_rally
+from uavcover.missions.return_advice import OwnReturns, ReturnAdvice
+from uavcover.missions.transit import (
+    check_column,
+    check_transit,
+    check_way_home,
+    check_way_there,
+    frame_and_home,
+    refuse,
+    transit,
+)
+from uavcover.model.route import Route
+from uavcover.model.sensor import Camera, FrameCamera, Sensor
+from uavcover.model.vehicle import AutopilotName
+from uavcover.scenario.airspace.zones import Zone
+from uavcover.scenario.pace import pace_of
+from uavcover.scenario.site import Site
+from uavcover.sensing.sensors import trigger_distance_m
+from uavcover.terrain.frames import LocalFrame
+
+_HEIGHT_DECIMALS = 3
+"""Heights are compiled to the millimetre: degrees reach a vehicle in steps of 1e-7, which are a centimetre."""
+_YAW_LOCK = 16
+"""GIMBAL_MANAGER_FLAGS: yaw is a heading, not an angle relative to the vehicle's nose."""
+
+
+def pointing_items(sensor: Sensor, autopilot: AutopilotName) -> list[MissionItem]:
+    """Items that point a stabilised camera as the scenario requires; empty for other sensors.
+
+    Raises:
+        InfeasibleError: the autopilot cannot keep the angle.
+    """
+    if not isinstance(sensor, Camera) or sensor.mount != "stabilised":
+        return []
+    pitch_deg, heading_deg = (
+        (sensor.pitch_deg, sensor.heading_deg) if isinstance(sensor, FrameCamera) else (-90.0, None)
+    )
+    if autopilot == "px4":
+        return [item_of(PointMount(pitch_deg))]
+    for key, angle in (("pitch_deg", pitch_deg), ("heading_deg", heading_deg)):
+        if angle is not None and not angle.is_integer():
+            raise InfeasibleError(
+                f"sensor.{key}: ArduPilot stores gimbal angles in whole degrees and would change {angle:g}; "
+                f"give {round(angle)}"
+            )
+    flags = 0 if heading_deg is None else _YAW_LOCK
+    yaw_deg = 0.0 if heading_deg is None else heading_deg
+    return [item_of(PointGimbal(pitch_deg, yaw_deg, 0.0, 0.0, flags=flags))]
+
+
+def headed(item: MissionItem, sensor: Sensor, autopilot: AutopilotName) -> MissionItem:
+    """The waypoint, for PX4 with the heading to hold on the way to it if the scenario sets one."""
+    if autopilot != "px4" or not isinstance(sensor, FrameCamera) or sensor.heading_deg is None:
+        return item
+    return replace(item, params=(*item.params[:3], sensor.heading_deg))
+
+
+def start_pictures(distance_m: float) -> MissionItem:
+    """Take a picture now and after every ``distance_m`` metres over ground."""
+    return trigger_camera_every(distance_m)
+
+
+def stop_pictures() -> MissionItem:
+    """Stop taking pictures by distance."""
+    return trigger_camera_every(0.0)
+
+
+def picture_at_waypoint(number: int, autopilot: AutopilotName) -> MissionItem:
+    """Take one picture at planned waypoint ``number``, from 0: carried out once the waypoint before it is reached."""
+    return item_of(StartPictures(count=1, first_number=number + 1) if autopilot == "px4" else TakePicture())
+
+
+def items_per_waypoint(sensor: Sensor) -> int:
+    """How many mission items a planned waypoint takes: itself, and a picture where the sensor looks from the waypoints."""
+    return 2 if sensor.sensing == "at-waypoints" else 1
+
+
+AUTOPILOTS = {"ardupilot": autopilots.ARDUPILOT, "px4": autopilots.PX4}
+
+
+class MissionTooLongError(InfeasibleError):
+    """One flight is not enough: it exceeds the endurance, or the autopilot's number of items."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CompiledMission:
+    """The complete mission for the vehicle, with the facts that checks and reports need.
+
+    Attributes:
+        mission: home and items.
+        fence: one inclusion polygon, then its holes and no-fly zones as exclusions.
+        rally: home at a safe height, unless none is known; then proposed points, where the scenario asks for them.
+        first_waypoint_item: index in ``mission.items`` of the first planned waypoint.
+        waypoint_count: how many planned waypoints there are from it on.
+        items_per_waypoint: how many items each of them takes, itself first.
+        path_m: (k, 3) ENU: top of the column at home (or the vehicle's position), transit, planned waypoints, transit home,
+            top of the column.
+        own_returns: judges the autopilot's own returns by a vehicle's parameters.
+        return_advice: whether they are safe by what the scenario says.
+        max_height_above_home_m: highest point of the whole path above home: what the autopilot's maximum altitude must allow.
+        flight_time_s: of the whole path, take-off and landing included.
+        battery_used: share of a full battery, in the worst of the winds that it is planned for; none without an endurance.
+        zones_in_fence: the no-fly zones that are exclusions of the fence.
+        zones_left_out: those that are not, because the path passes over or under them and a fence has no floors.
+    """
+
+    mission: Mission
+    fence: Fence
+    rally: RallyPoints
+    first_waypoint_item: int
+    waypoint_count: int
+    items_per_waypoint: int
+    path_m: FloatArray
+    own_returns: OwnReturns
+    return_advice: ReturnAdvice
+    max_height_above_home_m: float
+    flight_time_s: float
+    battery_used: float | None = None
+    zones_in_fence: tuple[Zone, ...] = ()
+    zones_left_out: tuple[Zone, ...] = ()
+
+
+def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName) -> CompiledMission:
+    """Compile the planned route of a site, from take-off at home to landing there.
+
+    Raises:
+        InputError: the scenario has no place on Earth or no home.
+        InfeasibleError: a leg breaks a limit (the message names it), or the autopilot would refuse the mission.
+    """
+    frame, home = frame_and_home(site)
+    _check_planned(site, route)
+    takeoff_height_m = site.scenario.vehicle.takeoff_height_m
+    there = transit(site, home[:2], route.waypoints_m[0], ground_end_height_m=takeoff_height_m)
+    opening = [
+        _item(takeoff, frame, there[0], home),
+        change_speed(site.scenario.vehicle.cruise_speed_m_s),
+        *(_item(waypoint, frame, point, home) for point in there[1:-1]),
+    ]
+    check_column(site, home, there[0])
+    climb_m = float(there[0, 2] - home[2])
+    climb = _Begin(takeoff_time(pace_of(site, autopilot), climb_m), FlightEnergy(site, autopilot).takeoff_s(climb_m))
+    return _compiled(site, route, opening, there, begin=climb, flown_s=0.0, autopilot=autopilot)
+
+
+def compile_continuation(
+    site: Site,
+    route: Route,
+    *,
+    lat_deg: float,
+    lon_deg: float,
+    alt_amsl_m: float,
+    flown_s: float,
+    autopilot: AutopilotName,
+) -> CompiledMission:
+    """Compile a planned route for a vehicle in flight: no take-off, but a vertical leg at its position, then the transit.
+
+    Args:
+        site: the scenario on its ground.
+        route: the planned route.
+        lat_deg: latitude of the vehicle.
+        lon_deg: longitude of the vehicle.
+        alt_amsl_m: height of the vehicle.
+        flown_s: time in the air so far, which counts towards the endurance.
+        autopilot: the autopilot that flies it.
+
+    Raises:
+        InputError: the scenario has no place on Earth or no home.
+        InfeasibleError: the vehicle is not in the air, a leg breaks a limit, the flight takes too long, or the autopilot
+            would refuse the mission.
+    """
+    frame, home = frame_and_home(site)
+    _check_planned(site, route)
+    limits = site.scenario.limits
+    here = frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
+    height_agl_m = float(site.ground.heights_agl_m(here)[0])
+    if not height_agl_m >= min(limits.transit_clearance_m, limits.min_height_agl_m):
+        raise InfeasibleError(
+            f"the vehicle is {height_agl_m:.1f} m above ground at {lat_deg:.6f}, {lon_deg:.6f}, outside the "
+            "flight limits; a mission that begins in the air needs a vehicle inside them"
+        )
+    there = transit(site, here[:2], route.waypoints_m[0], ground_end_height_m=height_agl_m)
+    opening = [
+        change_speed(site.scenario.vehicle.cruise_speed_m_s),
+        *(_item(waypoint, frame, point, home) for point in there[:-1]),
+    ]
+    climb_s = leg_time(pace_of(site, autopilot), _place(here), _place(there[0]))
+    climb = _Begin(climb_s, FlightEnergy(site, autopilot).path_s(np.vstack([here, there[0]])))
+    return _compiled(site, route, opening, there, begin=climb, flown_s=flown_s, autopilot=autopilot)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Begin:
+    """What a mission begins with, before its path: seconds, and (w,) seconds of hovering in the winds that it is planned for."""
+
+    time_s: float
+    energy_s: FloatArray
+
+
+def _check_planned(site: Site, route: Route) -> None:
+    """Refuse a planned route that is empty or breaks a limit."""
+    if len(route.waypoints_m) == 0:
+        raise InfeasibleError("the route has no waypoints")
+    limits = site.scenario.limits
+    problems = find_problems(
+        site, route.waypoints_m, lowest_agl_m=limits.min_height_agl_m, highest_agl_m=limits.max_height_agl_m
+    )
+    refuse("the planned route", problems or find_corner_problems(site, route.waypoints_m, with_ends=False))
+
+
+def _compiled(
+    site: Site, route: Route, opening: list[MissionItem], there_m: FloatArray,
+    *, begin: _Begin, flown_s: float, autopilot: AutopilotName,
+) -> CompiledMission:  # fmt: skip
+    """Complete a mission from its opening items; these follow ``there_m`` to the first waypoint, after what it begins with."""
+    frame, home = frame_and_home(site)
+    planned, vehicle = route.waypoints_m, site.scenario.vehicle
+    back = transit(site, home[:2], planned[-1], ground_end_height_m=vehicle.takeoff_height_m)[::-1]
+    check_way_there(site, there_m)
+    check_way_home(site, back)
+    check_column(site, home, back[-1])
+
+    sensor = site.scenario.sensor
+    first, *_ = sensing = [headed(_item(waypoint, frame, point, home), sensor, autopilot) for point in planned]
+    opening = [*opening, *pointing_items(sensor, autopilot)]
+    picture_distance_m = trigger_distance_m(site.scenario)
+    if picture_distance_m is not None:
+        # A command is executed once the waypoint before it is reached, so the first waypoint appears twice.
+        opening += [first, start_pictures(picture_distance_m)]
+        sensing.append(stop_pictures())
+    if sensor.sensing == "at-waypoints":
+        pictures = [picture_at_waypoint(number, autopilot) for number in range(len(planned))]
+        sensing = [item for pair in zip(sensing, pictures, strict=True) for item in pair]
+    items = [*opening, *sensing]
+    items += [_item(waypoint, frame, point, home) for point in back[1:]]
+    items.append(_item(land, frame, home, home))
+    mission = Mission(_home_point(frame, home), tuple(items))
+    path = np.vstack([there_m[:-1], planned, back[1:]])
+    # Waypoints that stand twice in the mission stop the vehicle.
+    stops = 0 if picture_distance_m is None else 1
+    timed = np.vstack([there_m[:-1], *[planned[:1]] * stops, planned, back[1:]])
+    pace = pace_of(site, autopilot)
+    time_s = begin.time_s + flight_time(pace, timed) + landing_time(pace, timed[-1, 2] - home[2])
+    before = f" after {flown_s:.0f} s in the air" if flown_s > 0.0 else ""
+    if vehicle.longest_flight_s is not None and flown_s + time_s > vehicle.longest_flight_s:
+        raise MissionTooLongError(
+            f"the flight takes {time_s:.0f} s with the ways there and home{before}, {longest_flight_in_words(vehicle)}; "
+            "ask for less coverage (--select), or plan a smaller area"
+        )
+    used_s = battery_used_s(FlightEnergy(site, autopilot), begin.energy_s, timed, home)
+    # What it has used before is not known; by the mean of what is planned, and never less than hovering.
+    before_s = flown_s * max(1.0, used_s / time_s)
+    if before_s + used_s > usable_s(vehicle):
+        raise MissionTooLongError(
+            f"the flight{before} uses {battery_in_words(site, before_s + used_s)}; ask for less coverage (--select), plan a "
+            "smaller area, or fly in less wind"
+        )
+    returns, advice = returns_and_rally(
+        site,
+        path,
+        first_waypoint=len(there_m) - 1,
+        waypoint_count=len(planned),
+        autopilot=autopilot,
+        begin_s=begin.time_s,
+    )
+    fence, rally = fence_of(site, frame, path), RallyPoints(returns.rally)
+    for content in (mission, fence.fence, rally):
+        _check_autopilot(content, AUTOPILOTS[autopilot], item_limit=vehicle.max_mission_items)
+    return CompiledMission(
+        mission=mission,
+        fence=fence.fence,
+        rally=rally,
+        first_waypoint_item=len(opening),
+        waypoint_count=len(planned),
+        items_per_waypoint=items_per_waypoint(sensor),
+        path_m=path,
+        own_returns=returns,
+        return_advice=advice,
+        zones_in_fence=fence.zones,
+        zones_left_out=fence.left_out,
+        max_height_above_home_m=float(site.alts_amsl_m(path).max() - site.alts_amsl_m(home)[0]),
+        flight_time_s=time_s,
+        battery_used=None if vehicle.hover_s is None else used_s / vehicle.hover_s,
+    )
+
+
+def compile_return(site: Site, *, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> Mission:
+    """Compile a mission home from the vehicle's position over the terrain, every leg checked.
+
+    Raises:
+        InfeasibleError: no transit home passes the checks.
+    """
+    frame, home = frame_and_home(site)
+    here = frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
+    back = transit(site, home[:2], here, ground_end_height_m=site.scenario.vehicle.takeoff_height_m)[::-1]
+    # The vehicle may be below the clearance now: then it climbs vertically first.
+    # It may also be above the ceiling; keeping it there for that reason would be worse.
+    # It may be in the margin of a no-fly zone; the zones themselves are kept out of.
+    check_transit(
+        site,
+        "the way home",
+        back,
+        far_end=0,
+        far_end_lowest_agl_m=-math.inf,
+        highest_agl_m=None,
+        zones=site.flown_zones,
+    )
+    speed = change_speed(site.scenario.vehicle.cruise_speed_m_s)  # another station may have commanded a slower one
+    items = [_item(waypoint, frame, point, home) for point in back[1:]]
+    return Mission(_home_point(frame, home), (speed, *items, _item(land, frame, home, home)))
+
+
+def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, item_limit: int | None) -> None:
+    """Refuse a list that the autopilot would reject or misunderstand."""
+    items = items_of(content, autopilot)
+    problems = check_for_autopilot(items, autopilot, mission_type_of(content))
+    if problems:
+        # A problem without an item concerns the whole list: too many items, of which a mission can be split.
+        is_mission = mission_type_of(content) is MissionType.MISSION
+        refused = MissionTooLongError if problems[0].item is None and is_mission else InfeasibleError
+        raise refused(f"{autopilot.name} would not take this {mission_type_of(content).name.lower()}: {problems[0]}")
+    if item_limit is not None and mission_type_of(content) is MissionType.MISSION and len(items) > item_limit:
+        raise MissionTooLongError(f"the mission has {len(items)} items, vehicle.max_mission_items is {item_limit}")
+
+
+def _item(make: Callable[..., MissionItem], frame: LocalFrame, point_m: FloatArray, home_m: FloatArray) -> MissionItem:
+    """An item at a position. Heading is NaN, so the nose follows the path; for PX4, 0 would mean north."""
+    place = _geo_point(frame, point_m)
+    home_alt = _geo_point(frame, home_m).alt_amsl_m
+    height_m = round(place.alt_amsl_m - home_alt, _HEIGHT_DECIMALS)
+    item = make(place.lat_deg, place.lon_deg, height_m, frame=Frame.ABOVE_HOME)
+    return dataclasses.replace(item, params=(*item.params[:3], math.nan))
+
+
+def _geo_point(frame: LocalFrame, point_m: FloatArray) -> GeoPoint:
+    lat, lon, alt = frame.geodetic_from_enu(point_m)
+    return GeoPoint(float(lat[0]), float(lon[0]), float(alt[0]))
+
+
+def _home_point(frame: LocalFrame, home_m: FloatArray) -> GeoPoint:
+    home = _geo_point(frame, home_m)
+    return dataclasses.replace(home, alt_amsl_m=round(home.alt_amsl_m, _HEIGHT_DECIMALS))
+
+
+def _place(point_m: FloatArray) -> tuple[float, float, float]:
+    return float(point_m[0]), float(point_m[1]), float(point_m[2])

@@ -1,0 +1,269 @@
+"""Whether what the autopilot does by itself is safe from every second of a planned flight."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from mission_io.model.areas import FramedPoint
+from mission_io.model.items import Frame, GeoPoint
+from uavcover.kernels.arrays import FloatArray
+from uavcover.missions.failsafe_checks import ReturnJudgement, ReturnLimits, judge_returns
+from uavcover.missions.failsafe_parameters import FailsafeSettings, failsafe_settings
+from uavcover.missions.failsafe_states import IN_PLACE, Destinations, FlightStates, states_along
+from uavcover.missions.unsafe_returns import UnsafeReturn
+from uavcover.model.vehicle import AutopilotName
+from uavcover.scenario.site import Site
+
+_STEP_M = 5.0
+"""Returns begin at least this often along the path; at up to 5 m/s that is every second."""
+_FAST_STEP_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class ReturnAdvice:
+    """Whether the autopilot's own returns are safe, from every second along the path and not from waypoints alone.
+
+    Attributes:
+        return_height_m: height above home that was checked.
+        unsafe_waypoints: numbers of the planned waypoints from which, or from the leg to which, the return is unsafe. The
+            transit counts as the leg to waypoint 0, the transit home as part of the last waypoint.
+        worst_clearance_m: lowest point of all returns above ground; NaN where ground is unknown.
+        safe_return_height_m: return height from which all returns keep the transit clearance; infinite where ground is unknown.
+        no_fly: names of the no-fly zones that returns enter.
+        no_fly_waypoints: numbers of the waypoints from which they do, as ``unsafe_waypoints``.
+        unsafe: from where to where, and why; ``first_leg`` and ``last_leg`` are numbers of planned waypoints here.
+        assumed: names of the parameters that are taken as the autopilot's defaults.
+    """
+
+    return_height_m: float
+    unsafe_waypoints: tuple[int, ...]
+    worst_clearance_m: float
+    safe_return_height_m: float
+    no_fly: tuple[str, ...] = ()
+    no_fly_waypoints: tuple[int, ...] = ()
+    unsafe: tuple[UnsafeReturn, ...] = ()
+    assumed: tuple[str, ...] = ()
+
+    @property
+    def sentences(self) -> tuple[str, ...]:
+        """What is unsafe, from where to where, for people; without landings in place, which no plan can make safe."""
+        return tuple(map(_sentence, (one for one in self.unsafe if one.destination != IN_PLACE)))
+
+    @property
+    def needed_height_m(self) -> float:
+        """The return height to set: what was checked, or more where that makes returns over the terrain safe."""
+        low = any(one.danger in ("terrain", "obstacle") and one.destination != IN_PLACE for one in self.unsafe)
+        if not low or not math.isfinite(self.safe_return_height_m):
+            return self.return_height_m
+        return max(self.return_height_m, math.ceil(self.safe_return_height_m))
+
+    @property
+    def remedy(self) -> str:
+        """What to do about unsafe returns, for people."""
+        if self.needed_height_m > self.return_height_m:
+            return (
+                f"set the autopilot's return height to at least {self.needed_height_m:.0f} m (vehicle.return_height_m), or let "
+                "plan --rally auto propose rally points"
+            )
+        if not math.isfinite(self.safe_return_height_m):
+            return "some ground on the way is not known, so no return height is safe; give elevation data of it"
+        return "no return height makes these safe: try plan --rally auto, or fly home by the mission (Ctrl-C plans a way around)"
+
+
+def _sentence(one: UnsafeReturn) -> str:
+    east, north, _ = one.place_m
+    why = ", ".join(str(response) for response in one.responses)
+    return (
+        f"from waypoint {one.first_leg} ({one.begin_s:.0f} s) to waypoint {one.last_leg} ({one.end_s:.0f} s): {one.what}, "
+        f"at {east:.0f} m east, {north:.0f} m north ({why})"
+    )
+
+
+def settings_of(
+    site: Site, autopilot: AutopilotName, parameters: Mapping[str, float] | None = None
+) -> FailsafeSettings:
+    """The vehicle's parameters, and what the scenario says of it where they are unknown."""
+    vehicle = site.scenario.vehicle
+    known = {
+        "return_height_m": vehicle.return_height_m,
+        "cruise_m_s": vehicle.cruise_speed_m_s,
+        "climb_m_s": vehicle.max_climb_m_s,
+        "descent_m_s": vehicle.max_descent_m_s,
+    }
+    return failsafe_settings(autopilot, parameters or {}, known=known)
+
+
+def flight_states(site: Site, path_m: FloatArray, *, begin_s: float = 0.0) -> FlightStates:
+    """The moments of a (k, 3) ENU path, a second or ``_STEP_M`` apart, whichever is less."""
+    vehicle = site.scenario.vehicle
+    steps = np.diff(path_m, axis=0)
+    level = np.hypot(steps[:, 0], steps[:, 1]) / vehicle.cruise_speed_m_s
+    upright = np.where(steps[:, 2] > 0.0, steps[:, 2] / vehicle.max_climb_m_s, -steps[:, 2] / vehicle.max_descent_m_s)
+    times_s = begin_s + np.concatenate([[0.0], np.cumsum(np.maximum(level, upright))])
+    line = np.column_stack([path_m[:, :2], site.alts_amsl_m(path_m)])
+    return states_along(line, times_s, step_m=min(_STEP_M, site.ground.surface.step_m), step_s=_FAST_STEP_S)
+
+
+def return_limits(site: Site) -> ReturnLimits:
+    """By what the returns of a site are judged."""
+    limits = site.scenario.limits
+    return ReturnLimits(
+        frame=site.frame, heights=site.ground, ground=site.ground, zones=site.flown_zones, obstacles=site.scenario.obstacles,
+        prisms=site.prisms, fence=site.fence, clearance_m=limits.transit_clearance_m,
+        endurance_s=site.scenario.vehicle.hover_s,
+    )  # fmt: skip
+
+
+def destinations(site: Site, path_m: FloatArray, rally_m: FloatArray, autopilot: AutopilotName) -> Destinations:
+    """Home and rally points (r, 3) ENU of a site, for a (k, 3) ENU path that ends above home."""
+    home = np.zeros(3) if site.home_m is None else site.home_m
+
+    def alts(places: FloatArray) -> FloatArray:
+        return np.column_stack([places[:, :2], site.alts_amsl_m(places)]) if len(places) else places.reshape(0, 3)
+
+    # Compiled missions end with a landing: PX4 knows it as one, ArduPilot only behind a DO_LAND_START.
+    landing = len(path_m) - 1 if autopilot == "px4" else None
+    return Destinations(alts(home[None])[0], alts(rally_m), alts(path_m), site.fence, landing)
+
+
+def judge_site_returns(
+    site: Site,
+    path_m: FloatArray,
+    *,
+    autopilot: AutopilotName,
+    rally_m: FloatArray,
+    parameters: Mapping[str, float] | None = None,
+    begin_s: float = 0.0,
+) -> tuple[ReturnJudgement, FlightStates]:
+    """Judge all returns from a path of a site.
+
+    Args:
+        site: the scenario on its ground.
+        path_m: (k, 3) ENU, the whole flight between the columns above home.
+        autopilot: who returns.
+        rally_m: (r, 3) ENU rally points.
+        parameters: of the vehicle, as far as they are known.
+        begin_s: when the path begins.
+    """
+    states = flight_states(site, path_m, begin_s=begin_s)
+    to = destinations(site, path_m, rally_m, autopilot)
+    return judge_returns(settings_of(site, autopilot, parameters), states, to, return_limits(site)), states
+
+
+def return_advice(
+    site: Site,
+    path_m: FloatArray,
+    *,
+    first_waypoint: int,
+    waypoint_count: int,
+    autopilot: AutopilotName,
+    rally_m: FloatArray | None = None,
+    parameters: Mapping[str, float] | None = None,
+    begin_s: float = 0.0,
+) -> ReturnAdvice:
+    """Judge everything that the autopilot does by itself along a path.
+
+    Args:
+        site: the scenario on its ground.
+        path_m: (k, 3) ENU, the whole flight between the columns above home.
+        first_waypoint: row of the first planned waypoint in it.
+        waypoint_count: how many planned waypoints follow.
+        autopilot: who returns.
+        rally_m: (r, 3) ENU rally points; none: none.
+        parameters: of the vehicle, as far as they are known.
+        begin_s: when the path begins.
+    """
+    rally = np.empty((0, 3)) if rally_m is None else rally_m
+    judged, states = judge_site_returns(
+        site, path_m, autopilot=autopilot, rally_m=rally, parameters=parameters, begin_s=begin_s
+    )
+
+    def number(leg: int) -> int:
+        return min(max(leg - first_waypoint, 0), waypoint_count - 1)
+
+    away = [one for one in judged.unsafe if one.destination != IN_PLACE]
+    low = [one for one in away if one.danger != "zone"]
+    entered = [one for one in away if one.danger == "zone"]
+
+    def waypoints(unsafe: Sequence[UnsafeReturn]) -> tuple[int, ...]:
+        flown = set[int]()
+        for one in unsafe:
+            inside = (states.times_s >= one.begin_s) & (states.times_s <= one.end_s)
+            flown |= {number(int(leg)) for leg in np.unique(states.legs[inside])}
+        return tuple(sorted(flown))
+
+    return ReturnAdvice(
+        return_height_m=judged.settings["return_height_m"],
+        unsafe_waypoints=waypoints(low),
+        worst_clearance_m=judged.least_clearance_m,
+        safe_return_height_m=judged.safe_return_height_m,
+        no_fly=tuple(sorted({one.name for one in entered})),
+        no_fly_waypoints=waypoints(entered),
+        unsafe=tuple(
+            replace(one, first_leg=number(one.first_leg), last_leg=number(one.last_leg)) for one in judged.unsafe
+        ),
+        assumed=judged.settings.assumed,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False, kw_only=True)
+class OwnReturns:
+    """The returns of a compiled flight, to be judged by any parameters: the vehicle's, and again when they change.
+
+    Attributes:
+        site: the scenario on its ground.
+        path_m: (k, 3) ENU, the whole flight between the columns above home.
+        first_waypoint: row of the first planned waypoint in it.
+        waypoint_count: how many planned waypoints follow.
+        autopilot: who returns.
+        rally: rally points that the vehicle holds.
+        begin_s: when the path begins.
+    """
+
+    site: Site
+    path_m: FloatArray
+    first_waypoint: int
+    waypoint_count: int
+    autopilot: AutopilotName
+    rally: tuple[FramedPoint, ...] = ()
+    begin_s: float = 0.0
+
+    def advice(
+        self,
+        parameters: Mapping[str, float],
+        *,
+        rally: Sequence[FramedPoint] | None = None,
+        home: GeoPoint | None = None,
+    ) -> ReturnAdvice:
+        """Judge the returns by a vehicle's parameters.
+
+        Args:
+            parameters: names and values as the vehicle has them.
+            rally: the rally points that it holds now; none: as uploaded.
+            home: where its home is now; none: as planned.
+        """
+        site, frame = self.site, self.site.frame
+        if home is not None and frame is not None:
+            moved = frame.enu_from_geodetic(home.lat_deg, home.lon_deg, home.alt_amsl_m)[0]
+            site = replace(site, home_m=moved)
+        points = self.rally if rally is None else tuple(rally)
+        return return_advice(
+            site, self.path_m, first_waypoint=self.first_waypoint, waypoint_count=self.waypoint_count,
+            autopilot=self.autopilot, rally_m=rally_places_m(site, points), parameters=parameters, begin_s=self.begin_s,
+        )  # fmt: skip
+
+
+def rally_places_m(site: Site, rally: Sequence[FramedPoint]) -> FloatArray:
+    """(r, 3) ENU of rally points as the autopilot takes them; NaN without a place on Earth."""
+    if site.frame is None or not rally:
+        return np.full((len(rally), 3), np.nan)
+    home_alt = 0.0 if site.home_m is None else float(site.alts_amsl_m(site.home_m[None])[0])
+    places = []
+    for point in rally:
+        ground = site.ground_alt_amsl_m(point.lat_deg, point.lon_deg)
+        base = {Frame.AMSL: 0.0, Frame.ABOVE_TERRAIN: math.nan if ground is None else ground}.get(point.frame, home_alt)
+        places.append((point.lat_deg, point.lon_deg, base + point.alt_m))
+    lat, lon, alt = np.array(places).T
+    return np.asarray(site.frame.enu_from_geodetic(lat, lon, alt), float)

@@ -1,0 +1,275 @@
+"""Splits a planned route into several flights so that the transits home are short in total, or all vehicles done soon."""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.errors import InfeasibleError
+from uavcover.kernels.flight_time import landing_time
+from uavcover.kernels.way_cost import FlightCosts, battery_s, split
+from uavcover.missions.energy import battery_in_words, longest_flight_in_words
+from uavcover.missions.fleet_cuts import fleet_cuts
+from uavcover.missions.flight_costs import (
+    checked,
+    flight_costs_along_transits,
+    flights_of_split,
+    tighter,
+    without,
+)
+from uavcover.missions.mission_compiler import CompiledMission, MissionTooLongError, compile_mission
+from uavcover.missions.unlike_cuts import FlightsOfVehicles, unlike_cuts
+from uavcover.model.route import Route
+from uavcover.model.vehicle import AutopilotName
+from uavcover.scenario.pace import pace_of
+from uavcover.scenario.site import Site
+
+_ROUNDS = 200
+"""Number of new splits after the compiler has refused a flight of the previous one."""
+_ROUNDS_BEFORE_TIGHTER = 60
+"""Number of flights excluded one by one for being too long, before the room of every flight is reduced."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sortie:
+    """One flight of a planned route.
+
+    Attributes:
+        first: number of its first waypoint in the whole route.
+        last: number of its last waypoint; for sensing along the path, the next sortie begins there too.
+        route: its waypoints.
+        compiled: its mission, from take-off at home to landing there.
+        vehicle: who flies it, from 1.
+        start_s: its planned take-off, since the first take-off of all; none where there is no schedule.
+    """
+
+    first: int
+    last: int
+    route: Route
+    compiled: CompiledMission
+    vehicle: int = 1
+    start_s: float | None = None
+
+
+def compile_sorties(
+    site: Site,
+    route: Route,
+    *,
+    autopilot: AutopilotName,
+    most_points: int | None = None,
+    vehicles: int = 1,
+    spacing_share: float = 1.0,
+) -> tuple[Sortie, ...]:
+    """Compile a route as one flight or, where endurance or item count require it, as several with transits of their own.
+
+    The order of the waypoints is kept. Dynamic programming over all possible splits minimises the total flight time. For several
+    vehicles the route is cut so that they are done soonest (``routes/fleet_cuts.py``).
+
+    Args:
+        site: the scenario on its ground.
+        route: the planned route.
+        autopilot: the autopilot whose limits apply.
+        most_points: how many points of its path a flight may have, transits included; none: any number.
+        vehicles: how many fly at the same time.
+        spacing_share: share of the time between two landings at one home that is left between the starts of two vehicles; with
+            less than 1 the flights are more even, and other pairs than neighbours must not land together.
+
+    Raises:
+        InputError: the scenario has no place on Earth or no home.
+        InfeasibleError: a leg breaks a limit, or a part of the route cannot be reached inside the endurance (says which).
+    """
+    refusal = InfeasibleError("no cut keeps the limits")
+    if vehicles == 1 or len(route) < 2:
+        try:
+            whole = _compile(site, route, autopilot=autopilot, most_points=most_points)
+            return (Sortie(0, len(route) - 1, route, whole),)
+        except MissionTooLongError as error:
+            if len(route) < 2:
+                raise
+            refusal = error
+
+    def cut(costs: Sequence[FlightCosts]) -> FlightsOfVehicles | None:
+        found = _cuts(costs[0], site, vehicles, spacing_share)
+        return None if found is None else [(first, last, 0) for first, last in found]
+
+    flyers = [_Flyer(site, autopilot, most_points)]
+    return _cut_and_compiled(flyers, route, cut, refusal)
+
+
+def compile_unlike_sorties(
+    sites: Sequence[Site], route: Route, *, spacing_share: float = 1.0, one_at_a_time: bool = False
+) -> tuple[Sortie, ...]:
+    """Compile a route as flights of vehicles that differ, each from its own home, so that they are done soonest.
+
+    Args:
+        sites: of each vehicle, vehicle 1 first.
+        route: the planned route.
+        spacing_share: as of :func:`compile_sorties`, for vehicles whose homes are no farther apart than paths are planned.
+        one_at_a_time: whether no vehicle flies before the one before it has landed.
+
+    Raises:
+        InfeasibleError: a leg breaks a limit, or no vehicle reaches a part of the route inside its endurance (says which).
+    """
+    refusal = InfeasibleError("no cut keeps the limits")
+    fleet = sites[0].scenario.fleet
+
+    def cut(costs: Sequence[FlightCosts]) -> FlightsOfVehicles | None:
+        spacing_s = spacing_share * max(
+            _spacing_s(each, site, len(sites)) for each, site in zip(costs, sites, strict=True)
+        )
+        ready_s = [spacing_s * before for before in _sharing_home(sites, fleet.planned_separation_m)]
+        return unlike_cuts(costs, turnaround_s=fleet.turnaround_s, ready_s=ready_s, one_at_a_time=one_at_a_time)
+
+    flyers = [_Flyer(site, site.scenario.vehicle.autopilot, None) for site in sites]
+    if len(route) < 2:
+        return _one_of(flyers, route)
+    return _cut_and_compiled(flyers, route, cut, refusal)
+
+
+@dataclass(frozen=True, slots=True)
+class _Flyer:
+    """Who flies: a vehicle, or all vehicles that are alike."""
+
+    site: Site
+    autopilot: AutopilotName
+    most_points: int | None
+
+    def costs(self, route: Route) -> FlightCosts:
+        return flight_costs_along_transits(self.site, route, self.autopilot, self.most_points)
+
+    def compiled(self, route: Route) -> CompiledMission:
+        return _compile(self.site, route, autopilot=self.autopilot, most_points=self.most_points)
+
+
+def _sharing_home(sites: Sequence[Site], near_m: float) -> list[int]:
+    """How many vehicles before each one start at its home, or beside it."""
+    homes = [site.home_m for site in sites]
+    return [
+        sum(
+            home is not None and other is not None and float(np.linalg.norm(home - other)) < near_m
+            for other in homes[:number]
+        )
+        for number, home in enumerate(homes)
+    ]
+
+
+def _one_of(flyers: Sequence[_Flyer], route: Route) -> tuple[Sortie, ...]:
+    """A route of one waypoint, by the vehicle that is done soonest."""
+    found: list[Sortie] = []
+    refusal = InfeasibleError("there is no vehicle")
+    for number, flyer in enumerate(flyers, start=1):
+        try:
+            found.append(Sortie(0, len(route) - 1, route, flyer.compiled(route), vehicle=number))
+        except InfeasibleError as error:
+            refusal = error
+    if not found:
+        raise refusal
+    return (min(found, key=lambda sortie: sortie.compiled.flight_time_s),)
+
+
+def _cut_and_compiled(
+    flyers: Sequence[_Flyer],
+    route: Route,
+    cut: Callable[[Sequence[FlightCosts]], FlightsOfVehicles | None],
+    refusal: InfeasibleError,
+) -> tuple[Sortie, ...]:
+    """The flights of a cut of which the compiler refuses none: what it refuses is left out of the next cut."""
+    costs = [flyer.costs(route) for flyer in flyers]
+    compiled: dict[tuple[int, int, int], CompiledMission] = {}
+    all_checked: set[int] = set()
+    for attempt in range(_ROUNDS):
+        flights = cut(costs)
+        if flights is None:
+            reasons = dict.fromkeys(
+                _why_not(flyer.site, each, refusal) for flyer, each in zip(flyers, costs, strict=True)
+            )
+            raise InfeasibleError("; or ".join(reasons)) from refusal
+        for first, last, number in flights:
+            if (first, last, number) in compiled:
+                continue
+            flyer, own = flyers[number], costs[number]
+            try:
+                compiled[first, last, number] = flyer.compiled(Route(route.waypoints_m[first : last + 1]))
+            except MissionTooLongError as error:
+                # The compiler includes costs that the estimate does not.
+                refusal, costs[number] = error, without(own, first, last)
+                if attempt >= _ROUNDS_BEFORE_TIGHTER:
+                    costs[number] = tighter(costs[number])
+                break
+            except InfeasibleError as error:
+                # A transit that breaks a limit bars only its own waypoint from beginning or ending a flight, and no
+                # other. Transits are checked one by one, and only where it matters.
+                refusal, own = error, own if number in all_checked else checked(own, flyer.site, route)
+                all_checked.add(number)
+                costs[number] = without(own, first, last)
+                break
+        else:
+            return tuple(
+                Sortie(
+                    first, last, Route(route.waypoints_m[first : last + 1]), compiled[first, last, number], number + 1
+                )
+                for first, last, number in flights
+            )
+    raise InfeasibleError(f"the route could not be split into flights: {refusal}") from refusal
+
+
+def _compile(site: Site, route: Route, *, autopilot: AutopilotName, most_points: int | None) -> CompiledMission:
+    compiled = compile_mission(site, route, autopilot=autopilot)
+    if most_points is not None and len(compiled.path_m) > most_points:
+        raise MissionTooLongError(
+            f"the flight has {len(compiled.path_m)} points with the ways there and home, of which {most_points} are allowed"
+        )
+    return compiled
+
+
+def _cuts(costs: FlightCosts, site: Site, vehicles: int, spacing_share: float) -> Sequence[tuple[int, int]] | None:
+    """First and last waypoint of each flight of the split that is done soonest; none when no split exists."""
+    if vehicles > 1:
+        return fleet_cuts(
+            costs, vehicles=vehicles, turnaround_s=site.scenario.fleet.turnaround_s,
+            spacing_s=spacing_share * _spacing_s(costs, site, vehicles),
+        )  # fmt: skip
+    total_s, begun = split(costs)
+    if not math.isfinite(total_s):
+        return None
+    return flights_of_split(begun, costs.shared)
+
+
+def _spacing_s(costs: FlightCosts, site: Site, vehicles: int) -> float:
+    """About how long after each other vehicles land at one home: so that the second one comes late enough, the first one late."""
+    fleet = site.scenario.fleet
+    flight_s = min(costs.endurance_s, float(costs.so_far_s[-1]) / vehicles)
+    column_s = float(landing_time(pace_of(site), site.scenario.vehicle.takeoff_height_m))
+    return 2.0 * (fleet.timing_error_fraction * flight_s + fleet.start_error_s) + fleet.pad_s + column_s
+
+
+def _why_not(site: Site, costs: FlightCosts, refusal: InfeasibleError) -> str:
+    """Message naming the part of a route that no flight reaches, and by how much."""
+    step = costs.shared
+    n = len(costs.so_far_s)
+    firsts = np.arange(n - step)
+    least = (
+        costs.there_s[firsts] + (costs.so_far_s[firsts + step] - costs.so_far_s[firsts]) + costs.back_s[firsts + step]
+    )
+    worst = int(np.argmax(np.where(np.isfinite(least), least, -math.inf)))
+    if least[worst] > costs.endurance_s:
+        what = f"the leg to waypoint {worst + 1}" if step else f"waypoint {worst}"
+        return (
+            f"{what}: flown alone it takes {least[worst]:.0f} s with the ways there and home, "
+            f"{longest_flight_in_words(site.scenario.vehicle)}; move [home] nearer, or plan a smaller area"
+        )
+    used = np.array([battery_s(costs.energies, int(first), int(first) + step) for first in firsts])
+    worst = int(np.argmax(used))
+    if used[worst] > costs.energies.usable_s:
+        what = f"the leg to waypoint {worst + 1}" if step else f"waypoint {worst}"
+        return (
+            f"{what}: flown alone it uses {battery_in_words(site, float(used[worst]))}; move [home] nearer, plan a smaller area, "
+            "or fly in less wind"
+        )
+    items = costs.there_items[firsts] + costs.each_items * (step + 1) + costs.back_items[firsts + step]
+    most = int(np.argmax(items))
+    if items[most] > costs.item_limit:
+        what = f"the leg to waypoint {most + 1}" if step else f"waypoint {most}"
+        return f"{what}: a flight there and home has {items[most]} points or items, of which {costs.item_limit:g} are allowed"
+    return f"the route cannot be split into flights: {refusal}"

@@ -1,0 +1,266 @@
+"""Transit legs between the column above home and the planned route."""
+
+import dataclasses
+import math
+
+import numpy as np
+import shapely
+
+from uavcover.errors import InfeasibleError, InputError
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.route import follow_terrain
+from uavcover.missions.leg_checks import LegProblem, find_problems
+from uavcover.scenario.airspace.flyable import transit_area, transit_area_between_walls
+from uavcover.scenario.airspace.way_round import WayRound
+from uavcover.scenario.airspace.zones import ZoneCheck
+from uavcover.scenario.site import Site
+from uavcover.terrain.frames import LocalFrame
+
+_NO_CEILING_M = 5_000.0
+_TRANSIT_TOLERANCE_M = 15.0
+_TRANSIT_SLACK_M = 1.0
+"""Added to the target height of a transit, for ground between two samples and for rounding."""
+_TRANSIT_TRIES = 5
+_SAMPLE_SPACING_M = 5.0
+_ASIDE, _ALONG = (0.1, -0.1, 0.2, -0.2, 0.4, -0.4, 0.8, -0.8), (0.5, 0.3, 0.7, 0.15, 0.85)
+"""Corners of transits that are tried where the straight one is too high: so much beside it and along it, in its lengths."""
+
+_COLUMN_M = 0.1
+"""Legs with less horizontal distance than this are vertical columns, exempt from the climb limit."""
+
+
+def frame_and_home(site: Site) -> tuple[LocalFrame, FloatArray]:
+    """The local frame and the (3,) ENU home of a site that can be flown.
+
+    Raises:
+        InputError: the scenario has no place on Earth or no home.
+    """
+    if site.frame is None:
+        raise InputError(
+            f"scenario {site.scenario.name}: has no place on Earth, so there is no mission to fly; "
+            "give it an [origin] and a [home]"
+        )
+    if site.home_m is None:
+        raise InputError(
+            f"scenario {site.scenario.name}: has no [home]; a mission needs the place to take off and land"
+        )
+    return site.frame, site.home_m
+
+
+def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_height_m: float) -> FloatArray:
+    """Plan a transit over the terrain between the column above home and a point.
+
+    It keeps the transit clearance plus the height margin, which allows for tracking errors in flight, and passes over
+    obstacles. It is straight on the map where no no-fly zone and no bay of the fence is in the way, and else leads around them.
+
+    Args:
+        site: the scenario on its ground.
+        home_en_m: (2,) position of the column.
+        end_m: (3,) ENU point at the other end, kept exactly; if the terrain demands more height there, a vertical leg is added.
+        ground_end_height_m: height above home of the column's top, raised where the transit requires it.
+
+    Returns:
+        (k, 3) ENU from the column's top to the point.
+    """
+    if math.hypot(*(end_m[:2] - home_en_m)) < _COLUMN_M:
+        limits = site.scenario.limits
+        wanted_m = limits.transit_clearance_m + limits.height_margin_m
+        home_ground = float(site.ground.heights_m(home_en_m)[0])
+        top = home_ground + max(ground_end_height_m, wanted_m + _TRANSIT_SLACK_M)
+        return np.vstack([[*home_en_m, max(end_m[2], top)], end_m])
+    straight = _along(site, np.vstack([home_en_m, end_m[:2]]), end_m, ground_end_height_m)
+    if (not site.zones and _is_convex(site)) or _is_clear(site, straight, site.planned_zones):
+        return _low_enough(site, straight, home_en_m, end_m, ground_end_height_m)
+    found = [straight]
+    for ways in _ways_round(site):
+        # A vehicle in flight may have come into the margin of a zone, or outside the fence: from there straight back.
+        inside = ways.inside(end_m[:2])
+        corners = ways.between(home_en_m, inside)
+        if corners is None:
+            continue
+        if not np.array_equal(inside, end_m[:2]):
+            corners = np.vstack([corners, end_m[:2]])
+        found.append(_along(site, corners, end_m, ground_end_height_m))
+        if _is_clear(site, found[-1], site.planned_zones):
+            return found[-1]
+    # The check of the transit tells what is in its way.
+    return next((points for points in found if _is_clear(site, points, site.flown_zones)), straight)
+
+
+def _low_enough(
+    site: Site, straight_m: FloatArray, home_en_m: FloatArray, end_m: FloatArray, ground_end_height_m: float
+) -> FloatArray:
+    """The straight (k, 3) transit; where it is above the ceiling, the first of some with one corner that is not, if there is one.
+
+    Over a tower at the edge of a pit, the pit is far below.
+    """
+    if not _is_too_high(site, straight_m):
+        return straight_m
+    way_m = end_m[:2] - home_en_m
+    beside = np.array([-way_m[1], way_m[0]])
+    for aside in _ASIDE:
+        for along in _ALONG:
+            corner_m = home_en_m + along * way_m + aside * beside
+            bent = _along(site, np.vstack([home_en_m, corner_m, end_m[:2]]), end_m, ground_end_height_m)
+            if not _is_too_high(site, bent) and _is_clear(site, bent, site.planned_zones):
+                return bent
+    return straight_m
+
+
+def _is_too_high(site: Site, points_m: FloatArray) -> bool:
+    """Whether a (k, 3) transit is above the ceiling of transits anywhere but in a column at its end, or over unknown ground."""
+    level_m = np.hypot(*np.diff(points_m[:, :2], axis=0).T)
+    legs = site.ground.leg_height_ranges_m(points_m)[level_m >= _COLUMN_M]
+    return not bool((legs[:, 2] <= _planned_highest_agl_m(site)).all())
+
+
+def _is_clear(site: Site, points_m: FloatArray, zones: ZoneCheck) -> bool:
+    """Whether a (k, 3) transit keeps out of the no-fly zones and inside the fence."""
+    line = shapely.LineString(points_m[:, :2])
+    inside = line.length == 0.0 or shapely.length(line.difference(site.fence)) <= _COLUMN_M
+    return bool(inside and not zones.leg_breaches(points_m))
+
+
+def _is_convex(site: Site) -> bool:
+    return bool(site.fence.convex_hull.area - site.fence.area <= _COLUMN_M)
+
+
+def _ways_round(site: Site) -> list[WayRound]:
+    """Ways around everything that any height of a transit meets; then around what every height meets."""
+    if "ways of transits" not in site.derived:
+        site.derived["ways of transits"] = [WayRound(transit_area(site)), WayRound(transit_area_between_walls(site))]
+    ways: list[WayRound] = site.derived["ways of transits"]
+    return ways
+
+
+def _along(site: Site, corners_m: FloatArray, end_m: FloatArray, ground_end_height_m: float) -> FloatArray:
+    """(m, 3) ENU of a transit along (k, 2) corners from the column to a point."""
+    limits = site.scenario.limits
+    wanted_m = limits.transit_clearance_m + limits.height_margin_m
+    height_m = float(site.ground.heights_agl_m(end_m)[0])
+    points, highest_m = _over_terrain(site, corners_m, (ground_end_height_m, height_m))
+    if highest_m > _planned_highest_agl_m(site) and height_m > wanted_m:
+        # Over a gorge the height of the route's end is too much: go low, and climb to the end where it is.
+        low_points, low_m = _over_terrain(site, corners_m, (ground_end_height_m, 0.0))
+        if low_m < highest_m:
+            points = low_points
+    if abs(points[-1, 2] - end_m[2]) <= _COLUMN_M:
+        # Close enough: end at the point itself; the slope changes negligibly.
+        points[-1] = end_m
+        return points
+    return np.vstack([points, end_m])
+
+
+def _over_terrain(site: Site, corners_m: FloatArray, heights_agl_m: tuple[float, float]) -> tuple[FloatArray, float]:
+    """(m, 3) ENU along (k, 2) corners of these heights at the ends, higher where it has to be; and its greatest height."""
+    limits, obstacles = site.scenario.limits, site.scenario.obstacles
+    wanted_m = limits.transit_clearance_m + limits.height_margin_m
+    aim_m = wanted_m + _TRANSIT_SLACK_M
+    flown_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners_m, axis=0).T))])
+    for attempt in range(_TRANSIT_TRIES):
+        points = follow_terrain(
+            site.ground.surface,
+            np.ascontiguousarray(corners_m),
+            np.interp(flown_m, flown_m[[0, -1]], [heights_agl_m[0], max(heights_agl_m[1], aim_m)]),
+            aim_m,
+            _NO_CEILING_M,
+            math.tan(math.radians(limits.max_climb_angle_deg)) * (1.0 - 1e-9),
+            _TRANSIT_TOLERANCE_M,
+            _SAMPLE_SPACING_M / 2.0**attempt,
+            obstacles.clearance_beside_m,
+            obstacles.clearance_above_m + (limits.height_margin_m if site.prisms else 0.0),
+        )
+        ranges = site.ground.leg_height_ranges_m(points)
+        lowest = float(ranges[:, 0].min())
+        if not lowest < wanted_m:
+            break
+        # The ground rises between two samples by more than the slack: try again, higher and with denser samples.
+        aim_m += wanted_m - lowest + _TRANSIT_SLACK_M
+    return points, float(ranges[:, 2].max())
+
+
+def check_way_there(site: Site, way_m: FloatArray) -> None:
+    """Refuse a (k, 3) transit to the first planned waypoint that breaks a limit.
+
+    Raises:
+        InfeasibleError: it breaks one; the message names the leg.
+    """
+    check_transit(
+        site, "the way there", way_m, far_end=len(way_m) - 1, far_end_lowest_agl_m=_end_lowest_agl_m(site),
+        highest_agl_m=_planned_highest_agl_m(site),
+    )  # fmt: skip
+
+
+def check_way_home(site: Site, way_m: FloatArray) -> None:
+    """Refuse a (k, 3) transit home from the last planned waypoint that breaks a limit.
+
+    Raises:
+        InfeasibleError: it breaks one; the message names the leg.
+    """
+    check_transit(
+        site, "the way home", way_m, far_end=0, far_end_lowest_agl_m=_end_lowest_agl_m(site),
+        highest_agl_m=_planned_highest_agl_m(site),
+    )  # fmt: skip
+
+
+def check_transit(
+    site: Site,
+    what: str,
+    points_m: FloatArray,
+    *,
+    far_end: int,
+    far_end_lowest_agl_m: float,
+    highest_agl_m: float | None,
+    zones: ZoneCheck | None = None,
+) -> None:
+    """Refuse a transit that breaks a limit anywhere.
+
+    The leg at its far end, point number ``far_end``, may be vertical; then it has its own lowest height and is exempt from the
+    climb limit. The lower sea-level limit does not apply to transits: home may lie below it. ``zones`` are the no-fly zones to
+    keep out of, by default with their margins.
+    """
+    leg = max(far_end, 1)
+    ignored = {"below sea-level limit"}
+    lowest_agl_m = site.scenario.limits.transit_clearance_m
+    if math.hypot(*(points_m[leg, :2] - points_m[leg - 1, :2])) < _COLUMN_M:
+        column = points_m[leg - 1 : leg + 1]
+        problems = find_problems(site, column, lowest_agl_m=far_end_lowest_agl_m, highest_agl_m=None, zones=zones)
+        refuse(what, [dataclasses.replace(p, leg=leg) for p in problems if p.kind not in {*ignored, "climb"}])
+        points_m = np.delete(points_m, far_end, axis=0)
+    limits = site.scenario.limits
+    problems = find_problems(site, points_m, lowest_agl_m=lowest_agl_m, highest_agl_m=highest_agl_m, zones=zones)
+    problems = [problem for problem in problems if problem.kind not in ignored]
+    if any(problem.kind == "too high" for problem in problems) and limits.max_transit_height_agl_m is None:
+        what += " (limits.max_transit_height_agl_m allows more)"
+    refuse(what, problems)
+
+
+def check_column(site: Site, home_m: FloatArray, top_m: FloatArray) -> None:
+    """Refuse a take-off or landing column between (3,) home and its top that enters a no-fly zone.
+
+    Raises:
+        InfeasibleError: it does; the message names the zone.
+    """
+    for breach in site.planned_zones.leg_breaches(np.vstack([home_m, top_m])):
+        zone = site.zones[breach.zone]
+        raise InfeasibleError(
+            f"the column above home: it climbs {top_m[2] - home_m[2]:.0f} m into no-fly zone {zone.name!r} "
+            f"({zone.heights_in_words()}), margins included; move [home], or lower vehicle.takeoff_height_m"
+        )
+
+
+def _end_lowest_agl_m(site: Site) -> float:
+    """Lowest height directly above or below a planned waypoint: there the height band of the route applies."""
+    return min(site.scenario.limits.transit_clearance_m, site.scenario.limits.min_height_agl_m)
+
+
+def _planned_highest_agl_m(site: Site) -> float:
+    """Planned ceiling of transits: the margin for tracking errors applies below the ceiling as well."""
+    return site.scenario.transit_ceiling_agl_m - site.scenario.limits.height_margin_m
+
+
+def refuse(what: str, problems: list[LegProblem]) -> None:
+    """Raise an InfeasibleError that names the first problem, if there is any."""
+    if problems:
+        more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+        raise InfeasibleError(f"{what}: {problems[0]}{more}")

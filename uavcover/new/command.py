@@ -1,0 +1,354 @@
+"""From an area, elevation data and a camera to a scenario that plans at once, as ``new`` and ``plan`` do it."""
+
+import math
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+import shapely
+
+from uavcover.errors import InfeasibleError, InputError
+from uavcover.missions.flight_costs import mission_time_s
+from uavcover.missions.sorties import compile_sorties
+from uavcover.model.active_times import window_of
+from uavcover.model.no_fly import NoFly
+from uavcover.model.route import Route
+from uavcover.model.vehicle import autopilot_name
+from uavcover.new import quantities
+from uavcover.new.cameras import CameraBody, camera_named
+from uavcover.new.elevation_questions import (
+    AROUND_M,
+    NewRequest,
+    ask_about_heights,
+    ask_about_surface,
+    ground_asked_for,
+    inside_data,
+    over_lakes,
+    surface_asked_for,
+)
+from uavcover.new.patterns import View, views_of
+from uavcover.new.scenario_text import SurveyScenario, name_of, return_height_m, scenario_text
+from uavcover.new.surface_look import SurfaceLook
+from uavcover.new.survey import SurveyDesign, SurveyWish, design_survey
+from uavcover.new.terrain_look import TerrainLook, look_at_terrain, place_for_home
+from uavcover.new.vehicles import vehicle_named
+from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planner.baselines.swaths import (
+    angle_of_heading_rad,
+    fly_layout,
+    heading_of_angle_deg,
+    long_side_angle_rad,
+)
+from uavcover.run.user import User
+from uavcover.scenario.airspace.zone_file import read_zones
+from uavcover.scenario.airspace.zones import local_zones
+from uavcover.scenario.areas.area_file import read_area
+from uavcover.scenario.scenario_file import parse_scenario
+from uavcover.scenario.site import Site, load_site
+from uavcover.sensing.coverage_map import judging_map, path_lengths_m
+from uavcover.sensing.pictures import FLOWN_OVERLAP_FRACTION, pictures_asked, planned_pictures
+from uavcover.sensing.sensors import trigger_distance_m
+from uavcover.terrain.elevation_file import read_height_amsl_m
+from uavcover.terrain.suspect_heights import trust_asked_for
+from uavcover.terrain.terrain_source import TerrainSource
+from uavcover.terrain.vertical import datum_named
+
+_FARTHEST_HOME_M = 10_000.0
+_BESIDE_ZONES_M = 5.0
+"""A take-off place that nobody gave is this much farther from no-fly zones than it has to be."""
+_MOUNTS = {"stabilised": "stabilised", "gimbal": "stabilised", "fixed": "fixed"}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NewScenario:
+    """What came of it.
+
+    Attributes:
+        text: the TOML.
+        site: the scenario on its ground.
+        design: heights, distances, speed.
+        look: at the terrain.
+        view: which flight of a pattern it is.
+        surface: at the surface model; none without one.
+    """
+
+    text: str
+    site: Site
+    design: SurveyDesign
+    look: TerrainLook
+    view: View
+    surface: SurfaceLook | None
+
+
+def new_scenario(request: NewRequest, user: User, *, folder: Path) -> NewScenario:
+    """As :func:`new_scenarios`, for a survey of one flight.
+
+    Raises:
+        InputError: also for a pattern of several.
+    """
+    scenarios = new_scenarios(request, user, folder=folder)
+    if len(scenarios) > 1:
+        raise InputError(
+            f"--pattern: {request.pattern} is {len(scenarios)} missions; write their scenarios with uavcover new, and plan each"
+        )
+    return scenarios[0]
+
+
+def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[NewScenario, ...]:
+    """Design a survey and write its scenarios, one for each flight of its pattern.
+
+    Args:
+        request: what the user gave.
+        user: is told notes and warnings.
+        folder: where the scenario will be, for relative paths.
+
+    Raises:
+        InputError: something is missing, or cannot be used; says which option and what to do.
+    """
+    area = read_area(request.area)
+    for note in area.notes:
+        user.warn(f"{request.area.source}: {note}")
+    wish = _wish(request)
+    dem = ground_asked_for(request, area)
+    look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=AROUND_M, datum=_wanted_datum(request))
+    if dem.water_height_m is not None:
+        user.warn(
+            f"--water-height: places without data in {dem.name}, and around it, count as open water "
+            f"{dem.water_height_m:g} m above sea level; missing land would too"
+        )
+    closed = _closed_to_home(request, look, user)
+    dem = over_lakes(dem, look, user)
+    datum, stated = _datum(look, user)
+    around = look.area.convex_hull.buffer(AROUND_M)
+    trust = trust_asked_for(dem, datum, around, look.frame, user, trusted=request.trust_dem)
+    surface = surface_asked_for(request, area, dem, look, datum)
+    ask_about_surface(dem, user, beside_surface=surface is not None)
+    ask_about_heights(dem, user, option="--dem")
+    step_m = 0.0 if surface is None else surface.tallest_m
+    design = design_survey(wish, slope_deg=look.slope_deg, area_m2=look.area_m2, step_m=step_m)
+    design = inside_data(design, dem, look, user)
+    is_open = None if surface is None else surface.is_open
+    home = (
+        place_for_home(dem, look, avoid=closed, is_open=is_open) if request.home is None else _near(request.home, look)
+    )
+    highest_m = look.highest_amsl_m if surface is None else max(look.highest_amsl_m, surface.highest_amsl_m)
+    vehicle = wish.vehicle
+    mount = _mount(request.mount)
+    along_deg = heading_of_angle_deg(long_side_angle_rad(look.area))
+    views = views_of(request.pattern, along_deg=along_deg)
+    if mount == "fixed" and any(view.is_tilted for view in views):
+        raise InputError("--mount: a fixed camera is not tilted in flight; give stabilised, or another --pattern")
+    scenario = SurveyScenario(
+        name=name_of(area.name), query=request.area, area=area, terrain_files=request.dem, terrain=dem,
+        vertical_datum=datum, datum_is_stated=stated,
+        design=design, home=home, home_is_given=request.home is not None,
+        return_height_m=return_height_m(highest_m, _home_height_m(dem, datum, home)), slope_deg=look.slope_deg,
+        autopilot=autopilot_name(request.autopilot, (vehicle.autopilot if vehicle is not None else None) or "ardupilot"),
+        mount=mount, no_fly=request.no_fly, flight_window_utc=_window_asked_for(request),
+        surface_files=request.dsm, surface=surface, trust_heights=trust,
+    )  # fmt: skip
+    if design.speed_reason:
+        user.warn(f"speed {design.speed_m_s:g} m/s: {design.speed_reason}")
+    if wish.camera.min_interval_s is None:
+        user.warn(
+            f"the shortest interval of {wish.camera.name} is not known: check that it takes a picture every "
+            f"{design.picture_distance_m / design.speed_m_s:.1f} s"
+        )
+    return tuple(_in_full(scenario, view, look, request, folder=folder) for view in views)
+
+
+def _in_full(
+    scenario: SurveyScenario, view: View, look: TerrainLook, request: NewRequest, *, folder: Path
+) -> NewScenario:
+    """One flight of the pattern."""
+    named = replace(scenario, view=view, name="-".join(part for part in (scenario.name, view.name) if part))
+    text = scenario_text(named, folder=folder)
+    site = load_site(parse_scenario(text, source=request.area.source, folder=folder))
+    if _keeps_overlap(site, view):
+        text = scenario_text(replace(named, keeps_overlap=FLOWN_OVERLAP_FRACTION), folder=folder)
+        site = replace(site, scenario=parse_scenario(text, source=request.area.source, folder=folder))
+    return NewScenario(text, site, scenario.design, look, view, scenario.surface)
+
+
+def _plain_route(site: Site, view: View) -> tuple[Route, int]:
+    """Plain parallel lines over the area, and how many they are."""
+    heading_deg = view.line_heading_deg
+    layout = plain_boustrophedon(site, angle_rad=None if heading_deg is None else angle_of_heading_rad(heading_deg))
+    return fly_layout(site, layout), len(layout.heights_agl_m)
+
+
+def _keeps_overlap(site: Site, view: View) -> bool:
+    """Whether an overlap is asked for, and plain lines keep it: then a flight can be asked to."""
+    if pictures_asked(site.scenario.sensor) is None or view.is_tilted:
+        return False
+    try:
+        route, _ = _plain_route(site, view)
+    except InfeasibleError:
+        return False
+    pictures = planned_pictures(judging_map(site), [route.waypoints_m])
+    return pictures is not None and bool(pictures.overlap_holds)
+
+
+def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
+    """Tell what was derived; the same as a document."""
+    design, site = scenario.design, scenario.site
+    drawn_ha = scenario.look.area_m2 / 1e4
+    user.say(
+        f"{'area':18}{drawn_ha:.4g} ha, seen with a margin of {design.margin_m:g} m: {site.area.area / 1e4:.4g} ha"
+    )
+    ground = f"{scenario.look.lowest_amsl_m:.0f} to {scenario.look.highest_amsl_m:.0f} m above sea level"
+    user.say(f"{'ground':18}{ground}, 95 % of it below {scenario.look.slope_deg:.0f} degrees")
+    if (surface := scenario.surface) is not None:
+        hidden = f"hide {100.0 * surface.hidden_share:.0f} % of the ground, which no flight can see"
+        user.say(f"{'trees and roofs':18}up to {surface.tallest_m:.0f} m above the ground; they {hidden}")
+    low, high = design.min_height_agl_m, design.max_height_agl_m
+    gsd = f"{100.0 * design.gsd_at_m(low):.2f} to {100.0 * design.gsd_at_m(high):.2f} cm a pixel"
+    above = "ground" if scenario.surface is None else "ground, trees and roofs"
+    user.say(f"{'height band':18}{low:g} to {high:g} m above {above}, {gsd}")
+    if design.is_capped:
+        user.say(
+            f"{'':18}{100.0 * design.wish.gsd_m:g} cm would allow {design.gsd_height_m:.0f} m: --max-height raises the limit"
+        )
+    every_s = design.picture_distance_m / design.speed_m_s
+    user.say(
+        f"{'picture distance':18}{design.picture_distance_m:.1f} m, every {every_s:.1f} s at {design.speed_m_s:g} m/s"
+    )
+    user.say(f"{'line distance':18}{design.line_distance_m:.0f} m on level ground")
+    home = site.scenario.home
+    if home is not None and home.lat_deg is not None and home.lon_deg is not None:
+        user.say(f"{'home':18}{home.lat_deg:.6f}, {home.lon_deg:.6f}, {site.alt_amsl_offset_m:.0f} m above sea level")
+    return {
+        "area_m2": scenario.look.area_m2, "seen_area_m2": float(site.area.area), "margin_m": design.margin_m,
+        "min_height_agl_m": low, "max_height_agl_m": high, "picture_distance_m": design.picture_distance_m,
+        "line_distance_m": design.line_distance_m, "speed_m_s": design.speed_m_s,
+        **({} if surface is None else {"tallest_m": surface.tallest_m, "hidden_share": surface.hidden_share}),
+    }  # fmt: skip
+
+
+def say_estimate(scenario: NewScenario, user: User) -> dict[str, object]:
+    """Tell pictures, time and batteries of plain parallel lines; the same as a document."""
+    estimate = _estimate(scenario)
+    user.say(f"{f'estimate {scenario.view.name}'.strip():18}{estimate.words}")
+    return {"pictures": estimate.pictures, "flight_time_s": estimate.time_s, "batteries": estimate.batteries}
+
+
+@dataclass(frozen=True, slots=True)
+class _Estimate:
+    pictures: int
+    time_s: float
+    batteries: int | None
+    words: str
+
+
+def _estimate(scenario: NewScenario) -> _Estimate:
+    """Of plain parallel lines over the area; the search finds better."""
+    site = scenario.site
+    route, lines = _plain_route(site, scenario.view)
+    length_m = float(path_lengths_m(route.waypoints_m)[-1])
+    every_m = trigger_distance_m(site.scenario) or length_m
+    pictures = math.floor(length_m / every_m) + 1
+    time_s = mission_time_s(site, route)
+    words = f"about {pictures} pictures, {lines} lines, {length_m / 1000.0:.1f} km, {time_s / 60.0:.0f} min"
+    if site.scenario.vehicle.longest_flight_s is None:
+        return _Estimate(pictures, time_s, None, f"{words} (plain lines; --battery tells how many batteries)")
+    try:
+        batteries = len(compile_sorties(site, route, autopilot=site.scenario.vehicle.autopilot))
+    except InfeasibleError:
+        batteries = math.ceil(time_s / site.scenario.vehicle.longest_flight_s)
+    return _Estimate(
+        pictures, time_s, batteries, f"{words}, {batteries} batter{'y' if batteries == 1 else 'ies'} (plain lines)"
+    )
+
+
+def _window_asked_for(request: NewRequest) -> tuple[str, str] | None:
+    return None if request.at is None else quantities.flight_window(request.at, option="--at")
+
+
+def _closed_to_home(request: NewRequest, look: TerrainLook, user: User) -> shapely.Geometry:
+    """Where no take-off place may be: the no-fly zones that begin at the ground, with margins; tells how many zones count."""
+    west, south, east, north = look.area.bounds
+    lats, lons, _ = look.frame.geodetic_from_enu(np.array([[west, south, 0.0], [east, north, 0.0]]))
+    lons[1] += 360.0 if lons[1] < lons[0] else 0.0
+    asked = _window_asked_for(request)
+    window = None if asked is None else window_of(*asked, "--at")
+    shapes = []
+    for file in request.no_fly:
+        try:
+            near, _ = read_zones(NoFly(file=file), near=(lons[0], lats[0], lons[1], lats[1]))
+        except InputError as error:
+            raise InputError(f"--no-fly: {error}") from error
+        zones = [zone for zone in near if zone.in_force(window)]
+        idle = f", {len(near) - len(zones)} are not in force then" if len(zones) < len(near) else ""
+        user.say(f"--no-fly: {len(zones)} zones of {file} count{idle}")
+        around = look.area.buffer(_FARTHEST_HOME_M)
+        for zone in local_zones(zones, look.frame, around):
+            if zone.entry.floor_agl_m is None and zone.entry.floor_amsl_m is None:
+                shapes.append(zone.grown(zone.entry.margin_m + _BESIDE_ZONES_M))
+    return shapely.union_all(shapes)
+
+
+def _wish(request: NewRequest) -> SurveyWish:
+    missing = [
+        f"{option} {example}"
+        for option, value, example in (
+            ("--dem", request.dem or None, "dem.tif"), ("--camera", request.camera, "NAME"), ("--gsd", request.gsd, "2.5cm"),
+        )
+        if value is None
+    ]  # fmt: skip
+    if missing:
+        raise InputError(
+            f"{request.area.source}: an area needs {', '.join(missing)} as well "
+            "(uavcover new --camera list shows the cameras; --overlap is 75/70 unless you say otherwise)"
+        )
+    camera: CameraBody = camera_named(str(request.camera))
+    forward, side = quantities.overlaps(request.overlap if request.overlap is not None else "75/70")
+
+    def length(text: str | None, option: str, example: str) -> float | None:
+        return None if text is None else quantities.length_m(text, option=option, example=example)
+
+    no_margin = request.margin is not None and request.margin.strip().rstrip("m") in {"0", "0.0"}
+    return SurveyWish(
+        camera=camera, gsd_m=quantities.length_m(str(request.gsd), option="--gsd", example="2.5cm"), forward_overlap=forward,
+        side_overlap=side, vehicle=None if request.vehicle is None else vehicle_named(request.vehicle),
+        ceiling_agl_m=length(request.max_height, "--max-height", "120m"),
+        speed_m_s=None if request.speed is None else quantities.speed_m_s(request.speed, option="--speed", example="8m/s"),
+        endurance_s=None if request.battery is None else quantities.time_s(request.battery, option="--battery", example="25min"),
+        margin_m=0.0 if no_margin else length(request.margin, "--margin", "40m"),
+    )  # fmt: skip
+
+
+def _wanted_datum(request: NewRequest) -> str | None:
+    return None if request.vertical_datum is None else datum_named(request.vertical_datum)
+
+
+def _datum(look: TerrainLook, user: User) -> tuple[str, bool]:
+    if len(look.datums) > 1:
+        user.warn(
+            "the elevation data does not say what its heights refer to: they are taken as above sea level (EGM96); heights "
+            "above the ellipsoid would be wrong by up to 100 m; --vertical-datum EGM96, EGM2008 or ellipsoid says it"
+        )
+    return look.datums[0], len(look.datums) == 1
+
+
+def _near(text: str, look: TerrainLook) -> tuple[float, float]:
+    lat, lon = quantities.lat_lon(text, option="--home")
+    place = shapely.Point(look.frame.enu_from_geodetic(lat, lon, 0.0)[0, :2])
+    away_m = float(look.area.distance(place))
+    if not away_m <= _FARTHEST_HOME_M:
+        raise InputError(
+            f"--home: {text} is {away_m / 1000.0:.0f} km from the area, {_FARTHEST_HOME_M / 1000.0:g} km are allowed; "
+            "give a place beside it, latitude first"
+        )
+    return lat, lon
+
+
+def _home_height_m(dem: TerrainSource, datum: str, home: tuple[float, float]) -> float:
+    return read_height_amsl_m(dem, datum, lat_deg=home[0], lon_deg=home[1])
+
+
+def _mount(text: str | None) -> str:
+    if text is None:
+        return "stabilised"
+    if text.casefold() not in _MOUNTS:
+        raise InputError(f"--mount: {text!r} is not known; give stabilised (a gimbal) or fixed")
+    return _MOUNTS[text.casefold()]

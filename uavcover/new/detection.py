@@ -1,0 +1,144 @@
+"""Curves of detection by name or from a file: what one look finds, by ground sample distance and angle."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uavcover.errors import InputError
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.detection import DetectionTable, detection_table
+from uavcover.model.detection import INDEPENDENT, DetectionCurve
+from uavcover.new.catalog import checked_row, find_name, number_of, read_catalog, read_own_row
+
+_PIXELS_FOR_HALF = 2.0
+"""Across a target that half of the observers notice: Johnson's line pair."""
+_FINEST, _COARSEST, _STEPS = 500.0, 0.02, 800
+"""Pixels across the target by those for half of the observers, between which the formula is tabulated; error below 0.001."""
+_MOST_VALUES = 10_000
+
+
+def all_curves() -> tuple[DetectionCurve, ...]:
+    """The curves of the table that comes with the package."""
+    return tuple(_example(name, row) for name, row in read_catalog("detection.toml").items())
+
+
+def curve_named(name: str) -> DetectionCurve:
+    """A curve of the table, or of a TOML file of people's own.
+
+    Raises:
+        InputError: it is not known, or the file's values are no curve.
+    """
+    if name.lower().endswith(".toml"):
+        return _curve(Path(name).stem, read_own_row(Path(name), option="--detection"), where=f"--detection: {name}")
+    rows = read_catalog("detection.toml")
+    found = find_name(name, rows, option="--detection", command="judge-photos")
+    return _example(found, rows[found])
+
+
+def noticed(ratio: FloatArray) -> FloatArray:
+    """Share of observers who notice a target, by pixels across it over those with which half of them do.
+
+    The target transfer probability function of ACQUIRE and NVTherm (U.S. Army NVESD, NVTherm manual, 2001): r^E / (1 + r^E) with
+    E = 2.7 + 0.7 r.
+
+    >>> noticed(np.array([0.5, 1.0, 2.0])).round(3).tolist()
+    [0.108, 0.5, 0.945]
+    """
+    with np.errstate(over="ignore", under="ignore"):
+        return 1.0 / (1.0 + ratio ** -(2.7 + 0.7 * ratio))
+
+
+def _example(name: str, row: dict[str, Any]) -> DetectionCurve:
+    """A curve of the table that comes with the package."""
+    return replace(_curve(name, row, where=f"detection.toml: {name}"), is_example=True)
+
+
+def _curve(name: str, row: dict[str, Any], *, where: str) -> DetectionCurve:
+    if "probability" in row:
+        checked_row(
+            row, where=where, required=("ground_sample_m", "probability"), optional=("off_vertical_deg", "independent")
+        )
+        table = _own_table(row, where=where)
+    else:
+        optional = ("pixels_for_half", "found_at_best", "hidden_from_above", "independent")
+        checked_row(row, where=where, required=("target_m",), optional=optional)
+        table = _by_pixels(row, where=where)
+    independent = row.get("independent", "sides")
+    if independent not in INDEPENDENT:
+        raise InputError(f"{where}: independent: {independent!r} is not known; {', '.join(INDEPENDENT)}")
+    return DetectionCurve(name, str(row.get("title", name)), str(row.get("source", "")), table, independent)
+
+
+def _by_pixels(row: dict[str, Any], *, where: str) -> DetectionTable:
+    target_m = number_of(row, "target_m", where=where) or 0.0
+    pixels = number_of(row, "pixels_for_half", where=where) or _PIXELS_FOR_HALF
+    at_best = _share(row, "found_at_best", 1.0, where=where)
+    hidden = _share(row, "hidden_from_above", 0.0, where=where)
+    ratio = np.geomspace(_FINEST, _COARSEST, _STEPS)
+    angles_deg = np.array([0.0, 90.0]) if hidden == 0.0 else np.arange(91.0)
+    # Of leaves spread at random, each step along the line of sight hides the same share (Nilson, 1971: Beer's law for gaps).
+    slant = 1.0 / np.maximum(np.cos(np.radians(angles_deg)), 1e-9)
+    open_share = np.ones(2) if hidden == 0.0 else (1.0 - hidden) ** slant
+    return detection_table(target_m / (pixels * ratio), angles_deg, at_best * open_share[:, None] * noticed(ratio))
+
+
+def _own_table(row: dict[str, Any], *, where: str) -> DetectionTable:
+    samples_m = _numbers(row["ground_sample_m"], "ground_sample_m", where=where)
+    if not (samples_m[0] > 0.0 and samples_m[-1] < 100.0):
+        raise InputError(f"{where}: ground_sample_m: values are metres on the ground, above 0 and below 100")
+    given = row["probability"]
+    by_angle = isinstance(given, list) and any(isinstance(part, list) for part in given)
+    if by_angle and "off_vertical_deg" not in row:
+        raise InputError(f"{where}: off_vertical_deg: is missing; a row of probabilities belongs to each of its angles")
+    if by_angle:
+        angles_deg = _numbers(row["off_vertical_deg"], "off_vertical_deg", where=where)
+        rows = given
+    else:
+        if "off_vertical_deg" in row:
+            raise InputError(
+                f"{where}: probability: needs a row for each of off_vertical_deg, such as [[0.9, 0.4], [0.7, 0.2]]"
+            )
+        angles_deg, rows = np.array([0.0, 90.0]), [given, given]
+    if angles_deg[0] != 0.0 or angles_deg[-1] > 90.0:
+        raise InputError(f"{where}: off_vertical_deg: begins at 0 (straight down) and ends at 90 or before")
+    if len(rows) != len(angles_deg):
+        raise InputError(f"{where}: probability: has {len(rows)} rows for {len(angles_deg)} angles")
+    values = np.empty((len(rows), samples_m.size))
+    for number, part in enumerate(rows):
+        if not isinstance(part, list) or len(part) != samples_m.size:
+            count = len(part) if isinstance(part, list) else 1
+            raise InputError(
+                f"{where}: probability: row {number + 1} has {count} values for {samples_m.size} ground sample distances"
+            )
+        for k, value in enumerate(part):
+            if not _is_number(value) or not 0.0 <= value <= 1.0:
+                raise InputError(f"{where}: probability: {value!r} in row {number + 1} is not between 0 and 1")
+            values[number, k] = value
+    return detection_table(samples_m, angles_deg, values)
+
+
+def _numbers(values: object, key: str, *, where: str) -> FloatArray:
+    """Finite numbers that rise."""
+    if not isinstance(values, list) or not 0 < len(values) <= _MOST_VALUES:
+        raise InputError(f"{where}: {key}: {str(values)[:60]} is no list of numbers")
+    for value in values:
+        if not _is_number(value):
+            raise InputError(f"{where}: {key}: {value!r} is not a number")
+    numbers = np.array(values, dtype=float)
+    if not (np.diff(numbers) > 0.0).all():
+        raise InputError(f"{where}: {key}: values have to rise")
+    return numbers
+
+
+def _share(row: dict[str, Any], key: str, default: float, *, where: str) -> float:
+    value = row.get(key, default)
+    if not _is_number(value) or not 0.0 <= value <= 1.0:
+        raise InputError(f"{where}: {key}: {value!r} is not a share between 0 and 1")
+    return float(value)
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e9 and math.isfinite(value)

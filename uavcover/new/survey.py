@@ -1,0 +1,199 @@
+"""The design of a survey: heights, distances and speed from camera, ground sample distance and overlap."""
+
+import math
+from dataclasses import dataclass
+
+from uavcover.errors import InputError
+from uavcover.new.cameras import CameraBody
+from uavcover.new.vehicles import VehicleType
+
+USUAL_CEILING_M = 120.0
+"""What most countries allow above ground without a permission (EU open category; 400 ft in the United States)."""
+LOWEST_TOP_M = 25.0
+LOWEST_BOTTOM_M = 15.0
+"""Lowest end of the band above trees and roofs."""
+_SLOWEST_M_S = 2.0
+_USUAL_SPEED_M_S = 10.0
+_SPEED_SHARE = 0.8
+"""Of the largest speed, where no usual speed is known: room for wind and for catching up."""
+_TRIGGER_SLACK = 1.1
+"""A trigger by distance fires at the first position beyond it, a tenth of the distance late at worst."""
+_FLAT_DEG, _STEEP_DEG = 8.0, 25.0
+_USUAL_CLIMB_DEG, _CLIMB_OVER_SLOPE_DEG, _STEEPEST_CLIMB_DEG = 30.0, 15.0, 80.0
+_CELLS, _FINEST_CELL_M = 25_000, 2.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurveyWish:
+    """What is asked for.
+
+    Attributes:
+        camera: the camera.
+        gsd_m: largest ground sample distance.
+        forward_overlap: share of a picture's length that the next one shows again.
+        side_overlap: share of its width that the next line shows again.
+        vehicle: the vehicle, or none.
+        ceiling_agl_m: largest height above ground; none: the usual limit.
+        speed_m_s: speed over ground; none: the vehicle's usual one.
+        endurance_s: time in the air on a full battery; none: the vehicle's.
+        margin_m: how far beyond the area pictures overlap; none: as far as they have to.
+    """
+
+    camera: CameraBody
+    gsd_m: float
+    forward_overlap: float
+    side_overlap: float
+    vehicle: VehicleType | None = None
+    ceiling_agl_m: float | None = None
+    speed_m_s: float | None = None
+    endurance_s: float | None = None
+    margin_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SurveyDesign:
+    """What follows from it. Distances on the ground are for flat ground.
+
+    Attributes:
+        wish: what was asked for.
+        gsd_height_m: height at which a pixel covers what was asked for.
+        min_height_agl_m: lower end of the height band.
+        max_height_agl_m: upper end.
+        height_margin_m: the planner stays this far inside both.
+        max_climb_angle_deg: steepest leg; a multicopter climbs as steeply as the ground does.
+        picture_distance_m: between two pictures, for the overlap at the lower end.
+        line_distance_m: between two lines, at the middle of the band.
+        speed_m_s: over ground.
+        speed_reason: why it is not the usual one; empty if it is.
+        endurance_s: time in the air on a full battery; none: unknown.
+        margin_m: how far the area is grown.
+        cell_size_m: side of the cells on which results are judged.
+        range_m: largest slant range, from the top of the band to the corners of a picture on a slope.
+    """
+
+    wish: SurveyWish
+    gsd_height_m: float
+    min_height_agl_m: float
+    max_height_agl_m: float
+    height_margin_m: float
+    max_climb_angle_deg: float
+    picture_distance_m: float
+    line_distance_m: float
+    speed_m_s: float
+    speed_reason: str
+    endurance_s: float | None
+    margin_m: float
+    cell_size_m: float
+    range_m: float
+
+    @property
+    def is_capped(self) -> bool:
+        """Whether the height limit, and not the ground sample distance, is the top of the band."""
+        return self.max_height_agl_m < 0.99 * self.gsd_height_m
+
+    def gsd_at_m(self, height_agl_m: float) -> float:
+        """Ground sample distance straight below, from a height."""
+        return height_agl_m / self.wish.camera.focal_px
+
+
+def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float, step_m: float = 0.0) -> SurveyDesign:
+    """Heights, distances and speed of a survey.
+
+    Args:
+        wish: what is asked for.
+        slope_deg: slope that 95 % of the ground stays below; steeper ground gets a deeper height band, since straight legs cannot
+            follow it as closely.
+        area_m2: size of the area.
+        step_m: tallest thing that lines pass over, trees or roofs of a surface model: the band has room for that step.
+
+    Raises:
+        InputError: it cannot be flown; says which of the wishes has to change.
+    """
+    camera = wish.camera
+    gsd_height_m = wish.gsd_m * camera.focal_px
+    ceiling_m = USUAL_CEILING_M if wish.ceiling_agl_m is None else wish.ceiling_agl_m
+    top_m = math.floor(10.0 * min(gsd_height_m, ceiling_m)) / 10.0
+    if top_m < LOWEST_TOP_M:
+        _refuse_height(wish, gsd_height_m, top_m)
+    steepness = min(max((slope_deg - _FLAT_DEG) / (_STEEP_DEG - _FLAT_DEG), 0.0), 1.0)
+    bottom_m = math.ceil(min((0.75 - 0.15 * steepness) * top_m, top_m - 15.0))
+    height_margin_m = 5.0 if top_m - bottom_m >= 20.0 else 3.5
+    if step_m > 0.0:
+        height_margin_m = 5.0
+        bottom_m = min(bottom_m, math.floor(top_m - step_m - 2.0 * height_margin_m - 1.0))
+        if bottom_m < LOWEST_BOTTOM_M:
+            raise InputError(
+                f"--dsm: what stands there is up to {step_m:.0f} m tall, and lines between {LOWEST_BOTTOM_M:g} m above it and "
+                f"{top_m:g} m above open ground have no room; ask for a coarser --gsd or a larger --max-height, or cut it out of "
+                "the area"
+            )
+    across = camera.sensor_across_mm / camera.focal_length_mm
+    along = camera.sensor_along_mm / camera.focal_length_mm
+    picture_distance_m = (1.0 - wish.forward_overlap) * along * bottom_m
+    line_distance_m = (1.0 - wish.side_overlap) * across * 0.5 * (bottom_m + top_m)
+    speed_m_s, reason = _speed(wish, picture_distance_m)
+    margin_m = wish.margin_m
+    if margin_m is None:
+        # A place at the edge is in as many pictures as one inside when lines, and pictures along them, reach as far beyond
+        # the edge as a picture overlaps the next: f L along, s W / 2 across (docs/how-to/survey_from_files.md).
+        margin_m = math.ceil(max(wish.forward_overlap * along, 0.5 * wish.side_overlap * across) * top_m)
+    cell_m = min(max(math.sqrt(area_m2 / _CELLS), _FINEST_CELL_M), max(line_distance_m / 4.0, 0.5))
+    endurance_s = wish.endurance_s or (wish.vehicle.endurance_s if wish.vehicle is not None else None)
+    diagonal = 0.5 * math.hypot(across, along)
+    return SurveyDesign(
+        wish=wish, gsd_height_m=gsd_height_m, min_height_agl_m=bottom_m, max_height_agl_m=top_m, height_margin_m=height_margin_m,
+        max_climb_angle_deg=_climb_angle_deg(slope_deg),
+        picture_distance_m=picture_distance_m, line_distance_m=line_distance_m, speed_m_s=speed_m_s, speed_reason=reason,
+        endurance_s=endurance_s, margin_m=margin_m, cell_size_m=round(cell_m, 1),
+        range_m=math.ceil(1.6 * top_m * math.hypot(1.0, diagonal)),
+    )  # fmt: skip
+
+
+def _climb_angle_deg(slope_deg: float) -> float:
+    """Steepest leg over ground of a slope, in steps of 5 degrees: steeper than the ground, or lines across it end at the foot."""
+    wanted_deg = 5.0 * math.ceil((slope_deg + _CLIMB_OVER_SLOPE_DEG) / 5.0)
+    return min(max(wanted_deg, _USUAL_CLIMB_DEG), _STEEPEST_CLIMB_DEG)
+
+
+def _refuse_height(wish: SurveyWish, gsd_height_m: float, top_m: float) -> None:
+    if gsd_height_m < LOWEST_TOP_M:
+        coarser_cm = 100.0 * LOWEST_TOP_M / wish.camera.focal_px
+        raise InputError(
+            f"--gsd: {100.0 * wish.gsd_m:g} cm with {wish.camera.name} means flying at {gsd_height_m:.1f} m above ground, below "
+            f"{LOWEST_TOP_M:g} m; ask for {coarser_cm:.2g} cm or more, or take a camera with a longer lens"
+        )
+    raise InputError(
+        f"--max-height: {top_m:g} m leaves no height band above trees and houses; give {LOWEST_TOP_M:g} m or more"
+    )
+
+
+def _speed(wish: SurveyWish, picture_distance_m: float) -> tuple[float, str]:
+    """Speed over ground, and why it is not the usual one."""
+    vehicle = wish.vehicle
+    largest = vehicle.max_speed_m_s if vehicle is not None else None
+    if wish.speed_m_s is not None and largest is not None and wish.speed_m_s > largest:
+        raise InputError(
+            f"--speed: {wish.speed_m_s:g} m/s is more than the {largest:g} m/s of {wish.vehicle and wish.vehicle.name}; "
+            "give a lower one"
+        )
+    usual = _USUAL_SPEED_M_S
+    if vehicle is not None and vehicle.cruise_speed_m_s is not None:
+        usual = vehicle.cruise_speed_m_s
+    elif largest is not None:
+        usual = min(usual, _SPEED_SHARE * largest)
+    speed = usual if wish.speed_m_s is None else wish.speed_m_s
+    interval_s = wish.camera.min_interval_s
+    if interval_s is None:
+        return speed, ""
+    fastest = picture_distance_m / (interval_s * _TRIGGER_SLACK)
+    if speed <= fastest:
+        return speed, ""
+    needed = (
+        f"a picture every {picture_distance_m:.1f} m and {interval_s:g} s at least between two of {wish.camera.name}"
+    )
+    if wish.speed_m_s is not None or fastest < _SLOWEST_M_S:
+        raise InputError(
+            f"{'--speed' if wish.speed_m_s is not None else '--overlap'}: {needed} allow {fastest:.1f} m/s; ask for less forward "
+            "overlap, a coarser --gsd or a lower --speed, or take a faster camera"
+        )
+    return math.floor(10.0 * fastest) / 10.0, f"{needed} allow no more"

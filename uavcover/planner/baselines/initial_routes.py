@@ -1,0 +1,160 @@
+"""Constructed routes by name: starting points of the search, and baselines for its result."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from itertools import islice
+
+import numpy as np
+
+from uavcover.kernels.sight import horizontal_reach
+from uavcover.model.route import Route
+from uavcover.model.scenario import InitialRoute, PlannerSettings
+from uavcover.planner.baselines.boustrophedon import (
+    PLAIN_TOLERANCE_M,
+    TUNED,
+    Baseline,
+    best_height_agl_m,
+    boustrophedons,
+    evaluated,
+    fly_rows,
+    plain_rows,
+    scanned_rows,
+)
+from uavcover.planner.baselines.contour_lines import contour_lines
+from uavcover.planner.set_cover.candidates import (
+    Candidates,
+    Reduced,
+    finest_lattice_candidates,
+    level_candidates,
+    reduce,
+)
+from uavcover.planner.set_cover.solvers import (
+    cut_down,
+    greedy_cover,
+    searched_cover,
+    tour_route,
+)
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import reach_at_height_m
+
+_SPACING_CELLS = 0.25
+_MOST_PLACES = 60_000
+"""Of the lattice where sensing is at waypoints: the finer, the fewer waypoints see all (docs/results/coverage.md)."""
+
+_MOST_PAIRS = 30e6
+"""Places by the cells in their reach: about 20 s of processor time. Where that is more there are no more places than cells."""
+
+_SPACING_REACHES = 0.4
+"""Of the lattice where sensing is along the path, which sees more than its waypoints do."""
+
+_STEPS = 20_000
+_ROWS_AT_ONCE = 50
+_STREAM = 2
+
+
+def constructed_routes(
+    coverage: CoverageMap,
+    settings: PlannerSettings,
+    *,
+    asked: float | None,
+    executor: Executor | None,
+    should_stop: Callable[[], bool],
+    tuned: Iterator[Baseline] | None = None,
+) -> list[Baseline]:
+    """The routes that ``settings.initial`` names, the plain boustrophedon first.
+
+    Lines in swaths are always there where these are the encoding: it is counted from the best of them.
+
+    Args:
+        coverage: on the planner's cells.
+        settings: which, and the seed.
+        asked: share of what can be covered that the selection rule asks for, if it does.
+        executor: evaluates routes side by side.
+        should_stop: asked before each; the first is always made, and the plain lines of each kind.
+        tuned: lines in swaths that are taken in place of a scan, until it is time to stop.
+    """
+    names = initial_names(coverage, settings)
+    found: list[Baseline] = []
+    if "boustrophedon" in names:
+        if settings.encoding == "swaths":
+            found += boustrophedons(coverage, executor, should_stop, tuned)
+        else:
+            found += _rows(coverage, settings, executor, should_stop)
+    if "contour-lines" in names:
+        found += contour_lines(coverage, executor, should_stop)
+    covers: list[InitialRoute] = [name for name in names if name not in {"boustrophedon", "contour-lines"}]
+    if not covers or (found and should_stop()):
+        return found
+    candidates = _candidates(coverage)
+    reduced = reduce(candidates)
+    for name in covers:
+        if found and should_stop():
+            break
+        route = _cover_route(coverage, candidates, reduced, name, settings, 1.0 if asked is None else asked)
+        if route is not None:
+            found += evaluated(coverage, name, [route], executor)
+    return found
+
+
+def _rows(
+    coverage: CoverageMap, settings: PlannerSettings, executor: Executor | None, should_stop: Callable[[], bool]
+) -> list[Baseline]:
+    """The boustrophedon of free waypoints: rows of nodes, the plain ones first, then all that the encoding has room for."""
+    site = coverage.site
+    found = evaluated(coverage, "boustrophedon", [fly_rows(site, plain_rows(site))], executor)
+    scan = scanned_rows(site, most_nodes=settings.capacity)
+    while (batch := [fly_rows(site, rows) for rows in islice(scan, _ROWS_AT_ONCE)]) and not should_stop():
+        found += evaluated(coverage, TUNED, batch, executor)
+    return found
+
+
+def initial_names(coverage: CoverageMap, settings: PlannerSettings) -> Sequence[InitialRoute]:
+    """The names in ``settings.initial``, or the defaults.
+
+    Lines for swaths. A local search begins with lines too where it senses along the path (where energy is made small, with lines
+    along contours as well), and with a set cover where it senses at waypoints. A plain optimizer of waypoints samples all of its
+    first population, as the paper's does.
+    """
+    lines: tuple[InitialRoute, ...] = ("boustrophedon",) if settings.encoding == "swaths" else ()
+    if settings.initial is not None:
+        return tuple(dict.fromkeys((*lines, *settings.initial)))
+    if settings.algorithm not in {"memetic", "local-search"}:
+        return lines
+    if coverage.site.scenario.sensor.sensing == "at-waypoints":
+        return (*lines, "set-cover")
+    if coverage.site.scenario.objective == "energy":
+        return ("boustrophedon", "contour-lines")
+    return ("boustrophedon",)
+
+
+def _candidates(coverage: CoverageMap) -> Candidates:
+    site = coverage.site
+    if site.scenario.sensor.sensing == "at-waypoints":
+        spacing_m = _SPACING_CELLS * coverage.grid.cells.size_m
+        cells_each = math.pi * (horizontal_reach(coverage.sight) / coverage.grid.cells.size_m) ** 2
+        most = int(min(_MOST_PLACES, max(_MOST_PAIRS / max(cells_each, 1.0), coverage.grid.count)))
+        return finest_lattice_candidates(coverage, spacing_m=spacing_m, most=most)
+    height_agl_m = best_height_agl_m(site)
+    reach_m = max(reach_at_height_m(site.scenario.sensor, height_agl_m), coverage.grid.cells.size_m)
+    return level_candidates(coverage, spacing_m=_SPACING_REACHES * reach_m, height_agl_m=height_agl_m)
+
+
+def _cover_route(
+    coverage: CoverageMap,
+    candidates: Candidates,
+    reduced: Reduced,
+    name: InitialRoute,
+    settings: PlannerSettings,
+    asked: float,
+) -> Route | None:
+    """The route of one set cover; None if no place sees anything."""
+    if name == "greedy-set-cover":
+        chosen = greedy_cover(reduced, asked)
+    else:
+        chosen = searched_cover(reduced, steps=_STEPS, rng=np.random.default_rng([settings.seed, _STREAM]))
+    if settings.encoding == "waypoints":
+        chosen = cut_down(candidates, chosen, settings.capacity)
+    if chosen.size == 0:
+        return None
+    return tour_route(coverage.site, candidates.places_m[chosen], tolerance_m=PLAIN_TOLERANCE_M)

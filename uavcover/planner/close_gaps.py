@@ -1,0 +1,320 @@
+"""Finding and closing the gaps of a run, as ``gaps`` does it."""
+
+import math
+import time
+from collections import defaultdict
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from uavcover.errors import InfeasibleError, InputError
+from uavcover.kernels.arrays import FloatArray
+from uavcover.missions.mission_compiler import CompiledMission, compile_continuation
+from uavcover.missions.mission_files import compile_plan, mission_texts
+from uavcover.missions.objectives import judge_member
+from uavcover.model.route import Plan, Route
+from uavcover.model.track import Track
+from uavcover.model.verdict import VerificationReport
+from uavcover.planner.gap_route import ClosingRoute, plan_closing_route
+from uavcover.planner.plan_files import save_plan
+from uavcover.run.flight_folders import GAP_FOLDER, flown_tracks
+from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
+from uavcover.run.judged_inputs import check_accepted, logs_of_the_verdict
+from uavcover.run.provenance import note_files, sha256_of_content
+from uavcover.run.user import User, percent, to_paste
+from uavcover.scenario.scenario_file import dump_scenario
+from uavcover.scenario.site import Site
+from uavcover.scenario.vehicle_parts import own_sensors
+from uavcover.scenario.vehicle_site import vehicle_sites
+from uavcover.sensing.fleet_map import map_for
+from uavcover.verification.command import judge_run, read_log, say_inputs
+from uavcover.verification.gaps import gaps_geojson
+from uavcover.verification.verify import Verdict
+
+GAP_FILES = ("gaps.geojson", "gap_mission.waypoints")
+
+
+class GapStart(StrEnum):
+    """Where a gap mission begins."""
+
+    HOME = "home"
+    LAST = "last"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GapRequest:
+    """What is asked of a gap mission.
+
+    Attributes:
+        logs: of the flight; none are those that its verdict judged.
+        target: share of what can be seen that is enough; none is everything.
+        min_area_m2: smaller gaps stay open.
+        start: where the mission begins.
+        force: whether an older gap mission, and its flight, may be replaced.
+        accepted: changes since planning that are accepted.
+        system: the vehicle of telemetry logs that have several; none: the only one.
+    """
+
+    logs: Sequence[Path] = ()
+    target: float | None = None
+    min_area_m2: float = 0.0
+    start: GapStart = GapStart.HOME
+    force: bool = False
+    accepted: Sequence[str] = ()
+    system: int | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GapMission:
+    """A mission that sees what a flight has missed.
+
+    Attributes:
+        closing: the route, and what it sees of the gaps.
+        compiled: the mission, from take-off at home to landing there.
+        continuation: the same route for a vehicle in the air, from where it is; none when that was not asked for.
+        plan: the same as a plan of its own, for its run folder.
+        coverage_after: share of the coverable area that is seen after it, together with the flight.
+    """
+
+    closing: ClosingRoute
+    compiled: CompiledMission
+    continuation: CompiledMission | None
+    plan: Plan
+    coverage_after: float
+
+    @property
+    def wanted(self) -> CompiledMission:
+        """The mission that was asked for."""
+        return self.compiled if self.continuation is None else self.continuation
+
+
+def close_gaps(
+    run: RunFolder, user: User, request: GapRequest, *, command: Sequence[str]
+) -> tuple[GapMission | None, dict[str, Any]]:
+    """Write the gaps of a run and the mission that closes them, and say what it takes.
+
+    Without logs it takes what the verdict in the folder took.
+
+    Returns:
+        The mission, none when there is nothing to close; and the answer for ``--json``.
+    """
+    target, min_area_m2, start = request.target, request.min_area_m2, request.start
+    check_gap_request(min_area_m2=min_area_m2, target=target)
+    check_accepted(request.accepted)
+    run.existing("scenario.toml", made_by="uavcover plan")
+    judged = list(request.logs) or logs_of_the_verdict(run)
+    run.remove(GAP_FILES)
+    site, verdict, sources, inputs = judge_run(run, user, logs=judged, accepted=request.accepted, system=request.system)
+    report = verdict.report
+    say_inputs(user, inputs)
+    _say_gaps(user, report)
+    document: dict[str, Any] = {
+        "run": str(run),
+        "tracks": sources,
+        "inputs": inputs.hashes,
+        "accepted_changes": [asdict(change) for change in inputs.changes],
+        "gaps": len(report.gaps),
+        "coverage_of_coverable": report.coverage_of_coverable,
+        "verdict": report.verdict,
+        "mission": None,
+        "target_met": True,
+    }
+    save_gaps(run, verdict, command=command)
+    wanted = [gap for gap in report.gaps if gap.coverable and gap.area_m2 >= min_area_m2]
+    if not wanted or (target is not None and report.coverage_of_coverable >= target):
+        user.say(f"nothing to close; written: {run.file('gaps.geojson')}")
+        return None, document
+    with user.progress("planning the gap mission"):
+        own_logs = list(request.logs) or flown_tracks(run)
+        in_the_air = read_log(own_logs[-1], site, system=request.system).track if start is GapStart.LAST else None
+        first = vehicle_sites(site)[0] if own_sensors(site.scenario) else site
+        mission = plan_gap_mission(first, verdict, min_area_m2=min_area_m2, target=target, in_the_air=in_the_air)
+    whole_sha256 = None if first is site else sha256_of_content(dump_scenario(site.scenario))
+    folder = save_gap_mission(run, first, mission, command=command, force=request.force, scenario_sha256=whole_sha256)
+    path = mission.wanted.path_m
+    length_m = float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+    document |= {
+        "mission": str(run.file("gap_mission.waypoints")),
+        "folder": str(folder),
+        "start": start.value,
+        "waypoint_count": len(mission.closing.route),
+        "path_length_m": length_m,
+        "flight_time_s": mission.wanted.flight_time_s,
+        "coverage_after": mission.coverage_after,
+        "target_met": mission.plan.rule_met,
+    }
+    user.say(
+        f"gap mission       {len(mission.closing.route)} waypoints, {length_m:.0f} m and "
+        f"{mission.wanted.flight_time_s:.0f} s with the ways there and home; after it {percent(mission.coverage_after)} of "
+        "what can be seen"
+    )
+    if mission.closing.seen_m2 < mission.closing.wanted_m2 and target is None:
+        left_m2 = mission.closing.wanted_m2 - mission.closing.seen_m2
+        user.warn(f"{left_m2:.0f} square metres of the gaps stay open: no leg inside the limits was found for them")
+    if not mission.plan.rule_met and target is not None:
+        user.warn(f"the mission does not reach {percent(target)}; the best there is has been written")
+    user.say(f"written: {run.file('gaps.geojson')}, {run.file('gap_mission.waypoints')}")
+    return mission, document
+
+
+def commands_after_gaps(run: RunFolder, request: GapRequest) -> list[str]:
+    """How the mission that :func:`close_gaps` has written is flown and judged, one command a line."""
+    folder = RunFolder(run.file(GAP_FOLDER))
+    commands = [to_paste("plan-upload", folder, "--to", "URL"), to_paste("fly", folder, "--to", "URL")]
+    if request.start is GapStart.LAST:
+        resume = to_paste("fly", folder, "--resume", "--to", "URL")
+        upload = to_paste("upload", run.file("gap_mission.waypoints"), "--to", "URL", "--in-flight")
+        commands = [
+            f"{resume}  # from wherever the vehicle holds in the air",
+            f"{upload}  # or by a ground station, started at its first item: begins where the last log ends",
+            f"{commands[0]}  # or from home, if the vehicle has landed",
+            commands[1],
+        ]
+    logs = (*(request.logs or flown_tracks(run)), folder.file("track.csv"))
+    return [*commands, to_paste("verify", run, *(word for path in logs for word in ("--log", path)))]
+
+
+def _say_gaps(user: User, report: VerificationReport) -> None:
+    areas: dict[str, float] = defaultdict(float)
+    for gap in report.gaps:
+        areas[gap.reason] += gap.area_m2
+    user.say(
+        f"coverage flown    {percent(report.coverage_fraction)} of the area, "
+        f"{percent(report.coverage_of_coverable)} of what can be seen"
+    )
+    if not report.passed:
+        user.say(f"verdict           {report.verdict.upper()} (uavcover verify says why)")
+    user.say(f"gaps              {len(report.gaps)}, {sum(areas.values()):.0f} square metres in all")
+    for name, area_m2 in sorted(areas.items(), key=lambda item: -item[1]):
+        user.say(f"                  {name}: {area_m2:.0f} square metres")
+
+
+def check_gap_request(*, min_area_m2: float, target: float | None) -> None:
+    """Refuse what cannot be asked of a gap mission.
+
+    Raises:
+        InputError: an area below 0, or a target outside 0..1.
+    """
+    if not min_area_m2 >= 0.0 or not math.isfinite(min_area_m2):
+        raise InputError(f"min area: {min_area_m2} square metres must not be negative")
+    if target is not None and not 0.0 < target <= 1.0:
+        raise InputError(f"target: {target} is a share of the coverable area, above 0 and at most 1")
+
+
+def plan_gap_mission(
+    site: Site,
+    verdict: Verdict,
+    *,
+    min_area_m2: float = 0.0,
+    target: float | None = None,
+    in_the_air: Track | None = None,
+) -> GapMission:
+    """The mission that closes the coverable gaps of a flight and lands at home.
+
+    Args:
+        site: the scenario on its ground; of vehicles with sensors of their own, the site of the one that flies it.
+        verdict: on what was flown.
+        min_area_m2: smaller gaps are left open.
+        target: share of the coverable area that is enough, 0..1; default: everything.
+        in_the_air: of a vehicle that has not landed: the mission begins at the last sample; default: take-off at home.
+
+    Raises:
+        InputError: an argument is out of range, or the site has no home.
+        InfeasibleError: there is nothing to close, or no checked mission for it.
+    """
+    check_gap_request(min_area_m2=min_area_m2, target=target)
+    if site.home_m is None:
+        raise InputError(
+            f"scenario {site.scenario.name}: has no [home]; a mission needs the place to take off and land"
+        )
+    started = time.monotonic()
+    coverage, seen = verdict.coverage, verdict.flown.seen
+    missing = np.zeros(coverage.grid.count, dtype=bool)
+    for region in verdict.gaps:
+        if region.gap.coverable and region.gap.area_m2 >= min_area_m2:
+            missing[region.cells] = True
+    own_eyes = site.scenario.sensor != coverage.site.scenario.sensor or own_sensors(coverage.site.scenario)
+    eyes = map_for(coverage.site, site) if own_eyes else coverage
+    missing &= eyes.coverable
+    if not missing.any():
+        raise InfeasibleError("there are no gaps to close that could be seen and are large enough")
+    needed_m2 = None
+    if target is not None:
+        lacking = target - coverage.share_of_coverable(seen)
+        if lacking <= 0.0:
+            raise InfeasibleError(f"there is nothing to close: the flight has reached {100 * target:g} % already")
+        needed_m2 = lacking * float(coverage.grid.weight_m2[coverage.coverable].sum())
+    start_m = site.home_m if in_the_air is None else _last_place_m(site, in_the_air)
+    closing = plan_closing_route(eyes, missing, start_m=start_m, end_m=site.home_m, needed_m2=needed_m2)
+    compiled = compile_plan(site, closing.route)
+    continuation = None if in_the_air is None else _continuation(site, closing.route, in_the_air)
+    route = closing.route
+    member = judge_member(eyes, route, "gap-closing", margin_m=site.scenario.limits.height_margin_m)
+    after = coverage.share_of_coverable(seen | eyes.seen(route.waypoints_m))
+    plan = Plan(
+        chosen=member, members=(member,), baselines=(), rule="gaps", rule_met=target is None or after >= target,
+        algorithm="gap-closing", evaluations=0, wall_s=time.monotonic() - started,
+    )  # fmt: skip
+    return GapMission(closing, compiled, continuation, plan, after)
+
+
+def _last_place_m(site: Site, track: Track) -> FloatArray:
+    """(3,) ENU of the last sample, by its geodetic columns.
+
+    Raises:
+        InputError: the scenario has no place on Earth.
+    """
+    if site.frame is None:
+        raise InputError(f"scenario {site.scenario.name}: has no place on Earth, so there is no mission to fly")
+    lat_deg, lon_deg, alt_amsl_m = track.geodetic[-1].tolist()
+    place_m: FloatArray = site.frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
+    return place_m
+
+
+def _continuation(site: Site, route: Route, track: Track) -> CompiledMission:
+    lat_deg, lon_deg, alt_amsl_m = track.geodetic[-1].tolist()
+    return compile_continuation(
+        site, route, lat_deg=lat_deg, lon_deg=lon_deg, alt_amsl_m=alt_amsl_m,
+        flown_s=float(track.time_s[-1] - track.time_s[0]), autopilot=site.scenario.vehicle.autopilot,
+    )  # fmt: skip
+
+
+def save_gaps(run: RunFolder, verdict: Verdict, *, command: Sequence[str]) -> None:
+    """Write ``gaps.geojson``.
+
+    Raises:
+        InputError: the scenario has no place on Earth.
+    """
+    run.write_json("gaps.geojson", gaps_geojson(verdict.coverage, verdict.gaps))
+    note_files(run, "gaps", ["gaps.geojson"], command=command)
+
+
+def save_gap_mission(
+    run: RunFolder,
+    site: Site,
+    mission: GapMission,
+    *,
+    command: Sequence[str],
+    force: bool,
+    scenario_sha256: str | None = None,
+) -> RunFolder:
+    """Write ``gap_mission.waypoints``, and a run folder inside this one that can be uploaded and flown from home.
+
+    Raises:
+        OutputError: there is such a folder already and ``force`` was not said.
+    """
+    folder = RunFolder(run.file(GAP_FOLDER))
+    autopilot = site.scenario.vehicle.autopilot
+    with folder.reserved((*PLAN_FILES, *OF_A_PLAN), force=force):
+        save_plan(
+            folder, site, mission.plan, compiled=mission.compiled, autopilot=autopilot,
+            seed=site.scenario.planner.seed, command=command, scenario_sha256=scenario_sha256,
+        )  # fmt: skip
+    texts = mission_texts(mission.wanted, autopilot=autopilot, name=site.scenario.name)
+    run.write_text("gap_mission.waypoints", texts["mission.waypoints"])
+    note_files(run, "gaps", ["gap_mission.waypoints"], command=command)
+    return folder

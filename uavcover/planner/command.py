@@ -1,0 +1,272 @@
+"""Planning into a run folder, as ``plan``, ``plan-upload`` and ``demo`` do it."""
+
+import dataclasses
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from uavcover.errors import INTERRUPTED, InfeasibleError, InputError
+from uavcover.missions.flights import compile_flights
+from uavcover.missions.mission_compiler import CompiledMission
+from uavcover.missions.mission_files import one_or_several
+from uavcover.missions.sorties import Sortie
+from uavcover.model.route import Plan, Route
+from uavcover.model.terrain import RasterTerrain
+from uavcover.model.vehicle import autopilot_name
+from uavcover.planner.fleet_document import fleet_document, say_fleet
+from uavcover.planner.fleet_parts import part_sites
+from uavcover.planner.kept_parts import KeptParts
+from uavcover.planner.plan_bounds import bounds, least_length_m
+from uavcover.planner.plan_files import save_plan
+from uavcover.planner.plan_search import SearchRequest, plan
+from uavcover.planner.plan_words import (
+    progress_in_words,
+    room_in_words,
+    say_hidden,
+    say_missions,
+    say_older,
+    say_plan,
+    say_size,
+    say_steps,
+    say_summary,
+    say_window,
+    say_zones,
+    telling_bounds,
+)
+from uavcover.planner.planner import SearchProgress
+from uavcover.planner.selection_rule import parse_rule
+from uavcover.plugins import loaded
+from uavcover.run.documents import bounds_in_words
+from uavcover.run.folder import OF_A_PLAN, PARTS, PLAN_FILES, RunFolder
+from uavcover.run.user import ProgressBar, StopRequests, User
+from uavcover.scenario.scenario_file import terrain_source
+from uavcover.scenario.site import Site, load_site
+from uavcover.scenario.vehicle_parts import groups_of
+from uavcover.scenario.vehicle_site import vehicle_sites
+from uavcover.sensing.block_map import is_large
+from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
+from uavcover.terrain.suspect_heights import trust_asked_for
+
+_FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PlanRequest(SearchRequest):
+    """What to plan, where to, and how; what is None is taken from the scenario.
+
+    Attributes:
+        scenario: a file, the name of a bundled one, or a site.
+        folder: the run folder.
+        command: how it was asked for, for ``run.json``.
+        force: whether a plan that is there may be replaced, with all that belongs to it.
+        bounds_s: prove bounds for so long, after the search.
+        waypoint_price: cost of every waypoint, in metres of path or in seconds, as the objective is.
+        vehicles: how many fly at the same time.
+        rally: "home" or "auto".
+    """
+
+    scenario: str | Site
+    folder: Path
+    command: Sequence[str]
+    force: bool
+    bounds_s: float | None = None
+    waypoint_price: float | None = None
+    vehicles: int | None = None
+    rally: Literal["home", "auto"] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanOutcome:
+    """What planning into a folder gave.
+
+    Attributes:
+        site: the scenario on its ground.
+        plan: the Pareto set and the choice.
+        compiled: the mission, none for a scenario that has no place on Earth, and none when it is flown as several sorties.
+        sorties: the flights when there are several.
+        document: the answer for ``--json``.
+        exit_code: 0, 1 when the rule, or the overlap required, was not met, 130 when the user ended the search.
+    """
+
+    site: Site
+    plan: Plan
+    compiled: CompiledMission | None
+    sorties: tuple[Sortie, ...]
+    document: dict[str, Any]
+    exit_code: int
+
+
+def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], object]) -> PlanOutcome:
+    """Plan a scenario into a run folder, saying what happens; ``check_site`` may refuse the site by raising.
+
+    Raises:
+        InfeasibleError: no route keeps the limits, or the chosen one has no checked mission; in the second case the plan
+            is written all the same, without mission files.
+    """
+    if request.select is not None:
+        parse_rule(request.select)
+    site = request.scenario if isinstance(request.scenario, Site) else load_site(request.scenario)
+    if request.waypoint_price is not None:
+        site = site.minimising(waypoint_price=request.waypoint_price)
+    if request.vehicles is not None:
+        site = site.flown_by(request.vehicles)
+    if request.rally is not None:
+        planner = dataclasses.replace(site.scenario.planner, rally=request.rally)
+        site = dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, planner=planner))
+    if request.autopilot is not None and site.scenario.vehicles:
+        raise InputError("--autopilot: each [[vehicle]] has its own; leave it out")
+    for own in part_sites(site) if groups_of(site.scenario) else vehicle_sites(site):
+        check_site(own)
+    check_site(site)
+    _check_heights(site, user)
+    if request.bounds_s is not None and not loaded("uavcover.bounds"):
+        raise InputError("--bounds: no prover is installed; install uavcover with its extras")
+    name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
+    run = RunFolder(request.folder)
+    started = time.monotonic()
+    with (
+        run.reserved((*PLAN_FILES, *OF_A_PLAN), force=request.force),
+        user.stop_requests(_FIRST_STOP) as stops,
+    ):
+        kept = KeptParts(run.file(PARTS))
+        user.say(f"planning {site.scenario.name}: {site.scenario.description}".rstrip(": "))
+        with user.progress("planning") as bar:
+            result = _search(site, request, stops, bar, kept)
+        flights: tuple[Sortie, ...] = ()
+        refused = None
+        if site.frame is not None and site.home_m is not None:
+            try:
+                flights = compile_flights(site, result.chosen.route, autopilot=name)
+            except InfeasibleError as error:
+                refused = error
+        seed = site.scenario.planner.seed if request.seed is None else request.seed
+        compiled, sorties = one_or_several(site, flights)
+        bounds = _bounds(site, request, result, user)
+        fleet = fleet_document(site, flights)
+        older = save_plan(
+            run, site, result, compiled=compiled, autopilot=name, seed=seed, command=request.command, sorties=sorties,
+            fleet=fleet, proved=bounds,
+        )  # fmt: skip
+        if not result.interrupted:
+            kept.forget()
+    say_older(user, older)
+    if refused is not None:
+        raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
+    say_summary(user, site, result, flights)
+    shown = bounds if request.bounds_s is not None else telling_bounds(site, bounds)
+    say_plan(
+        user, run, site, result, bounds_in_words(shown), time.monotonic() - started, asked=_asked(site, request, result)
+    )
+    say_zones(user, site, result.chosen.metrics)
+    say_steps(user, site)
+    say_hidden(user, site)
+    if "shortest_path_m" in shown and (small := _made_small(site)) is not None:
+        user.say(
+            f"this plan makes the {small} of the whole mission small (the last column), not the length of the route"
+        )
+    if flights and (warning := room_in_words(site.scenario.limits, result.chosen.metrics)):
+        user.warn(warning)
+    say_missions(user, run, compiled, sorties)
+    say_fleet(user, fleet)
+    say_size(user, result)
+    say_window(user, site, flights)
+    interrupted = result.interrupted or stops.any()
+    if interrupted and not result.interrupted:
+        user.warn(f"interrupted when the search was over: the whole plan has been written to {run}")
+    short = _overlap_missed(site, result.chosen.route, sorties)
+    if short is not None:
+        user.warn(
+            f"{short}: verify would fail the flight; plan longer, ask for less overlap, or lower "
+            "requirements.min_overlap_fraction"
+        )
+    code = INTERRUPTED if interrupted else 0 if result.rule_met and short is None else 1
+    document = {
+        "run": str(run),
+        "coverage_fraction": result.chosen.metrics.coverage_fraction,
+        "coverage_of_coverable": result.chosen.metrics.coverage_of_coverable,
+        "waypoint_count": result.chosen.metrics.waypoint_count,
+        "path_length_m": result.chosen.metrics.path_length_m,
+        "rule": result.rule,
+        "rule_met": result.rule_met,
+        "interrupted": interrupted,
+        "bounds": bounds,
+        "mission_files": bool(flights),
+        "sorties": len(sorties),
+        "mission": None if result.chosen.mission is None else dataclasses.asdict(result.chosen.mission),
+        "fleet": fleet,
+    }
+    return PlanOutcome(site, result, compiled, sorties, document, code)
+
+
+def _check_heights(site: Site, user: User) -> None:
+    """Ask about elevation data that does not look like ground where flights may go.
+
+    Raises:
+        InputError: there is some, and the user did not confirm it.
+    """
+    terrain = site.scenario.terrain
+    if isinstance(terrain, RasterTerrain) and site.frame is not None:
+        trust_asked_for(
+            terrain_source(terrain), terrain.vertical_datum, site.fence, site.frame, user, trusted=terrain.trust_heights
+        )
+
+
+def _made_small(site: Site) -> str | None:
+    """What of the whole mission is made small, in words; none where it is something of the route alone."""
+    return {"mission-time": "time", "energy": "energy"}.get(site.scenario.objective)
+
+
+def _overlap_missed(site: Site, route: Route, sorties: Sequence[Sortie]) -> str | None:
+    """How the planned pictures miss the overlap that is required of the flown ones; none where they keep it."""
+    if site.scenario.requirements.min_overlap_fraction is None:
+        return None
+    routes = [sortie.route.waypoints_m for sortie in sorties] or [route.waypoints_m]
+    return overlap_shortfall(site.scenario, planned_pictures(judging_map(site), routes))
+
+
+def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: ProgressBar, kept: KeptParts) -> Plan:
+    unit = {"length": "m", "energy": "s of hovering"}.get(site.scenario.objective, "s")
+    bar.update(0, note="baselines first")
+    # Of a large area it takes long to know, and here it is only told while the search goes on.
+    least_m = None if is_large(site) else least_length_m(site, request.select or site.scenario.select)
+
+    started, budget_s, furthest = time.monotonic(), request.budget_s, 0.0
+
+    def show(progress: SearchProgress) -> None:
+        nonlocal furthest
+        done = float(progress.evaluations) if budget_s is None else min(time.monotonic() - started, budget_s)
+        furthest = max(furthest, done)  # one bar from the start to the end, whatever stages the search has
+        total = progress.total if budget_s is None else budget_s
+        bar.update(furthest, total=total, note=progress_in_words(progress, unit, least_m))
+
+    return plan(site, request, should_stop=stops.any, on_progress=show, kept=kept)
+
+
+def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[str, Any]:
+    """What was asked for; without being asked what is quick, and under a time budget only what takes no solver.
+
+    For a large area nothing is quick: the bound on its path looks at all of its cells, in this process alone.
+    """
+    if result.interrupted or (request.bounds_s is None and is_large(site)):
+        return bounds(site)
+    if groups_of(site.scenario):
+        if request.bounds_s is not None:
+            user.warn("bounds are those of one route, and the vehicles have parts of the area: none is proved")
+        return bounds(site)
+    unasked_s = None if request.budget_s is None else 0.0
+    if request.bounds_s is None:
+        return bounds(site, result, time_s=unasked_s)
+    user.say(f"proving bounds for up to {request.bounds_s:g} s")
+    return bounds(site, result, time_s=request.bounds_s)
+
+
+def _asked(site: Site, request: PlanRequest, result: Plan) -> str:
+    """What the chosen route was to meet, in words: the rule, and the most waypoints where they are limited."""
+    planner = site.scenario.planner
+    most = request.max_waypoints or planner.max_waypoints
+    if most is None or planner.encoding != "swaths":
+        return result.rule
+    return f"{result.rule} with at most {most} waypoints"

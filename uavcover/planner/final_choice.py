@@ -1,0 +1,366 @@
+"""The choice among routes that were judged: not for luck, not with too many waypoints, without those it can do without."""
+
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.errors import InfeasibleError
+from uavcover.kernels.arrays import IntArray
+from uavcover.kernels.way_cost import FlightCosts, battery_s
+from uavcover.missions.flight_costs import flight_costs_along_transits
+from uavcover.missions.leg_checks import measure_violations
+from uavcover.model.route import Route, RouteMember
+from uavcover.model.scenario import PlannerSettings
+from uavcover.planner.front import NamedRoute, judge_members, pareto_members, thinned, why_infeasible
+from uavcover.planner.search.closing import with_gaps_closed
+from uavcover.planner.search.route_judge import SAFETY
+from uavcover.planner.search.simplify import simplified
+from uavcover.planner.search.tuning import TUNED
+from uavcover.planner.selection_rule import Rule, select, without_flukes
+from uavcover.planner.sortie_order.reorder import OrderEffort, has_several_sorties, reordered
+from uavcover.planner.sound_corners import with_sound_corners
+from uavcover.planner.sure_pictures import surely
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
+
+_MOST_LONG = 10
+"""So many choices with legs that are too long for a battery get waypoints on them."""
+
+_MOST_UNSURE = 5
+"""So many choices with unsure pictures are given up for the next one before the first of them is taken after all."""
+
+_MOST_UNSOUND = 20
+"""So many choices are tried that keep the limits in their legs and not in their corners; where all can be mended, it is one."""
+
+_MOST_NEAR, _MOST_CLOSED, _CHEAPER = 8, 2, 0.97
+"""The gaps of so many routes are tried to be closed at the end, until so many are, that cost so much less than what reaches the
+goal."""
+
+_DEAR = 20.0
+"""Of these, those come first that may cost least with their gaps closed: all coverage would take so many times the route's cost
+at the rate of its last part (17 to 80 in four cases of scripts/bench/kinds.py)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ChosenRoute:
+    """What was chosen, and from what.
+
+    Attributes:
+        route: the chosen one.
+        pareto: the Pareto set that it is in.
+        rule_met: whether it is what the rule asks for.
+        simpler: routes that were made of it with fewer waypoints, or in another order, whether chosen or not.
+    """
+
+    route: RouteMember
+    pareto: tuple[RouteMember, ...]
+    rule_met: bool
+    simpler: tuple[NamedRoute, ...]
+
+
+def choose(
+    fine: CoverageMap,
+    settings: PlannerSettings,
+    rule: Rule,
+    judged: Sequence[RouteMember],
+    *,
+    executor: Executor | None,
+    interrupted: bool,
+    is_over: Callable[[], bool] | None,
+    order: OrderEffort | None = None,
+) -> ChosenRoute:
+    """Choose by the rule among judged routes.
+
+    Args:
+        fine: the cells on which they were judged.
+        settings: how many waypoints a route may have.
+        rule: what is asked for.
+        judged: the routes.
+        executor: judges routes side by side.
+        interrupted: the search was; an error says so.
+        is_over: whether there is no time left to give up waypoints; none: they are all kept.
+        order: how long to search for an order in which the sorties of what is chosen take less; none: it stays.
+
+    Raises:
+        InfeasibleError: none of them keeps the hard limits; says which, where and by how much.
+    """
+    site = fine.site
+    feasible = _feasible_with_corners_mended(fine, judged, settings, rule, executor)
+    if not feasible:
+        early = "interrupted: so far " if interrupted else ""
+        raise InfeasibleError(early + why_infeasible(site, judged))
+    few = _few_enough(feasible, settings)
+    if is_over is not None:
+        closed = _feasible(fine, _nearly_with_gaps_closed(fine, few, rule, is_over), executor)
+        few = _few_enough([*few, *closed], settings)
+    confirmed = _confirmed(site, few, rule, cells=fine.grid.count)
+    simpler: list[NamedRoute] = []
+    if is_over is not None:
+        closed = _feasible(fine, _fluke_with_gaps_closed(site, few, confirmed, rule, is_over), executor)
+        if closed and _is_few_enough(closed[0], settings):
+            confirmed = _confirmed(site, [*confirmed, *closed], rule, cells=fine.grid.count)
+        simpler = _simplified(site, confirmed, rule, is_over)
+        confirmed += _feasible(fine, simpler, executor)
+    if order is not None:
+        others = _in_other_order(site, confirmed, rule, order, is_over)
+        confirmed += [member for member in _feasible(fine, others, executor) if _is_few_enough(member, settings)]
+        simpler += others
+    confirmed = _with_legs_that_fit(fine, _with_sure_pictures(fine, confirmed, rule, executor), rule, executor)
+    pareto = thinned(pareto_members(confirmed), rule)
+    choice = select(pareto, rule)
+    route = pareto[choice.index]
+    return ChosenRoute(route, tuple(pareto), choice.met and _is_few_enough(route, settings), tuple(simpler))
+
+
+def _feasible(fine: CoverageMap, routes: Sequence[NamedRoute], executor: Executor | None) -> list[RouteMember]:
+    sound = [(with_sound_corners(fine.site, route), origin) for route, origin in routes]
+    return [member for member in judge_members(fine, sound, executor) if member.violation <= 0.0]
+
+
+def _feasible_with_corners_mended(
+    fine: CoverageMap,
+    judged: Sequence[RouteMember],
+    settings: PlannerSettings,
+    rule: Rule,
+    executor: Executor | None,
+) -> list[RouteMember]:
+    """Members that keep the limits; of those that break them in their corners alone, the ones that the rule would choose, mended.
+
+    Corners are flown inside of their waypoints, where no leg is: nearer to obstacles, and at a cliff over other ground.
+    """
+    site = fine.site
+    margin_m = site.scenario.limits.height_margin_m
+    feasible = [member for member in judged if member.violation <= 0.0]
+    unsound = [
+        member
+        for member in judged
+        if member.violation > 0.0 and measure_violations(site, member.route.waypoints_m, margin_m=margin_m).total <= 0.0
+    ]
+
+    def choice(members: Sequence[RouteMember]) -> RouteMember | None:
+        chosen = _chosen_so_far(_few_enough(members, settings), rule)
+        return next((one for one in members if one.violation > 0.0), None) if chosen is None else chosen
+
+    def mended(chosen: RouteMember) -> list[RouteMember] | None:
+        return None if chosen.violation <= 0.0 else _feasible(fine, [(chosen.route, chosen.origin)], executor)
+
+    members, _ = _replaced([*feasible, *unsound], choice, mended, most=_MOST_UNSOUND)
+    return [member for member in members if member.violation <= 0.0]
+
+
+def _is_few_enough(member: RouteMember, settings: PlannerSettings) -> bool:
+    """Whether a route has no more waypoints than it may have."""
+    return settings.most_waypoints is None or member.metrics.waypoint_count <= settings.most_waypoints
+
+
+def _few_enough(members: Sequence[RouteMember], settings: PlannerSettings) -> list[RouteMember]:
+    """Those of no more waypoints than a route may have; where there are none, those with the fewest."""
+    fewest = min(member.metrics.waypoint_count for member in members)
+    few = [member for member in members if _is_few_enough(member, settings)]
+    return few or [member for member in members if member.metrics.waypoint_count == fewest]
+
+
+def _confirmed(site: Site, members: list[RouteMember], rule: Rule, *, cells: int) -> list[RouteMember]:
+    """The members without those that the rule would choose for luck, where there are finer cells to try them on."""
+    finer = finer_map(site)
+    if finer is None:
+        return members
+    return without_flukes(
+        members, rule, lambda route: finer.share_of_coverable(finer.seen(route.waypoints_m)), cells=cells
+    )
+
+
+def _nearly_with_gaps_closed(
+    fine: CoverageMap, members: Sequence[RouteMember], rule: Rule, is_over: Callable[[], bool]
+) -> list[NamedRoute]:
+    """What lacks a little of what is asked for and costs less than what the rule chooses, with the rest behind it.
+
+    A search may end a few cells short of its goal, and the next route that reaches it takes two thirds longer
+    (tests/random_kinds.py, case 12).
+    """
+    chosen, asked = _chosen_so_far(members, rule), rule.required_coverage
+    if chosen is None or asked is None:
+        return []
+    most = _CHEAPER * chosen.metrics.cost if chosen.metrics.coverage_of_coverable >= asked else math.inf
+    found: list[tuple[float, RouteMember]] = []
+    for member in members:
+        lacking = asked - member.metrics.coverage_of_coverable
+        closed_cost = member.metrics.cost * (1.0 + _DEAR * lacking)
+        if 0.0 < lacking <= TUNED.goal.most_short and closed_cost < most:
+            found.append((closed_cost, member))
+    routes: list[NamedRoute] = []
+    for _, member in sorted(found, key=lambda each: each[0])[:_MOST_NEAR]:
+        if len(routes) == _MOST_CLOSED or is_over():
+            break
+        closed = _closed(fine, member.route, asked + SAFETY, is_over)
+        routes += [] if closed is None else [(closed, member.origin)]
+    return routes
+
+
+def _fluke_with_gaps_closed(
+    site: Site,
+    members: Sequence[RouteMember],
+    confirmed: Sequence[RouteMember],
+    rule: Rule,
+    is_over: Callable[[], bool],
+) -> list[NamedRoute]:
+    """What the rule chooses among all members, where other cells see too little of it, with the rest behind it.
+
+    The next best may cost a third more, and this one lacks next to nothing (scripts/bench/kinds.py, ``city:tilted``, seed 2).
+    """
+    chosen, finer, asked = _chosen_so_far(members, rule), finer_map(site), rule.required_coverage
+    if chosen is None or finer is None or asked is None or chosen.metrics.coverage_of_coverable < asked:
+        return []
+    if any(one is chosen for one in confirmed):
+        return []
+    closed = _closed(finer, chosen.route, asked, is_over)
+    return [] if closed is None else [(closed, chosen.origin)]
+
+
+def _closed(judging: CoverageMap, route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
+    return with_gaps_closed(judging, route, goal, TUNED.goal.closed, is_over, most_trials=TUNED.goal.most_trials)
+
+
+def _simplified(
+    site: Site, feasible: Sequence[RouteMember], rule: Rule, is_over: Callable[[], bool]
+) -> list[NamedRoute]:
+    """What the rule chooses among the members, without the waypoints that it can do without; none when it needs them all."""
+    chosen = _chosen_so_far(feasible, rule)
+    if chosen is None:
+        return []
+    simpler = simplified(judging_maps(site), chosen.route, asked=rule.required_coverage, is_over=is_over)
+    return [] if simpler is None else [(simpler, chosen.origin)]
+
+
+def _in_other_order(
+    site: Site,
+    feasible: Sequence[RouteMember],
+    rule: Rule,
+    order: OrderEffort,
+    is_over: Callable[[], bool] | None,
+) -> list[NamedRoute]:
+    """What the rule chooses among the members, in an order in which its sorties take less, and that without spare waypoints."""
+    chosen = _chosen_so_far(feasible, rule)
+    if chosen is None or not has_several_sorties(site, chosen.route):
+        return []
+    judges, asked = judging_maps(site), rule.required_coverage
+    other = reordered(site, judges, chosen.route, order, asked=asked)
+    if other is None:
+        return []
+    simpler = None if is_over is None else simplified(judges, other, asked=asked, is_over=is_over)
+    return [(route, chosen.origin) for route in (other, simpler) if route is not None]
+
+
+def _with_sure_pictures(
+    fine: CoverageMap, members: list[RouteMember], rule: Rule, executor: Executor | None
+) -> list[RouteMember]:
+    """The members; what the rule chooses among them is one whose pictures are sure, if one of few keeps the rule as well."""
+    found, is_sure = _replaced(
+        members, lambda left: _chosen_so_far(left, rule), lambda chosen: _made_of(chosen, surely, fine, executor),
+        most=_MOST_UNSURE, confirmed=lambda left: _confirmed(fine.site, left, rule, cells=fine.grid.count),
+    )  # fmt: skip
+    return found if is_sure and select(pareto_members(found), rule).met else members
+
+
+def _with_legs_that_fit(
+    fine: CoverageMap, members: list[RouteMember], rule: Rule, executor: Executor | None
+) -> list[RouteMember]:
+    """The members; what the rule chooses among them has waypoints on legs that are too long for one flight, if one of few has.
+
+    It is the same line: what is seen from it differs only by where along a leg the sensor looks. It takes several flights, and
+    the rule may choose another one instead.
+    """
+    found, fits = _replaced(
+        members, lambda left: _chosen_so_far(left, rule),
+        lambda chosen: _made_of(chosen, with_legs_that_fit, fine, executor), most=_MOST_LONG,
+    )  # fmt: skip
+    return found if fits else members
+
+
+def _made_of(
+    chosen: RouteMember, mended: Callable[[Site, Route], Route], fine: CoverageMap, executor: Executor | None
+) -> list[RouteMember] | None:
+    """What is made of a member and keeps the limits; None where its route stays as it is."""
+    route = mended(fine.site, chosen.route)
+    return None if route is chosen.route else _feasible(fine, [(route, chosen.origin)], executor)
+
+
+def _replaced(
+    members: list[RouteMember],
+    choice: Callable[[Sequence[RouteMember]], RouteMember | None],
+    made_of: Callable[[RouteMember], list[RouteMember] | None],
+    *,
+    most: int,
+    confirmed: Callable[[list[RouteMember]], list[RouteMember]] = lambda members: members,
+) -> tuple[list[RouteMember], bool]:
+    """The members with what is made of the choice among them in its place, until nothing has to be made of it.
+
+    Args:
+        members: feasible or to be made so.
+        choice: one of some members, one at least; none ends it.
+        made_of: what comes in place of a choice; None: it may stay.
+        most: so many choices are replaced.
+        confirmed: those of some members that may be chosen.
+
+    Returns:
+        The members, and whether the choice among them may stay.
+    """
+    for _ in range(most):
+        chosen = choice(members) if members else None
+        made = None if chosen is None else made_of(chosen)
+        if made is None:
+            return members, bool(members)
+        members = [*(member for member in members if member is not chosen), *made]
+        members = confirmed(members) if members else members
+    return members, False
+
+
+def _chosen_so_far(feasible: Sequence[RouteMember], rule: Rule) -> RouteMember | None:
+    """What the rule chooses among members; none where it names a number in the set of all."""
+    if rule.kind == "index":
+        return None
+    pareto = pareto_members(feasible)
+    return pareto[select(pareto, rule).index]
+
+
+_MOST_HALVINGS = 6
+_SHORTEST_M = 20.0
+"""A leg of less is not halved: what is too far away is not reached by shorter legs."""
+
+
+def with_legs_that_fit(site: Site, route: Route) -> Route:
+    """The route, or in its place the same line with waypoints on legs that no flight takes as a whole.
+
+    Sorties are cut at waypoints. Where legs do not fit however short they are, and where a sensor looks from waypoints alone,
+    the route as it is.
+
+    Args:
+        site: the scenario on its ground; of one vehicle, or of several that are alike.
+        route: keeps the limits.
+    """
+    vehicle = site.scenario.vehicle
+    looks_along = site.scenario.sensor.sensing == "along-path"
+    if vehicle.endurance_s is None or site.home_m is None or site.frame is None or not looks_along:
+        return route
+    if site.scenario.vehicles or route.begins or len(route) < 2:
+        return route
+    points = route.waypoints_m
+    for _ in range(_MOST_HALVINGS):
+        long = _too_long(flight_costs_along_transits(site, Route(points), vehicle.autopilot, None))
+        if long.size == 0:
+            return route if len(points) == len(route) else Route(points)
+        if (np.linalg.norm(points[long + 1] - points[long], axis=1) < _SHORTEST_M).any():
+            return route
+        points = np.insert(points, long + 1, 0.5 * (points[long] + points[long + 1]), axis=0)
+    return route
+
+
+def _too_long(costs: FlightCosts) -> IntArray:
+    """Numbers of the waypoints at the beginnings of legs that take too long, or too much of a battery, to be flown alone."""
+    legs = np.arange(len(costs.so_far_s) - 1)
+    alone_s = costs.there_s[:-1] + np.diff(costs.so_far_s) + costs.back_s[1:]
+    used_s = np.array([battery_s(costs.energies, int(leg), int(leg) + 1) for leg in legs])
+    return np.flatnonzero((alone_s > costs.endurance_s) | (used_s > costs.energies.usable_s))

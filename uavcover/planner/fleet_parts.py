@@ -1,0 +1,177 @@
+"""Plans of vehicles that each see a part of the area: every part is searched by itself, and their routes are one plan."""
+
+import itertools
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import shapely
+
+from uavcover.errors import ScenarioError
+from uavcover.missions.part_routes import judge_route
+from uavcover.model.route import PART_OF, Plan, Route, RouteMember
+from uavcover.planner.baselines.boustrophedon import TUNED
+from uavcover.planner.front import pareto_members
+from uavcover.planner.parts.division import FlightWork, divide
+from uavcover.planner.parts.planner import flight_work
+from uavcover.planner.selection_rule import parse_rule, select
+from uavcover.scenario.site import Site
+from uavcover.scenario.vehicle_parts import Piece, groups_of, own_parts
+from uavcover.scenario.vehicle_site import vehicle_sites
+
+SearchPart = Callable[[Site, float, str], Plan]
+"""Searches on a site whose area is one part, with a share of the effort, by a rule."""
+
+_ROUNDS = (0.2, 0.3, 0.5)
+"""Shares of the search, for one division after the other where the planner divides."""
+_MOST_ORDERS = 24
+"""So many orders of groups are tried, for parts near their homes."""
+_MOST_MEMBERS = 60
+"""So many combinations of the parts' routes are judged, evenly spread over their coverages."""
+
+
+def part_sites(site: Site, paces: Sequence[float] | None = None) -> tuple[Site, ...]:
+    """For each group of vehicles that see a part together: the site of its first vehicle with that part as its area.
+
+    What the scenario gives to no vehicle is divided among the groups without a part.
+
+    Args:
+        site: the scenario on its ground.
+        paces: how fast each group sees ground, in any unit; default: the width that a sensor sees times the cruise speed, of all
+            its vehicles.
+
+    Raises:
+        ScenarioError: the parts do not fit, or the rest is too small for all that share it.
+    """
+    shared, sites, groups = own_parts(site), vehicle_sites(site), groups_of(site.scenario)
+    firsts = [sites[group[0] - 1] for group in groups]
+    speeds = first_paces(site) if paces is None else list(paces)
+    others = [k for k, group in enumerate(groups) if group[0] not in shared.of_vehicle]
+    areas: dict[int, Piece] = {
+        k: shared.of_vehicle[group[0]] for k, group in enumerate(groups) if group[0] in shared.of_vehicle
+    }
+    if shared.rest is not None:
+        areas |= dict(zip(others, _shared_out(shared.rest, [(firsts[k], speeds[k]) for k in others]), strict=True))
+    return tuple(replace(own, area=areas[k]) for k, own in enumerate(firsts))
+
+
+def first_paces(site: Site) -> list[float]:
+    """Square metres a second that the vehicles of each group see about, without turns and ways."""
+    sites = vehicle_sites(site)
+    return [
+        sum(flight_work(sites[k - 1]).swath_m * sites[k - 1].scenario.vehicle.cruise_speed_m_s for k in group)
+        for group in groups_of(site.scenario)
+    ]
+
+
+def _shared_out(rest: Piece, groups: Sequence[tuple[Site, float]]) -> list[Piece]:
+    """An area divided in proportion to the paces of groups, each nearest to its home, as far as can be.
+
+    Args:
+        rest: what is divided.
+        groups: the site of the first vehicle of each, and its pace.
+    """
+    if len(groups) == 1:
+        return [rest]
+    work = FlightWork(swath_m=min(flight_work(own).swath_m for own, _ in groups))
+    best: tuple[float, list[Piece]] | None = None
+    for order in itertools.islice(itertools.permutations(range(len(groups))), _MOST_ORDERS):
+        pieces = divide(rest, len(groups), work, [groups[k][1] for k in order])
+        if len(pieces) < len(groups):
+            raise ScenarioError(
+                f"area: what is left for {len(groups)} sensors cannot be divided; give the vehicles areas, or leave some out"
+            )
+        of_group = dict(zip(order, pieces, strict=True))
+        away_m = sum(_away_m(own, of_group[k]) for k, (own, _) in enumerate(groups))
+        if best is None or away_m < best[0] - 1e-6:
+            best = away_m, [of_group[k] for k in range(len(groups))]
+    return [] if best is None else best[1]
+
+
+def _away_m(own: Site, piece: Piece) -> float:
+    """From home to the middle of a piece."""
+    if own.home_m is None:
+        return 0.0
+    return float(shapely.distance(shapely.Point(own.home_m[:2]), piece.centroid))
+
+
+def plan_parts(site: Site, *, select_rule: str, search: SearchPart) -> Plan:
+    """Plan the routes of vehicles that have parts of the area.
+
+    Args:
+        site: the scenario on its ground, with vehicles of whom one at least has a part.
+        select_rule: see :mod:`uavcover.planner.selection_rule`; it chooses in every part, and among what the parts are together.
+        search: of each part.
+
+    Raises:
+        ScenarioError: the parts do not fit.
+        InfeasibleError: no route of a part keeps the limits.
+    """
+    rule = parse_rule(select_rule)
+    # A member of the whole set cannot be named in a part.
+    of_part = "knee" if rule.kind == "index" else select_rule
+    plans, evaluations = _best_division(site, search, of_part)
+    margin_m = site.scenario.limits.height_margin_m
+
+    def together(members: Sequence[RouteMember]) -> RouteMember:
+        origins = dict.fromkeys(member.origin.removeprefix(PART_OF) for member in members)
+        mark = PART_OF if any(member.is_part for member in members) else ""
+        route = Route.of_parts([member.route for member in members])
+        return judge_route(site, route, mark + " + ".join(origins), margin_m=margin_m)
+
+    combined = _combinations([plan.members for plan in plans])
+    members = pareto_members([together(each) for each in [[plan.chosen for plan in plans], *combined]])
+    choice = select(members, rule)
+    baselines = []
+    for name in ("boustrophedon", TUNED):
+        of_parts = [[each for each in plan.baselines if each.origin == name] for plan in plans]
+        if all(of_parts):
+            baselines.append(together([each[select(each, parse_rule(of_part)).index] for each in of_parts]))
+    return Plan(
+        chosen=members[choice.index], members=tuple(members), baselines=tuple(baselines), rule=rule.text,
+        rule_met=choice.met, algorithm=plans[0].algorithm, evaluations=evaluations,
+        wall_s=sum(plan.wall_s for plan in plans), interrupted=any(plan.interrupted for plan in plans),
+    )  # fmt: skip
+
+
+def _best_division(site: Site, search: SearchPart, rule: str) -> tuple[list[Plan], int]:
+    """The plans of the parts, and all evaluations; where the planner divides, of the division by which all are done soonest.
+
+    The first division is by width and speed, the next one by the times that came out of it.
+    """
+    groups = groups_of(site.scenario)
+    divided = [k for k, group in enumerate(groups) if site.scenario.vehicles[group[0] - 1].area is None]
+    paces = first_paces(site)
+    best: tuple[float, list[Plan]] | None = None
+    evaluations = 0
+    for effort in _ROUNDS if len(divided) > 1 else (1.0,):
+        sites = part_sites(site, paces)
+        whole_m2 = sum(own.area.area for own in sites)
+        plans = [search(own, effort * own.area.area / whole_m2, rule) for own in sites]
+        evaluations += sum(plan.evaluations for plan in plans)
+        times_s = [plan.chosen.metrics.time_s / len(group) for plan, group in zip(plans, groups, strict=True)]
+        done_s = max(times_s[k] for k in divided) if divided else 0.0
+        if best is None or done_s < best[0]:
+            best = done_s, plans
+        for k in divided:
+            paces[k] = sites[k].area.area / max(times_s[k], 1.0)
+        if any(plan.interrupted for plan in plans):
+            break
+    return ([] if best is None else best[1]), evaluations
+
+
+def _combinations(sets: Sequence[Sequence[RouteMember]]) -> list[list[RouteMember]]:
+    """A route of each part, so that each part sees at least as much as is asked, for all that may be asked.
+
+    Args:
+        sets: of each part, by coverage.
+    """
+    asked = sorted({member.metrics.coverage_of_coverable for members in sets for member in members})
+    step = max(1, -(-len(asked) // _MOST_MEMBERS))
+    found: dict[tuple[int, ...], list[RouteMember]] = {}
+    for share in asked[::-step][::-1]:
+        chosen = []
+        for members in sets:
+            enough = [member for member in members if member.metrics.coverage_of_coverable >= share]
+            chosen.append(min(enough, key=lambda member: member.metrics.cost) if enough else members[-1])
+        found.setdefault(tuple(map(id, chosen)), chosen)
+    return list(found.values())

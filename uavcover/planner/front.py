@@ -1,0 +1,402 @@
+"""The Pareto front of a plan: whole and partial routes, judged on the area's own cells and thinned to a readable number.
+
+Parts of a route: a vehicle that cannot fly all of it flies the stretch that sees most for its length. Snapshots tell what the
+planner would have returned had it been stopped earlier: one run gives the result at every moment.
+"""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.dominance import least_crowded, non_dominated_mask
+from uavcover.kernels.way_cost import route_cost
+from uavcover.missions.corner_checks import find_corner_problems
+from uavcover.missions.leg_checks import LegProblem, find_problems, find_waypoint_problems, measure_violations
+from uavcover.missions.objectives import judge_member
+from uavcover.missions.way_cost import way_cost_of
+from uavcover.model.route import PART_OF, Route, RouteMember
+from uavcover.planner.search.optimizer_search import Effort
+from uavcover.planner.selection_rule import Rule, select
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap, path_lengths_m
+
+NamedRoute = tuple[Route, str]
+"""A route and what made it: the algorithm, or the name of a baseline."""
+
+
+class Snapshots:
+    """The routes that were worth judging at given moments of a run, and at its end.
+
+    Attributes:
+        moments_s: when, by the effort's clock, since planning started; ascending.
+        taken: the routes by moment; a moment that the run did not reach has what the run ended with.
+        last: the routes at the end.
+    """
+
+    def __init__(self, moments_s: Sequence[float]) -> None:
+        self.moments_s = tuple(sorted(moments_s))
+        self.taken: dict[float, tuple[NamedRoute, ...]] = {}
+        self.last: tuple[NamedRoute, ...] = ()
+
+    def look(self, elapsed_s: float, found: Callable[[], Sequence[NamedRoute]]) -> None:
+        """Record the result of ``found`` for every moment that has passed without one; otherwise do not call it."""
+        due = [moment for moment in self.moments_s if moment <= elapsed_s and moment not in self.taken]
+        if due:
+            self.taken |= dict.fromkeys(due, tuple(found()))
+
+    def close(self, routes: Sequence[NamedRoute]) -> None:
+        """Record the final result."""
+        self.last = tuple(routes)
+        self.taken |= {moment: self.last for moment in self.moments_s if moment not in self.taken}
+
+
+_ADVICE = {
+    "no elevation data": "give elevation data for the whole neighbourhood of the area",
+    "too low": "widen limits.min_height_agl_m..max_height_agl_m or allow a larger limits.max_climb_angle_deg",
+    "too high": "widen limits.min_height_agl_m..max_height_agl_m or allow a larger limits.max_climb_angle_deg",
+    "below sea-level limit": "lower limits.min_alt_amsl_m",
+    "above sea-level limit": "raise limits.max_alt_amsl_m",
+    "climb": "allow a larger limits.max_climb_angle_deg",
+    "fence": "give a larger fence",
+    "no-fly zone": "allow a smaller margin_m of the zone, or plan another area",
+    "obstacle": "allow smaller obstacles.clearance_beside_m and clearance_above_m, or raise limits.max_height_agl_m",
+}
+
+
+def judge_members(
+    coverage: CoverageMap, routes: Sequence[tuple[Route, str]], executor: Executor | None = None
+) -> list[RouteMember]:
+    """Routes with the names of what made them, judged on the cells of ``coverage``."""
+    margin = coverage.site.scenario.limits.height_margin_m
+    # Every route is judged by the coverable cells: found once, here, and not by several threads at once.
+    _ = coverage.coverable
+
+    def one(item: tuple[Route, str]) -> RouteMember:
+        route, name = item
+        return judge_member(coverage, route, name, margin_m=margin)
+
+    return list(executor.map(one, routes) if executor is not None else map(one, routes))
+
+
+def pareto_members(members: Sequence[RouteMember]) -> list[RouteMember]:
+    """The members that no other dominates on the judged figures, by coverage; the first of equal ones.
+
+    Coverage is that of the coverable area, which the selection rules speak of.
+    """
+    values = np.array([[-m.metrics.coverage_of_coverable, m.metrics.waypoint_count, m.metrics.cost] for m in members])
+    _, first = np.unique(values, axis=0, return_index=True)
+    keep = np.zeros(len(members), dtype=bool)
+    keep[first] = True
+    keep &= non_dominated_mask(values, np.zeros(len(values)))
+    kept = [member for member, ok in zip(members, keep, strict=True) if ok]
+    return sorted(kept, key=lambda m: (m.metrics.coverage_of_coverable, -m.metrics.cost))
+
+
+def why_infeasible(site: Site, members: Sequence[RouteMember]) -> str:
+    """One line about the route closest to feasible: which limit it breaks, where, by how much, and what to do."""
+    least = min(members, key=lambda member: member.violation)
+    limits = site.scenario.limits
+    find = find_problems if limits.applies_to == "legs" else find_waypoint_problems
+    problems = find(
+        site,
+        least.route.waypoints_m,
+        lowest_agl_m=limits.min_height_agl_m + limits.height_margin_m,
+        highest_agl_m=limits.max_height_agl_m - limits.height_margin_m,
+    )
+    problems = problems or find_corner_problems(site, least.route.waypoints_m)
+    worst = max(problems, key=_seriousness)
+    more = f", and {len(problems) - 1} more like it or smaller" if len(problems) > 1 else ""
+    taken_off = _is_band(worst) and not worst.in_corner
+    margin = f" (limits.height_margin_m = {limits.height_margin_m:g} m taken off)" if taken_off else ""
+    return f"no route keeps the limits of the scenario; the best one found breaks: {worst}{margin}{more}; {_ADVICE[worst.kind]}"
+
+
+def _is_band(problem: LegProblem) -> bool:
+    return problem.kind in {"too low", "too high"}
+
+
+def _seriousness(problem: LegProblem) -> float:
+    return np.inf if problem.kind == "no elevation data" else abs(problem.value - problem.limit)
+
+
+SHARES = tuple(k / 25 for k in range(1, 25))
+"""What the parts see at least, as shares of what the whole route sees."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gains:
+    """A route of n waypoints, and the coverage that each leg adds.
+
+    Attributes:
+        route: its waypoints.
+        way_m: (n,) length of the path up to each waypoint.
+        seen: (n,) share of the area's ground that is seen up to each waypoint, 0..1.
+    """
+
+    route: Route
+    way_m: FloatArray
+    seen: FloatArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Part:
+    """A stretch of a route.
+
+    Attributes:
+        route: its waypoints.
+        seen: share of the area's ground that it sees: at least this much, because what the route has seen before the
+            stretch begins is not looked at again. It is an estimate where pictures by distance begin anew with the stretch, and
+            in corners, which are flown beside the waypoints.
+    """
+
+    route: Route
+    seen: float
+
+
+def gains_of(coverage: CoverageMap, route: Route) -> Gains:
+    """Coverage that each leg of a route adds, on the cells of ``coverage``; a single waypoint counts by itself."""
+    way_m = path_lengths_m(route.waypoints_m)
+    if len(route) == 1:
+        return Gains(route, way_m, np.array([coverage.share(coverage.seen(route.waypoints_m))]))
+    leg = coverage.observed_legs(route.waypoints_m)
+    first = coverage.first_seen(coverage.observations(route.waypoints_m))
+    seen = first >= 0
+    weight_m2 = coverage.grid.weight_m2
+    gained = np.bincount(leg[first[seen]], weights=weight_m2[seen], minlength=len(way_m) - 1)
+    return Gains(route, way_m, np.concatenate([[0.0], np.cumsum(gained)]) / coverage.grid.area_m2)
+
+
+def parts_of(gains: Gains, *, shares: Sequence[float] = SHARES) -> list[Part]:
+    """For each share of a route's coverage, the shortest stretch of whole legs known to reach it.
+
+    Every stretch keeps the limits that the route keeps. One that is the shortest for two shares is told once, the whole
+    route never.
+
+    Args:
+        gains: of the route.
+        shares: 0..1.
+    """
+    points, way_m, seen = gains.route.waypoints_m, gains.way_m, gains.seen
+    if len(points) < 3:
+        return []
+    first = np.arange(len(points) - 1)
+    found: dict[tuple[int, int], Part] = {}
+    for share in shares:
+        # From each waypoint to the first one behind it that has seen enough; past the end where none has.
+        last = np.maximum(np.searchsorted(seen, seen[first] + share * seen[-1] * (1.0 - 1e-12)), first + 1)
+        lengths = np.where(last < len(points), way_m[np.minimum(last, len(points) - 1)] - way_m[first], np.inf)
+        best = int(np.argmin(lengths))
+        ends = best, int(last[best])
+        if ends != (0, len(points) - 1):
+            found[ends] = Part(Route(points[ends[0] : ends[1] + 1]), float(seen[ends[1]] - seen[ends[0]]))
+    return list(found.values())
+
+
+MOST_MEMBERS = 100
+"""A Pareto set of more is thinned: a choice that nobody can survey is none."""
+
+_MOST_OTHERS = 80
+_FEWEST_OTHERS = 5
+"""So many parts and routes of the optimizer are judged at most, and at least, whatever time is left for it."""
+
+_MOST_FOUND = 25
+"""So many routes a search is expected to find, when time is set aside for judging them."""
+
+_PART = 0.5
+"""What judging a part takes, of what a whole route takes."""
+
+_LARGEST_SHARE = 0.06
+"""Of a time budget that is set aside, ..."""
+
+_FEWEST_JUDGED = 12
+_LARGEST_SHARE_OF_FEWEST = 0.3
+"""... but for large areas: there it is what judging so many routes takes, up to another share."""
+
+_JUDGED_FIRST = 2
+_BASELINES_SHARE = 0.01
+"""So many baselines are judged whatever it takes, the others while that takes no more than a share of a time budget."""
+
+_WHOLE = 0.9
+"""A route has parts worth flying when it sees at least this share of the most that any sees."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidate:
+    """A route with its values on the planner's cells.
+
+    Attributes:
+        route: the route and what made it.
+        objectives: (3,) as in :mod:`uavcover.missions.objectives`.
+        violation: total violation of the hard limits.
+    """
+
+    route: NamedRoute
+    objectives: FloatArray
+    violation: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Whole:
+    """A route that may be shortened to a part: its values, and the coverage that each leg adds."""
+
+    candidate: Candidate
+    gains: Gains
+
+
+class Finish:
+    """The final stage of a plan: picks the routes and parts worth judging in the time that is left."""
+
+    def __init__(
+        self,
+        coarse: CoverageMap,
+        fine: CoverageMap,
+        baselines: Sequence[Candidate],
+        others: Sequence[Candidate],
+        lines: Sequence[NamedRoute],
+        *,
+        evaluating_s: float,
+        effort: Effort,
+        started: float,
+        executor: Executor | None,
+    ) -> None:
+        """Look at the lines.
+
+        Args:
+            coarse: on the planner's cells.
+            fine: on the cells that judge.
+            baselines: the most useful ones first.
+            others: what an optimizer found.
+            lines: further named routes; like the others they are judged when nothing beats them.
+            evaluating_s: what it took to make a route and evaluate it on the planner's cells.
+            effort: of the whole plan.
+            started: when planning began, by the effort's clock.
+            executor: looks at routes side by side.
+        """
+        self._coarse, self._fine, self._baselines, self._others = coarse, fine, baselines, others
+        self._effort, self._started, self._executor = effort, started, executor
+        self._wholes: list[Whole] = []
+        # Judging takes as many times longer as there are more cells.
+        self._looking_s = evaluating_s
+        self._judging_s = evaluating_s * fine.grid.count / max(coarse.grid.count, 1)
+        self._lines = self._looked_at(lines)
+
+    @property
+    def known(self) -> list[Candidate]:
+        """Every candidate before the local search, on the planner's cells."""
+        return [*self._others, *(each.candidate for each in self._lines), *self._baselines]
+
+    def search_effort(self, late_s: float = 0.0) -> Effort:
+        """The effort, less the time reserved for judging the result, and for what else comes after the search."""
+        budget_s = self._effort.budget_s
+        if budget_s is None:
+            return self._effort
+        finish_s = _MOST_FOUND * (self._judging_s + self._looking_s) + _PART * _MOST_OTHERS * self._judging_s
+        finish_s = min(finish_s, _LARGEST_SHARE * budget_s)
+        if self._baselines:
+            # Every route is judged by the coverable cells, which are found once.
+            _ = self._fine.coverable
+            begin = self._effort.now()
+            judge_members(self._fine, [self._baselines[0].route])
+            judging_s = self._effort.now() - begin
+            finish_s = max(finish_s, min(_FEWEST_JUDGED * judging_s, _LARGEST_SHARE_OF_FEWEST * budget_s))
+        return dataclasses.replace(self._effort, budget_s=budget_s - late_s - finish_s)
+
+    def judged_baselines(self, baselines: Sequence[Candidate]) -> list[RouteMember]:
+        """Baselines judged, in their order; the first ones, where a time budget has no room for all.
+
+        Args:
+            baselines: the most useful ones first.
+        """
+        now, named = self._effort.now, [each.route for each in baselines]
+        # Every route is judged by the coverable cells: found once.
+        _ = self._fine.coverable
+        begin = now()
+        judged = judge_members(self._fine, named[:_JUDGED_FIRST], self._executor)
+        count = len(named)
+        if self._effort.budget_s is not None and count > _JUDGED_FIRST:
+            each_s = max(now() - begin, 1e-6) / _JUDGED_FIRST
+            count = min(count, _JUDGED_FIRST + int(_BASELINES_SHARE * self._effort.budget_s / each_s))
+        judged += judge_members(self._fine, named[_JUDGED_FIRST:count], self._executor)
+        self._judging_s = (now() - begin) / max(count, 1)
+        self._wholes = self._looked_at(named[:count])
+        return judged
+
+    def worth_judging(self, found: Sequence[NamedRoute]) -> list[NamedRoute]:
+        """The routes found, their parts, and the optimizer's routes that nothing is known to dominate."""
+        scenario = self._coarse.site.scenario
+        if scenario.sensor.sensing == "at-waypoints" and scenario.limits.applies_to == "waypoints":
+            # In any order every number of waypoints is searched for by itself: a part is no news.
+            return [*found, *(each.route for each in self._others), *(each.candidate.route for each in self._lines)]
+        looked = [*self._wholes, *self._looked_at(found)]
+        lines = _unbeaten([each.candidate for each in self._lines], [each.candidate for each in looked])
+        most = _MOST_OTHERS
+        if self._effort.budget_s is not None:
+            left_s = self._started + self._effort.budget_s - self._effort.now()
+            fit = left_s / max(self._judging_s, 1e-6) - len(found) - len(lines)
+            most = max(_FEWEST_OTHERS, min(most, int(fit / _PART)))
+        judged = [each.candidate for each in looked] + lines
+        offered = [*self._others, *_parts(self._coarse.site, [*looked, *self._lines])]
+        new = _unbeaten(offered, judged)
+        kept = least_crowded(np.array([each.objectives for each in new]), most) if new else ()
+        return [*found, *(each.route for each in lines), *(new[k].route for k in kept)]
+
+    def _looked_at(self, routes: Sequence[NamedRoute]) -> list[Whole]:
+        site = self._coarse.site
+        margin_m = site.scenario.limits.height_margin_m
+
+        def one(named: NamedRoute) -> Whole:
+            route, _ = named
+            gains = gains_of(self._coarse, route)
+            violation = measure_violations(site, route.waypoints_m, margin_m=margin_m).total
+            objectives = np.array([-gains.seen[-1], len(route), _cost(site, route)])
+            return Whole(Candidate(named, objectives, violation), gains)
+
+        return list(map(one, routes) if self._executor is None else self._executor.map(one, routes))
+
+
+def _unbeaten(offered: Sequence[Candidate], known: Sequence[Candidate]) -> list[Candidate]:
+    """Offered routes that no offered or known route dominates; the first of equal ones."""
+    if not offered:
+        return []
+    values = np.array([each.objectives for each in (*known, *offered)])
+    mask = non_dominated_mask(values, np.array([each.violation for each in (*known, *offered)]))
+    new = np.flatnonzero(mask[len(known) :])
+    _, first = np.unique(values[len(known) :][new], axis=0, return_index=True)
+    return [offered[k] for k in new[np.sort(first)]]
+
+
+def _parts(site: Site, wholes: Sequence[Whole]) -> list[Candidate]:
+    """The parts of the routes with the most coverage, where nothing dominates the whole."""
+    sound = [each for each in wholes if each.candidate.violation <= 0.0]
+    if not sound:
+        return []
+    values = np.array([each.candidate.objectives for each in sound])
+    mask = non_dominated_mask(values, np.zeros(len(values))) & (values[:, 0] <= _WHOLE * values[:, 0].min())
+    found = []
+    for each, keep in zip(sound, mask, strict=True):
+        if keep:
+            _, name = each.candidate.route
+            for part in parts_of(each.gains):
+                objectives = np.array([-part.seen, len(part.route), _cost(site, part.route)])
+                found.append(Candidate((part.route, PART_OF + name), objectives, 0.0))
+    return found
+
+
+def thinned(pareto: Sequence[RouteMember], rule: Rule) -> list[RouteMember]:
+    """At most MOST_MEMBERS of a Pareto set, in its order: the rule's choice and the least crowded."""
+    if len(pareto) <= MOST_MEMBERS:
+        return list(pareto)
+    metrics = [member.metrics for member in pareto]
+    values = np.array([[-m.coverage_of_coverable, m.waypoint_count, m.cost] for m in metrics])
+    kept = set(least_crowded(values, MOST_MEMBERS - 1).tolist())
+    if rule.kind != "index":  # a number means one of those that are left
+        kept.add(select(pareto, rule).index)
+    return [pareto[k] for k in sorted(kept)]
+
+
+def _cost(site: Site, route: Route) -> float:
+    return float(route_cost(site.ground.surface, way_cost_of(site), route.waypoints_m))

@@ -1,0 +1,290 @@
+"""The route that closes the gaps of a flight.
+
+Few viewpoints from which all missing cells are seen (:mod:`uavcover.planner.viewpoints`) are put in a short order, laid over the
+terrain, and pruned by what the route sees on its way.
+"""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.errors import InfeasibleError
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.kernels.sight import CONE, FRUSTUM, Sight
+from uavcover.kernels.tours import order_between_ends
+from uavcover.missions.leg_checks import measure_violations
+from uavcover.model.route import Route
+from uavcover.planner.terrain_following import lay_over_terrain
+from uavcover.planner.viewpoints import MissingCells, cover, few_enough, grid_places, inside_fence, places_around
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
+
+_TOLERANCE_M = 10.0
+_ROUNDS = 8
+"""How often viewpoints are added for what the laid route still does not see."""
+_PULLS = (1.0, 0.5, 0.2)
+"""A corner is tried this far on the way to the middle of its neighbours, ..."""
+_STEPS_M = (25.0, 8.0)
+_DIRECTIONS = 8
+"""... and this far away in each of so many directions."""
+_LEAST_GAIN_M = 0.5
+"""A move that saves less is not worth its evaluation."""
+_MARGIN = 1e-9
+_LEVEL = 1e-9
+"""Cosine of the pitch of a camera that looks straight down."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ClosingRoute:
+    """A route for the gaps.
+
+    Attributes:
+        route: the waypoints.
+        wanted_m2: ground area that was to be seen.
+        seen_m2: what the route sees of it.
+    """
+
+    route: Route
+    wanted_m2: float
+    seen_m2: float
+
+
+def plan_closing_route(
+    coverage: CoverageMap,
+    missing: BoolArray,
+    *,
+    start_m: FloatArray,
+    end_m: FloatArray,
+    needed_m2: float | None = None,
+    useful_m2: float = 0.0,
+    is_over: Callable[[], bool] = lambda: False,
+) -> ClosingRoute:
+    """A short route from a start to an end that sees the missing cells.
+
+    The sensor is taken a little narrower than it is, by the vehicle's acceptance radius, so that what is planned is also seen
+    when waypoints are rounded; where that leaves cells out, the sensor as it is gets its say.
+
+    Args:
+        coverage: on the cells that results are judged on.
+        missing: (cells,) what is to be seen; cells that no allowed place sees are left out of it by the caller.
+        start_m: (3,) ENU, where the vehicle comes from: home, or where it is.
+        end_m: (3,) ENU, where it goes to afterwards.
+        needed_m2: ground area of the missing cells that is enough, the costliest parts left out; default: all that can be seen.
+        useful_m2: ground area of the missing cells below which a route is of no use, and is not made shorter.
+        is_over: whether there is no time to see more, or to see it on a shorter way: asked between trials.
+
+    Raises:
+        InfeasibleError: nothing is missing, or no allowed route sees any of it, or enough to be of use.
+    """
+    if not missing.any():
+        raise InfeasibleError("there are no gaps to close: everything that can be seen was seen")
+    site = coverage.site
+    builder = _Builder(site, MissingCells.of(coverage, missing), start_m, end_m, is_over)
+    builder.add_viewpoints(math.inf if needed_m2 is None else needed_m2)
+    if builder.seen_m2 < useful_m2:
+        raise InfeasibleError(
+            f"the gaps cannot be closed: {builder.seen_m2:.0f} of {useful_m2:.0f} m² were seen at most"
+        )
+    if needed_m2 is not None:
+        builder.drop_costly(needed_m2)
+    builder.shorten()
+    return builder.result()
+
+
+class _Builder:
+    """A route as corners on the map with wanted heights, and what it sees."""
+
+    def __init__(
+        self, site: Site, missing: MissingCells, start_m: FloatArray, end_m: FloatArray, is_over: Callable[[], bool]
+    ) -> None:
+        self.site, self.missing = site, missing
+        self.start_m, self.end_m = start_m, end_m
+        self.is_over = is_over
+        self.corners = np.empty((0, 3))
+        self.sight = missing.coverage.sight
+        self.narrow = _narrower(site, self.sight)
+        self.views = np.zeros((2, len(missing.weight_m2)), dtype=bool)
+
+    @property
+    def seen(self) -> BoolArray:
+        """(m,) cells seen by the unreduced sensor."""
+        return np.asarray(self.views[1])
+
+    @property
+    def seen_m2(self) -> float:
+        """Ground area of these."""
+        return self._area_m2(self.seen)
+
+    def add_viewpoints(self, needed_m2: float = math.inf) -> None:
+        """Add corners until the laid route sees enough, or all: with the narrowed sensor first, then the unreduced one."""
+        wanted = np.ones(len(self.missing.weight_m2), dtype=bool)
+        grid = grid_places(self.site, self.missing)
+        self._take(np.vstack([self.corners, cover(self.missing, grid, self.narrow, wanted)]))
+        sights = [self.sight, *_for_every_heading(self.sight)]
+        for _ in range(_ROUNDS):
+            if self.seen.all() or self._area_m2(self.seen) >= needed_m2 or self.is_over():
+                return
+            around = places_around(self.site, self._some_unseen())
+            more = cover(self.missing, around, sights[0], ~self.seen)
+            before = self.corners, self.views
+            if len(more) > 0:
+                self._take(np.vstack([self.corners, more]))
+            if self.seen.sum() <= before[1][1].sum():
+                # The camera was turned away there: next come places from which it sees the ground however it is turned.
+                self.corners, self.views = before
+                sights = sights[1:]
+                if not sights:
+                    return
+
+    def drop_costly(self, needed_m2: float) -> None:
+        """Remove the corners that save the most distance for the ground they cover, while enough is seen.
+
+        What is lost with a corner grows as others go, but for legs that another order lays elsewhere. So a corner is judged
+        anew only while its loss of before promises more than the best one judged (lazy greedy, Minoux 1978).
+        """
+        cell_m2 = self.missing.coverage.grid.cells.size_m**2
+        lost_m2 = np.full(len(self.corners), cell_m2)
+        while len(self.corners) > 1:
+            now_m2 = self._area_m2(self.seen)
+            saved_m = self._savings()
+            best, best_score = None, 0.0
+            for k in np.argsort(-saved_m / lost_m2, kind="stable"):
+                if saved_m[k] / lost_m2[k] <= best_score:
+                    break
+                if self.is_over():
+                    return
+                # Another order lays other legs over the terrain: what is judged is what will be flown.
+                fewer = np.delete(self.corners, k, axis=0)
+                order = self._order(fewer)
+                views = self._views_with(fewer[order])
+                left_m2 = self._area_m2(views[1])
+                lost_m2[k] = max(now_m2 - left_m2, cell_m2) if left_m2 >= needed_m2 else np.inf
+                if saved_m[k] / lost_m2[k] > best_score:
+                    best, best_score = (fewer[order], views, np.delete(lost_m2, k)[order]), saved_m[k] / lost_m2[k]
+            if best is None:
+                return
+            self.corners, self.views, lost_m2 = best
+
+    def shorten(self) -> None:
+        """Remove corners and pull them in without losing coverage, by the narrowed or the unreduced sensor."""
+        keep = self.views
+        improved = True
+        while improved:
+            improved = False
+            for k in np.argsort(-self._savings(), kind="stable"):
+                if self.is_over():
+                    return
+                if k < len(self.corners) and len(self.corners) > 1:
+                    improved |= self._try(np.delete(self.corners, k, axis=0), keep)
+            for k in range(len(self.corners)):
+                for move in self._moves(k):
+                    if self.is_over():
+                        return
+                    corners = self.corners.copy()
+                    corners[k, :2] += move
+                    if inside_fence(self.site, corners[k : k + 1, :2])[0] and self._try(corners, keep):
+                        improved = True
+                        break
+
+    def result(self) -> ClosingRoute:
+        """The route, laid over the terrain.
+
+        Raises:
+            InfeasibleError: it sees nothing.
+        """
+        if not self.seen.any():
+            raise InfeasibleError("no allowed place sees any of the gaps; they stay open")
+        return ClosingRoute(
+            Route(self._laid(self.corners)), self._area_m2(np.ones_like(self.seen)), self._area_m2(self.seen)
+        )
+
+    def _moves(self, k: int) -> FloatArray:
+        """(j, 2) moves of a corner that may shorten the route."""
+        around = self._with_ends()[[k, k + 2], :2]
+        pulls = np.multiply.outer(_PULLS, around.mean(axis=0) - self.corners[k, :2])
+        angles = np.arange(_DIRECTIONS) * (2.0 * np.pi / _DIRECTIONS)
+        steps = np.multiply.outer(_STEPS_M, np.column_stack([np.cos(angles), np.sin(angles)]))
+        return np.vstack([pulls, steps.reshape(-1, 2)])
+
+    def _try(self, corners: FloatArray, keep: BoolArray) -> bool:
+        """Accept other corners if they shorten the route, lose nothing of ``keep`` and break no further limit.
+
+        Fewer corners need only not lengthen it.
+        """
+        corners = self._ordered(corners)
+        gain_m = self._length_m(self.corners) - self._length_m(corners)
+        if not gain_m > (-_MARGIN if len(corners) < len(self.corners) else _LEAST_GAIN_M):
+            return False
+        views = self._views_with(corners)
+        if (keep & ~views).any() or self._violation(corners) > self._violation(self.corners) + _MARGIN:
+            return False
+        self.corners, self.views = corners, views
+        return True
+
+    def _take(self, corners: FloatArray) -> None:
+        self.corners = self._ordered(corners)
+        self.views = self._views_with(self.corners)
+
+    def _ordered(self, corners: FloatArray) -> FloatArray:
+        return corners[self._order(corners)]
+
+    def _order(self, corners: FloatArray) -> IntArray:
+        """(n,) a short order of the corners between start and end."""
+        places = np.vstack([self.start_m[:2], corners[:, :2], self.end_m[:2]])
+        distance = np.hypot(*(places[:, None] - places[None]).transpose(2, 0, 1))
+        return order_between_ends(np.ascontiguousarray(distance))[1:-1] - 1
+
+    def _with_ends(self) -> FloatArray:
+        return np.vstack([[*self.start_m[:2], 0.0], self.corners, [*self.end_m[:2], 0.0]])
+
+    def _savings(self) -> FloatArray:
+        """(n,) distance saved by removing each corner."""
+        places = self._with_ends()[:, :2]
+        legs = np.hypot(*np.diff(places, axis=0).T)
+        return np.asarray(legs[:-1] + legs[1:] - np.hypot(*(places[2:] - places[:-2]).T))
+
+    def _length_m(self, corners: FloatArray) -> float:
+        places = np.vstack([self.start_m[:2], corners[:, :2], self.end_m[:2]])
+        return float(np.hypot(*np.diff(places, axis=0).T).sum())
+
+    def _laid(self, corners: FloatArray) -> FloatArray:
+        if len(corners) == 1:
+            up = self.site.ground.ups_m(corners[:, :2], corners[:, 2])
+            return np.column_stack([corners[:, :2], up])
+        return lay_over_terrain(self.site, corners[:, :2], corners[:, 2], tolerance_m=_TOLERANCE_M)
+
+    def _views_with(self, corners: FloatArray) -> BoolArray:
+        """(2, m) cells that the laid route sees: with the narrowed sensor, and with the unreduced one."""
+        return self.missing.seen_on(self._laid(corners), (self.narrow, self.sight))
+
+    def _violation(self, corners: FloatArray) -> float:
+        return measure_violations(self.site, self._laid(corners), margin_m=0.0).total
+
+    def _some_unseen(self) -> FloatArray:
+        return few_enough(self.missing.cells.centre_m[~self.seen])
+
+    def _area_m2(self, seen: BoolArray) -> float:
+        return float(self.missing.weight_m2[seen].sum())
+
+
+def _for_every_heading(sight: Sight) -> list[Sight]:
+    """Of a frame camera that looks straight down, the view that it has however it is turned; of others nothing."""
+    if sight.kind != FRUSTUM or sight.cos_pitch > _LEVEL:
+        return []
+    return [sight._replace(kind=CONE, tan_half_fov=min(sight.tan_half_fov, sight.tan_half_along))]
+
+
+def _narrower(site: Site, sight: Sight) -> Sight:
+    """The sensor, narrowed by the vehicle's acceptance radius at the middle of the height band."""
+    limits, radius = site.scenario.limits, site.scenario.vehicle.acceptance_radius_m
+    reach = max(sight.reach_m - radius, 0.5 * sight.reach_m)
+    if sight.kind not in {CONE, FRUSTUM}:
+        return sight._replace(reach_m=reach)
+    less = radius / (0.5 * (limits.min_height_agl_m + limits.max_height_agl_m))
+    return sight._replace(
+        reach_m=reach,
+        tan_half_fov=max(sight.tan_half_fov - less, 0.5 * sight.tan_half_fov),
+        tan_half_along=max(sight.tan_half_along - less, 0.5 * sight.tan_half_along),
+    )

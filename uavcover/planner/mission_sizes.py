@@ -1,0 +1,109 @@
+"""Sorties, vehicles and makespan of the routes of a plan, cut into flights and shared out as they would be flown.
+
+They have a say in the choice: several vehicles are to be done soon, and a rule may limit them.
+"""
+
+import dataclasses
+from collections.abc import Sequence
+
+import numpy as np
+
+from uavcover.errors import InputError
+from uavcover.kernels.dominance import least_crowded
+from uavcover.missions.flights import mission_size
+from uavcover.model.route import MissionSize, Plan, RouteMember
+from uavcover.model.vehicle import AutopilotName
+from uavcover.planner.selection_rule import Rule, parse_rule, select_flown
+from uavcover.scenario.site import Site
+
+_MOST_S = 4.0
+"""Processor time for all members of a set, as estimated from their waypoints and vehicles: more is too long beside the search."""
+
+_MOST_COUNTS = 6
+"""So many numbers of vehicles are compared at most."""
+
+
+def with_sizes(site: Site, plan: Plan, *, autopilot: AutopilotName | None = None, vehicles: int | None = None) -> Plan:
+    """A plan whose members know what their missions come to: all, or where that takes long the chosen and the least crowded.
+
+    Another member may be chosen then: where several vehicles fly, the one with which they are done soonest is the cheapest, and
+    conditions of the rule are of missions. All members that this may concern are cut into flights, however long that takes.
+
+    Args:
+        site: the scenario on its ground.
+        plan: as it was found.
+        autopilot: for whom; default: the scenario's.
+        vehicles: how many may fly, where they are alike; default: the scenario's.
+    """
+    rule = parse_rule(plan.rule)
+    if site.frame is None or site.home_m is None:
+        if rule.conditions:
+            raise InputError(
+                f"select: {plan.rule!r} limits missions, and {site.scenario.name} has no place on Earth or no [home]; leave the "
+                "conditions out"
+            )
+        return plan
+    count = site.scenario.fleet.vehicles if vehicles is None else vehicles
+    before = next(k for k, member in enumerate(plan.members) if member is plan.chosen)
+    in_question = _in_question(plan.members, rule, count)
+    sized = {before, *in_question, *_worth_sizing(plan.members, before, count)}
+    members = [
+        dataclasses.replace(member, mission=mission_size(site, member.route, autopilot=autopilot, vehicles=count))
+        if k in sized and member.violation <= 0.0
+        else member
+        for k, member in enumerate(plan.members)
+    ]
+    chosen, rule_met = before, plan.rule_met
+    if in_question:
+        candidates = sorted({before, *in_question})
+        choice = select_flown([members[k] for k in candidates], rule, soonest=count > 1)
+        chosen, rule_met = candidates[choice.index], rule_met and choice.met
+    others = _by_vehicles(site, members[chosen], autopilot, count)
+    return dataclasses.replace(
+        plan, members=tuple(members), chosen=members[chosen], rule_met=rule_met, by_vehicles=others
+    )
+
+
+def _in_question(members: Sequence[RouteMember], rule: Rule, vehicles: int) -> list[int]:
+    """Numbers of the members that may be chosen for what their missions come to; none where that has no say."""
+    feasible = [k for k, member in enumerate(members) if member.violation <= 0.0]
+    if rule.conditions:
+        return feasible
+    least = rule.required_coverage
+    if vehicles == 1 or least is None:
+        return []
+    return [k for k in feasible if members[k].metrics.coverage_of_coverable >= least]
+
+
+def _by_vehicles(
+    site: Site, chosen: RouteMember, autopilot: AutopilotName | None, most: int
+) -> tuple[MissionSize, ...]:
+    """What the mission of the chosen route comes to with one vehicle, two and so on; none where there is one, or they differ."""
+    if most == 1 or site.scenario.vehicles or chosen.mission is None:
+        return ()
+    counts = np.unique(np.linspace(1, most, min(most, _MOST_COUNTS)).round().astype(int)).tolist()
+    if sum(_seconds(chosen, count) for count in counts) > _MOST_S:
+        counts = [1, most]
+    sizes = (mission_size(site, chosen.route, autopilot=autopilot, vehicles=count) for count in counts)
+    return tuple(size for size in dict.fromkeys(sizes) if size is not None)
+
+
+def _worth_sizing(members: Sequence[RouteMember], chosen: int, vehicles: int) -> set[int]:
+    """Numbers of the members that are cut into flights; the chosen one always is, and one that is already takes no time."""
+    new = [k for k, member in enumerate(members) if member.mission is None and k != chosen]
+    whole_s = sum(_seconds(members[k], vehicles) for k in new)
+    if whole_s <= _MOST_S:
+        return set(range(len(members)))
+    metrics = [members[k].metrics for k in new]
+    values = np.array([[-m.coverage_of_coverable, m.waypoint_count, m.cost] for m in metrics])
+    kept = least_crowded(values, max(1, int(len(new) * _MOST_S / whole_s)))
+    return {chosen, *(new[k] for k in kept)}
+
+
+def _seconds(member: RouteMember, vehicles: int) -> float:
+    """About how long the flights of a route take to find."""
+    n = len(member.route)
+    if vehicles == 1:
+        return 0.003 + 0.0008 * n
+    cuts = 1.5 if vehicles == 2 else 2.0  # for fewer vehicles too, until that is later
+    return cuts * (0.01 + 0.002 * n + 1e-5 * n**2)

@@ -1,0 +1,174 @@
+"""Lines and nothing else: the best of a scan, no free search.
+
+Parallel lines in one direction, as crosshatch and oblique surveys need them; or lines along the terrain's contours.
+"""
+
+import math
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uavcover.kernels.dominance import least_crowded, non_dominated_mask
+from uavcover.model.route import Plan, RouteMember
+from uavcover.model.scenario import PlannerSettings
+from uavcover.model.sensor import FrameCamera, Sensor
+from uavcover.planner.baselines.boustrophedon import PLAIN_TOLERANCE_M, best_height_agl_m
+from uavcover.planner.baselines.contour_lines import NAME as CONTOUR_NAME
+from uavcover.planner.baselines.contour_lines import ContourLayout, fly_contours, layouts_to_try
+from uavcover.planner.baselines.swaths import (
+    SwathLayout,
+    angle_of_heading_rad,
+    fly_layout,
+    long_side_angle_rad,
+    regular_layout,
+    width_across_m,
+)
+from uavcover.planner.final_choice import choose
+from uavcover.planner.front import judge_members
+from uavcover.planner.search.optimizer_search import Effort
+from uavcover.planner.selection_rule import parse_rule
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.sensors import flat_picture, reach_at_height_m
+
+NAME = "parallel-lines"
+_CLOSEST, _FARTHEST = 0.7, 2.5
+"""Number of lines that are tried, as multiples of what flat ground needs."""
+_MOST_COUNTS = 16
+_HEIGHTS = 2
+_INSETS = (0.0, 0.5)
+_TOLERANCES = (0.5, 1.0)
+_MOST_TURNED = 20
+"""So many of the best are also begun at their other three corners."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Lines:
+    layout: SwathLayout | ContourLayout
+    member: RouteMember
+
+
+def plan_lines(
+    site: Site,
+    *,
+    settings: PlannerSettings,
+    select_rule: str,
+    effort: Effort,
+    executor: Executor | None,
+    should_stop: Callable[[], bool],
+) -> Plan:
+    """Plan lines in the direction of ``planner.line_heading_deg``, or along the longer side of the area; or along contours.
+
+    Number, height, length and start of the lines (of contour lines, how closely they follow the contours) are scanned, and judged
+    on the finer cells of the area.
+
+    Args:
+        site: the scenario on its ground.
+        settings: the direction, and how many waypoints a route may have.
+        select_rule: see :mod:`uavcover.planner.selection_rule`.
+        effort: when to stop.
+        executor: judges routes side by side; the result does not depend on it.
+        should_stop: asked between batches; the first is always judged.
+
+    Raises:
+        InfeasibleError: no lines keep the hard limits; says which, where and by how much.
+        InputError: the rule cannot be understood.
+    """
+    started, rule = effort.now(), parse_rule(select_rule)
+    fine = judging_map(site)
+    found: list[_Lines] = []
+    interrupted = False
+    for batch in _batches(site, settings):
+        if found and (should_stop() or effort.is_over(started)):
+            interrupted = should_stop()
+            break
+        found += _judged(site, fine, batch, executor)
+    begun_elsewhere = [replace(layout, start=start) for layout in _best(found) for start in range(1, 4)]
+    judged = [lines.member for lines in (*found, *_judged(site, fine, begun_elsewhere, executor))]
+    # No waypoint is given up: between the ends of two lines that would turn a line.
+    chosen = choose(fine, settings, rule, judged, executor=executor, interrupted=interrupted, is_over=None)
+    return Plan(
+        chosen=chosen.route,
+        members=chosen.pareto,
+        baselines=(),
+        rule=rule.text,
+        rule_met=chosen.rule_met,
+        algorithm=settings.algorithm,
+        evaluations=len(judged),
+        wall_s=effort.now() - started,
+        interrupted=interrupted,
+    )
+
+
+def _batches(site: Site, settings: PlannerSettings) -> Iterable[Sequence[SwathLayout | ContourLayout]]:
+    if settings.algorithm == "contour-lines":
+        return layouts_to_try(site)
+    heading_deg = settings.line_heading_deg
+    return _parallel(site, long_side_angle_rad(site.area) if heading_deg is None else angle_of_heading_rad(heading_deg))
+
+
+def _parallel(site: Site, angle_rad: float) -> list[list[SwathLayout]]:
+    """Layouts to try, those of one number of lines together; the number that flat ground needs comes first."""
+    limits = site.scenario.limits
+    low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
+    best = best_height_agl_m(site)
+    reach_m = max(reach_at_height_m(site.scenario.sensor, best), site.scenario.area.cell_size_m)
+    wanted = width_across_m(site, angle_rad) / (2.0 * reach_m)
+    counts = np.unique(np.ceil(np.linspace(_CLOSEST, _FARTHEST, _MOST_COUNTS) * wanted - 1e-9).clip(1.0)).astype(int)
+    heights = sorted({best, *np.linspace(low, high, _HEIGHTS + 2)[1:-1].tolist()}, reverse=True)
+    tolerances = sorted({min(share * 0.5 * (high - low), PLAIN_TOLERANCE_M) for share in _TOLERANCES})
+    return [
+        [
+            replace(
+                regular_layout(
+                    angle_rad=angle_rad, lines=count, height_agl_m=height, inset=inset, tolerance_m=tolerance
+                ),
+                shift_m=shift_m,
+            )
+            for height in heights
+            for shift_m in _shifts_m(site.scenario.sensor, height)
+            for inset in _INSETS
+            for tolerance in tolerances
+        ]
+        for count in sorted(counts.tolist(), key=lambda count: abs(count - wanted))
+    ]
+
+
+def _shifts_m(sensor: Sensor, height_agl_m: float) -> list[tuple[float, float]]:
+    """None; and back by as much as a tilted camera that keeps its heading looks ahead: the edge behind is seen from outside."""
+    if not isinstance(sensor, FrameCamera) or sensor.heading_deg is None:
+        return [(0.0, 0.0)]
+    picture = flat_picture(sensor, height_agl_m)
+    if picture is None or abs(picture.near_m + picture.far_m) < 1.0:
+        return [(0.0, 0.0)]
+    ahead_m, heading = 0.5 * (picture.near_m + picture.far_m), math.radians(sensor.heading_deg)
+    return [(0.0, 0.0), (-ahead_m * math.sin(heading), -ahead_m * math.cos(heading))]
+
+
+def _judged(
+    site: Site, fine: CoverageMap, layouts: Sequence[SwathLayout | ContourLayout], executor: Executor | None
+) -> list[_Lines]:
+    drawn = [
+        (fly_layout(site, layout), NAME)
+        if isinstance(layout, SwathLayout)
+        else (fly_contours(site, layout), CONTOUR_NAME)
+        for layout in layouts
+    ]
+    members = judge_members(fine, drawn, executor)
+    return [_Lines(layout, member) for layout, member in zip(layouts, members, strict=True)]
+
+
+def _best(found: list[_Lines]) -> list[SwathLayout]:
+    """Layouts of parallel lines that no others dominate, thinned."""
+    parallel = [(lines.layout, lines.member) for lines in found if isinstance(lines.layout, SwathLayout)]
+    feasible = [(layout, member) for layout, member in parallel if member.violation <= 0.0]
+    if not feasible:
+        return []
+    figures = [member.metrics for _, member in feasible]
+    values = np.array([(-m.coverage_fraction, m.waypoint_count, m.cost) for m in figures])
+    best = np.flatnonzero(non_dominated_mask(values, np.zeros(len(values))))
+    if len(best) > _MOST_TURNED:
+        best = best[least_crowded(values[best], _MOST_TURNED)]
+    return [feasible[k][0] for k in best]

@@ -1,0 +1,306 @@
+"""What ``plan`` and ``select`` tell of a plan: its figures, its missions, and what to beware of."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from uavcover.missions.flights import makespan_s
+from uavcover.missions.mission_compiler import CompiledMission
+from uavcover.missions.sorties import Sortie
+from uavcover.model.active_times import window_in_words
+from uavcover.model.limits import FlightLimits
+from uavcover.model.route import Plan, RouteMember, RouteMetrics
+from uavcover.model.scenario import Objective
+from uavcover.planner.planner import SearchProgress
+from uavcover.planner.selection_rule import parse_rule, select
+from uavcover.run.folder import RunFolder
+from uavcover.run.user import User, percent, to_paste
+from uavcover.scenario.airspace.flyable import flyable_area
+from uavcover.scenario.site import Site
+from uavcover.scenario.vehicle_parts import own_sensors
+from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.pictures import planned_poses, takes_pictures
+from uavcover.sensing.sensors import focal_px
+
+_TELLING_GAP = 0.5
+"""A bound that is farther below the route says of the bound that it is weak, and nothing of the route."""
+_MOST_SHARES = 6
+_MOST_RETURNS = 6
+"""Intervals of unsafe returns that are said on the console."""
+_SHOWN_ZONES = 6
+_NEARLY_ALL = 0.999
+_FLOWN_EXACTLY_M = 3.0
+"""How well a route is flown at best: in still air the mock vehicle was off by 2.9 m on ridge-obstacles, 6.3 m on ridge-25km2."""
+
+
+def progress_in_words(progress: SearchProgress, unit: str, least: float | None) -> str:
+    """Coverage, the shortest route that has what is asked for, and its gap to what no route can beat, as far as they are known.
+
+    Args:
+        progress: of the search.
+        unit: of the length, time or energy that is made small.
+        least: what no route can beat, in that unit.
+    """
+    words = f"{100.0 * progress.best_coverage:.1f} %"
+    if progress.least_cost is not None:
+        words += f", {progress.least_cost:.0f} {unit}"
+        if least and progress.least_cost <= (1.0 + _TELLING_GAP) * least:
+            words += f", gap {100.0 * (progress.least_cost / least - 1.0):.1f} %"
+    return words
+
+
+def say_summary(user: User, site: Site, result: Plan, flights: Sequence[Sortie]) -> None:
+    """Say what is flown, what it needs, and who made the route."""
+    if flights:
+        flown_s = [flight.compiled.flight_time_s for flight in flights]
+        words = (
+            f"{len(flights)} flight{'s' if len(flights) > 1 else ''}, {math.fsum(flown_s) / 60.0:.1f} min in the air"
+        )
+        if len(flights) > 1:
+            words += f", done after {makespan_s(site, flights) / 60.0:.1f} min with the changes of battery"
+        used = [flight.compiled.battery_used for flight in flights]
+        shares = [f"{share:.0%}" for share in used if share is not None]
+        user.say(f"{'mission':22}{words}" + (f", {_listed(shares)} of a battery" if shares else ""))
+    if takes_pictures(site.scenario) and not own_sensors(site.scenario):
+        routes = [flight.route.waypoints_m for flight in flights] or [result.chosen.route.waypoints_m]
+        words = f"{len(planned_poses(judging_map(site), routes).eyes)}"
+        focal = focal_px(site.scenario.sensor)
+        if math.isfinite(focal):
+            ends = [
+                100.0 * m / focal
+                for m in (result.chosen.metrics.min_height_agl_m, result.chosen.metrics.max_height_agl_m)
+            ]
+            words += f", {ends[0]:.2f} to {ends[1]:.2f} cm a pixel straight below"
+        user.say(f"{'photos':22}{words}")
+    maker = result.chosen.origin
+    search = f"{result.evaluations} evaluations of {result.algorithm}"
+    beaten = any(member.origin == maker for member in result.baselines)
+    user.say(f"{'route made by':22}{maker}" + (f"; {search} found no better one" if beaten else f"; {search}"))
+
+
+def _listed(shares: Sequence[str]) -> str:
+    if len(shares) > _MOST_SHARES:
+        return f"{', '.join(shares[:_MOST_SHARES])} and so on"
+    return " and ".join(filter(None, (", ".join(shares[:-1]), shares[-1])))
+
+
+def say_plan(
+    user: User, run: RunFolder, site: Site, result: Plan, bounds: Sequence[str], wall_s: float, *, asked: str
+) -> None:
+    """Say what was chosen beside the baselines, what is proved, and what was missed.
+
+    Args:
+        user: who is told.
+        run: where it was written.
+        site: the scenario on its ground.
+        result: the plan.
+        bounds: what is proved, a line each.
+        wall_s: what it took.
+        asked: what the chosen route was to meet.
+    """
+    objective = site.scenario.objective
+    user.say(figures_header(objective))
+    shown = [("chosen route", result.chosen)]
+    plain = [member for member in result.baselines if member.origin == "boustrophedon"][:1]
+    tuned = [member for member in result.baselines if member.origin != "boustrophedon"]
+    rule = parse_rule(result.rule)
+    if tuned and rule.kind != "index":
+        # The one that the same rule would have chosen: what the optimizer has to beat.
+        tuned = [tuned[select(tuned, rule).index]]
+    for label, member in shown + [(m.origin, m) for m in plain + tuned[:1]]:
+        user.say(figures_in_words(label, member, objective))
+    user.say(f"{len(result.members)} routes in the Pareto set, {wall_s:.1f} s")
+    for line in bounds:
+        user.say(line)
+    if not result.rule_met:
+        user.warn(f"no route meets {asked}; the best there is has been written")
+    if result.interrupted:
+        user.warn(f"interrupted: the best route found so far has been written to {run}")
+
+
+def telling_bounds(site: Site, bounds: dict[str, Any]) -> dict[str, Any]:
+    """The bounds that say something of the plan: near what was found, and of what the planner makes small."""
+    length = site.scenario.objective == "length"
+    return {
+        name: entry
+        for name, entry in bounds.items()
+        if not isinstance(entry, dict)
+        or ((length or name != "shortest_path_m") and entry["gap"] is not None and entry["gap"] <= _TELLING_GAP)
+    }
+
+
+def say_older(user: User, older: RunFolder | None) -> None:
+    """Say where a plan that was flown is, when another one has taken its place."""
+    if older is not None:
+        user.warn(f"the plan that was here was flown: {older} is a run folder with it, its flight and its verdict")
+
+
+def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, sorties: Sequence[Sortie]) -> None:
+    """Say which mission files there are, and from where the autopilot's own return is not safe."""
+    if compiled is not None:
+        _say_return(user, compiled, "")
+        user.say(f"written: {run.file('mission.waypoints')} and mission.plan, fence, rally, kml beside it")
+    elif not sorties:
+        user.say("the scenario has no place on Earth: no mission files (give it an [origin] and a [home])")
+        return
+    for number, sortie in enumerate(sorties, start=1):
+        used = sortie.compiled.battery_used
+        battery = "" if used is None else f"{used:.0%} of a battery, "
+        user.say(
+            f"sortie {number:<2}  waypoints {sortie.first} to {sortie.last}, {sortie.compiled.flight_time_s:.0f} s, {battery}"
+            f"{len(sortie.compiled.mission.items)} items"
+        )
+        _say_return(user, sortie.compiled, f"sortie {number}: ")
+    if sorties:
+        user.say(
+            f"written: {run.file('sortie-1')} and so on, a folder each; they are uploaded and flown with --sortie N"
+        )
+
+
+def upload_in_words(run: RunFolder, fleet: dict[str, Any] | None, sorties: int) -> str:
+    """The command that uploads a plan: to all vehicles that fly at once, or its first flight.
+
+    Args:
+        run: its folder.
+        fleet: of ``plan.json``.
+        sorties: how many flights there are, 0 or 1 for one.
+    """
+    count = 1
+    if fleet is not None and not fleet.get("one_at_a_time", False):
+        rows = len(fleet.get("by_vehicle", []))
+        count = rows if fleet.get("alike", True) else int(fleet["vehicles"])
+    if count > 1:
+        return to_paste("plan-upload", run, *(word for k in range(count) for word in ("--to", f"URL{k + 1}")))
+    return to_paste("plan-upload", run, "--to", "URL", *(("--sortie", 1) if sorties > 1 else ()))
+
+
+def say_size(user: User, plan: Plan) -> None:
+    """Say when other numbers of vehicles would be done."""
+    if line := sizes_by_vehicles_in_words([dataclasses.asdict(each) for each in plan.by_vehicles]):
+        user.say(line)
+
+
+def sizes_by_vehicles_in_words(sizes: Sequence[dict[str, Any]]) -> str:
+    """The same route by fewer vehicles and by all, as ``mission.by_vehicles`` of ``plan.json`` has it; empty for one number."""
+    each = [f"{size['vehicles']} in {size['makespan_s']:.0f} s (sorties: {size['sorties']})" for size in sizes]
+    return f"the same route by so many vehicles: {', '.join(each)}" if len(each) > 1 else ""
+
+
+def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
+    """Say what no-fly zones keep from the route."""
+    scenario, area = site.scenario, flyable_area(site)
+    window, timed = scenario.flight_window, sum(zone.entry.has_times for zone in site.zones)
+    if window is not None and site.other_zones:
+        names = ", ".join(repr(zone.name) for zone in site.other_zones[:_SHOWN_ZONES])
+        more = f" and {len(site.other_zones) - _SHOWN_ZONES} more" if len(site.other_zones) > _SHOWN_ZONES else ""
+        user.say(
+            f"no-fly zones that are not in force from {window_in_words(window)} and do not count: {names}{more}; fly only then"
+        )
+    if timed and window is None:
+        user.say(
+            f"{timed} of the no-fly zones nearby have times and count as in force all the time; --at says when you fly"
+        )
+    for zone in area.closed[:_SHOWN_ZONES]:
+        partly = (
+            "; end the height band below its floor or above its ceiling to fly there" if zone in area.partly else ""
+        )
+        user.say(
+            f"no-fly zone {zone.name!r}, {zone.heights_in_words()}: the route keeps {zone.entry.margin_m:g} m away{partly}"
+        )
+    if len(area.closed) > _SHOWN_ZONES:
+        user.say(f"and {len(area.closed) - _SHOWN_ZONES} more no-fly zones that the route keeps away from")
+    if area.cut_off:
+        user.warn("no-fly zones cut off parts of the fence from home; they are not flown")
+    if area.closed and metrics.coverage_of_coverable > 0.0:
+        seen = metrics.coverage_fraction / metrics.coverage_of_coverable
+        if seen < _NEARLY_ALL:
+            user.warn(f"with the no-fly zones {percent(seen)} of the area can be seen")
+
+
+_LEAST_BEYOND = 5e-5
+"""Of the area: steps outside of it are no matter, and less than this is written as 0.00 %."""
+
+
+def say_steps(user: User, site: Site) -> None:
+    """Warn of ground on the other side of steps that are higher than the height band is wide."""
+    limits, area = site.scenario.limits, flyable_area(site)
+    if area.wide_enough_m is None:
+        return
+    beyond = 1.0 - area.polygon.intersection(site.area).area / site.area.area
+    if beyond < _LEAST_BEYOND:
+        return
+    enough_m = math.ceil(limits.min_height_agl_m + area.wide_enough_m + 2.0 * limits.height_margin_m)
+    user.warn(
+        f"the ground has steps that no leg gets over inside the height band, and {percent(beyond)} of the area is beside or "
+        f"behind them; the route stays on one side. To get over them limits.max_height_agl_m has to be {enough_m} at least; or "
+        "plan each side with a [home] of its own"
+    )
+
+
+def say_window(user: User, site: Site, flights: Sequence[Sortie]) -> None:
+    """Warn of flights that do not fit into the time for which the no-fly zones were looked at."""
+    window = site.scenario.flight_window
+    if window is None or not flights or not (site.zones or site.other_zones):
+        return
+    lasts_s = makespan_s(site, flights)
+    has_s = (window[1] - window[0]).total_seconds()
+    if lasts_s > has_s:
+        user.warn(
+            f"from the first take-off to the last landing it takes {lasts_s / 60.0:.0f} min, and the no-fly zones were looked at "
+            f"for {has_s / 60.0:.0f} min, {window_in_words(window)}: plan again with --at START/END"
+        )
+
+
+def say_hidden(user: User, site: Site) -> None:
+    """Say what the surface model hides."""
+    share = judging_map(site).grid.hidden_share
+    if share > 0.0:
+        user.say(
+            f"trees and roofs of the surface model hide {percent(share)} of the ground: it cannot be seen from the air, and no "
+            "route can cover it"
+        )
+
+
+def room_in_words(limits: FlightLimits, metrics: RouteMetrics) -> str | None:
+    """A warning when a route is planned so near to the ends of the height band that a flight will break them; else none."""
+    room_m = min(limits.max_height_agl_m - metrics.max_height_agl_m, metrics.min_height_agl_m - limits.min_height_agl_m)
+    if room_m >= _FLOWN_EXACTLY_M:
+        return None
+    return (
+        f"the route comes within {max(0.0, room_m):.1f} m of the limits of its height above ground "
+        f"({limits.min_height_agl_m:g} to {limits.max_height_agl_m:g} m); no vehicle flies it so exactly, and verify "
+        "will say so: leave some room with limits.height_margin_m (the demo's scenario has 8 m)"
+    )
+
+
+def _say_return(user: User, compiled: CompiledMission, which: str) -> None:
+    advice = compiled.return_advice
+    for zone in compiled.zones_left_out:
+        user.warn(
+            f"{which}no-fly zone {zone.name!r} ({zone.heights_in_words()}) is not in the uploaded fence: the mission passes over "
+            "or under it, and a fence has neither floors nor ceilings"
+        )
+    for line in advice.sentences[:_MOST_RETURNS]:
+        user.warn(f"{which}the autopilot's own return is not safe {line}")
+    if len(advice.sentences) > _MOST_RETURNS:
+        user.warn(f"{which}{len(advice.sentences) - _MOST_RETURNS} more such parts of the flight are in the report")
+    if advice.sentences:
+        user.warn(f"{which}{advice.remedy}")
+
+
+def figures_header(objective: Objective) -> str:
+    """The first line of a table of :func:`figures_in_words`."""
+    energy = f"{'energy':>9} (seconds of hovering)" if objective == "energy" else ""
+    return f"{'':22}{'coverage':>10}{'waypoints':>11}{'length':>12}{'time':>9}{energy}"
+
+
+def figures_in_words(label: str, member: RouteMember, objective: Objective) -> str:
+    """A route in one line of a table: coverage, waypoints, length, and the time of the mission, or of a route without home.
+
+    Where energy is made small, that of the mission comes last.
+    """
+    m = member.metrics
+    counts = f"{percent(m.coverage_of_coverable):>10}{m.waypoint_count:>11}"
+    energy = f"{m.mission_energy_hover_s:>7.0f} s" if objective == "energy" else ""
+    return f"{label:22}{counts}{m.path_length_m:>10.0f} m{m.time_s:>7.0f} s{energy}"

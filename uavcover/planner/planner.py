@@ -1,0 +1,354 @@
+"""The planner: baselines, optimizer, local search, judging on finer cells, selection."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Sequence
+from concurrent.futures import Executor
+
+import numpy as np
+
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.dominance import least_crowded, non_dominated_mask
+from uavcover.model.route import Plan
+from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
+from uavcover.optimizers import make_optimizer, optimizer_class, optimizer_name
+from uavcover.optimizers.interface import AskAndTell
+from uavcover.planner.baselines.boustrophedon import TUNED, Baseline, fewest_lines, taken, taken_until_near
+from uavcover.planner.baselines.contour_lines import TUNED as TUNED_CONTOURS
+from uavcover.planner.baselines.initial_routes import constructed_routes, initial_names
+from uavcover.planner.baselines.swaths import SwathLayout, long_side_angle_rad
+from uavcover.planner.beginning_lines import any_reaches, first_lines, one_line_more
+from uavcover.planner.encodings import SwathEncoding, WaypointEncoding
+from uavcover.planner.final_choice import choose
+from uavcover.planner.front import (
+    Candidate,
+    Finish,
+    NamedRoute,
+    Snapshots,
+    judge_members,
+)
+from uavcover.planner.parallel_lines import plan_lines
+from uavcover.planner.search.improve import improve
+from uavcover.planner.search.optimizer_search import (
+    Effort,
+    Encoding,
+    Searched,
+    SearchProgress,
+    SearchRun,
+    rounds_of,
+    search,
+)
+from uavcover.planner.selection_rule import parse_rule
+from uavcover.planner.sortie_order.reorder import ORDER_SHARE, OrderEffort, has_several_sorties, tries_of
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap, judging_map, planning_map
+
+__all__ = ["Effort", "SearchProgress", "plan_routes"]
+
+
+CONSTRUCTED_SHARE = 0.25
+"""At most this share of the first population is constructed routes; the rest is sampled by the optimizer itself."""
+
+_BASELINE_SHARE = 0.5
+_BASELINE_SHARE_OF_LINES = 0.1
+_BASELINE_SHARE_OF_FEWEST = 0.01
+"""Share of a time budget that the baselines may use: less where lines of other kinds and a local search follow, and least where
+the most useful ones come first. Those that are left then come after the search."""
+
+_LATE_SHARE = 0.02
+"""Share of a time budget for these."""
+
+_LINES_SHARE = 0.01
+"""Share of a time budget for lines that bend and lines of few waypoints; the best ones come first. On 25 square kilometres
+all of them take 6 s of processor time, which a search of 10 s had to wait for."""
+
+_SIMPLIFIED_UNTIL = 1.03
+"""So many time budgets after the beginning no more waypoints are given up: a little late, for most routes need only a moment."""
+
+_OPTIMIZER: dict[PlannerAlgorithm, tuple[str, float]] = {
+    "memetic": ("imodbo", 0.05),
+    "local-search": ("imodbo", 0.0),
+    "imodbo": ("imodbo", 1.0),
+    "modbo": ("modbo", 1.0),
+    "nsga2": ("nsga2", 1.0),
+    "moead": ("moead", 1.0),
+}
+"""Which optimizer an algorithm uses, and for what share of the evaluations or the time; the rest is local search. One round,
+which only samples, there always is, unless baselines keep the limits and it alone would take longer than that time."""
+
+
+_MOST_ROUNDS = 50
+"""Of the optimizer before a local search: where a round is quick, more of them add nothing (docs/results/coverage.md)."""
+
+_MOST_TUNED = 12
+"""So many tuned lines of each kind are shown: the one of most merit, and the least crowded."""
+
+
+def plan_routes(
+    site: Site,
+    *,
+    settings: PlannerSettings,
+    select_rule: str,
+    effort: Effort,
+    executor: Executor | None = None,
+    should_stop: Callable[[], bool] = lambda: False,
+    on_progress: Callable[[SearchProgress], None] = lambda _: None,
+    snapshots: Snapshots | None = None,
+    own: str | type | None = None,
+) -> Plan:
+    """Plan the sensing route of a site.
+
+    The search uses the planner's cells; every reported route is judged on the finer cells of the area. The
+    choice is made among the search's Pareto set and the baselines, so it is never worse than these at the coverage that
+    was asked for.
+
+    Args:
+        site: the scenario on its ground.
+        settings: algorithm, encoding and seed.
+        select_rule: see :mod:`uavcover.planner.selection_rule`.
+        effort: when to stop.
+        executor: evaluates routes side by side; the result does not depend on it.
+        should_stop: asked before every round; the best so far is returned. There always is one: a baseline, or the
+            first round, which is then not left out.
+        on_progress: told after every round.
+        snapshots: given what was found at its moments, and at the end: baselines first.
+        own: another optimizer in place of ``settings.algorithm``, for the whole search, as
+            :func:`uavcover.optimizers.optimizer_class` takes it.
+
+    Raises:
+        OptimizerError: ``own`` cannot be found or is no optimizer; it is looked up before anything else.
+        InfeasibleError: no route that was found keeps the hard limits; says which, where and by how much.
+        InputError: the rule cannot be understood.
+    """
+    if settings.algorithm in {"lines", "contour-lines"} and own is None:
+        return plan_lines(
+            site, settings=settings, select_rule=select_rule, effort=effort, executor=executor, should_stop=should_stop
+        )
+    if own is not None:
+        optimizer_class(own)
+        # It begins with the constructed routes that the plain optimizers begin with.
+        settings = dataclasses.replace(settings, algorithm="imodbo")
+    algorithm: str = settings.algorithm
+    name, share = _OPTIMIZER[settings.algorithm]
+    if own is not None:
+        algorithm = name = optimizer_name(own)
+    started = effort.now()
+    rule = parse_rule(select_rule)
+    coarse = planning_map(site)
+    goal = None
+    if rule.required_coverage is not None:
+        # The rule speaks of what is coverable, the objectives of the whole area.
+        goal = rule.required_coverage * coarse.share(coarse.coverable)
+    other_lines = share < 1.0 and settings.encoding == "swaths"
+    baseline_share = _BASELINE_SHARE_OF_LINES if other_lines else _BASELINE_SHARE
+    tuned = None
+    along_contours = "contour-lines" in initial_names(coarse, settings)
+    if other_lines and goal is not None and effort.budget_s is not None and not along_contours:
+        tuned, baseline_share = fewest_lines(coarse, goal), _BASELINE_SHARE_OF_FEWEST
+    before = effort.now()
+    baselines = constructed_routes(
+        coarse, settings, asked=rule.required_coverage, executor=executor,
+        should_stop=lambda: should_stop() or effort.is_over(started, share=baseline_share), tuned=tuned,
+    )  # fmt: skip
+    if tuned is not None and goal is not None:
+        baselines += taken_until_near(
+            tuned, baselines, goal, lambda: should_stop() or effort.is_over(started, share=_BASELINE_SHARE_OF_LINES)
+        )
+    each_s = (effort.now() - before) / max(len(baselines), 1)
+    constructed = _named(_worth_showing(baselines, goal))
+    kept = Snapshots(()) if snapshots is None else snapshots
+
+    def look(routes: Callable[[], Sequence[NamedRoute]]) -> None:
+        kept.look(effort.now() - started, lambda: [*(each.route for each in constructed), *routes()])
+
+    encoding, initial = _encoding(site, settings, baselines, goal)
+    optimizing = effort if share == 1.0 else _shared(effort, share, started)
+    rounds = 1
+    left_out = share < 1.0 and _takes_too_long(settings.population_size * each_s, baselines, effort, share)
+    if not left_out:
+        rounds = rounds_of(
+            optimizing,
+            started,
+            encoding=encoding,
+            coverage=coarse,
+            population_size=settings.population_size,
+            executor=executor,
+        )
+    if share < 1.0:
+        rounds = min(rounds, _MOST_ROUNDS)
+    optimizer: AskAndTell = make_optimizer(
+        name if own is None else own,
+        encoding.lower,
+        encoding.upper,
+        n_objectives=3,
+        n_constraints=1,
+        population_size=settings.population_size,
+        max_iterations=rounds,
+        archive_size=max(100, settings.population_size),
+        seed=settings.seed,
+        initial=initial,
+    )
+    run = SearchRun(
+        effort=optimizing, started=started, executor=executor, should_stop=should_stop, on_progress=on_progress
+    )
+    searched = Searched(interrupted=False, scale=None)
+    if not left_out:
+        searched = search(
+            optimizer,
+            run,
+            rounds=rounds,
+            encoding=encoding,
+            coverage=coarse,
+            at_least_one_round=not baselines,
+            goal=goal,
+            look=lambda routes: look(lambda: [(route, name) for route in routes()]),
+        )
+    fine = judging_map(site)
+    optimized = _candidates(optimizer, encoding, searched.scale, name)
+    evaluations, interrupted = optimizer.evaluations, searched.interrupted
+    in_several = False
+    if share == 1.0:
+        reference = judge_members(fine, [each.route for each in constructed], executor)
+        made = [candidate.route for candidate in optimized]
+    else:
+        lines: list[NamedRoute] = []
+        if settings.encoding == "swaths" and not interrupted:
+            best_straight = next((b.layout for b in _by_merit(baselines, goal) if b.layout is not None), None)
+            lines = _lines(coarse, best_straight, rule.required_coverage, dataclasses.replace(run, effort=effort))
+        late_s = 0.0 if tuned is None or effort.budget_s is None else _LATE_SHARE * effort.budget_s
+        # What takes several sorties gets a search for their order at the end.
+        best = _by_merit(baselines, goal)[:1]
+        in_several = any(has_several_sorties(site, each.route) for each in best)
+        order_s = ORDER_SHARE * effort.budget_s if in_several and effort.budget_s is not None else 0.0
+        finish = Finish(
+            coarse, fine, constructed, optimized, lines, evaluating_s=each_s, effort=effort, started=started,
+            executor=executor,
+        )  # fmt: skip
+        found: list[NamedRoute] = []
+        if not interrupted:
+            improved = improve(
+                coarse, fine, finish.known, dataclasses.replace(run, effort=finish.search_effort(late_s + order_s)),
+                settings=settings, rule=rule, evaluations_done=evaluations,
+                look=lambda routes: look(
+                    lambda: finish.worth_judging([(route, settings.algorithm) for route in routes()])
+                ),
+            )  # fmt: skip
+            found = [(route, settings.algorithm) for route in improved.routes]
+            evaluations += improved.evaluations
+            interrupted = improved.interrupted
+        if tuned is not None and effort.budget_s is not None and not interrupted:
+            until = min(effort.now() + late_s, started + effort.budget_s - order_s)
+            baselines += taken(tuned, lambda: should_stop() or effort.now() > until)
+            constructed = _named(_worth_showing(baselines, goal))
+        reference = finish.judged_baselines(constructed)
+        made = finish.worth_judging(found)
+    members = judge_members(fine, made, executor)
+    chosen = choose(
+        fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted,
+        is_over=(lambda: effort.is_over(started, share=_SIMPLIFIED_UNTIL)) if share < 1.0 else None,
+        order=_order_effort(effort, started, settings.seed, should_stop) if in_several and not interrupted else None,
+    )  # fmt: skip
+    kept.close([*(each.route for each in constructed), *made, *chosen.simpler])
+    return Plan(
+        chosen=chosen.route,
+        members=chosen.pareto,
+        baselines=tuple(reference),
+        rule=rule.text,
+        rule_met=chosen.rule_met,
+        algorithm=algorithm,
+        evaluations=evaluations,
+        wall_s=effort.now() - started,
+        interrupted=interrupted,
+    )
+
+
+def _lines(coarse: CoverageMap, straight: SwathLayout | None, asked: float | None, run: SearchRun) -> list[NamedRoute]:
+    """Lines that the local search begins with, in the direction of the best straight ones, as many as there is time for."""
+    site, budget_s, now = coarse.site, run.effort.budget_s, run.effort.now
+    angle = long_side_angle_rad(site.area) if straight is None else straight.angle_rad
+    until = now() + _LINES_SHARE * (math.inf if budget_s is None else budget_s)
+    lines = first_lines(site, angle, run.executor, lambda: run.should_stop() or now() > until)
+    if budget_s is not None and not any_reaches(coarse, lines, asked):
+        lines += one_line_more(site, angle)
+    return lines
+
+
+def _named(baselines: Sequence[Baseline]) -> list[Candidate]:
+    return [Candidate((each.route, each.name), each.objectives, each.violation) for each in baselines]
+
+
+def _takes_too_long(round_s: float, baselines: Sequence[Baseline], effort: Effort, share: float) -> bool:
+    """Whether a local search that has a beginning would wait for one round of the optimizer longer than for all that it gets."""
+    feasible = any(each.violation <= 0.0 for each in baselines)
+    return feasible and effort.budget_s is not None and round_s > share * effort.budget_s
+
+
+def _candidates(optimizer: AskAndTell, encoding: Encoding, scale: FloatArray | None, name: str) -> list[Candidate]:
+    """The routes of an optimizer's Pareto set; none when it was told nothing."""
+    if scale is None:
+        return []
+    found = optimizer.pareto_set()
+    violations = found.violations.sum(axis=1)
+    return [
+        Candidate((encoding.decode(genes), name), values * scale, float(violation))
+        for genes, values, violation in zip(found.x, found.objectives, violations, strict=True)
+    ]
+
+
+def _shared(effort: Effort, share: float, started: float) -> Effort:
+    """A share of the evaluations, or of the time, from now on."""
+    budget_s = effort.budget_s
+    if budget_s is not None:
+        budget_s = effort.now() - started + share * budget_s
+    return dataclasses.replace(effort, evaluations=int(share * effort.evaluations), budget_s=budget_s)
+
+
+def _order_effort(effort: Effort, started: float, seed: int, should_stop: Callable[[], bool]) -> OrderEffort:
+    """What there is for the order of several sorties: of a time budget what is left, else so much for each evaluation."""
+    tries = tries_of(effort.evaluations)
+    if effort.budget_s is None:
+        return OrderEffort(tries, seed, should_stop=should_stop)
+    begin, until = effort.now(), started + effort.budget_s
+    length_s = max(until - begin, 1e-9)
+    return OrderEffort(tries, seed, lambda: (effort.now() - begin) / length_s if until > begin else 1.0, should_stop)
+
+
+def _encoding(
+    site: Site, settings: PlannerSettings, baselines: Sequence[Baseline], goal: float | None
+) -> tuple[Encoding, FloatArray | None]:
+    """The encoding, and the constructed routes that its first population begins with."""
+    count = max(1, int(CONSTRUCTED_SHARE * settings.population_size))
+    ranked = _by_merit(baselines, goal)
+    if settings.encoding == "waypoints":
+        origin = np.zeros(3) if site.home_m is None else site.home_m
+        points = WaypointEncoding(site, capacity=settings.capacity, order=settings.order, reference_m=origin)
+        rows = [points.near(b.route) for b in ranked if len(b.route) <= settings.capacity][:count]
+        return points, np.array(rows) if rows else None
+    layouts = [b.layout for b in ranked if b.layout is not None]
+    swaths = SwathEncoding(site, centre=layouts[0])
+    return swaths, np.array([swaths.near(layout) for layout in layouts[:count]])
+
+
+def _by_merit(baselines: Sequence[Baseline], goal: float | None) -> list[Baseline]:
+    """Feasible first; then those that reach the required coverage, by length; then the others, by coverage."""
+    asked = 1.0 if goal is None else goal
+    return sorted(
+        baselines, key=lambda b: (b.violation, max(0.0, asked + float(b.objectives[0])), float(b.objectives[2]))
+    )
+
+
+def _worth_showing(baselines: Sequence[Baseline], goal: float | None) -> list[Baseline]:
+    """Each method's route; of tuned lines of each kind, a thinned set of those that no other dominates."""
+    others = [b for b in baselines if b.name not in (TUNED, TUNED_CONTOURS)]
+    kinds = [[b for b in baselines if b.name == name and b.violation <= 0.0] for name in (TUNED, TUNED_CONTOURS)]
+    return others + [b for kind in kinds if kind for b in _thinned(kind, goal)]
+
+
+def _thinned(tuned: Sequence[Baseline], goal: float | None) -> list[Baseline]:
+    mask = non_dominated_mask(np.array([b.objectives for b in tuned]), np.zeros(len(tuned)))
+    best = [b for b, keep in zip(tuned, mask, strict=True) if keep]
+    if len(best) > _MOST_TUNED:
+        values = np.array([b.objectives for b in best])
+        first = _by_merit(best, goal)[0]
+        best = [first, *(best[k] for k in least_crowded(values, _MOST_TUNED) if best[k] is not first)]
+    return _by_merit(best, goal)

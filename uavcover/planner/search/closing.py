@@ -1,0 +1,331 @@
+"""Gaps of a search's routes, closed.
+
+Where a search ends short of its goal, what else has to be flown to reach it is put behind one of its routes
+(:mod:`uavcover.planner.gap_route` lays that out), and the search goes on from there.
+"""
+
+import itertools
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from uavcover.errors import InfeasibleError
+from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.missions.leg_checks import measure_violations
+from uavcover.model.route import Route
+from uavcover.planner.baselines.boustrophedon import PLAIN_TOLERANCE_M
+from uavcover.planner.gap_route import plan_closing_route
+from uavcover.planner.joining import joined
+from uavcover.planner.search.local_search import Work
+from uavcover.planner.search.route_judge import SAFETY, RouteJudge, share_seen
+from uavcover.planner.search.route_problem import RouteProblem
+from uavcover.planner.search.starts import SearchStart
+from uavcover.planner.set_cover.candidates import seen_from_each
+from uavcover.planner.sure_pictures import surely
+from uavcover.planner.terrain_following import lay_over_terrain
+from uavcover.planner.viewpoints import MissingCells, few_enough, grid_places, places_around
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import whatever_heading
+
+_MOST_MISSING = 10_000
+"""Cells; to close the gaps of more takes seconds."""
+
+_NEARLY_CLOSED = 0.1
+"""Where so much of what was lacking is left, the rest is closed behind what closed it."""
+
+_CLOSE_SAMPLES_M = 1.0
+"""Of the ground, where routes are laid over it that break a limit when they are joined."""
+
+
+def closed_end(
+    work: Work,
+    found: Sequence[SearchStart],
+    goal: float,
+    judge: RouteJudge,
+    *,
+    until: float,
+    least_short: int = 0,
+) -> SearchStart | None:
+    """What a search ended with, its gaps closed, where it ends short of its goal and some of the work is left for it.
+
+    Where nearly everything is to be seen, gaps are dear: then the ends of all its stages are tried, and the cheapest counts.
+
+    Args:
+        work: what is looked at, and how much may be done.
+        found: what the stages of the search ended with.
+        goal: share of what can be covered.
+        judge: judges the ends, and closes their gaps.
+        until: share of all the work, 0..1, after which no more are tried.
+        least_short: so many ends that lack least are tried in any case.
+
+    Returns:
+        None where an end reaches the goal, or none could be closed.
+    """
+
+    def is_over() -> bool:
+        return work.pace.fraction >= until
+
+    if not found or work.stopped or is_over():
+        return None
+    tuned = work.tuning.goal
+    ends: list[SearchStart] = []
+    ends_of_stages = list(reversed(found if goal > tuned.nearly_all else found[-1:]))
+    near = sorted(found, key=lambda each: -judge.coverage(each.route, goal))[:least_short] if least_short else []
+    for each in dict.fromkeys([*near, *ends_of_stages]):
+        if is_over():
+            break
+        short = goal - judge.coverage(each.route, goal)
+        if short <= 0.0:
+            return None
+        closed = judge.closed(each.route, goal + SAFETY, is_over) if short <= tuned.most_short else None
+        if closed is not None:
+            ends.append(SearchStart(closed, each.seen + short))
+    return min(ends, key=lambda end: work.problem.cost(end.route), default=None)
+
+
+def closed_beginning(
+    work: Work,
+    starts: Sequence[SearchStart],
+    found: Sequence[SearchStart],
+    goal: float,
+    judge: RouteJudge,
+    *,
+    until: float,
+    at_last: float,
+) -> SearchStart | None:
+    """A beginning that sees enough, or the cheapest of those that see most, their gaps closed.
+
+    On ground whose last part is dear, such as the walls of a canyon, a search from a short beginning loses what it sees there,
+    and long lines are the better beginning.
+
+    Args:
+        work: what is looked at, and how much may be done.
+        starts: the beginnings of the search.
+        found: what its stages ended with.
+        goal: share of what can be covered.
+        judge: judges beginnings, and closes their gaps.
+        until: share of all the work, 0..1, after which no more are tried, ...
+        at_last: ... and the same while none is closed: a search that is far from its goal hardly reaches it otherwise.
+
+    Returns:
+        None where the search did not end far from its goal, or none could be closed.
+    """
+    ends: list[SearchStart] = []
+
+    def is_over() -> bool:
+        return work.pace.fraction >= (until if ends else at_last)
+
+    if not found or work.stopped or is_over() or work.problem.free_order:
+        return None
+    tuned, before = work.tuning.goal, judge.coverage(found[-1].route, goal)
+    if goal - before <= tuned.most_short:
+        return None
+    different = {each.route.length_m: each for each in starts}.values()
+    most = sorted(different, key=lambda each: -each.seen)[: tuned.most_beginnings]
+    # Those that may see enough by themselves come first, the cheapest of them before the others.
+    cheapest = sorted((each for each in different if each.seen >= goal), key=lambda each: work.problem.cost(each.route))
+    judged: list[tuple[float, SearchStart]] = []
+    for each in dict.fromkeys([*cheapest[: tuned.most_beginnings], *most]):
+        if is_over():
+            return None
+        judged.append((judge.coverage(each.route, goal), each))
+        if judged[-1][0] >= goal:
+            return each
+    judged = [one for one in judged if one[0] >= goal - tuned.most_short_beginning] or [(before, found[-1])]
+    for tried, (seen, each) in enumerate(sorted(judged, key=lambda item: -item[0])):
+        if is_over() or (ends and tried >= tuned.most_closed):
+            break
+        route = judge.closed(each.route, goal + SAFETY, is_over)
+        if route is not None:
+            ends.append(SearchStart(route, min(1.0, each.seen + max(0.0, goal - seen))))
+    return min(ends, key=lambda end: work.problem.cost(end.route), default=None)
+
+
+def price_between(problem: RouteProblem, less: SearchStart, more: SearchStart) -> float:
+    """What all coverage costs at the rate between two routes, in lengths of the one that sees more."""
+    cost = problem.cost(more.route)
+    return max(0.0, cost - problem.cost(less.route)) / (max(cost, 1e-12) * max(more.seen - less.seen, 1e-3))
+
+
+def with_gaps_closed(
+    judging: CoverageMap,
+    route: Route,
+    goal: float,
+    more_ground: Sequence[float],
+    is_over: Callable[[], bool],
+    *,
+    most_trials: int,
+) -> Route | None:
+    """The route, and behind it what sees enough of the ground that it misses, or viewpoints in it where a sensor looks from them.
+
+    Args:
+        judging: the cells by which routes are judged.
+        route: keeps the limits.
+        goal: share of what can be covered.
+        more_ground: so many times the ground that is lacking is looked at, one after the other, until the goal is reached.
+        is_over: whether there is no time left for it.
+        most_trials: to make each of those routes shorter.
+
+    Returns:
+        None where the route reaches the goal, and where closing its gaps is too much to find out, or breaks a limit.
+    """
+    seen = judging.seen(route.waypoints_m)
+    missing = judging.coverable & ~seen
+    lacking = goal - judging.share_of_coverable(seen)
+    if lacking <= 0.0 or np.count_nonzero(missing) > _MOST_MISSING:
+        return None
+    if judging.site.scenario.sensor.sensing == "at-waypoints":
+        whole = with_viewpoints(judging, route, goal, is_over)
+        if whole is not None:
+            return whole
+    whole_m2 = float(judging.grid.weight_m2[judging.coverable].sum())
+    missing_m2 = float(judging.grid.weight_m2[missing].sum())
+    useful_m2 = (1.0 - _NEARLY_CLOSED) * lacking * whole_m2
+    for more in more_ground:
+        over = _over_after(most_trials, is_over)
+        whole = _with_closing(judging, route, missing, more * lacking * whole_m2, useful_m2, over)
+        if whole is None:
+            return None
+        # Pictures by distance fall elsewhere behind a route than behind home: it may take more.
+        still_lacking = goal - share_seen(whole, judging)
+        if still_lacking <= 0.0:
+            return whole
+        if is_over():
+            return None
+        if still_lacking <= _NEARLY_CLOSED * lacking:
+            return with_gaps_closed(judging, whole, goal, more_ground, is_over, most_trials=most_trials)
+        if more * lacking * whole_m2 >= missing_m2:
+            return None
+    return None
+
+
+def _over_after(trials: int, is_over: Callable[[], bool]) -> Callable[[], bool]:
+    """The same question, answered with yes also after so many trials."""
+    asked = itertools.count()
+    return lambda: is_over() or next(asked) >= trials
+
+
+def _with_closing(
+    judging: CoverageMap,
+    route: Route,
+    missing: BoolArray,
+    needed_m2: float,
+    useful_m2: float,
+    is_over: Callable[[], bool],
+) -> Route | None:
+    """The route, and behind it one for so much of the missing ground; none where that is of no use, or breaks a limit."""
+    site, points = judging.site, route.waypoints_m
+    end_m = points[-1] if site.home_m is None else site.home_m
+    try:
+        closing = plan_closing_route(
+            judging, missing, start_m=points[-1], end_m=end_m, needed_m2=needed_m2, useful_m2=useful_m2, is_over=is_over
+        )
+    except InfeasibleError:
+        return None
+    whole = joined(site, [points, closing.route.waypoints_m])
+    if _breaks_a_limit(site, whole):
+        # At a cliff the way from one to the other may be too steep: the heights of both have to give.
+        heights_agl_m = site.ground.heights_agl_m(whole)
+        whole = lay_over_terrain(
+            site, whole[:, :2], heights_agl_m, tolerance_m=PLAIN_TOLERANCE_M, spacing_m=_CLOSE_SAMPLES_M
+        )
+    return None if _breaks_a_limit(site, whole) else surely(site, Route(whole))
+
+
+def _breaks_a_limit(site: Site, points_m: FloatArray) -> bool:
+    return measure_violations(site, points_m, margin_m=site.scenario.limits.height_margin_m).total > 0.0
+
+
+# Viewpoints put into a route, each where it costs least, until the route sees enough.
+#
+# For sensors that look from waypoints alone: a waypoint more takes nothing from what the others see. Behind the route,
+# where gaps are closed otherwise (:mod:`uavcover.planner.search.closing`), a viewpoint may be a steep way off.
+
+_MOST_INSERTED = 40
+_MOST_TRIED = 200
+"""So many viewpoints are put in, and so many are tried for each, the best for their detour first."""
+
+_LEGS_TRIED = 4
+"""Of the legs with the shortest detours."""
+
+_LEAST_DETOUR_M = 5.0
+
+
+def with_viewpoints(coverage: CoverageMap, route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
+    """The route with viewpoints put in until it sees enough.
+
+    Args:
+        coverage: the cells it is judged on; its sensor looks from waypoints alone.
+        route: keeps the limits.
+        goal: share of what can be covered.
+        is_over: whether there is no time left for it: asked before each viewpoint.
+
+    Returns:
+        None where it sees enough already, and where no viewpoints that keep the limits make it see enough.
+    """
+    site, points = coverage.site, route.waypoints_m
+    seen = coverage.seen(points)
+    if coverage.share_of_coverable(seen) >= goal:
+        return None
+    for _ in range(_MOST_INSERTED):
+        found = None if is_over() else _one_more(site, coverage, points, seen, goal)
+        if found is None:
+            return None
+        before, points = np.count_nonzero(seen), found
+        seen = coverage.seen(points)
+        if coverage.share_of_coverable(seen) >= goal:
+            return Route(points, route.begins)
+        if np.count_nonzero(seen) <= before:
+            return None
+    return None
+
+
+def _one_more(
+    site: Site, coverage: CoverageMap, points_m: FloatArray, seen: BoolArray, goal: float
+) -> FloatArray | None:
+    """The (n, 3) points and one viewpoint that sees much for its detour; none where none keeps the limits."""
+    unseen = coverage.coverable & ~seen
+    if not unseen.any():
+        return None
+    missing = MissingCells.of(coverage, unseen)
+    places = np.vstack([
+        grid_places(site, missing), places_around(site, few_enough(missing.cells.centre_m))
+    ])  # fmt: skip
+    eyes_m = np.column_stack([places[:, :2], site.ground.ups_m(places[:, :2], places[:, 2])])
+    eyes_m = eyes_m[np.isfinite(eyes_m[:, 2])]
+    start, cells = seen_from_each(coverage, eyes_m, missing.numbers, whatever_heading(coverage.sight))
+    gained_m2 = np.zeros(len(eyes_m))
+    np.add.at(gained_m2, np.repeat(np.arange(len(eyes_m)), np.diff(start)), coverage.grid.weight_m2[cells])
+    whole_m2 = float(coverage.grid.weight_m2[coverage.coverable].sum())
+    lacking_m2 = (goal - coverage.share_of_coverable(seen)) * whole_m2
+    detours_m = _detours_m(site, points_m, eyes_m)
+    worth = np.minimum(gained_m2, lacking_m2) / np.maximum(detours_m.min(axis=1), _LEAST_DETOUR_M)
+    margin_m = site.scenario.limits.height_margin_m
+    for k in np.argsort(-worth, kind="stable")[:_MOST_TRIED]:
+        if worth[k] <= 0.0:
+            return None
+        for leg in np.argsort(detours_m[k], kind="stable")[:_LEGS_TRIED]:
+            around = np.vstack([points_m[max(leg - 1, 0) : leg], eyes_m[k], points_m[leg : leg + 1]])
+            if np.isfinite(detours_m[k, leg]) and measure_violations(site, around, margin_m=margin_m).total <= 0.0:
+                return np.insert(points_m, leg, eyes_m[k], axis=0)
+    return None
+
+
+def _detours_m(site: Site, points_m: FloatArray, places_m: FloatArray) -> FloatArray:
+    """(k, n + 1) by how much longer (n, 3) points are with each of (k, 3) places first, between two of them, and last.
+
+    Infinite where a leg would be too steep.
+    """
+    ways_m = places_m[:, None] - points_m[None]
+    away_m = np.linalg.norm(ways_m, axis=2)
+    steepest = math.tan(math.radians(site.scenario.limits.max_climb_angle_deg))
+    away_m[np.abs(ways_m[..., 2]) > steepest * np.hypot(ways_m[..., 0], ways_m[..., 1])] = math.inf
+    first_m, last_m = away_m[:, 0], away_m[:, -1]
+    if site.home_m is not None:
+        from_home_m = np.linalg.norm(places_m - site.home_m, axis=1)
+        first_m = first_m + from_home_m - np.linalg.norm(points_m[0] - site.home_m)
+        last_m = last_m + from_home_m - np.linalg.norm(points_m[-1] - site.home_m)
+    between_m = away_m[:, :-1] + away_m[:, 1:] - np.linalg.norm(np.diff(points_m, axis=0), axis=1)
+    return np.column_stack([first_m, between_m, last_m])

@@ -1,0 +1,293 @@
+"""Local search for the shortest route that reaches a coverage, and for routes of few waypoints.
+
+For few waypoints, the price of a waypoint rises step by step, at the cost of a longer path.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from uavcover.kernels.annealing import Prices
+from uavcover.model.route import Route
+from uavcover.planner.search.closing import closed_beginning, closed_end, price_between
+from uavcover.planner.search.local_search import CHAINS, Chain, Work
+from uavcover.planner.search.route_judge import SAFETY, RouteJudge
+from uavcover.planner.search.route_problem import state_of
+from uavcover.planner.search.starts import SearchStart, best_starts
+
+LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
+"""Goals that are searched for besides the one that is asked for, so that there is something to choose from."""
+
+_ROUNDING = 1e-9
+
+
+def search_goals(
+    work: Work,
+    starts: Sequence[SearchStart],
+    *,
+    asked: float | None,
+    capacity: int,
+    until: float,
+    judge: RouteJudge,
+) -> list[SearchStart]:
+    """Find the shortest routes for the goals of the ladder, mainly for the required one.
+
+    Args:
+        work: what is looked at, and how much may be done.
+        starts: one at least.
+        asked: share of what can be covered that the selection rule asks for, if it does.
+        capacity: most waypoints.
+        until: share of all the work, 0..1, after which this search ends.
+        judge: judges what is found; goals on the planner's cells are corrected by it.
+
+    Returns:
+        The beginnings, and what the stages ended with.
+    """
+    begin, tuned = work.pace.fraction, work.tuning.goal
+    goals: Sequence[float] = [goal for goal in LADDER if asked is None or abs(goal - asked) > 0.002]
+    main = 0.0 if asked is None else tuned.main_share
+    known = list(starts)
+    if asked is not None:
+        end = begin + main * (until - begin)
+        found = search_goal(
+            work, known, asked, capacity, (begin, end), tuned.main_stages, judge,
+            most_short=tuned.most_short_at_first, later=end + tuned.closing_share * (until - begin),
+        )  # fmt: skip
+        with_closing = min(work.pace.fraction, end) + tuned.closing_share * (until - begin)
+        closed = closed_end(work, found, asked, judge, until=with_closing)
+        from_beginning = closed is None
+        if closed is None:
+            with_closing += (tuned.closing_share_far - tuned.closing_share) * (until - begin)
+            closed = closed_beginning(work, starts, found, asked, judge, until=with_closing, at_last=until)
+        # At the price by which it ended short, the search would open the gaps again; beyond ``nearly_all`` it is dear anyway.
+        price = None
+        if closed is not None and (from_beginning or asked <= tuned.nearly_all):
+            price = tuned.dear_ground * price_between(work.problem, found[-1], closed)
+        known += found
+        if closed is not None:
+            judge.found(closed.route)
+        if closed is not None and len(closed.route) <= capacity:
+            main += tuned.closing_share
+            after, end = min(work.pace.fraction, end), begin + main * (until - begin)
+            stages = tuned.main_stages if from_beginning else tuned.stages
+            again = search_goal(
+                work, [closed], asked, capacity, (after, end), stages, judge, closed=True, coverage_price=price
+            )
+            known += again
+            # Cells of the search may see all where those that judge lack a few.
+            last = closed_end(
+                work, again, asked, judge, until=end + tuned.closing_share * (until - begin),
+                least_short=tuned.most_closed_after if from_beginning else 0,
+            )  # fmt: skip
+            if last is not None:
+                judge.found(last.route)
+            if last is not None and len(last.route) <= capacity:
+                known.append(last)
+        elif end - work.pace.fraction > _ROUNDING:
+            known += search_goal(work, known, asked, capacity, (work.pace.fraction, end), tuned.main_stages, judge)
+    ladder = (1.0 - main) * (until - begin)
+    goals = _thinned(goals, _most_goals(work, ladder))
+    each = ladder / len(goals)
+    # From the highest: what reaches more is a good beginning for what may see less.
+    for number, goal in enumerate(reversed(goals)):
+        at = until - ladder + number * each
+        known += search_goal(work, known, goal, capacity, (at, at + each), tuned.stages, judge)
+    return known
+
+
+def search_goal(
+    work: Work,
+    starts: Sequence[SearchStart],
+    goal: float,
+    capacity: int,
+    share: tuple[float, float],
+    stages: Sequence[float],
+    judge: RouteJudge,
+    *,
+    waypoint_price: float | None = None,
+    closed: bool = False,
+    coverage_price: float | None = None,
+    most_short: float = 1.0,
+    later: float = 0.0,
+) -> list[SearchStart]:
+    """Search for one goal in stages; each corrects the goal, and after the first both chains continue from the better route.
+
+    Args:
+        work: what is looked at, and how much may be done.
+        starts: one at least.
+        goal: share of what can be covered.
+        capacity: most waypoints.
+        share: of all the work, 0..1, where this search begins and ends.
+        stages: shares of this search's work after which the goal is corrected, the last is 1.
+        judge: judges what is found.
+        waypoint_price: in radii of the sensor; beginnings are ranked by it too. By default next to nothing.
+        closed: the beginning is a route whose gaps were closed, because a search ended short of the goal: it is to get shorter,
+            and where nearly everything is to be seen, not to open them again.
+        coverage_price: of all coverage, in lengths of the route, where it is dearer than by default.
+        most_short: by so much the first stage may miss the goal; by more, and the search ends there.
+        later: share of all the work until which further, short stages may follow while they get nearer to the goal.
+
+    Returns:
+        What the stages ended with: beginnings for other goals.
+    """
+    begin, end = share
+    tuned, free_order = work.tuning.goal, work.tuning.free_order
+    aim = min(1.0, goal + SAFETY)
+    dear = tuned.nearly_all_price if goal > tuned.nearly_all else tuned.coverage_price
+    dear = max(dear, 0.0 if coverage_price is None else coverage_price)
+    waypoint_m = (tuned.waypoint_price if waypoint_price is None else waypoint_price) * work.problem.reach_m
+    ranked_by_m = 0.0 if waypoint_price is None else waypoint_m
+    ranked = best_starts(work.problem, starts, goal, ranked_by_m, tuned)
+    if work.stopped or work.pace.fraction >= end:
+        return []
+    before = work.pace.fraction
+    chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m, dear) for k in range(CHAINS)]
+    for chain in chains:
+        if closed and goal > tuned.nearly_all and not work.problem.free_order:
+            chain.hottest *= tuned.closed_heat
+            chain.prices = chain.prices._replace(coverage=tuned.closed_dearer * chain.prices.coverage)
+        aim = _corrected(goal, chain.seen, judge.coverage(chain.route, goal))
+        chain.prices = chain.prices._replace(goal=aim)
+    # Two routes were judged; a correction judges one.
+    work.correction = 0.5 * (work.pace.fraction - before)
+    hottest, coldest = chains[0].hottest, chains[0].coldest
+    if work.problem.free_order:
+        for chain in chains:
+            chain.hottest = free_order.quenched * coldest
+        work.run(chains, until=begin + free_order.quench * (end - begin))
+        for chain in chains:
+            judge.found(chain.route)
+    price = max(chain.prices.coverage for chain in chains)
+    out: list[SearchStart] = []
+    reached, warm = closed, 0.0
+    short, short_before = math.inf, math.inf
+    longest = (later - begin) / max(end - begin, 1e-9)
+    while True:
+        least = tuned.stage_per_correction * work.correction / max(end - begin, 1e-9)
+        if warm < stages[-1]:
+            stage, steps = _next_stage(stages, warm, least)
+        elif 0.0 < short <= tuned.further_left * short_before and 0.0 < least <= longest - warm:
+            stage, steps = warm + least, 1
+        else:
+            break
+        for k, chain in enumerate(chains):
+            # The second of two chains from the same beginning is cooler: from a good one heat only leads away.
+            cooler = tuned.second_chain**k if out else 1.0
+            chain.hottest = max(coldest, cooler * hottest * (coldest / hottest) ** warm)
+            chain.coldest = max(coldest, cooler * hottest * (coldest / hottest) ** stage)
+        more = work.run(chains, until=begin + stage * (end - begin))
+        best = min(chains, key=lambda chain: chain.energy)
+        before = work.pace.fraction
+        judged = judge.coverage(best.route, goal)
+        # The first time all cells were made ready for judging: later corrections are cheaper.
+        work.correction = work.pace.fraction - before
+        out.append(SearchStart(best.route, best.seen))
+        if goal - judged > most_short and len(out) == 1 and not work.problem.free_order:
+            judge.found(best.route)
+            break
+        short, short_before = goal - judged, short
+        if judged >= goal or not more or stage >= stages[-1]:
+            reached = reached or judged >= goal
+            if judged >= goal or not reached:
+                judge.found(best.route)
+        if not more or work.stopped:
+            break
+        aim = _corrected(goal, best.seen, judged)
+        if warm == 0.0:
+            chains = [_chain(work, best.route, aim, capacity, waypoint_m, dear) for _ in chains]
+        # Where coverage is dearer than its price, the price rises until the goal is worth reaching.
+        price *= 1.0 if judged >= goal else tuned.dearer**steps
+        for chain in chains:
+            chain.prices = chain.prices._replace(coverage=price, goal=aim)
+        warm = stage
+    return out
+
+
+def _most_goals(work: Work, share: float) -> int:
+    """How many goals there is time for in a share of all the work: each judges routes, and that should be the least of it."""
+    return int(share / max(work.tuning.goal.goal_per_correction * work.correction, 1e-9))
+
+
+def _thinned(goals: Sequence[float], most: int) -> Sequence[float]:
+    """At most so many of the goals, one at least, evenly from the lowest to the highest."""
+    if len(goals) <= most:
+        return goals
+    return [goals[k] for k in np.unique(np.linspace(0, len(goals) - 1, max(most, 1)).round().astype(int))]
+
+
+def _next_stage(stages: Sequence[float], begun: float, least: float) -> tuple[float, int]:
+    """The next of the stages that takes at least so much, a share of all of them, and leaves as much; the last one, 1, otherwise.
+
+    With it, how many of the stages end with it.
+    """
+    later = [stage for stage in stages if stage > begun]
+    for steps, stage in enumerate(later, 1):
+        if stage - begun >= least and stages[-1] - stage >= least:
+            return stage, steps
+    return later[-1], len(later)
+
+
+def _corrected(goal: float, seen: float, judged: float) -> float:
+    """The goal on the search's cells, corrected by how a route's coverage there differs from its judged coverage."""
+    return min(1.0, max(0.0, seen + goal + SAFETY - judged))
+
+
+def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: float, coverage_price: float) -> Chain:
+    tuned, free_order = work.tuning.goal, work.tuning.free_order
+    metres = work.problem.metres_per_cost(route)
+    way_m = max(metres * work.problem.cost(route), work.problem.reach_m)
+    free = work.problem.free_order
+    cells = np.count_nonzero(work.problem.numbers.weight)
+    fewest = 1 if work.problem.free_order else 2
+    heat = tuned.heat_of_length(way_m / work.problem.reach_m) if work.problem.is_of_length else tuned.hottest
+    state = state_of(work.problem, route, capacity=capacity)
+    return Chain(
+        problem=work.problem,
+        state=state,
+        prices=Prices(
+            metres,
+            waypoint_m,
+            free_order.tour_coverage_price * work.problem.reach_m * cells
+            if free
+            else coverage_price * (way_m + tuned.dear_waypoints * waypoint_m * len(route)),
+            goal,
+        ),
+        hottest=(free_order.tour_hottest if free else heat) * work.problem.reach_m
+        + tuned.hottest_of_waypoint * waypoint_m,
+        coldest=tuned.coldest * work.problem.reach_m,
+        step_m=tuned.largest_step * work.problem.reach_m,
+        fewest=fewest,
+        most=max(capacity, fewest),
+    )
+
+
+def search_waypoints(
+    work: Work,
+    starts: Sequence[SearchStart],
+    *,
+    goal: float,
+    capacity: int,
+    until: float,
+    judge: RouteJudge,
+) -> list[SearchStart]:
+    """Find routes that reach a goal with ever fewer waypoints.
+
+    Args:
+        work: what is looked at, and how much may be done.
+        starts: one at least; long ones of few waypoints are good for the higher prices.
+        goal: share of what can be covered.
+        capacity: most waypoints.
+        until: share of all the work, 0..1, after which this search ends.
+        judge: judges what is found.
+    """
+    begin, tuned = work.pace.fraction, work.tuning.goal
+    prices = _thinned(tuned.waypoint_prices, _most_goals(work, until - begin))
+    each = (until - begin) / len(prices)
+    known = list(starts)
+    for number, price in enumerate(prices):
+        share = (begin + number * each, begin + (number + 1) * each)
+        known += search_goal(
+            work, known, goal, capacity, share, tuned.waypoint_stages, judge, waypoint_price=price
+        )  # fmt: skip
+    return known

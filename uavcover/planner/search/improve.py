@@ -1,0 +1,331 @@
+"""The local search of the memetic planner: improves the routes of the optimizer and the baselines move by move."""
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.tours import short_tour
+from uavcover.missions.leg_checks import measure_violations
+from uavcover.model.route import Route
+from uavcover.model.scenario import PlannerSettings
+from uavcover.planner.front import Candidate
+from uavcover.planner.search.closing import with_gaps_closed
+from uavcover.planner.search.goal_search import search_goals, search_waypoints
+from uavcover.planner.search.local_search import (
+    CHAINS,
+    PROPOSALS_PER_EVALUATION,
+    Chain,
+    PaceByClock,
+    PaceByNumber,
+    SearchPace,
+    Work,
+)
+from uavcover.planner.search.optimizer_search import Effort, SearchProgress, SearchRun
+from uavcover.planner.search.route_judge import SAFETY, OneAfterTheOther, RouteJudge, share_seen
+from uavcover.planner.search.route_problem import RouteProblem
+from uavcover.planner.search.search_cells import counted_as_judged, search_problem
+from uavcover.planner.search.simplify import thinned_out
+from uavcover.planner.search.starts import SearchStart, best_starts
+from uavcover.planner.search.tour_with_neighbourhoods import search_free_order
+from uavcover.planner.search.tuning import TUNED, GoalTuning, SearchTuning
+from uavcover.planner.selection_rule import Rule
+from uavcover.planner.sound_corners import with_sound_corners
+from uavcover.planner.sure_pictures import surely
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
+from uavcover.sensing.flown_line import line_flown, pictures_on
+from uavcover.sensing.sensors import trigger_distance_m
+
+_FLOWN = 0.98
+"""The coverage that it goes for when the rule asks for none."""
+
+_LOCAL_SEARCH_STREAM = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Improved:
+    """Result of a local search.
+
+    Attributes:
+        routes: worth judging.
+        evaluations: its work, PROPOSALS_PER_EVALUATION proposals each.
+        interrupted: whether the user ended it.
+    """
+
+    routes: tuple[Route, ...]
+    evaluations: int
+    interrupted: bool
+
+
+def improve(
+    coverage: CoverageMap,
+    judging: CoverageMap,
+    candidates: Sequence[Candidate],
+    run: SearchRun,
+    *,
+    settings: PlannerSettings,
+    rule: Rule,
+    evaluations_done: int,
+    look: Callable[[Callable[[], Sequence[Route]]], None] = lambda _: None,
+    tuning: SearchTuning = TUNED,
+) -> Improved:
+    """Improve routes by local search.
+
+    Args:
+        coverage: on the planner's cells.
+        judging: on the cells by which routes are judged.
+        candidates: found so far; those that break a limit are no beginning.
+        run: its effort and clock, the executor of its chains, and who follows it; evaluations that are done already count.
+        settings: encoding, capacity and seed.
+        rule: by which one route will be chosen: most of the work goes where it chooses.
+        evaluations_done: by the optimizer.
+        look: may look at what has been found, between batches.
+        tuning: of the search.
+    """
+    site, effort = coverage.site, run.effort
+    left = max(0, effort.evaluations - evaluations_done) if effort.budget_s is None else 1
+    starts = _starts(coverage, candidates, settings)
+    if not starts or left == 0 or effort.is_over(run.started):
+        return Improved((), 0, interrupted=False)
+    problem = counted_as_judged(search_problem(coverage, judging), judging, starts)
+    judges = judging_maps(site) if site.scenario.sensor.sensing == "along-path" else [judging]
+    pace: SearchPace
+    if effort.budget_s is None:
+        pace = PaceByNumber(left * PROPOSALS_PER_EVALUATION)
+    else:
+        pace = PaceByClock(effort.now, run.started + effort.budget_s)
+    kept: list[Route] = []
+
+    def as_chosen(route: Route) -> Route:
+        """With sure pictures and sound corners, for that is what can be chosen: on long routes they take some of the coverage."""
+        return with_sound_corners(site, surely(site, route))
+
+    def found(route: Route) -> None:
+        kept.append(as_chosen(_shortened(problem, route)))
+
+    show = _progress(coverage, starts, pace, effort, evaluations_done, rule, run.on_progress)
+    seeds = np.random.SeedSequence([settings.seed, _LOCAL_SEARCH_STREAM]).spawn(CHAINS)
+    work = Work(
+        problem,
+        pace,
+        [np.random.default_rng(seed) for seed in seeds],
+        run.executor,
+        run.should_stop,
+        lambda chains: between(chains),
+        tuning,
+    )
+
+    def between(chains: Sequence[Chain]) -> None:
+        show(work, chains)
+        look(lambda: [*kept, *(_shortened(problem, chain.route) for chain in chains)])
+
+    def on_each(route: Route, _goal: float) -> float:
+        return min(
+            map(partial(share_seen, route), judges)
+            if run.executor is None
+            else run.executor.map(partial(share_seen, route), judges)
+        )
+
+    asked = rule.required_coverage
+    tuned = tuning.goal
+    capacity = _capacity(problem, settings, starts, tuned)
+
+    def closed(route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
+        begun = as_chosen(route)
+        # Far from the goal they bring too little for their time.
+        if goal - share_seen(begun, judging) <= tuned.most_short:
+            begun = with_waiting_turns(
+                judging, begun, goal, cost=problem.cost, price=tuned.waiting_price, is_over=is_over
+            )
+            if share_seen(begun, judging) >= goal:
+                return begun
+        return with_gaps_closed(judging, begun, goal, tuned.closed, is_over, most_trials=tuned.most_trials)
+
+    # Where time is paid for, finer cells are asked only about what the own cells confirm.
+    exactly = on_each if effort.budget_s is None else OneAfterTheOther(judges)
+    judge = RouteJudge(lambda route, goal: exactly(as_chosen(route), goal), found, closed)
+    if problem.free_order:
+        search_free_order(work, starts, asked=asked, capacity=capacity, judge=judge)
+    else:
+        goal = _FLOWN if asked is None else asked
+        starts.append(_fewer_waypoints(problem, starts, goal, tuned))
+        known = search_goals(
+            work, starts, asked=asked, capacity=capacity, until=1.0 - tuned.waypoint_share, judge=judge
+        )
+        finer = finer_map(site)
+        if finer is not None:
+            # The choice asks these cells: they are made ready while there is time for it.
+            _ = finer.coverable
+        on_these_cells = RouteJudge(lambda route, _: share_seen(as_chosen(route), judging), found)
+        search_waypoints(work, known, goal=goal, capacity=capacity, until=1.0, judge=on_these_cells)
+    return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
+
+
+def _fewer_waypoints(
+    problem: RouteProblem, starts: Sequence[SearchStart], goal: float, tuned: GoalTuning
+) -> SearchStart:
+    """The best beginning without the waypoints that it can do without: of two chains, one begins with it and one as it was."""
+    best = best_starts(problem, starts, goal, tuned=tuned)[0]
+    return SearchStart(thinned_out(problem, best.route, goal=goal + SAFETY), min(best.seen, goal))
+
+
+def _starts(coverage: CoverageMap, known: Sequence[Candidate], settings: PlannerSettings) -> list[SearchStart]:
+    """The feasible routes, with their share of the coverable area."""
+    legs = coverage.site.scenario.limits.applies_to == "legs"
+    # Over terrain there are waypoints between the nodes of the encoding, which its capacity does not count.
+    longest = settings.capacity if settings.encoding == "waypoints" and not legs else None
+    fewest = 2 if legs else 1
+    coverable = max(coverage.share(coverage.coverable), 1e-12)
+    return [
+        SearchStart(each.route[0], min(1.0, -float(each.objectives[0]) / coverable))
+        for each in known
+        if each.violation <= 0.0 and len(each.route[0]) >= fewest and (longest is None or len(each.route[0]) <= longest)
+    ]
+
+
+def _capacity(
+    problem: RouteProblem, settings: PlannerSettings, starts: Sequence[SearchStart], tuned: GoalTuning
+) -> int:
+    if settings.encoding == "waypoints" and problem.free_order:
+        return settings.capacity
+    if settings.most_waypoints is not None:
+        return settings.most_waypoints
+    return tuned.path_capacity * max(len(start.route) for start in starts) + tuned.spare_waypoints
+
+
+def _shortened(problem: RouteProblem, route: Route) -> Route:
+    """Where the order is free: as a short tour, begun at the end that is nearer to the origin."""
+    if not problem.free_order or len(route) < 2:
+        return route
+    points = route.waypoints_m
+    order = short_tour(points)
+    first, last = points[order[0]], points[order[-1]]
+    if np.linalg.norm(last) < np.linalg.norm(first):
+        order = order[::-1]
+    return Route(points[order])
+
+
+def _progress(
+    coverage: CoverageMap,
+    starts: Sequence[SearchStart],
+    pace: SearchPace,
+    effort: Effort,
+    evaluations_done: int,
+    rule: Rule,
+    on_progress: Callable[[SearchProgress], None],
+) -> Callable[[Work, Sequence[Chain]], None]:
+    """A callback that reports to ``on_progress`` after each batch."""
+    coverable = coverage.share(coverage.coverable)
+    asked = rule.required_coverage
+    best = [max(start.seen for start in starts) * coverable]
+    shortest = [] if asked is None else [start.route.length_m for start in starts if start.seen >= asked]
+
+    def show(work: Work, chains: Sequence[Chain]) -> None:
+        evaluations = evaluations_done + work.proposals // PROPOSALS_PER_EVALUATION
+        best[0] = max(best[0], *(chain.seen * coverable for chain in chains))
+        if asked is not None:
+            shortest.extend(chain.problem.cost_of_way(chain.route) for chain in chains if chain.seen >= asked)
+            shortest[:] = [min(shortest)] if shortest else []
+        total = effort.evaluations
+        if effort.budget_s is not None:
+            total = max(evaluations, round(evaluations / max(pace.fraction, 1e-3)))
+        on_progress(SearchProgress(evaluations, total, best[0], shortest[0] if shortest else None))
+
+    return show
+
+
+# Lines that turn just before a picture by distance is due: where it shows enough for its way, the turn waits for it.
+#
+# The local search counts half of a picture's distance beyond the end of each leg as shown, as it is on average. A
+# search makes its lines as short as that allows, and where a line turns back the last picture is missing more often
+# than not.
+
+_TURNS_RAD = math.radians(50.0)
+"""By less the line goes on, and so do its pictures."""
+
+_MOST_WAY = 0.75
+"""Of the distance between two pictures: a turn does not wait longer."""
+
+_MORE_M = (1.5, 6.0)
+"""A turn waits by so much longer than the line is too short: it is passed on the inside."""
+
+
+def with_waiting_turns(
+    judging: CoverageMap,
+    route: Route,
+    goal: float,
+    *,
+    cost: Callable[[Route], float],
+    price: float,
+    is_over: Callable[[], bool],
+) -> Route:
+    """The route with turns that wait for their next picture, one after the other until the goal is reached.
+
+    Args:
+        judging: the cells by which routes are judged.
+        route: keeps the limits.
+        goal: share of what can be covered.
+        cost: of a route.
+        price: of all coverage, in costs of the route: what a turn shows by waiting has to be worth more than its way.
+        is_over: whether there is no time left for it.
+
+    Returns:
+        The route itself where no turn should wait, and where pictures are not taken by distance.
+    """
+    site = judging.site
+    if trigger_distance_m(site.scenario) is None:
+        return route
+    best, seen, spent = route, share_seen(route, judging), cost(route)
+    violations = _violations(site, route)
+    for number in range(1, len(route)):
+        worth = 0.0
+        for other in _waiting_at(site, best, number):
+            if seen >= goal or is_over():
+                return best
+            if _violations(site, other) > violations:
+                continue
+            gained = min(share_seen(other, judging), goal) - seen
+            more = gained * price * spent - (cost(other) - spent)
+            if more > worth:
+                worth, found = more, other
+        if worth > 0.0:
+            best, seen, spent = found, share_seen(found, judging), cost(found)
+    return best
+
+
+def _waiting_at(site: Site, route: Route, number: int) -> Iterator[Route]:
+    """The route with a waypoint further along the way to it, to where the next picture is taken; none where it need not be."""
+    points = route.waypoints_m
+    onward = points[number, :2] - points[number - 1, :2]
+    if number + 1 < len(points) and _turn_rad(onward, points[number + 1, :2] - points[number, :2]) < _TURNS_RAD:
+        return
+    trigger_m = trigger_distance_m(site.scenario) or 0.0
+    line_m = line_flown(site, points).places_m
+    pieces, pictures_m = pictures_on(line_m, trigger_m)
+    nearest = int(np.argmin(np.linalg.norm(line_m - points[number], axis=1)))
+    before, length_m = pictures_m[pieces < nearest], float(np.hypot(*onward))
+    if len(before) == 0 or length_m == 0.0:
+        return
+    short_m = trigger_m - float(np.hypot(*(points[number] - before[-1])[:2]))
+    if not 0.0 < short_m <= _MOST_WAY * trigger_m:
+        return
+    height_agl_m = site.ground.heights_agl_m(points[number])
+    for more_m in _MORE_M:
+        moved = np.array(points)
+        moved[number, :2] += (short_m + more_m) / length_m * onward
+        moved[number, 2] = site.ground.ups_m(moved[number, :2], height_agl_m)[0]
+        if np.isfinite(moved).all():
+            yield surely(site, Route(moved, route.begins))
+
+
+def _turn_rad(before: FloatArray, behind: FloatArray) -> float:
+    """Angle between two directions on the map, 0 for straight on."""
+    return abs(math.remainder(math.atan2(*before[::-1]) - math.atan2(*behind[::-1]), 2.0 * math.pi))
+
+
+def _violations(site: Site, route: Route) -> float:
+    return measure_violations(site, route.waypoints_m, margin_m=site.scenario.limits.height_margin_m).total

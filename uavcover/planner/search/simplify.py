@@ -1,0 +1,114 @@
+"""Routes without the waypoints that they can do without: a beginning of a search, and its last step."""
+
+from collections.abc import Callable, Sequence
+
+from uavcover.kernels.annealing import snapshot
+from uavcover.kernels.route_state import RouteState
+from uavcover.kernels.simplification import merge, take_out
+from uavcover.model.route import Route
+from uavcover.planner.search.route_judge import SAFETY
+from uavcover.planner.search.route_problem import RouteProblem, route_problem, state_of
+from uavcover.planner.sure_pictures import surely
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import reach_at_height_m
+
+_SHARES = (0.0, 0.001, 0.004, 0.016, 0.063, 0.25, 1.0)
+"""Of the coverage that may go, what one waypoint may take with it, sweep by sweep: first those go that nothing is lost with."""
+
+_ATTEMPTS = 5
+"""Each keeps twice as much more coverage as the one before it lacked on the exact count, or on finer cells."""
+
+_ROUNDING = 1e-12
+
+
+def thinned_out(problem: RouteProblem, route: Route, *, goal: float) -> Route:
+    """A route without the waypoints whose removal keeps limits and cost, and the coverage on the cells of a search.
+
+    Args:
+        problem: of the search.
+        route: keeps the limits.
+        goal: share of what can be covered; what is seen beyond it may go, and where less is seen nothing may.
+    """
+    state = state_of(problem, route, capacity=len(route))
+    _sweep(problem, state, max(0.0, float(state.seen[0]) - goal))
+    return Route(snapshot(state))
+
+
+def simplified(
+    judges: Sequence[CoverageMap],
+    route: Route,
+    *,
+    asked: float | None,
+    is_over: Callable[[], bool] = lambda: False,
+) -> Route | None:
+    """A route without the waypoints whose removal keeps limits, cost and coverage, counted exactly; none when it needs them all.
+
+    Coverage beyond ``asked`` may go, but for the margin that the search keeps to it; without ``asked``, or below it, none may.
+
+    Args:
+        judges: the cells that routes are judged on, and finer ones, where as much must be seen too.
+        route: keeps the limits.
+        asked: share of what can be covered that the selection rule asks for, if it does.
+        is_over: whether there is no time left: asked between attempts and between sweeps. The first sweep is made all the same.
+    """
+    before = [_seen(each, route) for each in judges]
+    least = [least_seen(seen, asked, finer=number > 0) for number, seen in enumerate(before)]
+    attempts = 0
+    # What loses nothing on the judging cells may do so on finer ones, and is then counted there.
+    for judge, had, wanted in zip(judges, before, least, strict=True):
+        problem, slack = _problem(judge), had - wanted
+        for _ in range(_ATTEMPTS):
+            if attempts > 0 and is_over():
+                return None
+            attempts += 1
+            state = state_of(problem, route, capacity=len(route))
+            _sweep(problem, state, slack, is_over)
+            simpler = surely(judge.site, Route(snapshot(state)))
+            if len(simpler) >= len(route):
+                return None
+            # Kernels count pictures by distance as if every leg had them everywhere.
+            lacks = max(needed - _seen(each, simpler) for each, needed in zip(judges, least, strict=True))
+            if lacks <= _ROUNDING:
+                return simpler
+            if slack == 0.0:
+                break
+            slack = max(0.0, slack - 2.0 * lacks)
+    return None
+
+
+def _sweep(problem: RouteProblem, state: RouteState, slack: float, is_over: Callable[[], bool] = lambda: False) -> None:
+    """Take out and merge waypoints until none can go or time is over, losing no more coverage than ``slack``."""
+    fewest = 1 if problem.numbers.limits.legs == 0 else 2
+    least = float(state.seen[0]) - slack - _ROUNDING
+    for share in _SHARES:
+        take_out(problem.numbers, state, fewest, least, share * slack + _ROUNDING)
+        if is_over():
+            return
+    for change in (take_out, merge):
+        while change(problem.numbers, state, fewest, least, slack + _ROUNDING) > 0:
+            if is_over():
+                return
+
+
+def _seen(judge: CoverageMap, route: Route) -> float:
+    return judge.share_of_coverable(judge.seen(route.waypoints_m))
+
+
+def least_seen(seen: float, asked: float | None, *, finer: bool) -> float:
+    """What a changed route must see, as a share of what can be covered.
+
+    Args:
+        seen: by the route as it is.
+        asked: by the selection rule, if it does.
+        finer: whether it is not the cells that routes are judged on, but finer ones.
+    """
+    if finer:
+        return asked if asked is not None and seen >= asked else seen - SAFETY
+    return min(seen, asked + SAFETY) if asked is not None and seen >= asked else seen
+
+
+def _problem(judging: CoverageMap) -> RouteProblem:
+    limits = judging.site.scenario.limits
+    middle_agl_m = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
+    reach_m = max(reach_at_height_m(judging.site.scenario.sensor, middle_agl_m), judging.grid.cells.size_m)
+    return route_problem(judging, margin_m=0.0, reach_m=reach_m)

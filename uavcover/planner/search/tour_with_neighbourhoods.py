@@ -1,0 +1,225 @@
+"""Local search where waypoints may be visited in any order: a tour with neighbourhoods.
+
+It finds the shortest tours with enough coverage, and the best coverage for every number of waypoints.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.kernels.annealing import Prices
+from uavcover.kernels.route_state import recount, seen_alone
+from uavcover.model.route import Route
+from uavcover.planner.search.goal_search import search_goals
+from uavcover.planner.search.local_search import CHAINS, Chain, Work
+from uavcover.planner.search.route_judge import RouteJudge
+from uavcover.planner.search.route_problem import state_of
+from uavcover.planner.search.starts import SearchStart
+from uavcover.planner.search.tuning import FreeOrderTuning
+
+FULL = 1.0 - 1e-9
+"""Share of what can be seen from which on all is."""
+
+_MOST_THINNED = 100
+"""So many routes are kept at most while one is thinned: every one is laid out as a short tour."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Stage:
+    """How chains anneal: heats of the chains, prices of a waypoint and of a radius of way in cells."""
+
+    heats: tuple[float, float]
+    waypoint: float
+    ways: tuple[float, float]
+
+
+def _squeeze(tuned: FreeOrderTuning) -> _Stage:
+    return _Stage(tuned.squeeze_heats, 0.0, (tuned.way_price_cells, tuned.way_price_cells))
+
+
+def _sweep(tuned: FreeOrderTuning) -> _Stage:
+    return _Stage(tuned.sweep_heats, 0.0, (tuned.way_price_cells, tuned.sweep_way_price_cells))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Fewest:
+    """State of the search for few waypoints.
+
+    Attributes:
+        best: the chain to go on with.
+        whole: that sees all with the fewest waypoints; while nothing does: what saw most at the beginning.
+        full: whether all has been seen by as few as in ``best``, or by one more: no more come in then.
+    """
+
+    best: Chain
+    whole: SearchStart
+    full: bool
+
+
+def spread(
+    work: Work, starts: Sequence[SearchStart], *, capacity: int, until: float, found: Callable[[Route], None]
+) -> Fewest:
+    """Add as many waypoints as are worth their price.
+
+    Args:
+        work: what is looked at, and how much may be done; ``work.problem.free_order`` holds.
+        starts: one at least.
+        capacity: most waypoints.
+        until: share of all the work, 0..1, after which this ends.
+        found: told every route worth judging.
+    """
+    tuned = work.tuning.free_order
+    stage = _Stage(tuned.spread_heats, tuned.waypoint_price_cells, (tuned.way_price_cells, tuned.way_price_cells))
+    ranked = sorted(starts, key=lambda start: (-start.seen, len(start.route)))
+    chains = _chains(work, [ranked[k % len(ranked)].route for k in range(CHAINS)], stage, capacity=capacity)
+    work.run(chains, until=until)
+    best = _better(chains, found)
+    whole = ranked[0] if ranked[0].seen >= FULL else SearchStart(best.route, best.seen)
+    return Fewest(best, whole, full=False)
+
+
+def squeeze(work: Work, fewest: Fewest, *, capacity: int, until: float, found: Callable[[Route], None]) -> Fewest:
+    """Add a waypoint until everything is seen, remove one while it is, then try the same number again.
+
+    Args:
+        work: as of :func:`spread`.
+        fewest: how far it has come.
+        capacity: most waypoints.
+        until: share of all the work, 0..1, after which this ends.
+        found: told every route worth judging.
+    """
+    best, whole, full = fewest.best, fewest.whole, fewest.full
+    tuned = work.tuning.free_order
+    attempt = tuned.attempt * (until - work.pace.fraction)
+    more = True
+    while more and work.pace.fraction < until:
+        fewer = best.seen >= FULL and len(best.route) > 1
+        full = full or fewer
+        route = _without_least(work, best) if fewer else best.route
+        more_room = None if full else min(len(route) + 1, capacity)
+        chains = _chains(work, [route] * CHAINS, _squeeze(tuned), capacity=more_room)
+        more = work.run(chains, until=min(work.pace.fraction + attempt, until))
+        tried = _better(chains, found)
+        if tried.seen >= FULL and (whole.seen < FULL or len(tried.route) <= len(whole.route)):
+            whole = SearchStart(tried.route, tried.seen)
+        # From fewer waypoints there is no way back, also when they do not see all: what saw all is found already.
+        if fewer or tried.energy <= best.energy:
+            best = tried
+    return Fewest(best, whole, full)
+
+
+def sweep(work: Work, fewest: Fewest, *, until: float, found: Callable[[Route], None]) -> None:
+    """Down to one waypoint: without annealing from what sees all, then annealed, for coverage alone and with the way in mind.
+
+    Args:
+        work: as of :func:`spread`.
+        fewest: what the search for few waypoints has found.
+        until: share of all the work, 0..1, after which this ends.
+        found: told every route worth judging.
+    """
+    thin(work, fewest.whole.route, found)
+    chains = [fewest.best] * CHAINS
+    more = not work.stopped and work.pace.fraction < until
+    while more and max(len(chain.route) for chain in chains) > 1:
+        routes = [_without_least(work, chain) if len(chain.route) > 1 else chain.route for chain in chains]
+        chains = _chains(work, routes, _sweep(work.tuning.free_order))
+        now = work.pace.fraction
+        more = work.run(chains, until=now + (until - now) / max(map(len, routes)))
+        _better(chains, found)
+
+
+def thin(work: Work, route: Route, found: Callable[[Route], None]) -> None:
+    """Down to one waypoint without annealing: where there is no time for the sweep yet, this is what has most coverage."""
+    apart = math.ceil(len(route) / _MOST_THINNED)
+    while len(route) > 1:
+        chain, _ = _chains(work, [route] * CHAINS, _sweep(work.tuning.free_order))
+        route = _without_least(work, chain)
+        if len(route) % apart == 0:
+            found(route)
+
+
+def _better(chains: Sequence[Chain], found: Callable[[Route], None]) -> Chain:
+    for chain in chains:
+        found(chain.route)
+    return min(chains, key=lambda chain: chain.energy)
+
+
+def _chains(work: Work, routes: Sequence[Route], stage: _Stage, *, capacity: int | None = None) -> list[Chain]:
+    """A chain for each route, set up for a stage; it keeps its number of waypoints unless a capacity is given."""
+    # Energies in units of one cell's share of the coverage.
+    cells = max(1, int(np.count_nonzero(work.problem.numbers.weight)))
+    return [
+        Chain(
+            problem=work.problem,
+            state=state_of(work.problem, route, capacity=capacity or len(route)),
+            prices=Prices(
+                way * work.problem.metres_per_cost(route) / work.problem.reach_m, stage.waypoint, float(cells), 1.0
+            ),
+            hottest=heat * work.tuning.free_order.hottest_cells,
+            coldest=work.tuning.free_order.coldest_cells,
+            step_m=work.problem.reach_m,
+            fewest=len(route) if capacity is None else 1,
+            most=len(route) if capacity is None else capacity,
+        )
+        for route, heat, way in zip(routes, stage.heats, stage.ways, strict=True)
+    ]
+
+
+def _without_least(work: Work, chain: Chain) -> Route:
+    """The chain's route without the waypoint that contributes least."""
+    state = chain.state
+    recount(work.problem.numbers, state)
+    alone = [seen_alone(work.problem.numbers, state, k) for k in range(int(state.size[0]))]
+    return Route(np.delete(chain.route.waypoints_m, int(np.argmin(alone)), axis=0))
+
+
+def search_free_order(
+    work: Work,
+    starts: Sequence[SearchStart],
+    *,
+    asked: float | None,
+    capacity: int,
+    judge: RouteJudge,
+) -> None:
+    """Shortest tours for what is asked for, or all, and the most coverage with every number of waypoints.
+
+    A tour of the fewest waypoints is not the shortest: with more of them it cuts corners and turns back earlier (the travelling
+    salesman who need only come close). Tours come first when something sees enough already, so that a search which is stopped
+    early has a good one; else when few waypoints have been found that do.
+
+    Args:
+        work: what is looked at, and how much may be done; ``work.problem.free_order`` holds.
+        starts: one at least.
+        asked: share of what can be covered that the selection rule asks for; None: as much as there is.
+        capacity: most waypoints.
+        judge: judges what is found.
+    """
+    goal, tuned = FULL if asked is None else asked, work.tuning.free_order
+
+    def tours(known: Sequence[SearchStart], until: float) -> None:
+        search_goals(work, known, asked=goal, capacity=capacity, until=until, judge=judge)
+
+    most = min(starts, key=lambda start: (-start.seen, len(start.route)))
+    thin(work, most.route, judge.found)
+    begin = work.pace.fraction
+    toured = asked is not None or any(start.seen >= goal for start in starts)
+    if toured:
+        tours(starts, begin + tuned.tours * (1.0 - begin))
+        begin = work.pace.fraction
+
+    def at(share: float) -> float:
+        return begin + share * (1.0 - begin)
+
+    if work.stopped or begin >= 1.0:
+        return
+    spread_until = at(tuned.spread if toured else tuned.long_spread)
+    fewest = spread(work, starts, capacity=capacity, until=spread_until, found=judge.found)
+    if not toured:
+        fewest = squeeze(work, fewest, capacity=capacity, until=at(tuned.first_squeeze), found=judge.found)
+        if fewest.whole.seen >= goal:
+            tours([*starts, fewest.whole], at(tuned.late_tours))
+    squeeze_until = at(tuned.squeeze if toured else tuned.late_tours)
+    fewest = squeeze(work, fewest, capacity=capacity, until=squeeze_until, found=judge.found)
+    sweep(work, fewest, until=1.0, found=judge.found)

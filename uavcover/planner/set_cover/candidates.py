@@ -1,0 +1,225 @@
+"""Places of a lattice inside the limits, and the cells that each of them sees; reduced to what an optimal choice needs.
+
+The reduction removes dominated places and cells that do not affect the answer.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from numpy.typing import NDArray
+
+from uavcover.kernels import set_cover as kernels
+from uavcover.kernels.arrays import FloatArray, IntArray
+from uavcover.kernels.sight import Sight, horizontal_reach
+from uavcover.planner.encodings import allowed_band_m
+from uavcover.scenario.airspace.flyable import flyable_area
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, sees_each
+from uavcover.sensing.sensors import whatever_heading
+
+_PLACES_AT_ONCE = 2_000
+_ROUNDING_M = 1e-9
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Candidates:
+    """Places and the cells they see: set k of :mod:`uavcover.kernels.set_cover` is the cells of place k.
+
+    Attributes:
+        places_m: (p, 3) ENU.
+        spacing_m: of the lattice.
+        start: (p + 1,) where the cells of each place begin in ``cells``.
+        cells: numbers of the cells that are seen, rising for each place.
+        weight: (n,) share of each cell in what can be covered at all; 0 for one that cannot.
+    """
+
+    places_m: FloatArray
+    spacing_m: float
+    start: NDArray[np.int64]
+    cells: NDArray[np.int32]
+    weight: FloatArray
+
+    @property
+    def in_words(self) -> str:
+        """Description of the candidates."""
+        return f"lattice of {self.spacing_m:g} m, {len(self.places_m):,} places"
+
+    @property
+    def reachable(self) -> float:
+        """Share of what can be covered that all places together see, 0..1."""
+        return float(self.weight[np.unique(self.cells)].sum())
+
+    def coverage_of(self, chosen: NDArray[np.int64]) -> float:
+        """Share of what can be covered that some of the places see, 0..1."""
+        seen = [self.cells[self.start[k] : self.start[k + 1]] for k in chosen]
+        return float(self.weight[np.unique(np.concatenate(seen))].sum()) if seen else 0.0
+
+
+def lattice_candidates(coverage: CoverageMap, *, spacing_m: float) -> Candidates:
+    """The places of a cubic lattice, counted from the south-west corner of the area and from up = 0, inside the limits."""
+    return candidates_at(coverage, _lattice(coverage, spacing_m), spacing_m=spacing_m)
+
+
+def finest_lattice_candidates(coverage: CoverageMap, *, spacing_m: float, most: int) -> Candidates:
+    """The places of a cubic lattice whose spacing is doubled until there are at most ``most`` places."""
+    reach = horizontal_reach(coverage.sight)
+    around, limits = _around(coverage.site, reach), coverage.site.scenario.limits
+    band_m = limits.max_height_agl_m - limits.min_height_agl_m
+    # Far too fine a lattice is not even laid out.
+    while float(shapely.area(around)) * max(band_m / spacing_m, 1.0) / spacing_m**2 > 8.0 * most:
+        spacing_m *= 2.0
+    while len(places := _lattice(coverage, spacing_m)) > most:
+        spacing_m *= 2.0
+    return candidates_at(coverage, places, spacing_m=spacing_m)
+
+
+def level_candidates(coverage: CoverageMap, *, spacing_m: float, height_agl_m: float) -> Candidates:
+    """The places of a square lattice at one height above ground, counted from the south-west corner of the area."""
+    places = _lattice_2d(coverage.site, horizontal_reach(coverage.sight), spacing_m)
+    up = coverage.site.ground.ups_m(places, height_agl_m)
+    known = np.isfinite(up)
+    return candidates_at(coverage, np.column_stack([places, up])[known], spacing_m=spacing_m)
+
+
+def candidates_at(coverage: CoverageMap, places_m: FloatArray, *, spacing_m: float) -> Candidates:
+    """Given (p, 3) ENU places with what each sees; at least that, for a camera that turns with the legs."""
+    every = np.arange(coverage.grid.count)
+    start, cells = seen_from_each(coverage, places_m, every, whatever_heading(coverage.sight))
+    weight = np.where(coverage.coverable, coverage.grid.weight_m2, 0.0)
+    return Candidates(
+        places_m=places_m, spacing_m=spacing_m, start=start, cells=cells, weight=weight / max(float(weight.sum()), 1e-300)
+    )  # fmt: skip
+
+
+def seen_from_each(
+    coverage: CoverageMap, places_m: FloatArray, among: IntArray, sight: Sight
+) -> tuple[IntArray, NDArray[np.int32]]:
+    """What is seen from each of several places.
+
+    Args:
+        coverage: the map.
+        places_m: (p, 3) ENU, of a vehicle that heads north.
+        among: (k,) numbers of the cells that are looked at, rising.
+        sight: the sensor.
+
+    Returns:
+        (p + 1,) where the cells of each place begin, and the numbers of the cells, rising for each place.
+    """
+    # Importing scipy.spatial takes a while, which other commands need not wait for.
+    from scipy.spatial import cKDTree
+
+    tree = cKDTree(coverage.grid.cells.centre_m[among, :2])
+    reach = horizontal_reach(sight) * (1.0 + 1e-9)
+    counts = np.zeros(len(places_m), dtype=np.int64)
+    seen: list[NDArray[np.int32]] = []
+    for first in range(0, len(places_m), _PLACES_AT_ONCE):
+        some = places_m[first : first + _PLACES_AT_ONCE]
+        near: Sequence[list[int]] = tree.query_ball_point(some[:, :2], reach, return_sorted=True)  # type: ignore[assignment]
+        sizes = np.array([len(row) for row in near], dtype=np.int64)
+        if not sizes.sum():
+            continue
+        numbers = among[np.concatenate([np.asarray(row, dtype=np.int64) for row in near])]
+        rows = np.repeat(np.arange(len(some)), sizes)
+        sees = sees_each(coverage, LevelObservations.towards_north(some[rows]), numbers, sight)
+        counts[first : first + len(some)] = np.bincount(rows[sees], minlength=len(some))
+        seen.append(numbers[sees].astype(np.int32))
+    return np.concatenate([[0], np.cumsum(counts)]), np.concatenate(seen) if seen else np.empty(0, dtype=np.int32)
+
+
+def _lattice(coverage: CoverageMap, spacing_m: float) -> FloatArray:
+    """(p, 3) places of a cubic lattice inside fence and height band."""
+    places = _lattice_2d(coverage.site, horizontal_reach(coverage.sight), spacing_m)
+    low, high = allowed_band_m(coverage.site, places)
+    lowest = np.ceil((low - _ROUNDING_M) / spacing_m)
+    levels = np.where(np.isfinite(low + high), np.floor((high + _ROUNDING_M) / spacing_m) - lowest + 1.0, 0.0)
+    counts = np.maximum(levels, 0.0).astype(np.int64)
+    rows = np.repeat(np.arange(len(places)), counts)
+    level = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
+    return np.column_stack([places[rows], (lowest[rows] + level) * spacing_m])
+
+
+def _lattice_2d(site: Site, reach_m: float, spacing_m: float) -> FloatArray:
+    """(k, 2) places of a square lattice inside the fence from which some of the area may be seen."""
+    around = _around(site, reach_m)
+    west, south, east, north = shapely.bounds(around)
+    corner_e, corner_n = site.area.bounds[:2]
+    axes = [
+        np.arange(np.ceil((low - _ROUNDING_M) / spacing_m), np.floor((high + _ROUNDING_M) / spacing_m) + 1.0)
+        for low, high in ((west - corner_e, east - corner_e), (south - corner_n, north - corner_n))
+    ]
+    places = spacing_m * np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 2) + (corner_e, corner_n)
+    return places[shapely.intersects_xy(shapely.buffer(around, _ROUNDING_M), places[:, 0], places[:, 1])]
+
+
+def _around(site: Site, reach_m: float) -> shapely.Geometry:
+    """Where a place may be that sees some of the area."""
+    return flyable_area(site).polygon.intersection(site.area.buffer(reach_m))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reduced:
+    """A table of :mod:`uavcover.kernels.set_cover`: sets of classes of cells that the same places see.
+
+    Attributes:
+        numbers: (c,) the places that are left, as numbers of the candidates.
+        start: (c + 1,).
+        classes: numbers of classes, rising for each place.
+        weight: (m,) share of each class in what can be covered at all, above 0; each is seen by some place.
+    """
+
+    numbers: NDArray[np.int64]
+    start: NDArray[np.int64]
+    classes: NDArray[np.int32]
+    weight: FloatArray
+
+    @property
+    def reachable(self) -> float:
+        """Share of what can be covered that all places together see, 0..1."""
+        return float(self.weight.sum())
+
+
+def reduce(candidates: Candidates) -> Reduced:
+    """No choice among the candidates sees more than one as large among the places that are left.
+
+    A place whose cells another one sees too is left out; cells that the same places see become one class.
+    """
+    count = candidates.weight.size
+    start, cells = _with_cells(candidates.start, candidates.cells, candidates.weight > 0.0)
+    numbers = np.flatnonzero(kernels.undominated(start, cells, count))
+    start, cells = _some_sets(start, cells, numbers)
+    back, places = kernels.transposed(start, cells, count)
+    classes: dict[bytes, int] = {}
+    class_of = np.full(count, -1, dtype=np.int32)
+    # One cell stands for its class: the first, so that classes rise where cells do.
+    stands = np.zeros(count, dtype=bool)
+    weight: list[float] = []
+    for cell in np.flatnonzero(np.diff(back)):
+        number = classes.setdefault(places[back[cell] : back[cell + 1]].tobytes(), len(weight))
+        if number == len(weight):
+            weight.append(0.0)
+            stands[cell] = True
+        class_of[cell] = number
+        weight[number] += float(candidates.weight[cell])
+    start, cells = _with_cells(start, cells, stands)
+    return Reduced(numbers, start, class_of[cells], np.array(weight))
+
+
+def _with_cells(
+    start: NDArray[np.int64], cells: NDArray[np.int32], keep: NDArray[np.bool_]
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """The table with the cells alone that ``keep`` (n,) marks."""
+    kept = keep[cells]
+    before = np.concatenate([[0], np.cumsum(kept)])
+    return before[start], cells[kept]
+
+
+def _some_sets(
+    start: NDArray[np.int64], cells: NDArray[np.int32], numbers: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
+    """The table of some of the sets, rising numbers."""
+    sizes = np.diff(start)
+    keep = np.zeros(sizes.size, dtype=bool)
+    keep[numbers] = True
+    return np.concatenate([[0], np.cumsum(sizes[numbers])]), cells[np.repeat(keep, sizes)]

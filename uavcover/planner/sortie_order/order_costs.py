@@ -1,0 +1,202 @@
+"""What an order of stretches costs: the least time of all sorties that it can be cut into.
+
+What a stretch and a link behind another take is found once, by the cost that missions are counted with; an order then costs one
+look at these tables and one split (``kernels/way_cost.py``).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from uavcover.kernels.arrays import FloatArray, IntArray
+from uavcover.kernels.flight_time import leg_times, turn_times
+from uavcover.kernels.way_cost import NO_ENERGIES, FlightCosts, FlightEnergies, split, straight_ends
+from uavcover.missions.energy import FlightEnergy
+from uavcover.missions.way_cost import mission_cost_of
+from uavcover.planner.sortie_order.stretches import Stretches, first_place, last_place
+from uavcover.scenario.pace import pace_of
+from uavcover.scenario.site import Site
+
+NO_LINK_S = 1e7
+"""What a link that does not exist takes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Tables:
+    """Time, or energy in w winds, by stretches in their directions: m of them, 2 for each leg of the route.
+
+    Attributes:
+        alone: (w, m) along each stretch, from rest to rest.
+        arc: (w, m, m) from the end of one to the end of the one behind it, but for the turn at the end of the first.
+        turn: (w, m, m) at the end of the first.
+        there: (w, m, m) from home to the end of one, with the turn onto the way to another.
+        first: (w, m) from home to where a stretch begins, with the turn onto it.
+        back: (w, m) from where it ends to home.
+    """
+
+    alone: FloatArray
+    arc: FloatArray
+    turn: FloatArray
+    there: FloatArray
+    first: FloatArray
+    back: FloatArray
+
+
+class OrderCosts:
+    """The costs of orders of stretches.
+
+    A flight begins at the end of the stretch before it, so that nobody leaves out the link between two sorties: nodes of the
+    split are the place where the first stretch begins, and the end of every stretch.
+
+    Attributes:
+        as_it_is: (n,) the order of the route.
+        link_s: (m, m) from the end of one to the beginning of another, with both turns; NO_LINK_S where that cannot be flown.
+        back_s: (m,) from where each ends to home.
+
+    Args:
+        site: the scenario on its ground, with a home.
+        stretches: of a route.
+        like: the costs of the flights of that route: its limits count.
+    """
+
+    def __init__(self, site: Site, stretches: Stretches, like: FlightCosts) -> None:
+        self._like = like
+        self.as_it_is: IntArray = 2 * np.arange(stretches.count)
+        paths = _Paths.of(stretches)
+        pace, way, energy = pace_of(site), mission_cost_of(site), FlightEnergy(site)
+        there_s, back_s, _ = straight_ends(way, paths.pairs_m)
+        self._time = _tables(
+            paths, leg_times(pace, paths.points_m)[None], turn_times(pace, paths.points_m)[None],
+            there_s[None], back_s[None],
+        )  # fmt: skip
+        self._energy = None
+        if like.energies.so_far_s.size:
+            of_pairs = energy.straight_flights(way, paths.pairs_m)
+            legs, turns = energy.legs_and_turns_s(paths.points_m)
+            self._energy = _tables(paths, legs, turns, of_pairs.there_s, of_pairs.back_s)
+        self._between = paths.between
+        # Two numbers of one stretch are never neighbours.
+        self.back_s: FloatArray = self._time.back[0]
+        self.link_s: FloatArray = np.where(
+            paths.exists, self._time.arc[0] - self._time.alone[0] + self._time.turn[0], NO_LINK_S
+        )
+        stretch = np.arange(len(self.link_s)) // 2
+        self.link_s[stretch[:, None] == stretch[None]] = NO_LINK_S
+
+    def flights(self, order: IntArray) -> FlightCosts:
+        """The costs of the flights of an order."""
+        before, behind = order[:-1], order[1:]
+        like, times = self._like, self._time
+        so_far, turns, there, back = (each[0] for each in _rows(times, order, before, behind))
+        there[-1] = back[0] = math.inf
+        waypoints = np.arange(len(order) + 1)
+        waypoints[2:] += np.cumsum(self._between[before, behind])
+        each = like.each_items
+        energies = NO_ENERGIES
+        if self._energy is not None:
+            used = _rows(self._energy, order, before, behind)
+            energies = FlightEnergies(used[0], used[1], used[2], used[3], used[3], like.energies.usable_s)
+        return FlightCosts(
+            so_far_s=so_far,
+            turns_s=turns,
+            there_s=there,
+            back_s=back,
+            alone_s=back,
+            # Counted up to a waypoint and from it, so that their sum is that of the flight.
+            there_items=like.there_items[0] + each * (1 - waypoints),
+            back_items=like.back_items[0] + each * waypoints,
+            each_items=0,
+            shared=1,
+            endurance_s=like.endurance_s,
+            item_limit=like.item_limit,
+            barred=like.barred,
+            energies=energies,
+        )
+
+    def total_s(self, order: IntArray) -> float:
+        """The least time of all sorties; infinite where there is no split."""
+        return float(split(self.flights(order))[0])
+
+
+def _rows(tables: Tables, order: IntArray, before: IntArray, behind: IntArray) -> tuple[FloatArray, ...]:
+    """(w, n + 1) up to each node, all turns up to it, from home to it, and from it to home."""
+    w, n = tables.alone.shape[0], len(order) + 1
+    so_far, turns, there, back = np.zeros((4, w, n))
+    so_far[:, 1] = tables.alone[:, order[0]]
+    so_far[:, 2:] = tables.arc[:, before, behind]
+    turns[:, 1:-1] = tables.turn[:, before, behind]
+    there[:, 0] = tables.first[:, order[0]]
+    there[:, 1:-1] = tables.there[:, before, behind]
+    back[:, 1:] = tables.back[:, order]
+    return np.cumsum(so_far, axis=1), np.cumsum(turns, axis=1), there, back
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Paths:
+    """All stretches, and all pairs of them, as one path after the other.
+
+    Attributes:
+        points_m: (p, 3) of all of them: first the m stretches, then for each pair the last leg of one, the link, and the first
+            leg of the other.
+        begins: (m + m m + 1,) where each begins in it.
+        pairs_m: (2 (2 m + m m), 3) two waypoints each: the first leg of each stretch, its last leg, and the first leg that is
+            flown from the end of one stretch to another.
+        exists: (m, m) whether there is such a link.
+        same: (m, m) whether one ends where the other begins.
+        between: (m, m) waypoints that the link and the beginning of the other add.
+    """
+
+    points_m: FloatArray
+    begins: IntArray
+    pairs_m: FloatArray
+    exists: np.ndarray
+    same: np.ndarray
+    between: IntArray
+
+    @classmethod
+    def of(cls, stretches: Stretches) -> "_Paths":
+        count = 2 * stretches.count
+        lines = [stretches.waypoints_m(k) for k in range(count)]
+        exists, same = np.zeros((2, count, count), dtype=bool)
+        between = np.zeros((count, count), dtype=np.int64)
+        paths, onto = list(lines), []
+        nothing = np.empty((0, 3))
+        for a, line in enumerate(lines):
+            for b, other in enumerate(lines):
+                ends = last_place(a), first_place(b)
+                same[a, b] = ends[0] == ends[1]
+                exists[a, b] = same[a, b] or ends in stretches.links_m
+                link = stretches.links_m.get(ends, nothing)
+                between[a, b] = 0 if same[a, b] else len(link) + 1
+                path = np.vstack([line[-2:], link, other[1:2] if same[a, b] else other[:2]])
+                paths.append(path)
+                onto.append(path[1:3])
+        pairs = [*(line[:2] for line in lines), *(line[-2:] for line in lines), *onto]
+        begins = np.cumsum([0, *map(len, paths)])
+        return cls(np.vstack(paths), begins, np.vstack(pairs), exists, same, between)
+
+
+def _tables(paths: _Paths, legs: FloatArray, turns: FloatArray, there: FloatArray, back: FloatArray) -> Tables:
+    """Tables of (w, p - 1) legs and (w, p) turns of all paths, and of (w, q) ways from and to home of the pairs."""
+    w, m = len(legs), len(paths.exists)
+    begins = paths.begins
+    # Sums up to a waypoint, of legs behind it and of turns at it.
+    legs_to = np.concatenate([np.zeros((w, 1)), np.cumsum(legs, axis=1)], axis=1)
+    turns_to = np.concatenate([np.zeros((w, 1)), np.cumsum(turns, axis=1)], axis=1)
+    first, last = begins[:-1], begins[1:] - 1
+    alone = (legs_to[:, last[:m]] - legs_to[:, first[:m]]) + (turns_to[:, last[:m]] - turns_to[:, first[:m] + 1])
+    first, last = first[m:], last[m:]
+    # Of a pair: without its first and last leg; turns behind that at the end of the first stretch.
+    turn = turns[:, first + 1].reshape(w, m, m)
+    link = (legs_to[:, last - 1] - legs_to[:, first + 1]) + (turns_to[:, last] - turns_to[:, first + 2])
+    link = np.where(paths.same, 0.0, link.reshape(w, m, m))
+    arc = np.where(paths.exists, link + alone[:, None, :], NO_LINK_S)
+    return Tables(
+        alone=alone,
+        arc=arc,
+        turn=np.where(paths.exists, turn, 0.0),
+        there=there[:, 4 * m :: 2].reshape(w, m, m),
+        first=there[:, : 2 * m : 2],
+        back=back[:, 2 * m + 1 : 4 * m : 2],
+    )

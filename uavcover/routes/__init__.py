@@ -1,1 +1,0 @@
-"""Routes: cost, hard limits, and their compilation into missions."""

@@ -1,0 +1,280 @@
+"""``track.csv``: the vehicle's messages as samples, written row by row during the flight, and read back with strict checks.
+
+Reserved disk space keeps other programs from taking the room that the record of a flight needs.
+"""
+
+import contextlib
+import errno
+import math
+import os
+import shutil
+import tempfile
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Final, Self
+
+import numpy as np
+
+from mission_io.errors import FormatError
+from mission_io.formats.dialects import sniff
+from mission_io.formats.text import clean_text
+from uavcover.errors import OutputError, TrackError
+from uavcover.model.active_times import is_flight_time
+from uavcover.model.track import (
+    COLUMNS,
+    MAY_BE_EMPTY,
+    OPTIONAL_COLUMNS,
+    PICTURES_COLUMN,
+    UNIX_TIME_COLUMN,
+    ReadTrack,
+    Track,
+    TrackSample,
+)
+
+SAMPLE_BYTES: Final = 2000
+"""What a sample takes in track, telemetry log and both recordings together: measured 1.4 kB at 7 samples a second."""
+SAMPLES_PER_S: Final = 10.0
+"""As often as positions are asked for."""
+_LONGER, _SPARE_S = 2.0, 900.0
+"""A flight may take longer than reckoned, and has ways there and home."""
+_NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
+
+
+def record_bytes(flight_time_s: float) -> int:
+    """How much the record of a flight takes at most, in bytes, from the time that it is reckoned to take."""
+    return int((_LONGER * flight_time_s + _SPARE_S) * SAMPLES_PER_S * SAMPLE_BYTES)
+
+
+class SpaceReserve:
+    """Space in a folder that belongs to nobody else until it is released. A context manager.
+
+    It is a file without a name, so a program that is killed leaves nothing behind. Where the operating system cannot reserve,
+    the free space is only looked at.
+
+    Args:
+        folder: where.
+        size_bytes: how much.
+
+    Raises:
+        OutputError: there is not so much room.
+    """
+
+    def __init__(self, folder: Path, size_bytes: int) -> None:
+        self._descriptor: int | None = None
+        try:
+            if hasattr(os, "posix_fallocate"):
+                with tempfile.TemporaryFile(dir=folder) as file:
+                    os.posix_fallocate(file.fileno(), 0, size_bytes)
+                    self._descriptor = os.dup(file.fileno())
+            elif shutil.disk_usage(folder).free < size_bytes:
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        except OSError as error:
+            if error.errno in _NO_ROOM:
+                raise OutputError(
+                    f"{folder}: no room for the record of the flight, which may take {size_bytes / 1e6:.0f} MB "
+                    f"({error.strerror}); free some space or choose another folder; nothing was armed"
+                ) from None
+            if shutil.disk_usage(folder).free < size_bytes:
+                raise OutputError(
+                    f"{folder}: {size_bytes / 1e6:.0f} MB for the record of the flight cannot be reserved ({error.strerror})"
+                ) from None
+
+    @property
+    def held(self) -> bool:
+        """Whether it still keeps space free."""
+        return self._descriptor is not None
+
+    def release(self) -> None:
+        """Give the space free; a second time is fine."""
+        if self._descriptor is not None:
+            os.close(self._descriptor)
+            self._descriptor = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.release()
+
+
+_WAYPOINT = COLUMNS.index("current_waypoint")
+
+
+class TrackWriter:
+    """Writes samples as they come; each row is in the file as soon as it is given. A context manager.
+
+    Args:
+        path: the file.
+        overwrite: whether a file that is there may be replaced.
+        reserve: given free when the disk is full, so that the track goes on.
+
+    Raises:
+        OutputError: the file is there already, or cannot be written.
+    """
+
+    def __init__(self, path: Path, *, overwrite: bool = False, reserve: SpaceReserve | None = None) -> None:
+        self.path = path
+        self.count = 0
+        self._reserve = reserve
+        try:
+            self._file = path.open("wb" if overwrite else "xb", buffering=0)
+        except FileExistsError:
+            raise OutputError(f"{path}: is there already; use --force to replace it") from None
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+        self._write(",".join((*COLUMNS, *OPTIONAL_COLUMNS)))
+
+    def write(self, sample: TrackSample) -> None:
+        """Add a sample.
+
+        Raises:
+            OutputError: the file cannot be written any more, for instance because the disk is full.
+        """
+        self._write(
+            ",".join(
+                [
+                    *(_written(float(getattr(sample, name))) for name in COLUMNS[:_WAYPOINT]),
+                    str(sample.current_waypoint),
+                    *(_written(float(getattr(sample, name))) for name in OPTIONAL_COLUMNS),
+                ]
+            )
+        )
+        self.count += 1
+
+    def close(self) -> None:
+        """Close the file; closing twice is fine."""
+        try:
+            self._file.close()
+        except OSError as error:
+            raise self._failed(error) from None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def _write(self, line: str) -> None:
+        rest = (line + "\n").encode("ascii")
+        while rest:
+            try:
+                rest = rest[self._file.write(rest) :]
+            except OSError as error:
+                if self._reserve is not None and self._reserve.held:
+                    self._reserve.release()
+                    continue
+                with contextlib.suppress(OSError):
+                    self._file.close()
+                raise self._failed(error) from None
+
+    def _failed(self, error: OSError) -> OutputError:
+        return OutputError(f"{self.path}: cannot be written after {self.count} samples: {error.strerror}")
+
+
+def read_track(path: Path) -> Track:
+    """The track in a file; what :func:`read_track_with_warnings` would warn of is left out.
+
+    Raises:
+        TrackError: see :func:`read_track_with_warnings`.
+    """
+    return read_track_with_warnings(path).track
+
+
+def read_track_with_warnings(path: Path) -> ReadTrack:
+    """The track in a file, and what was left out of it.
+
+    Columns may stand in any order and others may stand beside them. Roll, pitch, yaw and the optional columns may be empty: not
+    known. A last line that was cut off, as by a crash, is left out with a warning. Anything else that is wrong is an error,
+    which names line and column.
+
+    Raises:
+        TrackError: no such file, a column is missing, a value is missing, is not a number or not finite, a latitude or
+            longitude is out of range, time does not go on, or there is no sample at all.
+    """
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except OSError as error:
+        raise TrackError(f"{path}: cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise TrackError(f"{path}: is not text; {path.suffix or 'this'} is not a track.csv") from None
+    warnings: list[str] = []
+    cut_off = bool(text) and not text.endswith("\n")
+    if cut_off:
+        text, _, last = text.rpartition("\n")
+        warnings.append(f"{path}: the last line was cut off and is left out: {last[:40]!r}")
+    text = clean_text(text).text
+    try:
+        dialect = sniff(text)
+        rows = dialect.rows(text)
+        _, header = next(rows, (1, []))
+    except FormatError as error:
+        raise TrackError(f"{path}: {error}") from error
+    missing = [name for name in COLUMNS if name not in header]
+    if missing:
+        raise TrackError(
+            f"{path}: line 1: the column {missing[0]} is missing (read as {dialect}); a track has {', '.join(COLUMNS)}"
+        )
+    warnings += [f"{path}: {repair}" for repair in dialect.repairs]
+    optional = [name for name in OPTIONAL_COLUMNS if name in header]
+    columns = (*COLUMNS, *optional)
+    places = {name: header.index(name) for name in columns}
+    try:
+        values = np.array(list(_numbers(path, rows, places)), dtype=float).reshape(-1, len(columns))
+    except FormatError as error:
+        raise TrackError(f"{path}: {error}") from error
+    if len(values) == 0:
+        raise TrackError(f"{path}: there are no samples in it")
+    return ReadTrack(
+        Track(
+            time_s=values[:, 0].copy(),
+            geodetic=values[:, 1:4].copy(),
+            enu_m=values[:, 4:7].copy(),
+            attitude_deg=values[:, 7:10].copy(),
+            current_waypoint=values[:, _WAYPOINT].astype(np.int64),
+            **{name: values[:, columns.index(name)].copy() for name in optional},
+        ),
+        tuple(warnings),
+    )
+
+
+def _numbers(path: Path, rows: Iterable[tuple[int, list[str]]], places: dict[str, int]) -> Iterable[list[float]]:
+    """The values of each row at these places, in their order, each checked."""
+    before_s = -math.inf
+    for line, row in rows:
+        values = [_number(path, line, name, row, place) for name, place in places.items()]
+        time_s, lat_deg, lon_deg = values[:3]
+        if time_s <= before_s:
+            raise TrackError(
+                f"{path}: line {line}, time_s: {time_s!r} does not come after {before_s!r} of the line before"
+            )
+        if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
+            raise TrackError(f"{path}: line {line}, lat_deg: {lat_deg!r}, {lon_deg!r} is not a place on Earth")
+        if not values[_WAYPOINT].is_integer():
+            raise TrackError(f"{path}: line {line}, current_waypoint: {values[_WAYPOINT]!r} is not a whole number")
+        pictures = dict(zip(places, values, strict=True)).get(PICTURES_COLUMN, 0.0)
+        if not (math.isnan(pictures) or (pictures >= 0.0 and pictures.is_integer())):
+            raise TrackError(f"{path}: line {line}, {PICTURES_COLUMN}: {pictures!r} is not a number of pictures")
+        unix_s = dict(zip(places, values, strict=True)).get(UNIX_TIME_COLUMN, math.nan)
+        if not (math.isnan(unix_s) or is_flight_time(unix_s)):
+            raise TrackError(f"{path}: line {line}, {UNIX_TIME_COLUMN}: {unix_s!r} is not a time since 1970")
+        before_s = time_s
+        yield values
+
+
+def _written(value: float) -> str:
+    """The shortest text that reads as the number; nothing when it is not known."""
+    return "" if math.isnan(value) else repr(value)
+
+
+def _number(path: Path, line: int, name: str, row: list[str], place: int) -> float:
+    if place >= len(row):
+        raise TrackError(f"{path}: line {line}, {name}: is missing; the line has {len(row)} values")
+    if name in MAY_BE_EMPTY and not row[place].strip():
+        return math.nan
+    try:
+        value = float(row[place])
+    except ValueError:
+        raise TrackError(f"{path}: line {line}, {name}: {row[place]!r} is not a number") from None
+    if not math.isfinite(value):
+        raise TrackError(f"{path}: line {line}, {name}: {row[place]!r} is not a finite number")
+    return value

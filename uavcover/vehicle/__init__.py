@@ -1,1 +1,0 @@
-"""The flight of one vehicle: ready, armed, followed, recorded, brought home."""

@@ -1,0 +1,357 @@
+"""Which attitudes of a track are known and plausible: ranges, ages, and the lean that the accelerations require.
+
+A multirotor accelerates by leaning: over ground its acceleration is that of its thrust, ``g tan(lean)`` in the direction of the
+lean, minus aerodynamic drag. Drag grows with airspeed, so apart from noise and gusts
+
+    g tan(lean) - acceleration = drag_per_s * velocity - wind_drag
+
+with one number and one vector for the flight. An attitude that was invented, rotated, mirrored or taken from another time does
+not fit, and an autopilot that measures its attitude badly cannot fly.
+
+A small residual alone proves nothing on a gentle flight: there, no lean at all fits as well. An attitude therefore counts only
+when its lean explains the accelerations of the track: with their sign, their size and without a delay.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.model.track import Track
+from uavcover.verification.lean_fit import MOST_LATE_S, SMALLEST_SIGNAL, lean_fits, mean_over, thrust_m_s2
+from uavcover.verification.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG, Windows
+
+MOST_UNEXPLAINED_M_S2 = 2.0
+"""Root mean square over a flight. Simulated autopilots reach 0.8, mock flights in gusts with errors of metres 1.1."""
+MOST_UNEXPLAINED_IN_BLOCK_M_S2 = 3.0
+"""Root mean square over ``BLOCK_S``; they reach 1.5 and 1.9."""
+BLOCK_S = 20.0
+MOST_NOISE_M_S2 = 2.0
+"""Upper bound of the additional allowance for position noise."""
+MOST_SIDEWAYS_DEG = 6.0
+"""A constant lean to one side of the vehicle on all headings: the autopilot's mounting error."""
+MOST_BACKWARDS_DEG = 6.0
+"""A constant lean against the direction of flight: drag is never negative."""
+
+_WINDOW_S = 1.0
+_LONGEST_S = 1.6
+_MOVES_M_S = 2.0
+_ENOUGH_BLOCKS, _ENOUGH_IN_BLOCK = 20, 5
+_OWN = 0.3
+"""Fraction of a term that the others must not explain."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeanProblem:
+    """An attitude that does not fit the motion, or that the motion does not confirm.
+
+    Attributes:
+        text: what is wrong, for people.
+        samples: (n,) the affected samples.
+        kind: whether it leaves accelerations unexplained; whether the motion contradicts it, so that one of the two was not
+            measured; or whether the motion is too gentle to confirm it.
+    """
+
+    text: str
+    samples: BoolArray
+    kind: Literal["unexplained", "contradicted", "unconfirmed"]
+
+
+def lean_problem(
+    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray
+) -> LeanProblem | None:
+    """The problem of an attitude that does not fit the motion, or that it does not confirm; None when it does.
+
+    Args:
+        time_s: (n,) vehicle time.
+        enu_m: (n, 3) positions.
+        joined: (n - 1,) legs that were observed.
+        attitude_deg: (n, 3) roll, pitch and yaw, NaN where they are not known.
+    """
+    unexplained = _unexplained(time_s, enu_m, joined, attitude_deg)
+    unconfirmed = _unconfirmed(time_s, enu_m, joined, attitude_deg)
+    if unexplained is None:
+        return unconfirmed
+    # A storm leaves much unexplained, and contradicts nothing.
+    contradicted = unconfirmed is not None and unconfirmed.kind == "contradicted"
+    return replace(unexplained, kind="contradicted") if contradicted else unexplained
+
+
+def _unexplained(
+    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray
+) -> LeanProblem | None:
+    """The problem of an attitude by which large accelerations remain unexplained; None where too little is known."""
+    windows = Windows.of(time_s, enu_m, window_s=_WINDOW_S, joined=joined)
+    before, middle, after = windows.before, windows.middle, windows.after
+    velocity, acceleration = windows.velocity_m_s[:, :2], windows.acceleration_m_s2[:, :2]
+    half_s = np.maximum(time_s[middle] - time_s[before], time_s[after] - time_s[middle])
+    thrust = mean_over(time_s, thrust_m_s2(attitude_deg), time_s[middle], half_s)
+    good = np.isfinite(thrust).all(axis=1) & (half_s <= _LONGEST_S)
+    good &= np.hypot(velocity[:, 0], velocity[:, 1]) > _MOVES_M_S
+    # Larger accelerations are not flight, and are judged as such elsewhere.
+    good &= windows.level_m_s2 <= GRAVITY_M_S2 * np.tan(np.radians(MAX_LEAN_DEG))
+    if good.sum() < _ENOUGH_BLOCKS:
+        return None
+    yaw = np.radians(attitude_deg[middle, 2])
+    terms = _terms(velocity[good], np.column_stack([np.cos(yaw), -np.sin(yaw)])[good])
+    drag = (thrust - acceleration)[good]
+    columns = terms.reshape(-1, terms.shape[-1])
+    fitted = np.linalg.lstsq(columns, drag.reshape(-1), rcond=None)[0]
+    along_m_s2 = fitted[0] * float(np.sqrt((velocity[good] ** 2).sum(axis=1).mean()))
+    along_deg, sideways_deg = np.degrees(np.arctan([along_m_s2 / GRAVITY_M_S2, fitted[3] / GRAVITY_M_S2]))
+    everywhere = np.ones(len(time_s), dtype=bool)
+    if abs(sideways_deg) > MOST_SIDEWAYS_DEG and _stands_alone(columns, 3):
+        return LeanProblem(
+            f"roll and pitch lean by {abs(sideways_deg):.0f} degrees to one side on all headings, with nothing to lean against",
+            everywhere,
+            "contradicted",
+        )
+    if along_deg < -MOST_BACKWARDS_DEG and _stands_alone(columns, 0):
+        return LeanProblem(
+            f"roll and pitch lean by {-along_deg:.0f} degrees against the way that was flown",
+            everywhere,
+            "contradicted",
+        )
+    left = drag - terms @ fitted
+    noise_m_s2 = min(windows.noise_m[0] / _WINDOW_S**2, MOST_NOISE_M_S2)
+    left_m_s2 = float(np.sqrt((left**2).sum(axis=1).mean()))
+    if left_m_s2 > MOST_UNEXPLAINED_M_S2 + noise_m_s2:
+        return LeanProblem(
+            f"roll and pitch do not fit the accelerations that were flown: they are off by {left_m_s2:.1f} m/s2 (rms)",
+            everywhere,
+            "unexplained",
+        )
+    block = ((time_s - time_s[0]) // BLOCK_S).astype(np.int64)
+    in_block_m_s2 = _rms_by_block(block[middle[good]], left, int(block[-1]) + 1)
+    bad = in_block_m_s2 > MOST_UNEXPLAINED_IN_BLOCK_M_S2 + noise_m_s2
+    if not bad.any():
+        return None
+    worst = int(np.argmax(in_block_m_s2))
+    return LeanProblem(
+        f"roll and pitch do not fit the accelerations that were flown for about {BLOCK_S * bad.sum():.0f} s, most around "
+        f"{time_s[0] + (worst + 0.5) * BLOCK_S:.0f} s: they are off by {in_block_m_s2[worst]:.1f} m/s2 (rms)",
+        bad[block],
+        "unexplained",
+    )
+
+
+def _unconfirmed(
+    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray
+) -> LeanProblem | None:
+    """The problem of an attitude that does not explain the accelerations; none when it does."""
+    fits = lean_fits(time_s, enu_m, joined, attitude_deg)
+    everywhere = np.ones(len(time_s), dtype=bool)
+    if 0.0 not in fits.late:
+        return LeanProblem(
+            "too little motion or attitude to test whether roll and pitch were measured", everywhere, "unconfirmed"
+        )
+    own, best = fits.late[0.0], max(fits.late, key=lambda late_s: fits.late[late_s].correlation)
+    if abs(best) > MOST_LATE_S and fits.late[best].signal > SMALLEST_SIGNAL:
+        side = "late" if best > 0.0 else "early"
+        return LeanProblem(
+            f"roll and pitch fit the accelerations that were flown {abs(best):g} s {side}", everywhere, "contradicted"
+        )
+    if (why := own.contradiction) is not None:
+        return LeanProblem(
+            f"roll and pitch do not fit the accelerations that were flown: {why}", everywhere, "contradicted"
+        )
+    if fits.bad:
+        where = np.full(len(time_s), not own.confirms)
+        for part in fits.bad:
+            where |= (time_s >= part.begin_s) & (time_s <= part.end_s)
+        lasts_s = sum(part.end_s - part.begin_s for part in fits.bad)
+        return LeanProblem(
+            f"roll and pitch do not fit the accelerations that were flown for about {lasts_s:.0f} s, first from "
+            f"{fits.bad[0].begin_s:.0f} s to {fits.bad[0].end_s:.0f} s: {fits.bad[0].why}",
+            where,
+            "contradicted",
+        )
+    if not own.confirms:
+        text = (
+            "roll and pitch are not confirmed by the accelerations that were flown (correlation "
+            f"{own.correlation:.2f}, {own.signal:.1f} standard errors)"
+        )
+        return LeanProblem(text, everywhere, "unconfirmed")
+    return None
+
+
+def _terms(velocity: FloatArray, right: FloatArray) -> FloatArray:
+    """(k, 2, 4) the terms of drag: speed, constant wind from east and from north, a lean to the right."""
+    ones, none = np.ones(len(velocity)), np.zeros(len(velocity))
+    return np.stack([velocity, np.column_stack([ones, none]), np.column_stack([none, ones]), right], axis=-1)
+
+
+def _rms_by_block(block: IntArray, left: FloatArray, count: int) -> FloatArray:
+    """(count,) root mean squares of (k, 2) vectors by block, 0 for a block with few of them."""
+    numbers = np.bincount(block, minlength=count)
+    squares = np.bincount(block, weights=(left**2).sum(axis=1), minlength=count)
+    return np.asarray(np.sqrt(np.where(numbers >= _ENOUGH_IN_BLOCK, squares / np.maximum(numbers, 1), 0.0)))
+
+
+def _stands_alone(columns: FloatArray, number: int) -> bool:
+    """Whether a term can be separated from the others: on a single heading, a constant lean may be due to wind."""
+    others = np.delete(columns, number, axis=1)
+    one = columns[:, number]
+    rest = one - others @ np.linalg.lstsq(others, one, rcond=None)[0]
+    return bool((rest**2).sum() > _OWN * (one**2).sum())
+
+
+MAX_AGE_S = 1.0
+"""Largest difference in time between a position and its attitude."""
+MAX_TILT_DEG = 60.0
+"""At a larger lean a multirotor needs twice its weight as thrust to hold its height."""
+_STUCK_S, _TURNED_DEG = 5.0, 60.0
+_COURSE_S = 2.0
+_RADIANS_AT_MOST = 6.3
+_AGREES_DEG, _DIFFERS_DEG = 25.0, 40.0
+_COURSE_M_S = 2.0
+"""Below this speed there is no course to compare a heading with."""
+_BRISK_M_S2 = 2.0
+"""A multirotor leans by 11 degrees for this acceleration."""
+_LEANS_AT_LEAST = 0.35
+_ENOUGH = 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KnownAttitude:
+    """The attitudes of a track that can be trusted.
+
+    Attributes:
+        attitude_deg: (n, 3) roll, pitch and yaw, NaN where unknown.
+        problems: what was found, one line each.
+        unconfirmed: why it is not known although nothing is wrong with it: the motion is too gentle to confirm it.
+        contradiction: the problem that the motion contradicts, so that either attitude or motion was not measured.
+        confirmed: whether the motion confirms it.
+    """
+
+    attitude_deg: FloatArray
+    problems: tuple[str, ...]
+    unconfirmed: str | None = None
+    contradiction: str | None = None
+    confirmed: bool = False
+
+
+def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownAttitude:
+    """Find the attitudes that can be trusted.
+
+    Args:
+        track: what was flown.
+        enu_m: (n, 3) its positions.
+        joined: (n - 1,) legs that were observed.
+    """
+    attitude = track.attitude_deg.copy()
+    problems: list[str] = []
+    old = np.abs(track.attitude_age_s) > MAX_AGE_S
+    # A heading without roll and pitch was derived from the positions themselves.
+    attitude[old & np.isfinite(attitude[:, :2]).any(axis=1)] = np.nan
+    low, high = np.array([-180.0, -90.0, -180.0]), np.array([180.0, 90.0, 360.0])
+    wrong = np.flatnonzero(((attitude < low) | (attitude > high)).any(axis=1))
+    if wrong.size:
+        first = wrong[0]
+        roll, pitch, yaw = attitude[first]
+        problems.append(
+            f"{wrong.size} attitudes are out of range, first roll {roll:g}, pitch {pitch:g}, yaw {yaw:g} degrees at "
+            f"{track.time_s[first]:.1f} s"
+        )
+        attitude[wrong] = np.nan
+    tilt = np.degrees(np.arccos(np.prod(np.cos(np.radians(attitude[:, :2])), axis=1)))
+    tilted = np.flatnonzero(tilt > MAX_TILT_DEG)
+    if tilted.size:
+        first = tilted[0]
+        problems.append(
+            f"{tilted.size} attitudes lean by more than {MAX_TILT_DEG:g} degrees, first by {tilt[first]:.0f} at "
+            f"{track.time_s[first]:.1f} s: nothing flies a route like that"
+        )
+        attitude[tilted] = np.nan
+    told = np.isfinite(attitude).all(axis=1)
+    if not told.any():
+        return KnownAttitude(attitude, tuple(problems))
+    for first, last, turn_deg in _stuck(track.time_s, enu_m, attitude):
+        problems.append(
+            f"the attitude stays exactly the same from {track.time_s[first]:.1f} s to {track.time_s[last]:.1f} s, while the "
+            f"course turns by {turn_deg:.0f} degrees: it was not measured"
+        )
+        attitude[first : last + 1] = np.nan
+    told = np.isfinite(attitude).all(axis=1)
+    if not told.any():
+        return KnownAttitude(attitude, tuple(problems))
+    unconfirmed, contradiction, confirmed = None, None, False
+    if _in_radians(track.time_s, enu_m, attitude):
+        problems.append(
+            "the attitude is in radians where degrees belong: its yaw times 57.3 is the course that was flown"
+        )
+        attitude[:] = np.nan
+    elif (attitude[told, :2] == 0.0).all():
+        problems.append("roll and pitch are exactly zero throughout: nothing measured them")
+        attitude[:, : 3 if (attitude[told, 2] == 0.0).all() else 2] = np.nan
+    elif (lean := _never_leans(track.time_s, enu_m, joined, attitude)) is not None:
+        problems.append(
+            f"roll and pitch are never above {lean[0]:.1f} degrees, though the vehicle accelerates with {lean[1]:.1f} m/s2"
+        )
+        attitude[:, :2] = np.nan
+    elif (problem := lean_problem(track.time_s, enu_m, joined, attitude)) is not None:
+        if problem.kind == "unconfirmed":
+            unconfirmed = problem.text
+            attitude[:, :2] = np.nan
+        else:
+            problems.append(problem.text)
+            attitude[problem.samples] = np.nan
+        contradiction = problem.text if problem.kind == "contradicted" else None
+    else:
+        confirmed = True
+    return KnownAttitude(attitude, tuple(problems), unconfirmed, contradiction, confirmed)
+
+
+def _stuck(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> Iterator[tuple[int, int, float]]:
+    """Runs of samples with constant attitude while the course turns: first, last, and turn in degrees."""
+    same = np.append((np.diff(attitude, axis=0) == 0.0).all(axis=1), False)
+    starts = np.flatnonzero(same & ~np.insert(same[:-1], 0, False))
+    for start in starts:
+        last = int(start) + int(np.argmin(same[start:]))
+        if time_s[last] - time_s[start] < _STUCK_S:
+            continue
+        # Positions far enough apart in time that noise does not determine the course.
+        steps = np.unique(np.searchsorted(time_s, np.arange(time_s[start], time_s[last], _COURSE_S)))
+        way = np.diff(enu_m[steps, :2], axis=0)
+        fast = np.hypot(way[:, 0], way[:, 1]) > _COURSE_M_S * np.diff(time_s[steps])
+        course = np.degrees(np.unwrap(np.arctan2(way[fast, 0], way[fast, 1])))
+        if course.size and (turn := float(np.ptp(course))) > _TURNED_DEG:
+            yield int(start), last, turn
+
+
+def _in_radians(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> bool:
+    """Whether the headings agree with the courses as radians and not as degrees."""
+    if float(np.nanmax(np.abs(attitude))) > _RADIANS_AT_MOST or len(time_s) < 3:
+        return False
+    velocity = np.gradient(enu_m[:, :2], time_s, axis=0)
+    moving = (np.hypot(velocity[:, 0], velocity[:, 1]) > _COURSE_M_S) & np.isfinite(attitude[:, 2])
+    if moving.sum() < _ENOUGH:
+        return False
+    course = np.degrees(np.arctan2(velocity[moving, 0], velocity[moving, 1]))
+    yaw = attitude[moving, 2]
+
+    def median_off(heading_deg: FloatArray) -> float:
+        return float(np.median(np.abs((heading_deg - course + 180.0) % 360.0 - 180.0)))
+
+    return median_off(np.degrees(yaw)) < _AGREES_DEG and median_off(yaw) > _DIFFERS_DEG
+
+
+def _never_leans(
+    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude: FloatArray
+) -> tuple[float, float] | None:
+    """The largest lean in degrees and the largest acceleration, when the lean is far too small for it."""
+    brisk = np.zeros(_ENOUGH)
+    # The longer window suppresses noise, the shorter one shows short turns.
+    for window_s in (1.0, 2.0):
+        windows = Windows.of(time_s, enu_m, window_s=window_s, joined=joined)
+        most = np.sort(windows.level_m_s2 - windows.allowance_m_s2(0))[-_ENOUGH:]
+        if most.size == _ENOUGH and most[0] > brisk[0]:
+            brisk = most
+    if brisk[0] < _BRISK_M_S2:
+        return None
+    lean = float(np.nanmax(np.abs(attitude[:, :2])))
+    if lean >= _LEANS_AT_LEAST * np.degrees(np.arctan2(brisk[0], GRAVITY_M_S2)):
+        return None
+    return lean, float(brisk[-1])

@@ -1,0 +1,208 @@
+"""Coverage of a flown track: when, how often, how closely and how surely each cell was seen, and why the others were not."""
+
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.kernels import observation_counting as kernels
+from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.observation_counting import Camera, ObservationCounts, SensorPoses
+from uavcover.kernels.sight import LocalSlopes, local_slopes
+from uavcover.model.sensor import Camera as CameraSensor
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import focal_px
+from uavcover.verification.observations import Observations
+from uavcover.verification.possible_motion import MAX_LEAN_DEG
+
+WORKERS = 2
+"""Threads that share the rows of the lattice; the result does not depend on their number."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FlownCoverage:
+    """Coverage by cell; every array has one value for each cell.
+
+    Attributes:
+        seen: whether it was seen, with measured positions and terrain taken as exact.
+        surely_seen: whether it was seen for every error within the scenario's [uncertainty]; subset of ``seen``.
+        possibly_seen: whether it may have been seen for some error, or for some direction of the camera where that is unknown;
+            superset of ``seen``.
+        possibly_by_attitude: whether it was not seen, but may have been by an observation of unknown direction.
+        first_seen_s: time at which it was first seen, NaN where it was not.
+        passes: how many separate passes saw it.
+        nearest_m: shortest distance from which it was seen, NaN where it was not.
+        ground_sample_m: smallest ground sample distance with which it was seen, NaN where it was not or none is known.
+        incidence_deg: smallest incidence angle under which it was seen, NaN where it was not.
+        outcome: the best outcome of any observation, see :class:`uavcover.kernels.observation_counting.ObservationCounts`.
+    """
+
+    seen: BoolArray
+    surely_seen: BoolArray
+    possibly_seen: BoolArray
+    possibly_by_attitude: BoolArray
+    first_seen_s: FloatArray
+    passes: NDArray[np.int32]
+    nearest_m: FloatArray
+    ground_sample_m: FloatArray
+    incidence_deg: FloatArray
+    outcome: NDArray[np.uint8]
+
+
+def count_observations(coverage: CoverageMap, observations: Observations) -> FlownCoverage:
+    """Count every observation of every cell of a map.
+
+    Observations of unknown direction see nothing for certain; what they may have seen is kept apart.
+    """
+    site = coverage.site
+    slopes = local_slopes(site.ground.surface)
+    camera = _camera(coverage, slopes)
+    certain = observations.where(observations.known)
+    counts = _counted(coverage, certain, slopes, camera)
+    seen = counts.first >= 0
+    when = np.full(seen.size, np.nan)
+    when[seen] = certain.times_s[counts.first[seen]]
+    exact = camera.offset_m == 0.0 and camera.turn_rad == 0.0
+    possible = seen if exact else seen | (counts.possible >= camera.needed)
+    doubtful = observations.where(~observations.known)
+    by_attitude = possibly_seen(coverage, doubtful) if len(doubtful) else np.zeros(seen.size, dtype=bool)
+    return FlownCoverage(
+        seen=seen,
+        surely_seen=seen if exact else seen & (counts.sure >= camera.needed),
+        possibly_seen=possible | by_attitude,
+        possibly_by_attitude=by_attitude & ~seen,
+        first_seen_s=when,
+        passes=counts.passes,
+        nearest_m=_finite(counts.nearest_m),
+        ground_sample_m=_finite(counts.ground_sample_m),
+        # Rounding may leave a cosine slightly above 1.
+        incidence_deg=np.where(seen, np.degrees(np.arccos(np.clip(counts.cos_incidence, -1.0, 1.0))), np.nan),
+        outcome=counts.outcome,
+    )
+
+
+def seen_by_any(each: Sequence[FlownCoverage]) -> FlownCoverage:
+    """What several sensors saw together, of the same cells.
+
+    Args:
+        each: of one sensor, one at least; its times on a clock that all share.
+    """
+
+    def either(name: str) -> BoolArray:
+        return np.asarray(np.logical_or.reduce([getattr(one, name) for one in each], axis=0))
+
+    def least(name: str) -> FloatArray:
+        return np.asarray(np.fmin.reduce([getattr(one, name) for one in each], axis=0))
+
+    seen = either("seen")
+    return FlownCoverage(
+        seen=seen,
+        surely_seen=either("surely_seen"),
+        possibly_seen=either("possibly_seen"),
+        possibly_by_attitude=either("possibly_by_attitude") & ~seen,
+        first_seen_s=least("first_seen_s"),
+        passes=np.asarray(np.add.reduce([one.passes for one in each], axis=0), dtype=np.int32),
+        nearest_m=least("nearest_m"),
+        ground_sample_m=least("ground_sample_m"),
+        incidence_deg=least("incidence_deg"),
+        outcome=np.asarray(np.maximum.reduce([one.outcome for one in each], axis=0), dtype=np.uint8),
+    )
+
+
+def possibly_seen(coverage: CoverageMap, observations: Observations) -> BoolArray:
+    """(cells,) whether observations of unknown direction may have seen each cell, leaning up to MAX_LEAN_DEG any way."""
+    site = coverage.site
+    slopes = local_slopes(site.ground.surface)
+    camera = _camera(coverage, slopes)
+    if isinstance(site.scenario.sensor, CameraSensor):
+        camera = camera._replace(turn_rad=max(camera.turn_rad, float(np.radians(MAX_LEAN_DEG))))
+    counts = _counted(coverage, observations, slopes, camera)
+    return np.asarray((counts.first >= 0) | (counts.possible > 0))
+
+
+def joining_shifts_s(
+    times_s: Sequence[FloatArray], *, pause_s: float, same_clock: Mapping[int, tuple[int, float]]
+) -> tuple[float, ...]:
+    """Seconds to add to the times of each track so that it begins ``pause_s`` after the previous ones end.
+
+    Args:
+        times_s: vehicle times of the samples of each track, increasing, in the order in which they were flown.
+        pause_s: pause between two tracks.
+        same_clock: for a track that records the flight of an earlier one: which one, and the seconds to add to its times to
+            get those of the earlier one.
+
+    Returns:
+        one value for each track; 0 for the first.
+    """
+    shifts: list[float] = []
+    end_s = -np.inf
+    for number, times in enumerate(times_s):
+        if number in same_clock:
+            first, shift_s = same_clock[number]
+            shifts.append(shifts[first] + shift_s)
+        else:
+            shifts.append(end_s + pause_s - float(times[0]) if shifts else 0.0)
+        end_s = max(end_s, float(times[-1]) + shifts[-1])
+    return tuple(shifts)
+
+
+def joined_observations(parts: Sequence[Observations], shifts_s: Sequence[float]) -> Observations:
+    """The observations of several tracks as one flight, in order of time, their times shifted by :func:`joining_shifts_s`."""
+    times_s = np.concatenate([part.times_s + shift for part, shift in zip(parts, shifts_s, strict=True)])
+    order = np.argsort(times_s, kind="stable")
+    return Observations(
+        np.vstack([part.places_m for part in parts])[order],
+        np.vstack([part.axes for part in parts])[order],
+        np.vstack([part.tops for part in parts])[order],
+        times_s[order],
+        np.concatenate([part.known for part in parts])[order],
+    )
+
+
+def _counted(
+    coverage: CoverageMap, observations: Observations, slopes: LocalSlopes, camera: Camera
+) -> ObservationCounts:
+    counts: ObservationCounts = kernels.no_observations(coverage.grid.count, camera.needed)
+
+    poses = SensorPoses(observations.places_m, observations.axes, observations.tops, observations.times_s)
+
+    def add(first_row: int) -> None:
+        kernels.count_rows(
+            coverage.site.ground.surface, slopes, coverage.sight, camera, coverage.grid.cells,
+            poses, (first_row, WORKERS), counts,
+        )  # fmt: skip
+
+    with ThreadPoolExecutor(WORKERS) as executor:
+        list(executor.map(add, range(WORKERS)))
+    return counts
+
+
+def _camera(coverage: CoverageMap, slopes: LocalSlopes) -> Camera:
+    sensor, wanted = coverage.site.scenario.sensor, coverage.site.scenario.requirements
+    uncertainty = coverage.site.scenario.uncertainty
+    horizontal, vertical = uncertainty.position_m, coverage.site.vertical_uncertainty_m
+    # A ray shifted sideways by p at the eye and fixed at the cell meets ground that is higher by at most its slope
+    # times the shift: the same as lowering the eye by p times the steepest slope.
+    lift = vertical + (horizontal * _steepest_known(slopes) if horizontal > 0.0 else 0.0)
+    return Camera(
+        focal_px=focal_px(sensor),
+        # Every waypoint is an observation of its own, however soon it follows the one before.
+        pass_gap_s=wanted.max_gap_s if sensor.sensing == "along-path" else -1.0,
+        offset_m=float(np.hypot(horizontal, vertical)),
+        horizontal_m=horizontal,
+        lift_m=lift,
+        turn_rad=float(np.radians(uncertainty.attitude_deg)) if isinstance(sensor, CameraSensor) else 0.0,
+        needed=wanted.looks,
+        apart_m=wanted.look_distance_m or 0.0,
+    )
+
+
+def _steepest_known(slopes: LocalSlopes) -> float:
+    """Steepest slope of the blocks with data; rays over the others see nothing anyway."""
+    return float(slopes.steepest[np.isfinite(slopes.steepest)].max(initial=0.0))
+
+
+def _finite(values: FloatArray) -> FloatArray:
+    return np.where(np.isfinite(values), values, np.nan)

@@ -1,0 +1,357 @@
+"""One track judged by itself: which part of it is evidence, and how that compares with the limits."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from uavcover.errors import TrackError
+from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.model.judgement import Finding, fails, noted, unproved
+from uavcover.model.track import Track
+from uavcover.model.verdict import LIMIT_OF, PhotoSource, Unobserved, Violation
+from uavcover.scenario.site import Site
+from uavcover.verification.attitude import known_attitude
+from uavcover.verification.ends import TrackEnd, ground_tolerance_m, track_ends
+from uavcover.verification.motion_doubts import motion_doubts, sampling_doubts
+from uavcover.verification.observations import Observations, observations_of
+from uavcover.verification.phases import PlannedRoute, on_route
+from uavcover.verification.possible_motion import POSITION_ERROR_M, judge_motion, motion_limits
+from uavcover.verification.reported_photos import REACHED_RADII, TrackPhotos, photos_of, reports_photos
+from uavcover.verification.safety import (
+    TOLERANCE,
+    Heights,
+    Phases,
+    SampleValues,
+    ViolationFinder,
+    commanded_pace_doubt,
+    deviations_m,
+    find_violations,
+    ground_speeds_m_s,
+    track_heights,
+    zones_at_unknown_time,
+)
+from uavcover.verification.unobserved import place_of, unobserved_stretches
+from uavcover.verification.waypoints_passed import Passing, contradiction, passing, plan_doubt
+
+MAX_CONTRADICTION_M = 1.0
+"""Largest difference between a track's local columns and its latitudes and longitudes."""
+
+TOLD_HEIGHT_M = 3.0
+"""A vehicle that stands further above or below the scenario's ground is reported."""
+
+_ROLL_M = 5.0
+"""Where no plan divides a flight, its first and last stretches lower than this are take-off and landing."""
+_PLACE_MARGIN_M = 2.0
+"""Tolerance for a position (home during climb and landing, a waypoint): two acceptance radii, plus an allowance for wind."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JudgedTrack:
+    """One track judged by itself.
+
+    Attributes:
+        track: the samples that are evidence, with the attitudes that are known.
+        enu_m: (n, 3) their positions.
+        joined: (n - 1,) legs that were observed.
+        planned: its plan, if any.
+        passed: where it passed the planned waypoints, none without a plan.
+        phases: phase of each sample.
+        heights: heights above ground.
+        speeds_m_s: (n,) ground speed.
+        deviations_m: (n,) distance from the planned route, none without a plan.
+        violations: limits that it broke.
+        begin: its first sample.
+        end: its last sample.
+        unobserved: unobserved stretches between its samples.
+        findings: why it cannot pass, or proves nothing, whatever was seen, and other irregularities.
+        attitude_problems: problems of its attitudes.
+        photos: where photos were taken; none for a sensor that looks along the path.
+    """
+
+    track: Track
+    enu_m: FloatArray
+    joined: BoolArray
+    planned: PlannedRoute | None
+    passed: Passing | None
+    phases: Phases
+    heights: Heights
+    speeds_m_s: FloatArray
+    deviations_m: FloatArray | None
+    violations: tuple[Violation, ...]
+    begin: TrackEnd
+    end: TrackEnd
+    unobserved: tuple[Unobserved, ...]
+    findings: tuple[Finding, ...]
+    attitude_problems: tuple[str, ...]
+    photos: TrackPhotos | None
+
+    def observations(self, site: Site) -> Observations:
+        """The observations of its sensor."""
+        return observations_of(site, self.track, self.enu_m, self.phases.route, self.joined, self.photos)
+
+
+def judge_track(
+    site: Site, track: Track, planned: PlannedRoute | None, *, photo_source: PhotoSource | None = None
+) -> JudgedTrack:
+    """Judge a track.
+
+    Args:
+        site: the scenario on its ground.
+        track: what was flown.
+        planned: its plan, if any.
+        photo_source: which photos count; none: those that the vehicle reported, where it reported any.
+
+    Raises:
+        TrackError: it is empty, or has a position that is not on Earth; the sensor looks from waypoints only, and there is no
+            plan that says where they are.
+    """
+    scenario = site.scenario
+    told_m = _checked_positions_m(site, track)
+    limits = motion_limits(scenario.vehicle, scenario.wind)
+    error_m = max(POSITION_ERROR_M, scenario.uncertainty.position_m)
+    motion = judge_motion(
+        track.time_s, told_m, limits, max_gap_s=scenario.requirements.max_gap_s, velocity_m_s=track.velocity_enu_m_s,
+        position_error_m=error_m,
+    )  # fmt: skip
+    kept = np.flatnonzero(motion.evidence)
+    contradiction_m = float(np.max(np.linalg.norm(told_m - track.enu_m, axis=1)))
+    whole, enu, track = track, told_m[kept], track.taken(kept)
+    joined = (np.diff(kept) == 1) & motion.joined[kept[:-1]]
+    known = known_attitude(track, enu, joined)
+    track = replace(track, attitude_deg=known.attitude_deg)
+    radius_m = _place_radius_m(site) + scenario.uncertainty.position_m
+    passed, misnumbered = None, None
+    if planned is not None and len(planned.waypoints_m):
+        passed = passing(enu, joined, planned.waypoints_m, radius_m=radius_m)
+        misnumbered = contradiction(
+            track, enu, joined, planned.waypoints_m, radius_m=radius_m, speed_m_s=limits.speed_m_s
+        )
+    route = on_route(
+        track, enu, planned, acceptance_radius_m=scenario.vehicle.acceptance_radius_m, passed=passed,
+        # Where the positions do not match the plan, only the recorded waypoint numbers remain.
+        believed=misnumbered is None or (passed is not None and not passed.passed.any()),
+    )  # fmt: skip
+    # Beginning, end and "under the ground": a vehicle stands on the bare ground, under what a surface model has there.
+    here_m = site.bare_ground.heights_agl_m(enu)
+    begin, end = track_ends(scenario, track.time_s, enu, here_m, noise_m=motion.noise_m)
+    if planned is None and not (track.current_waypoint >= 0).any():
+        route = route & ~_take_off_and_landing(site, enu, here_m, begin, end)
+    phases = _phases(site, enu, route, planned, end)
+    heights = track_heights(site, enu, joined, phases)
+    speeds = ground_speeds_m_s(track, enu, joined)
+    deviations = deviations_m(enu, route, planned)
+    broken = find_violations(site, track, enu, heights, phases, joined)
+    off = _requirement_violations(site, track, enu, phases, speeds, deviations)
+    unbelieved = [
+        *motion_doubts(site, whole, told_m, motion, limits, position_error_m=error_m),
+        *sampling_doubts(whole, motion, known),
+        known.contradiction,
+        # A flight that ended before its route has no place and no pace of the plan to keep.
+        commanded_pace_doubt(track, enu, joined, scenario.vehicle, planned if route.any() else None),
+        None if passed is None or not route.any() else plan_doubt(passed),
+        None if misnumbered is None else f"{misnumbered}: its numbers are not believed, the places decide",
+    ]
+    if not contradiction_m <= MAX_CONTRADICTION_M:
+        unbelieved.append(
+            "the track contradicts itself: east, north, up differ from latitude, longitude, height by up to "
+            f"{contradiction_m:.1f} m"
+        )
+    findings = [
+        *_reasons(site, phases, speeds, deviations, broken),
+        *_ground_doubts(site, track, enu, here_m, heights, phases),
+        *(unproved("evidence", text) for text in unbelieved if text is not None),
+        *(
+            unproved(
+                "no-fly-zones",
+                f"no-fly zone {name}, not in force in flight_window_utc, was entered; the track does not tell the time of day",
+            )
+            for name in zones_at_unknown_time(site, track, enu, joined)
+        ),
+    ]
+    if scenario.requirements.max_deviation_m is not None and deviations is None:
+        findings.append(
+            unproved(
+                "deviation",
+                "the deviation from the planned route is unknown: there is no plan, or no part of the track is on its route",
+            )
+        )
+    source = photo_source or ("reported" if reports_photos(whole) else "predicted")
+    photos = photos_of(site, track, enu, route, joined, planned, source=source)
+    return JudgedTrack(
+        track=track,
+        enu_m=enu,
+        joined=joined,
+        planned=planned,
+        passed=passed,
+        phases=phases,
+        heights=heights,
+        speeds_m_s=speeds,
+        deviations_m=deviations,
+        violations=tuple(sorted([*broken, *off], key=lambda violation: violation.start_s)),
+        begin=begin,
+        end=end,
+        unobserved=tuple(unobserved_stretches(site, track, enu, joined, route, motion, kept)),
+        findings=(
+            *findings,
+            *map(noted, [*_findings(site, begin, end), *([] if photos is None else photos.findings)]),
+            *(
+                []
+                if known.unconfirmed is None
+                else [noted(f"{known.unconfirmed}: what depends on it is possibly observed")]
+            ),
+        ),
+        attitude_problems=known.problems,
+        photos=photos,
+    )
+
+
+def track_positions_m(site: Site, track: Track) -> FloatArray:
+    """(n, 3) ENU positions of a track, from its geodetic positions where the site is georeferenced."""
+    if site.frame is None:
+        return track.enu_m
+    return site.frame.enu_from_geodetic(*track.geodetic.T)
+
+
+def _checked_positions_m(site: Site, track: Track) -> FloatArray:
+    if len(track) == 0:
+        raise TrackError("the track has no samples: nothing was flown, or nothing was recorded")
+    enu = track_positions_m(site, track)
+    if not np.isfinite(enu).all():
+        bad = int(np.argmin(np.isfinite(enu).all(axis=1)))
+        raise TrackError(
+            f"sample {bad} of the track, at {track.time_s[bad]} s, is not a place on Earth; are latitude and longitude swapped?"
+        )
+    if not (np.diff(track.time_s) > 0.0).all():
+        bad = int(np.argmax(~(np.diff(track.time_s) > 0.0))) + 1
+        raise TrackError(f"sample {bad} of the track, at {track.time_s[bad]} s, does not come after the one before it")
+    return enu
+
+
+def _requirement_violations(
+    site: Site, track: Track, enu_m: FloatArray, phases: Phases, speeds_m_s: FloatArray, deviations: FloatArray | None
+) -> list[Violation]:
+    """Stretches of the route flown too fast, or too far from the plan."""
+    requirements = site.scenario.requirements
+    numbers = np.arange(len(track), dtype=float)
+    find = ViolationFinder(track, enu_m)
+    found: list[Violation] = []
+    if requirements.max_ground_speed_m_s is not None:
+        found += find.above(
+            "ground-speed", phases.route, SampleValues(speeds_m_s, numbers), requirements.max_ground_speed_m_s,
+            phase="route", unit="m/s",
+        )  # fmt: skip
+    if requirements.max_deviation_m is not None and deviations is not None:
+        found += find.above(
+            "deviation", phases.route, SampleValues(deviations, numbers), requirements.max_deviation_m, phase="route"
+        )
+    return found
+
+
+def _reasons(
+    site: Site,
+    phases: Phases,
+    speeds_m_s: FloatArray,
+    deviations: FloatArray | None,
+    violations: list[Violation],
+) -> list[Finding]:
+    """Limits that a track breaks, one line each."""
+    requirements = site.scenario.requirements
+    reasons: list[Finding] = []
+    if violations:
+        kinds = sorted({violation.kind for violation in violations})
+        concerns = tuple(dict.fromkeys(LIMIT_OF[kind] for kind in kinds))
+        reasons.append(fails(concerns, f"{len(violations)} violations of the limits ({', '.join(kinds)})"))
+    off, most_m = largest(deviations), requirements.max_deviation_m
+    if most_m is not None and off is not None and off > most_m + TOLERANCE:
+        reasons.append(fails("deviation", f"the deviation from the planned route, {off:.1f} m, is above {most_m} m"))
+    fastest, allowed = largest(speeds_m_s[phases.route]), requirements.max_ground_speed_m_s
+    if allowed is not None and fastest is not None and fastest > allowed + TOLERANCE:
+        reasons.append(fails("ground-speed", f"the speed over ground, {fastest:.1f} m/s, is above {allowed} m/s"))
+    return reasons
+
+
+def _ground_doubts(
+    site: Site, track: Track, enu_m: FloatArray, here_m: FloatArray, heights: Heights, phases: Phases
+) -> list[Finding]:
+    doubts = []
+    unknown = np.isnan(heights.lowest.values) & ~phases.column
+    if unknown.any():
+        first = float(track.time_s[int(np.argmax(unknown))])
+        doubts.append(
+            unproved(
+                ("height-band", "transit-clearance", "transit-height"),
+                f"no elevation data under {int(unknown.sum())} samples of the flight, first at {first:.1f} s: their height "
+                "above ground cannot be judged (if that is far away, latitude and longitude may be swapped)",
+            )
+        )
+    lowest = int(np.nanargmin(here_m)) if np.isfinite(here_m).any() else 0
+    if here_m[lowest] < -ground_tolerance_m(site.scenario):
+        doubts.append(
+            unproved(
+                "evidence",
+                f"positions are under the ground, by up to {-here_m[lowest]:.1f} m at {track.time_s[lowest]:.1f} s, "
+                f"{place_of(site, enu_m[lowest])}: their heights refer to something else, or belong to another place",
+            )
+        )
+    return doubts
+
+
+def _findings(site: Site, begin: TrackEnd, end: TrackEnd) -> list[str]:
+    """Irregularities of the take-off and landing positions."""
+    findings = []
+    for did, where in (("took off", begin), ("landed", end)):
+        if where.on_ground and abs(where.height_agl_m) > TOLD_HEIGHT_M:
+            side = "above" if where.height_agl_m > 0.0 else "under"
+            findings.append(
+                f"the vehicle {did} {abs(where.height_agl_m):.1f} m {side} the ground of the scenario: all heights above "
+                "ground may be wrong by as much"
+            )
+        if site.home_m is None:
+            continue
+        most_m = site.scenario.limits.max_home_error_m
+        away_m = float(np.hypot(*(where.enu_m[:2] - site.home_m[:2])))
+        if where.on_ground and away_m > most_m:
+            findings.append(
+                f"the vehicle {did} {away_m:.0f} m from the scenario's home, at {place_of(site, where.enu_m)}"
+            )
+    return findings
+
+
+def _place_radius_m(site: Site) -> float:
+    return REACHED_RADII * site.scenario.vehicle.acceptance_radius_m + _PLACE_MARGIN_M
+
+
+def _take_off_and_landing(
+    site: Site, enu_m: FloatArray, height_agl_m: FloatArray, begin: TrackEnd, end: TrackEnd
+) -> BoolArray:
+    """(n,) samples of take-off and landing, straight above them or as low as a roll, of a flight that no plan divides."""
+    found = np.zeros(len(enu_m), dtype=bool)
+    low = height_agl_m < _ROLL_M
+    if begin.on_ground:
+        found |= np.cumsum(~(_at(site, enu_m, begin.enu_m) | low)) == 0
+    if end.on_ground:
+        found |= np.cumsum(~(_at(site, enu_m, end.enu_m) | low)[::-1])[::-1] == 0
+    return found
+
+
+def _at(site: Site, enu_m: FloatArray, place_m: FloatArray) -> BoolArray:
+    """(n,) which positions are at a place, at any height."""
+    return np.asarray(np.hypot(enu_m[:, 0] - place_m[0], enu_m[:, 1] - place_m[1]) <= _place_radius_m(site))
+
+
+def _phases(site: Site, enu_m: FloatArray, route: BoolArray, planned: PlannedRoute | None, end: TrackEnd) -> Phases:
+    nowhere = np.zeros(len(enu_m), dtype=bool)
+    column = nowhere if site.home_m is None else _at(site, enu_m, site.home_m)
+    if end.on_ground:
+        # Wherever the vehicle lands, the last metres of the flight are a landing.
+        column = column | (np.cumsum(~_at(site, enu_m, end.enu_m)[::-1])[::-1] == 0)
+    junction = nowhere
+    if planned is not None and len(planned.waypoints_m):
+        junction = _at(site, enu_m, planned.waypoints_m[0]) | _at(site, enu_m, planned.waypoints_m[-1])
+    return Phases(route=route, column=column & ~route, junction=junction & ~route & ~column)
+
+
+def largest(values: FloatArray | None) -> float | None:
+    """The largest number, ignoring NaN; none when there is none."""
+    known = np.empty(0) if values is None else values[np.isfinite(values)]
+    return float(known.max()) if known.size else None

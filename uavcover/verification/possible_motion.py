@@ -1,0 +1,493 @@
+"""Physically possible motion: what a vehicle cannot have flown joins no samples and is no evidence.
+
+Speed is evaluated over windows of 0.2, 1 and 3 s, acceleration by divided differences of three samples 0.2 to 2 s apart. For a
+vehicle that accelerates by at most ``a``, no divided difference exceeds ``a``, whatever the spacing of the samples. A track at
+1 Hz is therefore judged as fairly as one at 50 Hz, and the rounding of a log at 50 Hz is no acceleration.
+
+Position noise adds to these figures, more so in short windows. It is measured on the track itself, by the median of its second
+differences over the windows of that length in which it moved. What it may excuse is bounded from outside: a receiver's error, or
+the one that the scenario states, wanders with the time constant of an estimator, so over short windows it changes little. Errors
+of neighbouring samples that have nothing to do with each other (white noise) are those of no estimator.
+
+Where a velocity is reported, it has to agree with the positions (:mod:`uavcover.verification.reported_velocity`).
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal, Self
+
+import numpy as np
+
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.model.vehicle import Vehicle, Wind
+from uavcover.verification.reported_velocity import ContradictionKind, PositionError, WindowFigures, contradictions
+
+NOISE_MEDIANS = 6.0
+"""The noise allowance, in medians of the second differences: random errors of a million samples stay below it."""
+POSITION_ERROR_M = 2.0
+"""Standard deviation of a receiver's error, east and north each, where the scenario states none that is larger."""
+UPWARD = 1.5
+"""Its error in height, in those over ground."""
+ERROR_TIME_S = 30.0
+"""An estimator's error wanders with at least this time constant."""
+ROUNDING_M = 0.25
+"""Second differences of positions with six decimals of a degree, in which logs round."""
+_RAYLEIGH_MEDIAN = 1.18
+WHITE = 0.8
+"""Second differences in those over windows four times as long. Independent errors: 1; an estimator's: 0.5; motion: below 0.3."""
+_LONGER = 4.0
+_SHORTEST_STEP_S, _ENOUGH_WINDOWS = 0.1, 50
+COARSE_STEP_S = 1.25
+"""Samples further apart do not tell a turn that a vehicle flies from one that was drawn."""
+MOVING_M_S = 1.0
+"""Noise is measured above this speed: at rest on the ground, logs often show none."""
+ROUNDING_S = 1e-6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Windows:
+    """Windows of three samples: one, and the nearest ones at least the window length before and after it.
+
+    Attributes:
+        before: (k,) number of the first sample.
+        middle: (k,) of the middle one.
+        after: (k,) of the last one.
+        velocity_m_s: (k, 3) mean velocity of its two halves.
+        acceleration_m_s2: (k, 3) divided difference of the positions: the mean acceleration around the middle sample.
+        level_m_s2: (k,) its horizontal part.
+        vertical_m_s2: (k,) its vertical part, unsigned.
+        spans_s2: (k,) product of the two time steps.
+        noise_m: medians of the horizontal and vertical second differences over windows in which the vehicle moved.
+        most_noise_m: the largest second differences that an estimator's error can have over these windows.
+    """
+
+    before: IntArray
+    middle: IntArray
+    after: IntArray
+    velocity_m_s: FloatArray
+    acceleration_m_s2: FloatArray
+    level_m_s2: FloatArray
+    vertical_m_s2: FloatArray
+    spans_s2: FloatArray
+    noise_m: tuple[float, float]
+    most_noise_m: tuple[float, float]
+
+    @classmethod
+    def of(
+        cls,
+        time_s: FloatArray,
+        enu_m: FloatArray,
+        *,
+        window_s: float,
+        joined: BoolArray | None = None,
+        position_error_m: float = POSITION_ERROR_M,
+    ) -> Self:
+        """The windows of (n, 3) ENU positions at (n,) increasing times.
+
+        Args:
+            time_s: vehicle time.
+            enu_m: positions.
+            window_s: length of each half.
+            joined: (n - 1,) legs that may lie in a window; default: all.
+            position_error_m: standard deviation of the positions, known from elsewhere.
+        """
+        gaps = np.zeros(len(time_s), dtype=np.int64)
+        if joined is not None:
+            gaps[1:] = np.cumsum(~joined)
+        middle = np.arange(len(time_s))
+        after = np.searchsorted(time_s, time_s + window_s - ROUNDING_S)
+        before = np.searchsorted(time_s, time_s - window_s + ROUNDING_S, side="right") - 1
+        whole = (after < len(time_s)) & (before >= 0)
+        whole[whole] = gaps[after[whole]] == gaps[before[whole]]
+        before, middle, after = before[whole], middle[whole], after[whole]
+        back, ahead = time_s[middle] - time_s[before], time_s[after] - time_s[middle]
+        came = (enu_m[middle] - enu_m[before]) / back[:, None]
+        went = (enu_m[after] - enu_m[middle]) / ahead[:, None]
+        change = 2.0 * (went - came) / (back + ahead)[:, None]
+        level, vertical = np.hypot(change[:, 0], change[:, 1]), np.abs(change[:, 2])
+        spans = back * ahead
+        moving = _moving(time_s, enu_m)[middle]
+        noise = (0.0, 0.0)
+        if moving.any():
+            noise = (float(np.median((level * spans)[moving])), float(np.median((vertical * spans)[moving])))
+        half_s = float(np.sqrt(np.median(spans))) if spans.size else window_s
+        # Of a wandering error (Gauss and Markov), the variance of a second difference is 4 sigma^2 h / T for short h.
+        wander_m = _RAYLEIGH_MEDIAN * 2.0 * position_error_m * float(np.sqrt(min(half_s / ERROR_TIME_S, 1.5)))
+        most = (NOISE_MEDIANS * wander_m + ROUNDING_M, UPWARD * NOISE_MEDIANS * wander_m + ROUNDING_M)
+        return cls(before, middle, after, 0.5 * (came + went), change, level, vertical, spans, noise, most)
+
+    def allowance_m(self, axis: Literal[0, 1]) -> float:
+        """Noise allowance for a second difference, horizontal (0) or vertical (1)."""
+        return min(NOISE_MEDIANS * self.noise_m[axis], self.most_noise_m[axis])
+
+    def allowance_m_s2(self, axis: Literal[0, 1]) -> FloatArray:
+        """(k,) noise allowance for the accelerations."""
+        return np.asarray(self.allowance_m(axis) / self.spans_s2)
+
+
+def white_noise_m(time_s: FloatArray, enu_m: FloatArray, joined: BoolArray) -> float:
+    """By how much neighbouring samples are off independently of each other; 0 where that is no more than rounding.
+
+    Second differences of independent errors do not depend on the length of the window, those of an estimator's error grow with
+    its root, and those of motion with its square.
+    """
+    step_s = max(float(np.median(np.diff(time_s))), _SHORTEST_STEP_S) if len(time_s) > 1 else np.inf
+    if step_s > COARSE_STEP_S:
+        return 0.0
+    short, long = (Windows.of(time_s, enu_m, window_s=length, joined=joined) for length in (step_s, _LONGER * step_s))
+    if len(long.middle) < _ENOUGH_WINDOWS:
+        return 0.0
+    white = [a for a, b in zip(short.noise_m, long.noise_m, strict=True) if a > ROUNDING_M and a > WHITE * b]
+    return max(white, default=0.0) / (_RAYLEIGH_MEDIAN * float(np.sqrt(6.0)))
+
+
+def _moving(time_s: FloatArray, enu_m: FloatArray) -> BoolArray:
+    """(n,) whether the vehicle moves, over the 2 s around each sample."""
+    begin = np.searchsorted(time_s, time_s - 1.0)
+    end = np.minimum(np.searchsorted(time_s, time_s + 1.0), len(time_s) - 1)
+    way = np.linalg.norm(enu_m[end] - enu_m[begin], axis=1)
+    return np.asarray(way > MOVING_M_S * (time_s[end] - time_s[begin]))
+
+
+SPEED_WINDOWS_S = (0.2, 1.0, 3.0)
+ACCELERATION_WINDOWS_S = (0.2, 0.5, 1.0, 2.0)
+
+MAX_LEAN_DEG = 35.0
+"""No mission is flown with a larger lean: ArduPilot's maximum is 30 degrees, PX4 uses up to about 30."""
+GRAVITY_M_S2 = 9.80665
+
+MAX_JUMP_M = 5.0
+"""After a position jump of at most this, as when a receiver regains its fix, later samples remain evidence."""
+SAME_PLACE_S = 1.0
+"""Impossible moves closer to each other than this are merged."""
+
+MAX_CONTRADICTED = 0.1
+"""Where a reported velocity contradicts the positions over more of the time, it is no passing fault of the estimator."""
+
+STEP_WINDOW_S = 0.5
+"""Averaging time of the velocities before and after an impossible move."""
+
+MoveKind = Literal["speed", "climb", "acceleration", "velocity", "out of reach"]
+
+
+@dataclass(frozen=True, slots=True)
+class MotionLimits:
+    """The physical limits of a vehicle.
+
+    Attributes:
+        speed_m_s: over ground.
+        climb_m_s: upwards.
+        descent_m_s: downwards.
+        acceleration_m_s2: over ground, and vertically.
+    """
+
+    speed_m_s: float
+    climb_m_s: float
+    descent_m_s: float
+    acceleration_m_s2: float
+
+
+def motion_limits(vehicle: Vehicle, wind: Wind) -> MotionLimits:
+    """Generous physical limits of a scenario's vehicle: autopilots overshoot, and wind adds to ground speed.
+
+    Ground speed: maximum airspeed plus wind, or without an airspeed 1.5 times the cruise speed plus 8 m/s for wind. Vertical
+    speed: twice the scenario's plus 2 m/s. Acceleration: that of a lean of 35 degrees, or twice the scenario's if larger.
+    """
+    most_m_s = 1.5 * vehicle.cruise_speed_m_s + max(8.0, wind.speed_m_s)
+    if vehicle.max_airspeed_m_s is not None:
+        most_m_s = max(1.5 * vehicle.cruise_speed_m_s, vehicle.max_airspeed_m_s) + max(2.0, wind.speed_m_s)
+    lean_m_s2 = GRAVITY_M_S2 * float(np.tan(np.radians(MAX_LEAN_DEG)))
+    return MotionLimits(
+        speed_m_s=most_m_s,
+        climb_m_s=2.0 * vehicle.max_climb_m_s + 2.0,
+        descent_m_s=2.0 * vehicle.max_descent_m_s + 2.0,
+        acceleration_m_s2=max(lean_m_s2, 2.0 * _finite(vehicle.acceleration_m_s2)),
+    )
+
+
+def _finite(acceleration_m_s2: float | None) -> float:
+    """The scenario's acceleration; 0 where it names none, or counts none."""
+    return 0.0 if acceleration_m_s2 is None or np.isinf(acceleration_m_s2) else acceleration_m_s2
+
+
+@dataclass(frozen=True, slots=True)
+class ImpossibleMove:
+    """A stretch of a track that no vehicle of the scenario can have flown.
+
+    Attributes:
+        first: number of the sample at which it begins.
+        last: number of the sample at which it ends.
+        kind: the first impossibility: speed, climb (or descent), acceleration, a reported velocity that contradicts the
+            positions, or a position out of reach.
+        worst: its worst value; for a position out of reach, the speed required.
+        limit: the limit of that value.
+        step_m_s: excess of the velocity change across it over what is possible. A receiver's jump changes the position but not
+            the velocity; where the velocity has changed, an unknown part of the flight is missing.
+    """
+
+    first: int
+    last: int
+    kind: MoveKind
+    worst: float
+    limit: float
+    step_m_s: float = 0.0
+
+    def __str__(self) -> str:
+        """Description with the figures."""
+        if self.kind == "velocity":
+            return (
+                f"the reported velocity is off the change of position by {self.worst:.1f} m/s where at most "
+                f"{self.limit:.1f} m/s are possible"
+            )
+        unit = "m/s2" if self.kind == "acceleration" else "m/s"
+        what = "speed" if self.kind == "out of reach" else self.kind
+        return f"{what} {self.worst:.1f} {unit} where at most {self.limit:.1f} {unit} are possible"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Motion:
+    """Which part of a track's motion is possible.
+
+    Attributes:
+        joined: (n - 1,) whether the straight line between two neighbours is evidence: close enough in time, and possible.
+        evidence: (n,) whether a sample is evidence: possible motion reaches it from the others.
+        moves: the impossible moves, in order of time.
+        noise_m: (2,) measured horizontal and vertical position noise: medians of second differences over 0.2 s.
+        white_m: see :func:`white_noise_m`.
+        contradicted_fraction: part of the time over which the reported velocity contradicts the positions, where that is too
+            much to leave it out: one of the two was not measured, and it is not known which.
+        contradiction: the stretch from the first to the last of these contradictions, with the worst.
+    """
+
+    joined: BoolArray
+    evidence: BoolArray
+    moves: tuple[ImpossibleMove, ...]
+    noise_m: tuple[float, float]
+    white_m: float
+    contradicted_fraction: float = 0.0
+    contradiction: ImpossibleMove | None = None
+
+
+def judge_motion(
+    time_s: FloatArray,
+    enu_m: FloatArray,
+    limits: MotionLimits,
+    *,
+    max_gap_s: float,
+    position_error_m: float = POSITION_ERROR_M,
+    velocity_m_s: FloatArray | None = None,
+) -> Motion:
+    """Judge which part of the motion through (n, 3) ENU positions at (n,) increasing times is possible.
+
+    Args:
+        time_s: vehicle time.
+        enu_m: positions.
+        limits: limits of the vehicle.
+        max_gap_s: largest time between joined neighbours.
+        position_error_m: standard deviation of the positions, known from elsewhere.
+        velocity_m_s: (n, 3) reported velocity, east, north, up; NaN or none where it is not reported.
+    """
+    joined = np.diff(time_s) <= max_gap_s
+    white_m = white_noise_m(time_s, enu_m, joined)
+    found = _Found(joined)
+    windows = [
+        Windows.of(time_s, enu_m, window_s=length, joined=joined, position_error_m=position_error_m)
+        for length in ACCELERATION_WINDOWS_S
+    ]
+    for window_s in SPEED_WINDOWS_S:
+        _mark_speeds(found, time_s, enu_m, limits, windows[0], window_s)
+    for each in windows:
+        _mark_accelerations(found, limits, each)
+    fraction, contradiction = 0.0, None
+    if velocity_m_s is not None:
+        error = PositionError((position_error_m, UPWARD * position_error_m), ERROR_TIME_S)
+        told = _Found(joined & ~found.marked)
+        _mark_velocities(
+            told, contradictions(time_s, enu_m, velocity_m_s, error=error, acceleration_m_s2=limits.acceleration_m_s2)
+        )
+        fraction = float(np.diff(time_s) @ told.marked) / max(float(time_s[-1] - time_s[0]), ROUNDING_S)
+        if fraction > MAX_CONTRADICTED:
+            legs = np.flatnonzero(told.marked)
+            first, last = int(legs[0]), int(legs[-1]) + 1
+            contradiction = ImpossibleMove(first, last, *told.worst(first, last))
+        else:
+            fraction = 0.0
+            found.add(told)
+    joined = joined & ~found.marked
+    evidence, unreachable = _reachable(time_s, enu_m, joined, limits)
+    # A single sample with only impossible motion around it is no evidence.
+    alone = ~np.append(joined, False) & ~np.insert(joined, 0, False)
+    evidence &= ~(alone & (np.append(found.marked, False) | np.insert(found.marked, 0, False)))
+    # The flight needs at least one sample even where none of its motion is possible.
+    evidence[0] |= not evidence.any()
+    joined &= evidence[:-1] & evidence[1:]
+    moves = tuple(
+        replace(move, step_m_s=_velocity_step_m_s(time_s, enu_m, joined, windows[0], limits, move))
+        for move in _moves(time_s, found, unreachable, limits)
+    )
+    return Motion(joined, evidence, moves, windows[0].noise_m, white_m, fraction, contradiction)
+
+
+class _Found:
+    """Windows of samples with impossible motion, and the legs in them.
+
+    Attributes:
+        marked: (n - 1,) legs that lie in such a window.
+    """
+
+    def __init__(self, joined: BoolArray) -> None:
+        self.marked = np.zeros(len(joined), dtype=bool)
+        self._broken = ~joined
+        self._windows: list[tuple[IntArray, IntArray, FloatArray, float, MoveKind]] = []
+
+    def unbroken(self, first: IntArray, last: IntArray) -> BoolArray:
+        """Whether windows of samples first..last contain neither a gap nor a marked leg."""
+        bad = np.concatenate([[0], np.cumsum(self._broken | self.marked)])
+        return np.asarray(bad[last] == bad[first])
+
+    def mark(self, first: IntArray, last: IntArray, values: FloatArray, limit: float, kind: MoveKind) -> None:
+        """Mark all legs of windows of samples first..last that have these values."""
+        if first.size == 0:
+            return
+        changes = np.zeros(len(self.marked) + 1, dtype=np.int64)
+        np.add.at(changes, first, 1)
+        np.add.at(changes, last, -1)
+        self.marked |= np.cumsum(changes)[:-1] > 0
+        self._windows.append((first, last, values, limit, kind))
+
+    def add(self, other: "_Found") -> None:
+        """Take over what another has marked."""
+        self.marked |= other.marked
+        self._windows += other._windows
+
+    def worst(self, first: int, last: int) -> tuple[MoveKind, float, float]:
+        """Kind, value and limit of the window inside samples first..last that is furthest beyond its limit."""
+        best: tuple[float, MoveKind, float, float] = (0.0, "speed", 0.0, 1.0)
+        for starts, ends, values, limit, kind in self._windows:
+            inside = np.flatnonzero((starts >= first) & (ends <= last))
+            if inside.size and (top := float(values[inside].max())) / limit > best[0]:
+                best = (top / limit, kind, top, limit)
+        return best[1:]
+
+
+def _mark_speeds(
+    found: _Found, time_s: FloatArray, enu_m: FloatArray, limits: MotionLimits, noise: Windows, window_s: float
+) -> None:
+    first = np.arange(len(time_s))
+    last = np.searchsorted(time_s, time_s + window_s - ROUNDING_S)
+    inside = last < len(time_s)
+    first, last = first[inside], last[inside]
+    seconds = time_s[last] - time_s[first]
+    way = enu_m[last] - enu_m[first]
+    unbroken = found.unbroken(first, last)
+    # A second difference contains up to four times the position error, a distance twice.
+    level = np.hypot(way[:, 0], way[:, 1]) - 0.5 * noise.allowance_m(0)
+    vertical = 0.5 * noise.allowance_m(1)
+    ways: tuple[tuple[MoveKind, FloatArray, float], ...] = (
+        ("speed", level, limits.speed_m_s),
+        ("climb", way[:, 2] - vertical, limits.climb_m_s),
+        ("climb", -way[:, 2] - vertical, limits.descent_m_s),
+    )
+    for kind, metres, limit in ways:
+        speeds = metres / seconds
+        k = np.flatnonzero(unbroken & (speeds > limit))
+        found.mark(first[k], last[k], speeds[k], limit, kind)
+
+
+def _mark_accelerations(found: _Found, limits: MotionLimits, windows: Windows) -> None:
+    unbroken = found.unbroken(windows.before, windows.after)
+    worst = np.maximum(
+        windows.level_m_s2 - windows.allowance_m_s2(0), windows.vertical_m_s2 - windows.allowance_m_s2(1)
+    )
+    k = np.flatnonzero(unbroken & (worst > limits.acceleration_m_s2))
+    found.mark(windows.before[k], windows.after[k], worst[k], limits.acceleration_m_s2, "acceleration")
+
+
+def _mark_velocities(found: _Found, compared: Iterator[tuple[ContradictionKind, WindowFigures]]) -> None:
+    """Mark where reported velocities change too fast, or contradict the positions: in the shortest window that shows it."""
+    for kind, windows in compared:
+        off = windows.taken(found.unbroken(windows.first, windows.last))
+        if off.first.size:
+            ratios = off.values / off.limits
+            limit = float(off.limits[int(np.argmax(ratios))])
+            found.mark(off.first, off.last, ratios * limit, limit, kind)
+
+
+def _reachable(
+    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, limits: MotionLimits
+) -> tuple[BoolArray, list[tuple[int, int, float]]]:
+    """Find the samples reachable from the longest stretch of joined samples, and the stretches that are not.
+
+    From the longest stretch outwards, each next stretch counts when the vehicle can have reached it from the last one that
+    counts, allowing for a small jump.
+
+    Returns:
+        (n,) whether a sample can be reached; first and last sample of the stretches that cannot, with the speed it would take.
+    """
+    count = len(time_s)
+    starts = np.concatenate([[0], np.flatnonzero(~joined) + 1])
+    ends = np.append(starts[1:], count) - 1
+    evidence = np.ones(count, dtype=bool)
+    lost: list[tuple[int, int, float]] = []
+    longest = int(np.argmax(time_s[ends] - time_s[starts]))
+
+    def needed_m_s(a: int, b: int) -> float:
+        """Required ground speed, scaled up where the vertical speed exceeds its limit by more."""
+        seconds = time_s[b] - time_s[a]
+        way = enu_m[b] - enu_m[a]
+        level = max(0.0, float(np.hypot(way[0], way[1])) - MAX_JUMP_M) / seconds
+        up = max(0.0, abs(float(way[2])) - MAX_JUMP_M) / seconds
+        vertical = up / (limits.climb_m_s if way[2] > 0.0 else limits.descent_m_s) * limits.speed_m_s
+        return float(max(level, vertical))
+
+    for order in (range(longest + 1, len(starts)), range(longest - 1, -1, -1)):
+        last = longest
+        for stretch in order:
+            a, b = (ends[last], starts[stretch]) if stretch > last else (ends[stretch], starts[last])
+            speed_m_s = needed_m_s(int(a), int(b))
+            if speed_m_s <= limits.speed_m_s:
+                last = stretch
+            else:
+                evidence[starts[stretch] : ends[stretch] + 1] = False
+                lost.append((int(starts[stretch]), int(ends[stretch]), speed_m_s))
+    return evidence, lost
+
+
+def _velocity_step_m_s(
+    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, noise: Windows, limits: MotionLimits, move: ImpossibleMove
+) -> float:
+    """Excess of the velocity change across a move over what is possible, from samples right before and after it."""
+    first, last = move.first, move.last
+    while first > 0 and joined[first - 1] and time_s[move.first] - time_s[first] < STEP_WINDOW_S - ROUNDING_S:
+        first -= 1
+    while last < len(joined) and joined[last] and time_s[last] - time_s[move.last] < STEP_WINDOW_S - ROUNDING_S:
+        last += 1
+    came_s, went_s = float(time_s[move.first] - time_s[first]), float(time_s[last] - time_s[move.last])
+    if came_s == 0.0 or went_s == 0.0:
+        return 0.0
+    change = (enu_m[last] - enu_m[move.last]) / went_s - (enu_m[move.first] - enu_m[first]) / came_s
+    # The two means are the velocities at the middle of their intervals.
+    most_m_s = (
+        limits.acceleration_m_s2 * float(time_s[last] + time_s[move.last] - time_s[move.first] - time_s[first]) / 2.0
+    )
+    errors = [0.5 * noise.allowance_m(axis) * (1.0 / came_s + 1.0 / went_s) for axis in (0, 1)]
+    level, vertical = float(np.hypot(change[0], change[1])) - errors[0], abs(float(change[2])) - errors[1]
+    return max(0.0, level - most_m_s, vertical - most_m_s)
+
+
+def _moves(
+    time_s: FloatArray, found: _Found, lost: list[tuple[int, int, float]], limits: MotionLimits
+) -> list[ImpossibleMove]:
+    """Marked legs as stretches, each reported once, and the stretches out of reach."""
+    legs = np.flatnonzero(found.marked)
+    moves: list[ImpossibleMove] = []
+    if legs.size:
+        apart = time_s[legs[1:]] - time_s[legs[:-1] + 1] > SAME_PLACE_S
+        for run in np.split(legs, np.flatnonzero(apart) + 1):
+            first, last = int(run[0]), int(run[-1]) + 1
+            moves.append(ImpossibleMove(first, last, *found.worst(first, last)))
+    for first, last, speed_m_s in lost:
+        within = any(move.first <= first and last <= move.last for move in moves)
+        if not within:
+            moves.append(ImpossibleMove(first, last, "out of reach", speed_m_s, limits.speed_m_s))
+    return sorted(moves, key=lambda move: move.first)

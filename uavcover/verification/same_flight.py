@@ -1,0 +1,251 @@
+"""Two records of one flight are not two flights: their observations must not count twice, whatever their clocks and rates."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.track import Track
+from uavcover.verification.judged_track import JudgedTrack
+
+AGREE_M = 0.3
+"""Tolerance between copies of a record: rounding of positions, and interpolation between samples."""
+RECEIVER_M = 3.0
+"""Tolerance between records of one flight by different sources: the error of a receiver without corrections."""
+ONE_VEHICLE_M = 20.0
+"""Two vehicles do not fly nearer to each other for most of a flight: tracks of the same time that are nearer are of one."""
+_PERCENTILE = 95.0
+ENOUGH_FRACTION = 0.9
+"""Fraction of the time covered by both records that has to agree."""
+LEAST_S = 20.0
+LEAST_SHARE = 0.25
+"""Fraction of the time in which the shorter record moves: less may be a single leg that both flew at the same speed."""
+
+_STEP_S = 0.5
+_MOVES_M_S = 1.0
+_PROBES = 40
+_CANDIDATES = 5
+_BIN_S = 0.5
+_MAX_GAP_S = 2.5
+_NEAR_S = 1.0
+"""Shorter than the time between two passes: where one record ends, the pass continues in the other."""
+
+
+@dataclass(frozen=True, slots=True)
+class SameFlight:
+    """How two records of one flight agree.
+
+    Attributes:
+        duration_s: how long they agree while moving.
+        shift_s: seconds to add to the times of the second record.
+        median_m: median distance between their positions.
+        aside_m: horizontal distance, less most of the time.
+        above_m: difference in height, less most of the time.
+    """
+
+    duration_s: float
+    shift_s: float
+    median_m: float
+    aside_m: float
+    above_m: float
+
+    @property
+    def disagrees(self) -> bool:
+        """Whether they differ by more than rounding."""
+        return max(self.aside_m, self.above_m) > AGREE_M
+
+
+def same_flight(one: Track, one_m: FloatArray, other: Track, other_m: FloatArray) -> SameFlight | None:
+    """The agreement of two tracks that record one flight; None for two flights.
+
+    Tracks that overlap in time, or have the same time stamps, are of one flight where they are nearer to each other than two
+    vehicles fly. Where no common time is known, the places decide: a vehicle that flies a mission again is not within the errors
+    of a receiver of where it was at the same time. Where the times exclude one another, only a copy is one flight.
+
+    Args:
+        one: the first track.
+        one_m: (n, 3) its ENU positions.
+        other: the second one.
+        other_m: (k, 3) its ENU positions.
+    """
+    if len(one) < 2 or len(other) < 2:
+        return None
+    common = common_time(one, other)
+    shifts_s: list[tuple[float, float]] = []
+    excluded = common is not None and not common.overlaps
+    if common is not None and common.overlaps:
+        shifts_s.append((common.shift_s, ONE_VEHICLE_M))
+    if not excluded and _same_stamps(one.time_s, other.time_s):
+        shifts_s.append((0.0, ONE_VEHICLE_M))
+    near_m = AGREE_M if excluded else RECEIVER_M
+    first, second = _Moving.of(one.time_s, one_m), _Moving.of(other.time_s, other_m)
+    shifts_s += [(shift_s, near_m) for shift_s in [0.0, *_likely_shifts_s(first, second, near_m)]]
+    least_s = max(LEAST_S, LEAST_SHARE * _STEP_S * min(len(first.times_s), len(second.times_s)))
+    for shift_s, within_m in shifts_s:
+        times_s = second.times_s + shift_s
+        both = _observed_at(one.time_s, times_s)
+        duration_s = _STEP_S * float(both.sum())
+        if duration_s < least_s:
+            continue
+        off_m = _at(one.time_s, one_m, times_s[both]) - second.places_m[both]
+        apart_m = np.linalg.norm(off_m, axis=1)
+        if (apart_m <= within_m).mean() >= ENOUGH_FRACTION:
+            aside_m, above_m = np.hypot(off_m[:, 0], off_m[:, 1]), np.abs(off_m[:, 2])
+            return SameFlight(
+                duration_s, shift_s, float(np.median(apart_m)),
+                float(np.percentile(aside_m, _PERCENTILE)), float(np.percentile(above_m, _PERCENTILE)),
+            )  # fmt: skip
+    return None
+
+
+@dataclass(frozen=True, slots=True)
+class CommonTime:
+    """How the times of two tracks stand to each other.
+
+    Attributes:
+        overlaps: whether both were recorded at the same time for a while.
+        shift_s: seconds to add to the times of the second to get those of the first.
+    """
+
+    overlaps: bool
+    shift_s: float
+
+
+def common_time(one: Track, other: Track) -> CommonTime | None:
+    """The time that two tracks share: when their positions arrived, else the satellites' time; None where one tells neither."""
+    for name in ("received_utc_s", "unix_time_s"):
+        utc = [getattr(track, name) for track in (one, other)]
+        known = [np.isfinite(each) for each in utc]
+        if not all(each.sum() >= 2 and (np.diff(at[each]) >= 0.0).all() for each, at in zip(known, utc, strict=True)):
+            continue
+        (first, second), (one_s, other_s) = (
+            [at[each] for each, at in zip(known, utc, strict=True)],
+            [track.time_s[each] for each, track in zip(known, (one, other), strict=True)],
+        )
+        inside = (second >= first[0]) & (second <= first[-1])
+        if not inside.any():
+            return CommonTime(False, 0.0)
+        shifts_s = np.interp(second[inside], first, one_s) - other_s[inside]
+        return CommonTime(float(np.ptp(other_s[inside])) >= LEAST_S, float(np.median(shifts_s)))
+    return None
+
+
+def _same_stamps(one_s: FloatArray, other_s: FloatArray) -> bool:
+    """Whether nearly all times of the shorter track are times of the other, to the digit."""
+    shared = np.intersect1d(one_s, other_s).size
+    return bool(shared >= ENOUGH_FRACTION * min(len(one_s), len(other_s)))
+
+
+@dataclass(frozen=True, slots=True)
+class Records:
+    """Two tracks that record one flight.
+
+    Attributes:
+        first: number of the first one, from 0.
+        second: of the other.
+        same: how they agree.
+    """
+
+    first: int
+    second: int
+    same: SameFlight
+
+    def __str__(self) -> str:
+        """Description for people."""
+        text = (
+            f"tracks {self.first + 1} and {self.second + 1} are records of one flight: they agree within "
+            f"{self.same.median_m:.2f} m (median) for {self.same.duration_s:.0f} s; what both observed counts once"
+        )
+        if not self.same.disagrees:
+            return text
+        return (
+            f"{text}; they disagree by up to {self.same.aside_m:.1f} m aside and {self.same.above_m:.1f} m in height "
+            f"({_PERCENTILE:g} % of the time less): positions are as uncertain as that"
+        )
+
+
+def records_of_one_flight(judged: Sequence[JudgedTrack]) -> list[Records]:
+    """For each track the first earlier one that records the same flight."""
+    records = []
+    for second, other in enumerate(judged):
+        for first, one in enumerate(judged[:second]):
+            same = same_flight(one.track, one.enu_m, other.track, other.enu_m)
+            if same is not None:
+                records.append(Records(first, second, same))
+                break
+    return records
+
+
+def at_two_places(judged: Sequence[JudgedTrack], records: Sequence[Records]) -> list[str]:
+    """Tracks of one vehicle that overlap in time and are of two flights, one line each."""
+    same = {(record.first, record.second) for record in records}
+    found = []
+    for second, other in enumerate(judged):
+        for first, one in enumerate(judged[:second]):
+            common = None if (first, second) in same else common_time(one.track, other.track)
+            if common is not None and common.overlaps:
+                found.append(
+                    f"tracks {first + 1} and {second + 1} overlap in time at different places: one vehicle flew only one of "
+                    "them; give fleet.vehicles if there were several"
+                )
+    return found
+
+
+def has_near(times_s: FloatArray, asked_s: FloatArray) -> NDArray[np.bool_]:
+    """(k,) whether each of (k,) times has one of (n,) increasing times near it."""
+    if times_s.size == 0:
+        return np.zeros(asked_s.shape, dtype=bool)
+    after = np.searchsorted(times_s, asked_s)
+    before_s, after_s = times_s[np.maximum(after - 1, 0)], times_s[np.minimum(after, times_s.size - 1)]
+    return np.asarray(np.minimum(np.abs(asked_s - before_s), np.abs(after_s - asked_s)) <= _NEAR_S)
+
+
+def _observed_at(time_s: FloatArray, times_s: FloatArray) -> NDArray[np.bool_]:
+    """Which of (k,) times lie between two of (n,) samples close to each other in time."""
+    after = np.clip(np.searchsorted(time_s, times_s), 1, len(time_s) - 1)
+    inside = (times_s >= time_s[0]) & (times_s <= time_s[-1])
+    return np.asarray(inside & (time_s[after] - time_s[after - 1] <= _MAX_GAP_S))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Moving:
+    """Positions of a track at regular times while it moves."""
+
+    times_s: FloatArray
+    places_m: FloatArray
+    velocities_m_s: FloatArray
+
+    @classmethod
+    def of(cls, time_s: FloatArray, enu_m: FloatArray) -> "_Moving":
+        times_s = np.arange(time_s[0], time_s[-1], _STEP_S)
+        times_s = times_s[_observed_at(time_s, times_s) & _observed_at(time_s, times_s + _STEP_S)]
+        places_m = _at(time_s, enu_m, times_s)
+        velocities_m_s = (_at(time_s, enu_m, times_s + _STEP_S) - places_m) / _STEP_S
+        moves = np.hypot(velocities_m_s[:, 0], velocities_m_s[:, 1]) > _MOVES_M_S
+        return cls(times_s[moves], places_m[moves], velocities_m_s[moves])
+
+
+def _at(time_s: FloatArray, enu_m: FloatArray, times_s: FloatArray) -> FloatArray:
+    return np.column_stack([np.interp(times_s, time_s, axis) for axis in enu_m.T])
+
+
+def _likely_shifts_s(one: _Moving, other: _Moving, near_m: float) -> list[float]:
+    """Clock shifts for which most of some sampled positions of the second track coincide with the first."""
+    if not (len(one.times_s) and len(other.times_s)):
+        return []
+    found: list[FloatArray] = []
+    for probe in np.unique(np.linspace(0, len(other.times_s) - 1, _PROBES).astype(int)):
+        off_m = other.places_m[probe] - one.places_m
+        # Nearest approach within each half second of the first track.
+        speed2 = (one.velocities_m_s**2).sum(axis=1)
+        along_s = np.clip((off_m * one.velocities_m_s).sum(axis=1) / speed2, 0.0, _STEP_S)
+        near = np.linalg.norm(off_m - along_s[:, None] * one.velocities_m_s, axis=1) <= near_m
+        found.append((one.times_s + along_s - other.times_s[probe])[near])
+    shifts_s = np.concatenate(found)
+    if not shifts_s.size:
+        return []
+    _, inverse, votes = np.unique(np.round(shifts_s / _BIN_S), return_inverse=True, return_counts=True)
+    best = np.argsort(-votes, kind="stable")[:_CANDIDATES]
+    return [float(np.median(shifts_s[inverse == k])) for k in best]
