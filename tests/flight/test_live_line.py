@@ -9,7 +9,7 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT
 from mission_io.wire import messages as m
-from uavcover.flight.live_line import LiveLine
+from uavcover.flight.flight_log import LiveLine
 from uavcover.flight.modes import Mode, custom_mode
 from uavcover.model.route import Route
 from uavcover.model.track import TrackSample

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from uavcover.errors import InputError
-from uavcover.extras.exports.dji_aircraft import dji_aircraft_named
+from uavcover.extras.exports.command import dji_aircraft_named
 from uavcover.new.cameras import all_cameras, camera_named
 from uavcover.new.vehicles import all_vehicles, vehicle_named
 

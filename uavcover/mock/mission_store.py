@@ -4,14 +4,18 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from mission_io.autopilots.autopilot import Autopilot
+from mission_io.autopilots.autopilot import Autopilot, stored_item
+from mission_io.errors import FormatError
+from mission_io.formats.mission_dat import dat_path, read_mission_dat, write_mission_dat
 from mission_io.model.enums import AutopilotId, MissionResult
 from mission_io.model.items import GeoPoint, MissionItem, MissionType
+from mission_io.protocol.admission import list_is_whole, refusal_of
 from mission_io.protocol.exchange import Address
 from mission_io.protocol.list_ids import id_of_items
 from mission_io.protocol.server import ListChanged, MissionServer
 from mission_io.protocol.tables import ServerState
 from mission_io.wire import messages as m
+from mission_io.wire.mission_items import message_from_item
 
 _STALE_S = 0.1
 """For this long after an upload, a stale read-back returns the previous list."""
@@ -116,3 +120,43 @@ class MissionStore:
                 self._held_back.append((vehicle_s + _STALE_S, event.mission_type, event.items))
                 self._server.set_items(event.mission_type, self._before[event.mission_type])
         return events
+
+
+class ListFiles:
+    """The files, as ``AP_Filesystem_Mission`` has them.
+
+    A file that is no list changes nothing. An item that is refused ends a mission or rally points, whose old ones are gone by
+    then; a fence is replaced as a whole or not at all. The writer is told nothing of it.
+
+    Args:
+        missions: The lists.
+        autopilot: Whose rules apply.
+    """
+
+    def __init__(self, missions: MissionStore, autopilot: Autopilot) -> None:
+        self._missions, self._autopilot = missions, autopilot
+        self._kinds = {dat_path(kind): kind for kind in MissionType}
+
+    def read(self, path: str) -> bytes | None:
+        """A list as a file; None for any other file."""
+        kind = self._kinds.get(path)
+        return None if kind is None else write_mission_dat(self._missions.items(kind), kind)
+
+    def written(self, path: str, content: bytes) -> None:
+        """Take a list that was written."""
+        kind = self._kinds.get(path)
+        if kind is None:
+            return
+        try:
+            items = read_mission_dat(content, kind)
+        except FormatError:
+            return
+        taken = []
+        for seq, item in enumerate(items):
+            message = message_from_item(item, seq, mission_type=kind, target_system=0, target_component=0)
+            if refusal_of(message, self._autopilot) is not None:
+                break
+            taken.append(stored_item(item, self._autopilot))
+        whole = len(taken) == len(items) and list_is_whole(tuple(taken), kind)
+        if whole or kind not in self._autopilot.atomic:
+            self._missions.load(kind, taken)

@@ -24,8 +24,7 @@ from uavcover.mock.dynamics import Airframe, BatteryData, Vector, WindModel, cou
 from uavcover.mock.faults import Fault, FaultKind, FaultSchedule
 from uavcover.mock.fence import FenceWatch
 from uavcover.mock.itinerary import Step
-from uavcover.mock.list_files import ListFiles
-from uavcover.mock.mission_store import MissionStore
+from uavcover.mock.mission_store import ListFiles, MissionStore
 from uavcover.mock.parameters import Parameters
 from uavcover.mock.positioning import GpsError
 from uavcover.mock.smart_return import Trail

@@ -17,7 +17,6 @@ from uavcover.planner.baselines.boustrophedon import TUNED, Baseline, fewest_lin
 from uavcover.planner.baselines.contour_lines import TUNED as TUNED_CONTOURS
 from uavcover.planner.baselines.initial_routes import constructed_routes, initial_names
 from uavcover.planner.baselines.swaths import SwathLayout, long_side_angle_rad
-from uavcover.planner.beginning_lines import any_reaches, first_lines, one_line_more
 from uavcover.planner.encodings import SwathEncoding, WaypointEncoding
 from uavcover.planner.final_choice import choose
 from uavcover.planner.front import (
@@ -27,7 +26,7 @@ from uavcover.planner.front import (
     Snapshots,
     judge_members,
 )
-from uavcover.planner.parallel_lines import plan_lines
+from uavcover.planner.parallel_lines import any_reaches, first_lines, one_line_more, plan_lines
 from uavcover.planner.search.improve import improve
 from uavcover.planner.search.optimizer_search import (
     Effort,

@@ -1,12 +1,15 @@
 """The observations of a flight counted by the workers of a scheduler, block by block."""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass, fields
+
+import numpy as np
 
 from uavcover.run.scheduling import Workers, workers_of
-from uavcover.sensing.coverage_map import CoverageMap, row_blocks
-from uavcover.verification.flown_blocks import CountedFlight, count_block, joined_blocks
+from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap, judging_block, row_blocks
 from uavcover.verification.flown_coverage import FlownCoverage, count_observations
 from uavcover.verification.observations import Observations
 from uavcover.verification.verify import CountObservations
@@ -35,3 +38,50 @@ def count_by(workers: Workers, *, block_cells: int = _BLOCK_CELLS) -> CountObser
         return joined_blocks([found[task] for task in tasks])
 
     return count
+
+
+# Coverage of a flown track by blocks of cells: each is a task of its own, for whoever does it.
+#
+# A cell is seen or not whatever other cells there are, and it is the same cell in a block as among all. So there is no difference
+# along the edges of blocks, and a block needs no more of the flight than what was observed within the sensor's reach of it.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CountedFlight:
+    """What the tasks of a flight have in common.
+
+    Attributes:
+        site: the scenario on its ground.
+        observations: of the flight, in order of time.
+    """
+
+    site: Site
+    observations: Observations
+
+
+def count_block(flight: CountedFlight, rows: tuple[int, int]) -> FlownCoverage:
+    """Count every observation of the cells in some rows of the lattice: from the first number to before the second."""
+    block = judging_block(flight.site, range(*rows))
+    return count_observations(block, near_block(block, flight.observations))
+
+
+def near_block(block: CoverageMap, observations: Observations) -> Observations:
+    """Those from which some cell of a block may be seen, whatever the errors of the scenario's [uncertainty]."""
+    centre_m = block.grid.cells.centre_m
+    if len(centre_m) == 0:
+        return observations.where(np.zeros(len(observations), dtype=bool))
+    uncertainty = block.site.scenario.uncertainty
+    halo_m = block.sight.reach_m + 2.0 * (uncertainty.position_m + block.site.vertical_uncertainty_m) + 1.0
+    places_m = observations.places_m
+    near = np.ones(len(observations), dtype=bool)
+    for axis in range(2):
+        near &= places_m[:, axis] >= centre_m[:, axis].min() - halo_m
+        near &= places_m[:, axis] <= centre_m[:, axis].max() + halo_m
+    return observations.where(near)
+
+
+def joined_blocks(blocks: Sequence[FlownCoverage]) -> FlownCoverage:
+    """Blocks in the order of their rows, as what they are together."""
+    return FlownCoverage(
+        **{each.name: np.concatenate([getattr(block, each.name) for block in blocks]) for each in fields(FlownCoverage)}
+    )

@@ -3,7 +3,7 @@ import itertools
 import numpy as np
 import pytest
 
-from uavcover.extras.check.curves import circle, spline, straight
+from uavcover.extras.check.turns import circle, spline, straight
 
 
 def bezier(begin, end, begin_vector, end_vector, t):

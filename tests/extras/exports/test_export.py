@@ -15,7 +15,7 @@ from tests.mission_io.formats.wpml_tables import ReadPoint, check_kmz
 from tests.missions.test_sorties import there_and_back
 from tests.planner.sites import flat, hills, make_site, ridge
 from uavcover.errors import InfeasibleError, InputError, OutputError, TerrainError
-from uavcover.extras.exports.dji_aircraft import dji_aircraft_named
+from uavcover.extras.exports.command import dji_aircraft_named
 from uavcover.extras.exports.export import ExportRequest, FlightFile, export_mission, flight_files, write_exported
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_mission

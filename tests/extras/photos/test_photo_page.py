@@ -11,8 +11,7 @@ from tests.extras.photos.test_judge_photos import AREA, DEM, shots
 from tests.report.conftest import HOSTILE
 from tests.report.test_accessibility import axe_source, findings
 from uavcover.extras.photos.photo_judgement import PhotoRequest, judged
-from uavcover.extras.photos.photo_map import MAX_FOOTPRINTS, photo_map_data
-from uavcover.extras.photos.photo_page import render_photo_report
+from uavcover.extras.photos.photo_page import MAX_FOOTPRINTS, photo_map_data, render_photo_report
 from uavcover.extras.photos.picture import Picture
 from uavcover.extras.photos.placing import Assumptions
 from uavcover.extras.photos.readers import PictureSet

@@ -36,7 +36,7 @@ from mission_io.model.items import (
     waypoint,
 )
 from tests.mission_io.formats.wpml_tables import check_kmz
-from uavcover.extras.exports.dji_aircraft import dji_aircraft_named
+from uavcover.extras.exports.command import dji_aircraft_named
 
 M3E = dji_aircraft_named("dji-m3e")
 HOME = GeoPoint(47.25, -8.5, 512.25)

@@ -10,18 +10,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mission_io.errors import FormatError
-from mission_io.formats import gpx_route, kml_route, litchi_reader, wpml_reader
+from mission_io.formats import gpx, kml_route, litchi_reader, wpml_reader
 from mission_io.formats.litchi import write_csv
 from mission_io.formats.point_route import PointRoute
 from mission_io.formats.wpml import write_kmz
 from mission_io.model.items import Command, Frame
 from tests.mission_io.formats.flights import random_flight
 from tests.mission_io.formats.route_files import ROUTES
-from uavcover.extras.exports.dji_aircraft import all_dji_aircraft
+from uavcover.extras.exports.command import all_dji_aircraft
 
 POINTS = [(46.5, 8.25, 40.0), (46.501, 8.252, 55.5), (46.499, 8.26, 61.0)]
 READERS: dict[str, Callable[[str], PointRoute]] = {
-    ".gpx": gpx_route.read_route, ".kml": kml_route.read_route, ".csv": litchi_reader.read_route, ".wpml": wpml_reader.read_route,
+    ".gpx": gpx.read_route, ".kml": kml_route.read_route, ".csv": litchi_reader.read_route, ".wpml": wpml_reader.read_route,
 }  # fmt: skip
 
 

@@ -10,7 +10,7 @@ from mission_io.formats.camera_flight import CameraFlight
 from mission_io.formats.wpml import AbsoluteHeights, DjiAircraft, write_kmz
 from tests.mission_io.formats.flights import pictures_at_once, random_flight
 from tests.mission_io.formats.wpml_tables import check_kmz
-from uavcover.extras.exports.dji_aircraft import all_dji_aircraft
+from uavcover.extras.exports.command import all_dji_aircraft
 
 M3E = all_dji_aircraft()["dji-m3e"]
 

@@ -258,7 +258,7 @@ def check(
     from uavcover.extras.check.check_report import document_of, refuse_map, say_findings, worst_verdict, write_map
     from uavcover.extras.check.mission_file import CheckQuery
     from uavcover.extras.check.mission_file import check as check_file
-    from uavcover.extras.check.repair_mission import refuse_repair_into, repair_mission
+    from uavcover.extras.check.repair import refuse_repair_into, repair_mission
     from uavcover.new.quantities import flight_window, lat_lon, length_m, speed_m_s, time_s
 
     console = output.console()

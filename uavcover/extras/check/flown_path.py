@@ -12,11 +12,11 @@ from typing import Final, Literal
 import numpy as np
 
 from mission_io.model.items import Command, Frame, Mission, MissionItem, SpeedType
-from uavcover.extras.check import curves
 from uavcover.extras.check.aircraft import Aircraft, return_height_m
 from uavcover.extras.check.findings import CheckFinding
-from uavcover.extras.check.item_order import order_of
+from uavcover.extras.check.item_values import order_of
 from uavcover.extras.check.segments import Deed, FlownPath, Phase, Segment
+from uavcover.extras.check.turns import circle, spline, straight
 from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import FloatArray
 
@@ -175,7 +175,7 @@ class _Flight:
             if onward.over_terrain == target.over_terrain:
                 is_spline = next_item.command == Command.NAV_SPLINE_WAYPOINT
                 end_vector = onward.array - (begin.array if is_spline else target.array)
-        points = curves.spline(begin.array, target.array, begin_vector, end_vector, step_m=_SPLINE_STEP_M)
+        points = spline(begin.array, target.array, begin_vector, end_vector, step_m=_SPLINE_STEP_M)
         self._add(number, self._enu(points, target.over_terrain), wait_s=_number(item.params[0]), is_straight=False)
         self._at = target
         self._vector_m = end_vector if np.any(end_vector) else None
@@ -295,7 +295,7 @@ class _Flight:
         edge = center.array[:2] + (away / distance if distance > 0.0 else np.array([0.0, 1.0])) * radius
         height = center.height_m if begin_height_m is None else begin_height_m
         self._go(number, _Place(float(edge[0]), float(edge[1]), height, center.over_terrain))
-        points = curves.circle(
+        points = circle(
             center.array, radius, self._at.array, turns=turns, end_height_m=center.height_m, clockwise=radius_m >= 0.0
         )
         self._add(number, self._enu(points, center.over_terrain), wait_s=wait_s, is_straight=False)
@@ -305,7 +305,7 @@ class _Flight:
     def _go(self, number: int, to: _Place, *, phase: Phase = "route", wait_s: float = 0.0, doubt: str = "") -> None:
         begin = self._in_kind(self._at, over_terrain=to.over_terrain)
         step_m = _TERRAIN_STEP_M if to.over_terrain else _LEG_STEP_M
-        points = curves.straight(begin.array, to.array, step_m=step_m)
+        points = straight(begin.array, to.array, step_m=step_m)
         self._add(
             number, self._enu(points, to.over_terrain), phase=phase, wait_s=wait_s, doubt=doubt,
             is_straight=not to.over_terrain,

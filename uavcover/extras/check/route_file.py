@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Final
 
 from mission_io.errors import FormatError
-from mission_io.formats import gpx_route, kml_route, litchi_reader, wpml_reader
+from mission_io.formats import gpx, kml_route, litchi_reader, wpml_reader
 from mission_io.formats.point_route import PointRoute
 from mission_io.formats.text import text_from_bytes
 from uavcover.errors import InputError
@@ -15,7 +15,7 @@ from uavcover.scenario.areas.kmz import entry_of, kml_of
 ROUTE_SUFFIXES: Final = (".gpx", ".kml", ".kmz", ".wpml")
 MOST_BYTES: Final = 64 * 1024 * 1024
 _READERS: Final[Mapping[str, Callable[[str], PointRoute]]] = MappingProxyType(
-    {".gpx": gpx_route.read_route, ".kml": kml_route.read_route, ".wpml": wpml_reader.read_route}
+    {".gpx": gpx.read_route, ".kml": kml_route.read_route, ".wpml": wpml_reader.read_route}
 )
 
 

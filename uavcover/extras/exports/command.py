@@ -2,11 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from mission_io.formats.wpml import IMAGE_FORMATS, DjiAircraft
 from uavcover.cli import options
+from uavcover.errors import InputError
+from uavcover.new.catalog import checked_row, number_of, read_catalog, read_row
 
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
@@ -88,7 +91,6 @@ def export(
 ) -> int:
     """Write the route for other software: a mission file, a DJI KMZ, Litchi CSV, GPX; or paper."""
     from uavcover.errors import InputError
-    from uavcover.extras.exports.dji_aircraft import dji_aircraft_named
     from uavcover.extras.exports.export import CONTROLLER_POINTS, ExportRequest, export_mission, mission_formats
     from uavcover.model.vehicle import autopilot_name
     from uavcover.run.folder import RunFolder
@@ -164,7 +166,6 @@ def _say_how_it_flies(console: "Console", file_format: str, written: "tuple[Expo
 
 
 def _list(console: "Console") -> int:
-    from uavcover.extras.exports.dji_aircraft import all_dji_aircraft
 
     console.say(f"{'aircraft':20}{'drone':>8}{'payload':>9}{'camera pitch':>16}{'largest':>9}  title")
     aircraft = all_dji_aircraft()
@@ -176,3 +177,63 @@ def _list(console: "Console") -> int:
         )
     console.result({"aircraft": list(aircraft)})
     return 0
+
+
+_TABLE = "dji.toml"
+_KEYS = ("drone", "payload", "payload_position", "image_format", "pitch_range_deg", "max_speed_m_s")
+
+
+def all_dji_aircraft() -> dict[str, DjiAircraft]:
+    """The aircraft of the table, by name."""
+    return {name: _aircraft(row, where=f"{_TABLE}: {name}") for name, row in read_catalog(_TABLE).items()}
+
+
+def dji_aircraft_named(name: str) -> DjiAircraft:
+    """An aircraft of the table, or of a TOML file of people's own.
+
+    Raises:
+        InputError: it is not known, or the file's values are not an aircraft's.
+    """
+    _, row, where = read_row(name, table=_TABLE, option="--drone", command="export")
+    return _aircraft(row, where=where)
+
+
+def _aircraft(row: dict[str, Any], *, where: str) -> DjiAircraft:
+    checked_row(row, where=where, required=_KEYS, optional=())
+    lenses = str(row["image_format"])
+    unknown = [lens for lens in lenses.split(",") if lens not in IMAGE_FORMATS]
+    if unknown:
+        raise InputError(f"{where}: image_format: {unknown[0]!r} is not one of {', '.join(IMAGE_FORMATS)}")
+    low_deg, high_deg = (_number(value, "pitch_range_deg", where) for value in _two(row, "pitch_range_deg", where))
+    if not -180.0 <= low_deg < high_deg <= 180.0:
+        raise InputError(f"{where}: pitch_range_deg: give the lowest angle, then the highest, such as [-90, 30]")
+    kind, subkind = (_whole(value, "drone", where) for value in _two(row, "drone", where))
+    speed_m_s = number_of(row, "max_speed_m_s", where=where)
+    return DjiAircraft(
+        title=str(row["title"]),
+        drone=(kind, subkind),
+        payload=_whole(row["payload"], "payload", where),
+        payload_position=_whole(row["payload_position"], "payload_position", where),
+        image_format=lenses,
+        pitch_range_deg=(low_deg, high_deg),
+        max_speed_m_s=0.0 if speed_m_s is None else speed_m_s,
+    )
+
+
+def _two(row: dict[str, Any], key: str, where: str) -> list[Any]:
+    value = row[key]
+    if not isinstance(value, list) or len(value) != 2:
+        raise InputError(f"{where}: {key}: {value!r} is not two numbers")
+    return value
+
+
+def _whole(value: Any, key: str, where: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value <= 65535:
+        raise InputError(f"{where}: {key}: {value!r} is not a whole number from 0 to 65535")
+    return value
+
+
+def _number(value: Any, key: str, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise InputError(f"{where}: {key}: {value!r} is not a number")
+    return float(value)
