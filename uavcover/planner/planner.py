@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 
@@ -129,7 +130,7 @@ def plan_routes(
     along_contours = "contour-lines" in initial_names(coarse, settings)
     if other_lines and goal is not None and effort.budget_s is not None and not along_contours:
         tuned, baseline_share = fewest_lines(coarse, goal), SHARES.baselines_before_fewest
-    times = StageTimes(effort.now, effort.budget_s)
+    times = StageTimes(time.monotonic, effort.budget_s)
     before = effort.now()
     with times.stage("initial solutions", SHARES.baselines_before_lines if tuned is not None else baseline_share):
         baselines = constructed_routes(
