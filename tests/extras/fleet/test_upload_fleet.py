@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.run.test_fleet import Listener
+from tests.extras.fleet.test_fleet import Listener
 from uavcover.errors import InputError, VehicleError
-from uavcover.fleet.upload import first_sorties, upload_fleet
+from uavcover.extras.fleet.upload import first_sorties, upload_fleet
 from uavcover.flight.connect import Connected, VehicleLink, connect
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.objectives import judge
