@@ -29,10 +29,11 @@ USER_PAGES = [
     ROOT / "README.md",
     *(page for page in sorted((ROOT / "docs").rglob("*.md")) if "results" not in page.parts),
 ]
+PATHS = ("Survey", "Search", "Research")
 DIALECT = (
     r"so many", r"so much so", r"nobody", r"anybody", r"somebody", r"everybody", r"likewise", r"dear(er|est)?", r"hardly",
     r"lately", r"what is asked", r"tells? of", r"told of", r"(is|are) told", r"(goes|go) with",
-    r"made small", r"makes? small", r"(gives?|giving|gave) way", r"who ?ever", r"way there", r"ways? there and home",
+    r"made small", r"makes? small", r"(gives?|giving|gave) way", r"who ?ever", r"whatever", r"way there", r"ways? there and home",
     r"of its own", r"of their own", r"what is seen", r"what was seen", r"what can be seen", r"its nose", r"the nose",
     r"so long,? and so", r"by so much", r"is looked at", r"comes? out of it", r"beats? no", r"pictures? by distance",
     r"in case of need", r"is reckoned", r"reckoned", r"mended?", r"given away",
@@ -82,6 +83,20 @@ def test_user_pages_are_in_plain_technical_english(page: Path) -> None:
 def test_dialect_is_found_across_lines_and_in_any_case() -> None:
     assert dialect_in("So\nmany cells. Nobody flies. A dear `dear` deer.") == ["So many", "Nobody", "dear"]
     assert dialect_in("```text\nso many\n```\nOverlap is nearly there; the deary hardlyness stays.") == []
+
+
+def test_readme_names_every_extra() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    table = text[text.index("## Extras") : text.index("## What it does not do")]
+    packages = {file.parent.name for file in (ROOT / "uavcover" / "extras").glob("*/__init__.py")}
+    assert set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == packages
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/index.md"])
+def test_the_first_pages_have_a_path_for_each_reader(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    paths = [re.search(rf"^(?:## |\| \*\*){name}\W.*?(?:\n## |\n\|)", text + "\n## ", re.M | re.S) for name in PATHS]
+    assert [len(re.findall(r"\]\(", path[0])) >= 5 for path in paths if path] == [True, True, True]
 
 
 def messages_of(page: Path) -> list[str]:
