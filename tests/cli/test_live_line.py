@@ -14,20 +14,34 @@ from uavcover.cli.console import Console
 
 LINES = ((0.0, "a"), (10.0, "b"), (30.5, "c"), (45.0, "d"), (61.0, "e"), (0.0, ""))
 
-CHILD = """
-import sys, time
+CHILD = '''
+import sys
 from uavcover.cli import console
-console._SHOW_AFTER_S = 0.0
+
+class Drawn(console._OneLine):
+    """Draws at every update: nothing waits for rich's own thread."""
+    def update(self, *arguments, **values):
+        super().update(*arguments, **values)
+        self.refresh()
+
+class AtOnce:
+    """In place of a timer: the bar appears before the first line."""
+    def __init__(self, after_s, appear):
+        self.start = appear
+    def cancel(self):
+        pass
+    join = cancel
+
+console._OneLine, console.threading.Timer = Drawn, AtOnce
 shown = console.Console(as_json="--json" in sys.argv, verbosity=-1 if "-q" in sys.argv else 0)
 with shown.progress("flying", total=3) as bar:
     for k in range(6):
         bar.status(f"mission, waypoint {k} of 5, " + 30 * "long ", at_s=float(k))
         if k == 3:
             shown.say("  3.0 s an event")
-        time.sleep(0.12)
     bar.status("", at_s=0.0)
 shown.result({"ended": True})
-"""
+'''
 
 
 def on_a_terminal(*arguments: str) -> tuple[str, str]:
