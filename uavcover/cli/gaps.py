@@ -36,7 +36,7 @@ def gaps(
     """Group what was not seen by place and reason, and plan the mission that closes the gaps.
 
     Writes gaps.geojson, gap_mission.waypoints, and RUN/gaps, a run folder to upload, fly and verify. Exit 1 when the mission
-    cannot reach what was asked for.
+    cannot reach the required coverage.
     """
     from uavcover.errors import InputError
     from uavcover.planner.close_gaps import GapRequest, GapStart, close_gaps, commands_after_gaps

@@ -27,7 +27,7 @@ def read_contents(file: Path, kind: str | None) -> tuple[list[MissionList], tupl
         The lists, and one line for each repair and each probable mistake.
 
     Raises:
-        InputError: the file cannot be read, or does not hold what was asked for.
+        InputError: the file cannot be read, or does not hold the requested list.
     """
     if kind is not None and kind not in KINDS:
         raise InputError(f"--type: {kind!r} is not one of {', '.join(KINDS)}")
@@ -62,7 +62,7 @@ def home_of(contents: Sequence[MissionList]) -> GeoPoint | None:
 
 
 def warn_of_home(client: Client, home: GeoPoint | None, console: Console) -> None:
-    """Warn when the vehicle's home is not the one that the file was made for: heights above home differ by it."""
+    """Warn when the vehicle's home differs from the file's home: heights above home are wrong by the difference."""
     if home is None:
         return
     try:
@@ -81,7 +81,7 @@ def warn_of_home(client: Client, home: GeoPoint | None, console: Console) -> Non
 
 
 def check_output(out: Path, kind: str, *, force: bool) -> None:
-    """Refuse a file that cannot hold what is asked for, or that would be overwritten."""
+    """Refuse a file that cannot hold the requested lists, or that would be overwritten."""
     if kind not in KINDS:
         raise InputError(f"--type: {kind!r} is not one of {', '.join(KINDS)}")
     if out.suffix not in EVERY_LIST:

@@ -69,7 +69,7 @@ class Imitated:
 
 @dataclass(frozen=True, slots=True)
 class FlightConditions:
-    """How fast time runs, what the link and the wind are like, and how well the vehicle does."""
+    """Time factor, link loss, wind and performance of the mock vehicle."""
 
     speed: Annotated[float, typer.Option(help="Vehicle seconds per second.")] = 1.0
     loss: Annotated[float, typer.Option(help="Share of the datagrams that get lost, each way.")] = 0.0

@@ -31,7 +31,7 @@ class Overview(TyperGroup):
         formatter.write(f"Usage: {ctx.command_path} [--debug] [--version] COMMAND ...\n{self.help}\n")
         group = None
         for of_group, name, short in self.rows(ctx):
-            if not short:  # the row of its neighbour tells of it: a small terminal has 24 rows
+            if not short:  # its neighbour's row names it: a small terminal has 24 rows
                 continue
             title, group = "" if of_group == group else of_group, of_group
             formatter.write(f"{title:{_GROUP_WIDTH}}{name:{_NAME_WIDTH}}{short}\n")
@@ -231,7 +231,7 @@ def one_by_one(command: Callable[..., int]) -> Callable[..., int]:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """How a command answers."""
+    """Output options of a command."""
 
     as_json: Json = False
     quiet: Quiet = False
@@ -246,7 +246,7 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class LinkOptions:
-    """How to find a vehicle on its link, and how long to wait for it."""
+    """Options of the link to a vehicle, with its timeouts."""
 
     timeout_s: Timeout = 10.0
     component: Component = None
@@ -309,7 +309,7 @@ class EachVehicleOptions(LinkOptions):
         return sharing_links([self.link_at(self._one(place), client=client, link=link) for place in places])
 
     def _one(self, place: "VehiclePlace") -> "VehiclePlace":
-        """A place with the system that is asked for, where the link is the scenario's."""
+        """The place with the system of ``--system``, where the link is the scenario's."""
         return place._replace(system_id=self.system[0]) if self.system and len(self.system) == 1 else place
 
 
@@ -404,7 +404,7 @@ def client_name(text: str, *, link: str, signed: bool) -> "ClientName":
     """Check the name of a client, and that it can do what the other options ask for.
 
     Raises:
-        InputError: it is neither, or MAVSDK's is asked for what it has not.
+        InputError: it is neither, or MAVSDK lacks a requested feature.
     """
     match text:
         case "native":

@@ -31,7 +31,8 @@ class PhotoOptions:
         float, typer.Option("--height-error", help="Of pictures' heights that tell none.", metavar="METRES")
     ] = 10.0
     angle_error: Annotated[
-        float, typer.Option("--angle-error", help="Of the camera's angles, where they are told.", metavar="DEGREES")
+        float,
+        typer.Option("--angle-error", help="Of the camera's angles, where photos record them.", metavar="DEGREES"),
     ] = 2.0
 
     max_blur: Annotated[
@@ -44,7 +45,7 @@ class PhotoOptions:
     ] = None
 
     def assumed(self) -> dict[str, Any]:
-        """What is taken where pictures do not tell it, as arguments of `uavcover.extras.photos.placing.Assumptions`.
+        """Assumptions where photos record nothing, as arguments of `uavcover.extras.photos.placing.Assumptions`.
 
         Raises:
             InputError: a number is out of range.
@@ -77,7 +78,7 @@ class PhotoOptions:
 
 @dataclass(frozen=True, slots=True)
 class SearchOptions:
-    """What is searched for, and how probably it has to be found."""
+    """Target of the search, and the required probability of detection."""
 
     detection: Annotated[
         str | None,
@@ -89,11 +90,11 @@ class SearchOptions:
     ] = None
     pod: Annotated[
         float | None,
-        typer.Option("--pod", help="Probability of detection that is asked for, mean of the area, such as 0.8."),
+        typer.Option("--pod", help="Required probability of detection, mean of the area, such as 0.8."),
     ] = None
 
     def curve(self) -> "DetectionCurve | None":
-        """How probably one look finds the target; none where nobody searches.
+        """Probability that one look finds the target; none without a search.
 
         Raises:
             InputError: it is not known, or the probability asked for is none.

@@ -79,7 +79,7 @@ class DemOptions:
     water_height: WaterHeight = None
 
     def data(self) -> "ElevationData":
-        """What was named."""
+        """The named elevation data."""
         from uavcover.flight.vehicle_terrain import ElevationData
 
         return ElevationData(
@@ -94,7 +94,7 @@ class DemOptions:
 
 @dataclass(frozen=True, slots=True)
 class SurveyOptions:
-    """What is seen, with which camera, from which vehicle."""
+    """Area, camera and vehicle of a survey."""
 
     dem: Dem = None
     dsm: Dsm = None
@@ -181,7 +181,7 @@ class SurveyOptions:
         return [f"--{field.name.replace('_', '-')}" for field in fields(self) if getattr(self, field.name)]
 
     def request(self, area: str, *, autopilot: str | None) -> "NewRequest":
-        """What is asked for.
+        """The request that these options make.
 
         Raises:
             InputError: an option was given without a value, as by a script whose variable is empty.

@@ -63,9 +63,9 @@ def verify(
         if run is None:
             raise InputError("verify: give a run folder; or a log or pictures with --area, --dem and --camera")
         if given := survey.given():
-            raise InputError(f"verify: {given[0]} goes with --area, for a flight without a run folder; {run} says it")
+            raise InputError(f"verify: {given[0]} requires --area; leave it out: {run} defines it")
         if out is not None:
-            raise InputError("verify: -o goes with --area; the verdict on a run is kept in its folder")
+            raise InputError("verify: -o requires --area; leave it out: the verdict on a run is kept in its folder")
     of_photos = loaded("uavcover.evidence").get("photos")
     if of_photos is None and (area is not None or photos):
         raise InputError("verify: --area and --photos need the extra photos of uavcover, which is not installed")
