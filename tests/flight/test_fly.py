@@ -253,7 +253,7 @@ def test_too_few_positions_are_refused(monkeypatch):
     monkeypatch.setattr(MockState, "set_interval", slow)
     refused(
         scene,
-        r"comes GlobalPositionInt 1\.\d times a second of vehicle time, asked for 3 times; following needs 5; not started",
+        r"the vehicle sends GlobalPositionInt 1\.\d times a second of vehicle time after 3 requests; following needs 5; not",
     )
 
 

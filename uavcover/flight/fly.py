@@ -1,4 +1,4 @@
-"""Flies a mission: get ready, check, arm, start, follow, record, land; or return along checked legs when the user stops it."""
+"""Fly a mission: get ready, check, arm, start, follow, record, land; or return along checked legs."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -43,7 +43,7 @@ _AFTER_RESTART_S = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Orders:
-    """What the user wants of a flight, and who receives its events.
+    """The user's orders for a flight, and the receiver of its events.
 
     Attributes:
         on_sample: called with every sample as it is recorded, also when the flight fails.
@@ -91,7 +91,7 @@ def fly(
 
 
 class FlightRun:
-    """What every flight needs from its start to its end, from the ground or from the air."""
+    """State that every flight needs from its start to its end, from the ground or from the air."""
 
     def __init__(self, client: VehicleClient, monitor: Monitor, orders: Orders) -> None:
         self.orders = orders
@@ -245,7 +245,7 @@ class FlightRun:
             session.pump()
 
     def outcome(self, ending: Ending) -> FlightOutcome:
-        """How it ended."""
+        """The outcome for an ending."""
         session, recorder = self.session, self.recorder
         recorded = recorder is not None and recorder.count > 0
         return FlightOutcome(
@@ -260,7 +260,7 @@ class FlightRun:
         )
 
     def ended(self, work: Callable[[], FlightOutcome]) -> FlightOutcome:
-        """Do the work; whatever goes wrong gets the name of an ending.
+        """Do the work; every failure gets the name of an ending.
 
         Raises:
             FlightFailedError: it did not end as it should.

@@ -20,7 +20,7 @@ from uavcover.model.outcome import Ending, EventKind, FlightFaultError, FlightOu
 
 @dataclass(frozen=True, slots=True)
 class Continuation:
-    """How a vehicle in the air continues.
+    """Continuation of a vehicle in the air.
 
     Attributes:
         plan: what it flies from here.

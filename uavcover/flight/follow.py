@@ -48,7 +48,7 @@ def follow_mission(
 
     Raises:
         FlightFaultError: it did not; the ending says why.
-        Stopped: the user asked to stop while the vehicle did what it was told, or it must go home before the end.
+        Stopped: the user asked to stop while the vehicle obeyed, or it must go home before the end.
     """
     schedule, photos = FlightSchedule(session, plan, progress), PhotoWatch(session, plan, progress)
     must_go_home = schedule.must_go_home if must_go_home is None else must_go_home
@@ -77,7 +77,7 @@ def follow_mission(
         if aloft and follower.is_ours:
             schedule.look()
         elif aloft:
-            session.watch.rest()  # what is measured against the plan is not told of a vehicle that something else has
+            session.watch.rest()  # no reports against the plan while a pilot or a failsafe has the vehicle
         follower.react()
         returns = (
             reaction(Ending.RESERVE_KEPT, follower.phase, simulated=session.simulated, chosen=None) is OnBreach.RETURN
@@ -219,7 +219,7 @@ def _judge(session: Session, plan: FlightPlan, progress: MissionProgress, follow
 
 
 def _fallen(session: Session, follower: Follower) -> str | None:
-    """How the vehicle, which is disarmed now, came down without motors; None when it has landed.
+    """The way in which the disarmed vehicle came down without motors; None when it has landed.
 
     It is listened to until it lies still.
     """

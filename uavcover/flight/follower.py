@@ -1,4 +1,4 @@
-"""Follows whatever a vehicle flies: its mode, pauses, stops, breaches and holds, and the landing.
+"""Follow a flying vehicle: its mode, pauses, stops, breaches and holds, and the landing.
 
 Nothing is commanded before current evidence shows that the vehicle does what was commanded last.
 """
@@ -29,7 +29,7 @@ _MOST_HOLDS = 3
 
 
 class Follower:
-    """What following checks all the time, whatever is flown.
+    """Checks that run all the time in every phase of a flight.
 
     Nothing is commanded before current evidence shows that the vehicle does what we commanded last.
 
@@ -110,12 +110,12 @@ class Follower:
 
     @property
     def cause(self) -> Ending | None:
-        """Why something else, a pilot or a failsafe, has the vehicle; None when nothing has."""
+        """Cause for which a pilot or a failsafe has the vehicle; None when nothing has."""
         return self._override.cause
 
     @property
     def why(self) -> str:
-        """What was told of the cause."""
+        """The reported text of the cause."""
         return self._override.text
 
     @property
@@ -209,7 +209,7 @@ class Follower:
                 return
 
     def _look_at_mode(self) -> None:
-        """Look whether the vehicle is in the mode that we commanded, and whether it has just come back to its mission."""
+        """Check the commanded mode, and whether the vehicle has just come back to its mission."""
         session, progress = self._session, self._progress
         self._override.update(self._commanded)
         changes, self._mode_changes = self._mode_changes, session.monitor.mode_changes
@@ -255,7 +255,7 @@ class Follower:
             session.tell(EventKind.STOP, "the vehicle therefore lands where it is")
 
     def _obeys(self, mode: Mode, what: str) -> bool:
-        """Change a vehicle in its mission to a mode; one that refuses or does not answer is reported, and followed on."""
+        """Change a vehicle in its mission to a mode; report a refusal or silence, and follow on."""
         session = self._session
         try:
             session.steer(lambda: set_mode(session, mode), while_in=[Mode.MISSION, mode])

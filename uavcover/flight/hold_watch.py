@@ -1,4 +1,4 @@
-"""Judges a hold while it lasts: its purpose, when the mission may go on, whether the place is held, and when it must end."""
+"""Judge a hold while it lasts: its purpose, its position, when the mission may go on, when it must end."""
 
 import math
 from enum import Enum
@@ -18,7 +18,7 @@ _TRANSIENT = frozenset(
 
 
 class HoldState(Enum):
-    """What a hold has come to."""
+    """State of a hold."""
 
     HOLDS = "the hold goes on"
     OVER = "what it was for is over: the mission may go on"
@@ -45,7 +45,7 @@ class HoldWatch:
         self._place: m.GlobalPositionInt | None = None
 
     def begin_again(self) -> None:
-        """Hold where the vehicle comes to rest from now on: a pilot may have flown it elsewhere and given it back."""
+        """Hold at the next position of rest: a pilot may have moved the vehicle and given it back."""
         self._place = None
         self._rest.restart()
 

@@ -99,7 +99,7 @@ class HomeWatch:
         return math.hypot(aside_m, up), text
 
     def _lowered_by(self, off_m: float) -> str:
-        """What comes of heights above home that begin elsewhere."""
+        """Consequence for heights above home of another home altitude."""
         since = "at once" if self._px4 else "from the next item on"
         side, flown = "higher" if off_m > 0.0 else "lower", "way home" if self._plan.is_way_home else "mission"
         text = f"{since} the rest of the {flown} is flown {abs(off_m):.1f} m {side} than planned"
@@ -130,7 +130,7 @@ class HomeWatch:
 
 
 def rest_of_legs(plan: FlightPlan, session: Session) -> list[FloatArray]:
-    """(2, 3) ENU each, the legs between waypoints from the one that is flown on; transits only where nothing else is left."""
+    """(2, 3) ENU each, the legs between waypoints from the current one on; transits only where none is left."""
     current = plan.index_of(session.monitor.current_seq, session.autopilot)
     legs = {
         index: leg

@@ -1,4 +1,4 @@
-"""Watches in flight what was checked before arming: home, parameters, fence, rally points, who the vehicle is, and our own id.
+"""Watch in flight the checks before arming: home, parameters, fence, rally points, identities.
 
 A change is an alarm that says what comes of it, in metres where it has any; ``--on-breach`` acts on it.
 """
@@ -33,11 +33,11 @@ _FENCE_BIT = 0x100000
 _ORDER = (Weight.NONE, Weight.NOTE, Weight.WARNING, Weight.REFUSED)
 
 ReturnsChanged = Callable[[Mapping[str, float]], None]
-"""Told all parameters that are known when one that changes the autopilot's own way home, or the rally points, were changed."""
+"""Receives all known parameters after a change of the rally points or of a parameter of the autopilot's return."""
 
 
 class Preconditions:
-    """What was checked before arming, watched until the landing.
+    """The checks before arming, watched until the landing.
 
     Made before arming: it reads the fence and the rally points, and asks for home and the origin now and then.
 
@@ -100,7 +100,7 @@ class Preconditions:
         return plan
 
     def home_moved_up_m(self) -> float:
-        """By how much home is higher than when it was checked; heights above home that are sent now are off by it."""
+        """Rise of home since its check; heights above home in later commands are off by it."""
         with contextlib.suppress(MissionIoError):  # the vehicle tells a move by itself, too
             self._session.client.request_message(m.HomePosition)
         self._home.look()
@@ -181,11 +181,11 @@ class _SettingsWatch:
         heard = session.monitor.parameters
         if heard:
             self._unanswered, session.watch.unanswered = 0, ""
-            told = numbers(heard, px4=self._px4)
+            values = numbers(heard, px4=self._px4)
             heard.clear()
             changed = {
                 name: value
-                for name, value in told.items()
+                for name, value in values.items()
                 if name in self.values and not math.isclose(value, self.values[name], rel_tol=1e-5, abs_tol=1e-6)
             }
             if changed:
@@ -272,7 +272,7 @@ _LISTS = (MissionType.FENCE, MissionType.RALLY)
 
 
 class _ListWatch:
-    """The fence or the rally points that the vehicle holds, read again at each sign of a change, and now and then."""
+    """The fence or the rally points of the vehicle, read again at each sign of a change, and periodically."""
 
     def __init__(
         self, session: Session, plan: FlightPlan, mission_type: MissionType, returns_changed: Callable[[], None]
@@ -339,7 +339,7 @@ class _ListWatch:
         return f"{text}; {self._consequence(held)}"
 
     def _consequence(self, held: tuple[MissionItem, ...]) -> str:
-        """What another fence means for the rest of the flight."""
+        """Consequence of another fence for the rest of the flight."""
         if not held:
             return "it has no fence any more"
         flight = "way home" if self._plan.is_way_home else "mission"
@@ -350,7 +350,7 @@ class _ListWatch:
 
 
 def _outside_m(items: tuple[MissionItem, ...], frame: LocalFrame, legs_m: list[FloatArray]) -> float:
-    """How far the legs lead out of a fence, or how long they are inside of its exclusions."""
+    """Largest distance of the legs outside a fence, or length inside its exclusions."""
     fence = fence_from_items(items)
 
     def east_north(lat_deg: float, lon_deg: float) -> tuple[float, float]:

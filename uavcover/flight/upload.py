@@ -38,7 +38,7 @@ def upload(
     Args:
         client: connected, with a vehicle found.
         compiled: what to send.
-        progress: told the list's name, items across and items in all.
+        progress: receives the list's name, items across and items in all.
         in_flight: whether an armed vehicle is meant.
 
     Raises:
@@ -90,7 +90,7 @@ def upload_run(
 ) -> dict[str, Any]:
     """Check every leg and the vehicle's home, upload, read back, compare; writes ``upload.json`` and returns it.
 
-    The file tells of the last upload only: it is gone from the moment at which something is sent.
+    The file describes the last upload only: the first message of an upload deletes it.
     """
     require_home(site)
     compile_plan(site, route)  # a bad leg is known before anybody is asked
@@ -135,7 +135,7 @@ def send_and_compare(
 
 @contextmanager
 def telling_what_is_held(user: User) -> Iterator[None]:
-    """When an upload fails or is interrupted, say what the vehicle holds now, with the list unless it is the old one."""
+    """Report the lists on the vehicle when an upload fails or is interrupted."""
     try:
         yield
     except TransferInterrupted as interrupted:
