@@ -159,7 +159,7 @@ class LiveRecording:
                 continue
             try:
                 self.send()
-            except Exception as error:  # whatever rerun raises: the flight goes on
+            except Exception as error:  # any error of rerun: the flight goes on
                 self.error = f"{self._path}: the live recording ended ({error})"
 
     def _send(self) -> None:

@@ -133,7 +133,7 @@ def check_finished(path: Path) -> None:
 
 
 def _chunks(path: Path) -> Iterator[Chunk]:
-    """All chunks of the first recording in a file: by the manifest at its end, or one by one in an unfinished file."""
+    """All chunks of the first recording in a file: by its manifest, or one by one in an unfinished file."""
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
     try:

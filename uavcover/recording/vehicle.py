@@ -89,7 +89,7 @@ def footprints_m(coverage: CoverageMap, eyes_m: FloatArray, axes: FloatArray, to
 
 
 def _on_axis_m(coverage: CoverageMap, eye_m: FloatArray, axis: FloatArray) -> FloatArray:
-    """(2,) first intersection of the axis with the ground, to a 200th of the range; below the sensor if there is none."""
+    """(2,) first intersection of the axis with the ground, or the point below the sensor."""
     along = np.linspace(0.0, coverage.sight.reach_m, 201)[:, None]
     points = eye_m + along * axis
     under = coverage.site.ground.heights_agl_m(points) <= 0.0
@@ -196,6 +196,6 @@ def _view_edges(sensor: Camera, *, length_m: float) -> list[FloatArray]:
 
 
 def _step_samples(time_s: FloatArray) -> NDArray[np.intp]:
-    """Numbers of the samples at which a step ends: the first sample, then about one every ``STEP_S``, and always the last."""
+    """Numbers of the samples at which a step ends: the first, about one every ``STEP_S``, and the last."""
     step = np.floor((time_s - time_s[0]) / STEP_S)
     return np.unique(np.append(np.flatnonzero(np.diff(step, prepend=-1.0) > 0), time_s.size - 1))

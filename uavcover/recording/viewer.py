@@ -224,7 +224,7 @@ def _viewer_program() -> Path:
 
 
 def _failure(log: IO[bytes], code: int) -> str:
-    """Why a viewer exited, by its output."""
+    """The reason for a viewer's exit, by its output."""
     log.seek(0)
     lines = [line.strip() for line in log.read().decode(errors="replace").splitlines() if line.strip()]
     if any("graphics adapter" in line or "render context" in line for line in lines):

@@ -1,4 +1,4 @@
-"""A group of changes to the files of one folder: all of them are made, or none, whatever ends the process in between.
+"""A group of changes to the files of one folder: all are made, or none if the process is killed.
 
 New files are first written beside the others, into a folder of their own. Then a journal lists the renames that put them in place
 and what they replace away; from that moment the group counts as done. Who opens the folder next, and finds a journal, finishes
@@ -107,9 +107,9 @@ def is_unsettled(folder: Path) -> bool:
 
 
 def settle(folder: Path) -> None:
-    """Finish, or undo, the group that another process has left half done; remove what it never began, and files half written.
+    """Finish or undo the group of a process that ended, and remove unused and half-written files.
 
-    Nobody else may be working in the folder.
+    No other process may work in the folder.
 
     Raises:
         OutputError: it cannot be done.

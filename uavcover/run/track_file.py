@@ -36,17 +36,17 @@ SAMPLE_BYTES: Final = 2000
 SAMPLES_PER_S: Final = 10.0
 """As often as positions are asked for."""
 _LONGER, _SPARE_S = 2.0, 900.0
-"""A flight may take longer than reckoned, and has ways there and home."""
+"""A flight may take longer than predicted, and has transit legs."""
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
 
 def record_bytes(flight_time_s: float) -> int:
-    """How much the record of a flight takes at most, in bytes, from the time that it is reckoned to take."""
+    """Maximum size of a flight's record in bytes, from the predicted flight time."""
     return int((_LONGER * flight_time_s + _SPARE_S) * SAMPLES_PER_S * SAMPLE_BYTES)
 
 
 class SpaceReserve:
-    """Space in a folder that belongs to nobody else until it is released. A context manager.
+    """Space in a folder that is reserved until it is released. A context manager.
 
     It is a file without a name, so a program that is killed leaves nothing behind. Where the operating system cannot reserve,
     the free space is only looked at.
