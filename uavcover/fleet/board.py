@@ -10,7 +10,7 @@ from uavcover.run.user import PauseRequests, ProgressBar, StopRequests, User
 
 @dataclass(slots=True)
 class VehicleRow:
-    """What a vehicle does.
+    """State of a vehicle.
 
     Attributes:
         sortie: which sortie it flies, as text.
@@ -33,7 +33,7 @@ class Board:
     """The rows of all vehicles; what one of them tells begins with its number.
 
     Args:
-        user: who is told.
+        user: receives messages.
         vehicles: how many there are.
     """
 
@@ -80,7 +80,7 @@ class _Requests:
 
     @property
     def count(self) -> int:
-        """How often the user has asked to stop."""
+        """Number of the user's requests to stop."""
         return self.stops()
 
     def any(self) -> bool:

@@ -29,11 +29,11 @@ class ReserveWatch:
         self._next_s = -math.inf
 
     def may_wait_s(self, now: float) -> float:
-        """How long its battery lets it hang in the air and then fly its mission to the end."""
+        """Time that its battery lets it hold before it flies its mission to the end."""
         return self._use.may_wait_s(self._traffic.lands_s(self._job.name) - now)
 
     def must_go_home(self, now: float, *, aloft_s: float) -> str | None:
-        """Why it must, as text; none while it may fly on, or where it tells nothing of its battery.
+        """Reason to return now, as text; none while it may fly on, or reports no battery.
 
         Its way home is given to it before it stops. While others are in that way it flies on: the mission is kept apart from
         theirs and brings it home, too; to hold and wait would only empty the battery.
