@@ -1,4 +1,4 @@
-"""What the mock vehicle does by itself when its position, battery, ground station link or fence fails.
+"""Reactions of the mock vehicle to a failure of its position, battery, ground station link or fence.
 
 Whether and how it acts is set by its parameters, with the autopilots' own names, values and defaults.
 """
@@ -73,7 +73,7 @@ class Failsafes:
 
     @property
     def _delay_s(self) -> float:
-        """How long it holds before it returns or lands."""
+        """Time of the hold before it returns or lands."""
         return 0.0 if self._state.is_ardupilot else self._state.parameters["COM_FAIL_ACT_T"]
 
     def _once(self, what: str) -> bool:

@@ -20,7 +20,7 @@ _APPROACH_GAIN_1_S = 1.2
 
 @dataclass(frozen=True, slots=True)
 class Speeds:
-    """How fast to fly: over ground along a leg, upwards and downwards, metres per second."""
+    """Speeds of flight: over ground along a leg, upwards and downwards, metres per second."""
 
     cruise_m_s: float
     climb_m_s: float

@@ -1,4 +1,4 @@
-"""How the autopilots lead a vehicle along the legs of a mission: a place that moves, and which the vehicle follows.
+"""Leading of a vehicle along mission legs: the autopilot moves a position that the vehicle follows.
 
 ``BlendedLegs`` is ArduCopter's way: each leg is a motion from rest to rest with limited acceleration and jerk, and the next one
 begins before the last one ends. ``BrakedLegs`` is PX4's: it steers to the next waypoint with a speed from which the corner can
@@ -17,7 +17,7 @@ from uavcover.model.vehicle import AutopilotMotion
 _STEP_S = 0.02
 _FOLLOW_GAIN_1_S = 1.0
 _VELOCITY_GAIN_1_S = 3.0
-"""Of the controller (``Airframe.velocity_gain_1_s``): an acceleration is asked for as so much more velocity."""
+"""Of the controller (``Airframe.velocity_gain_1_s``): an acceleration is commanded as velocity, divided by this gain."""
 _LAG_M = 0.5
 _STANDS_LAG_M = 5.0
 """The place slows down when the vehicle is farther behind it than the first, and waits at the second."""
@@ -37,7 +37,7 @@ class Leg:
 
 
 class Legs(Protocol):
-    """What leads a vehicle along legs.
+    """Guide of a vehicle along legs.
 
     Attributes:
         passed: how many of them are done.
@@ -50,7 +50,7 @@ class Legs(Protocol):
 
 
 def legs_of(motion: AutopilotMotion, start_m: Vector, legs: Sequence[Leg]) -> Legs:
-    """What leads along legs from a place, at rest there at first."""
+    """Guide along legs from a position of rest."""
     if motion.corner == "blended":
         return BlendedLegs(motion, start_m, legs)
     return BrakedLegs(motion, start_m, legs)
@@ -107,7 +107,7 @@ class _RestToRest:
         return self.rest_s * self._slower <= self.ramp_s
 
     def state(self, seconds: float) -> tuple[float, float, float]:
-        """Way, speed and acceleration after so many seconds."""
+        """Way, speed and acceleration at a time."""
         time = max(0.0, seconds) * self._slower
         if time <= self.ramp_s:
             return self._on_ramp(time)

@@ -1,4 +1,4 @@
-"""Flying the mission that the mock vehicle holds: which item is current, which were reached, and what it reports of that."""
+"""The mission flight of the mock vehicle: its current item, its reached items, and their reports."""
 
 from collections.abc import Sequence
 

@@ -174,7 +174,7 @@ class InMemoryPeer(MockPeer[None]):
         self.receive_from(None, data, now)
 
     def datagrams_to_send(self, now: float) -> list[bytes]:
-        """What the vehicle wants to send at ``now``."""
+        """Datagrams of the vehicle at ``now``."""
         if now >= self._next_tick_s:
             self._next_tick_s = now + _TICK_S / self.speed
         return [data for _, data in self.datagrams(now)]

@@ -39,7 +39,7 @@ _PIECE_LETTERS = 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MockConfig:
-    """What kind of vehicle to simulate.
+    """Configuration of a simulated vehicle.
 
     Attributes:
         settings: speeds and heights unless a mission overrides them.
@@ -84,7 +84,7 @@ class MockState:
         speeds: speeds to fly at now.
         faults: what has gone wrong and what will; ``faults.add`` takes more.
         missions: mission, fence and rally points that it holds.
-        mode_number: the number by which its mode was asked for, where several numbers mean the same; None is the usual one.
+        mode_number: the requested number of its mode, where several numbers mean the same; None is the usual one.
         trail: of ArduCopter's SmartRTL.
         mission_state: progress of the mission.
         current_seq: wire number of the mission item that it flies to.
