@@ -61,7 +61,7 @@ def compare_items(
     autopilot: Autopilot,
     mission_type: MissionType = MissionType.MISSION,
 ) -> tuple[Difference, ...]:
-    """Every difference between two item lists as they are on the wire; empty when they are equal to the last bit."""
+    """Every difference between two item lists on the wire; empty when they are equal to the last bit."""
     differences: list[Difference] = []
     if len(sent) != len(received):
         why = "items were lost" if len(received) < len(sent) else "the vehicle holds items that were not sent"

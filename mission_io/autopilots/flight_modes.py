@@ -10,7 +10,7 @@ from mission_io.model.enums import AutopilotId, Firmware
 
 
 class Mode(Enum):
-    """What the vehicle is meant to do."""
+    """Purpose of a flight mode."""
 
     MANUAL = "manual"
     GUIDED = "guided"

@@ -1,4 +1,4 @@
-"""How autopilots store the numbers they receive, as data: one rule for each field that comes back changed.
+"""Rounding of received numbers by autopilots, as data: one rule for each field that they change.
 
 ArduPilot packs an item into 15 bytes, so most fields are rounded or dropped. What each command keeps was read in
 AP_Mission; for waypoints, landings, fences and rally points it was also observed on a simulated ArduCopter 4.7.
@@ -34,7 +34,7 @@ WITHOUT_POSITION = frozenset(
         Command.VIDEO_STOP_CAPTURE,
     }
 )
-"""The commands mission_io knows to have no position, whatever frame they come with."""
+"""The commands mission_io knows to have no position, in any frame."""
 
 FENCE = frozenset(range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1))
 RALLY = frozenset({int(Command.NAV_RALLY_POINT)})

@@ -1,4 +1,4 @@
-"""The flight logs that a vehicle keeps: listed and downloaded over the same link; only what got lost is requested again."""
+"""The flight logs of a vehicle: listed and downloaded over the same link; only lost parts are repeated."""
 
 from collections.abc import Callable
 
@@ -48,7 +48,7 @@ class FlightLogDownloads:
 
     Args:
         connection: With the vehicle.
-        silent_s: Without new bytes for so long, a download is given up.
+        silent_s: Time without new bytes after which a download is given up.
     """
 
     def __init__(self, connection: Connection, *, silent_s: float = 30.0) -> None:
@@ -100,7 +100,7 @@ def download_flight_log(
         connection: With the vehicle.
         entry: One of ``list_flight_logs``.
         progress: Called with the bytes received and the total.
-        timeout_s: Without new bytes for so long, it is given up.
+        timeout_s: Time without new bytes after which it is given up.
 
     Raises:
         TransferSilentError: the vehicle fell silent; the message says how much had arrived.

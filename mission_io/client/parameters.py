@@ -49,7 +49,7 @@ class VehicleParameters:
             prefix: Only those whose names begin so, such as ``FENCE_``; MAVLink has no request for groups, so all are read.
             progress: Called with the number of those here, and the total.
             stop: Polled; True ends it.
-            silent_s: Without a new one for so long it is given up.
+            silent_s: Time without a new parameter after which it is given up.
 
         Raises:
             VehicleSilentError: some never came; it says how many, and which first.

@@ -49,7 +49,7 @@ class VehicleInfo:
 
     @property
     def autopilot(self) -> Autopilot:
-        """What mission_io knows of its autopilot.
+        """The known properties of its autopilot.
 
         Raises:
             MisuseError: an autopilot that mission_io does not know.

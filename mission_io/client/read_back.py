@@ -63,7 +63,7 @@ def read_back(
 
     Args:
         download: Reads the vehicle's list.
-        wait: Lets so many seconds pass.
+        wait: Lets a number of seconds pass.
         mission_type: Which list.
         items: What was sent.
         autopilot: Whose changes by design the comparison knows.

@@ -37,7 +37,7 @@ CaseT = TypeVar("CaseT", bound=ProtocolCase[Any])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; the exit code: 0 nothing failed, 1 a case failed, 2 bad usage, 3 the vehicle or the link failed."""
+    """Run the command; exit code 0: no failure, 1: a case failed, 2: bad usage, 3: no vehicle or link."""
     parsed = _parser().parse_args(arguments)
     try:
         if parsed.list:
@@ -156,7 +156,7 @@ def _serve(parsed: argparse.Namespace) -> int:
     if parsed.system is not None and not 1 <= parsed.system <= 254:
         raise MisuseError(f"--system: {parsed.system} is not a vehicle's system id, 1 to 254")
     cases = _chosen(CLIENT_CASES, parsed.case)
-    if not parsed.case:  # nobody knows when to cancel unless told
+    if not parsed.case:  # such a case needs a user who starts it
         cases = [case for case in cases if case.operation not in ON_REQUEST]
     out = sys.stderr if parsed.json else sys.stdout
     by_name = {case.name: case for case in cases}
@@ -261,7 +261,7 @@ def row(result: CaseResult, case: ProtocolCase[Any]) -> str:
 
 
 def total(results: Sequence[CaseResult]) -> str:
-    """How many ended how."""
+    """Number of results for each outcome."""
     counts = Counter(result.outcome for result in results)
     return f"{len(results)} cases: " + ", ".join(f"{counts[v]} {v.value}" for v in Outcome)
 

@@ -1,4 +1,4 @@
-"""A case as data: what is asked, what the guide says about it, and what came of it."""
+"""A case as data: its questions, the guide's rule for it, and its outcome."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ SubjectT = TypeVar("SubjectT")
 
 
 class Outcome(Enum):
-    """How a case ended."""
+    """Outcome of a case."""
 
     PASS = "pass"
     FAIL = "fail"
@@ -97,7 +97,7 @@ def for_each_list(
     ask: Callable[[MissionType, SubjectT], str],
     like: tuple[str, ...] = (),
 ) -> tuple[ProtocolCase[SubjectT], ...]:
-    """The case once for each of the three lists; ``ask`` is told which."""
+    """The case once for each of the three lists; ``ask`` receives its type."""
     return tuple(
         ProtocolCase(f"{name}-{LIST_NAMES[t].split()[0]}", says, section, partial(ask, t), like) for t in MissionType
     )

@@ -1,4 +1,4 @@
-"""Cases for clearing, for the current item, for what a vehicle says it can do, and for the ids of its lists."""
+"""Cases for clearing, the current item, a vehicle's stated capabilities, and the ids of its lists."""
 
 from typing import Final
 

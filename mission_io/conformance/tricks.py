@@ -1,4 +1,4 @@
-"""What the fake vehicle does wrong: each trick swallows what is heard, or changes what is said."""
+"""Faults of the fake vehicle: each trick swallows received messages, or changes sent ones."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -50,7 +50,7 @@ class Trick:
         return False
 
     def says(self, message: Message, now: float) -> list[Said]:
-        """What goes out for a message of the vehicle."""
+        """Messages that go out for a message of the vehicle."""
         del now
         return [Said(message)]
 
@@ -154,7 +154,7 @@ class Loses(Trick):
 
 
 class FallsSilent(Trick):
-    """From item ``seq`` on it hears and says nothing; after ``for_s`` seconds it is back, and knows nothing of the upload."""
+    """From item ``seq`` on it is silent; after ``for_s`` seconds it is back, without the upload."""
 
     def __init__(self, seq: int, for_s: float = float("inf")) -> None:
         self._seq, self._for_s = seq, for_s
@@ -234,5 +234,5 @@ def as_float(message: Message) -> Message:
 
 
 def with_count(by: int) -> Callable[[Any], Sequence[Said]]:
-    """A count that is wrong by so many items."""
+    """A count that is wrong by a number of items."""
     return lambda m: [Said(replace(m, count=m.count + by) if isinstance(m, MissionCount) else m)]

@@ -30,7 +30,7 @@ def accepted(p: Probe, ack: MissionAck) -> None:
 
 
 def begin_three(p: Probe, t: MissionType) -> None:
-    """Begin an upload of five items in place of seven, and get to where the fourth is asked for."""
+    """Begin an upload of five items in place of seven, up to the request for the fourth."""
     new = sample(t, _ITEMS, first=_NEW)
     p.begin_upload(len(new), t)
     for seq in range(3):
@@ -110,7 +110,7 @@ def int_requests(p: Probe) -> str:
 
 
 def asks_again(at: int, p: Probe) -> str:
-    """An item that does not come is asked for again."""
+    """The vehicle requests an item again that does not come."""
     t = _MISSION
     new = sample(t, 3, first=_NEW)
     p.begin_upload(3, t)

@@ -44,9 +44,9 @@ class CameraPoint:
         height_above_home_m: Height above the place of take-off.
         speed_m_s: Over ground, from there on.
         heading_deg: Heading held from there on, clockwise from north; None: along the legs.
-        pitch_deg: Pitch of the camera from there on, -90 is straight down; None: not told.
+        pitch_deg: Pitch of the camera from there on, -90 is straight down; None: not stated.
         pictures: How many pictures are taken there.
-        picture_distance_m: A picture is taken each time after so many metres over ground from there on; None: not.
+        picture_distance_m: Trigger distance over ground in metres from there on; None: no trigger.
     """
 
     lat_deg: float

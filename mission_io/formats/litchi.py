@@ -15,7 +15,7 @@ from mission_io.formats.text import degrees_text, plain_decimal
 from mission_io.model.places import earth_centred_m, ground_distance_m
 
 MOST_WAYPOINTS = 99
-"""DJI's mobile SDK takes so many; Litchi chains more of them only while it has a signal."""
+"""Limit of DJI's mobile SDK; Litchi chains more of them only while it has a signal."""
 _HEIGHTS_M = (-200.0, 500.0)
 _PITCHES_DEG = (-90.0, 0.0)
 _MOST_SPEED_M_S = 15.0
@@ -87,7 +87,7 @@ def _check_distances(points: Sequence[CameraPoint]) -> None:
 
 
 def _course_deg(points: Sequence[CameraPoint], number: int) -> float:
-    """Direction of the leg that begins at a point, clockwise from north; that of a vertical one is the leg's before it."""
+    """Direction of the leg that begins at a point, clockwise from north; a vertical leg keeps the one before."""
     for first in (*range(number, len(points) - 1), *range(number - 1, -1, -1)):
         a, b = points[first], points[first + 1]
         if ground_distance_m(a.lat_deg, a.lon_deg, b.lat_deg, b.lon_deg) > 0.1:

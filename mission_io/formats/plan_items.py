@@ -100,7 +100,7 @@ def read_simple(node: Node) -> MissionItem:
 
 
 def contradictions(node: Node, item: MissionItem) -> list[str]:
-    """What an entry says twice and differently, one line each; ``frame`` and ``params`` are what vehicles are sent."""
+    """Contradictions inside an entry, one line each; ``frame`` and ``params`` are sent to vehicles."""
     entry, where = node.value, node.where
     mode, height, amsl = (entry.get(key) for key in ("AltitudeMode", "Altitude", "AMSLAltAboveTerrain"))
     found: list[str] = []

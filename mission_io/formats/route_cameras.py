@@ -1,4 +1,4 @@
-"""What cameras do at the points of drone apps' routes, as items of a mission."""
+"""Camera actions at the points of drone apps' routes, as items of a mission."""
 
 import math
 from collections.abc import Sequence
@@ -13,14 +13,14 @@ _MOST_PICTURES = 1000
 
 @dataclass(frozen=True, slots=True)
 class StopCamera:
-    """What is done at a point, and what holds from there on.
+    """Actions at a point, and settings from there on.
 
     Attributes:
         pitch_deg: Of the camera from there on, -90 is straight down; None: as before.
         heading_deg: Of the aircraft's nose on the leg after it; None: along the leg.
         pictures: How many are taken there.
         distance_m: Between pictures from there on; None: none by distance.
-        interval_s: Likewise by time.
+        interval_s: The same by time.
         hover_s: How long it stays.
     """
 

@@ -1,4 +1,4 @@
-"""Text of mission files: decoding whatever a program wrote, with a list of repairs, and numbers in decimal notation.
+"""Text of mission files: decoding with a list of repairs, and numbers in decimal notation.
 
 Numbers are written as the shortest plain decimals that read back as the same number.
 """
@@ -29,7 +29,7 @@ class FileText:
 
 
 def text_from_bytes(data: bytes) -> FileText:
-    """Decode a file: UTF-8, UTF-16 and UTF-32 with a byte order mark, and Latin-1 for anything else that is not UTF-8.
+    """Decode a file: UTF-8; UTF-16 and UTF-32 with a byte order mark; Latin-1 for anything else.
 
     Raises:
         FormatError: zero bytes, so it is not text, or damaged UTF-16.

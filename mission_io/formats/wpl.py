@@ -124,12 +124,12 @@ def write_fence(fence: Fence, home: GeoPoint | None) -> str:
 
 
 def write_rally(rally: RallyPoints, home: GeoPoint | None) -> str:
-    """Write rally points as text, with home in the first row, or without it (None) for MAVProxy; errors likewise."""
+    """Write rally points as text, with home in the first row, or without (None) for MAVProxy; same errors."""
     return _write(home, items_from_rally(rally))
 
 
 def losses(mission: Mission) -> tuple[str, ...]:
-    """What ``write_mission`` drops or rounds, one line each; empty when the file is exact."""
+    """Values that ``write_mission`` drops or rounds, one line each; empty when the file is exact."""
     rows_of: dict[Meaning, list[int]] = {}
     for row, item in enumerate(mission.items, start=1):
         for number, value in enumerate(item.params, start=1):
@@ -312,7 +312,7 @@ class _Row:
         return columns
 
     def _numbers(self, command: int, repairs: list[str]) -> list[float]:
-        """Parse parameters, position and height: all at once if they are plain, otherwise one by one to name the invalid one."""
+        """Parse parameters, position and height: all at once if plain, otherwise singly to name the invalid one."""
         content = self._content
         if content.isascii() and "_" not in content and len(content) <= _SHORT_LINE:
             try:

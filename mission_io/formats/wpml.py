@@ -175,7 +175,7 @@ def _mission_config(flight: CameraFlight, aircraft: DjiAircraft, return_height_m
 
 
 def _heights(flight: CameraFlight, absolute: AbsoluteHeights | None) -> list[tuple[float, float]]:
-    """Of each point its height in the template, and the one that is flown; the same where heights are above the take-off."""
+    """For each point its height in the template, and the flown one; equal for heights above take-off."""
     if absolute is None:
         return [(point.height_above_home_m, point.height_above_home_m) for point in flight.points]
     return list(zip(absolute.amsl_m, absolute.ellipsoid_m, strict=True))

@@ -1,4 +1,4 @@
-"""Who speaks to a listening port from which place, and where to send what is meant for them."""
+"""The addresses that speak to a listening port, and the addresses to send to."""
 
 import logging
 from typing import Final
@@ -6,12 +6,12 @@ from typing import Final
 from mission_io.wire.framing import Framer
 
 FORGOTTEN_AFTER_S: Final = 15.0
-"""A place that has been silent for so long is no longer sent to, unless it is the only one."""
+"""Silence after which an address is no longer sent to, unless it is the only one."""
 
 MOST_PEERS: Final = 16
 
 TAKE_OVER_S: Final = 3.0
-"""A vehicle that is kept to may speak from another place (it was switched off and on) when its own was silent for so long."""
+"""Silence of its address after which a kept vehicle may speak from another one (it was switched off and on)."""
 
 Place = tuple[str, int]
 """Host and port."""
@@ -55,7 +55,7 @@ class Places:
         return True
 
     def to_send_to(self, now: float) -> tuple[Place, ...]:
-        """The place that is kept to, or all that were heard lately."""
+        """The address that is kept to, or all recently heard ones."""
         if self._kept is not None:
             return () if self.latest is None else (self.latest,)
         for place, heard_s in list(self._heard_s.items())[:-1]:

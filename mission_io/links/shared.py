@@ -1,4 +1,4 @@
-"""Several vehicles on one link: a radio that all of them share, a router, or one port that all speak to.
+"""Several vehicles on one link: a shared radio, a router, or one port that all speak to.
 
 The link is opened once, and each vehicle has a share of it that is a link of its own: clients in several threads, one for each
 vehicle, hear what is for them, and none hears another one's vehicle.
@@ -18,7 +18,7 @@ from mission_io.links.udp import UdpLink
 from mission_io.wire.framing import Framer, FramingCounts
 
 MOST_WAITING: Final = 4096
-"""Datagrams that wait for a share that nobody reads; of more, the oldest are lost, as in a socket's buffer."""
+"""Datagrams that wait for a share without a reader; of more, the oldest are lost, as in a socket's buffer."""
 
 _LOOK_S = 0.02
 """A share that waits while another one reads looks so often for the end of its time."""
@@ -127,7 +127,7 @@ class LinkShare:
     """One vehicle's share of a link, made by :meth:`SharedLink.share`; a link itself.
 
     Attributes:
-        dropped: How many datagrams were lost because nobody read them.
+        dropped: How many datagrams were lost because no caller read them.
     """
 
     def __init__(self, shared: SharedLink, link: Link, system_id: int, others: Collection[int]) -> None:
@@ -144,7 +144,7 @@ class LinkShare:
 
     @property
     def framing(self) -> FramingCounts:
-        """What of a stream was no frame, for all shares together; nothing for a link of datagrams."""
+        """Bytes of a stream that were no frame, for all shares together; none for a link of datagrams."""
         return self._link.framing if isinstance(self._link, StreamLink) else FramingCounts()
 
     def send(self, data: bytes) -> None:
@@ -192,7 +192,7 @@ class LinkShare:
             self._waiting.popleft()
             self.dropped += 1
             if self.dropped == 1:
-                _log.warning("nobody reads what system %d sends; its oldest datagrams are dropped", self._system_id)
+                _log.warning("no client reads the datagrams of system %d; its oldest ones are dropped", self._system_id)
         self._waiting.append(ours)
 
     def _require_open(self) -> None:
@@ -201,7 +201,7 @@ class LinkShare:
 
 
 def _without(data: bytes, systems: Collection[int]) -> bytes:
-    """A datagram without the frames of some systems; bytes that are no frame stay where there is nothing to take out."""
+    """A datagram without the frames of some systems; other bytes stay where no frame is taken out."""
     framer = Framer()
     frames = [*framer.feed(data), *framer.end()]
     if not any(frame.system_id in systems for frame in frames):

@@ -132,7 +132,7 @@ class LoggedLink(WrappingLink):
 
     @property
     def framing(self) -> FramingCounts:
-        """What of a stream was no frame; nothing for a link of datagrams."""
+        """Bytes of a stream that were no frame; none for a link of datagrams."""
         return self._link.framing if isinstance(self._link, StreamLink) else FramingCounts()
 
     def send(self, data: bytes) -> None:

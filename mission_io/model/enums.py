@@ -40,7 +40,7 @@ class CommandResult(IntEnum):
 
 
 class MissionState(IntEnum):
-    """What a vehicle does with its mission (MISSION_STATE)."""
+    """State of a vehicle's mission (MISSION_STATE)."""
 
     UNKNOWN = 0
     NO_MISSION = 1

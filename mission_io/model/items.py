@@ -171,7 +171,7 @@ class Mission:
 
     Attributes:
         home: The planned start; None when unknown.
-        items: The items in flying order. Home is not one of them, whatever a file or an autopilot puts in row 0.
+        items: The items in flying order. Home is not one of them, also where a file or an autopilot puts it in row 0.
     """
 
     home: GeoPoint | None

@@ -41,7 +41,7 @@ class FtpListing:
     Args:
         path: The folder.
         now: The present time in seconds.
-        silent_s: Without an answer for so long, it gives up.
+        silent_s: Silence after which it gives up.
     """
 
     def __init__(self, path: str, *, now: float, silent_s: float = 30.0) -> None:
@@ -62,11 +62,11 @@ class FtpListing:
 
     @property
     def entries(self) -> list[FtpEntry]:
-        """What is known to be in the folder: folders first, by name."""
+        """Known entries of the folder: folders first, by name."""
         return sorted(self._entries.values(), key=lambda entry: (not entry.is_folder, entry.name))
 
     def messages_to_send(self, now: float) -> list[FtpMessage]:
-        """What is to be sent at ``now``."""
+        """Messages to send at ``now``."""
         if self.finished:
             return []
         if now >= self._heard_at_s + self.silent_s:

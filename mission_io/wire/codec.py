@@ -46,7 +46,7 @@ class LinkStatistics:
         checksum_errors: Places where a whole frame would be, if its checksum were right.
         truncated_frames: Frames that began and did not end.
         garbage_bytes: Bytes that belong to no frame.
-        signed: Frames with a signature that nobody looked at, because this side has no key.
+        signed: Frames with an unverified signature, because this side has no key.
         unsigned: Frames refused because they are not signed.
         forged: Frames refused because their signature is not made with our key, or damaged.
         replayed: Frames refused because their signature is not newer than what was heard before.
@@ -115,7 +115,7 @@ class SequenceCounter:
         if 1 <= ahead <= _HALF:
             state.latest = seq
             self.lost += ahead - 1
-            if missing:  # what is half a round behind cannot be told from what is half a round ahead
+            if missing:  # half a round behind looks the same as half a round ahead
                 missing.difference_update((seq + _HALF - 1 - step) % 256 for step in range(ahead))
             if ahead > 1:
                 missing.update((seq - step) % 256 for step in range(1, ahead))

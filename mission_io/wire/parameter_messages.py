@@ -45,7 +45,7 @@ class ParamRequestList:
 
 @dataclass(frozen=True, slots=True)
 class ParamError:
-    """Why there is no PARAM_VALUE: ``error`` is a MAV_PARAM_ERROR number."""
+    """Reason for a missing PARAM_VALUE: ``error`` is a MAV_PARAM_ERROR number."""
 
     target_system: int
     target_component: int
