@@ -186,8 +186,8 @@ def _place_verdict(sent: float, received: float, apart_m: float | None) -> tuple
         rounded = "MAVLink carries coordinates in steps of 1e-7 degrees"
         return True, rounded
     if abs(received - sent) <= _WIRE_STEP_DEG or (apart_m is not None and apart_m <= SAME_PLACE_M):
-        return True, "it is the same place within 2 cm or a step of 1e-7 degrees"
-    return False, "it is another place"
+        return True, "it is the same position within 2 cm or a step of 1e-7 degrees"
+    return False, "it is another position"
 
 
 def _apart_m(a: MissionItem, b: MissionItem) -> float | None:

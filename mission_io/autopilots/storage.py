@@ -188,8 +188,8 @@ _ARDUPILOT_COMMON = (
         for rule in _drop((name,), WITHOUT_POSITION - kept, "ArduPilot keeps no more of a command without a position")
     ),
     StorageRule("alt_m", _PLACES, _to_centimetres, 0.01001, "ArduPilot truncates altitudes to centimetres"),
-    *_drop(("param2", "param3", "param4", "alt_m"), FENCE, "ArduPilot keeps only the place and size of a fence"),
-    *_drop(("param1", "param2", "param3", "param4"), RALLY, "ArduPilot keeps only the place of a rally point"),
+    *_drop(("param2", "param3", "param4", "alt_m"), FENCE, "ArduPilot keeps only the position and size of a fence"),
+    *_drop(("param1", "param2", "param3", "param4"), RALLY, "ArduPilot keeps only the position of a rally point"),
     StorageRule("alt_m", RALLY, _to_metres, 1.0, "ArduPilot truncates rally altitudes to metres"),
 )
 

@@ -123,7 +123,7 @@ def _is_bytewise(client: Client) -> bool:
     if not capabilities & (PARAM_ENCODE_BYTEWISE | PARAM_ENCODE_C_CAST):
         raise MisuseError(
             f"vehicle {client.vehicle.system_id} ({client.vehicle.described}) does not say how its parameters encode whole "
-            "numbers; give bytewise"
+            "numbers: give bytewise"
         )
     return bool(capabilities & PARAM_ENCODE_BYTEWISE)
 

@@ -127,7 +127,7 @@ class Peers:
         if sender == self._local or station:
             self._same_ids.add(sender)
             _log.warning(
-                "somebody else on this link speaks as system %d, component %d, and we as component %d of the same system; "
+                "another sender on this link speaks as system %d, component %d, and we as component %d of the same system; "
                 "vehicles may mix us up: give one of the two another system id",
                 sender.system_id,
                 sender.component_id,

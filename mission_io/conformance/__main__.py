@@ -75,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--yes", action="store_true", help="overwrite the vehicle's lists without asking")
     parser.add_argument("--system", type=int, metavar="N", help="the vehicle with this system id")
     parser.add_argument(
-        "--as", dest="autopilot", choices=("px4", "ardupilot"), default="px4", help="what --serve says it is"
+        "--as", dest="autopilot", choices=("px4", "ardupilot"), default="px4", help="vehicle type that --serve reports"
     )
     parser.add_argument(
         "--quiet", type=float, default=QUIET_S, metavar="S", help=f"--serve: silence that ends a case, {QUIET_S:g} s"
@@ -144,7 +144,7 @@ def _allowed(parsed: argparse.Namespace) -> None:
         print(warning, file=sys.stderr)
         return
     if not sys.stdin.isatty():
-        raise MisuseError(f"{warning} Say --yes")
+        raise MisuseError(f"{warning} Add --yes")
     print(f"{warning} Go on? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise MisuseError("nothing was sent")

@@ -84,10 +84,10 @@ def camera_flight(mission: Mission, *, pitch_deg: float | None = None) -> Camera
     """
     home = mission.home
     if home is None:
-        raise FormatError("the mission has no home", where="home", advice="give the place it starts from")
+        raise FormatError("the mission has no home", where="home", advice="give the position it starts from")
     problem = place_problem(home.lat_deg, home.lon_deg)
     if problem is not None or not math.isfinite(home.alt_amsl_m):
-        raise FormatError("home is not a place", where="home", advice="give the place it starts from")
+        raise FormatError("home is not a position", where="home", advice="give the position it starts from")
     reader = _Reader(home, pitch_deg)
     for number, item in enumerate(mission.items, start=1):
         where = f"item {number}"
@@ -214,7 +214,7 @@ class _Reader:
 
     def _trigger(self, action: TriggerEvery, where: str) -> None:
         if not 0.0 <= action.distance_m < math.inf or action.shutter_ms or (action.distance_m and not action.at_once):
-            raise FormatError("pictures by distance that do not begin at once", where=where)
+            raise FormatError("photos by distance that do not begin at once", where=where)
         self._distance_m = action.distance_m or None
 
     def _picture(self, action: TakePicture | StartPictures, where: str) -> None:
@@ -224,9 +224,9 @@ class _Reader:
             else action.count == 1 and not action.interval_s and not action.camera
         )
         if not plain:
-            raise FormatError("something other than one picture", where=where)
+            raise FormatError("something other than one photo", where=where)
         if not self._points:
-            raise FormatError("a picture before the take-off", where=where)
+            raise FormatError("a photo before the take-off", where=where)
         last = self._points[-1]
         self._points[-1] = dataclasses.replace(last, pictures=last.pictures + 1)
 

@@ -214,7 +214,7 @@ def _read_fen(text: str, _: MissionType | None) -> MissionFile:
 
 def _read_places(text: str, _: MissionType | None) -> MissionFile:
     read = _read_fen(text, _)
-    return replace(read, repairs=("read as an old fence file: the first place is the return point", *read.repairs))
+    return replace(read, repairs=("read as an old fence file: the first position is the return point", *read.repairs))
 
 
 def _read_rally_lines(text: str, _: MissionType | None) -> MissionFile:

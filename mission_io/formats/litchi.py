@@ -58,7 +58,7 @@ def _row(number: int, points: Sequence[CameraPoint]) -> str:
     _check("degrees of the camera's pitch", pitch_deg, _PITCHES_DEG, where)
     _check("m/s", point.speed_m_s, (0.1, _MOST_SPEED_M_S), where)
     if pictures > _ACTIONS:
-        raise FormatError(f"{pictures} pictures, Litchi takes {_ACTIONS}", where=where)
+        raise FormatError(f"{pictures} photos, Litchi takes {_ACTIONS}", where=where)
     heading_deg = _course_deg(points, number) if point.heading_deg is None else point.heading_deg
     distance_m = -1.0 if point.picture_distance_m is None else point.picture_distance_m
     actions = [_TAKE_PHOTO] * pictures + [_NO_ACTION] * (_ACTIONS - pictures)

@@ -120,7 +120,7 @@ def write(plan: PlanFile) -> str:
         texts = {name: _part_text(plan, name, part, indent=8) for name, part in parts.items()}
         return _part_text(plan, "", texts, indent=4) + "\n"
     except ValueError:
-        raise FormatError("a number is not finite", where="plan", advice="give finite places and speeds") from None
+        raise FormatError("a number is not finite", where="plan", advice="give finite positions and speeds") from None
     except TypeError:
         raise FormatError("a key or value that JSON does not have", where="extras", advice="leave it out") from None
     except RecursionError:

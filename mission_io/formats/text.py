@@ -115,7 +115,7 @@ def place_problem(lat_deg: float, lon_deg: float) -> FormatError | None:
     if -90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0:
         return None
     advice = "latitude comes first" if abs(lon_deg) <= 90.0 and abs(lat_deg) <= 180.0 else ""
-    return FormatError(f"latitude {lat_deg:g}, longitude {lon_deg:g} is not a place", advice=advice)
+    return FormatError(f"latitude {lat_deg:g}, longitude {lon_deg:g} is not a position", advice=advice)
 
 
 _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -111,7 +111,7 @@ def write_mission(mission: Mission) -> str:
         FormatError: no home (the format needs it), or a number that the format cannot hold; with the row.
     """
     if mission.home is None:
-        raise FormatError("the mission has no home", where="row 0", advice="give the place it starts from")
+        raise FormatError("the mission has no home", where="row 0", advice="give the position it starts from")
     return _write(mission.home, mission.items)
 
 

@@ -46,7 +46,7 @@ def read_route(text: str) -> PointRoute:
     if mode not in _FRAMES:
         raise FormatError(
             f"heights are of the mode {mode[:40] or 'nothing'!r}", where="executeHeightMode",
-            advice="plan with heights above the take-off place (relativeToStartPoint)",
+            advice="plan with heights above the take-off position (relativeToStartPoint)",
         )  # fmt: skip
     overall = child_text(folder, "autoFlightSpeed")
     marks = [each for each in folder if local_name(each) == "Placemark"]

@@ -158,7 +158,7 @@ class TerrainAnswers:
                 "blocks_incomplete",
                 f"no elevation data for {lacking} of the {PART_COUNT} parts of the terrain block that begins at latitude "
                 f"{key[0]:.5f}, longitude {key[1]:.5f} ({key[2]} m between its heights): they are not sent, and the vehicle "
-                "goes on waiting for them",
+                "keeps waiting for them",
             )
 
     def _count_and_tell(self, kind: str, text: str) -> None:

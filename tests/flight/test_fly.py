@@ -216,7 +216,7 @@ def test_refused_arming_has_its_result_and_the_vehicles_reason(autopilot, monkey
 def test_a_vehicle_that_may_be_real_needs_the_users_word(monkeypatch):
     monkeypatch.setattr("uavcover.flight.precautions.MOCK_UID", 42)
     scene = ready_scene()
-    refused(scene, "nothing proves that vehicle 1 is simulated; say --yes")
+    refused(scene, "nothing proves that vehicle 1 is simulated: add --yes")
     assert scene.fly(confirmed=True).simulated_by is None
 
 

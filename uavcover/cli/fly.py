@@ -37,7 +37,7 @@ class FlyingVehicle(options.EachVehicleOptions):
 class FlightWatch:
     """Supervision of the flight, and the reaction to a breach."""
 
-    live: Annotated[bool, typer.Option("--live", help="Show the flight in the rerun viewer while it goes on.")] = False
+    live: Annotated[bool, typer.Option("--live", help="Show the flight live in the rerun viewer.")] = False
     deadman_s: Annotated[
         float, typer.Option("--deadman", metavar="S", help="Warn after this time without a position.")
     ] = 3.0

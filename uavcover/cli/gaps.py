@@ -18,7 +18,7 @@ def gaps(
     target: Annotated[
         float | None,
         typer.Option(
-            help="Share of what can be seen that is enough, such as 0.98; default: everything.", metavar="SHARE"
+            help="Required coverage of the visible ground, such as 0.98; default: all of it.", metavar="SHARE"
         ),
     ] = None,
     min_area_m2: Annotated[

@@ -34,7 +34,7 @@ def read_contents(file: Path, kind: str | None) -> tuple[list[MissionList], tupl
     suffix = file.suffix.lower()
     if suffix in DRAWING_SUFFIXES:
         raise InputError(
-            f"{file}: a {suffix} file holds places and no items to fly; plan with it, or save a .waypoints"
+            f"{file}: a {suffix} file holds positions and no items to fly: plan with it, or save a .waypoints"
         )
     only = ONLY_LIST.get(suffix)
     if only is not None and kind not in {None, only.name.lower()}:
@@ -68,7 +68,7 @@ def warn_of_home(client: Client, home: GeoPoint | None, console: Console) -> Non
     try:
         here = client.request_message(HomePosition, timeout_s=3.0)
     except MissionIoError:
-        console.warn("the vehicle does not tell its home; it was not compared with the file's")
+        console.warn("the vehicle does not report its home: not compared with the file's")
         return
     east, north, up = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m).enu_from_geodetic(
         here.lat_deg, here.lon_deg, here.alt_amsl_m

@@ -35,7 +35,7 @@ class Overview(TyperGroup):
                 continue
             title, group = "" if of_group == group else of_group, of_group
             formatter.write(f"{title:{_GROUP_WIDTH}}{name:{_NAME_WIDTH}}{short}\n")
-        formatter.write("COMMAND --help tells its options; all take --json, -q, -v. --install-completion\n")
+        formatter.write("COMMAND --help shows its options; all take --json, -q, -v. --install-completion\n")
 
 
 if TYPE_CHECKING:
@@ -46,14 +46,14 @@ if TYPE_CHECKING:
     from uavcover.flight.precautions import OnBreach
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors and warnings.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show only warnings and errors.")]
 Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Show logs; -vv for more.")]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite files that are there.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
 ForcePlan = Annotated[
     bool,
     typer.Option(
         "--force",
-        help="Replace the plan that is there and what belongs to it; a flown one goes to RUN/older-N.",
+        help="Replace the existing plan and its files; a flown plan moves to RUN/older-N.",
     ),
 ]
 Autopilot = Annotated[

@@ -25,10 +25,10 @@ class PhotoOptions:
         ),
     ] = None
     position_error: Annotated[
-        float, typer.Option("--position-error", help="Of pictures' places that tell none.", metavar="METRES")
+        float, typer.Option("--position-error", help="Of photos' positions that state none.", metavar="METRES")
     ] = 3.0
     height_error: Annotated[
-        float, typer.Option("--height-error", help="Of pictures' heights that tell none.", metavar="METRES")
+        float, typer.Option("--height-error", help="Of photos' heights that state none.", metavar="METRES")
     ] = 10.0
     angle_error: Annotated[
         float,
@@ -39,7 +39,7 @@ class PhotoOptions:
         float | None,
         typer.Option(
             "--max-blur",
-            help="Pictures in which the ground moves farther while the shutter is open do not count.",
+            help="Photos with more motion of the ground during the exposure do not count.",
             metavar="PIXELS",
         ),
     ] = None
@@ -84,7 +84,7 @@ class SearchOptions:
         str | None,
         typer.Option(
             "--detection",
-            help="How probably one picture finds what is searched for: list, a name, or a TOML file of your own.",
+            help="Probability that one photo finds the target: list, a name, or a TOML file of your own.",
             metavar="NAME|FILE.toml",
         ),
     ] = None
@@ -106,7 +106,7 @@ class SearchOptions:
             raise InputError(f"--pod: {self.pod:g} is not a probability above 0 and at most 1")
         if self.detection is None:
             if self.pod is not None:
-                raise InputError("--pod: needs --detection: how probably one picture finds what is searched for")
+                raise InputError("--pod: needs --detection, the probability that one photo finds the target")
             return None
         return curve_named(self.detection)
 

@@ -52,7 +52,7 @@ class Search:
     select: Annotated[
         str | None,
         typer.Option(
-            help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N; conditions behind it: ,sorties<=N "
+            help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N; conditions after it: ,sorties<=N "
             ",vehicles<=N ,done<=40m.",
             metavar="RULE",
         ),

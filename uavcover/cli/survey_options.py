@@ -30,12 +30,14 @@ VerticalDatum = Annotated[
 ]
 DemCrs = Annotated[
     str | None,
-    typer.Option("--dem-crs", help="Coordinate system of the elevation data, where it does not say.", metavar="EPSG:N"),
+    typer.Option(
+        "--dem-crs", help="Coordinate system of the elevation data, where the file has none.", metavar="EPSG:N"
+    ),
 ]
 HeightUnit = Annotated[
     str | None,
     typer.Option(
-        "--height-unit", help="Of the elevation data, where it does not say: m, cm, ft, us-ft.", metavar="UNIT"
+        "--height-unit", help="Of the elevation data, where the file has none: m, cm, ft, us-ft.", metavar="UNIT"
     ),
 ]
 At = Annotated[
@@ -116,7 +118,9 @@ class SurveyOptions:
     ] = None
     home: Annotated[
         str | None,
-        typer.Option("--home", help="Take-off place; default: the lowest level ground at the edge.", metavar="LAT,LON"),
+        typer.Option(
+            "--home", help="Take-off position; default: the lowest level ground at the edge.", metavar="LAT,LON"
+        ),
     ] = None
     max_height: Annotated[
         str | None,
@@ -167,10 +171,10 @@ class SurveyOptions:
     ] = None
     crs: Annotated[
         str | None,
-        typer.Option("--crs", help="Coordinate system of the area's file, where it does not say.", metavar="EPSG:N"),
+        typer.Option("--crs", help="Coordinate system of the area's file, where it has none.", metavar="EPSG:N"),
     ] = None
     make_valid: Annotated[
-        bool, typer.Option("--make-valid", help="Mend outlines that cross themselves, close open rings.")
+        bool, typer.Option("--make-valid", help="Repair outlines that cross themselves, close open rings.")
     ] = False
     swap_axes: Annotated[bool, typer.Option("--swap-axes", help="The area's file has latitude, or north, first.")] = (
         False

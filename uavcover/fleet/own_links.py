@@ -37,7 +37,7 @@ def given_places(urls: Sequence[str] | None, systems: Sequence[int] | None) -> l
         )
     if systems and not urls:
         if len(systems) > 1:
-            raise InputError("--system: says which vehicles are on one link; give that link with --to")
+            raise InputError("--system: selects vehicles on one link: give that link with --to")
         return []
     count = max(len(urls), len(systems))
     all_urls = [*urls] if len(urls) == count else [*urls] * count

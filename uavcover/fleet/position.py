@@ -20,7 +20,7 @@ class FleetPhase(Enum):
 
     WAITING = "waits"
     FLYING = "flies"
-    HOLDING = "holds, on its way home"
+    HOLDING = "holds, on its return"
     HOMEWARD = "flies home"
     DOWN = "is down"
     LOST = "is lost"
@@ -41,7 +41,7 @@ class FleetPosition:
         seen_s: when it was there.
         place_m: (3,) ENU, where it is.
         held: whether it holds its place to let another one pass.
-        way_m: (k, 3) ENU, its way home.
+        way_m: (k, 3) ENU, its return.
         asked_s: when it first asked for that.
         free_s: when the place where it landed is free; for one that is lost, when it must be down.
     """

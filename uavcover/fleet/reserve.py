@@ -35,7 +35,7 @@ class ReserveWatch:
     def must_go_home(self, now: float, *, aloft_s: float) -> str | None:
         """Reason to return now, as text; none while it may fly on, or reports no battery.
 
-        Its way home is given to it before it stops. While others are in that way it flies on: the mission is kept apart from
+        Its return is given to it before it stops. While others are in that way it flies on: the mission is kept apart from
         theirs and brings it home, too; to hold and wait would only empty the battery.
 
         Args:
@@ -49,7 +49,7 @@ class ReserveWatch:
         self._next_s = now + _LOOK_EVERY_S
         use, rest_s = self._use, self._traffic.lands_s(self._job.name) - now
         use.take(percent, aloft_s=aloft_s)
-        if use.lasts_home(rest_s) or use.lasts_on(rest_s):  # the way home is shorter than that
+        if use.lasts_home(rest_s) or use.lasts_on(rest_s):  # the return is shorter than that
             return None
         try:
             way_m, home_s = way_home(self._job.site, self._traffic.place_m(self._job.name))
@@ -61,7 +61,7 @@ class ReserveWatch:
             return None
         reserve = 100.0 * use.vehicle.reserve_fraction
         return (
-            f"the battery has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the way home takes "
+            f"the battery has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the return takes "
             f"{home_s:.0f} s and the rest of the sortie {rest_s:.0f} s, which would use the reserve of {reserve:.0f} %; it "
             "flies home, and another sortie goes on here"
         )

@@ -181,7 +181,7 @@ class Traffic:
             return True
 
     def may_go_home(self, name: str, now: float, way_m: FloatArray, *, all_return: bool) -> bool:
-        """Whether a vehicle that holds may fly (k, 3) legs home now; one that was given its way home may.
+        """Whether a vehicle that holds may fly (k, 3) legs home now; one that was given its return may.
 
         Args:
             name: which flight.
@@ -210,7 +210,7 @@ class Traffic:
             free = [f for f in (own, *waiting) if self._passes_holders(f, [own, *waiting])]
             moving = [f for f in others if f.phase in (FleetPhase.FLYING, FleetPhase.LOST)]
             if not free and not moving:
-                raise InfeasibleError("the vehicles that hold are in each other's way home")
+                raise InfeasibleError("the vehicles that hold are in each other's return")
             if own not in free or _length_m(own.way_m) > min(_length_m(f.way_m) for f in free):
                 return False
             if any(self._meets(_along_way(own), self._from_now(f, now), _way_s(own)) for f in moving):
@@ -311,13 +311,13 @@ class Traffic:
         return bool((apart_m[at_once] < self._fleet.held_apart_m).any())
 
     def _meets_way(self, own: FleetPosition, homeward: FleetPosition, ahead_s: float) -> bool:
-        """Whether a flight comes near the way home of another one, or near where that is, within a time."""
+        """Whether a flight comes near the return of another one, or near where that is, within a time."""
         places = own.timeline.places_m(own.progress_s + np.arange(0.0, ahead_s, _STEP_S))
         way = np.vstack([homeward.place_m, homeward.way_m])
         return self._least_m(places, way) < self._fleet.held_apart_m
 
     def _meets_landed(self, own: FleetPosition, landed: FleetPosition, now: float) -> bool:
-        """Whether a way home ends where another vehicle still stands."""
+        """Whether a return ends where another vehicle still stands."""
         if float(np.linalg.norm(own.way_m[-1] - landed.home_m)) >= self._fleet.held_apart_m:
             return False
         return now + _way_s(own) < landed.free_s

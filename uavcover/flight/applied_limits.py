@@ -130,7 +130,7 @@ class AppliedLimits:
         refused = next((row for row in self.rows if row.weight is Weight.REFUSED), None)
         if refused is not None:
             advice = "plan a shorter flight" if not refused.parameter else "set it"
-            advice += ", or say --apply-limits" if refused.wanted is not None else ""
+            advice += ", or add --apply-limits" if refused.wanted is not None else ""
             raise FlightFaultError(Ending.NOT_ARMED, f"{refused.sentence}; not armed: {advice}")
 
     def look(self, plan: FlightPlan) -> None:

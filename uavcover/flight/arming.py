@@ -92,7 +92,7 @@ def continue_mission(session: Session, seq: int | None = None) -> None:
         _steer(session, lambda: set_current_item(session, wanted))
         item = _item_told(session)
     _steer(session, lambda: set_mode(session, hold_mode(session)))
-    flies = f"flies to item {item}" if item >= 0 else "does not tell which item it flies to"
+    flies = f"flies to item {item}" if item >= 0 else "does not report the item it flies to"
     raise FlightFaultError(
         Ending.FAILED, f"the vehicle {flies}, and not to item {wanted}; it was commanded to hold: set MIS_RESTART to 0"
     )

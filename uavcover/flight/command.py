@@ -285,7 +285,7 @@ def resume_run(
             save_rest(unfinished, site, command=command)
             with connect(to, site) as vehicle:
                 if is_in_the_air(vehicle):
-                    user.say("the vehicle is in the air: it goes on from where it is")
+                    user.say("the vehicle is in the air: it continues from its position")
                     options = replace(options, took_off_s=float(unfinished.track.time_s[0]))
                     begin = lambda orders: fly_on(vehicle, site, unfinished, orders)  # noqa: E731
                 else:

@@ -30,7 +30,7 @@ class FallWatch:
 
     Args:
         session: with the vehicle.
-        plan: what it flies; None on its way home.
+        plan: what it flies; None on its return.
     """
 
     def __init__(self, session: Session, plan: FlightPlan | None) -> None:

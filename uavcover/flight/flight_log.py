@@ -280,7 +280,7 @@ class LiveLine:
         # Item and mode tell that the last waypoint is behind: in another mode no planned waypoint is flown to.
         between = sample.current_waypoint < 0 and mode is Mode.MISSION
         homeward = between and self._waypoint == self._count - 1
-        elsewhere = between and 0 < self._waypoint < self._count - 1  # as on the way home after a stop
+        elsewhere = between and 0 < self._waypoint < self._count - 1  # as on the return after a stop
         parts = [
             f"mode {client.vehicle.custom_mode}" if mode is None else mode.value,
             "homeward" if homeward else "off the plan" if elsewhere else f"waypoint {self._waypoint} of {self._count}",

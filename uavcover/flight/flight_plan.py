@@ -101,7 +101,7 @@ class FlightPlan:
     returns: OwnReturns | None = None
 
     def way_home(self, mission: Mission, *, home_up_m: float) -> "FlightPlan":
-        """The plan of a way home that the vehicle holds now, without planned waypoints.
+        """The plan of a return that the vehicle holds now, without planned waypoints.
 
         Args:
             mission: as it was sent.

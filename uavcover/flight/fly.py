@@ -80,7 +80,7 @@ def fly(
         monitor: receives everything that the client receives.
         plan: the mission that the vehicle must hold, and what was planned with it.
         orders: what the user wants, and who receives the events.
-        plan_return: plans the checked way home after a stop.
+        plan_return: plans the checked return after a stop.
 
     Raises:
         FlightFailedError: the flight failed; the error says what happened and what the vehicle does now, and carries the
@@ -134,7 +134,7 @@ class FlightRun:
         if self.simulator is None and not self.orders.confirmed:
             raise FlightFaultError(
                 Ending.NOT_ARMED,
-                f"nothing proves that vehicle {vehicle.system_id} is simulated; say --yes to fly a real vehicle; not touched",
+                f"nothing proves that vehicle {vehicle.system_id} is simulated: add --yes to fly a real vehicle; not touched",
             )
         self.session.on_breach = self.precautions.on_breach
         self.session.photos_required = self.precautions.photos_required
@@ -178,14 +178,14 @@ class FlightRun:
         """After the user's stop, a breach, or for the battery's sake: home along checked legs, or left holding.
 
         Raises:
-            FlightFaultError: it was a breach, or the way home failed.
+            FlightFaultError: it was a breach, or the return failed.
         """
         if self.progress is not None:
             self.progress.update()
         if not is_flying(self.session) and disarm_on_ground(self.session):
             return self.outcome(Ending.NOT_FLOWN)
         if self.recorder is not None:
-            self.recorder.waypoint_of = lambda _: -1  # the items of the way home are no planned waypoints
+            self.recorder.waypoint_of = lambda _: -1  # the items of the return are no planned waypoints
         try:
             landed = self._come_home(plan_return, 1 if cause is None else self.session.stop())
         except FlightFaultError as error:

@@ -101,17 +101,17 @@ def follow_mission(
 def follow_home(
     session: Session, *, stops_before: int, plan: FlightPlan | None = None, preconditions: Preconditions | None = None
 ) -> None:
-    """Listen until the vehicle has flown its way home, landed and disarmed.
+    """Listen until the vehicle has flown its return, landed and disarmed.
 
     Args:
         session: with the vehicle.
         stops_before: how many stops of the user are known already.
-        plan: of the way home, to be read back while it is flown; None reads nothing.
+        plan: of the return, to be read back while it is flown; None reads nothing.
         preconditions: what was checked before arming, to be watched on.
 
     Raises:
         FlightFaultError: it is gone, stuck, on the ground and does not disarm, or flew home with a change of another station.
-        Stopped: the user asked once more, or the way home has to be planned again: the cause says why.
+        Stopped: the user asked once more, or the return has to be planned again: the cause says why.
     """
     watch, known = session.watch, session.watch.open_kinds
     follower = Follower(
@@ -132,16 +132,16 @@ def follow_home(
 
     fallen = _follow_to_the_ground(session, follower, look)
     if fallen is not None:
-        raise FlightFaultError(Ending.CRASHED, f"{fallen} on its way home{session.recent_warnings}")
+        raise FlightFaultError(Ending.CRASHED, f"{fallen} on its return{session.recent_warnings}")
     if follower.cause is not None:
         raise FlightFaultError(
-            follower.cause, f"{follower.why}; it did not fly its way home to the end, and it landed and disarmed"
+            follower.cause, f"{follower.why}; it did not fly its return to the end, and it landed and disarmed"
         )
     if guard is not None:
         guard.look_once_more()
     for kind in _CHANGES:
         if watch.is_open(kind) and kind not in known:
-            raise FlightFaultError(kind, f"{watch.text_of(kind)}; on its way home it landed and disarmed")
+            raise FlightFaultError(kind, f"{watch.text_of(kind)}; on its return it landed and disarmed")
     session.tell(EventKind.STAGE, "disarmed")
 
 

@@ -38,7 +38,7 @@ class Follower:
         stuck_s: time without progress in its mission.
         stops_before: how many stops of the user are known already.
         pause: whether the vehicle is to wait now.
-        progress: along the planned waypoints; None on the way home.
+        progress: along the planned waypoints; None on the return.
         ours: the modes that were commanded where nothing is flown by it.
 
     Attributes:
@@ -66,7 +66,7 @@ class Follower:
         self._hold: HoldWatch | None = None
         self._lands_for: Ending | None = None
         self._holds_for: dict[Ending, int] = {}
-        # What goes wrong since before the way home was planned was acted on by that.
+        # What goes wrong since before the return was planned was acted on by that.
         self._acted_on: set[Ending] = set() if progress is not None else set(session.watch.open_kinds)
         self._upside_down = False
         self._declined: bool | None = None
@@ -241,10 +241,10 @@ class Follower:
         self._upside_down = not self._pause()
         then = "flies home: p continues, Ctrl-C flies it home now"
         if self._progress is None:
-            then = "the way home is planned again: Ctrl-C leaves it holding"
+            then = "the return is planned again: Ctrl-C leaves it holding"
         session.tell(
             EventKind.STOP,
-            f"the vehicle therefore holds its place in {session.mode_name} for at most {session.timeouts.held_s:g} s, then "
+            f"the vehicle therefore holds its position in {session.mode_name} for at most {session.timeouts.held_s:g} s, then "
             f"{then}",
         )
 
@@ -277,7 +277,7 @@ class Follower:
         if state is HoldState.OVERDUE and hold.purpose is not None:
             session.tell(
                 EventKind.STOP,
-                f"the vehicle has held its place for {session.timeouts.held_s:g} s, and nothing continued it",
+                f"the vehicle has held its position for {session.timeouts.held_s:g} s, and nothing continued it",
             )
             raise Stopped(hold.purpose)
         if state is HoldState.OVER:
@@ -359,7 +359,7 @@ class Follower:
                 return
             self._declined = None
             self._hold = HoldWatch(session, None, may_go_on=False)
-            session.tell(EventKind.STOP, f"paused: the vehicle holds its place in {session.mode_name}")
+            session.tell(EventKind.STOP, f"paused: the vehicle holds its position in {session.mode_name}")
             return
         problem = None if self._progress is None else self._progress.line_problem()
         if problem is not None:

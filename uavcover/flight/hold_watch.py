@@ -23,7 +23,7 @@ class HoldState(Enum):
     HOLDS = "the hold goes on"
     OVER = "what it was for is over: the mission may go on"
     OVERDUE = "its time is up"
-    LOST = "the vehicle does not hold its place"
+    LOST = "the vehicle does not hold its position"
 
 
 class HoldWatch:
@@ -82,7 +82,7 @@ class HoldWatch:
         drift_m = self.drift_m
         watch.measure(
             Ending.HOLD_LOST, drift_m if drift_m > _DRIFT_M else None,
-            f"the vehicle does not hold its place: it is {drift_m:.0f} m away from it",
-            "the vehicle is back at the place that it holds",
+            f"the vehicle does not hold its position: it is {drift_m:.0f} m away from it",
+            "the vehicle is back at its hold position",
         )  # fmt: skip
         return drift_m > _DRIFT_M

@@ -92,16 +92,16 @@ class HomeWatch:
         if abs(up) > HOME_SLACK_M:
             text += f": {self._lowered_by(home.alt_amsl_m - self._plan.home.alt_amsl_m)}"
         if aside_m > _ASIDE_M:
-            text += "; a return of the autopilot's own ends at the new home, by a way that was not checked"
+            text += "; a return of the autopilot's own ends at the new home, along an unchecked path"
         if self._plan.is_way_home and abs(up) <= HOME_SLACK_M:  # its items stand where they stood
-            self._session.tell(EventKind.WARNING, f"{text}; our way home does not depend on it", alarm=True)
+            self._session.tell(EventKind.WARNING, f"{text}; our return does not depend on it", alarm=True)
             return None, ""
         return math.hypot(aside_m, up), text
 
     def _lowered_by(self, off_m: float) -> str:
         """Consequence for heights above home of another home altitude."""
         since = "at once" if self._px4 else "from the next item on"
-        side, flown = "higher" if off_m > 0.0 else "lower", "way home" if self._plan.is_way_home else "mission"
+        side, flown = "higher" if off_m > 0.0 else "lower", "return" if self._plan.is_way_home else "mission"
         text = f"{since} the rest of the {flown} is flown {abs(off_m):.1f} m {side} than planned"
         heights_m, volume = self._rest_agl_m(), self._plan.volume
         if volume is None or not len(heights_m):

@@ -206,7 +206,7 @@ class MissionGuard:
     """Detects that another ground station changed the mission or its current item, and that the vehicle leaves its route.
 
     The mission is read back and compared every minute, and at each sign of a change: the vehicle's word for it, another mission
-    id or number of items, an upload that somebody else was thanked for, waypoints that are left out, going back. So it is far
+    id or number of items, an upload that another station was thanked for, waypoints that are left out, going back. So it is far
     off the planned leg, which else is the wind's doing when the vehicle leans hard against it.
 
     Args:
@@ -256,7 +256,7 @@ class MissionGuard:
             self._total = current.total
         if current.total != self._total:
             self._changed(
-                f"the vehicle holds {current.total} items instead of {self._total}: somebody else changed the mission"
+                f"the vehicle holds {current.total} items instead of {self._total}: another station changed the mission"
             )
             self._reading.ask()
 
@@ -278,7 +278,7 @@ class MissionGuard:
             self._doubt = Timer(self._session, _DOUBT_S)
         elif self._doubt.over:
             self._doubt = None
-            self._changed(f"{sign}: somebody else set the item that is flown, or changed the mission")
+            self._changed(f"{sign}: another station set the item that is flown, or changed the mission")
             self._reading.ask()
 
     def _wrong_item(self) -> str | None:
@@ -325,7 +325,7 @@ class MissionGuard:
             return
         sign = self._wrong_item()
         if sign is not None:
-            self._changed(f"{text}: {sign}: somebody else set the item that is flown, or changed the mission")
+            self._changed(f"{text}: {sign}: another station set the item that is flown, or changed the mission")
             self._reading.ask()
             return
         self._read_back(text)
@@ -374,7 +374,7 @@ class MissionGuard:
                 self._session.tell(EventKind.WARNING, f"of its mission {difference}", alarm=True)
             else:
                 place = f"{sign}: " if sign else ""
-                self._changed(f"{place}somebody else changed the mission in flight: {difference}")
+                self._changed(f"{place}another station changed the mission in flight: {difference}")
 
 
 _BAND_SLACK_M = 2.0

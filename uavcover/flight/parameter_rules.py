@@ -183,7 +183,7 @@ class ParameterRow:
         planned: the fact in the table's column; empty for none, and for the rule's own.
         default: what counts where the vehicle does not say.
         shown: whether the table before arming has it even when it is as planned.
-        returns: whether it changes the autopilot's own way home.
+        returns: whether it changes the autopilot's own return.
         other_version: whether the autopilot's current version does not have it.
         applies: what has to be so for the rule to count.
         moot: what the table says when it does not count; empty is not to have the row.

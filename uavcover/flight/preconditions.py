@@ -45,7 +45,7 @@ class Preconditions:
         session: with the vehicle.
         plan: what it is to fly.
         values: the vehicle's parameters of the table, in their own units, as they were judged.
-        returns_changed: judges the autopilot's own way home anew.
+        returns_changed: judges the autopilot's own return anew.
     """
 
     def __init__(
@@ -84,15 +84,15 @@ class Preconditions:
         self._tell_lists()
 
     def go_home(self, sent: Mission) -> FlightPlan:
-        """Watch a way home from here on, whose heights make up for the home that was moved; returns its plan.
+        """Watch a return from here on, whose heights make up for the home that was moved; returns its plan.
 
-        What was changed before and still lasts is judged by the way home.
+        What was changed before and still lasts is judged by the return.
         """
         watch = self._session.watch
         self._moved_before_m += self._home.moved_up_m
         plan = self._plan.way_home(sent, home_up_m=self._moved_before_m)
-        watch.close(Ending.MISSION_CHANGED, "the vehicle holds the way home that was sent")
-        watch.close(Ending.HOME_MOVED, "the way home makes up for the home that was moved")
+        watch.close(Ending.MISSION_CHANGED, "the vehicle holds the return that was sent")
+        watch.close(Ending.HOME_MOVED, "the return makes up for the home that was moved")
         self._home = HomeWatch(self._session, plan, px4=self._px4)
         self._settings.go_home(plan)
         for one in self._lists:
@@ -199,7 +199,7 @@ class _SettingsWatch:
             )
 
     def go_home(self, plan: FlightPlan) -> None:
-        """Judge by a way home what is changed from here on; the autopilot's own returns were judged for the route."""
+        """Judge by a return what is changed from here on; the autopilot's own returns were judged for the route."""
         self._plan, self._returns_changed = plan, lambda _: None
         self._rows_before = self._rows()
 
@@ -245,7 +245,7 @@ class _SettingsWatch:
             and rows[name].weight is not Weight.NONE
         ]
         reasons = flown + [row.sentence for row in worse]
-        flight = "way home" if self._plan.is_way_home else "mission"
+        flight = "return" if self._plan.is_way_home else "mission"
         text = f"{what}: {'; '.join(reasons)}" if reasons else f"{what}; the {flight} does not depend on it"
         breaches = [row for row in rows.values() if self._is_breach(row)]
         if breaches:
@@ -310,7 +310,7 @@ class _ListWatch:
             self._read(self._reading)
 
     def go_home(self, plan: FlightPlan) -> None:
-        """Judge it by a way home from here on."""
+        """Judge it by a return from here on."""
         self._plan, self._returns_changed = plan, lambda: None
         if self.text and self._reading is not None and self._type is MissionType.FENCE:
             problem = self._consequence(self._reading.held)
@@ -333,16 +333,16 @@ class _ListWatch:
 
     def _told(self, difference: str, held: tuple[MissionItem, ...]) -> str:
         what = "fence" if self._type is MissionType.FENCE else "rally points"
-        text = f"somebody else changed the vehicle's {what} in flight: {difference}"
+        text = f"another station changed the vehicle's {what} in flight: {difference}"
         if self._type is MissionType.RALLY:
-            return f"{text}; the autopilot's own return may go there, by a way that was not checked"
+            return f"{text}; the autopilot's own return may go there, along an unchecked path"
         return f"{text}; {self._consequence(held)}"
 
     def _consequence(self, held: tuple[MissionItem, ...]) -> str:
         """Consequence of another fence for the rest of the flight."""
         if not held:
             return "it has no fence any more"
-        flight = "way home" if self._plan.is_way_home else "mission"
+        flight = "return" if self._plan.is_way_home else "mission"
         outside_m = _outside_m(held, self._plan.frame, rest_of_legs(self._plan, self._session))
         if outside_m > 0.0:
             return f"the rest of the {flight} leads {outside_m:.0f} m out of it: a fence in force breaks it off there"

@@ -138,7 +138,7 @@ class MissionProgress:
             text = f"to waypoint {number} of {plan.waypoint_count}"
             self._session.tell(EventKind.WAYPOINT, text, waypoint=number)
         elif self.all_reached:
-            self._session.tell(EventKind.STAGE, "all planned waypoints flown; on the way home")
+            self._session.tell(EventKind.STAGE, "all planned waypoints flown; on the return")
 
     @property
     def place_m(self) -> FloatArray | None:

@@ -11,16 +11,16 @@ _ROUNDING = 1.0
 _CLIMB_S, _MEASURED_S = 25.0, 50.0
 """The climb uses more than the rest and does not count; after the second time the measured use is better than the endurance."""
 _USE_HOME, _USE_ON = 1.2, 1.05
-"""How much more than the mean so far a second may use on the way home, straight into the wind, and on the rest of the mission."""
+"""How much more than the mean so far a second may use on the return, straight into the wind, and on the rest of the mission."""
 TO_TURN_S = 20.0
-"""To stop, and to be sent the way home."""
+"""To stop, and to be sent the return."""
 
 
 class BatteryAllows(Enum):
     """Flight that a battery allows."""
 
     GO_ON = "it is enough to fly on"
-    GO_HOME = "it is enough for the way home, and not for more"
+    GO_HOME = "it is enough for the return, and not for more"
 
 
 @dataclass(slots=True)
@@ -60,7 +60,7 @@ class BatteryUse:
         return self.percent - _ROUNDING - 100.0 * self.vehicle.reserve_fraction
 
     def lasts_home(self, seconds: float) -> bool:
-        """Whether the way home can still be begun a moment later."""
+        """Whether the return can still be begun a moment later."""
         return self.spare > _USE_HOME * self.each_s * (seconds + TO_TURN_S)
 
     def lasts_on(self, seconds: float) -> bool:

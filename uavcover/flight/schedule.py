@@ -161,11 +161,11 @@ class FlightSchedule:
             return
         try:
             home_s = self._home_s(place_m)
-        except UavcoverError:  # the ground below the way home is not known
+        except UavcoverError:  # the ground below the return is not known
             return
         if use.allows(rest_s=left_s, home_s=home_s) is BatteryAllows.GO_HOME:
             self._must = (
-                f"{source} has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the way home takes "
+                f"{source} has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the return takes "
                 f"{home_s:.0f} s and the rest of the mission {left_s:.0f} s, which would use the reserve of "
                 f"{100.0 * vehicle.reserve_fraction:.0f} %; the vehicle returns now"
             )

@@ -186,7 +186,7 @@ class Session:
     def _unknown_text(self) -> str:
         return (
             f"the vehicle is heard, and its state has not been known for {self.evidence.unknown_s:.0f} s: "
-            f"{self.evidence.missing} is missing; nothing is commanded until it comes"
+            f"{self.evidence.missing} is missing; nothing is commanded until it arrives"
         )
 
     def listen(self, seconds: float) -> None:

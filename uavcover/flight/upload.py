@@ -162,15 +162,14 @@ def _say_items(error: TransferError, user: User) -> None:
 
 
 def say_comparison(user: User, result: ReadBack) -> None:
-    """Say what came back differently, and warn of what should not have."""
+    """Report the differences of the read-back, and warn of those that change the meaning."""
     name = result.mission_type.name.lower()
     if not result.differences:
         user.say(f"{name}: {len(result.sent)} items sent, read back equal")
         return
     wrong = faults(result.differences)
-    user.say(
-        f"{name}: {len(result.sent)} items sent, {len(result.differences)} fields came back changed, "
-        f"{len(result.differences) - len(wrong)} of them without another meaning"
-    )
+    changed = f", and changed the meaning of {len(wrong)}" if wrong else ""
+    normalised = len(result.differences) - len(wrong)
+    user.say(f"{name}: {len(result.sent)} items sent, the autopilot normalised {normalised} fields{changed}")
     for fault in wrong[:5]:
         user.warn(f"{name}: {fault}")

@@ -96,7 +96,7 @@ def log_coverage(
     everything = np.ones(coverage.grid.count, dtype=bool)
     for entity, name, judged, rgb in (
         (layout.SEEN, "of the area", everything, layout.SEEN_RGB),
-        (layout.SEEN_COVERABLE, "of what can be seen", coverage.coverable, layout.FOOTPRINT_RGB),
+        (layout.SEEN_COVERABLE, "of the visible ground", coverage.coverable, layout.FOOTPRINT_RGB),
     ):
         if judged.any():
             percent = _percent_seen(coverage.grid.weight_m2[judged], shown_s[judged], ticks_s)

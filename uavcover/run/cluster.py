@@ -120,7 +120,7 @@ class DaskWorkers:
             raise error.__cause__ or error from None
         except KilledWorker as error:
             raise UavcoverError(
-                f"{self._where}: a task lost its worker again and again, {error.last_worker.address} last (is there enough "
+                f"{self._where}: a task lost its worker repeatedly, {error.last_worker.address} last (is there enough "
                 f"memory?); {_GOES_ON}"
             ) from error
         except (CancelledError, asyncio.CancelledError, CommClosedError, OSError) as error:

@@ -56,7 +56,7 @@ class RunFolder:
         if sortie is None or not 1 <= sortie <= len(sorties):
             named = "" if sortie is None else f", not sortie {sortie}"
             raise InputError(
-                f"{self.path}: is flown as {len(sorties)} sorties{named}; say which: --sortie 1 to {len(sorties)}"
+                f"{self.path}: has {len(sorties)} sorties{named}: add --sortie N, from 1 to {len(sorties)}"
             )
         return sorties[sortie - 1]
 

@@ -172,9 +172,7 @@ def accepted_in(document: dict[str, Any]) -> set[Change]:
 
 def unsealed_in_words(name: str) -> str:
     """Message about a track without a recorded end."""
-    return (
-        f"{name}: run.json has no end of its flight, as of one that was killed, so nothing tells whether it was changed"
-    )
+    return f"{name}: run.json has no end of its flight, as of one that was killed, so no record shows whether it was changed"
 
 
 def _elevation_sources(scenario: Scenario) -> dict[str, TerrainSource]:

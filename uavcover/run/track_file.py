@@ -119,7 +119,7 @@ class TrackWriter:
         try:
             self._file = path.open("wb" if overwrite else "xb", buffering=0)
         except FileExistsError:
-            raise OutputError(f"{path}: is there already; use --force to replace it") from None
+            raise OutputError(f"{path}: exists already: use --force to replace it") from None
         except OSError as error:
             raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
         self._write(",".join((*COLUMNS, *OPTIONAL_COLUMNS)))
@@ -248,7 +248,7 @@ def _numbers(path: Path, rows: Iterable[tuple[int, list[str]]], places: dict[str
                 f"{path}: line {line}, time_s: {time_s!r} does not come after {before_s!r} of the line before"
             )
         if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
-            raise TrackError(f"{path}: line {line}, lat_deg: {lat_deg!r}, {lon_deg!r} is not a place on Earth")
+            raise TrackError(f"{path}: line {line}, lat_deg: {lat_deg!r}, {lon_deg!r} is not a position on Earth")
         if not values[_WAYPOINT].is_integer():
             raise TrackError(f"{path}: line {line}, current_waypoint: {values[_WAYPOINT]!r} is not a whole number")
         pictures = dict(zip(places, values, strict=True)).get(PICTURES_COLUMN, 0.0)
