@@ -191,7 +191,7 @@ def _place_verdict(sent: float, received: float, apart_m: float | None) -> tuple
 
 
 def _apart_m(a: MissionItem, b: MissionItem) -> float | None:
-    """Distance over ground between two places; infinite if one is not a place, None for commands without a position."""
+    """Distance over ground between two positions; infinite if one is invalid, None for commands without a position."""
     if not a.has_position:
         return None
     degrees = (a.lat_deg, a.lon_deg, b.lat_deg, b.lon_deg)

@@ -83,7 +83,7 @@ class TerrainBlock:
 
 @dataclass(frozen=True, slots=True)
 class PlaceInBlock:
-    """A place by its block, and the rows and columns from the block's corner, with fractions."""
+    """A position by its block, and the rows and columns from the block's corner, with fractions."""
 
     block: TerrainBlock
     row: float
@@ -91,7 +91,7 @@ class PlaceInBlock:
 
 
 def place_in_block(lat_deg: float, lon_deg: float, spacing_m: int) -> PlaceInBlock:
-    """The block that ArduPilot looks a place up in."""
+    """The block in which ArduPilot looks up a position."""
     lat_e7, lon_e7 = round(lat_deg * _DEGREE_E7), round(lon_deg * _DEGREE_E7)
     south, west = lat_e7 // _DEGREE_E7, lon_e7 // _DEGREE_E7
     north_m = (lat_e7 - south * _DEGREE_E7) * _M_PER_E7
@@ -103,7 +103,7 @@ def place_in_block(lat_deg: float, lon_deg: float, spacing_m: int) -> PlaceInBlo
 
 
 def block_with_corner(lat_deg: float, lon_deg: float, spacing_m: int) -> TerrainBlock | None:
-    """The block whose corner this is; None for a place that is no corner of the grid.
+    """The block whose corner this is; None for a position that is no corner of the grid.
 
     South of the equator the last blocks of a degree begin some metres east of it.
     """

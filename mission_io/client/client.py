@@ -283,7 +283,7 @@ class Client(Connection):
         mission_control.start_mission(self, timeout_s=timeout_s)
 
     def pause_mission(self, *, timeout_s: float = _ANSWER_S) -> None:
-        """Stop in the air and keep the place in the mission; see ``mission_control.pause_mission``."""
+        """Stop in the air and keep the current item of the mission; see ``mission_control.pause_mission``."""
         mission_control.pause_mission(self, timeout_s=timeout_s)
 
     def resume_mission(self, *, timeout_s: float = _ANSWER_S) -> None:

@@ -32,7 +32,7 @@ _CATCH_UP_S = 0.1
 
 
 class Service(Protocol):
-    """Answers the vehicle's questions beside everything else that goes on; sans-IO."""
+    """Answers the vehicle's questions beside all other exchanges; sans-IO."""
 
     def receive(self, received: Received, now: float) -> None:
         """Take a message of the vehicle that arrived at ``now``."""

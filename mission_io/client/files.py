@@ -20,7 +20,7 @@ ARDUPILOT_WINDOW = 5
 
 
 class FileUploads:
-    """Uploads files to the vehicle of a client; one that the link interrupted goes on where it was.
+    """Uploads files to the vehicle of a client; an interrupted one continues where it stopped.
 
     Args:
         client: Connected.
@@ -42,7 +42,7 @@ class FileUploads:
         progress: Callable[[int, int], None] | None = None,
         stop: Callable[[], bool] | None = None,
     ) -> None:
-        """Upload a file and compare its CRC; after an error, the same call goes on where it was.
+        """Upload a file and compare its CRC; after an error, the same call continues where it stopped.
 
         Args:
             path: Where the vehicle keeps it; the folder exists there.
@@ -118,7 +118,7 @@ class FileUploads:
 
 
 class FileDownloads:
-    """Lists folders of a client's vehicle and downloads files; a download that the link interrupted goes on where it was.
+    """Lists folders of a client's vehicle and downloads files; an interrupted download continues where it stopped.
 
     Args:
         client: Connected.
@@ -157,7 +157,7 @@ class FileDownloads:
         progress: Callable[[int, int], None] | None = None,
         stop: Callable[[], bool] | None = None,
     ) -> bytes:
-        """Download a file and compare its CRC; after an error, the same call goes on where it was.
+        """Download a file and compare its CRC; after an error, the same call continues where it stopped.
 
         Args:
             path: Where the vehicle keeps it.

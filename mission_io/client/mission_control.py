@@ -85,7 +85,7 @@ def start_mission(connection: Connection, *, timeout_s: float = 10.0) -> None:
 
 
 def pause_mission(connection: Connection, *, timeout_s: float = 10.0) -> None:
-    """Stop in the air and keep the place in the mission.
+    """Stop in the air and keep the current item of the mission.
 
     ArduCopter stops inside AUTO (DO_PAUSE_CONTINUE), or where it refuses that, in LOITER; planes circle, others and PX4 hold.
 

@@ -43,7 +43,7 @@ class VehicleParameters:
     def all(
         self, *, prefix: str = "", progress: Progress | None = None, stop: Stop | None = None, silent_s: float = 10.0
     ) -> dict[str, Parameter]:
-        """Read all parameters, by name, in the vehicle's order; those that got lost are asked for again.
+        """Read all parameters, by name, in the vehicle's order; lost ones are requested again.
 
         Args:
             prefix: Only those whose names begin so, such as ``FENCE_``; MAVLink has no request for groups, so all are read.

@@ -29,7 +29,7 @@ def upload_part(
     Args:
         client: Connected to the vehicle.
         first: The number of the first item that is replaced; item 1 is the first behind home.
-        items: What replaces it and those behind it.
+        items: What replaces it and the ones after it.
         progress: Called with the items that have arrived, and their number.
         stop: Polled; True cancels.
         in_flight: Allow it on an armed vehicle.

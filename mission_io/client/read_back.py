@@ -1,4 +1,4 @@
-"""Reading an upload back: what was sent, what came back, and every difference with its reason."""
+"""Reading an upload back: the sent and the received list, and every difference with its reason."""
 
 import dataclasses
 import math

@@ -43,7 +43,7 @@ _ITEM_BYTES = 15
 
 
 def ask_item_limit(connection: Connection, autopilot: Autopilot, *, timeout_s: float) -> int | None:
-    """Ask the vehicle for its number of mission items, home included; None when it does not say.
+    """Ask the vehicle for its number of mission items, home included; None without an answer.
 
     Args:
         connection: A connection that has found the vehicle.

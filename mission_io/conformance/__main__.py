@@ -202,7 +202,7 @@ _TICK_S = 0.02
 
 
 def serve(link: Link, vehicle: FakeVehicle, *, stopped: Callable[[], bool]) -> None:
-    """Be the vehicle on a link until all cases are judged, or ``stopped`` says so."""
+    """Be the vehicle on a link until all cases are judged, or ``stopped`` is true."""
     while (vehicle.open or vehicle.busy) and not stopped():
         now = link.clock.now()
         for datagram in vehicle.datagrams_to_send(now):

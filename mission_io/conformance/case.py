@@ -43,13 +43,13 @@ class CaseResult:
 
 
 class EndedError(MissionIoError):
-    """Ends a case with another verdict than a pass; the message is what was seen."""
+    """Ends a case with another verdict than a pass; the message is the observation."""
 
     verdict = Outcome.FAIL
 
 
 class FailedError(EndedError):
-    """The other side does not do what the guide says."""
+    """The other side does not follow the guide."""
 
 
 class RefusedError(EndedError):
@@ -83,7 +83,7 @@ class ProtocolCase(Generic[SubjectT]):
     like: tuple[str, ...] = ()
 
     def answered_by(self, subject: SubjectT) -> tuple[Outcome, str]:
-        """Ask it; the verdict and what was seen."""
+        """Ask it; the verdict and the observation."""
         try:
             return Outcome.PASS, self.ask(subject)
         except EndedError as ended:

@@ -186,7 +186,7 @@ def _upload_taken(p: Probe) -> float:
 
 
 def abandoned(p: Probe) -> str:
-    """A station that asked for the list and went away does not keep others out for ever."""
+    """A station that requested the list and disappeared does not block others for ever."""
     p.hold(_MISSION, sample(_MISSION, _COUNT))
     _listed(p, _MISSION)
     return f"an upload was taken {_upload_taken(p):.1f} s later"
@@ -218,7 +218,7 @@ def slow(p: Probe) -> str:
 
 
 def second_station(p: Probe) -> str:
-    """Another station asks for the list in the middle of a download."""
+    """Another station requests the list in the middle of a download."""
     held = sample(_MISSION, _COUNT)
     p.hold(_MISSION, held)
     p.send(Heartbeat(autopilot=8, vehicle_type=6, system_status=4), as_other=True)

@@ -30,7 +30,7 @@ _CROSSING_S: Final = 1.0
 
 
 def judged_by(*judges: Judge) -> Judge:
-    """Several judges after the ones that every case has; what was seen, joined."""
+    """Several judges after the ones that every case has; their observations, joined."""
 
     def judge(e: StationEvidence) -> str:
         _addressed(e)
@@ -71,7 +71,7 @@ def _acks(e: StationEvidence, *results: MissionResult) -> list[HeardMessage]:
 
 
 def completes(e: StationEvidence) -> str:
-    """It gets to its end although something was lost, late, twice or strange, and says so."""
+    """It completes and reports success, although messages were lost, late, repeated or strange."""
     if e.operation in (Operation.DOWNLOAD, Operation.CANCEL_DOWNLOAD):
         return _download_completes(e)
     wrong = _unlike_what_was_sent(e)
@@ -130,7 +130,7 @@ def not_a_success(e: StationEvidence) -> str:
 
 
 def again(*kinds: type[Message], times: int = 2, seq: int | None = None) -> Judge:
-    """It sends something again when no answer comes."""
+    """It repeats a message without an answer."""
 
     def judge(e: StationEvidence) -> str:
         sent = [h for h in e.of(*kinds) if seq in (None, _seq(h.message))]
@@ -158,7 +158,7 @@ def int_frames(e: StationEvidence) -> str:
 
 
 def int_requests(e: StationEvidence) -> str:
-    """Items are asked for with MISSION_REQUEST_INT."""
+    """Items are requested with MISSION_REQUEST_INT."""
     check(not e.of(MissionRequest), "asked with the deprecated MISSION_REQUEST")
     return "asked with MISSION_REQUEST_INT"
 
@@ -173,7 +173,7 @@ def only_what_is_asked(e: StationEvidence) -> str:
 
 
 def in_order(e: StationEvidence) -> str:
-    """Items are asked for from 0 on."""
+    """Items are requested from 0 on."""
     order = list(dict.fromkeys(_seq(h.message) for h in e.of(*_REQUESTS)))
     check(order == sorted(order), f"asked for {order}")
     return ""

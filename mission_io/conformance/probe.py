@@ -209,7 +209,7 @@ class Probe:
     def finish_upload(
         self, items: Sequence[MissionItem], mission_type: MissionType, *, first: int = 0, wait_s: float = ANSWER_S
     ) -> MissionAck:
-        """Serve what the vehicle asks for, from item ``first`` which it has just asked for, until it acknowledges.
+        """Serve the vehicle's requests, from item ``first`` which it has just requested, until it acknowledges.
 
         Raises:
             FailedError: it falls silent, or asks for what does not exist.
@@ -291,7 +291,7 @@ class Probe:
         return said
 
     def rest(self) -> float:
-        """Bring the vehicle back to idle: end what it still does, and wait until it says nothing. Seconds that took."""
+        """Bring the vehicle back to idle: end its transfers, and wait until it is silent. Returns the seconds taken."""
         began = self.now()
         while self.now() - began < _LONGEST_REST_S:
             said = self.quiet(_IDLE_S)

@@ -58,7 +58,7 @@ def bad_item(p: Probe) -> str:
 
 
 def too_many(p: Probe) -> str:
-    """More items than anybody stores."""
+    """More items than any vehicle stores."""
     old = sample(_MISSION, 4)
     p.hold(_MISSION, old)
     p.forget()

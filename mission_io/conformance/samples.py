@@ -1,4 +1,4 @@
-"""The lists that the cases send: asymmetric places, so that no mix-up stays unnoticed, and whole metres."""
+"""The lists that the cases send: asymmetric positions, which reveal every mix-up, and whole metres."""
 
 from collections.abc import Sequence
 from typing import Final

@@ -46,7 +46,7 @@ class Trick:
         return True
 
     def forgets(self) -> bool:
-        """Whether the vehicle drops the upload now that goes on."""
+        """Whether the vehicle drops the current upload now."""
         return False
 
     def says(self, message: Message, now: float) -> list[Said]:
@@ -87,7 +87,7 @@ class EachOnceDeaf(Trick):
 
 
 class Mute(Trick):
-    """Does not say the first ``times`` messages of some kinds."""
+    """Drops the first ``times`` messages of some kinds."""
 
     def __init__(self, kinds: Kinds, times: float = float("inf"), seq: int | None = None) -> None:
         self._deaf = Deaf(kinds, times, seq)
@@ -120,7 +120,7 @@ class Again(Trick):
 
 
 class Instead(Trick):
-    """Says something else in place of some messages, the first ``times`` times for each of them."""
+    """Replaces the first ``times`` messages of some kinds."""
 
     def __init__(
         self,
@@ -191,7 +191,7 @@ def refusal(message: Any, result: MissionResult) -> MissionAck:
 
 
 def refuses(result: MissionResult, *, at: int = 1) -> Trick:
-    """Answers with an error where it would ask for item ``at``, each time."""
+    """Answers each request for item ``at`` with an error."""
     return Instead(
         lambda m: isinstance(m, REQUESTS) and m.seq == at,
         lambda m: [Said(refusal(m, result))],
@@ -204,7 +204,7 @@ def before(applies: Callable[[Any], bool], extra: Callable[[Any], Said], times: 
 
 
 def is_request(seq: int) -> Callable[[Any], bool]:
-    """Whether a message asks for an item."""
+    """Whether a message requests an item."""
     return lambda m: isinstance(m, REQUESTS) and m.seq == seq
 
 

@@ -189,7 +189,7 @@ class _DrawingReader:
         return places
 
     def _entries(self, text: str, where: str) -> list[str]:
-        """The text of each place. Space around commas belongs to a place if that makes places of two or three numbers.
+        """The text of each position. Space around commas belongs to a position if that makes positions of two or three numbers.
 
         Otherwise space separates places and the comma before it is dropped: "10,50, 11,51" is two places.
         """

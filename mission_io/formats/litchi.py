@@ -33,7 +33,7 @@ HEADER = ",".join(_COLUMNS)
 
 
 def write_csv(flight: CameraFlight) -> str:
-    """Write a flight as CSV; heights are above the place of take-off.
+    """Write a flight as CSV; heights are above the take-off.
 
     Raises:
         FormatError: Litchi cannot do it, with the point.

@@ -28,7 +28,7 @@ _NOTHING = (math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True, slots=True)
 class PlanEntry:
-    """An entry of a plan's item list, kept as it is because it says more than the items it flies.
+    """An entry of a plan's item list, kept whole because it holds more than its items.
 
     Attributes:
         first: Position of its first item in the mission, from 0.

@@ -1,4 +1,4 @@
-"""Routes of points, as drone apps and map programs have them, made into missions: take-off, waypoints, and what comes then."""
+"""Routes of points, from drone apps and map programs, made into missions: take-off, waypoints, and the end."""
 
 import dataclasses
 import math

@@ -61,7 +61,7 @@ def items_at_stop(before: StopCamera, here: StopCamera, course_deg: float | None
 
 
 def course_deg(lat_deg: Sequence[float], lon_deg: Sequence[float]) -> float | None:
-    """Direction from a first place to a second one, clockwise from north; None where they are the same.
+    """Direction from a first position to a second one, clockwise from north; None where they are the same.
 
     >>> round(course_deg((46.0, 46.0), (8.0, 8.001)) or 0.0, 3)
     90.0

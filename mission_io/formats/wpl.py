@@ -250,7 +250,7 @@ def _version(content: str, line_number: int) -> int:
 
 
 def _note_what_home_says(item: MissionItem, row: "_Row", repairs: list[str]) -> None:
-    """List what the first row of version 110, which is home, says beyond a position: it is not kept."""
+    """List the values of the first row of version 110, which is home, beyond its position: they are not kept."""
     if item.frame is not Frame.AMSL:
         repairs.append(
             f"line {row.number}: the height of home is read as above sea level, not {item.frame.name}; if it is the first "
@@ -324,7 +324,7 @@ class _Row:
         return [self._number_or_nan(column, command, repairs) for column in range(4, 11)]
 
     def _number_or_nan(self, column: int, command: int, repairs: list[str]) -> float:
-        """A number; NaN as a parameter stays NaN, and is 0 as the place of a command that has none."""
+        """A number; NaN as a parameter stays NaN, and is 0 as the position of a command that has none."""
         text = self._columns[column]
         if _NAN_PATTERN.fullmatch(text) is None or (column > 7 and not has_no_place(command)):
             return self._number(column)

@@ -268,7 +268,7 @@ def _action_groups(flight: CameraFlight, aircraft: DjiAircraft) -> list[list[str
 
 
 def _last_of_stretch(flight: CameraFlight, first: int) -> int:
-    """The point at which pictures at the distance of point ``first`` end."""
+    """The point at which photos at the distance of point ``first`` end."""
     for index in range(first + 1, len(flight.points)):
         if flight.points[index].picture_distance_m != flight.points[first].picture_distance_m:
             return index

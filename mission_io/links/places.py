@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 
 
 class Places:
-    """The places that a listening port hears, until ``keep_to`` chooses the one that a vehicle speaks from.
+    """The addresses that a listening port hears, until ``keep_to`` chooses the one of a vehicle.
 
     Attributes:
         latest: The place that was heard last; the vehicle's while one is kept to. None before that.
@@ -39,7 +39,7 @@ class Places:
         self._kept_heard_s = 0.0
 
     def hears(self, data: bytes, place: Place, now: float) -> bool:
-        """Take note of where a datagram came from; whether it is for us to hear."""
+        """Note the sender's address of a datagram; whether it is for us."""
         if self._kept is not None and place != self.latest:
             if now - self._kept_heard_s <= TAKE_OVER_S or self._kept not in _heartbeats_in(data):
                 self.strangers += 1
@@ -64,7 +64,7 @@ class Places:
         return tuple(self._heard_s)
 
     def keep_to(self, system_id: int, component_id: int, now: float) -> None:
-        """From here on there is only the place that this sender's heartbeats came from, if they were heard.
+        """From here on there is only the address of this sender's heartbeats, if they were heard.
 
         When nothing came from there for ``TAKE_OVER_S`` seconds, a heartbeat of the same sender from another place moves it.
         """

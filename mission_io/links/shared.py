@@ -106,7 +106,7 @@ class SharedLink:
                     return share.take()
 
     def _read(self, link: Link, timeout_s: float) -> None:
-        """Read what comes next, and give it to whom it is for."""
+        """Read the next datagram, and give it to its share."""
         place = None
         try:
             if isinstance(link, UdpLink) and link.learns_peers:
@@ -148,7 +148,7 @@ class LinkShare:
         return self._link.framing if isinstance(self._link, StreamLink) else FramingCounts()
 
     def send(self, data: bytes) -> None:
-        """Send one datagram: to the vehicle's place once it is known, otherwise to all places.
+        """Send one datagram: to the vehicle's address once it is known, otherwise to all addresses.
 
         Raises:
             LinkError: the link is closed or gone.
@@ -166,11 +166,11 @@ class LinkShare:
         return self._shared.receive(self, self._link, self.clock.now() + timeout_s)
 
     def keep_to(self, system_id: int, component_id: int) -> None:
-        """From here on hear only the place that this sender speaks from; a link without places stays as it is."""
+        """From here on hear only the address of this sender; a link without addresses stays as it is."""
         self._places.keep_to(system_id, component_id, self.clock.now())
 
     def let_go(self) -> None:
-        """Hear all places again."""
+        """Hear all addresses again."""
         self._places.let_go()
 
     def close(self) -> None:

@@ -3,7 +3,7 @@
 ``SimulatedLink`` connects this side to a peer in the same process. Its clock advances only while ``receive`` waits, so
 minutes of radio trouble take milliseconds and repeat exactly. ``LossyLink`` degrades a real link.
 
-A preset says how patient transfers are on a kind of link, and how it treats datagrams when it is simulated. Time-outs adapt to
+A preset gives the timeouts of transfers on a kind of link, and its losses when it is simulated. Time-outs adapt to
 the link by themselves; a preset saves the first seconds and gives slow links more time.
 """
 

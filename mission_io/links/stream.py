@@ -36,7 +36,7 @@ class Channel(Protocol):
         ...
 
     def write(self, data: bytes) -> int:
-        """Send what can be sent at once; how many bytes that was. Raises LinkError when the other end has gone."""
+        """Send the bytes that can be sent at once; returns their number. Raises LinkError when the other end has gone."""
         ...
 
     def close(self) -> None:
@@ -95,7 +95,7 @@ class FramedChannel:
         self.flush()
 
     def flush(self) -> None:
-        """Send what waits, as far as that goes without waiting."""
+        """Send waiting bytes, as far as possible without waiting."""
         while self._waiting:
             sent = self.channel.write(bytes(self._waiting))
             if sent == 0:

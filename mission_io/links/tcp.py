@@ -68,7 +68,7 @@ class TcpChannel:
 
 
 def connect_tcp(host: str, port: int, *, timeout_s: float = CONNECT_TIMEOUT_S) -> ChannelLink:
-    """A link to a place that listens on TCP.
+    """A link to an address that listens on TCP.
 
     Raises:
         LinkError: no listener there, or no answer within ``timeout_s`` seconds.
@@ -145,7 +145,7 @@ class TcpListeningLink:
                 self._drop(peer, error)
 
     def receive(self, timeout_s: float) -> bytes | None:
-        """The next frame of anybody, or None after ``timeout_s`` seconds.
+        """The next frame of any connection, or None after ``timeout_s`` seconds.
 
         Raises:
             LinkError: the link is closed.

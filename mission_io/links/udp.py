@@ -42,7 +42,7 @@ class UdpLink:
 
     @classmethod
     def connecting(cls, host: str, port: int) -> Self:
-        """Send to a place, and receive what comes back from there."""
+        """Send to an address, and receive its answers."""
         sock, address = _udp_socket(host, port)
         try:
             sock.connect(address)
@@ -95,7 +95,7 @@ class UdpLink:
             self.send_to(peer, data)
 
     def send_to(self, place: Place, data: bytes) -> None:
-        """Send one datagram to a place; a connecting link knows only one.
+        """Send one datagram to an address; a connecting link knows only one.
 
         Raises:
             LinkError: the operating system refuses.
@@ -114,7 +114,7 @@ class UdpLink:
             raise LinkError(f"cannot send to {place[0]}:{place[1]}: {error}") from None
 
     def keep_to(self, system_id: int, component_id: int) -> None:
-        """From here on talk only to the place that this sender's frames come from; a connecting link always does.
+        """From here on talk only to the address of this sender's frames; a connecting link always does.
 
         A stranger's datagrams on the port are dropped and counted in ``strangers``. When nothing came from the kept place for
         ``TAKE_OVER_S`` seconds, a heartbeat of the same sender from another place moves the link there.
@@ -136,7 +136,7 @@ class UdpLink:
         return None
 
     def receive_from(self, timeout_s: float) -> tuple[bytes, Place] | None:
-        """The next datagram from anywhere, and where it came from, or None after ``timeout_s`` seconds.
+        """The next datagram from any address, with that address, or None after ``timeout_s`` seconds.
 
         Raises:
             LinkError: the link is closed, or the operating system refuses.

@@ -58,7 +58,7 @@ def doubts_about_fence(fence: Fence) -> tuple[str, ...]:
 
 
 def _is_in_ring(lat_deg: float, lon_deg: float, ring: Sequence[LatLon]) -> bool:
-    """By the number of edges that a line to the east crosses; longitudes count from the place, the short way."""
+    """By the number of edges that a line to the east crosses; longitudes count from the position, the short way."""
     inside = False
     for begin, end in zip(ring, (*ring[1:], *ring[:1]), strict=True):
         if (begin.lat_deg > lat_deg) != (end.lat_deg > lat_deg):

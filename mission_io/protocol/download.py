@@ -39,7 +39,7 @@ class DownloadState(Enum):
     VEHICLE_CANCELLED = "the vehicle cancelled"
     CANCELLED = "this side cancelled"
     SILENT = "the vehicle fell silent"
-    CHANGING = "the vehicle names another number of items again and again"
+    CHANGING = "the vehicle repeatedly names another number of items"
     STUCK = "the vehicle answers but does not get on"
 
 

@@ -139,7 +139,7 @@ def crc32(content: bytes) -> int:
 
 
 def path_bytes(path: str) -> bytes:
-    """A path as it is sent.
+    """A path for the wire.
 
     Raises:
         MisuseError: it is empty, too long, or holds what a path cannot hold.

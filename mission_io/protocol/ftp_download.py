@@ -152,7 +152,7 @@ class FtpDownload:
         self.state, self.why = FtpDownloadState.REFUSED, why
 
     def _fail(self, why: str) -> bool:
-        """Count what is mended by asking again; False when it has been too often since anything new came."""
+        """Count a repaired gap; False after too many of them without new data."""
         self._failures += 1
         if self._failures > _MOST_FAILURES:
             self._refuse(f"{why}, {self._failures} times")
@@ -264,7 +264,7 @@ class FtpDownload:
             self._refuse(f"byte {self._reach * DATA_BYTES}: {answer.error_text}")
 
     def _keep(self, offset: int, data: bytes, now: float) -> None:
-        """Keep a piece that belongs to the file: one at its place, within the announced size."""
+        """Keep a piece that belongs to the file, at its offset, within the announced size."""
         size = self._size or 0
         piece, data = offset // DATA_BYTES, data[: max(0, size - offset)]
         if offset % DATA_BYTES or not data or piece in self._pieces:
@@ -284,7 +284,7 @@ class FtpDownload:
             self._most_across_bytes, self._failures = self.across_bytes, 0
 
     def _end_at(self, end: int) -> bool:
-        """The file ends before the announced size; False when what is here says otherwise."""
+        """The file ends before the announced size; False when received data contradicts it."""
         if max(self._pieces, default=-1) >= math.ceil(end / DATA_BYTES):
             self._fail(f"the file is said to end at byte {end}, but there was data beyond")
             return False

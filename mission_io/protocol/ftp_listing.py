@@ -1,4 +1,4 @@
-"""The list of a folder by MAVLink FTP: page after page, until the vehicle says that there is no more."""
+"""The list of a folder by MAVLink FTP: page after page, until the vehicle reports its end."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -115,7 +115,7 @@ class FtpListing:
         again = next((entry.name for entry in page if entry.name in self._entries), None)
         self._entries |= {entry.name: entry for entry in page}
         if again is not None:
-            self._refuse(f"the vehicle lists {again!r} again and again, or the folder is changing")
+            self._refuse(f"the vehicle lists {again!r} repeatedly, or the folder is changing")
         elif self._offset > MOST_ENTRIES:
             self._refuse(f"the vehicle lists more than {MOST_ENTRIES} entries")
         else:

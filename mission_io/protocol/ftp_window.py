@@ -35,9 +35,9 @@ class FtpWaits:
         """
         if self._round_trip is None:
             return _FIRST_WAIT_S
-        patient = max(0, tries - _HASTY_TRIES)
+        slow_tries = max(0, tries - _HASTY_TRIES)
         shortest = max(_LEAST_CONTROL_WAIT_S, 1.5 * self._shortest_s)
-        return min(_MOST_WAIT_S, shortest * 2.0 ** min(patient, 10))
+        return min(_MOST_WAIT_S, shortest * 2.0 ** min(slow_tries, 10))
 
     @property
     def among_others_s(self) -> float:

@@ -154,7 +154,7 @@ class ItemProgress:
 
     @property
     def complete(self) -> bool:
-        """Whether the vehicle says that it has flown all of it."""
+        """Whether the vehicle reports that it has flown all of it."""
         return self.state == MissionState.COMPLETE
 
     def after(self, message: Message) -> "ItemProgress":

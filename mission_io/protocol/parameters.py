@@ -92,12 +92,12 @@ class ParameterDownload:
 
     @property
     def finished(self) -> bool:
-        """Whether it is over: all are here, nothing new came for long, or it was cancelled."""
+        """Whether it is over: all are here, a long silence, or it was cancelled."""
         return self.silent or self.cancelled or (self.count is not None and len(self._indices) >= self.count)
 
     @property
     def missing(self) -> list[int]:
-        """The indices that have not come."""
+        """The missing indices."""
         return [index for index in range(self.count or 0) if index not in self._indices]
 
     def counts(self) -> tuple[int, int | None]:

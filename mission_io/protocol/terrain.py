@@ -136,7 +136,7 @@ class TerrainAnswers:
         return found
 
     def _parts_of(self, key: _Key) -> tuple[Part | None, ...]:
-        """The heights of a block; reckoned when its turn comes, and kept for the next request."""
+        """The heights of a block; computed at its turn, and kept for the next request."""
         parts = self._parts.get(key)
         if parts is None:
             if len(self._parts) >= MAX_WAITING:

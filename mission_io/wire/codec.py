@@ -78,7 +78,7 @@ class LinkStatistics:
 
     @property
     def loss(self) -> float:
-        """Share of the frames sent to us that never came, from 0 to 1; 0 when there were none."""
+        """Fraction of the frames sent to us that were lost, from 0 to 1; 0 when there were none."""
         sent = self.frames_in - self.duplicates + self.lost
         return self.lost / sent if sent else 0.0
 
@@ -105,7 +105,7 @@ class SequenceCounter:
         self._senders: dict[tuple[int, int], _Sender] = {}
 
     def take(self, sender: tuple[int, int], seq: int) -> None:
-        """Take the number of a frame that came from a sender."""
+        """Take the number of a frame from a sender."""
         state = self._senders.get(sender)
         if state is None:
             self._senders[sender] = _Sender(seq)
@@ -129,7 +129,7 @@ class SequenceCounter:
 
 @dataclass(slots=True)
 class _Sender:
-    """The latest number of a sender, and those of the half round before it that have not come."""
+    """The latest number of a sender, and the missing ones of the half round before it."""
 
     latest: int
     missing: set[int] = field(default_factory=set)

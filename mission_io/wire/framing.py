@@ -228,7 +228,7 @@ class Framer:
         return frames
 
     def end_if_frames_wait(self) -> list[WireFrame]:
-        """The same, but only when whole frames wait behind an unfinished one: for a stream that has gone quiet."""
+        """The same, but only when whole frames wait after an unfinished one: for a quiet stream."""
         if Framer().feed(self._unfinished[1:]):
             return self._give_up()
         return []

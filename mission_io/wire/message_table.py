@@ -73,7 +73,7 @@ def _scaled(name: str, wire: str, per_unit: float, *, unknown: int | None = None
 
 
 def _known(name: str, wire: str, unknown: int) -> FieldRow:
-    """An integer as it is, except for the one that stands for None."""
+    """An integer, or None for the one that stands for it."""
     return FieldRow(
         name,
         (wire,),

@@ -205,7 +205,7 @@ class MissionCount:
 
 @dataclass(frozen=True, slots=True)
 class MissionWritePartialList:
-    """The sender is going to send the items from ``start_index`` to ``end_index``, both among them, over those that are there."""
+    """The sender is going to replace the items from ``start_index`` to ``end_index``, both among them."""
 
     target_system: int
     target_component: int

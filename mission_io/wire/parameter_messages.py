@@ -74,7 +74,7 @@ class ParamExtRequestList:
 
 @dataclass(frozen=True, slots=True)
 class ParamExtValue:
-    """An extended parameter: 128 bytes, of which its type (MAV_PARAM_EXT_TYPE) says how many mean something, and what."""
+    """An extended parameter: 128 bytes, whose type (MAV_PARAM_EXT_TYPE) gives their number and meaning."""
 
     name: str
     value: bytes

@@ -264,7 +264,7 @@ class Signing:
         """The 13 bytes that follow a frame with the signed flag.
 
         Raises:
-            MisuseError: somebody with the key has used the last timestamp there is.
+            MisuseError: a holder of the key has used the last possible timestamp.
         """
         self._used = max(self._used + 1, self._now())
         if self._used > _LATEST:

@@ -42,7 +42,7 @@ class GpsRawInt:
 
 @dataclass(frozen=True, slots=True)
 class CameraFeedback:
-    """ArduPilot has taken a picture: where, and how the vehicle was turned. ``time_s`` is the sender's own time."""
+    """ArduPilot has taken a photo: its position, and the attitude of the vehicle. ``time_s`` is the sender's own time."""
 
     time_s: float
     number: int
@@ -273,7 +273,7 @@ class LogData:
 
 @dataclass(frozen=True, slots=True)
 class LogRequestEnd:
-    """Says that no more is wanted, so that the vehicle may log again."""
+    """Ends the requests, so that the vehicle may log again."""
 
     target_system: int
     target_component: int
@@ -300,7 +300,7 @@ class TimeSync:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event of PX4's events interface, which says why where STATUSTEXT only says that.
+    """An event of PX4's events interface, which gives reasons that STATUSTEXT lacks.
 
     Attributes:
         target_component: who is to take it; 0 is everybody.

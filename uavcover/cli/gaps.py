@@ -1,4 +1,4 @@
-"""``uavcover gaps``: what was not seen, and a mission that flies only that."""
+"""``uavcover gaps``: the unobserved cells, and a mission that flies only them."""
 
 import sys
 from pathlib import Path
@@ -33,7 +33,7 @@ def gaps(
     force: Annotated[bool, typer.Option("--force", help="Replace an older gap mission, and its flight.")] = False,
     output: options.Output,
 ) -> int:
-    """Group what was not seen by place and reason, and plan the mission that closes the gaps.
+    """Group the unobserved cells by position and reason, and plan the mission that closes the gaps.
 
     Writes gaps.geojson, gap_mission.waypoints, and RUN/gaps, a run folder to upload, fly and verify. Exit 1 when the mission
     cannot reach the required coverage.

@@ -21,7 +21,7 @@ def inspect(
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Open the recording in the rerun viewer; or print it; or make a picture of it."""
+    """Open the recording in the rerun viewer; or print it; or write a screenshot of it."""
     import dataclasses
 
     from uavcover.errors import OutputError

@@ -182,7 +182,7 @@ def mock_vehicle(
 
 
 def _place(text: str) -> "GeoPoint":
-    """A place given as ``LAT,LON,ALT_AMSL``."""
+    """A position given as ``LAT,LON,ALT_AMSL``."""
     from mission_io.model.items import GeoPoint
     from uavcover.errors import InputError
 

@@ -29,7 +29,7 @@ def new(
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Write a commented scenario that plans at once, and tell what was derived.
+    """Write a commented scenario that plans at once, and show the derived values.
 
     Every key that it writes has its reason as a comment. --camera list and --vehicle list show the tables.
     """

@@ -254,7 +254,7 @@ class LinkOptions:
     signing_key: SigningKeyFile = None
 
     def link_at(self, place: "VehiclePlace", *, client: str = "native", link: str = "default") -> "VehicleLink":
-        """The vehicle at a place.
+        """The vehicle at an address.
 
         Raises:
             InputError: the client is not known, or cannot do what the other options ask for.
@@ -303,13 +303,13 @@ class EachVehicleOptions(LinkOptions):
     def links_at(
         self, places: "Sequence[VehiclePlace]", *, client: str = "native", link: str = "default"
     ) -> "list[VehicleLink]":
-        """The vehicles at these places, vehicle 1 first; what is on one link shares it. See :meth:`LinkOptions.link_at`."""
+        """The vehicles at these addresses, vehicle 1 first; those on one link share it. See :meth:`LinkOptions.link_at`."""
         from uavcover.flight.connect import sharing_links
 
         return sharing_links([self.link_at(self._one(place), client=client, link=link) for place in places])
 
     def _one(self, place: "VehiclePlace") -> "VehiclePlace":
-        """The place with the system of ``--system``, where the link is the scenario's."""
+        """The address with the system of ``--system``, where the link is the scenario's."""
         return place._replace(system_id=self.system[0]) if self.system and len(self.system) == 1 else place
 
 
@@ -326,7 +326,7 @@ class TransferOptions(VehicleOptions):
 
 
 def words_of(links: "Sequence[VehicleLink]") -> list[object]:
-    """The options that say where these vehicles are."""
+    """The options for the addresses of these vehicles."""
     systems = [link.system_id for link in links if link.system_id is not None]
     urls = [link.url for link in links]
     to = [urls[0]] if len(systems) == len(urls) and len(set(urls)) == 1 else urls

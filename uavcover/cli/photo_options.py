@@ -1,4 +1,4 @@
-"""The options that say how far pictures are believed, and what is searched for, for ``judge-photos`` and ``verify``."""
+"""Options for the accuracy of photos, and for the target of a search, of ``judge-photos`` and ``verify``."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class PhotoOptions:
-    """Heights of pictures, and errors of what tells none."""
+    """Heights of photos, and assumed errors where they record none."""
 
     takeoff: Annotated[
         str | None,

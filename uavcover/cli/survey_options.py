@@ -71,7 +71,7 @@ Band = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class DemOptions:
-    """The elevation data, and what it does not say of itself."""
+    """The elevation data, and properties that its file does not record."""
 
     dem: Dem = None
     vertical_datum: VerticalDatum = None

@@ -30,7 +30,7 @@ class VehicleRow:
 
 
 class Board:
-    """The rows of all vehicles; what one of them tells begins with its number.
+    """The rows of all vehicles; each message of one begins with its number.
 
     Args:
         user: receives messages.
@@ -88,7 +88,7 @@ class _Requests:
         return self.stops() > 0
 
     def paused(self) -> bool:
-        """Whether the vehicle is to hold its place."""
+        """Whether the vehicle is to hold its position."""
         return self.pauses()
 
 
@@ -161,4 +161,4 @@ class _Cells:
         self.update(done, total=total)
 
     def status(self, line: str, *, at_s: float) -> None:
-        """Nothing: the table of all vehicles says it."""
+        """Nothing: the table of all vehicles shows it."""

@@ -306,7 +306,7 @@ class FleetFlight:
         return self.orders.flight.force or job.is_rest
 
     def _pauses(self, job: Job, vehicle: int, clock: FleetClock) -> bool:
-        """Whether a vehicle is to hold its place: the user wants it, or another one passes."""
+        """Whether a vehicle is to hold its position: the user wants it, or another one passes."""
         now = clock.now()
         if now >= self._next_look_s.get(vehicle, now):
             self._next_look_s[vehicle] = now + _LOOK_EVERY_S

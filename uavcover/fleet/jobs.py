@@ -34,7 +34,7 @@ class Job:
     """A sortie to fly.
 
     Attributes:
-        name: its number, with a mark behind it where it is the rest of a sortie that another vehicle began.
+        name: its number, with a mark after it where it is the rest of a sortie that another vehicle began.
         sortie: the number of the planned sortie.
         vehicle: who flies it, from 1.
         planned_s: take-off, since the first take-off of all.
@@ -243,7 +243,7 @@ class Queues:
 
     @property
     def work_is_left(self) -> bool:
-        """Whether a sortie is flown, or waits for somebody."""
+        """Whether a sortie is flown, or waits for a vehicle."""
         with self._lock:
             return bool(self._busy or self._waiting)
 

@@ -48,7 +48,7 @@ def given_places(urls: Sequence[str] | None, systems: Sequence[int] | None) -> l
 
 
 def require_different(places: Sequence[VehiclePlace]) -> None:
-    """Refuse two vehicles at one place; each ``mock:`` is a vehicle of its own.
+    """Refuse two vehicles at one address; each ``mock:`` is a vehicle of its own.
 
     Raises:
         InputError: two have the same address, or share one link and one system id.
@@ -64,7 +64,7 @@ def require_different(places: Sequence[VehiclePlace]) -> None:
 
 
 def links_of_run(run: RunFolder, given: Sequence[VehiclePlace], *, sortie: int | None) -> list[VehiclePlace]:
-    """The places that were given, or those that the scenario of a run names.
+    """The given addresses, or those that the scenario of a run names.
 
     Args:
         run: with a plan.

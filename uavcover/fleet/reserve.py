@@ -1,4 +1,4 @@
-"""When a vehicle of a fleet must fly home before its sortie ends, so that its battery keeps the reserve."""
+"""Check when a vehicle of a fleet must return before its sortie ends, to keep its battery's reserve."""
 
 import math
 
@@ -14,7 +14,7 @@ _LOOK_EVERY_S = 2.0
 
 
 class ReserveWatch:
-    """Asks again and again whether a vehicle in flight must go home for its battery's sake.
+    """Check repeatedly whether a vehicle in flight must return for its battery.
 
     Args:
         job: what it flies.

@@ -55,7 +55,7 @@ class FlownSortie:
 
     @property
     def keeps_reserve(self) -> bool:
-        """Whether it ended early so that its battery keeps the reserve, and its vehicle can fly on with another one."""
+        """Whether it ended early for its battery's reserve, and its vehicle can fly on with another one."""
         return self.outcome is not None and self.outcome.ending is Ending.RESERVE_KEPT
 
     def as_json(self) -> dict[str, Any]:
@@ -152,7 +152,7 @@ def pace_home_m_s(site: Site) -> tuple[float, float]:
 
 
 def places_m(mission: Mission, site: Site) -> FloatArray:
-    """(k, 3) ENU, the places of a mission home; at least two."""
+    """(k, 3) ENU, the positions of a mission home; at least two."""
     if site.frame is None or mission.home is None:
         raise InputError(f"scenario {site.scenario.name}: has no place on Earth")
     places = [

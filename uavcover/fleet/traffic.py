@@ -68,7 +68,7 @@ class Traffic:
             return flight.as_if_begun_s + flight.timeline.duration_s
 
     def place_m(self, name: str) -> FloatArray:
-        """(3,) ENU, where a flight was seen last."""
+        """(3,) ENU, the last known position of a flight."""
         with self._lock:
             return self._flights[name].place_m
 
@@ -125,7 +125,7 @@ class Traffic:
             flight.seen_s, flight.place_m = now, place_m
 
     def must_hold(self, name: str, now: float, *, may_wait_s: float = math.inf) -> bool:
-        """Whether a flight is to hold its place now because another one would come too near.
+        """Whether a flight is to hold its position now because another one would come too near.
 
         Args:
             name: which flight.
@@ -336,7 +336,7 @@ class Traffic:
 
     @staticmethod
     def _least_m(places_m: FloatArray, way_m: FloatArray) -> float:
-        """Least distance of (n, 3) places from a (k, 3) line."""
+        """Least distance of (n, 3) positions from a (k, 3) line."""
         begin = np.repeat(way_m[:-1], len(places_m), axis=0)
         end = np.repeat(way_m[1:], len(places_m), axis=0)
         points = np.tile(places_m, (len(way_m) - 1, 1))

@@ -85,12 +85,12 @@ def continue_mission(session: Session, seq: int | None = None) -> None:
         _steer(session, lambda: session.client.command(Command.MISSION_START))  # enters AUTO, and answers at once
         _steer(session, lambda: set_current_item(session, wanted))
     _steer(session, lambda: set_mode(session, Mode.MISSION))
-    item = _item_told(session)
+    item = _reported_item(session)
     for _ in range(_TRIES):
         if wanted <= item <= wanted + _REACHED_ITEMS:
             return
         _steer(session, lambda: set_current_item(session, wanted))
-        item = _item_told(session)
+        item = _reported_item(session)
     _steer(session, lambda: set_mode(session, hold_mode(session)))
     flies = f"flies to item {item}" if item >= 0 else "does not report the item it flies to"
     raise FlightFaultError(
@@ -103,8 +103,8 @@ def _steer(session: Session, act: Callable[[], object]) -> None:
     session.steer(act, while_in=[hold_mode(session), Mode.HOLD, Mode.MISSION])
 
 
-def _item_told(session: Session) -> int:
-    """The item that the vehicle tells from now on that it flies to; -1 when it tells none."""
+def _reported_item(session: Session) -> int:
+    """The next reported item that the vehicle flies to; -1 without a report."""
     session.monitor.forget(MissionCurrent)
     silent = Timer(session, _ANSWER_S)
     while session.monitor.current_seq < 0 and not silent.over:

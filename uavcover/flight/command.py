@@ -95,7 +95,7 @@ def fly_run(
         FlightFailedError: the flight did not end as it should; the run folder has all the same what was recorded.
     """
     require_home(site)
-    compile_plan(site, route)  # a bad leg is known before anybody is asked
+    compile_plan(site, route)  # a bad leg is found before the vehicle is asked
     refuse_older_flight(run, options)
     with run.reserved(FLIGHT_FILES, force=options.force), connect(to, site) as vehicle:
         return fly_connected(run, site, route, vehicle, user, options)

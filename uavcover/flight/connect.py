@@ -80,13 +80,13 @@ class Connected:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleLink:
-    """Where a vehicle is, which one is meant, and how to talk to it.
+    """A vehicle's address, its system id, and the link's parameters.
 
     Attributes:
         url: ``mock:`` starts a vehicle in this process.
         timeout_s: how long to wait for the first heartbeat.
         mock_speed: how fast ``mock:`` flies, times real time.
-        timing: how patient transfers are.
+        timing: timeouts of transfers.
         signing_key: signs all that is sent; then nothing that is not signed with it is believed.
         client_name: which client speaks to it; MAVSDK's takes no ``timing`` and no ``signing_key``.
         system_id: which vehicle is meant, where several are on the link.
@@ -108,7 +108,7 @@ class VehicleLink:
 
 
 def sharing_links(links: Sequence[VehicleLink]) -> list[VehicleLink]:
-    """The same vehicles; those on one link share it, so that it is opened once."""
+    """The same vehicles; those on one link share it, and it is opened once."""
     systems: dict[str, list[int]] = {}
     for link in links:
         if link.system_id is not None and not link.url.startswith("mock:"):
@@ -173,7 +173,7 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
 
 
 def home_of(site: Site) -> GeoPoint | None:
-    """Where a site's vehicle starts; none for a site without a place on Earth or without a home."""
+    """Start position of a site's vehicle; none for a site without a place on Earth or without a home."""
     if site.frame is None or site.home_m is None:
         return None
     lat, lon, alt = site.frame.geodetic_from_enu(site.home_m)

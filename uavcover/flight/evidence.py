@@ -35,7 +35,7 @@ _REMEMBERED = 500
 
 
 class Evidence:
-    """Asks for fresh evidence after each gap, and says whether it is there.
+    """Request fresh evidence after each gap, and report its arrival.
 
     A gap is a silence of the vehicle, or a pause of this process: both show as time between two messages.
 

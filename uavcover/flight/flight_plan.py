@@ -124,7 +124,7 @@ class FlightPlan:
         return self.first_waypoint_item + self.items_per_waypoint * self.waypoint_count
 
     def waypoints_m(self) -> FloatArray:
-        """(n, 3) ENU, the planned waypoints, as their items say."""
+        """(n, 3) ENU, the planned waypoints, from their items."""
         planned = slice(self.first_waypoint_item, self._end_item, self.items_per_waypoint)
         places = [self.place_m(item) for item in self.mission.items[planned]]
         return np.array(places, dtype=float).reshape(-1, 3)
@@ -176,8 +176,8 @@ class FlightTimeouts:
         start_s: time from the start command to leaving the ground.
         halt_s: time to come to rest after a hold command.
         stuck_s: time without progress.
-        override_s: without moving in a mode that somebody else chose, after which following ends; by default it never does, and
-            the record goes on until the vehicle is on the ground.
+        override_s: without moving in a mode that a pilot or another station chose, after which
+            following ends; by default it never does, and the record goes on until the vehicle is on the ground.
         held_s: time of holding because of a breach, after which following ends and the vehicle is left holding.
         rate_s: window over which telemetry rates are measured.
         disarm_s: time from landing to disarming itself.

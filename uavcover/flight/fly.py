@@ -158,7 +158,7 @@ class FlightRun:
             session.monitor.ground.know_ground(plan.ground_at, home_alt_amsl_m=plan.ground_alt_amsl_m)
 
         def waypoint_of(seq: int) -> int:
-            """No planned waypoint is flown to while somebody else has the vehicle, or made its mission."""
+            """No planned waypoint is flown to while a pilot or another station has the vehicle, or made its mission."""
             astray = session.watch.is_open(Ending.MISSION_CHANGED) or not session.on_mission
             return -1 if astray else plan.waypoint_of(seq, autopilot)
 
@@ -318,7 +318,7 @@ def _from_the_ground(flight: FlightRun, plan: FlightPlan, plan_return: PlanRetur
         except TakenOverError as error:
             if not session.client.vehicle.armed:
                 raise
-            session.tell(EventKind.WARNING, str(error), alarm=True)  # and follow it: somebody may fly it
+            session.tell(EventKind.WARNING, str(error), alarm=True)  # and follow it: a pilot may fly it
         follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)
     except Stopped as stop:
         return flight.home(plan_return, stop.cause)

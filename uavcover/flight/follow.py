@@ -237,6 +237,6 @@ def _fallen(session: Session, follower: Follower) -> str | None:
 
 
 def longest_wait_s(plan: FlightPlan) -> float:
-    """Longest time that an item of the mission lets the vehicle stay in one place."""
+    """Longest time that an item of the mission lets the vehicle stay in one position."""
     waiting = (Command.NAV_WAYPOINT, Command.NAV_DELAY, Command.NAV_LOITER_TIME)
     return max((i.params[0] for i in plan.mission.items if i.command in waiting and i.params[0] > 0.0), default=0.0)

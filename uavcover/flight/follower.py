@@ -181,7 +181,7 @@ class Follower:
             self._raise_stuck()
 
     def react(self) -> None:
-        """Do what the policy says about what goes wrong, once for each breach; nothing while something else has the vehicle.
+        """React to each breach once, by the policy; nothing while a pilot or another station has the vehicle.
 
         Raises:
             Stopped: the vehicle is to return.

@@ -14,7 +14,7 @@ _CALM_S = 5.0
 _TRANSIENT = frozenset(
     {Ending.BAND_LEFT, Ending.FENCE_BREACHED, Ending.OFF_ROUTE, Ending.WIND_ABOVE_LIMITS, Ending.GROUND_UNKNOWN}
 )
-"""Breaches that can end by themselves. A mission that somebody changed does not change back."""
+"""Breaches that can end by themselves. A changed mission does not change back."""
 
 
 class HoldState(Enum):
@@ -65,7 +65,7 @@ class HoldWatch:
 
     @property
     def drift_m(self) -> float:
-        """Distance from the place that is held; 0 before the vehicle has come to rest."""
+        """Distance from the held position; 0 before the vehicle has come to rest."""
         here = self._session.monitor.latest(m.GlobalPositionInt)
         if here is None or self._place is None:
             return 0.0

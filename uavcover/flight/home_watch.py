@@ -1,4 +1,4 @@
-"""Watches home and the origin of the position filter in flight, and says what comes of a move, in metres.
+"""Watch home and the origin of the position filter in flight, and report the consequence of a move.
 
 Heights of a mission are above home. ArduPilot lays a leg out when it begins, so that a new home counts from the next item on; PX4
 moves the leg that is being flown.
@@ -48,7 +48,7 @@ class HomeWatch:
         self.moved_up_m = 0.0
 
     def look(self) -> None:
-        """Compare the latest of both, and tell a move."""
+        """Compare the latest of both, and report a move."""
         if not self._begun:  # both autopilots set home anew at arming or take-off: wait for one that is fresh
             self._begun = True
             self._session.monitor.forget(m.HomePosition)
@@ -147,7 +147,7 @@ def _point(message: m.HomePosition | m.GpsGlobalOrigin) -> GeoPoint:
 
 
 def _offset_m(of: GeoPoint, place: GeoPoint) -> tuple[float, float, float]:
-    """East, north and up from one place to another."""
+    """East, north and up from one position to another."""
     frame = LocalFrame(of.lat_deg, of.lon_deg, of.alt_amsl_m)
     east, north, up = frame.enu_from_geodetic(place.lat_deg, place.lon_deg, place.alt_amsl_m)[0].tolist()
     return east, north, up

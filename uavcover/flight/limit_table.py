@@ -1,4 +1,4 @@
-"""Compares what the plan assumes with the vehicle's settings, and tells what prevents arming.
+"""Compare the plan's assumptions with the vehicle's settings, and find those that prevent arming.
 
 Settings that would interrupt the flight, drain the battery or spoil what is seen prevent arming. Others are warnings: the mission
 itself does not need them. Which parameter is which stands in data, see :mod:`uavcover.flight.parameter_rules`.

@@ -366,7 +366,7 @@ class MissionGuard:
         self._session.watch.open(Ending.MISSION_CHANGED, text)
 
     def _read_back(self, sign: str = "") -> None:
-        """Read the mission, and tell how it differs from the planned one, once for each difference."""
+        """Read the mission, and report each difference from the planned one once."""
         difference, watch = self._reading.difference(), self._session.watch
         if difference is not None and difference != self._found:
             self._found = difference

@@ -47,7 +47,7 @@ class TextAssembler:
 
 
 def _tidy(line: StatusText) -> StatusText:
-    """Without the tab by which PX4 marks a line that it tells as an event too."""
+    """Remove the tab by which PX4 marks a line that is also an event."""
     return StatusText(line.severity, line.text.strip())
 
 
@@ -159,7 +159,7 @@ class Monitor:
         time_answers: its latest answers to questions for its time, each with its time of arrival on the link's clock.
         counts: how many messages of each kind arrived.
         reached: the highest mission item that the vehicle said it reached.
-        uploads_taken: how often it thanked somebody for a mission, us or another ground station.
+        uploads_taken: number of uploads that it acknowledged, ours or another ground station's.
         lists_taken: the same for fences and rally points, by MAV_MISSION_TYPE.
         parameters: the latest PARAM_VALUE of each parameter.
         photos_taken: the number of photos by the autopilot's own count, of which no message can be lost; None while it reported
@@ -257,7 +257,7 @@ class Monitor:
 
     @property
     def mission_complete(self) -> bool:
-        """Whether the vehicle says that its mission is done."""
+        """Whether the vehicle reports that its mission is complete."""
         current = self.latest(m.MissionCurrent)
         return current is not None and current.state == MissionState.COMPLETE
 

@@ -112,7 +112,7 @@ class RuleCondition:
         return [(facts[name] if name else 0.0) + number for name, number in self.operands]
 
     def holds(self, value: float, facts: Facts) -> bool | None:
-        """Whether it is so; None when the plan does not say what it is compared with."""
+        """Whether it holds; None when the plan lacks a compared value."""
         numbers = self.numbers(facts)
         return None if numbers is None else _OPERATORS[self.operator](value, numbers)
 

@@ -123,7 +123,7 @@ class Preconditions:
                 self._session.watch.close(one.kind, f"the vehicle's {one.name} as before")
 
     def _fence_off_text(self) -> str:
-        """ArduPilot says in SYS_STATUS whether its fence is in force, also after a command that no parameter shows."""
+        """Text when the fence is out of force, by ArduPilot's SYS_STATUS: a command can switch it without a parameter."""
         status, state = self._session.monitor.latest(m.SysStatus), self._session.monitor.latest(m.ExtendedSysState)
         lands = state is not None and state.landed_state == LandedState.LANDING  # which ends the least height
         if not self._px4 and status is not None and not lands:

@@ -112,7 +112,7 @@ class MissionProgress:
         return leg if leg is None or self._rejoins is None else np.vstack([self._rejoins[1], leg[1]])
 
     def update(self) -> None:
-        """Look at what the vehicle says, and tell when it goes on to another waypoint."""
+        """Read the vehicle's reports, and report a new waypoint."""
         monitor, autopilot, plan = self._session.monitor, self._session.autopilot, self._plan
         here, passage = self.place_m, self._passage
         if monitor.current_seq < 0 or here is None or self._session.watch.is_open(Ending.MISSION_CHANGED):
@@ -152,7 +152,7 @@ class MissionProgress:
         return place_m
 
     def _look_for_silence(self) -> None:
-        """After positions were missing, believe for a moment which waypoint the vehicle says it flies to."""
+        """After missing positions, believe the vehicle's reported waypoint for a moment."""
         here = self._session.monitor.latest(m.GlobalPositionInt)
         if here is None:
             return
@@ -175,7 +175,7 @@ def _along(piece: FloatArray) -> FloatArray:
 
 
 def _nearest_m(here: FloatArray, leg: FloatArray) -> FloatArray:
-    """(3,) the point of a (2, 3) leg that is nearest to a (3,) place."""
+    """(3,) the point of a (2, 3) leg that is nearest to a (3,) position."""
     along = leg[1] - leg[0]
     square = float(along @ along)
     fraction = 0.0 if square == 0.0 else min(1.0, max(0.0, float((here - leg[0]) @ along) / square))

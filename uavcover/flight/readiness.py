@@ -114,7 +114,7 @@ def wait_until_ready(session: Session) -> None:
     """Wait until the vehicle can be armed, and until what following needs comes often enough.
 
     ArduPilot's pre-arm bit is good about 18 s before arming works, so its position filter has to agree. Why it is not ready
-    is asked again and again, and passed on as it comes.
+    is polled, and passed on as it comes.
 
     Raises:
         FlightFaultError: it does not get ready; the message says what it lacks.
@@ -140,7 +140,7 @@ def wait_until_ready(session: Session) -> None:
 
 
 class _Reasons:
-    """Asks a vehicle now and then to say why it cannot be armed, as long as it knows the question."""
+    """Ask a vehicle periodically why it cannot be armed, as long as it knows the question."""
 
     def __init__(self, session: Session) -> None:
         self._session = session

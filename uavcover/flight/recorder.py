@@ -101,7 +101,7 @@ class Recorder:
         return velocity if self._reports_velocity else {}
 
     def _unix_time_s(self, time_boot_s: float) -> float:
-        """UTC at a vehicle time, as the vehicle tells it; NaN before its receiver knows."""
+        """UTC at a vehicle time, from the vehicle's clock; NaN before its receiver knows."""
         clock = self._monitor.latest(m.SystemTime)
         if clock is None or not is_flight_time(clock.time_unix_s):
             return math.nan

@@ -155,7 +155,7 @@ def _send(session: Session, mission: Mission, stops: int, preconditions: Precond
 
 
 def _above_moved_home(mission: Mission, up_m: float) -> Mission:
-    """The same places, for a vehicle whose home is higher by ``up_m`` than it was planned for."""
+    """The same positions, for a vehicle whose home is higher by ``up_m`` than planned."""
     above_home = Frame.ABOVE_HOME
     items = [replace(i, alt_m=i.alt_m - up_m) if i.frame is above_home and i.has_position else i for i in mission.items]
     return replace(mission, items=tuple(items))

@@ -145,7 +145,7 @@ class Session:
         self._on_event(FlightEvent(kind, text, self.monitor.time_s, waypoint, alarm))
 
     def pump(self) -> None:
-        """Listen for a moment, and pass on what the vehicle says.
+        """Listen for a moment, and pass on the vehicle's messages.
 
         Raises:
             FlightFaultError: it is gone, or it restarted.

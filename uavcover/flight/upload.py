@@ -93,7 +93,7 @@ def upload_run(
     The file describes the last upload only: the first message of an upload deletes it.
     """
     require_home(site)
-    compile_plan(site, route)  # a bad leg is known before anybody is asked
+    compile_plan(site, route)  # a bad leg is found before the vehicle is asked
     with (
         run.reserved((), force=True),
         connect(to, site) as vehicle,

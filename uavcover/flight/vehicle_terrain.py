@@ -159,7 +159,7 @@ def answer_from_site(client: Client, site: Site) -> None:
 
 
 def serve_terrain(client: Client, heights: Heights, user: User) -> TerrainCounts:
-    """Answer the vehicle's requests for terrain heights until the user stops it; tells how many were answered."""
+    """Answer the vehicle's requests for terrain heights until the user stops it; returns their number."""
     answers = TerrainAnswers(heights, say=user.warn)
     reported, report_at_s, ask_at_s = TerrainCounts(), client.clock.now() + _TELL_EVERY_S, -math.inf
     with user.stop_requests("stopping") as stop:
@@ -226,7 +226,7 @@ def _corner_deg(block: TerrainBlock) -> Place:
 
 
 def _blocks_in(around: Bounds, spacing_m: int) -> list[TerrainBlock]:
-    """The blocks that touch a box, found by places closer together than the sides of a block."""
+    """The blocks that touch a box, found by positions closer together than the sides of a block."""
     if not 10 <= spacing_m <= 1000:
         raise InputError(f"--spacing: {spacing_m} m is not from 10 to 1000; give the vehicle's TERRAIN_SPACING")
     west, south, east, north = around

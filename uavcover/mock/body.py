@@ -113,7 +113,7 @@ class MockBody:
             self.home, self.home_m = self.geodetic_of(here), here
 
     def set_home(self, home: GeoPoint) -> None:
-        """Set home to any place."""
+        """Set home to any position."""
         east, north, up = self.frame.enu_from_geodetic(home.lat_deg, home.lon_deg, home.alt_amsl_m)[0]
         self.home, self.home_m = home, (float(east), float(north), float(up))
 

@@ -13,7 +13,7 @@ from uavcover.mock.itinerary import CameraOrder
 
 
 class MockCamera:
-    """Takes pictures and makes the messages that report them.
+    """Takes photos and makes the messages that report them.
 
     Args:
         body: what carries it; pictures are placed where it believes to be.
@@ -37,7 +37,7 @@ class MockCamera:
         self._last_m: Vector | None = None
 
     def obey(self, order: CameraOrder, now: float) -> list[m.Message]:
-        """Carry out what the mission asks for; returns what is reported of it.
+        """Carry out the mission's camera orders; returns their reports.
 
         PX4 forgets the last picture with every new distance, ArduPilot only when it stops.
         """

@@ -177,7 +177,7 @@ def _take_off(control: FlightControl, params: Params) -> CommandResult:
 
 
 def _reposition(control: FlightControl, command: m.CommandInt) -> CommandResult:
-    """Fly to a place and stay there: ArduPilot in GUIDED, PX4 in HOLD."""
+    """Fly to a position and stay there: ArduPilot in GUIDED, PX4 in HOLD."""
     vehicle = control.state
     if not vehicle.flying:
         return CommandResult.FAILED

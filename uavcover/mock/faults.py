@@ -1,4 +1,4 @@
-"""Faults by name: what goes wrong with the vehicle, and when; ``parse_fault`` documents the notation."""
+"""Faults by name and time; ``parse_fault`` documents the notation."""
 
 import math
 import re
@@ -55,7 +55,7 @@ class FaultTrigger:
     value: float
 
     def has_come(self, powered_s: float, took_off_at_s: float | None, current_seq: int) -> bool:
-        """Whether it has come.
+        """Whether its time has come.
 
         Args:
             powered_s: vehicle time since the vehicle was first switched on.
@@ -215,7 +215,7 @@ def _trigger_text(trigger: FaultTrigger) -> str:
 
 
 class FaultSchedule:
-    """The faults that are still to come, and those that are in effect.
+    """The future faults, and those in effect.
 
     Args:
         faults: what is to come.

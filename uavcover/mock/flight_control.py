@@ -174,7 +174,7 @@ class FlightControl:
         self._fly_on()
 
     def fail_safe_smartly(self, what: str, otherwise: Mode) -> None:
-        """Return by SmartRTL where that is available; else return or land, as ArduCopter's failsafes say of themselves."""
+        """Return by SmartRTL where that is available; else return or land, as ArduCopter's failsafes do."""
         state = self.state
         if state.trail.is_active and not state.body.believed.lost:
             if state.flying and state.custom_mode != SMART_RTL:
@@ -189,7 +189,7 @@ class FlightControl:
     def fail_safe(self, what: str, mode: Mode, *, delay_s: float = 0.0) -> None:
         """Change to a failsafe mode in flight and report it; do nothing on the ground or in that mode.
 
-        With a delay it holds first, as PX4 does, unless somebody chooses another mode meanwhile.
+        With a delay it holds first, as PX4 does, unless a station chooses another mode meanwhile.
         """
         state = self.state
         if not state.armed or state.body.on_ground or state.mode is mode:

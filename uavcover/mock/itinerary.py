@@ -150,7 +150,7 @@ def mission_steps(
 
 
 def _turns(seq: int, item: MissionItem, center: Vector, settings: Settings, speeds: Speeds) -> list[Step]:
-    """Circles around a place, begun in the north: clockwise, or the other way with a negative radius."""
+    """Circles around a position, begun in the north: clockwise, or the other way with a negative radius."""
     turns, radius_m = item.params[0], item.params[2]
     if not (math.isfinite(radius_m) and radius_m != 0.0):
         radius_m = _CIRCLE_RADIUS_M
@@ -330,7 +330,7 @@ class Itinerary:
 
 
 def halting_point(body: Mover) -> Vector:
-    """Where a vehicle that starts to brake now comes to rest."""
+    """Position of rest of a vehicle that starts to brake now."""
     frame = body.airframe
     (x, y, z), (vx, vy, vz) = body.position_m, body.velocity_m_s
     level = math.hypot(vx, vy) / (1.2 * frame.max_acceleration_m_s2)

@@ -76,7 +76,7 @@ class MissionStore:
         self._server.set_items(mission_type, items)
 
     def load(self, mission_type: MissionType, items: Iterable[MissionItem]) -> None:
-        """Replace a list by one that came as a file: to the vehicle it is an upload."""
+        """Replace a list by one from a file: to the vehicle it is an upload."""
         self._server.set_items(mission_type, items, uploaded=True)
 
     def set_home(self, home: GeoPoint) -> None:

@@ -21,7 +21,7 @@ _MOST_CONNECTIONS = 16
 
 
 class Port(Protocol):
-    """Something bound that datagrams or frames come in at and go out of, without waiting."""
+    """A bound port that receives and sends datagrams or frames without waiting."""
 
     @property
     def number(self) -> int:
@@ -37,7 +37,7 @@ class Port(Protocol):
         """Received frames, each with its address."""
 
     def send(self, place: Place, data: bytes) -> None:
-        """Send to a place; what it does not take is lost."""
+        """Send to an address; refused data is lost."""
 
     def close(self) -> None:
         """Let go of the port."""

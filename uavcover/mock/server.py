@@ -69,7 +69,7 @@ class MockServer:
         return self._port.number
 
     def serve(self, stopped: Callable[[], bool]) -> None:
-        """Fly and answer until ``stopped`` says so."""
+        """Fly and answer until ``stopped`` is true."""
         while not stopped():
             self._port.wait(_TICK_S)
             now = time.monotonic()
@@ -112,7 +112,7 @@ def run(
     on_bound: Callable[[int], None] | None = None,
     ended: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Be a vehicle until SIGTERM or SIGINT, or until ``ended`` says so. To be called in the main thread of its process.
+    """Be a vehicle until SIGTERM or SIGINT, or until ``ended`` is true. To be called in the main thread of its process.
 
     Args:
         url: ``udpin://HOST:PORT`` answers every sender, port 0 is any; ``udpout://HOST:PORT`` also speaks first;

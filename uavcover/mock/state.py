@@ -203,7 +203,7 @@ class MockState:
 
     @property
     def ready(self) -> bool:
-        """Whether it has a position, so that it can be armed."""
+        """Whether it has a position, which arming requires."""
         return self.time_s >= self.behaviour.ready_s and not self.body.believed.lost
 
     @property
@@ -217,7 +217,7 @@ class MockState:
         return system_id not in own and bool(int(self.parameters["MAV_OPTIONS"]) & 1)
 
     def _heading(self, velocity_m_s: Vector) -> float | None:
-        """The heading that its yaw parameter asks for, radians; None is to turn no more."""
+        """The heading that its yaw parameter requests, radians; None is to turn no more."""
         mode = self.parameters["WP_YAW_BEHAVIOR" if self.is_ardupilot else "MPC_YAW_MODE"]
         if mode == (0.0 if self.is_ardupilot else 5.0):
             return None

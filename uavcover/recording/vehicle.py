@@ -174,7 +174,7 @@ def body_rotations(attitude_deg: FloatArray) -> "Rotation":
 
 
 def _rotations(turn: CameraTurn) -> "Rotation":
-    """Rotations from the camera (top, left of the picture, against its axis) to the local frame."""
+    """Rotations from the camera (top, left of the image, against its axis) to the local frame."""
     from scipy.spatial.transform import Rotation
 
     left = np.cross(turn.tops, turn.axes)
@@ -182,7 +182,7 @@ def _rotations(turn: CameraTurn) -> "Rotation":
 
 
 def _view_edges(sensor: Camera, *, length_m: float) -> list[FloatArray]:
-    """Edges and rim of a field of view, downwards from the origin; the top of a picture points to x."""
+    """Edges and rim of a field of view, downwards from the origin; the top of an image points to x."""
     if isinstance(sensor, FrameCamera):
         right = length_m * math.tan(math.radians(sensor.fov_across_deg / 2.0))
         top = length_m * math.tan(math.radians(sensor.fov_along_deg / 2.0))

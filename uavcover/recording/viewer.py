@@ -87,7 +87,7 @@ def _require_screen(what: str) -> None:
 
 
 def screenshot(path: str | Path, png: str | Path, *, at_share: float = 1.0) -> None:
-    """Make a picture of a recording as the viewer shows it, without a screen.
+    """Make a screenshot of a recording in the viewer, without a screen.
 
     Args:
         path: the recording.

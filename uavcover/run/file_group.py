@@ -124,7 +124,7 @@ def settle(folder: Path) -> None:
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise OutputError(
                 f"{folder}: its files were being replaced when something ended that, and it cannot be finished ({error}); "
-                f"mend this, or see {JOURNAL} there"
+                f"correct this, or see {JOURNAL} there"
             ) from error
     for left in folder.glob(f"{_STAGED}*"):
         shutil.rmtree(left, ignore_errors=True)

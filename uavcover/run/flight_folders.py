@@ -58,7 +58,7 @@ def next_folder(run: RunFolder) -> RunFolder:
 
 
 def continues(folder: RunFolder, before: RunFolder) -> bool:
-    """Whether a flight goes on with the one before it as it is there now."""
+    """Whether a flight continues the present state of the one before it."""
     try:
         link = folder.read_json("run.json", made_by="uavcover fly --resume").get(LINK)
     except InputError:

@@ -165,7 +165,7 @@ class RunFolder:
         change_together(self.path, contents, removed=stale, moved=moved)
 
     def remove(self, names: Iterable[str]) -> None:
-        """Remove files, where they are there.
+        """Remove files, where they exist.
 
         Raises:
             OutputError: one cannot be removed; then all are there.
@@ -176,7 +176,7 @@ class RunFolder:
         """Finish the writes of a process that was killed, in this folder or its parent run folder.
 
         Raises:
-            OutputError: it cannot be finished, or somebody is writing at this moment.
+            OutputError: it cannot be finished, or another process is writing at this moment.
         """
         for folder in (self.path.resolve().parent, self.path):
             if is_unsettled(folder):

@@ -156,12 +156,12 @@ def refuse_changes(run: RunFolder, inputs: JudgedInputs, accepted: Sequence[str]
 
 
 def same_inputs(document: dict[str, Any], inputs: JudgedInputs) -> bool:
-    """Whether a ``verification.json`` judged what is there now."""
+    """Whether a ``verification.json`` judged the present files."""
     return bool(document.get("inputs") == inputs.hashes)
 
 
 def accepted_in(document: dict[str, Any]) -> set[Change]:
-    """The changes that a ``verification.json`` says were accepted."""
+    """The accepted changes of a ``verification.json``."""
     entries = document.get("accepted_changes", [])
     return {
         Change(entry["what"], entry["file"], entry["was"], entry["now"], entry["why"])
@@ -310,7 +310,7 @@ class _Finding:
         )
 
     def add_broken_continuations(self, logs: Sequence[Path]) -> None:
-        """A flight that goes on with another track than the one that is there."""
+        """Report a flight that continues another track than the present one."""
         for log in logs:
             if log.name != TRACK:
                 continue

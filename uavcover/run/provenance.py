@@ -104,7 +104,7 @@ def with_entry(document: Mapping[str, Any], did: str, *, command: Sequence[str],
 
 
 def planned_at_s(run: RunFolder) -> float | None:
-    """When a run was planned, seconds since 1970; none where ``run.json`` does not say."""
+    """Time at which a run was planned, seconds since 1970; none where ``run.json`` has none."""
     times = [entry.get("at") for entry in _entries(run_document(run)) if entry.get("did") == "plan"]
     try:
         return datetime.fromisoformat(str(times[-1])).timestamp() if times else None
@@ -125,7 +125,7 @@ def note_files(run: RunFolder, did: str, names: Sequence[str], *, command: Seque
 
 
 def run_document(run: RunFolder) -> dict[str, Any]:
-    """``run.json`` as it is, or the beginning of one.
+    """``run.json``, or the start of a new one.
 
     Raises:
         InputError: it cannot be read.
@@ -234,7 +234,7 @@ def add_stage(run: RunFolder, name: str, wall_s: float) -> None:
 
 
 def note_in_run(run: RunFolder, key: str, value: dict[str, Any]) -> None:
-    """Put something into ``run.json``, in place of what was there under that key."""
+    """Put an entry into ``run.json``, in place of an older one under that key."""
     document = run.read_json("run.json", made_by="uavcover plan")
     run.write_json("run.json", {**document, key: value})
 
@@ -315,7 +315,7 @@ def _is_there(process: object) -> bool:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
-    except OSError:  # it is somebody else's
+    except OSError:  # it belongs to another user
         return True
     return True
 

@@ -41,10 +41,10 @@ class Workers(Protocol):
                 is simply done again.
             shared: what all tasks need; sent to each worker once.
             tasks: small; arguments and results pickle.
-            should_stop: asked again and again; then what is not done is given up, and the iteration ends.
+            should_stop: polled; once true, unfinished tasks are given up, and the iteration ends.
 
         Raises:
-            UavcoverError: the scheduler, or all workers, are gone for good, or a task ended its worker again and again.
+            UavcoverError: the scheduler, or all workers, are gone for good, or a task ended its worker repeatedly.
             Exception: what ``function`` raised.
         """
         ...

@@ -238,7 +238,7 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
 
 
 def _numbers(path: Path, rows: Iterable[tuple[int, list[str]]], places: dict[str, int]) -> Iterable[list[float]]:
-    """The values of each row at these places, in their order, each checked."""
+    """The values of each row at these columns, in order, each checked."""
     before_s = -math.inf
     for line, row in rows:
         values = [_number(path, line, name, row, place) for name, place in places.items()]
