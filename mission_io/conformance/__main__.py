@@ -37,7 +37,7 @@ CaseT = TypeVar("CaseT", bound=ProtocolCase[Any])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; exit code 0: no failure, 1: a case failed, 2: bad usage, 3: no vehicle or link."""
+    """Run the command; exit code 0: passed, 1: a case failed, 2: bad usage, 3: vehicle or link failed."""
     parsed = _parser().parse_args(arguments)
     try:
         if parsed.list:

@@ -180,7 +180,7 @@ def in_order(e: StationEvidence) -> str:
 
 
 def stops_at(result: MissionResult) -> Judge:
-    """An error ends the operation: no more items, and its user hears of it."""
+    """An error ends the operation: no more items, and its user hears of it. A new operation may follow."""
 
     def judge(e: StationEvidence) -> str:
         check(e.reported_success is not True, "the ground station said that it succeeded")

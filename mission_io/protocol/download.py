@@ -366,6 +366,6 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         self._send_thanks(now)
 
     def _send_thanks(self, now: float) -> None:
-        """Send the final ACK: PX4 answers none, and refuses uploads for 5 s without it."""
+        """Send the final ACK: PX4 answers none, and refuses uploads for 5 s without it. A lossy link gets three."""
         for _ in range(_THANKS_ON_A_BAD_LINK if self.silences else 1):
             self._send_result(MissionResult.ACCEPTED, now)

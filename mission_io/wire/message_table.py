@@ -13,7 +13,7 @@ from mission_io.wire.framing import Layout, layout_of
 
 @dataclass(frozen=True, slots=True)
 class FieldRow:
-    """One attribute of ours and its wire fields; without conversions it equals them."""
+    """One attribute of ours, its wire fields and its conversions; without conversions it equals the field."""
 
     name: str
     wire: tuple[str, ...]

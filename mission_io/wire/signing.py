@@ -211,7 +211,7 @@ class TimestampStore(Protocol):
 
 
 class UnsavedTimestamps:
-    """Timestamps that last as long as the program: for tests, and for a key without a file."""
+    """Timestamps kept in memory: for tests, and for a key without a file on a machine with a clock."""
 
     def __init__(self) -> None:
         self._timestamp = 0

@@ -89,7 +89,7 @@ def footprints_m(coverage: CoverageMap, eyes_m: FloatArray, axes: FloatArray, to
 
 
 def _on_axis_m(coverage: CoverageMap, eye_m: FloatArray, axis: FloatArray) -> FloatArray:
-    """(2,) first intersection of the axis with the ground, or the point below the sensor."""
+    """(2,) first intersection of the axis with the ground, to a 200th of the range, or else below the sensor."""
     along = np.linspace(0.0, coverage.sight.reach_m, 201)[:, None]
     points = eye_m + along * axis
     under = coverage.site.ground.heights_agl_m(points) <= 0.0

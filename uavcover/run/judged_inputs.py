@@ -354,7 +354,7 @@ def judged_logs(run: RunFolder, logs: Sequence[Path]) -> list[Path]:
 
 
 def logs_of_the_verdict(run: RunFolder) -> list[Path]:
-    """The logs that the verdict in a run folder judged; none where it judged the run's own tracks.
+    """The logs that the verdict in a run folder judged; none where it judged the run's own tracks, or without a verdict.
 
     A log that lies elsewhere is known by its name and its hash alone: it is looked for beside the run and where the command runs.
 
