@@ -34,7 +34,7 @@ _CORE: dict[str, dict[str, Entry]] = {
         ),
         "plan": (
             "uavcover.cli.plan",
-            "a route that sees the area, and its mission files",
+            "a route that covers the area, and its mission files",
             (
                 "uavcover plan jacksboro -o RUN --budget 30s",
                 "uavcover plan area.kml --dem dem.tif --camera dji-m3e --gsd 2.5cm -o RUN",
@@ -139,7 +139,7 @@ _GROUPS: Groups = _with_extras(_CORE)
 app = typer.Typer(
     name="uavcover",
     cls=overview_of(_GROUPS),
-    help="Plan flights that observe all of a rugged terrain, fly them, prove the coverage.",
+    help="Plan flights that cover all of a rugged terrain, fly them, prove the coverage.",
     add_completion=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
