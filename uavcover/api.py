@@ -45,7 +45,7 @@ def plan(
     force: bool = False,
     user: User = UNATTENDED,
 ) -> Plan:
-    """Plan a route that sees the area, and write the run folder with its mission files, as ``uavcover plan`` does.
+    """Plan a route that observes the area, and write the run folder with its mission files, as ``uavcover plan`` does.
 
     Args:
         site: the scenario on its ground.

@@ -101,7 +101,7 @@ def plan(
     force: options.ForcePlan = False,
     output: options.Output,
 ) -> int:
-    """Plan a route that sees the area, and write its mission files.
+    """Plan a route that observes the area, and write its mission files.
 
     An area in place of a scenario is planned as `uavcover new` would describe it; RUN/scenario.toml then says how.
     Ctrl-C writes the best route so far and ends with 130.
