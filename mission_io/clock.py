@@ -13,7 +13,7 @@ class Clock(Protocol):
 
 
 class UnixClock(Protocol):
-    """The time of day, which somebody may set."""
+    """The time of day, which users may set."""
 
     def unix_s(self) -> float:
         """Seconds since 1970-01-01 UTC."""

@@ -81,7 +81,7 @@ class WaitCancelledError(MissionIoError):
 
 
 class TransferInterrupted(KeyboardInterrupt):
-    """Ctrl-C during a transfer; the vehicle was told.
+    """Ctrl-C during a transfer; the vehicle received a cancellation.
 
     Attributes:
         outcome: What the vehicle holds now.

@@ -30,7 +30,7 @@ from uavcover.verification.command import verify_run
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.verify import FlownTrack, Verdict, verify_flight
 
-NOBODY = Unattended()
+UNATTENDED = Unattended()
 
 
 def plan(
@@ -43,9 +43,9 @@ def plan(
     algorithm: str | type | None = None,
     select: str | None = None,
     force: bool = False,
-    user: User = NOBODY,
+    user: User = UNATTENDED,
 ) -> Plan:
-    """Plan a route that sees the area, and write the run folder with its mission files, as ``uavcover plan`` does.
+    """Plan a route that observes the area, and write the run folder with its mission files, as ``uavcover plan`` does.
 
     Args:
         site: the scenario on its ground.
@@ -56,7 +56,7 @@ def plan(
         algorithm: a name, ``module:Class``, or a class with ``ask`` and ``tell``. Default: the scenario's.
         select: the rule by which one route of the Pareto set is chosen. Default: the scenario's.
         force: whether a plan that is there may be replaced, with all that belongs to it.
-        user: who is told, and may stop the search.
+        user: receives messages, and may stop the search.
 
     Returns:
         The Pareto set and the chosen route; ``rule_met`` says whether the rule could be met.
@@ -100,7 +100,7 @@ def compile_mission(site: Site, route: Plan | Route, *, autopilot: AutopilotName
     return compile_plan(site, route.chosen.route if isinstance(route, Plan) else route, autopilot=autopilot)
 
 
-def upload(vehicle: Connected, run: str | Path, *, in_flight: bool = False, user: User = NOBODY) -> bool:
+def upload(vehicle: Connected, run: str | Path, *, in_flight: bool = False, user: User = UNATTENDED) -> bool:
     """Upload the mission, fence and rally points of a run, read each back and compare; writes ``upload.json``.
 
     Returns:
@@ -117,14 +117,17 @@ def upload(vehicle: Connected, run: str | Path, *, in_flight: bool = False, user
     return bool(document["passed"])
 
 
-def fly(vehicle: Connected, run: str | Path, *, options: FlightOptions = USUAL_FLIGHT, user: User = NOBODY) -> Track:
+def fly(
+    vehicle: Connected, run: str | Path, *, options: FlightOptions = USUAL_FLIGHT, user: User = UNATTENDED
+) -> Track:
     """Fly the mission that the vehicle holds, and keep the record in the run folder, as ``uavcover fly`` does.
 
     Args:
         vehicle: connected, on the ground.
         run: the run folder whose mission it holds.
         options: ``confirmed=True`` arms a vehicle that is not simulated.
-        user: who is told, and may stop or pause the flight. Without one, Ctrl-C leaves the vehicle as it is, maybe in the air.
+        user: receives messages, and may stop or pause the flight. Without one, Ctrl-C leaves the vehicle as it is, maybe
+            in the air.
 
     Returns:
         The flown track, as ``track.csv`` has it.
@@ -142,7 +145,7 @@ def fly(vehicle: Connected, run: str | Path, *, options: FlightOptions = USUAL_F
 
 
 def verify(
-    run: str | Path, *, logs: Sequence[str | Path] = (), accepted: Sequence[str] = (), user: User = NOBODY
+    run: str | Path, *, logs: Sequence[str | Path] = (), accepted: Sequence[str] = (), user: User = UNATTENDED
 ) -> Verdict:
     """Judge the flight of a run folder from its own track, or from other logs, and write ``verification.json``.
 
@@ -150,7 +153,7 @@ def verify(
         run: the run folder.
         logs: ``.csv``, ``.rrd``, ``.bin``, ``.tlog``, ``.ulg`` or ``.gpx``. Default: the run's tracks.
         accepted: which changes since planning or flight are accepted: "scenario", "terrain", ...
-        user: who is told.
+        user: receives messages.
 
     Raises:
         InputError: a log cannot be read, or something changed since planning or flight and was not accepted.
@@ -172,16 +175,21 @@ def verify_track(site: Site, track: Track, plan: Plan | None = None) -> Verdict:
 
 
 def find_gaps(
-    run: str | Path, *, target: float | None = None, min_area_m2: float = 0.0, force: bool = False, user: User = NOBODY
+    run: str | Path,
+    *,
+    target: float | None = None,
+    min_area_m2: float = 0.0,
+    force: bool = False,
+    user: User = UNATTENDED,
 ) -> GapMission | None:
-    """Group what the flight of a run has not seen, and plan the mission that closes the gaps, as ``uavcover gaps`` does.
+    """Group the unobserved cells of a run's flight and plan the mission that observes them, as ``uavcover gaps`` does.
 
     Args:
         run: the run folder of a flight.
         target: share of what can be seen that is enough, 0..1. Default: everything.
         min_area_m2: smaller gaps stay open.
         force: whether an older gap mission, and its flight, may be replaced.
-        user: who is told.
+        user: receives messages.
 
     Returns:
         The mission, whose own run folder is ``gaps`` inside the run's; none when there is nothing to close.

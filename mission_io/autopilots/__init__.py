@@ -1,1 +1,1 @@
-"""What ArduPilot and PX4 do differently, as data."""
+"""Differences between ArduPilot and PX4, as data."""

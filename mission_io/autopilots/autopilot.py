@@ -1,4 +1,4 @@
-"""How ArduPilot and PX4 treat missions, as data: conversion of missions into each one's terms and into wire item lists.
+"""Treatment of missions by ArduPilot and PX4, as data: conversion into their terms and wire lists.
 
 Every fact was observed on a simulated vehicle of ArduCopter 4.7 or PX4 1.17, or read in their sources.
 
@@ -57,7 +57,7 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Autopilot:
-    """How one autopilot treats missions.
+    """Treatment of missions by one autopilot.
 
     Attributes:
         name: For people.
@@ -83,7 +83,7 @@ class Autopilot:
         says_give_up: Whether it tells (with OPERATION_CANCELLED) that it gave up.
         atomic: The lists that a failed upload leaves as they were.
         busy_result: What a second ground station's upload is answered.
-        busy_request_result: What a list or an item that is asked for is answered while a transfer is going on that keeps
+        busy_request_result: Answer to a request for a list or an item while another transfer keeps
             it out; None for nothing.
         busy_clear_results: What an emptying is answered meanwhile: ArduPilot says no twice, in two words.
         stopped_by: The results with which a ground station ends its upload; others are ignored. ArduPilot 4.7 and PX4 1.17

@@ -61,7 +61,7 @@ def compare_items(
     autopilot: Autopilot,
     mission_type: MissionType = MissionType.MISSION,
 ) -> tuple[Difference, ...]:
-    """Every difference between two item lists as they are on the wire; empty when they are equal to the last bit."""
+    """Every difference between two item lists on the wire; empty when they are equal to the last bit."""
     differences: list[Difference] = []
     if len(sent) != len(received):
         why = "items were lost" if len(received) < len(sent) else "the vehicle holds items that were not sent"
@@ -186,12 +186,12 @@ def _place_verdict(sent: float, received: float, apart_m: float | None) -> tuple
         rounded = "MAVLink carries coordinates in steps of 1e-7 degrees"
         return True, rounded
     if abs(received - sent) <= _WIRE_STEP_DEG or (apart_m is not None and apart_m <= SAME_PLACE_M):
-        return True, "it is the same place within 2 cm or a step of 1e-7 degrees"
-    return False, "it is another place"
+        return True, "it is the same position within 2 cm or a step of 1e-7 degrees"
+    return False, "it is another position"
 
 
 def _apart_m(a: MissionItem, b: MissionItem) -> float | None:
-    """Distance over ground between two places; infinite if one is not a place, None for commands without a position."""
+    """Distance over ground between two positions; infinite if one is invalid, None for commands without a position."""
     if not a.has_position:
         return None
     degrees = (a.lat_deg, a.lon_deg, b.lat_deg, b.lon_deg)

@@ -10,7 +10,7 @@ from mission_io.model.enums import AutopilotId, Firmware
 
 
 class Mode(Enum):
-    """What the vehicle is meant to do."""
+    """Purpose of a flight mode."""
 
     MANUAL = "manual"
     GUIDED = "guided"
@@ -100,7 +100,7 @@ def mode_from_custom(autopilot: Autopilot, number: int) -> Mode | None:
 
 
 def mode_from_params(autopilot: Autopilot, params: tuple[float, ...]) -> Mode | None:
-    """The mode that a DO_SET_MODE command asks for: PX4 has main and sub mode in two parameters."""
+    """The mode that a DO_SET_MODE command requests: PX4 has main and sub mode in two parameters."""
     if autopilot.mav_autopilot == AutopilotId.PX4:
         return mode_from_custom(autopilot, _px4(int(params[1]), int(params[2])))
     return mode_from_custom(autopilot, int(params[1]))

@@ -1,4 +1,4 @@
-"""What the parameters of commands mean, as data: which are of no use, and which NaN, 0 or -1 leaves to the vehicle.
+"""Meanings of command parameters, as data: which are unused, and which NaN, 0 or -1 leaves to the vehicle.
 
 From the descriptions of MAV_CMD in MAVLink's common message set (mavlink/mavlink, message_definitions/v1.0/common.xml and
 standard.xml at de1e078a, 2026-07-22): a parameter without description or label, or called empty, reserved or unused, is of
@@ -19,7 +19,7 @@ _SIX_DECIMALS = 1e-6
 
 
 class Meaning(Enum):
-    """How two numbers of the same parameter are compared."""
+    """Rule that compares two numbers of the same parameter."""
 
     RESERVED = "the command has no use for this parameter"
     NUMBER = "a number"
@@ -45,7 +45,7 @@ class Meaning(Enum):
 
 
 def meaning_of(command: int, number: int) -> Meaning:
-    """What parameter ``number`` (1 to 7) of a command means; a number for commands that are not known here.
+    """The meaning of a command's parameter ``number`` (1 to 7); a plain number for unknown commands.
 
     Parameters 5 to 7 of a command with a position are the position, and not asked for here.
     """
@@ -59,7 +59,7 @@ def has_no_place(command: int) -> bool:
 
 
 def number_for_nan(item: MissionItem, number: int) -> float:
-    """The number that stands for NaN in parameter 1 to 4 where a file cannot say NaN; NaN where none means the same.
+    """The number for NaN in parameter 1 to 4 of a format without NaN; NaN where none means the same.
 
     A heading becomes 0, as other programs write it although it means north: who writes it has to say so.
     """

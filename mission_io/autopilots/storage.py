@@ -1,4 +1,4 @@
-"""How autopilots store the numbers they receive, as data: one rule for each field that comes back changed.
+"""Rounding of received numbers by autopilots, as data: one rule for each field that they change.
 
 ArduPilot packs an item into 15 bytes, so most fields are rounded or dropped. What each command keeps was read in
 AP_Mission; for waypoints, landings, fences and rally points it was also observed on a simulated ArduCopter 4.7.
@@ -34,7 +34,7 @@ WITHOUT_POSITION = frozenset(
         Command.VIDEO_STOP_CAPTURE,
     }
 )
-"""The commands mission_io knows to have no position, whatever frame they come with."""
+"""The commands mission_io knows to have no position, in any frame."""
 
 FENCE = frozenset(range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE_EXCLUSION + 1))
 RALLY = frozenset({int(Command.NAV_RALLY_POINT)})
@@ -188,8 +188,8 @@ _ARDUPILOT_COMMON = (
         for rule in _drop((name,), WITHOUT_POSITION - kept, "ArduPilot keeps no more of a command without a position")
     ),
     StorageRule("alt_m", _PLACES, _to_centimetres, 0.01001, "ArduPilot truncates altitudes to centimetres"),
-    *_drop(("param2", "param3", "param4", "alt_m"), FENCE, "ArduPilot keeps only the place and size of a fence"),
-    *_drop(("param1", "param2", "param3", "param4"), RALLY, "ArduPilot keeps only the place of a rally point"),
+    *_drop(("param2", "param3", "param4", "alt_m"), FENCE, "ArduPilot keeps only the position and size of a fence"),
+    *_drop(("param1", "param2", "param3", "param4"), RALLY, "ArduPilot keeps only the position of a rally point"),
     StorageRule("alt_m", RALLY, _to_metres, 1.0, "ArduPilot truncates rally altitudes to metres"),
 )
 

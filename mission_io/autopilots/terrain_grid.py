@@ -83,7 +83,7 @@ class TerrainBlock:
 
 @dataclass(frozen=True, slots=True)
 class PlaceInBlock:
-    """A place by its block, and the rows and columns from the block's corner, with fractions."""
+    """A position by its block, and the rows and columns from the block's corner, with fractions."""
 
     block: TerrainBlock
     row: float
@@ -91,7 +91,7 @@ class PlaceInBlock:
 
 
 def place_in_block(lat_deg: float, lon_deg: float, spacing_m: int) -> PlaceInBlock:
-    """The block that ArduPilot looks a place up in."""
+    """The block in which ArduPilot looks up a position."""
     lat_e7, lon_e7 = round(lat_deg * _DEGREE_E7), round(lon_deg * _DEGREE_E7)
     south, west = lat_e7 // _DEGREE_E7, lon_e7 // _DEGREE_E7
     north_m = (lat_e7 - south * _DEGREE_E7) * _M_PER_E7
@@ -103,7 +103,7 @@ def place_in_block(lat_deg: float, lon_deg: float, spacing_m: int) -> PlaceInBlo
 
 
 def block_with_corner(lat_deg: float, lon_deg: float, spacing_m: int) -> TerrainBlock | None:
-    """The block whose corner this is; None for a place that is no corner of the grid.
+    """The block whose corner this is; None for a position that is no corner of the grid.
 
     South of the equator the last blocks of a degree begin some metres east of it.
     """
@@ -122,7 +122,7 @@ def block_with_corner(lat_deg: float, lon_deg: float, spacing_m: int) -> Terrain
 
 
 def places_of_block(lat_deg: float, lon_deg: float, spacing_m: int) -> list[Place]:
-    """The 896 places of the block with this corner, part by part, in the order of the heights of a part.
+    """The 896 positions of the block with this corner, part by part, in the order of a part's heights.
 
     Firmware from before 2021 has other corners; the places of such a block are counted from its own corner.
     """
@@ -139,7 +139,7 @@ def places_of_block(lat_deg: float, lon_deg: float, spacing_m: int) -> list[Plac
 
 
 def parts_of_block(places: Sequence[Place], heights_amsl_m: Heights) -> tuple[Part | None, ...]:
-    """The heights of a block's places rounded to the nearest metre, part by part; None for a part with an unknown height."""
+    """Heights of a block's positions in whole metres, part by part; None for a part with an unknown height."""
     on_earth = [place for place in places if abs(place[0]) <= 90.0]
     known = dict(zip(on_earth, heights_amsl_m(on_earth), strict=True)) if on_earth else {}
     return tuple(_part([known.get(place, math.nan) for place in places[i : i + 16]]) for i in range(0, len(places), 16))
@@ -152,7 +152,7 @@ def _part(heights_m: Sequence[float]) -> Part | None:
 
 
 def blocks_east(south_deg: int, spacing_m: int) -> int:
-    """Blocks from west to east that the file of a degree has room for; ArduPilot leaves two more than it needs."""
+    """Blocks from west to east in the file of a degree; ArduPilot leaves two more than it needs."""
     corner_e7 = south_deg * _DEGREE_E7
     room_m = float(2 * spacing_m * COLUMNS)
     width_e7 = _DEGREE_E7 + int(room_m * _E7_PER_M / _longitude_scale(corner_e7 / _DEGREE_E7))
@@ -171,7 +171,7 @@ def wrapped_deg(lon_deg: float) -> float:
 
 
 def _shifted_e7(south_deg: int, west_deg: int, north_m: float, east_m: float) -> tuple[int, int]:
-    """A place so many metres from a degree's corner, in 1e-7 degrees; ArduPilot cuts fractions off."""
+    """The position at an offset in metres from a degree's corner, in 1e-7 degrees; ArduPilot truncates."""
     south, west = south_deg * _DEGREE_E7, west_deg * _DEGREE_E7
     off_lat = int(north_m * _E7_PER_M)
     off_lon = int(east_m * _E7_PER_M / _longitude_scale((south + off_lat / 2) / _DEGREE_E7))

@@ -23,7 +23,7 @@ ArgsP = ParamSpec("ArgsP")
 
 
 class AsyncClient:
-    """The calls of a ``Client`` as coroutines, one at a time on one worker thread, in the order in which they were made.
+    """The calls of a ``Client`` as coroutines, one at a time on one worker thread, in call order.
 
     A call that is cancelled (``task.cancel``, ``asyncio.timeout``, Ctrl-C under ``asyncio.run``) first ends on the link:
     a transfer is cancelled on the vehicle and read back, any other wait ends within a second. Only then is
@@ -80,17 +80,17 @@ class AsyncClient:
         autopilot: Autopilot | None = None,
     ) -> ReadBack:
         """As ``Client.upload_and_verify``; ``progress`` is called in the event loop."""
-        told = _in_loop(progress)
+        report = _in_loop(progress)
         return await self._on_worker(
             lambda stop: self._client.upload_and_verify(
-                content, progress=told, stop=stop, in_flight=in_flight, autopilot=autopilot
+                content, progress=report, stop=stop, in_flight=in_flight, autopilot=autopilot
             )
         )
 
     async def download_list(self, mission_type: MissionType, *, progress: Progress | None = None) -> MissionList:
         """As ``Client.download_list``; ``progress`` is called in the event loop."""
-        told = _in_loop(progress)
-        return await self._on_worker(lambda stop: self._client.download_list(mission_type, progress=told, stop=stop))
+        report = _in_loop(progress)
+        return await self._on_worker(lambda stop: self._client.download_list(mission_type, progress=report, stop=stop))
 
     async def clear(self, mission_type: MissionType, *, in_flight: bool = False) -> None:
         """As ``Client.clear``; a call that is cancelled may have emptied the list."""
@@ -126,11 +126,11 @@ class AsyncClient:
         """Follow the mission to its end and return its last progress; ``progress`` is called with each in the event loop."""
         loop = asyncio.get_running_loop()
 
-        def told(latest: ItemProgress) -> None:
+        def report(latest: ItemProgress) -> None:
             if progress is not None:
                 loop.call_soon_threadsafe(progress, latest)
 
-        return await self.call(wait_for_mission, progress=told, until=until, silent_s=silent_s)
+        return await self.call(wait_for_mission, progress=report, until=until, silent_s=silent_s)
 
     async def poll(self, timeout_s: float) -> list[Received]:
         """As ``Client.poll``."""
@@ -171,7 +171,7 @@ class AsyncClient:
 
 
 async def _ended(running: asyncio.Future[ResultT]) -> None:
-    """Wait for a call that is ending already, whoever cancels this once more."""
+    """Wait for a call that is ending already, through further cancellations."""
     while not running.done():
         with contextlib.suppress(asyncio.CancelledError):
             await asyncio.wait([running])
@@ -183,7 +183,7 @@ def _in_loop(progress: Progress | None) -> Progress | None:
         return None
     loop = asyncio.get_running_loop()
 
-    def told(done: int, total: int) -> None:
+    def report(done: int, total: int) -> None:
         loop.call_soon_threadsafe(progress, done, total)
 
-    return told
+    return report

@@ -199,7 +199,7 @@ class Client(Connection):
     ) -> ReadBack:
         """Check, upload, read back and compare a mission, a fence or rally points.
 
-        When a mission exceeds the known item limit of its autopilot, the vehicle is asked for its own.
+        When a mission exceeds the known item limit of its autopilot, the vehicle's own limit is requested.
 
         Args:
             content: The list that the vehicle should hold.
@@ -283,7 +283,7 @@ class Client(Connection):
         mission_control.start_mission(self, timeout_s=timeout_s)
 
     def pause_mission(self, *, timeout_s: float = _ANSWER_S) -> None:
-        """Stop in the air and keep the place in the mission; see ``mission_control.pause_mission``."""
+        """Stop in the air and keep the current item of the mission; see ``mission_control.pause_mission``."""
         mission_control.pause_mission(self, timeout_s=timeout_s)
 
     def resume_mission(self, *, timeout_s: float = _ANSWER_S) -> None:
@@ -350,7 +350,7 @@ class Client(Connection):
         raise failure(doing, clear, now_held, vehicle_holds=holds, held_items=held, advice=self.signing_advice())
 
     def _held(self, mission_type: MissionType) -> tuple[MissionItem, ...] | None:
-        """What the vehicle holds after a failure; None when it cannot be read."""
+        """The list on the vehicle after a failure; None when it cannot be read."""
         try:
             return self.download(mission_type)
         except (TransferError, FormatError) as error:

@@ -32,14 +32,14 @@ _CATCH_UP_S = 0.1
 
 
 class Service(Protocol):
-    """Answers the vehicle's questions beside everything else that goes on; sans-IO."""
+    """Answers the vehicle's questions beside all other exchanges; sans-IO."""
 
     def receive(self, received: Received, now: float) -> None:
         """Take a message of the vehicle that arrived at ``now``."""
         ...
 
     def messages_to_send(self, now: float) -> Sequence[Message]:
-        """What is to be sent at ``now``."""
+        """Messages to send at ``now``."""
         ...
 
     def next_timer(self) -> float | None:
@@ -55,7 +55,7 @@ class Connection:
         clock: Source of time; None uses the link's own.
         system_id: This side's MAVLink system; ground stations use 255.
         component_id: This side's component; 190 is a mission planner.
-        listener: Called with every message that arrives, whoever its recipient, and the time in seconds, for logs.
+        listener: Called with every message that arrives, for any recipient, and the time in seconds, for logs.
 
     Attributes:
         peers: Who else is on the link: vehicles, and others that use our ids.
@@ -156,7 +156,7 @@ class Connection:
 
     @property
     def known_autopilot(self) -> Autopilot | None:
-        """What mission_io knows of the vehicle's autopilot; None for one that it does not know.
+        """The known properties of the vehicle's autopilot; None for an unknown one.
 
         Raises:
             MisuseError: ``wait_for_vehicle`` has not found a vehicle yet.
@@ -250,7 +250,7 @@ class Connection:
         return self.vehicle
 
     def _silence(self, timeout_s: float, system_id: int | None, component_id: int | None, others: set[int]) -> str:
-        """Why no vehicle was found, as far as is known."""
+        """The reason that no vehicle was found, as far as known."""
         wanted = "no vehicle" if system_id is None else f"no vehicle with system id {system_id}"
         if component_id is not None:
             wanted += f"{' with' if system_id is None else ' and'} component id {component_id}"
@@ -305,7 +305,7 @@ class Connection:
         )
 
     def signing_advice(self) -> str:
-        """Advice when a vehicle that is heard does not answer because it signs and this side has no key; otherwise empty."""
+        """Advice when the vehicle signs, this side has no key and gets no answer; otherwise empty."""
         signed = self.codec.statistics.signed
         if not signed:
             return ""

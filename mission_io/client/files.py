@@ -20,12 +20,12 @@ ARDUPILOT_WINDOW = 5
 
 
 class FileUploads:
-    """Uploads files to the vehicle of a client; one that the link interrupted goes on where it was.
+    """Uploads files to the vehicle of a client; an interrupted one continues where it stopped.
 
     Args:
         client: Connected.
         window: Requests on the way at once.
-        silent_s: Without any answer for so long, an upload is given up.
+        silent_s: Silence after which an upload is given up.
     """
 
     def __init__(self, client: Client, *, window: int = ARDUPILOT_WINDOW, silent_s: float = 30.0) -> None:
@@ -42,7 +42,7 @@ class FileUploads:
         progress: Callable[[int, int], None] | None = None,
         stop: Callable[[], bool] | None = None,
     ) -> None:
-        """Upload a file and compare its CRC; after an error, the same call goes on where it was.
+        """Upload a file and compare its CRC; after an error, the same call continues where it stopped.
 
         Args:
             path: Where the vehicle keeps it; the folder exists there.
@@ -118,12 +118,12 @@ class FileUploads:
 
 
 class FileDownloads:
-    """Lists folders of a client's vehicle and downloads files; a download that the link interrupted goes on where it was.
+    """Lists folders of a client's vehicle and downloads files; an interrupted download continues where it stopped.
 
     Args:
         client: Connected.
         window: Single reads on the way at once.
-        silent_s: Without anything new for so long, a download is given up.
+        silent_s: Time without new data after which a download is given up.
     """
 
     def __init__(self, client: Client, *, window: int = ARDUPILOT_WINDOW, silent_s: float = 30.0) -> None:
@@ -133,7 +133,7 @@ class FileDownloads:
         self._unfinished: dict[str, FtpDownload] = {}
 
     def entries(self, path: str) -> list[FtpEntry]:
-        """What is in a folder: folders first, by name.
+        """Entries of a folder: folders first, by name.
 
         Raises:
             TransferSilentError: the vehicle stopped answering.
@@ -157,7 +157,7 @@ class FileDownloads:
         progress: Callable[[int, int], None] | None = None,
         stop: Callable[[], bool] | None = None,
     ) -> bytes:
-        """Download a file and compare its CRC; after an error, the same call goes on where it was.
+        """Download a file and compare its CRC; after an error, the same call continues where it stopped.
 
         Args:
             path: Where the vehicle keeps it.
@@ -209,7 +209,7 @@ class FileDownloads:
 
 
 class _Transfer(Protocol):
-    """What uploads, downloads and listings have in common."""
+    """The common interface of uploads, downloads and listings."""
 
     path: str
 
@@ -239,7 +239,7 @@ def _carry(
     """
     pump = _Pump(transfer, client.vehicle.system_id, client.vehicle.component_id)
     client.services.append(pump)
-    told = (-1, -1)
+    reported = (-1, -1)
     try:
         while not transfer.finished:
             if stop is not None and stop():
@@ -249,9 +249,9 @@ def _carry(
                 )
             wake = transfer.next_timer()
             client.poll(0.0 if wake is None else min(1.0, max(0.0, wake - client.clock.now())))
-            if progress is not None and done() != told:
-                told = done()
-                progress(*told)
+            if progress is not None and done() != reported:
+                reported = done()
+                progress(*reported)
     finally:
         client.services.remove(pump)
 

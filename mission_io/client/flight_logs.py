@@ -1,4 +1,4 @@
-"""The flight logs that a vehicle keeps: listed and downloaded over the same link; only what got lost is requested again."""
+"""The flight logs of a vehicle: listed and downloaded over the same link; only lost parts are repeated."""
 
 from collections.abc import Callable
 
@@ -12,7 +12,7 @@ _LIST_AGAIN_S = 1.0
 
 
 def list_flight_logs(connection: Connection, *, timeout_s: float = 10.0) -> tuple[LogEntry, ...]:
-    """List the vehicle's logs in the order of their numbers. Those that got lost are asked for again.
+    """List the vehicle's logs in the order of their numbers. Lost entries are requested again.
 
     Raises:
         VehicleSilentError: the list was not complete within ``timeout_s`` seconds.
@@ -44,11 +44,11 @@ def list_flight_logs(connection: Connection, *, timeout_s: float = 10.0) -> tupl
 
 
 class FlightLogDownloads:
-    """Downloads logs of a connection's vehicle; one that the link interrupted goes on where it was.
+    """Downloads logs of a connection's vehicle; an interrupted one continues where it stopped.
 
     Args:
         connection: With the vehicle.
-        silent_s: Without new bytes for so long, a download is given up.
+        silent_s: Time without new bytes after which a download is given up.
     """
 
     def __init__(self, connection: Connection, *, silent_s: float = 30.0) -> None:
@@ -56,7 +56,7 @@ class FlightLogDownloads:
         self._unfinished: dict[int, LogDownload] = {}
 
     def download(self, entry: LogEntry, *, progress: Progress | None = None, stop: Stop | None = None) -> bytes:
-        """Download the bytes of a log; after an error, the same call goes on where it was.
+        """Download the bytes of a log; after an error, the same call continues where it stopped.
 
         Args:
             entry: One of ``list_flight_logs``.
@@ -94,13 +94,13 @@ def download_flight_log(
     progress: Callable[[int, int], None] | None = None,
     timeout_s: float = 30.0,
 ) -> bytes:
-    """Download the bytes of a log once; see ``FlightLogDownloads`` for one that goes on after an error.
+    """Download the bytes of a log once; see ``FlightLogDownloads`` for one that continues after an error.
 
     Args:
         connection: With the vehicle.
         entry: One of ``list_flight_logs``.
         progress: Called with the bytes received and the total.
-        timeout_s: Without new bytes for so long, it is given up.
+        timeout_s: Time without new bytes after which it is given up.
 
     Raises:
         TransferSilentError: the vehicle fell silent; the message says how much had arrived.

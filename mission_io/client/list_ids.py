@@ -70,7 +70,7 @@ def list_changed(client: Client, mission_type: MissionType, *, timeout_s: float 
 
 
 def _count(client: Client, mission_type: MissionType) -> int:
-    """How many items a list has; asks for the list, and cancels as soon as that is known."""
+    """Number of items of a list; requests the list, and cancels after its count."""
     totals = [0]
     with contextlib.suppress(TransferCancelledError):
         client.download(mission_type, progress=lambda _, total: totals.append(total), stop=lambda: len(totals) > 1)

@@ -85,7 +85,7 @@ def start_mission(connection: Connection, *, timeout_s: float = 10.0) -> None:
 
 
 def pause_mission(connection: Connection, *, timeout_s: float = 10.0) -> None:
-    """Stop in the air and keep the place in the mission.
+    """Stop in the air and keep the current item of the mission.
 
     ArduCopter stops inside AUTO (DO_PAUSE_CONTINUE), or where it refuses that, in LOITER; planes circle, others and PX4 hold.
 
@@ -133,12 +133,12 @@ def follow_mission(
 ) -> Iterator[ItemProgress]:
     """Yield the progress of a mission whenever it changes, until it is complete.
 
-    A vehicle that sends no MISSION_CURRENT by itself is asked for it.
+    A vehicle that sends no MISSION_CURRENT by itself receives a request for it.
 
     Args:
         connection: With the vehicle.
         until: Ends it earlier; called with each progress.
-        silent_s: Without any heartbeat for so long it ends with an error.
+        silent_s: Time without a heartbeat after which it ends with an error.
 
     Raises:
         VehicleSilentError: no heartbeat for ``silent_s`` seconds.

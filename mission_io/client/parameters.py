@@ -43,13 +43,13 @@ class VehicleParameters:
     def all(
         self, *, prefix: str = "", progress: Progress | None = None, stop: Stop | None = None, silent_s: float = 10.0
     ) -> dict[str, Parameter]:
-        """Read all parameters, by name, in the vehicle's order; those that got lost are asked for again.
+        """Read all parameters, by name, in the vehicle's order; lost ones are requested again.
 
         Args:
             prefix: Only those whose names begin so, such as ``FENCE_``; MAVLink has no request for groups, so all are read.
             progress: Called with the number of those here, and the total.
             stop: Polled; True ends it.
-            silent_s: Without a new one for so long it is given up.
+            silent_s: Time without a new parameter after which it is given up.
 
         Raises:
             VehicleSilentError: some never came; it says how many, and which first.
@@ -123,7 +123,7 @@ def _is_bytewise(client: Client) -> bool:
     if not capabilities & (PARAM_ENCODE_BYTEWISE | PARAM_ENCODE_C_CAST):
         raise MisuseError(
             f"vehicle {client.vehicle.system_id} ({client.vehicle.described}) does not say how its parameters encode whole "
-            "numbers; give bytewise"
+            "numbers: give bytewise"
         )
     return bool(capabilities & PARAM_ENCODE_BYTEWISE)
 

@@ -29,7 +29,7 @@ def upload_part(
     Args:
         client: Connected to the vehicle.
         first: The number of the first item that is replaced; item 1 is the first behind home.
-        items: What replaces it and those behind it.
+        items: What replaces it and the ones after it.
         progress: Called with the items that have arrived, and their number.
         stop: Polled; True cancels.
         in_flight: Allow it on an armed vehicle.
@@ -43,7 +43,7 @@ def upload_part(
     if not autopilot.takes_parts:
         raise MisuseError(f"{autopilot.name} takes no part of a mission: upload the whole of it")
     held = client.download_list(MissionType.MISSION)
-    if not isinstance(held, Mission):  # what is downloaded is what was asked for
+    if not isinstance(held, Mission):  # download_list returns the requested type
         raise MisuseError("the vehicle holds no mission")
     last = first + len(items) - 1
     if not 1 <= first <= last <= len(held.items):

@@ -49,7 +49,7 @@ class VehicleInfo:
 
     @property
     def autopilot(self) -> Autopilot:
-        """What mission_io knows of its autopilot.
+        """The known properties of its autopilot.
 
         Raises:
             MisuseError: an autopilot that mission_io does not know.
@@ -127,7 +127,7 @@ class Peers:
         if sender == self._local or station:
             self._same_ids.add(sender)
             _log.warning(
-                "somebody else on this link speaks as system %d, component %d, and we as component %d of the same system; "
+                "another sender on this link speaks as system %d, component %d, and we as component %d of the same system; "
                 "vehicles may mix us up: give one of the two another system id",
                 sender.system_id,
                 sender.component_id,

@@ -1,4 +1,4 @@
-"""Reading an upload back: what was sent, what came back, and every difference with its reason."""
+"""Reading an upload back: the sent and the received list, and every difference with its reason."""
 
 import dataclasses
 import math
@@ -63,7 +63,7 @@ def read_back(
 
     Args:
         download: Reads the vehicle's list.
-        wait: Lets so many seconds pass.
+        wait: Lets a number of seconds pass.
         mission_type: Which list.
         items: What was sent.
         autopilot: Whose changes by design the comparison knows.

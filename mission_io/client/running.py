@@ -28,7 +28,7 @@ class Machine(Protocol):
         ...
 
     def messages_to_send(self, now: float) -> Sequence[Message]:
-        """What is due at ``now``."""
+        """Messages due at ``now``."""
         ...
 
     def next_timer(self) -> float | None:

@@ -31,7 +31,7 @@ from mission_io.protocol.upload import Upload
 
 
 class TransferredList(NamedTuple):
-    """The number of items of a list that was transferred, and the vehicle's id of it, 0 where it has none."""
+    """Number of items of a transferred list, and the vehicle's id of the list, 0 where it has none."""
 
     item_count: int
     list_id: int
@@ -43,7 +43,7 @@ _ITEM_BYTES = 15
 
 
 def ask_item_limit(connection: Connection, autopilot: Autopilot, *, timeout_s: float) -> int | None:
-    """Ask the vehicle for its number of mission items, home included; None when it does not say.
+    """Ask the vehicle for its number of mission items, home included; None without an answer.
 
     Args:
         connection: A connection that has found the vehicle.
@@ -60,7 +60,7 @@ def ask_item_limit(connection: Connection, autopilot: Autopilot, *, timeout_s: f
 
 
 def items_on_card(size_kb: float) -> int | None:
-    """The number of items that ArduPilot stores in so many kilobytes of a memory card; None without a card or a size."""
+    """Number of items that ArduPilot stores in a card file of this size; None without a card or a size."""
     if not (math.isfinite(size_kb) and size_kb >= 1.0):
         return None
     return (int(size_kb) * _KILOBYTE - _HEADER_BYTES) // _ITEM_BYTES
@@ -116,7 +116,7 @@ def failure(
 
 
 def held_by_design(upload: Upload, total: int, autopilot: Autopilot) -> VehicleHolds:
-    """What the vehicle must hold when it cannot be asked.
+    """The list that the vehicle must hold when it does not answer.
 
     An atomic autopilot keeps the old list until the last item has arrived. The others overwrite it item by item, and
     truncate it to the new length as soon as they know it.
@@ -144,7 +144,7 @@ def new_items_in_front(
 def held_as_read(
     upload: Upload, sent: Sequence[MissionItem], held: Sequence[MissionItem], autopilot: Autopilot
 ) -> VehicleHolds:
-    """What the vehicle holds, by the list read back from it."""
+    """The list that the vehicle holds, by reading it back."""
     mission_type = upload.mission_type
     new = new_items_in_front(sent, held, autopilot, mission_type)
     if new == len(sent) == len(held):

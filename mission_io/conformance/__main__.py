@@ -37,7 +37,7 @@ CaseT = TypeVar("CaseT", bound=ProtocolCase[Any])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Run the command; the exit code: 0 nothing failed, 1 a case failed, 2 bad usage, 3 the vehicle or the link failed."""
+    """Run the command; exit code 0: passed, 1: a case failed, 2: bad usage, 3: vehicle or link failed."""
     parsed = _parser().parse_args(arguments)
     try:
         if parsed.list:
@@ -75,7 +75,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--yes", action="store_true", help="overwrite the vehicle's lists without asking")
     parser.add_argument("--system", type=int, metavar="N", help="the vehicle with this system id")
     parser.add_argument(
-        "--as", dest="autopilot", choices=("px4", "ardupilot"), default="px4", help="what --serve says it is"
+        "--as", dest="autopilot", choices=("px4", "ardupilot"), default="px4", help="vehicle type that --serve reports"
     )
     parser.add_argument(
         "--quiet", type=float, default=QUIET_S, metavar="S", help=f"--serve: silence that ends a case, {QUIET_S:g} s"
@@ -144,7 +144,7 @@ def _allowed(parsed: argparse.Namespace) -> None:
         print(warning, file=sys.stderr)
         return
     if not sys.stdin.isatty():
-        raise MisuseError(f"{warning} Say --yes")
+        raise MisuseError(f"{warning} Add --yes")
     print(f"{warning} Go on? [y/N] ", end="", file=sys.stderr, flush=True)
     if sys.stdin.readline().strip().lower() not in ("y", "yes"):
         raise MisuseError("nothing was sent")
@@ -156,7 +156,7 @@ def _serve(parsed: argparse.Namespace) -> int:
     if parsed.system is not None and not 1 <= parsed.system <= 254:
         raise MisuseError(f"--system: {parsed.system} is not a vehicle's system id, 1 to 254")
     cases = _chosen(CLIENT_CASES, parsed.case)
-    if not parsed.case:  # nobody knows when to cancel unless told
+    if not parsed.case:  # such a case needs a user who starts it
         cases = [case for case in cases if case.operation not in ON_REQUEST]
     out = sys.stderr if parsed.json else sys.stdout
     by_name = {case.name: case for case in cases}
@@ -202,7 +202,7 @@ _TICK_S = 0.02
 
 
 def serve(link: Link, vehicle: FakeVehicle, *, stopped: Callable[[], bool]) -> None:
-    """Be the vehicle on a link until all cases are judged, or ``stopped`` says so."""
+    """Be the vehicle on a link until all cases are judged, or ``stopped`` is true."""
     while (vehicle.open or vehicle.busy) and not stopped():
         now = link.clock.now()
         for datagram in vehicle.datagrams_to_send(now):
@@ -261,7 +261,7 @@ def row(result: CaseResult, case: ProtocolCase[Any]) -> str:
 
 
 def total(results: Sequence[CaseResult]) -> str:
-    """How many ended how."""
+    """Number of results for each outcome."""
     counts = Counter(result.outcome for result in results)
     return f"{len(results)} cases: " + ", ".join(f"{counts[v]} {v.value}" for v in Outcome)
 

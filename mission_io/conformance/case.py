@@ -1,4 +1,4 @@
-"""A case as data: what is asked, what the guide says about it, and what came of it."""
+"""A case as data: its questions, the guide's rule for it, and its outcome."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ SubjectT = TypeVar("SubjectT")
 
 
 class Outcome(Enum):
-    """How a case ended."""
+    """Outcome of a case."""
 
     PASS = "pass"
     FAIL = "fail"
@@ -43,13 +43,13 @@ class CaseResult:
 
 
 class EndedError(MissionIoError):
-    """Ends a case with another verdict than a pass; the message is what was seen."""
+    """Ends a case with another verdict than a pass; the message is the observation."""
 
     verdict = Outcome.FAIL
 
 
 class FailedError(EndedError):
-    """The other side does not do what the guide says."""
+    """The other side does not follow the guide."""
 
 
 class RefusedError(EndedError):
@@ -83,7 +83,7 @@ class ProtocolCase(Generic[SubjectT]):
     like: tuple[str, ...] = ()
 
     def answered_by(self, subject: SubjectT) -> tuple[Outcome, str]:
-        """Ask it; the verdict and what was seen."""
+        """Ask it; the verdict and the observation."""
         try:
             return Outcome.PASS, self.ask(subject)
         except EndedError as ended:
@@ -97,7 +97,7 @@ def for_each_list(
     ask: Callable[[MissionType, SubjectT], str],
     like: tuple[str, ...] = (),
 ) -> tuple[ProtocolCase[SubjectT], ...]:
-    """The case once for each of the three lists; ``ask`` is told which."""
+    """The case once for each of the three lists; ``ask`` receives its type."""
     return tuple(
         ProtocolCase(f"{name}-{LIST_NAMES[t].split()[0]}", says, section, partial(ask, t), like) for t in MissionType
     )

@@ -62,7 +62,7 @@ _NACKS: Final = [result for result in MissionResult if result is not MissionResu
 
 UPLOADS: Final[tuple[ClientCase, ...]] = (
     *_typed(
-        "upload", _UP, Section.UPLOAD, "COUNT, then each item that is asked for, until the ACK",
+        "upload", _UP, Section.UPLOAD, "COUNT, then each requested item, until the ACK",
         ("UploadMissionSendsCount", "UploadMissionSendsMissionItems", "UploadMissionDoesComplainAboutWrongSequence",
          "UploadMissionDoesComplainAboutInconsistentMissionTypesInAPI",
          "UploadMissionDoesComplainAboutInconsistentMissionTypesInItems"),
@@ -77,7 +77,7 @@ UPLOADS: Final[tuple[ClientCase, ...]] = (
           j.again(MissionCount), j.completes, like=("UploadMissionResendsCount",)),
     _case("upload-no-answer", _UP, _GIVEN_UP, Section.TIMEOUTS, lambda: t.Deaf((MissionCount,)), j.gives_up,
           like=("UploadMissionTimeoutAfterSendCount",)),
-    _case("upload-items-lost", _UP, "an item is sent again when it is asked for again", Section.UPLOAD,
+    _case("upload-items-lost", _UP, "an item is sent again at a repeated request", Section.UPLOAD,
           lambda: t.EachOnceDeaf(_ITEMS), j.completes, like=("UploadMissionResendsMissionItems",)),
     _case("upload-requests-lost", _UP, "the vehicle asks again", Section.TIMEOUTS, lambda: t.Mute(_REQUESTS, 3, 1),
           j.completes),

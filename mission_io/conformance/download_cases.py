@@ -5,7 +5,7 @@ from typing import Final
 
 from mission_io.conformance.case import FailedError, ProtocolCase, RefusedError, check, for_each_list
 from mission_io.conformance.guide import Section
-from mission_io.conformance.probe import ANSWER_S, ITEMS, NOBODY, REQUESTS, Probe, described, seq_of
+from mission_io.conformance.probe import ABSENT_SYSTEM, ANSWER_S, ITEMS, REQUESTS, Probe, described, seq_of
 from mission_io.conformance.samples import difference, sample
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
@@ -36,7 +36,7 @@ def _listed(p: Probe, t: MissionType) -> int:
     if isinstance(answer, MissionAck):
         raise RefusedError(f"the list was refused: {described(answer)}")
     if not isinstance(answer, MissionCount):
-        raise FailedError("the list was asked for and did not come")
+        raise FailedError("no answer to the request of the list")
     return answer.count
 
 
@@ -44,8 +44,8 @@ def _item(p: Probe, t: MissionType, seq: int) -> MissionItemInt | MissionItemFlo
     """Ask for an item; it."""
     answer = p.ask(MissionRequestInt(*p.to, seq, t), t, (*ITEMS, MissionAck))
     if not isinstance(answer, ITEMS):
-        raise FailedError(f"item {seq} was asked for: {described(answer)}")
-    check(answer.seq == seq, f"item {seq} was asked for, item {answer.seq} came")
+        raise FailedError(f"requested item {seq}: {described(answer)}")
+    check(answer.seq == seq, f"requested item {seq}, received item {answer.seq}")
     return answer
 
 
@@ -96,7 +96,7 @@ def int_items(p: Probe) -> str:
 
 
 def int_frames(p: Probe) -> str:
-    """MISSION_ITEM_INT goes with the frames whose names end in INT."""
+    """MISSION_ITEM_INT requires the frames whose names end in INT."""
     p.hold(_MISSION, sample(_MISSION, _COUNT))
     frames = {m.frame for m in _rest_of(p, _MISSION, _listed(p, _MISSION)) if isinstance(m, MissionItemInt)}
     check(frames <= set(_INT_FRAMES), f"frames {sorted(frames)}: not those of integers")
@@ -116,7 +116,7 @@ def old_request(p: Probe) -> str:
 
 
 def list_twice(p: Probe) -> str:
-    """The list is asked for again when its count was lost."""
+    """The list is requested again after its count was lost."""
     held = sample(_MISSION, _COUNT)
     p.hold(_MISSION, held)
     _listed(p, _MISSION)
@@ -127,7 +127,7 @@ def list_twice(p: Probe) -> str:
 
 
 def item_twice(p: Probe) -> str:
-    """An item is asked for again when it was lost."""
+    """An item is requested again after it was lost."""
     held = sample(_MISSION, _COUNT)
     p.hold(_MISSION, held)
     count = _listed(p, _MISSION)
@@ -157,13 +157,13 @@ def beyond(p: Probe) -> str:
 
 
 def skipping(p: Probe) -> str:
-    """Item 2 before item 0; whatever it answers, a new download is served."""
+    """Item 2 before item 0; after any answer, a new download is served."""
     held = sample(_MISSION, _COUNT)
     p.hold(_MISSION, held)
     _listed(p, _MISSION)
     p.send(MissionRequestInt(*p.to, 2, _MISSION))
     answer = p.answer(_MISSION, ANSWER_S / 2.0, (*ITEMS, MissionAck))
-    check(not isinstance(answer, ITEMS) or seq_of(answer) == 2, f"item 2 was asked for, item {seq_of(answer)} came")
+    check(not isinstance(answer, ITEMS) or seq_of(answer) == 2, f"requested item 2, received item {seq_of(answer)}")
     p.rest()
     _check_items(p, _MISSION, held, _rest_of(p, _MISSION, _listed(p, _MISSION)))
     return f"answered with {described(answer)}; a new download was served"
@@ -186,7 +186,7 @@ def _upload_taken(p: Probe) -> float:
 
 
 def abandoned(p: Probe) -> str:
-    """A station that asked for the list and went away does not keep others out for ever."""
+    """A station that requested the list and disappeared does not block others for ever."""
     p.hold(_MISSION, sample(_MISSION, _COUNT))
     _listed(p, _MISSION)
     return f"an upload was taken {_upload_taken(p):.1f} s later"
@@ -218,7 +218,7 @@ def slow(p: Probe) -> str:
 
 
 def second_station(p: Probe) -> str:
-    """Another station asks for the list in the middle of a download."""
+    """Another station requests the list in the middle of a download."""
     held = sample(_MISSION, _COUNT)
     p.hold(_MISSION, held)
     p.send(Heartbeat(autopilot=8, vehicle_type=6, system_status=4), as_other=True)
@@ -232,13 +232,13 @@ def second_station(p: Probe) -> str:
 
 
 def other_target(p: Probe) -> str:
-    """What is addressed to another system is not answered."""
+    """Messages to another system get no answer."""
     p.hold(_MISSION, sample(_MISSION, _COUNT))
     p.forget()
-    p.send(MissionRequestList(NOBODY, p.to[1], _MISSION))
-    p.send(replace(MissionRequestInt(*p.to, 0, _MISSION), target_system=NOBODY))
+    p.send(MissionRequestList(ABSENT_SYSTEM, p.to[1], _MISSION))
+    p.send(replace(MissionRequestInt(*p.to, 0, _MISSION), target_system=ABSENT_SYSTEM))
     said = p.quiet(2.0)
-    check(not said, f"a request for system {NOBODY} was answered with {described(said[0]) if said else ''}")
+    check(not said, f"a request for system {ABSENT_SYSTEM} was answered with {described(said[0]) if said else ''}")
     return "no answer"
 
 
@@ -255,7 +255,7 @@ def strange_type(p: Probe) -> str:
 
 DOWNLOAD_CASES: Final[tuple[ProtocolCase[Probe], ...]] = (
     *for_each_list(
-        "download-in-order", "count, then each item that is asked for", Section.DOWNLOAD, in_order,
+        "download-in-order", "count, then each requested item", Section.DOWNLOAD, in_order,
         ("SendOutgoingMissionSendsCount", "SendOutgoingMissionSendsMissionItems",
          "DownloadMissionSendsAllMissionRequestsAndAck"),
     ),

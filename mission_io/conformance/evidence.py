@@ -1,4 +1,4 @@
-"""What is kept of a ground station in one case, and the case itself."""
+"""Evidence of a ground station's behaviour in one case, and the case itself."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ from mission_io.wire.messages import Message
 
 
 class Operation(Enum):
-    """What a ground station begins."""
+    """Operation that a ground station begins."""
 
     UPLOAD = "upload a list"
     EMPTY = "upload an empty list"
@@ -38,7 +38,7 @@ class HeardMessage:
 
 @dataclass(slots=True)
 class StationEvidence:
-    """What happened in one case.
+    """Messages and states of one case.
 
     Attributes:
         operation: What the station began.
@@ -49,7 +49,7 @@ class StationEvidence:
         said: What the vehicle said.
         old: The list that the vehicle held before.
         held: The list that it holds now.
-        told: What the station told its user: success or failure; None when that is not known.
+        reported_success: The station's report to its user; None when that is not known.
         unending: Whether the station was still at it when the time was up.
     """
 
@@ -62,15 +62,15 @@ class StationEvidence:
     heard: list[HeardMessage] = field(default_factory=list)
     said: list[HeardMessage] = field(default_factory=list)
     held: tuple[MissionItem, ...] = ()
-    told: bool | None = None
+    reported_success: bool | None = None
     unending: bool = False
 
     def of(self, *kinds: type[Message]) -> list[HeardMessage]:
-        """What the station said of some kinds, about the list."""
+        """The station's messages of some kinds, about the list."""
         return [h for h in self.heard if isinstance(h.message, kinds) and self._is_about(h.message)]
 
     def answered(self, *kinds: type[Message]) -> list[HeardMessage]:
-        """What the vehicle said of some kinds, about the list and to the station."""
+        """The vehicle's messages of some kinds, about the list and to the station."""
         return [h for h in self.said if isinstance(h.message, kinds) and self._is_about(h.message)]
 
     def _is_about(self, message: Message) -> bool:

@@ -59,7 +59,7 @@ BY_THE_GUIDE: Final = replace(
 """The vehicle as the guide describes it, where no trick is played."""
 
 QUIET_S: Final = 5.0
-"""A ground station that has been silent for so long is done."""
+"""Silence after which a ground station is done."""
 LONGEST_S: Final = 120.0
 """One that has not come to an end after this time never does."""
 
@@ -86,7 +86,7 @@ class FakeVehicle:
         cases: To be judged, each once.
         autopilot: The autopilot that its heartbeats name.
         judged: Called with each result.
-        quiet_s: A ground station that has been silent for so long is done.
+        quiet_s: Silence after which a ground station is done.
         system_id: Its MAVLink system.
 
     Attributes:
@@ -128,7 +128,7 @@ class FakeVehicle:
         self._collect(now)
 
     def datagrams_to_send(self, now: float) -> list[bytes]:
-        """What it wants to send at ``now``."""
+        """Datagrams that it sends at ``now``."""
         self._judge_if_over(now)
         self._collect(now)
         if now >= self._beat_at:
@@ -161,9 +161,9 @@ class FakeVehicle:
         return self._case is not None
 
     def told(self, succeeded: bool) -> None:
-        """What the ground station told its user about the case that is going on."""
+        """Take the ground station's report to its user about the current case."""
         if self._evidence is not None:
-            self._evidence.told = succeeded
+            self._evidence.reported_success = succeeded
 
     def _over_at(self, evidence: StationEvidence) -> float:
         last_s = evidence.heard[-1].at_s
@@ -186,7 +186,7 @@ class FakeVehicle:
             self._judged(result)
 
     def _announce(self, now: float) -> None:
-        """Tell whoever looks at the ground station what is wanted next."""
+        """Announce the next expected operation to the user of the ground station."""
         text = f"{len(self.open)} cases left; {self.open[0].operation.value}" if self.open else "all cases are judged"
         self._say(Said(StatusText(6, text[:50])), now)
 
@@ -265,7 +265,7 @@ class FakeVehicle:
         self.server.events()
 
     def _tricked(self, message: Message, now: float) -> Sequence[Said]:
-        """What goes out for a message of the server; where that is an error, the vehicle does what goes with it."""
+        """Messages that answer a message of the server; after an error, the vehicle's side of the error too."""
         evidence = self._evidence
         if evidence is None or not isinstance(message, _SAID_IN[evidence.operation]):
             return [Said(message)]

@@ -1,4 +1,4 @@
-"""What a ground station is judged by: its messages, in their order and times, and what it told its user."""
+"""Judges of a ground station: its messages, their order and times, and its report to the user."""
 
 from collections.abc import Callable
 from typing import Final
@@ -30,7 +30,7 @@ _CROSSING_S: Final = 1.0
 
 
 def judged_by(*judges: Judge) -> Judge:
-    """Several judges after the ones that every case has; what was seen, joined."""
+    """Several judges after the ones that every case has; their observations, joined."""
 
     def judge(e: StationEvidence) -> str:
         _addressed(e)
@@ -62,7 +62,7 @@ def _seq(message: Message) -> int:
 
 
 def _steps(e: StationEvidence) -> tuple[type[Message], ...]:
-    """What the station goes on with: items of an upload, requests of a download."""
+    """The station's progress: items of an upload, requests of a download."""
     return _REQUESTS if e.operation in (Operation.DOWNLOAD, Operation.CANCEL_DOWNLOAD) else _ITEMS
 
 
@@ -71,13 +71,13 @@ def _acks(e: StationEvidence, *results: MissionResult) -> list[HeardMessage]:
 
 
 def completes(e: StationEvidence) -> str:
-    """It gets to its end although something was lost, late, twice or strange, and says so."""
+    """It completes and reports success, although messages were lost, late, repeated or strange."""
     if e.operation in (Operation.DOWNLOAD, Operation.CANCEL_DOWNLOAD):
         return _download_completes(e)
     wrong = _unlike_what_was_sent(e)
     good = [h for h in e.answered(MissionAck) if getattr(h.message, "result", None) == MissionResult.ACCEPTED]
     check(not wrong, f"the vehicle never had every item: {wrong}")
-    check(e.told is not False, "the vehicle took the list, and the ground station said that it failed")
+    check(e.reported_success is not False, "the vehicle took the list, and the ground station said that it failed")
     late = [h for h in e.of(*_ITEMS) if good and h.at_s > good[-1].at_s + _CROSSING_S]
     check(not late, f"item {_seq(late[0].message) if late else 0} came after the ACK")
     return f"{len(e.held)} items in {e.lasted_s:.1f} s"
@@ -94,7 +94,7 @@ def _download_completes(e: StationEvidence) -> str:
     missing = set(range(len(e.old))) - asked
     check(not missing, f"items {sorted(missing)} were never asked for")
     check(_acks(e, MissionResult.ACCEPTED), "no ACK ACCEPTED at the end")
-    check(e.told is not False, "every item was there, and the ground station said that it failed")
+    check(e.reported_success is not False, "every item was there, and the ground station said that it failed")
     return f"{len(e.old)} items in {e.lasted_s:.1f} s"
 
 
@@ -102,32 +102,35 @@ def thanks(e: StationEvidence) -> str:
     """An empty list is acknowledged, too."""
     check(_acks(e, MissionResult.ACCEPTED), "no ACK ACCEPTED")
     check(not e.of(*_REQUESTS), "asked for an item of an empty list")
-    check(e.told is not False, "the ground station said that it failed")
+    check(e.reported_success is not False, "the ground station said that it failed")
     return "ACK ACCEPTED"
 
 
 def gives_up(e: StationEvidence) -> str:
-    """It comes to an end although there is no answer, and tells its user that it failed."""
-    check(e.told is not True, "the ground station said that it succeeded")
+    """It comes to an end although there is no answer, and reports a failure to its user."""
+    check(e.reported_success is not True, "the ground station said that it succeeded")
     return f"{len(e.heard)} messages in {e.lasted_s:.1f} s, then it stopped"
 
 
 def ends(e: StationEvidence) -> str:
-    """It comes to an end, whichever; and a success that it tells of is one."""
-    if e.told and e.operation is Operation.UPLOAD:
+    """It comes to an end, and a reported success is a real one."""
+    if e.reported_success and e.operation is Operation.UPLOAD:
         wrong = _unlike_what_was_sent(e)
         check(not wrong, f"the ground station said that it succeeded; the vehicle's list is another one: {wrong}")
-    return f"ended after {e.lasted_s:.1f} s" + {None: "", True: ", said success", False: ", said failure"}[e.told]
+    return (
+        f"ended after {e.lasted_s:.1f} s"
+        + {None: "", True: ", said success", False: ", said failure"}[e.reported_success]
+    )
 
 
 def not_a_success(e: StationEvidence) -> str:
     """It ends, and does not call it a success."""
-    check(e.told is not True, "the ground station said that it succeeded")
+    check(e.reported_success is not True, "the ground station said that it succeeded")
     return ends(e)
 
 
 def again(*kinds: type[Message], times: int = 2, seq: int | None = None) -> Judge:
-    """It sends something again when no answer comes."""
+    """It repeats a message without an answer."""
 
     def judge(e: StationEvidence) -> str:
         sent = [h for h in e.of(*kinds) if seq in (None, _seq(h.message))]
@@ -155,7 +158,7 @@ def int_frames(e: StationEvidence) -> str:
 
 
 def int_requests(e: StationEvidence) -> str:
-    """Items are asked for with MISSION_REQUEST_INT."""
+    """Items are requested with MISSION_REQUEST_INT."""
     check(not e.of(MissionRequest), "asked with the deprecated MISSION_REQUEST")
     return "asked with MISSION_REQUEST_INT"
 
@@ -165,22 +168,22 @@ def only_what_is_asked(e: StationEvidence) -> str:
     for h in e.of(*_ITEMS):
         seq = _seq(h.message)
         asked = any(_seq(q.message) == seq and q.at_s <= h.at_s for q in e.answered(*_REQUESTS))
-        check(asked, f"item {seq} was sent before it was asked for")
+        check(asked, f"item {seq} was sent before its request")
     return "each item after its request"
 
 
 def in_order(e: StationEvidence) -> str:
-    """Items are asked for from 0 on."""
+    """Items are requested from 0 on."""
     order = list(dict.fromkeys(_seq(h.message) for h in e.of(*_REQUESTS)))
     check(order == sorted(order), f"asked for {order}")
     return ""
 
 
 def stops_at(result: MissionResult) -> Judge:
-    """An error ends the operation: no more items, and its user hears of it; a new operation is its own affair."""
+    """An error ends the operation: no more items, and its user hears of it. A new operation may follow."""
 
     def judge(e: StationEvidence) -> str:
-        check(e.told is not True, "the ground station said that it succeeded")
+        check(e.reported_success is not True, "the ground station said that it succeeded")
         errors = [h.at_s for h in e.answered(MissionAck) if getattr(h.message, "result", None) == result]
         if not errors:
             raise LackingError("it did not come so far")
@@ -199,7 +202,7 @@ def stops_at(result: MissionResult) -> Judge:
 
 
 def no_item_for(*, of_list: bool = False) -> Judge:
-    """What was asked for another station or another list got no item."""
+    """A request for another station or another list got no item."""
 
     def judge(e: StationEvidence) -> str:
         strange = [
@@ -231,7 +234,7 @@ def cancels(e: StationEvidence) -> str:
         raise FailedError("it stopped without ACK OPERATION_CANCELLED")
     late = [h for h in e.of(*_steps(e)) if h.at_s > said[0].at_s + _CROSSING_S]
     check(not late, "it went on after its ACK OPERATION_CANCELLED")
-    check(e.told is not True, "the ground station said that it succeeded")
+    check(e.reported_success is not True, "the ground station said that it succeeded")
     return "ACK OPERATION_CANCELLED, then nothing"
 
 
@@ -239,12 +242,12 @@ def cleared(e: StationEvidence) -> str:
     """CLEAR_ALL, and the vehicle's list is empty."""
     check(e.of(MissionClearAll), "no CLEAR_ALL")
     check(not e.held, f"the vehicle holds {len(e.held)} items")
-    check(e.told is not False, "the list is empty, and the ground station said that it failed")
+    check(e.reported_success is not False, "the list is empty, and the ground station said that it failed")
     return f"{len(e.of(MissionClearAll))} CLEAR_ALL"
 
 
 def holds_nothing(e: StationEvidence) -> str:
     """An empty list was uploaded."""
     check(not e.held, f"the vehicle holds {len(e.held)} items")
-    check(e.told is not False, "the list is empty, and the ground station said that it failed")
+    check(e.reported_success is not False, "the list is empty, and the ground station said that it failed")
     return "COUNT 0"

@@ -1,4 +1,4 @@
-"""Cases for clearing, for the current item, for what a vehicle says it can do, and for the ids of its lists."""
+"""Cases for clearing, the current item, a vehicle's stated capabilities, and the ids of its lists."""
 
 from typing import Final
 
@@ -109,7 +109,7 @@ def current_set(p: Probe) -> str:
 
 
 def current_beyond(p: Probe) -> str:
-    """An item that does not exist does not become the current one, and STATUSTEXT says so."""
+    """An item that does not exist does not become the current one, and STATUSTEXT reports it."""
     p.hold(_MISSION, sample(_MISSION, 3))
     _asked_for_current(p)
     p.forget()
@@ -127,7 +127,7 @@ def current_beyond(p: Probe) -> str:
 
 
 def streamed(p: Probe) -> str:
-    """MISSION_CURRENT comes by itself."""
+    """MISSION_CURRENT is sent without a request."""
     p.hold(_MISSION, sample(_MISSION, 3))
     _asked_for_current(p)
     current = _current(p)
@@ -172,7 +172,7 @@ def ids_differ(p: Probe) -> str:
 
 
 def capabilities(p: Probe) -> str:
-    """AUTOPILOT_VERSION says which lists it has, and that it takes integers."""
+    """AUTOPILOT_VERSION names its lists, and that it takes integers."""
     asked = (float(message_id(AutopilotVersion)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     version = None
     for _ in range(3):

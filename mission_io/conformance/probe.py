@@ -1,4 +1,4 @@
-"""A ground station that asks a vehicle one message at a time, as its link's clock runs; what the cases are made of."""
+"""A ground station that sends a vehicle one message at a time on its link's clock, for the cases."""
 
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -35,7 +35,7 @@ PROTOCOL: Final = (MissionCount, *REQUESTS, *ITEMS, MissionAck)
 """What a vehicle says in the mission protocol."""
 
 OTHER_SYSTEM: Final = 254
-NOBODY: Final = 77
+ABSENT_SYSTEM: Final = 77
 """A system that is not there."""
 
 ANSWER_S: Final = 3.0
@@ -107,7 +107,7 @@ class Probe:
 
     @property
     def late_s(self) -> float:
-        """How long an answer is under way on this link at most, by the slowest transfer so far."""
+        """The longest delay of an answer on this link, by the slowest transfer so far."""
         round_trip = self.client.patience.round_trip
         if round_trip is not None:
             self._late_s = max(self._late_s, min(_LONGEST_LATE_S, round_trip.time_out_s))
@@ -131,7 +131,7 @@ class Probe:
         return MissionAck(*self.to, result, mission_type)
 
     def forget(self) -> None:
-        """Drop what was heard so far, and what is still under way: a late ACK is no answer to what is asked next."""
+        """Drop what was heard so far, and what is still under way: it answers no later question."""
         self.hear(lambda _: False, self.late_s)
         self._inbox.clear()
         self._served = None
@@ -209,7 +209,7 @@ class Probe:
     def finish_upload(
         self, items: Sequence[MissionItem], mission_type: MissionType, *, first: int = 0, wait_s: float = ANSWER_S
     ) -> MissionAck:
-        """Serve what the vehicle asks for, from item ``first`` which it has just asked for, until it acknowledges.
+        """Serve the vehicle's requests, from item ``first`` which it has just requested, until it acknowledges.
 
         Raises:
             FailedError: it falls silent, or asks for what does not exist.
@@ -291,7 +291,7 @@ class Probe:
         return said
 
     def rest(self) -> float:
-        """Bring the vehicle back to idle: end what it still does, and wait until it says nothing. Seconds that took."""
+        """Bring the vehicle back to idle: end its transfers, and wait until it is silent. Returns the seconds taken."""
         began = self.now()
         while self.now() - began < _LONGEST_REST_S:
             said = self.quiet(_IDLE_S)
@@ -309,7 +309,7 @@ class Probe:
         return self.now() - began
 
     def reads_list(self, mission_type: MissionType) -> bool:
-        """Whether the vehicle answers when this list is asked for."""
+        """Whether the vehicle answers a request for this list."""
         request = MissionRequestList(*self.to, mission_type)
         answer = self.ask(request, mission_type, (MissionCount, MissionAck))
         if isinstance(answer, MissionCount):

@@ -7,8 +7,8 @@ from typing import Final
 from mission_io.conformance.case import LackingError, ProtocolCase, check, for_each_list
 from mission_io.conformance.guide import Section
 from mission_io.conformance.probe import (
+    ABSENT_SYSTEM,
     ANSWER_S,
-    NOBODY,
     REQUESTS,
     Probe,
     described,
@@ -58,7 +58,7 @@ def bad_item(p: Probe) -> str:
 
 
 def too_many(p: Probe) -> str:
-    """More items than anybody stores."""
+    """More items than any vehicle stores."""
     old = sample(_MISSION, 4)
     p.hold(_MISSION, old)
     p.forget()
@@ -97,7 +97,10 @@ def second_upload(p: Probe) -> str:
     check(seq_of(p.answer(_MISSION)) == 1, "item 0 was not followed by the request of item 1")
     p.send(p.count(9), as_other=True)
     to_other = p.hear(lambda m: getattr(m, "target_system", 0) == p.other.system_id, ANSWER_S / 2.0, any_target=True)
-    check(not isinstance(to_other, REQUESTS), "the second station was asked for items in the middle of the upload")
+    check(
+        not isinstance(to_other, REQUESTS),
+        "the vehicle requested items of the second station in the middle of the upload",
+    )
     ack = p.finish_upload(new, _MISSION, first=1, wait_s=2.0 * ANSWER_S)
     accepted(p, ack)
     p.check_held(_MISSION, new, "after a second station announced an upload")
@@ -134,15 +137,15 @@ def other_list(p: Probe) -> str:
 
 
 def other_target(p: Probe) -> str:
-    """What is addressed to another system is not answered, and changes nothing."""
+    """Messages to another system get no answer, and change nothing."""
     old = sample(_MISSION, 4)
     p.hold(_MISSION, old)
     p.forget()
-    p.send(replace(p.count(2), target_system=NOBODY))
-    p.send(replace(p.count(2), target_system=NOBODY, target_component=0))
+    p.send(replace(p.count(2), target_system=ABSENT_SYSTEM))
+    p.send(replace(p.count(2), target_system=ABSENT_SYSTEM, target_component=0))
     said = p.quiet(2.0)
-    check(not said, f"COUNT for system {NOBODY} was answered with {described(said[0]) if said else ''}")
-    p.check_held(_MISSION, old, f"the list after COUNT for system {NOBODY}")
+    check(not said, f"COUNT for system {ABSENT_SYSTEM} was answered with {described(said[0]) if said else ''}")
+    p.check_held(_MISSION, old, f"the list after COUNT for system {ABSENT_SYSTEM}")
     return "no answer"
 
 
@@ -222,7 +225,7 @@ REFUSAL_CASES: Final[tuple[ProtocolCase[Probe], ...]] = (
     ProtocolCase("upload-second-station", "the mission is replaced by one whole upload", Section.UPLOAD, second_upload),
     ProtocolCase("upload-foreign-items", "the same", Section.UPLOAD, foreign_items),
     ProtocolCase(
-        "upload-other-list", "each list has its own operations, told apart by mission_type", Section.TYPES, other_list,
+        "upload-other-list", "each list has its own operations, separated by mission_type", Section.TYPES, other_list,
         ("UploadMissionDoesComplainAboutInconsistentMissionTypesInItems",),
     ),
     ProtocolCase("upload-other-target", "a message is for the system that it names", Section.ROUTING, other_target),

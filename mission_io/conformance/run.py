@@ -26,7 +26,7 @@ def ask_vehicle(
 ) -> list[CaseResult]:
     """Ask the cases; a vehicle that was found, disarmed, and whose lists may be overwritten.
 
-    Its lists are read before the first case and put back after the last one, whatever happens between.
+    Its lists are read before the first case and put back after the last one, also after a failure.
 
     Args:
         probe: Speaks to it.

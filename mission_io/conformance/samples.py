@@ -1,4 +1,4 @@
-"""The lists that the cases send: asymmetric places, so that no mix-up stays unnoticed, and whole metres."""
+"""The lists that the cases send: asymmetric positions, which reveal every mix-up, and whole metres."""
 
 from collections.abc import Sequence
 from typing import Final
@@ -42,12 +42,12 @@ def sample(mission_type: MissionType, count: int, *, first: int = 0) -> tuple[Mi
 
 
 def difference(sent: Sequence[MissionItem], held: Sequence[MissionItem], *, home_first: bool = False) -> str:
-    """What is different in a list that came back, one line; empty when nothing is.
+    """The difference between a list and its read-back, one line; empty when there is none.
 
     Args:
         sent: What was sent.
         held: What came back.
-        home_first: Whether item 0 is the vehicle's own home, which nobody can set.
+        home_first: Whether item 0 is the vehicle's own home, which no upload can set.
     """
     if len(sent) != len(held):
         return f"{len(held)} items in place of {len(sent)}"

@@ -1,4 +1,4 @@
-"""What the fake vehicle does wrong: each trick swallows what is heard, or changes what is said."""
+"""Faults of the fake vehicle: each trick swallows received messages, or changes sent ones."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -46,11 +46,11 @@ class Trick:
         return True
 
     def forgets(self) -> bool:
-        """Whether the vehicle drops the upload now that goes on."""
+        """Whether the vehicle drops the current upload now."""
         return False
 
     def says(self, message: Message, now: float) -> list[Said]:
-        """What goes out for a message of the vehicle."""
+        """Messages that go out for a message of the vehicle."""
         del now
         return [Said(message)]
 
@@ -87,7 +87,7 @@ class EachOnceDeaf(Trick):
 
 
 class Mute(Trick):
-    """Does not say the first ``times`` messages of some kinds."""
+    """Drops the first ``times`` messages of some kinds."""
 
     def __init__(self, kinds: Kinds, times: float = float("inf"), seq: int | None = None) -> None:
         self._deaf = Deaf(kinds, times, seq)
@@ -120,7 +120,7 @@ class Again(Trick):
 
 
 class Instead(Trick):
-    """Says something else in place of some messages, the first ``times`` times for each of them."""
+    """Replaces the first ``times`` messages of some kinds."""
 
     def __init__(
         self,
@@ -154,7 +154,7 @@ class Loses(Trick):
 
 
 class FallsSilent(Trick):
-    """From item ``seq`` on it hears and says nothing; after ``for_s`` seconds it is back, and knows nothing of the upload."""
+    """From item ``seq`` on it is silent; after ``for_s`` seconds it is back, without the upload."""
 
     def __init__(self, seq: int, for_s: float = float("inf")) -> None:
         self._seq, self._for_s = seq, for_s
@@ -191,7 +191,7 @@ def refusal(message: Any, result: MissionResult) -> MissionAck:
 
 
 def refuses(result: MissionResult, *, at: int = 1) -> Trick:
-    """Answers with an error where it would ask for item ``at``, each time."""
+    """Answers each request for item ``at`` with an error."""
     return Instead(
         lambda m: isinstance(m, REQUESTS) and m.seq == at,
         lambda m: [Said(refusal(m, result))],
@@ -204,7 +204,7 @@ def before(applies: Callable[[Any], bool], extra: Callable[[Any], Said], times: 
 
 
 def is_request(seq: int) -> Callable[[Any], bool]:
-    """Whether a message asks for an item."""
+    """Whether a message requests an item."""
     return lambda m: isinstance(m, REQUESTS) and m.seq == seq
 
 
@@ -234,5 +234,5 @@ def as_float(message: Message) -> Message:
 
 
 def with_count(by: int) -> Callable[[Any], Sequence[Said]]:
-    """A count that is wrong by so many items."""
+    """A count that is wrong by a number of items."""
     return lambda m: [Said(replace(m, count=m.count + by) if isinstance(m, MissionCount) else m)]

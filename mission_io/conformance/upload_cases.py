@@ -30,7 +30,7 @@ def accepted(p: Probe, ack: MissionAck) -> None:
 
 
 def begin_three(p: Probe, t: MissionType) -> None:
-    """Begin an upload of five items in place of seven, and get to where the fourth is asked for."""
+    """Begin an upload of five items in place of seven, up to the request for the fourth."""
     new = sample(t, _ITEMS, first=_NEW)
     p.begin_upload(len(new), t)
     for seq in range(3):
@@ -42,7 +42,7 @@ def begin_three(p: Probe, t: MissionType) -> None:
 
 
 def in_order(t: MissionType, p: Probe) -> str:
-    """Items are asked for from 0 on, one by one, and then there is one ACK."""
+    """Items are requested from 0 on, one by one, and then there is one ACK."""
     new = sample(t, _ITEMS, first=_NEW)
     p.hold(t, sample(t, 3))
     p.begin_upload(len(new), t)
@@ -110,7 +110,7 @@ def int_requests(p: Probe) -> str:
 
 
 def asks_again(at: int, p: Probe) -> str:
-    """An item that does not come is asked for again."""
+    """The vehicle requests an item again that does not come."""
     t = _MISSION
     new = sample(t, 3, first=_NEW)
     p.begin_upload(3, t)
@@ -163,7 +163,7 @@ def new_one_after_silence(p: Probe) -> str:
 
 
 def twice(p: Probe) -> str:
-    """Every item comes twice."""
+    """Every item is sent twice."""
     new = sample(_MISSION, _ITEMS, first=_NEW)
     p.begin_upload(len(new), _MISSION)
     for seq in range(len(new)):
@@ -180,7 +180,7 @@ def twice(p: Probe) -> str:
 
 
 def out_of_order(p: Probe) -> str:
-    """An item out of its turn is dropped, and the right one asked for again."""
+    """An item out of sequence is dropped, and the right one requested again."""
     new = sample(_MISSION, 4, first=_NEW)
     p.begin_upload(4, _MISSION)
     p.send(p.item(new, 2))

@@ -44,9 +44,9 @@ class CameraPoint:
         height_above_home_m: Height above the place of take-off.
         speed_m_s: Over ground, from there on.
         heading_deg: Heading held from there on, clockwise from north; None: along the legs.
-        pitch_deg: Pitch of the camera from there on, -90 is straight down; None: not told.
+        pitch_deg: Pitch of the camera from there on, -90 is straight down; None: not stated.
         pictures: How many pictures are taken there.
-        picture_distance_m: A picture is taken each time after so many metres over ground from there on; None: not.
+        picture_distance_m: Trigger distance over ground in metres from there on; None: no trigger.
     """
 
     lat_deg: float
@@ -84,10 +84,10 @@ def camera_flight(mission: Mission, *, pitch_deg: float | None = None) -> Camera
     """
     home = mission.home
     if home is None:
-        raise FormatError("the mission has no home", where="home", advice="give the place it starts from")
+        raise FormatError("the mission has no home", where="home", advice="give the position it starts from")
     problem = place_problem(home.lat_deg, home.lon_deg)
     if problem is not None or not math.isfinite(home.alt_amsl_m):
-        raise FormatError("home is not a place", where="home", advice="give the place it starts from")
+        raise FormatError("home is not a position", where="home", advice="give the position it starts from")
     reader = _Reader(home, pitch_deg)
     for number, item in enumerate(mission.items, start=1):
         where = f"item {number}"
@@ -214,7 +214,7 @@ class _Reader:
 
     def _trigger(self, action: TriggerEvery, where: str) -> None:
         if not 0.0 <= action.distance_m < math.inf or action.shutter_ms or (action.distance_m and not action.at_once):
-            raise FormatError("pictures by distance that do not begin at once", where=where)
+            raise FormatError("photos by distance that do not begin at once", where=where)
         self._distance_m = action.distance_m or None
 
     def _picture(self, action: TakePicture | StartPictures, where: str) -> None:
@@ -224,9 +224,9 @@ class _Reader:
             else action.count == 1 and not action.interval_s and not action.camera
         )
         if not plain:
-            raise FormatError("something other than one picture", where=where)
+            raise FormatError("something other than one photo", where=where)
         if not self._points:
-            raise FormatError("a picture before the take-off", where=where)
+            raise FormatError("a photo before the take-off", where=where)
         last = self._points[-1]
         self._points[-1] = dataclasses.replace(last, pictures=last.pictures + 1)
 

@@ -24,7 +24,7 @@ _LOOKED_AT: Final = 200
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """How a table is written.
+    """Notation of a table.
 
     Attributes:
         separator: between columns.
@@ -42,7 +42,7 @@ class Dialect:
 
     @property
     def repairs(self) -> tuple[str, ...]:
-        """What is unusual about it, one line each."""
+        """Unusual features of it, one line each."""
         return () if (self.separator, self.decimal) == (",", ".") else (f"line {self.first_line}: read as {self}",)
 
     def rows(self, text: str) -> Iterator[tuple[int, list[str]]]:
@@ -84,13 +84,13 @@ def sniff(text: str) -> Dialect:
         FormatError: decimals are written with commas in one row and with points in another.
     """
     lines = text.split("\n")
-    told = _SPREADSHEET.fullmatch(lines[0].rstrip("\r\n"))
-    first = 1 if told else 0
+    separator_row = _SPREADSHEET.fullmatch(lines[0].rstrip("\r\n"))
+    first = 1 if separator_row else 0
     header = next((line for line in lines[first:] if line.strip()), "")
     counts = {each: _cells(header, each) for each in _NAMES}
     separator = max(_NAMES, key=lambda each: counts[each])
-    if told and told[1] in _NAMES:
-        separator = told[1]
+    if separator_row and separator_row[1] in _NAMES:
+        separator = separator_row[1]
     plain = Dialect(separator, ".", first + 1)
     with_comma = with_point = 0
     for number, (line, cells) in enumerate(plain.rows(text)):
@@ -107,7 +107,7 @@ def sniff(text: str) -> Dialect:
 
 
 def header_of(text: str) -> list[str]:
-    """The names of a table's columns, whatever its other rows are; empty for what is no table."""
+    """The names of a table's columns, independent of its other rows; empty for text that is no table."""
     lines = [line for line in text.lstrip("\ufeff\r\n ").splitlines() if line.strip()][:2]
     if lines and not _SPREADSHEET.fullmatch(lines[0]):
         lines = lines[:1]

@@ -93,7 +93,7 @@ _FLOWN_TO = frozenset({Command.NAV_WAYPOINT, Command.NAV_LOITER_TIME, Command.NA
 
 @dataclass(frozen=True, slots=True)
 class RoutePoint:
-    """A position that the vehicle flies to: the item's number (from 1) and the item, with the height in its own frame."""
+    """A position of the route: the item's number (from 1) and the item, with the height in its own frame."""
 
     number: int
     item: MissionItem

@@ -9,7 +9,7 @@
 | `.mission`, `.fence`, `.rally` (JSON) | yes | no | one of the three lists, of a QGroundControl before `.plan` |
 | `.kml`, `.geojson`, `.gpx` | no | yes | a route to look at |
 
-Except for `.csv`, a file is read as what its first lines are, whatever its name: also MAVProxy's old lists of places (a fence)
+Except for `.csv`, the first lines of a file decide its format, not its name: also MAVProxy's old lists of positions (a fence)
 and of lines that begin with ``RALLY``.
 """
 
@@ -43,7 +43,7 @@ _FENCE_COMMANDS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE
 
 @dataclass(frozen=True, slots=True)
 class MissionFile:
-    """What a mission file holds; None for a list that it does not have.
+    """Content of a mission file; None for a list that it does not have.
 
     Attributes:
         mission: Its mission.
@@ -141,7 +141,7 @@ def write_mission(
         mission: What to write.
         path: The file; see the table at the top of this module for suffixes.
         fence: Written to a ``.plan`` file along with the mission.
-        rally: Likewise.
+        rally: The same.
         autopilot: The autopilot that a ``.plan`` file names.
 
     Returns:
@@ -214,7 +214,7 @@ def _read_fen(text: str, _: MissionType | None) -> MissionFile:
 
 def _read_places(text: str, _: MissionType | None) -> MissionFile:
     read = _read_fen(text, _)
-    return replace(read, repairs=("read as an old fence file: the first place is the return point", *read.repairs))
+    return replace(read, repairs=("read as an old fence file: the first position is the return point", *read.repairs))
 
 
 def _read_rally_lines(text: str, _: MissionType | None) -> MissionFile:
@@ -242,7 +242,7 @@ _COMMENTS = re.compile(r"(\s*(#[^\n]*)?\n)*\s*")
 
 
 def _reader_of(suffix: str, text: str) -> tuple[_Reader, tuple[str, ...]]:
-    """The reader for what the file is, and a line for a file that is something else than its name says."""
+    """The reader for the file's content, and a line for a name that contradicts it."""
     if suffix == ".csv":
         return _read_csv, ()
     begin = _COMMENTS.match(text)
@@ -296,7 +296,7 @@ FORMATS: Final = tuple(_WRITERS)
 
 
 def mission_text(file_format: str, lists: plan.PlanFile, *, name: str = "mission") -> str:
-    """The text of a mission in one of FORMATS; fence and rally points are in a ``plan``, and alone in MAVProxy's two formats.
+    """The text of a mission in one of FORMATS; only ``plan`` and MAVProxy's formats carry fence and rally points.
 
     Args:
         file_format: One of FORMATS.

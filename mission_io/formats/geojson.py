@@ -132,7 +132,7 @@ def _place(node: Node) -> LatLon:
         raise FormatError(f"a position of {len(numbers)} numbers", where=node.where, advice="give longitude, latitude")
     lon_deg, lat_deg = numbers[0].number(), numbers[1].number()
     if place_problem(lat_deg, lon_deg) is not None:
-        what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is not a place"
+        what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is not a position"
         raise FormatError(what, where=node.where, advice="longitude comes first")
     return LatLon(lat_deg, lon_deg)
 

@@ -1,4 +1,4 @@
-"""JSON documents whose values know their place, so that an error can name it."""
+"""JSON documents whose values know their path, so that an error can name it."""
 
 import json
 from collections.abc import Callable, Mapping

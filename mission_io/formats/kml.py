@@ -183,13 +183,13 @@ class _DrawingReader:
                 raise FormatError(f"{entry[:40]!r} is not longitude,latitude or longitude,latitude,height", where=here)
             lon_deg, lat_deg = finite_number(numbers[0], here), finite_number(numbers[1], here)
             if place_problem(lat_deg, lon_deg) is not None:
-                what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is not a place"
+                what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is not a position"
                 raise FormatError(what, where=here, advice="longitude comes first")
             places.append(LatLon(lat_deg, lon_deg))
         return places
 
     def _entries(self, text: str, where: str) -> list[str]:
-        """The text of each place. Space around commas belongs to a place if that makes places of two or three numbers.
+        """The text of each position. Space around commas belongs to a position if that makes positions of two or three numbers.
 
         Otherwise space separates places and the comma before it is dropped: "10,50, 11,51" is two places.
         """
@@ -204,8 +204,8 @@ class _DrawingReader:
             for number, entry in enumerate(apart):
                 if entry.count(",") not in (1, 2):
                     here = f"{where}, coordinate {number}"
-                    raise FormatError(f"{entry[:40]!r} is no place", where=here, advice="remove the space at commas")
-            self._repairs.append(f"{where}: removed commas between places")
+                    raise FormatError(f"{entry[:40]!r} is no position", where=here, advice="remove the space at commas")
+            self._repairs.append(f"{where}: removed commas between positions")
             return apart
         entries = text.split()
         if any(entry.count(",") == _WITH_TIME - 1 for entry in entries):

@@ -15,7 +15,7 @@ from mission_io.formats.text import degrees_text, plain_decimal
 from mission_io.model.places import earth_centred_m, ground_distance_m
 
 MOST_WAYPOINTS = 99
-"""DJI's mobile SDK takes so many; Litchi chains more of them only while it has a signal."""
+"""Limit of DJI's mobile SDK; Litchi chains more of them only while it has a signal."""
 _HEIGHTS_M = (-200.0, 500.0)
 _PITCHES_DEG = (-90.0, 0.0)
 _MOST_SPEED_M_S = 15.0
@@ -33,7 +33,7 @@ HEADER = ",".join(_COLUMNS)
 
 
 def write_csv(flight: CameraFlight) -> str:
-    """Write a flight as CSV; heights are above the place of take-off.
+    """Write a flight as CSV; heights are above the take-off.
 
     Raises:
         FormatError: Litchi cannot do it, with the point.
@@ -58,7 +58,7 @@ def _row(number: int, points: Sequence[CameraPoint]) -> str:
     _check("degrees of the camera's pitch", pitch_deg, _PITCHES_DEG, where)
     _check("m/s", point.speed_m_s, (0.1, _MOST_SPEED_M_S), where)
     if pictures > _ACTIONS:
-        raise FormatError(f"{pictures} pictures, Litchi takes {_ACTIONS}", where=where)
+        raise FormatError(f"{pictures} photos, Litchi takes {_ACTIONS}", where=where)
     heading_deg = _course_deg(points, number) if point.heading_deg is None else point.heading_deg
     distance_m = -1.0 if point.picture_distance_m is None else point.picture_distance_m
     actions = [_TAKE_PHOTO] * pictures + [_NO_ACTION] * (_ACTIONS - pictures)
@@ -87,7 +87,7 @@ def _check_distances(points: Sequence[CameraPoint]) -> None:
 
 
 def _course_deg(points: Sequence[CameraPoint], number: int) -> float:
-    """Direction of the leg that begins at a point, clockwise from north; that of a vertical one is the leg's before it."""
+    """Direction of the leg that begins at a point, clockwise from north; a vertical leg keeps the one before."""
     for first in (*range(number, len(points) - 1), *range(number - 1, -1, -1)):
         a, b = points[first], points[first + 1]
         if ground_distance_m(a.lat_deg, a.lon_deg, b.lat_deg, b.lon_deg) > 0.1:

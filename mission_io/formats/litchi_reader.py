@@ -24,8 +24,8 @@ def is_litchi(text: str) -> bool:
 def read_route(text: str) -> PointRoute:
     """Read a mission of Litchi's Mission Hub.
 
-    Heights are above take-off (altitude mode 0) or above the ground (1); curved corners are told and become sharp. Litchi keeps
-    what it does at the end outside of the file, so the mission ends above its last point.
+    Heights are above take-off (altitude mode 0) or above the ground (1); curved corners become sharp, with a message.
+    Litchi keeps what it does at the end outside of the file, so the mission ends above its last point.
 
     Raises:
         FormatError: another header, feet, or a value that is none, with its line.
@@ -60,14 +60,14 @@ def read_route(text: str) -> PointRoute:
         repairs.append(f"{looks_at_poi} points look at a point of interest; their camera's angle is not known here")
     route = route_from_stops(stops, repairs=repairs)
     turns = sum(item.command == Command.CONDITION_YAW for item in route.mission.items)
-    told = (
+    messages = (
         [f'{turns} headings differ from their legs; they are held, as Heading Mode "Custom (WD)" does'] if turns else []
     )
-    return dataclasses.replace(route, repairs=(*route.repairs, *told))
+    return dataclasses.replace(route, repairs=(*route.repairs, *messages))
 
 
 def _camera(fields: dict[str, str], where: str) -> StopCamera:
-    """What is done at a row: its actions, its gimbal's angle, and pictures by distance or time from there on.
+    """Actions at a row, the gimbal's angle, and photos by distance or time from there on.
 
     Headings are those of Heading Mode "Custom (WD)"; in the others they are the legs' own.
     """

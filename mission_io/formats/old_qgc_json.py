@@ -39,7 +39,7 @@ class OldFile:
 
 
 def read(text: str) -> OldFile:
-    """Read a file; which of the three it is, it says itself.
+    """Read a file of any of the three kinds, which its header names.
 
     Raises:
         FormatError: with the place in the document; also for surveys, whose items these files do not contain.

@@ -120,7 +120,7 @@ def write(plan: PlanFile) -> str:
         texts = {name: _part_text(plan, name, part, indent=8) for name, part in parts.items()}
         return _part_text(plan, "", texts, indent=4) + "\n"
     except ValueError:
-        raise FormatError("a number is not finite", where="plan", advice="give finite places and speeds") from None
+        raise FormatError("a number is not finite", where="plan", advice="give finite positions and speeds") from None
     except TypeError:
         raise FormatError("a key or value that JSON does not have", where="extras", advice="leave it out") from None
     except RecursionError:
@@ -138,7 +138,7 @@ def _home_json(plan: PlanFile) -> object:
 
 
 def _part_text(plan: PlanFile, name: str, part: Mapping[str, Any], *, indent: int) -> str:
-    """A part of the document with its constants and the keys of other programs, one line for each key and item."""
+    """A part of the document with its constants and other programs' keys, one line for each key and item."""
     lines = []
     for key, value in sorted({**_CONSTANTS[name], **plan.extras.get(name, {}), **part}.items()):
         if name == "" and key in part:
@@ -152,7 +152,7 @@ def _part_text(plan: PlanFile, name: str, part: Mapping[str, Any], *, indent: in
 
 
 def losses(plan: PlanFile) -> tuple[str, ...]:
-    """What ``write`` rounds, one line each: Mission Planner reads speeds only as whole numbers."""
+    """Values that ``write`` rounds, one line each: Mission Planner reads speeds only as whole numbers."""
     speeds = (("cruiseSpeed", plan.cruise_speed_m_s), ("hoverSpeed", plan.hover_speed_m_s))
     return tuple(f"mission.{key}: {value} is written as {round(value)}" for key, value in speeds if value % 1.0)
 
@@ -176,7 +176,7 @@ def _items_json(plan: PlanFile) -> list[Mapping[str, Any]]:
 
 
 def _check_jumps(plan: PlanFile) -> None:
-    """A jump goes to the doJumpId of a simple item: to none, or into a complex item, would be a file that nobody reads."""
+    """Require that every jump goes to the doJumpId of a simple item; no program reads another one."""
     complex_items = [entry for entry in plan.entries if entry.kind != "SimpleItem"]
     inside = {number for e in complex_items for number in range(e.first + 1, e.first + len(e.items) + 1)}
     for number, item in enumerate(plan.mission.items, start=1):
@@ -290,7 +290,7 @@ def _read_part(node: Node, name: str, repairs: list[str], extras: dict[str, Mapp
 
 
 def read_items(node: Node, repairs: list[str]) -> tuple[tuple[MissionItem, ...], tuple[PlanEntry, ...]]:
-    """The items of an item list in flying order, and the entries that say more than they fly; contradictions are listed."""
+    """The items of a list in flying order, and its complex entries; contradictions are listed."""
     items: list[MissionItem] = []
     entries: list[PlanEntry] = []
     by_jump_id: dict[object, int] = {}

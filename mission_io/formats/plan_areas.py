@@ -82,7 +82,7 @@ def read_fence_part(node: Node, repairs: list[str]) -> Fence:
 
 
 def read_rally_part(node: Node) -> RallyPoints:
-    """The rally points of a plan's part, or of a file of QGroundControl that holds rally points alone; errors likewise."""
+    """The rally points of a plan's part, or of QGroundControl's file of rally points; the same errors."""
     points = _entries(node, "points") if _is_old(node) else node.get("points").nodes()
     return RallyPoints(tuple(map(_read_point, points)))
 

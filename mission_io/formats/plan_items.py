@@ -28,7 +28,7 @@ _NOTHING = (math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True, slots=True)
 class PlanEntry:
-    """An entry of a plan's item list, kept as it is because it says more than the items it flies.
+    """An entry of a plan's item list, kept whole because it holds more than its items.
 
     Attributes:
         first: Position of its first item in the mission, from 0.
@@ -100,7 +100,7 @@ def read_simple(node: Node) -> MissionItem:
 
 
 def contradictions(node: Node, item: MissionItem) -> list[str]:
-    """What an entry says twice and differently, one line each; ``frame`` and ``params`` are what vehicles are sent."""
+    """Contradictions inside an entry, one line each; ``frame`` and ``params`` are sent to vehicles."""
     entry, where = node.value, node.where
     mode, height, amsl = (entry.get(key) for key in ("AltitudeMode", "Altitude", "AMSLAltAboveTerrain"))
     found: list[str] = []

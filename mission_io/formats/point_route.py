@@ -1,4 +1,4 @@
-"""Routes of points, as drone apps and map programs have them, made into missions: take-off, waypoints, and what comes then."""
+"""Routes of points, from drone apps and map programs, made into missions: take-off, waypoints, and the end."""
 
 import dataclasses
 import math
@@ -17,7 +17,7 @@ _LOWEST_M, _HIGHEST_M = -500.0, 20_000.0
 
 @dataclass(frozen=True, slots=True)
 class RouteStop:
-    """A point of a route: degrees, and metres above the reference of ``frame``; ``speed_m_s`` of the leg after it, if stated.
+    """A point of a route: degrees, metres above ``frame``'s reference, and the speed of the leg after it.
 
     ``camera`` is what is done there.
     """
@@ -133,7 +133,7 @@ def local_name(element: ElementTree.Element) -> str:
 
 
 def child_text(element: ElementTree.Element, name: str) -> str | None:
-    """The text of the first child of a name, whatever its namespace; None where there is none."""
+    """The text of the first child of a name, in any namespace; None where there is none."""
     return next(((each.text or "").strip() for each in element if local_name(each) == name), None)
 
 

@@ -55,7 +55,7 @@ def read_fence(text: str) -> FenFile:
     """
     places, repairs = _places(text)
     if not places:
-        raise FormatError("holds no place", where="line 1", advice="the first line is the return point")
+        raise FormatError("holds no position", where="line 1", advice="the first line is the return point")
     ring = open_ring(places[1:], "the fence", repairs)
     return_point = FramedPoint(places[0].lat_deg, places[0].lon_deg, 0.0, Frame.ABOVE_HOME)
     return FenFile(Fence((FencePolygon(ring),), (), return_point), tuple(repairs))
@@ -93,7 +93,7 @@ def write_fence(fence: Fence) -> str:
 def _text(places: list[LatLon]) -> str:
     lines = [_HEADER]
     for number, place in enumerate(places):
-        where = f"place {number}"
+        where = f"position {number}"
         lines.append(f"{degrees_text(place.lat_deg, where)} {degrees_text(place.lon_deg, where)}")
     return "\n".join(lines) + "\n"
 
@@ -110,7 +110,7 @@ def _places(text: str) -> tuple[list[LatLon], list[str]]:
         try:
             found = words_of(content, 2)
         except FormatError as error:
-            what = error.what.replace("columns, 2 are expected", "numbers, a place has 2")
+            what = error.what.replace("columns, 2 are expected", "numbers, a position has 2")
             raise FormatError(what, where=where, advice=error.advice or "latitude, then longitude") from None
         if found.changed:
             spaces = " to spaces" if found.changed.endswith("separators") else ""

@@ -24,7 +24,7 @@ class RallyFile:
 
 
 def read_rally(text: str) -> RallyFile:
-    """Read rally points. What rally points of today do not have is dropped and listed where it says anything.
+    """Read rally points. Fields without a present equivalent are dropped, and listed where they are set.
 
     Raises:
         FormatError: with the line.

@@ -1,4 +1,4 @@
-"""What cameras do at the points of drone apps' routes, as items of a mission."""
+"""Camera actions at the points of drone apps' routes, as items of a mission."""
 
 import math
 from collections.abc import Sequence
@@ -13,14 +13,14 @@ _MOST_PICTURES = 1000
 
 @dataclass(frozen=True, slots=True)
 class StopCamera:
-    """What is done at a point, and what holds from there on.
+    """Actions at a point, and settings from there on.
 
     Attributes:
         pitch_deg: Of the camera from there on, -90 is straight down; None: as before.
         heading_deg: Of the aircraft's nose on the leg after it; None: along the leg.
         pictures: How many are taken there.
         distance_m: Between pictures from there on; None: none by distance.
-        interval_s: Likewise by time.
+        interval_s: The same by time.
         hover_s: How long it stays.
     """
 
@@ -61,7 +61,7 @@ def items_at_stop(before: StopCamera, here: StopCamera, course_deg: float | None
 
 
 def course_deg(lat_deg: Sequence[float], lon_deg: Sequence[float]) -> float | None:
-    """Direction from a first place to a second one, clockwise from north; None where they are the same.
+    """Direction from a first position to a second one, clockwise from north; None where they are the same.
 
     >>> round(course_deg((46.0, 46.0), (8.0, 8.001)) or 0.0, 3)
     90.0

@@ -1,4 +1,4 @@
-"""ArduPilot's terrain files: one ``.DAT`` for a whole degree, a block of 2,048 bytes for each block of the terrain grid.
+"""ArduPilot's terrain files: one ``.DAT`` for a degree, 2,048 bytes for each block of the terrain grid.
 
 A block is little-endian: bitmap of its parts (64 bits), latitude and longitude of its corner (1e-7 degrees), CRC-16 of the 1,821
 bytes that are used with this field 0, format version, spacing, 28 rows of 32 heights in metres, the block's numbers to the

@@ -1,4 +1,4 @@
-"""Text of mission files: decoding whatever a program wrote, with a list of repairs, and numbers in decimal notation.
+"""Text of mission files: decoding with a list of repairs, and numbers in decimal notation.
 
 Numbers are written as the shortest plain decimals that read back as the same number.
 """
@@ -29,7 +29,7 @@ class FileText:
 
 
 def text_from_bytes(data: bytes) -> FileText:
-    """Decode a file: UTF-8, UTF-16 and UTF-32 with a byte order mark, and Latin-1 for anything else that is not UTF-8.
+    """Decode a file: UTF-8; UTF-16 and UTF-32 with a byte order mark; Latin-1 for anything else.
 
     Raises:
         FormatError: zero bytes, so it is not text, or damaged UTF-16.
@@ -115,7 +115,7 @@ def place_problem(lat_deg: float, lon_deg: float) -> FormatError | None:
     if -90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0:
         return None
     advice = "latitude comes first" if abs(lon_deg) <= 90.0 and abs(lat_deg) <= 180.0 else ""
-    return FormatError(f"latitude {lat_deg:g}, longitude {lon_deg:g} is not a place", advice=advice)
+    return FormatError(f"latitude {lat_deg:g}, longitude {lon_deg:g} is not a position", advice=advice)
 
 
 _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

@@ -111,7 +111,7 @@ def write_mission(mission: Mission) -> str:
         FormatError: no home (the format needs it), or a number that the format cannot hold; with the row.
     """
     if mission.home is None:
-        raise FormatError("the mission has no home", where="row 0", advice="give the place it starts from")
+        raise FormatError("the mission has no home", where="row 0", advice="give the position it starts from")
     return _write(mission.home, mission.items)
 
 
@@ -124,12 +124,12 @@ def write_fence(fence: Fence, home: GeoPoint | None) -> str:
 
 
 def write_rally(rally: RallyPoints, home: GeoPoint | None) -> str:
-    """Write rally points as text, with home in the first row, or without it (None) for MAVProxy; errors likewise."""
+    """Write rally points as text, with home in the first row, or without (None) for MAVProxy; same errors."""
     return _write(home, items_from_rally(rally))
 
 
 def losses(mission: Mission) -> tuple[str, ...]:
-    """What ``write_mission`` drops or rounds, one line each; empty when the file is exact."""
+    """Values that ``write_mission`` drops or rounds, one line each; empty when the file is exact."""
     rows_of: dict[Meaning, list[int]] = {}
     for row, item in enumerate(mission.items, start=1):
         for number, value in enumerate(item.params, start=1):
@@ -250,7 +250,7 @@ def _version(content: str, line_number: int) -> int:
 
 
 def _note_what_home_says(item: MissionItem, row: "_Row", repairs: list[str]) -> None:
-    """List what the first row of version 110, which is home, says beyond a position: it is not kept."""
+    """List the values of the first row of version 110, which is home, beyond its position: they are not kept."""
     if item.frame is not Frame.AMSL:
         repairs.append(
             f"line {row.number}: the height of home is read as above sea level, not {item.frame.name}; if it is the first "
@@ -312,7 +312,7 @@ class _Row:
         return columns
 
     def _numbers(self, command: int, repairs: list[str]) -> list[float]:
-        """Parse parameters, position and height: all at once if they are plain, otherwise one by one to name the invalid one."""
+        """Parse parameters, position and height: all at once if plain, otherwise singly to name the invalid one."""
         content = self._content
         if content.isascii() and "_" not in content and len(content) <= _SHORT_LINE:
             try:
@@ -324,7 +324,7 @@ class _Row:
         return [self._number_or_nan(column, command, repairs) for column in range(4, 11)]
 
     def _number_or_nan(self, column: int, command: int, repairs: list[str]) -> float:
-        """A number; NaN as a parameter stays NaN, and is 0 as the place of a command that has none."""
+        """A number; NaN as a parameter stays NaN, and is 0 as the position of a command that has none."""
         text = self._columns[column]
         if _NAN_PATTERN.fullmatch(text) is None or (column > 7 and not has_no_place(command)):
             return self._number(column)

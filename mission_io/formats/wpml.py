@@ -175,7 +175,7 @@ def _mission_config(flight: CameraFlight, aircraft: DjiAircraft, return_height_m
 
 
 def _heights(flight: CameraFlight, absolute: AbsoluteHeights | None) -> list[tuple[float, float]]:
-    """Of each point its height in the template, and the one that is flown; the same where heights are above the take-off."""
+    """For each point its height in the template, and the flown one; equal for heights above take-off."""
     if absolute is None:
         return [(point.height_above_home_m, point.height_above_home_m) for point in flight.points]
     return list(zip(absolute.amsl_m, absolute.ellipsoid_m, strict=True))
@@ -268,7 +268,7 @@ def _action_groups(flight: CameraFlight, aircraft: DjiAircraft) -> list[list[str
 
 
 def _last_of_stretch(flight: CameraFlight, first: int) -> int:
-    """The point at which pictures at the distance of point ``first`` end."""
+    """The point at which photos at the distance of point ``first`` end."""
     for index in range(first + 1, len(flight.points)):
         if flight.points[index].picture_distance_m != flight.points[first].picture_distance_m:
             return index

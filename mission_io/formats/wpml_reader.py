@@ -30,7 +30,7 @@ def read_route(text: str) -> PointRoute:
 
     Heights are above the start (executeHeightMode relativeToStartPoint) or above the surface (realTimeFollowSurface); those
     above the ellipsoid of WGS 84 are refused, because the geoid is not known here. The aircraft first climbs to
-    takeOffSecurityHeight or the first point's height. Curved turns are told and become sharp.
+    takeOffSecurityHeight or the first point's height. Curved turns become sharp, with a message.
 
     Raises:
         FormatError: no WPML, several waylines, another reference of heights, or a value that is none, with its point.
@@ -46,7 +46,7 @@ def read_route(text: str) -> PointRoute:
     if mode not in _FRAMES:
         raise FormatError(
             f"heights are of the mode {mode[:40] or 'nothing'!r}", where="executeHeightMode",
-            advice="plan with heights above the take-off place (relativeToStartPoint)",
+            advice="plan with heights above the take-off position (relativeToStartPoint)",
         )  # fmt: skip
     overall = child_text(folder, "autoFlightSpeed")
     marks = [each for each in folder if local_name(each) == "Placemark"]
@@ -56,10 +56,10 @@ def read_route(text: str) -> PointRoute:
         for n, (mark, camera) in enumerate(zip(marks, cameras, strict=True), start=1)
     ]
     curved = sum(child_text(mark, "useStraightLine") == "0" for mark in marks)
-    told = [*repairs, *([f"{curved} legs are curved; they are taken as straight"] if curved else [])]
+    messages = [*repairs, *([f"{curved} legs are curved; they are taken as straight"] if curved else [])]
     security, back = child_text(config, "takeOffSecurityHeight"), child_text(config, "globalRTHHeight")
     return route_from_stops(
-        stops, end=_end(child_text(config, "finishAction"), stops), repairs=told,
+        stops, end=_end(child_text(config, "finishAction"), stops), repairs=messages,
         return_height_m=None if not back else number_in(back, "globalRTHHeight"),
         takeoff_height_m=None if not security else number_in(security, "takeOffSecurityHeight"),
     )  # fmt: skip
@@ -102,7 +102,7 @@ class _Group:
 
 
 def cameras_of(marks: Sequence[ElementTree.Element]) -> list[StopCamera]:
-    """What is done at each placemark of a wayline.
+    """Actions at each placemark of a wayline.
 
     A group of ``multipleDistance`` or ``multipleTiming`` with a ``takePhoto`` takes pictures from its first point to its last. A
     heading is held where the point says ``smoothTransition``.
@@ -112,8 +112,8 @@ def cameras_of(marks: Sequence[ElementTree.Element]) -> list[StopCamera]:
     """
     index_of = {}
     for k, mark in enumerate(marks):
-        told = child_text(mark, "index")
-        index_of[int(number_in(told, f"point {k + 1}, index")) if told else k] = k
+        stated = child_text(mark, "index")
+        index_of[int(number_in(stated, f"point {k + 1}, index")) if stated else k] = k
     cameras = [StopCamera(heading_deg=_heading_deg(mark, k + 1)) for k, mark in enumerate(marks)]
     for number, mark in enumerate(marks, start=1):
         for element in mark:

@@ -77,7 +77,7 @@ def open_link(url: str, *, schemes: Mapping[str, EndpointFactory] = MappingProxy
 
     Raises:
         MisuseError: an invalid URL, or pyserial is missing for a serial one.
-        LinkError: the operating system refuses, for instance because the port is taken or nobody listens there.
+        LinkError: the operating system refuses, for instance because the port is taken or has no listener.
     """
     further = {**_endpoints, **schemes}
     parsed = parse_url(url, registered=frozenset(further))

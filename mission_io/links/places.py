@@ -1,4 +1,4 @@
-"""Who speaks to a listening port from which place, and where to send what is meant for them."""
+"""The addresses that speak to a listening port, and the addresses to send to."""
 
 import logging
 from typing import Final
@@ -6,12 +6,12 @@ from typing import Final
 from mission_io.wire.framing import Framer
 
 FORGOTTEN_AFTER_S: Final = 15.0
-"""A place that has been silent for so long is no longer sent to, unless it is the only one."""
+"""Silence after which an address is no longer sent to, unless it is the only one."""
 
 MOST_PEERS: Final = 16
 
 TAKE_OVER_S: Final = 3.0
-"""A vehicle that is kept to may speak from another place (it was switched off and on) when its own was silent for so long."""
+"""Silence of its address after which a kept vehicle may speak from another one (it was switched off and on)."""
 
 Place = tuple[str, int]
 """Host and port."""
@@ -23,7 +23,7 @@ _log = logging.getLogger(__name__)
 
 
 class Places:
-    """The places that a listening port hears, until ``keep_to`` chooses the one that a vehicle speaks from.
+    """The addresses that a listening port hears, until ``keep_to`` chooses the one of a vehicle.
 
     Attributes:
         latest: The place that was heard last; the vehicle's while one is kept to. None before that.
@@ -39,7 +39,7 @@ class Places:
         self._kept_heard_s = 0.0
 
     def hears(self, data: bytes, place: Place, now: float) -> bool:
-        """Take note of where a datagram came from; whether it is for us to hear."""
+        """Note the sender's address of a datagram; whether it is for us."""
         if self._kept is not None and place != self.latest:
             if now - self._kept_heard_s <= TAKE_OVER_S or self._kept not in _heartbeats_in(data):
                 self.strangers += 1
@@ -55,7 +55,7 @@ class Places:
         return True
 
     def to_send_to(self, now: float) -> tuple[Place, ...]:
-        """The place that is kept to, or all that were heard lately."""
+        """The address that is kept to, or all recently heard ones."""
         if self._kept is not None:
             return () if self.latest is None else (self.latest,)
         for place, heard_s in list(self._heard_s.items())[:-1]:
@@ -64,7 +64,7 @@ class Places:
         return tuple(self._heard_s)
 
     def keep_to(self, system_id: int, component_id: int, now: float) -> None:
-        """From here on there is only the place that this sender's heartbeats came from, if they were heard.
+        """From here on there is only the address of this sender's heartbeats, if they were heard.
 
         When nothing came from there for ``TAKE_OVER_S`` seconds, a heartbeat of the same sender from another place moves it.
         """

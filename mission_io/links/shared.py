@@ -1,4 +1,4 @@
-"""Several vehicles on one link: a radio that all of them share, a router, or one port that all speak to.
+"""Several vehicles on one link: a shared radio, a router, or one port that all speak to.
 
 The link is opened once, and each vehicle has a share of it that is a link of its own: clients in several threads, one for each
 vehicle, hear what is for them, and none hears another one's vehicle.
@@ -18,7 +18,7 @@ from mission_io.links.udp import UdpLink
 from mission_io.wire.framing import Framer, FramingCounts
 
 MOST_WAITING: Final = 4096
-"""Datagrams that wait for a share that nobody reads; of more, the oldest are lost, as in a socket's buffer."""
+"""Datagrams that wait for a share without a reader; of more, the oldest are lost, as in a socket's buffer."""
 
 _LOOK_S = 0.02
 """A share that waits while another one reads looks so often for the end of its time."""
@@ -106,7 +106,7 @@ class SharedLink:
                     return share.take()
 
     def _read(self, link: Link, timeout_s: float) -> None:
-        """Read what comes next, and give it to whom it is for."""
+        """Read the next datagram, and give it to its share."""
         place = None
         try:
             if isinstance(link, UdpLink) and link.learns_peers:
@@ -127,7 +127,7 @@ class LinkShare:
     """One vehicle's share of a link, made by :meth:`SharedLink.share`; a link itself.
 
     Attributes:
-        dropped: How many datagrams were lost because nobody read them.
+        dropped: How many datagrams were lost because no caller read them.
     """
 
     def __init__(self, shared: SharedLink, link: Link, system_id: int, others: Collection[int]) -> None:
@@ -144,11 +144,11 @@ class LinkShare:
 
     @property
     def framing(self) -> FramingCounts:
-        """What of a stream was no frame, for all shares together; nothing for a link of datagrams."""
+        """Bytes of a stream that were no frame, for all shares together; none for a link of datagrams."""
         return self._link.framing if isinstance(self._link, StreamLink) else FramingCounts()
 
     def send(self, data: bytes) -> None:
-        """Send one datagram: to the vehicle's place once it is known, otherwise to all places.
+        """Send one datagram: to the vehicle's address once it is known, otherwise to all addresses.
 
         Raises:
             LinkError: the link is closed or gone.
@@ -166,11 +166,11 @@ class LinkShare:
         return self._shared.receive(self, self._link, self.clock.now() + timeout_s)
 
     def keep_to(self, system_id: int, component_id: int) -> None:
-        """From here on hear only the place that this sender speaks from; a link without places stays as it is."""
+        """From here on hear only the address of this sender; a link without addresses stays as it is."""
         self._places.keep_to(system_id, component_id, self.clock.now())
 
     def let_go(self) -> None:
-        """Hear all places again."""
+        """Hear all addresses again."""
         self._places.let_go()
 
     def close(self) -> None:
@@ -192,7 +192,7 @@ class LinkShare:
             self._waiting.popleft()
             self.dropped += 1
             if self.dropped == 1:
-                _log.warning("nobody reads what system %d sends; its oldest datagrams are dropped", self._system_id)
+                _log.warning("no client reads the datagrams of system %d; its oldest ones are dropped", self._system_id)
         self._waiting.append(ours)
 
     def _require_open(self) -> None:
@@ -201,7 +201,7 @@ class LinkShare:
 
 
 def _without(data: bytes, systems: Collection[int]) -> bytes:
-    """A datagram without the frames of some systems; bytes that are no frame stay where there is nothing to take out."""
+    """A datagram without the frames of some systems; other bytes stay where no frame is taken out."""
     framer = Framer()
     frames = [*framer.feed(data), *framer.end()]
     if not any(frame.system_id in systems for frame in frames):

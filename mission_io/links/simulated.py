@@ -3,7 +3,7 @@
 ``SimulatedLink`` connects this side to a peer in the same process. Its clock advances only while ``receive`` waits, so
 minutes of radio trouble take milliseconds and repeat exactly. ``LossyLink`` degrades a real link.
 
-A preset says how patient transfers are on a kind of link, and how it treats datagrams when it is simulated. Time-outs adapt to
+A preset gives the timeouts of transfers on a kind of link, and its losses when it is simulated. Time-outs adapt to
 the link by themselves; a preset saves the first seconds and gives slow links more time.
 """
 
@@ -23,7 +23,7 @@ from mission_io.protocol.timing import Timing
 
 
 class ManualClock:
-    """A clock that stands still until it is told to move."""
+    """A clock that stands still until a call moves it."""
 
     def __init__(self, start_s: float = 0.0) -> None:
         self._now_s = start_s
@@ -38,14 +38,14 @@ class ManualClock:
 
 
 class Peer(Protocol):
-    """The other end of a simulated link: it is told what arrives and asked what it sends."""
+    """The other end of a simulated link: it receives datagrams, and returns those that it sends."""
 
     def receive_datagram(self, data: bytes, now: float) -> None:
         """Take a datagram that arrived at ``now``."""
         ...
 
     def datagrams_to_send(self, now: float) -> list[bytes]:
-        """What it wants to send at ``now``."""
+        """Datagrams that it sends at ``now``."""
         ...
 
     def next_timer(self) -> float | None:
@@ -55,7 +55,7 @@ class Peer(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Conditions:
-    """What happens to datagrams in each direction; fractions from 0 to 1, times in seconds.
+    """Losses and delays of datagrams in each direction; fractions from 0 to 1, times in seconds.
 
     Jitter adds up to that much to the delay of each datagram, so more jitter than the time between two datagrams
     means that some arrive in another order. With a limited ``bytes_per_s`` datagrams wait for those before them, and

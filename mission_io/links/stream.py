@@ -11,7 +11,7 @@ from mission_io.errors import LinkError
 from mission_io.wire.framing import Framer, FramingCounts
 
 QUIET_S: Final = 0.5
-"""After so long without a byte, what looks like the beginning of a long frame is given up if frames wait behind it."""
+"""Silence after which an apparent start of a long frame is given up if frames wait after it."""
 
 SEND_BUFFER_BYTES: Final = 65_536
 """What waits to be sent to a peer that does not take it; frames that find no room are lost."""
@@ -24,7 +24,7 @@ class Channel(Protocol):
 
     @property
     def name(self) -> str:
-        """What it is, for messages to people."""
+        """Name of the stream, for messages to people."""
         ...
 
     def fileno(self) -> int:
@@ -32,11 +32,11 @@ class Channel(Protocol):
         ...
 
     def read(self, size: int) -> bytes:
-        """What is here; nothing when nothing is. Raises LinkError when the other end has gone."""
+        """Bytes that have arrived; none when there are none. Raises LinkError when the other end has gone."""
         ...
 
     def write(self, data: bytes) -> int:
-        """Send what can be sent at once; how many bytes that was. Raises LinkError when the other end has gone."""
+        """Send the bytes that can be sent at once; returns their number. Raises LinkError when the other end has gone."""
         ...
 
     def close(self) -> None:
@@ -57,7 +57,7 @@ class FramedChannel:
 
     @property
     def framing(self) -> FramingCounts:
-        """What was no frame."""
+        """Bytes that were no frame."""
         return self._framer.counts
 
     @property
@@ -86,7 +86,7 @@ class FramedChannel:
         return [frame.data for frame in self._framer.end_if_frames_wait()]
 
     def put(self, frame: bytes) -> None:
-        """Send a frame, or as much of it as goes now and the rest later; without room for it, none of it."""
+        """Send a frame, part of it now and the rest later; without room for it, none of it."""
         self.flush()
         if len(self._waiting) + len(frame) > SEND_BUFFER_BYTES:
             self.dropped_frames += 1
@@ -95,7 +95,7 @@ class FramedChannel:
         self.flush()
 
     def flush(self) -> None:
-        """Send what waits, as far as that goes without waiting."""
+        """Send waiting bytes, as far as possible without waiting."""
         while self._waiting:
             sent = self.channel.write(bytes(self._waiting))
             if sent == 0:
@@ -121,7 +121,7 @@ class ChannelLink:
 
     @property
     def framing(self) -> FramingCounts:
-        """What was no frame."""
+        """Bytes that were no frame."""
         return self._framed.framing
 
     @property

@@ -36,7 +36,7 @@ class TcpChannel:
         return self._socket.fileno()
 
     def read(self, size: int) -> bytes:
-        """What is here; nothing when nothing is."""
+        """Bytes that have arrived; none when there are none."""
         try:
             data = self._socket.recv(size)
         except BlockingIOError:
@@ -68,10 +68,10 @@ class TcpChannel:
 
 
 def connect_tcp(host: str, port: int, *, timeout_s: float = CONNECT_TIMEOUT_S) -> ChannelLink:
-    """A link to a place that listens on TCP.
+    """A link to an address that listens on TCP.
 
     Raises:
-        LinkError: nobody listens there, or not within ``timeout_s`` seconds.
+        LinkError: no listener there, or no answer within ``timeout_s`` seconds.
     """
     try:
         sock = socket.create_connection((host, port), timeout=timeout_s)
@@ -85,7 +85,7 @@ class TcpListeningLink:
     """Everybody who connects to a TCP port, as one link; a context manager.
 
     What is sent goes to all of them, what they send comes in the order in which it arrives. One that connects or goes
-    away is a line in the log and no error: the next one may come. What is sent while nobody is there is lost.
+    away is a line in the log and no error: the next one may come. Messages without a connection are lost.
     """
 
     def __init__(self, host: str = DEFAULT_HOST, port: int = 0) -> None:
@@ -128,7 +128,7 @@ class TcpListeningLink:
 
     @property
     def framing(self) -> FramingCounts:
-        """What was no frame, from all who ever connected."""
+        """Bytes that were no frame, from all connections so far."""
         return sum((peer.framing for peer in self._peers.values()), self._framing_before)
 
     def send(self, data: bytes) -> None:
@@ -145,7 +145,7 @@ class TcpListeningLink:
                 self._drop(peer, error)
 
     def receive(self, timeout_s: float) -> bytes | None:
-        """The next frame of anybody, or None after ``timeout_s`` seconds.
+        """The next frame of any connection, or None after ``timeout_s`` seconds.
 
         Raises:
             LinkError: the link is closed.

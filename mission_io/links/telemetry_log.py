@@ -116,7 +116,7 @@ class TelemetryLogWriter:
 
 
 class LoggedLink(WrappingLink):
-    """A :class:`~mission_io.links.opening.Link` that writes what goes through it into a log, from ``log_to`` on.
+    """A :class:`~mission_io.links.opening.Link` that writes its datagrams into a log, from ``log_to`` on.
 
     Args:
         link: carries the datagrams.
@@ -132,7 +132,7 @@ class LoggedLink(WrappingLink):
 
     @property
     def framing(self) -> FramingCounts:
-        """What of a stream was no frame; nothing for a link of datagrams."""
+        """Bytes of a stream that were no frame; none for a link of datagrams."""
         return self._link.framing if isinstance(self._link, StreamLink) else FramingCounts()
 
     def send(self, data: bytes) -> None:
@@ -142,7 +142,7 @@ class LoggedLink(WrappingLink):
             self._log.write(data)
 
     def receive(self, timeout_s: float) -> bytes | None:
-        """The next datagram, or None when none came within ``timeout_s`` seconds."""
+        """The next datagram, or None after ``timeout_s`` seconds."""
         data = self._link.receive(timeout_s)
         if self._log is not None:
             if data is None:

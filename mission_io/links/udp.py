@@ -17,10 +17,10 @@ class UdpLink:
     A connecting link sends to one address and port, and hears nothing else: the operating system drops what comes from
     elsewhere.
 
-    A listening link learns its peers from their datagrams: what is sent goes to every place that was heard lately, since
-    several vehicles may speak to one port and each knows by the ids in a message whether it is meant. What is sent
-    before anybody was heard is lost, as with a radio that nobody listens to. From ``keep_to`` on there is one peer: the place
-    that the vehicle speaks from. Whatever others send to the port is dropped, and nothing is sent to them.
+    A listening link learns its peers from their datagrams: each message goes to every address that was heard recently, since
+    several vehicles may speak to one port and each knows by the ids in a message whether it is meant. A message
+    before the first peer is lost, as with a radio without a listener. From ``keep_to`` on there is one peer: the place
+    that the vehicle speaks from. Datagrams of others to the port are dropped, and nothing is sent to them.
     """
 
     def __init__(self, sock: socket.socket, peer: Place | None, *, clock: Clock | None = None) -> None:
@@ -42,7 +42,7 @@ class UdpLink:
 
     @classmethod
     def connecting(cls, host: str, port: int) -> Self:
-        """Send to a place, and receive what comes back from there."""
+        """Send to an address, and receive its answers."""
         sock, address = _udp_socket(host, port)
         try:
             sock.connect(address)
@@ -82,7 +82,7 @@ class UdpLink:
 
     @property
     def strangers(self) -> int:
-        """How many datagrams came from elsewhere than the place that is kept to."""
+        """Number of datagrams from other addresses than the one that is kept to."""
         return self._places.strangers
 
     def send(self, data: bytes) -> None:
@@ -95,7 +95,7 @@ class UdpLink:
             self.send_to(peer, data)
 
     def send_to(self, place: Place, data: bytes) -> None:
-        """Send one datagram to a place; a connecting link knows only one.
+        """Send one datagram to an address; a connecting link knows only one.
 
         Raises:
             LinkError: the operating system refuses.
@@ -106,15 +106,15 @@ class UdpLink:
                 return
             try:
                 self._socket.send(data)
-            except ConnectionRefusedError:  # an earlier datagram found nobody there, and this one was not sent for it
+            except ConnectionRefusedError:  # an earlier datagram found no listener, which stopped this one
                 self._socket.send(data)
         except (ConnectionRefusedError, BlockingIOError):
-            return  # nobody there yet, or the send buffer is full: lost, like any datagram
+            return  # no listener yet, or the send buffer is full: lost, like any datagram
         except OSError as error:
             raise LinkError(f"cannot send to {place[0]}:{place[1]}: {error}") from None
 
     def keep_to(self, system_id: int, component_id: int) -> None:
-        """From here on talk only to the place that this sender's frames come from; a connecting link always does.
+        """From here on talk only to the address of this sender's frames; a connecting link always does.
 
         A stranger's datagrams on the port are dropped and counted in ``strangers``. When nothing came from the kept place for
         ``TAKE_OVER_S`` seconds, a heartbeat of the same sender from another place moves the link there.
@@ -136,7 +136,7 @@ class UdpLink:
         return None
 
     def receive_from(self, timeout_s: float) -> tuple[bytes, Place] | None:
-        """The next datagram from anywhere, and where it came from, or None after ``timeout_s`` seconds.
+        """The next datagram from any address, with that address, or None after ``timeout_s`` seconds.
 
         Raises:
             LinkError: the link is closed, or the operating system refuses.
@@ -149,7 +149,7 @@ class UdpLink:
                     return None
                 data, address = self._socket.recvfrom(65535)
             except (ConnectionRefusedError, BlockingIOError):
-                continue  # an earlier datagram found nobody there
+                continue  # an earlier datagram found no listener
             except (OSError, ValueError) as error:
                 raise LinkError(f"cannot receive: {error}") from None
             return data, (address[0], address[1])

@@ -240,7 +240,7 @@ class PointGimbal:
 
 @dataclass(frozen=True, slots=True)
 class TriggerEvery:
-    """Take a picture at a distance interval over ground, 0 to stop; ``at_once`` takes the first one now."""
+    """Take a photo at a distance interval over ground, 0 to stop; ``at_once`` takes the first one now."""
 
     COMMAND: ClassVar = Command.DO_SET_CAM_TRIGG_DIST
     distance_m: float = field(metadata=_number(1))
@@ -250,7 +250,7 @@ class TriggerEvery:
 
 @dataclass(frozen=True, slots=True)
 class TakePicture:
-    """Take one picture, or with ``pictures`` 0 only set zoom and focus, with an older camera interface."""
+    """Take one photo, or with ``pictures`` 0 only set zoom and focus, with an older camera interface."""
 
     COMMAND: ClassVar = Command.DO_DIGICAM_CONTROL
     session: float = field(default=0.0, metadata=_number(1))
@@ -262,7 +262,7 @@ class TakePicture:
 
 @dataclass(frozen=True, slots=True)
 class StartPictures:
-    """Take pictures every ``interval_s``; ``count`` 0 goes on until stopped. Camera 0 is all of them."""
+    """Take photos every ``interval_s``; ``count`` 0 continues until stopped. Camera 0 is all of them."""
 
     COMMAND: ClassVar = Command.IMAGE_START_CAPTURE
     camera: int = field(default=0, metadata=_whole(1))

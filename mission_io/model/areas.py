@@ -44,7 +44,7 @@ class FenceCircle:
 
 @dataclass(frozen=True, slots=True)
 class Fence:
-    """A geofence; ``return_point``, if set, is where the vehicle goes after a breach."""
+    """A geofence; ``return_point``, if set, is the destination after a breach."""
 
     polygons: tuple[FencePolygon, ...] = ()
     circles: tuple[FenceCircle, ...] = ()

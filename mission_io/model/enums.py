@@ -40,7 +40,7 @@ class CommandResult(IntEnum):
 
 
 class MissionState(IntEnum):
-    """What a vehicle does with its mission (MISSION_STATE)."""
+    """State of a vehicle's mission (MISSION_STATE)."""
 
     UNKNOWN = 0
     NO_MISSION = 1
@@ -71,7 +71,7 @@ class ModeFlag(IntFlag):
 
 
 class VehicleClass(IntEnum):
-    """The kinds of sender (MAV_TYPE) that mission_io tells apart."""
+    """The kinds of sender (MAV_TYPE) that mission_io distinguishes."""
 
     GENERIC = 0
     FIXED_WING = 1
@@ -87,7 +87,7 @@ class VehicleClass(IntEnum):
 
 
 class AutopilotId(IntEnum):
-    """The autopilots (MAV_AUTOPILOT) that mission_io tells apart."""
+    """The autopilots (MAV_AUTOPILOT) that mission_io distinguishes."""
 
     GENERIC = 0
     ARDUPILOT = 3
@@ -109,7 +109,7 @@ class Firmware(Enum):
 
 
 class EkfFlag(IntFlag):
-    """Bits of EkfStatusReport.flags that say whether a position can be trusted."""
+    """Bits of EkfStatusReport.flags about the validity of a position."""
 
     ATTITUDE = 0x1
     VELOCITY_HORIZONTAL = 0x2

@@ -171,7 +171,7 @@ class Mission:
 
     Attributes:
         home: The planned start; None when unknown.
-        items: The items in flying order. Home is not one of them, whatever a file or an autopilot puts in row 0.
+        items: The items in flying order. Home is not one of them, also where a file or an autopilot puts it in row 0.
     """
 
     home: GeoPoint | None
@@ -211,7 +211,7 @@ def delay(time_s: float) -> MissionItem:
 
 
 def trigger_camera_every(distance_m: float) -> MissionItem:
-    """Take a picture now and after each ``distance_m`` metres over ground; 0 stops it."""
+    """Take a photo now and after each ``distance_m`` metres over ground; 0 stops it."""
     return MissionItem(Command.DO_SET_CAM_TRIGG_DIST, Frame.COMMAND, (distance_m, 0.0, 1.0 if distance_m else 0.0, 0.0))
 
 

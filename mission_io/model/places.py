@@ -1,6 +1,6 @@
 """Positions on WGS 84: Earth-centred coordinates, distances, and doubts about a mission's positions.
 
-A doubt is something that a file can hold but hardly anybody means: a position at 0, 0, or a route far from home.
+A doubt is a valid value that is probably a mistake: a position at 0, 0, or a route far from home.
 """
 
 import math
@@ -36,7 +36,7 @@ def ground_distance_m(lat_a_deg: float, lon_a_deg: float, lat_b_deg: float, lon_
 
 
 def doubts_about_fence(fence: Fence) -> tuple[str, ...]:
-    """Probable mistakes, one line each: a return point where the vehicle must not be, which would be a breach of its own."""
+    """Probable mistakes, one line each, such as a return point where the vehicle breaches the fence."""
     point = fence.return_point
     if point is None:
         return ()
@@ -58,7 +58,7 @@ def doubts_about_fence(fence: Fence) -> tuple[str, ...]:
 
 
 def _is_in_ring(lat_deg: float, lon_deg: float, ring: Sequence[LatLon]) -> bool:
-    """By the number of edges that a line to the east crosses; longitudes count from the place, the short way."""
+    """By the number of edges that a line to the east crosses; longitudes count from the position, the short way."""
     inside = False
     for begin, end in zip(ring, (*ring[1:], *ring[:1]), strict=True):
         if (begin.lat_deg > lat_deg) != (end.lat_deg > lat_deg):
@@ -81,7 +81,7 @@ def doubts_about(mission: Mission, *, far_from_home_m: float = FAR_FROM_HOME_M) 
     home = mission.home
     doubts: list[str] = []
     if home is not None and home.lat_deg == 0.0 and home.lon_deg == 0.0:
-        doubts.append("home is at latitude 0, longitude 0, where nobody flies; was it never set?")
+        doubts.append("home is at latitude 0, longitude 0, in the open sea: set home, if it was never set")
         home = None
     far: list[tuple[int, float]] = []
     swapped = 0

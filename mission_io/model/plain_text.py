@@ -1,4 +1,4 @@
-"""Text from a vehicle or a file as it may be shown: without characters that steer a terminal or hide in a line.
+"""Text from a vehicle or a file, safe to show: without control characters of terminals or hidden ones.
 
 A STATUSTEXT with escape sequences clears the pilot's screen, a name with a bidirectional override reads as another name, and
 a line feed forges a line of ours. Text from a link is cleaned as it is decoded; text from files where it leaves the program.
@@ -40,7 +40,7 @@ def plain_lines(text: str) -> str:
 
 
 def escaped_json(text: str) -> str:
-    """The same JSON with escapes in place of what a terminal must not be shown raw; line feeds between values stay."""
+    """The same JSON with escapes for characters that steer terminals; line feeds between values stay."""
     return text if text.isascii() else _HOSTILE.sub(_escape, text)
 
 

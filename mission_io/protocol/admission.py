@@ -1,4 +1,4 @@
-"""An upload that comes in, and whether a vehicle accepts its items, decided as each autopilot decides it."""
+"""An incoming upload, and a vehicle's acceptance of its items, as each autopilot decides it."""
 
 import math
 from dataclasses import dataclass, field
@@ -46,7 +46,7 @@ class Incoming:
 
     @property
     def next_seq(self) -> int:
-        """The number of the item that is to come."""
+        """The number of the next item."""
         return self.first + len(self.items)
 
     @property
@@ -58,7 +58,7 @@ class Incoming:
         return max(held, self.first + self.count) - 1
 
     def over(self, held: tuple[MissionItem, ...]) -> tuple[MissionItem, ...]:
-        """A list with the items that have come in their places."""
+        """The list of the received items."""
         return (*held[: self.first], *self.items, *held[self.next_seq :])
 
 
@@ -92,7 +92,7 @@ def refusal_of(message: MissionItemInt | MissionItemFloat, autopilot: Autopilot)
 def refusal_in_list(
     message: MissionItemInt | MissionItemFloat, autopilot: Autopilot, incoming: Incoming
 ) -> MissionResult | None:
-    """The result with which ArduPilot refuses an item for the list that it comes into; None when it accepts it.
+    """The result with which ArduPilot refuses an item for its list; None when it accepts it.
 
     Source: MissionItemProtocol_Waypoints::append_item and replace_item, MissionItemProtocol_Fence::append_item.
     """

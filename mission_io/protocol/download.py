@@ -33,13 +33,13 @@ class DownloadState(Enum):
 
     LISTING = "asked how many items there are"
     FETCHING = "asking for one item after the other"
-    BACKING_OFF = "the vehicle was busy; the list is asked for again later"
+    BACKING_OFF = "the vehicle was busy; the list is requested again later"
     DONE = "every item is here"
     REFUSED = "the vehicle refused"
     VEHICLE_CANCELLED = "the vehicle cancelled"
     CANCELLED = "this side cancelled"
     SILENT = "the vehicle fell silent"
-    CHANGING = "the vehicle names another number of items again and again"
+    CHANGING = "the vehicle repeatedly names another number of items"
     STUCK = "the vehicle answers but does not get on"
 
 
@@ -50,9 +50,9 @@ class DownloadEvent(Enum):
     COUNT_ZERO = "the list is empty"
     COUNT_CHANGED = "another number of items than before"
     COUNT_UNSTABLE = "the same, too often"
-    ITEM = "an item that was asked for"
-    ITEM_LAST = "an item that was asked for, and none is missing now"
-    ITEM_STRAY = "an item that was not asked for: a duplicate or a late one"
+    ITEM = "a requested item"
+    ITEM_LAST = "a requested item, and none is missing now"
+    ITEM_STRAY = "an item that was not requested: a duplicate or a late one"
     ACK_ACCEPTED = "an acknowledgement, left over from before"
     ACK_BUSY = "busy, or the list changed meanwhile"
     ACK_SEQUENCE = "out of sequence"
@@ -109,7 +109,7 @@ DOWNLOAD_ENDS = frozenset({_S.DONE, _S.REFUSED, _S.VEHICLE_CANCELLED, _S.CANCELL
 _THANKS_ON_A_BAD_LINK = 3
 _COUNT_CHANGES = 8
 _PROVEN_ITEMS = 8
-"""After so many items without a silence a link is taken to lose nothing, until it does."""
+"""Items without a silence after which a link counts as lossless, until it loses one."""
 _CHEAP_RESTART_S = 2.0
 _ERRORS_AT_AN_ITEM = 3
 """Number of consecutive errors in place of the same item that end a download.
@@ -256,7 +256,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
 
     def _event_when_due(self, event: DownloadEvent) -> DownloadEvent:
         if event is DownloadEvent.RESEND and self.state is DownloadState.FETCHING and self._asked_early():
-            event = DownloadEvent.STALL  # whatever was lost, the vehicle aborts at the next request
+            event = DownloadEvent.STALL  # after any loss the vehicle aborts at the next request
         too_often = event is DownloadEvent.STALL and self.restarts >= RESTARTS
         return DownloadEvent.NO_PROGRESS if too_often else event
 
@@ -299,7 +299,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
 
     def _note_broken_off(self, now: float) -> None:
         if self._asked_early():
-            self._retry_s = self.timing.resend_shortest_s  # not busy: something was lost while one was asked for early
+            self._retry_s = self.timing.resend_shortest_s  # not busy: something was lost during an early request
         self._note_restart(now)
         self._note_busy(now)
 
@@ -366,6 +366,6 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         self._send_thanks(now)
 
     def _send_thanks(self, now: float) -> None:
-        """It is not answered, and without it PX4 refuses uploads for 5 s: on a lossy link it is sent three times."""
+        """Send the final ACK: PX4 answers none, and refuses uploads for 5 s without it. A lossy link gets three."""
         for _ in range(_THANKS_ON_A_BAD_LINK if self.silences else 1):
             self._send_result(MissionResult.ACCEPTED, now)

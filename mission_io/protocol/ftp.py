@@ -17,7 +17,7 @@ _HEAD = struct.Struct("<HBBBBBxI")
 
 
 class FtpOperation(IntEnum):
-    """What is asked, and the two kinds of answers."""
+    """Requested operation, or one of the two kinds of answers."""
 
     TERMINATE_SESSION = 1
     RESET_SESSIONS = 2
@@ -39,7 +39,7 @@ class FtpOperation(IntEnum):
 
 
 class FtpError(IntEnum):
-    """Why something was refused."""
+    """Reason of a refusal."""
 
     FAIL = 1
     FAIL_ERRNO = 2
@@ -59,7 +59,7 @@ class FtpMessage:
 
     Attributes:
         seq: Sequence number, 0 to 65535.
-        operation: What is asked, or ACK or NAK; a number that is no operation stays a number.
+        operation: The request, or ACK or NAK; a number that is no operation stays a number.
         session: The open file that is meant.
         offset: Where in the file, in bytes; in a directory, the entry.
         data: Up to 239 bytes; of a NAK, the error and perhaps the errno.
@@ -118,7 +118,7 @@ class FtpMessage:
 
     @property
     def error(self) -> int | None:
-        """Why it was refused; None for what is no NAK."""
+        """Reason of the refusal; None unless it is a NAK."""
         if self.operation != FtpOperation.NAK:
             return None
         return self.data[0] if self.data else FtpError.FAIL
@@ -139,7 +139,7 @@ def crc32(content: bytes) -> int:
 
 
 def path_bytes(path: str) -> bytes:
-    """A path as it is sent.
+    """A path for the wire.
 
     Raises:
         MisuseError: it is empty, too long, or holds what a path cannot hold.

@@ -1,4 +1,4 @@
-"""Download of a file by MAVLink FTP: bursts from the beginning to the end, then single reads of what they left out.
+"""Download of a file by MAVLink FTP: bursts from the beginning to the end, then single reads of the gaps.
 
 A burst costs one request for hundreds of pieces. The next one begins where it ended, without waiting for what was lost. The
 gaps are read one by one, several requests on the way at once. The announced size bounds what is kept; a file may end before it
@@ -16,7 +16,7 @@ from mission_io.protocol.ftp_window import FtpQuestion, FtpWaits, FtpWindow
 MOST_BYTES = 1 << 30
 """A file that is announced larger is refused: sooner nonsense than a file."""
 _GAPS_OF_SILENCE, _FIRST_GAP_S = 4.0, 0.125
-"""A burst is over when nothing came for so many times the longest of the late pauses between its pieces."""
+"""A burst is over after this multiple of the longest late pause between its pieces."""
 _MOST_WAIT_S, _HASTY_BURSTS = 5.0, 6
 _BEYOND_A_BURST = 1024
 """ArduPilot numbers the 500 answers of a burst one after the other, and repeats the last for a request that has its number."""
@@ -45,7 +45,7 @@ class FtpDownload:
         path: Where the vehicle keeps it.
         now: The present time in seconds.
         window: Single reads on the way at once. ArduPilot queues five, and drops what comes beyond.
-        silent_s: Without anything new for so long, it gives up; a new download with ``resume`` goes on.
+        silent_s: Time without new data after which it gives up; a new download with ``resume`` goes on.
         most_bytes: A file that is announced larger is refused.
         resume: A download of the same path that gave up: what it has is not read again while the announced size is the same.
     """
@@ -87,16 +87,16 @@ class FtpDownload:
 
     @property
     def content(self) -> bytes:
-        """What is here, in order; the file when it is DONE."""
+        """Bytes received so far, in order; the file when it is DONE."""
         return b"".join(self._pieces[piece] for piece in sorted(self._pieces))
 
     @property
     def total_bytes(self) -> int:
-        """Where the file ends, as far as the vehicle has told; 0 before that."""
+        """Size of the file by the vehicle's messages; 0 before the first one."""
         return (self._size or 0) if self._end is None else self._end
 
     def messages_to_send(self, now: float) -> list[FtpMessage]:
-        """What is to be sent at ``now``."""
+        """Messages to send at ``now``."""
         if self.finished:
             return []
         if now >= self._new_at_s + self.silent_s:
@@ -152,7 +152,7 @@ class FtpDownload:
         self.state, self.why = FtpDownloadState.REFUSED, why
 
     def _fail(self, why: str) -> bool:
-        """Count what is mended by asking again; False when it has been too often since anything new came."""
+        """Count a repaired gap; False after too many of them without new data."""
         self._failures += 1
         if self._failures > _MOST_FAILURES:
             self._refuse(f"{why}, {self._failures} times")
@@ -264,7 +264,7 @@ class FtpDownload:
             self._refuse(f"byte {self._reach * DATA_BYTES}: {answer.error_text}")
 
     def _keep(self, offset: int, data: bytes, now: float) -> None:
-        """Keep a piece that belongs to the file: one at its place, within the announced size."""
+        """Keep a piece that belongs to the file, at its offset, within the announced size."""
         size = self._size or 0
         piece, data = offset // DATA_BYTES, data[: max(0, size - offset)]
         if offset % DATA_BYTES or not data or piece in self._pieces:
@@ -284,7 +284,7 @@ class FtpDownload:
             self._most_across_bytes, self._failures = self.across_bytes, 0
 
     def _end_at(self, end: int) -> bool:
-        """The file ends before the announced size; False when what is here says otherwise."""
+        """The file ends before the announced size; False when received data contradicts it."""
         if max(self._pieces, default=-1) >= math.ceil(end / DATA_BYTES):
             self._fail(f"the file is said to end at byte {end}, but there was data beyond")
             return False

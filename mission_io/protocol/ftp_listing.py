@@ -1,4 +1,4 @@
-"""The list of a folder by MAVLink FTP: page after page, until the vehicle says that there is no more."""
+"""The list of a folder by MAVLink FTP: page after page, until the vehicle reports its end."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -41,7 +41,7 @@ class FtpListing:
     Args:
         path: The folder.
         now: The present time in seconds.
-        silent_s: Without an answer for so long, it gives up.
+        silent_s: Silence after which it gives up.
     """
 
     def __init__(self, path: str, *, now: float, silent_s: float = 30.0) -> None:
@@ -62,11 +62,11 @@ class FtpListing:
 
     @property
     def entries(self) -> list[FtpEntry]:
-        """What is known to be in the folder: folders first, by name."""
+        """Known entries of the folder: folders first, by name."""
         return sorted(self._entries.values(), key=lambda entry: (not entry.is_folder, entry.name))
 
     def messages_to_send(self, now: float) -> list[FtpMessage]:
-        """What is to be sent at ``now``."""
+        """Messages to send at ``now``."""
         if self.finished:
             return []
         if now >= self._heard_at_s + self.silent_s:
@@ -115,7 +115,7 @@ class FtpListing:
         again = next((entry.name for entry in page if entry.name in self._entries), None)
         self._entries |= {entry.name: entry for entry in page}
         if again is not None:
-            self._refuse(f"the vehicle lists {again!r} again and again, or the folder is changing")
+            self._refuse(f"the vehicle lists {again!r} repeatedly, or the folder is changing")
         elif self._offset > MOST_ENTRIES:
             self._refuse(f"the vehicle lists more than {MOST_ENTRIES} entries")
         else:

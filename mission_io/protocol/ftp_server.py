@@ -16,7 +16,7 @@ class MadeFiles(Protocol):
     """Files that a vehicle makes when they are opened, and takes apart when they are closed."""
 
     def read(self, path: str) -> bytes | None:
-        """What is in a file now; None for one that is on the card."""
+        """Current content of a file; None for one that is on the card."""
         ...
 
     def written(self, path: str, content: bytes) -> None:

@@ -42,7 +42,7 @@ class FtpUpload:
         content: Its bytes.
         now: The present time in seconds.
         window: Requests on the way at once. ArduPilot queues five, and drops what comes beyond.
-        silent_s: Without any answer for so long, it gives up; a new upload with ``resume`` goes on.
+        silent_s: Silence after which it gives up; a new upload with ``resume`` goes on.
         resume: An upload of the same content that gave up: what it got across is not sent again.
         readable: Whether what is written can be read, for questions and the CRC. ArduPilot's lists cannot: they are made of
             the file when it is closed. What was not answered is sent again then, and the caller has to compare.
@@ -90,7 +90,7 @@ class FtpUpload:
         return min(len(self.content), len(self._across) * DATA_BYTES)
 
     def messages_to_send(self, now: float) -> list[FtpMessage]:
-        """What is to be sent at ``now``."""
+        """Messages to send at ``now``."""
         if self.finished:
             return []
         if now >= self._heard_at_s + self.silent_s:
@@ -245,7 +245,7 @@ class FtpUpload:
             self.state, self.why = FtpUploadState.REFUSED, f"byte {piece * DATA_BYTES}: {answer.error_text}"
 
     def _settle_late(self, now: float) -> None:
-        """What is not answered in time is settled: a piece is unsure then, a probe is asked again."""
+        """Settle requests without an answer in time: a piece is unsure then, a probe is repeated."""
         for piece in self._sent.lost(now):
             if self.state is FtpUploadState.PROBING:
                 self._todo.append(piece)
@@ -274,7 +274,7 @@ class FtpUpload:
 
 
 def _proof(data: bytes) -> tuple[int, bytes]:
-    """Bytes by which a piece is known, and where they are in it: the last ones that are not all zero."""
+    """Bytes that identify a piece, and their position in it: the last ones that are not all zero."""
     end = len(data.rstrip(b"\0")) or len(data)
     start = max(0, end - _PROOF)
     return start, data[start:end]

@@ -1,4 +1,4 @@
-"""Requests of MAVLink FTP on their way: how long an answer may take, when one is lost, when a question is asked again."""
+"""Requests of MAVLink FTP under way: their timeouts, their losses, and the retries of questions."""
 
 import math
 from collections import OrderedDict
@@ -9,19 +9,19 @@ from mission_io.protocol.round_trip import RoundTrip
 
 _LEAST_WAIT_S, _MOST_WAIT_S, _FIRST_WAIT_S = 0.1, 5.0, 0.5
 _LATER = 3
-"""So many answers to later requests prove that one is lost: links keep the order, almost."""
+"""Answers to later requests that prove a loss: links keep the order, almost."""
 _LEAST_CONTROL_WAIT_S, _HASTY_TRIES = 0.03, 12
 
 
 class FtpWaits:
-    """How long to wait for an answer, learnt from those that came."""
+    """Timeout of an answer, learnt from earlier ones."""
 
     def __init__(self) -> None:
         self._round_trip: RoundTrip | None = None
         self._shortest_s = math.inf
 
     def measure(self, sample_s: float) -> None:
-        """Learn from an answer that took so long."""
+        """Learn from the delay of an answer."""
         self._shortest_s = min(self._shortest_s, sample_s)
         first = self._round_trip is None
         self._round_trip = (
@@ -31,13 +31,13 @@ class FtpWaits:
     def alone_s(self, tries: int) -> float:
         """Before a question is asked again when nothing else is on the way.
 
-        An answer is given again for a repeated number: patience would only cost time.
+        An answer is given again for a repeated number: a longer timeout would only cost time.
         """
         if self._round_trip is None:
             return _FIRST_WAIT_S
-        patient = max(0, tries - _HASTY_TRIES)
+        slow_tries = max(0, tries - _HASTY_TRIES)
         shortest = max(_LEAST_CONTROL_WAIT_S, 1.5 * self._shortest_s)
-        return min(_MOST_WAIT_S, shortest * 2.0 ** min(patient, 10))
+        return min(_MOST_WAIT_S, shortest * 2.0 ** min(slow_tries, 10))
 
     @property
     def among_others_s(self) -> float:
@@ -78,7 +78,7 @@ class FtpQuestion:
 
 @dataclass(slots=True)
 class _Sent:
-    """A request on its way: for which piece, when and as which it was sent, and how many later ones were answered since."""
+    """A request under way: its piece, its number, its time, and the count of later answered ones."""
 
     piece: int
     at_s: float
@@ -96,7 +96,7 @@ class FtpWindow:
         self._count = 0
 
     def __len__(self) -> int:
-        """How many are on their way."""
+        """Number of requests under way."""
         return len(self._sent)
 
     def add(self, seq: int, piece: int, now: float) -> None:

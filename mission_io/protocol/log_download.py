@@ -1,14 +1,14 @@
-"""Downloading a log (LOG_REQUEST_DATA, LOG_DATA) as a state machine: only what got lost is asked for again.
+"""Download of a log (LOG_REQUEST_DATA, LOG_DATA) as a state machine: only lost parts are repeated.
 
-A vehicle sends one stretch at a time, and a new request replaces the one before. The rest of the log is asked for first; when it
-runs dry, each gap in turn.
+A vehicle sends one stretch at a time, and a new request replaces the one before. The rest of the log is requested first;
+when it runs dry, each gap in turn.
 """
 
 from mission_io.protocol.exchange import Address
 from mission_io.wire.messages import LOG_DATA_BYTES, LogData, LogEntry, LogRequestData, LogRequestEnd, Message, Received
 
 _QUIET_S = 0.5
-"""After so long without new bytes the stretch has run dry."""
+"""Time without new bytes after which the stretch has run dry."""
 _MOST_BYTES = 90 * 4096
 """Of one request: a vehicle may not send more than it can drop halfway."""
 
@@ -20,8 +20,8 @@ class LogDownload:
         entry: The log.
         vehicle: Whose it is.
         now: The present time in seconds.
-        silent_s: Without new bytes for so long, it gives up.
-        resume: A download of the same log that gave up: what it has is not asked for again.
+        silent_s: Time without new bytes after which it gives up.
+        resume: A download of the same log that gave up: its bytes are not requested again.
 
     Attributes:
         silent: Whether it gave up.
@@ -53,7 +53,7 @@ class LogDownload:
 
     @property
     def finished(self) -> bool:
-        """Whether it is over, and the vehicle was told so."""
+        """Whether it is over, and the vehicle has received its end."""
         return self._over and self._ended
 
     @property
@@ -71,11 +71,11 @@ class LogDownload:
         return bytes(self._bytes)
 
     def counts(self) -> tuple[int, int]:
-        """How many bytes are here, and of how many."""
+        """Number of received bytes, and of all bytes."""
         return self._here_bytes, self.entry.size_bytes
 
     def cancel(self, now: float) -> None:
-        """Stop; the vehicle is told."""
+        """Stop; the vehicle receives LOG_REQUEST_END."""
         del now
         self.cancelled = True
 
@@ -102,7 +102,7 @@ class LogDownload:
             self._asked_to = None  # the stretch is whole: ask for the next at once
 
     def messages_to_send(self, now: float) -> list[Message]:
-        """What is due at ``now``."""
+        """Messages due at ``now``."""
         to = self._vehicle.system_id, self._vehicle.component_id
         if not self._over and now >= self._new_at + self._silent_s:
             self.silent = True

@@ -16,9 +16,9 @@ from mission_io.wire.messages import (
 )
 
 _DEAF_TRIES = 3
-"""After so many unanswered commands the older message is sent too: PX4 up to 1.14 and others know only that."""
+"""Unanswered commands after which the older message is sent too: PX4 up to 1.14 and others know only that."""
 _STALE_TRIES = 4
-"""After so many reports of another item behind an accepted command it has not worked."""
+"""Reports of another item after an accepted command that prove its failure."""
 
 
 class SetCurrent:
@@ -35,11 +35,11 @@ class SetCurrent:
         question: Asks for MISSION_CURRENT.
         before: The current item as last reported; None for not known.
         now: The present time in seconds.
-        timeout_s: At most so long.
+        timeout_s: Longest duration.
         again_s: A silence after which it is said again.
 
     Attributes:
-        current: The vehicle's latest report since it was told; None before that.
+        current: The vehicle's latest report since the first command; None before that.
         refused: The MAV_RESULT of a refusal; None without one.
         accepted: Whether the vehicle has acknowledged the command.
     """
@@ -72,7 +72,7 @@ class SetCurrent:
         return self.done or self.cancelled or self._over or self.refused is not None
 
     def cancel(self, now: float) -> None:
-        """Stop; the vehicle may have been told."""
+        """Stop; the vehicle may have received the command."""
         del now
         self.cancelled = True
 
@@ -99,17 +99,17 @@ class SetCurrent:
             self.refused = result
 
     def _take_current(self, message: MissionCurrent) -> None:
-        told = self.accepted or self._older
+        commanded = self.accepted or self._older
         self.current = message
         went_on = self.accepted and message.seq > self._seq and message.seq != self._before
-        if told and (message.seq == self._seq or went_on):
+        if commanded and (message.seq == self._seq or went_on):
             self.done = True
         elif self.accepted:
             self._stale += 1
             self._over = self._stale >= _STALE_TRIES
 
     def messages_to_send(self, now: float) -> list[Message]:
-        """What is due at ``now``."""
+        """Messages due at ``now``."""
         self._over = self._over or now >= self._until
         if self.finished or (self._said_at is not None and now < self._said_at + self._again_s):
             return []
@@ -138,7 +138,7 @@ class SetCurrent:
 
 @dataclass(frozen=True, slots=True)
 class ItemProgress:
-    """How far a mission is.
+    """Progress of a mission.
 
     Attributes:
         current: The item that the vehicle flies to, by its number on the wire; None before it has said.
@@ -154,7 +154,7 @@ class ItemProgress:
 
     @property
     def complete(self) -> bool:
-        """Whether the vehicle says that it has flown all of it."""
+        """Whether the vehicle reports that it has flown all of it."""
         return self.state == MissionState.COMPLETE
 
     def after(self, message: Message) -> "ItemProgress":

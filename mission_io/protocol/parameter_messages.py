@@ -1,4 +1,4 @@
-"""What the messages about parameters say, those of autopilots (PARAM_*) and the extended ones (PARAM_EXT_*) alike."""
+"""Meaning of messages about parameters: autopilots' (PARAM_*) and extended ones (PARAM_EXT_*)."""
 
 from dataclasses import dataclass
 
@@ -23,7 +23,7 @@ _ERRORS = {1: "does not exist", 2: "value out of range", 3: "permission denied",
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """What a message says about parameters.
+    """Content of a message about parameters.
 
     Attributes:
         name: Which one.
@@ -78,7 +78,7 @@ class ParameterMessages:
         return m.ParamSet(system_id, component_id, name, wire, param_type)
 
     def heard(self, received: m.Received) -> Heard | None:
-        """What a message says about parameters of this component; None for nothing."""
+        """Content of a message about parameters of this component; None for other messages."""
         if Address(received.system_id, received.component_id) != self.to:
             return None
         match received.message:

@@ -81,7 +81,7 @@ def value_of_float(wire: float, param_type: int, *, bytewise: bool) -> int | flo
 
 
 def float_of_value(value: float, param_type: int, *, bytewise: bool, name: str) -> float:
-    """What PARAM_SET carries for a value; the inverse of ``value_of_float``.
+    """The float that PARAM_SET carries for a value; the inverse of ``value_of_float``.
 
     Raises:
         MisuseError: the value does not fit the type, or would arrive as another number.

@@ -1,7 +1,7 @@
 """Reading and setting parameters as state machines: all of them, some by name, and setting with confirmation.
 
 The same machines serve the parameters of autopilots (PARAM_*) and the extended ones of other components (PARAM_EXT_*); what the
-messages of each look like is in ``ParameterMessages``. What was lost is asked for again by name or index, at most ``window``
+messages of each look like is in ``ParameterMessages``. Lost values are requested again by name or index, at most ``window``
 at once, so that neither a long list nor a flood of answers makes this side flood the link.
 """
 
@@ -16,11 +16,11 @@ from mission_io.wire import messages as m
 KeyT = TypeVar("KeyT", int, str)
 
 _REFUSALS = 3
-"""So many answers with another value end a setting: the first may have been on its way before it."""
+"""Answers with another value that end a setting: the first may have been on its way before it."""
 
 
 class _Asking(Generic[KeyT]):
-    """What is asked for: each again after a silence, at most ``window`` at once."""
+    """Outstanding requests: each is repeated after a silence, at most ``window`` at once."""
 
     def __init__(self, keys: Iterable[KeyT], *, window: int, again_s: float) -> None:
         self.left: dict[KeyT, None] = dict.fromkeys(keys)
@@ -28,7 +28,7 @@ class _Asking(Generic[KeyT]):
         self._asked_at: dict[KeyT, float] = {}
 
     def due(self, now: float) -> list[KeyT]:
-        """What is to be asked now."""
+        """Requests due now."""
         found: list[KeyT] = []
         waiting = 0
         for key in self.left:
@@ -47,7 +47,7 @@ class _Asking(Generic[KeyT]):
         return min(self._asked_at.values()) + self._again_s if self._asked_at else None
 
     def answered(self, key: KeyT) -> bool:
-        """Whether this was asked for; it is not any more."""
+        """Whether this was requested; removes the request."""
         self._asked_at.pop(key, None)
         if key not in self.left:
             return False
@@ -63,19 +63,19 @@ class _Asking(Generic[KeyT]):
 class ParameterDownload:
     """All parameters of a component.
 
-    The list is asked for, and asked for again until the first one comes. When it runs dry, the missing ones are asked for by
+    The list is requested, repeatedly until the first one comes. When it runs dry, the missing ones are requested by
     their index.
 
     Args:
         messages: The component's messages.
         now: The present time in seconds.
-        quiet_s: After so long without a new one the list has run dry.
-        silent_s: After so long it is given up.
+        quiet_s: Time without a new one after which the list has run dry.
+        silent_s: Time without a new one after which it is given up.
         window: Requests on the way at once.
 
     Attributes:
         found: Those that have come, by name.
-        count: How many there are, as far as the component has told.
+        count: Number of parameters by the component's messages.
     """
 
     def __init__(
@@ -92,16 +92,16 @@ class ParameterDownload:
 
     @property
     def finished(self) -> bool:
-        """Whether it is over: all are here, nothing new came for long, or it was cancelled."""
+        """Whether it is over: all are here, a long silence, or it was cancelled."""
         return self.silent or self.cancelled or (self.count is not None and len(self._indices) >= self.count)
 
     @property
     def missing(self) -> list[int]:
-        """The indices that have not come."""
+        """The missing indices."""
         return [index for index in range(self.count or 0) if index not in self._indices]
 
     def counts(self) -> tuple[int, int | None]:
-        """How many are here, and of how many."""
+        """Number of received parameters, and of all."""
         return len(self._indices), self.count
 
     def cancel(self, now: float) -> None:
@@ -129,7 +129,7 @@ class ParameterDownload:
             self._asking.answered(index)
 
     def messages_to_send(self, now: float) -> list[m.Message]:
-        """What is due at ``now``."""
+        """Messages due at ``now``."""
         if not self.finished and now >= self._new_at + self._silent_s:
             self.silent = True
         if self.finished:
@@ -194,7 +194,7 @@ class ParameterReads:
         return list(self._asking.left)
 
     def counts(self) -> tuple[int, int | None]:
-        """How many are answered, and of how many."""
+        """Number of answered requests, and of all."""
         answered = len(self.found) + len(self.refused)
         return answered, answered + len(self._asking.left)
 
@@ -215,7 +215,7 @@ class ParameterReads:
             self.found[heard.name] = heard.parameter
 
     def messages_to_send(self, now: float) -> list[m.Message]:
-        """What is due at ``now``."""
+        """Messages due at ``now``."""
         self._over = self._over or now >= self._until
         return [] if self.finished else [self._messages.read_request(name) for name in self._asking.due(now)]
 
@@ -234,7 +234,7 @@ class ParameterWrites:
         messages: The component's messages.
         wanted: Each with its value and type; a MisuseError if one does not fit.
         now: The present time in seconds.
-        timeout_s: At most so long for all of them.
+        timeout_s: Longest duration for all of them.
         again_s: A silence after which one is sent again.
         window: Requests on the way at once.
 
@@ -276,7 +276,7 @@ class ParameterWrites:
         return list(self._asking.left)
 
     def counts(self) -> tuple[int, int | None]:
-        """How many are settled, and of how many."""
+        """Number of settled parameters, and of all."""
         return len(self._wanted) - len(self._asking.left), len(self._wanted)
 
     def cancel(self, now: float) -> None:
@@ -305,7 +305,7 @@ class ParameterWrites:
         self._asking.answered(heard.name)
 
     def messages_to_send(self, now: float) -> list[m.Message]:
-        """What is due at ``now``."""
+        """Messages due at ``now``."""
         self._over = self._over or now >= self._until
         return [] if self.finished else [self._requests[name] for name in self._asking.due(now)]
 

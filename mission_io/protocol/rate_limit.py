@@ -1,4 +1,4 @@
-"""How often somebody is answered: a peer that floods requests must not make this side flood the link."""
+"""Rate limit of answers: a flood of requests from a peer must not make this side flood the link."""
 
 from mission_io.errors import MisuseError
 

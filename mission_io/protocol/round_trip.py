@@ -40,7 +40,7 @@ class RoundTrip:
 
 @dataclass(frozen=True, slots=True)
 class Patience:
-    """How long to wait for an answer, learnt from the answers so far.
+    """Timeout of an answer, learnt from the answers so far.
 
     An answer to a repeated question does not tell which repetition it answers (Karn), but it bounds the round trip, which
     cannot exceed the time since the first. On a link that loses every third datagram, waiting longer and longer would be

@@ -99,7 +99,7 @@ class MissionServer:
         return held
 
     def set_items(self, mission_type: MissionType, items: Iterable[MissionItem], *, uploaded: bool = False) -> None:
-        """Set a list from the vehicle's side, for instance home in item 0; ``uploaded``: it came as a file, and is told of.
+        """Set a list from the vehicle's side, for instance home in item 0; report it if it was ``uploaded``.
 
         Raises:
             MisuseError: more items than it can hold.
@@ -236,7 +236,7 @@ class MissionServer:
         if self._incoming is not None and not self.autopilot.count_restarts:
             if self._incoming.items:
                 return ServerEvent.COUNT_LATE
-            self._number = self._incoming.count  # taken for the same COUNT once more, whatever it says
+            self._number = self._incoming.count  # counts as a repeated COUNT, with any number
         return ServerEvent.COUNT if self._number else ServerEvent.COUNT_ZERO
 
     def _item_event(self, message: MissionItemInt | MissionItemFloat) -> ServerEvent:

@@ -27,7 +27,7 @@ _Key = tuple[float, float, int]
 
 @dataclass(frozen=True, slots=True)
 class TerrainCounts:
-    """What became of the requests so far.
+    """Counts of the requests by their outcome.
 
     Attributes:
         requests: Requests that arrived.
@@ -56,7 +56,7 @@ class TerrainAnswers:
     Args:
         heights_amsl_m: The ground.
         parts_per_s: Parts sent in a second, 55 bytes each: the default takes a third of a radio with 57,600 baud.
-        say: Told the first times that something could not be answered.
+        say: Receives a message at the first requests that could not be answered.
 
     Raises:
         MisuseError: a rate that is not above 0.
@@ -77,7 +77,7 @@ class TerrainAnswers:
 
     @property
     def counts(self) -> TerrainCounts:
-        """What became of the requests so far."""
+        """Counts of the requests by their outcome."""
         return TerrainCounts(**self._counts)
 
     def receive(self, received: Received, now: float) -> None:
@@ -103,7 +103,7 @@ class TerrainAnswers:
         self._waiting[key] = mask
 
     def messages_to_send(self, now: float) -> list[Message]:
-        """What is due: a part each ``1 / parts_per_s`` seconds while some are waiting; an unknown block takes a turn, too."""
+        """Messages due: a part each ``1 / parts_per_s`` seconds while some wait; an unknown block takes a turn."""
         due: list[Message] = []
         self._due_s = max(self._due_s, now - _LATEST_S)
         while self._waiting and now >= self._due_s:
@@ -136,7 +136,7 @@ class TerrainAnswers:
         return found
 
     def _parts_of(self, key: _Key) -> tuple[Part | None, ...]:
-        """The heights of a block; reckoned when its turn comes, and kept for the next request."""
+        """The heights of a block; computed at its turn, and kept for the next request."""
         parts = self._parts.get(key)
         if parts is None:
             if len(self._parts) >= MAX_WAITING:
@@ -158,7 +158,7 @@ class TerrainAnswers:
                 "blocks_incomplete",
                 f"no elevation data for {lacking} of the {PART_COUNT} parts of the terrain block that begins at latitude "
                 f"{key[0]:.5f}, longitude {key[1]:.5f} ({key[2]} m between its heights): they are not sent, and the vehicle "
-                "goes on waiting for them",
+                "keeps waiting for them",
             )
 
     def _count_and_tell(self, kind: str, text: str) -> None:

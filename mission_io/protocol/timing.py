@@ -1,4 +1,4 @@
-"""How patient a transfer is (`Timing`), and the longest that a call of the client can take.
+"""Timeouts and retries of a transfer (`Timing`), and the longest duration of a client's call.
 
 Every exchange has a deadline that only progress moves: ``Timing.no_progress_s`` after it last got further than ever,
 where "further" means one more item held (download) or one more item requested (upload). Restarts, at most ``RESTARTS``,

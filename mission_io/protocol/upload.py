@@ -165,7 +165,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
         if seq > self._asked:
             self._answered(seq - 1, now)
             self._departures.forget_to(seq - 1)
-        # What is asked for again is still missing, or the vehicle starts over. And after a silence nothing is taken for
+        # An item that is requested again is still missing, or the vehicle starts over. And after a silence nothing is taken for
         # arrived that went out before its turn: a duplicate costs less than another silence.
         if seq <= self._asked or (self._ahead == 0 and not self._just_sent(seq, now)):
             self._sent_to = min(self._sent_to, seq)
@@ -186,7 +186,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
         return min(self._asked + 1 + self._ahead, len(self._items))
 
     def _doubtful(self) -> list[int]:
-        """Items among which is the one the vehicle waits for after a silence, whatever was lost.
+        """Items that may include the one the vehicle waits for after a silence.
 
         Those sent since the last request, and one more: the vehicle may have received them all, and only its requests were
         lost. A late request says less than the furthest one.

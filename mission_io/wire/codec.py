@@ -46,7 +46,7 @@ class LinkStatistics:
         checksum_errors: Places where a whole frame would be, if its checksum were right.
         truncated_frames: Frames that began and did not end.
         garbage_bytes: Bytes that belong to no frame.
-        signed: Frames with a signature that nobody looked at, because this side has no key.
+        signed: Frames with an unverified signature, because this side has no key.
         unsigned: Frames refused because they are not signed.
         forged: Frames refused because their signature is not made with our key, or damaged.
         replayed: Frames refused because their signature is not newer than what was heard before.
@@ -78,7 +78,7 @@ class LinkStatistics:
 
     @property
     def loss(self) -> float:
-        """Share of the frames sent to us that never came, from 0 to 1; 0 when there were none."""
+        """Fraction of the frames sent to us that were lost, from 0 to 1; 0 when there were none."""
         sent = self.frames_in - self.duplicates + self.lost
         return self.lost / sent if sent else 0.0
 
@@ -105,7 +105,7 @@ class SequenceCounter:
         self._senders: dict[tuple[int, int], _Sender] = {}
 
     def take(self, sender: tuple[int, int], seq: int) -> None:
-        """Take the number of a frame that came from a sender."""
+        """Take the number of a frame from a sender."""
         state = self._senders.get(sender)
         if state is None:
             self._senders[sender] = _Sender(seq)
@@ -115,7 +115,7 @@ class SequenceCounter:
         if 1 <= ahead <= _HALF:
             state.latest = seq
             self.lost += ahead - 1
-            if missing:  # what is half a round behind cannot be told from what is half a round ahead
+            if missing:  # half a round behind looks the same as half a round ahead
                 missing.difference_update((seq + _HALF - 1 - step) % 256 for step in range(ahead))
             if ahead > 1:
                 missing.update((seq - step) % 256 for step in range(1, ahead))
@@ -129,7 +129,7 @@ class SequenceCounter:
 
 @dataclass(slots=True)
 class _Sender:
-    """The latest number of a sender, and those of the half round before it that have not come."""
+    """The latest number of a sender, and the missing ones of the half round before it."""
 
     latest: int
     missing: set[int] = field(default_factory=set)

@@ -38,7 +38,7 @@ PAYLOAD_SIZES: Final[Mapping[int, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """How the payload of a kind of message is packed.
+    """Packing of the payload of a kind of message.
 
     Attributes:
         name: Its MAVLink name, in small letters.
@@ -54,7 +54,7 @@ class Layout:
 
     @property
     def value_count(self) -> int:
-        """How many values ``struct`` packs."""
+        """Number of values that ``struct`` packs."""
         return sum(count for _, count in self.places.values())
 
     def size_before(self, field: str) -> int:
@@ -158,7 +158,7 @@ class WireFrame(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class FramingCounts:
-    """What a framer saw.
+    """Counts of a framer.
 
     Attributes:
         garbage_bytes: Bytes that belong to no frame, those of damaged frames included.
@@ -187,7 +187,7 @@ class Framer:
 
     @property
     def counts(self) -> FramingCounts:
-        """What was seen up to now; bytes of an unfinished frame are not in it."""
+        """Counts up to now, without the bytes of an unfinished frame."""
         return FramingCounts(self._garbage, self._checksum_errors, self._truncated)
 
     @property
@@ -228,7 +228,7 @@ class Framer:
         return frames
 
     def end_if_frames_wait(self) -> list[WireFrame]:
-        """The same, but only when whole frames wait behind an unfinished one: for a stream that has gone quiet."""
+        """The same, but only when whole frames wait after an unfinished one: for a quiet stream."""
         if Framer().feed(self._unfinished[1:]):
             return self._give_up()
         return []
@@ -241,7 +241,7 @@ class Framer:
 
 
 def frames_by_length(data: bytes) -> list[bytes]:
-    """The frames that a datagram is made of by their lengths, checksums unseen; none where the lengths do not add up to it."""
+    """The frames of a datagram by their lengths, checksums unread; none where the lengths do not fit."""
     frames, start = [], 0
     while start < len(data):
         size = _claimed_size(data, start) if data[start] in (_MAGIC_1, _MAGIC_2) else 0
@@ -278,7 +278,7 @@ def _with_checksum(frame: bytes, message_id: int) -> bytes:
 
 
 def _claimed_size(buffer: bytes, start: int) -> int:
-    """The size of the frame that may begin here; the least a frame has while that is unknown; 0 when none begins."""
+    """The size of the frame that may begin here, at least its minimum; 0 when none begins."""
     rest = len(buffer) - start
     if buffer[start] == _MAGIC_1:
         if rest < _HEADER_1:

@@ -13,7 +13,7 @@ from mission_io.wire.framing import Layout, layout_of
 
 @dataclass(frozen=True, slots=True)
 class FieldRow:
-    """One attribute of ours: the wire fields it is made of, and how; without conversions it is what is on the wire."""
+    """One attribute of ours, its wire fields and its conversions; without conversions it equals the field."""
 
     name: str
     wire: tuple[str, ...]
@@ -73,7 +73,7 @@ def _scaled(name: str, wire: str, per_unit: float, *, unknown: int | None = None
 
 
 def _known(name: str, wire: str, unknown: int) -> FieldRow:
-    """An integer as it is, except for the one that stands for None."""
+    """An integer, or None for the one that stands for it."""
     return FieldRow(
         name,
         (wire,),
@@ -171,7 +171,7 @@ def _slot_of(field: FieldRow, layout: Layout) -> int | slice:
 
 
 def _all_of(names: list[str]) -> Callable[[m.Message], tuple[Any, ...]]:
-    """What takes these attributes from a message, as a tuple also when there is only one."""
+    """A function that takes these attributes from a message, as a tuple also for a single one."""
     take = attrgetter(*names)
     return take if len(names) > 1 else lambda message: (take(message),)
 

@@ -160,7 +160,7 @@ class CommandLong:
 
 @dataclass(frozen=True, slots=True)
 class CommandInt:
-    """A command with a position; ``x`` and ``y`` as they are on the wire (degrees times 1e7 in a global frame)."""
+    """A command with a position; ``x`` and ``y`` are wire values (degrees times 1e7 in a global frame)."""
 
     target_system: int
     target_component: int
@@ -194,7 +194,7 @@ class ExtendedSysState:
 
 @dataclass(frozen=True, slots=True)
 class MissionCount:
-    """How many items the sender is going to send; a vehicle adds the id of the list, 0 where it has none."""
+    """Number of items that the sender is going to send; a vehicle adds the list's id, 0 without one."""
 
     target_system: int
     target_component: int
@@ -205,7 +205,7 @@ class MissionCount:
 
 @dataclass(frozen=True, slots=True)
 class MissionWritePartialList:
-    """The sender is going to send the items from ``start_index`` to ``end_index``, both among them, over those that are there."""
+    """The sender is going to replace the items from ``start_index`` to ``end_index``, both among them."""
 
     target_system: int
     target_component: int
@@ -310,7 +310,7 @@ class MissionSetCurrent:
 
 @dataclass(frozen=True, slots=True)
 class AutopilotVersion:
-    """What the autopilot can do (MAV_PROTOCOL_CAPABILITY bits) and which release it is."""
+    """Capabilities (MAV_PROTOCOL_CAPABILITY bits) and release of the autopilot."""
 
     capabilities: int
     flight_sw_version: int = 0
@@ -396,7 +396,7 @@ class Received:
 
 
 def is_for(message: Message, *, system_id: int, component_id: int) -> bool:
-    """Whether a message is addressed to this system and component, to everybody, or to nobody in particular."""
+    """Whether a message is addressed to this system and component, to all of them, or has no address."""
     to_system = getattr(message, "target_system", 0)
     to_component = getattr(message, "target_component", 0)
     return to_system in (0, system_id) and to_component in (0, component_id)

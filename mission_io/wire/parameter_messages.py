@@ -45,7 +45,7 @@ class ParamRequestList:
 
 @dataclass(frozen=True, slots=True)
 class ParamError:
-    """Why there is no PARAM_VALUE: ``error`` is a MAV_PARAM_ERROR number."""
+    """Reason for a missing PARAM_VALUE: ``error`` is a MAV_PARAM_ERROR number."""
 
     target_system: int
     target_component: int
@@ -74,7 +74,7 @@ class ParamExtRequestList:
 
 @dataclass(frozen=True, slots=True)
 class ParamExtValue:
-    """An extended parameter: 128 bytes, of which its type (MAV_PARAM_EXT_TYPE) says how many mean something, and what."""
+    """An extended parameter: 128 bytes, whose type (MAV_PARAM_EXT_TYPE) gives their number and meaning."""
 
     name: str
     value: bytes

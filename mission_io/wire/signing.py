@@ -181,7 +181,7 @@ class SigningKey:
 
     @classmethod
     def from_file(cls, path: str | Path) -> Self:
-        """Read a key from a file that nobody else may read.
+        """Read a key from a file that only its owner may read.
 
         The file holds 64 hexadecimal digits (the key), or one line of other text (a passphrase), or 32 bytes that are
         no text (the key).
@@ -211,7 +211,7 @@ class TimestampStore(Protocol):
 
 
 class UnsavedTimestamps:
-    """Keeps timestamps as long as the program runs: for tests, and for a key without a file on a machine with a clock."""
+    """Timestamps kept in memory: for tests, and for a key without a file on a machine with a clock."""
 
     def __init__(self) -> None:
         self._timestamp = 0
@@ -264,7 +264,7 @@ class Signing:
         """The 13 bytes that follow a frame with the signed flag.
 
         Raises:
-            MisuseError: somebody with the key has used the last timestamp there is.
+            MisuseError: a holder of the key has used the last possible timestamp.
         """
         self._used = max(self._used + 1, self._now())
         if self._used > _LATEST:

@@ -26,7 +26,7 @@ class SysStatus:
 
 @dataclass(frozen=True, slots=True)
 class GpsRawInt:
-    """What the satellite receiver says, before any filter."""
+    """Report of the satellite receiver, before any filter."""
 
     time_s: float
     fix_type: int
@@ -42,7 +42,7 @@ class GpsRawInt:
 
 @dataclass(frozen=True, slots=True)
 class CameraFeedback:
-    """ArduPilot has taken a picture: where, and how the vehicle was turned. ``time_s`` is the sender's own time."""
+    """ArduPilot has taken a photo: its position, and the attitude of the vehicle. ``time_s`` is the sender's own time."""
 
     time_s: float
     number: int
@@ -58,7 +58,7 @@ class CameraFeedback:
 
 @dataclass(frozen=True, slots=True)
 class CameraImageCaptured:
-    """A camera of PX4, or of the camera protocol, has taken a picture; ``success`` is not 1 when it tried and failed.
+    """A photo of a PX4 or camera-protocol camera; ``success`` is not 1 when the attempt failed.
 
     ``quaternion`` (w, x, y, z) turns the camera's frame to north, east, down.
     """
@@ -75,7 +75,7 @@ class CameraImageCaptured:
 
 @dataclass(frozen=True, slots=True)
 class EkfStatusReport:
-    """What ArduPilot's position filter believes of itself; variances are ratios, above 1 is bad."""
+    """Report of ArduPilot's position filter about itself; variances are ratios, above 1 is bad."""
 
     flags: int
     velocity_variance: float = 0.0
@@ -87,7 +87,7 @@ class EkfStatusReport:
 
 @dataclass(frozen=True, slots=True)
 class RadioStatus:
-    """What a telemetry radio says of its link; strengths and noise in its own units, 255 unknown.
+    """Report of a telemetry radio about its link; strengths and noise in its own units, 255 unknown.
 
     Attributes:
         rssi: Signal here.
@@ -133,7 +133,7 @@ class BatteryStatus:
 
 @dataclass(frozen=True, slots=True)
 class VfrHud:
-    """What a pilot's display shows; heading in whole degrees."""
+    """Values of a pilot's display; heading in whole degrees."""
 
     airspeed_m_s: float
     ground_speed_m_s: float
@@ -176,8 +176,8 @@ class TerrainData:
     """One part of a block.
 
     Attributes:
-        lat_deg: Latitude of the block's south-west corner, as it was asked for.
-        lon_deg: Longitude of the block's south-west corner, as it was asked for.
+        lat_deg: Latitude of the block's south-west corner, as requested.
+        lon_deg: Longitude of the block's south-west corner, as requested.
         spacing_m: Distance of neighbouring heights.
         part: Its number, the bit in the request.
         heights_amsl_m: 16 whole metres above mean sea level: 4 to the east, then the next row to the north.
@@ -192,7 +192,7 @@ class TerrainData:
 
 @dataclass(frozen=True, slots=True)
 class TerrainReport:
-    """What a vehicle knows of the ground; ``pending`` parts are asked for, ``loaded`` are there."""
+    """A vehicle's knowledge of the ground: ``pending`` parts are requested, ``loaded`` ones are there."""
 
     lat_deg: float
     lon_deg: float
@@ -273,7 +273,7 @@ class LogData:
 
 @dataclass(frozen=True, slots=True)
 class LogRequestEnd:
-    """Says that no more is wanted, so that the vehicle may log again."""
+    """Ends the requests, so that the vehicle may log again."""
 
     target_system: int
     target_component: int
@@ -291,7 +291,7 @@ class SystemTime:
 class TimeSync:
     """A question for the other side's time, or the answer to one.
 
-    ``asked_ns`` is the time of who asks, which the answer repeats; ``answered_ns`` is the time of who answers, 0 in a question.
+    ``asked_ns`` is the asker's time, which the answer repeats; ``answered_ns`` is the answerer's time, 0 in a question.
     """
 
     answered_ns: int
@@ -300,7 +300,7 @@ class TimeSync:
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """An event of PX4's events interface, which says why where STATUSTEXT only says that.
+    """An event of PX4's events interface, which gives reasons that STATUSTEXT lacks.
 
     Attributes:
         target_component: who is to take it; 0 is everybody.

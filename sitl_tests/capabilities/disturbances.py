@@ -162,7 +162,7 @@ def hold_ends(case: Case) -> Finding:
             on_breach=OnBreach.HOLD,
             plan=lambda plan: replace(plan, volume=_volume(outside_fence_m=outside)),
         )
-    require(any("therefore holds its place" in event for event in case.events), "it did not hold")
+    require(any("therefore holds its position" in event for event in case.events), "it did not hold")
     require(
         any("what it held for is over" in event for event in case.events), f"the hold did not end: {case.events[-1]}"
     )

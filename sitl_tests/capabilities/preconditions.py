@@ -60,7 +60,7 @@ def home_moved_return(case: Case) -> Finding:
             if event.kind is EventKind.WAYPOINT and event.waypoint == 2 and not moved:
                 moved.append(event.time_s or 0.0)
                 _lower(case, second)
-            if "holds its place" in event.text:
+            if "holds its position" in event.text:
                 held_s.append(event.time_s or 0.0)
 
         mission = route_mission(case.vehicle.home)

@@ -179,7 +179,7 @@ def test_pause_makes_it_wait_and_go_on(cli: Cli, planned: Path) -> None:
         with started(command("fly", planned, "--to", url)) as process:
             wait_for_line(process, "in the air")
             process.send_signal(signal.SIGUSR1)
-            wait_for_line(process, "paused: the vehicle holds its place")
+            wait_for_line(process, "paused: the vehicle holds its position")
             process.send_signal(signal.SIGUSR1)
             out, err = process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 0, err
@@ -222,7 +222,7 @@ def test_a_killed_flight_is_resumed_in_the_air(cli: Cli, planned: Path) -> None:
     assert ended.code == 0, ended.err
     assert ended.document["ending"] == "landed"
     assert ended.document["resumed_at_waypoint"] >= 1
-    assert "the vehicle is in the air: it goes on from where it is" in ended.err
+    assert "the vehicle is in the air: it continues from its position" in ended.err
     verdict = cli("verify", planned, "--json")
     assert verdict.document["track"] == "track.csv, resumed-1/track.csv"
     assert verdict.document["coverage_fraction"] > 0.97, verdict.document["reasons"]

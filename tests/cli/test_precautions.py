@@ -51,7 +51,7 @@ def test_it_asks_on_a_terminal(tmp_path, monkeypatch, capsys, answer, agrees):
 def test_without_a_terminal_it_needs_yes(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.stdin", io.StringIO("y\n"))
     assert precautions(tmp_path).agree("RTL_ALT 1500 -> 6000") is False
-    assert "say --yes" in capsys.readouterr().err
+    assert "add --yes" in capsys.readouterr().err
     assert precautions(tmp_path, agreed=True).agree("RTL_ALT 1500 -> 6000") is True
 
 

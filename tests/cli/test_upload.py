@@ -52,7 +52,7 @@ def test_home_of_another_place_is_told(cli: Cli, planned: Path) -> None:
         ("other.waypoints", b"hello\n", "line 1"),
         ("binary.waypoints", b"\xff\xfe\x00", "damaged UTF-16 text"),
         ("zero.plan", b"\x7fELF\0", "a zero byte: this is not a text file"),
-        ("places.kml", b"<kml/>", "a .kml file holds places and no items to fly"),
+        ("places.kml", b"<kml/>", "a .kml file holds positions and no items to fly"),
         ("table.csv", b"a,b\n", "line 1"),
         ("short.fen", b"46.5 -7.25\n", "short.fen"),
         ("broken.plan", b"{", "broken.plan"),

@@ -5,10 +5,10 @@ from itertools import pairwise
 
 import pytest
 
-from uavcover.flight.watch import REPEAT_S, Alarm, Told
+from uavcover.flight.watch import REPEAT_S, Alarm, ReportReason
 
 
-def told(amounts: list[float | None], *, step_s: float = 1.0, **options) -> list[tuple[float, Told]]:
+def told(amounts: list[float | None], *, step_s: float = 1.0, **options) -> list[tuple[float, ReportReason]]:
     alarm = Alarm(**options)
     answers = [(number * step_s, alarm.measure(amount, number * step_s)) for number, amount in enumerate(amounts)]
     return [(at_s, why) for at_s, why in answers if why is not None]
@@ -20,7 +20,7 @@ def test_nothing_wrong_is_nothing_told():
 
 def test_it_is_told_at_once_every_half_minute_and_when_it_ends():
     assert told([None, *[5.0] * 70, None, None]) == [
-        (1.0, Told.BEGUN), (31.0, Told.LASTS), (61.0, Told.LASTS), (71.0, Told.ENDED),
+        (1.0, ReportReason.BEGUN), (31.0, ReportReason.LASTS), (61.0, ReportReason.LASTS), (71.0, ReportReason.ENDED),
     ]  # fmt: skip
 
 
@@ -28,7 +28,7 @@ def test_it_is_told_each_time_it_has_doubled():
     """The wind of the issue: from 38 m to 4.9 km in silence."""
     amounts = [38.0 + 14.0 * n for n in range(350)]
     answers = told(amounts)
-    doubled = [amounts[int(at_s)] for at_s, why in answers if why is Told.DOUBLED]
+    doubled = [amounts[int(at_s)] for at_s, why in answers if why is ReportReason.DOUBLED]
     assert len(doubled) == 6
     assert all(2.0 <= b / a < 2.5 for a, b in zip([38.0, *doubled], doubled, strict=False))
     assert max(b - a for (a, _), (b, _) in pairwise(answers)) <= REPEAT_S
@@ -40,16 +40,21 @@ def test_a_doubling_begins_the_half_minute_anew():
 
 def test_what_swings_about_its_limit_is_one_alarm():
     swinging = [1.0, None] * 14
-    assert told(swinging, settle_s=2.0) == [(0.0, Told.BEGUN)]
-    assert told([1.0, None, None, None, None], settle_s=2.0) == [(0.0, Told.BEGUN), (3.0, Told.ENDED)]
+    assert told(swinging, settle_s=2.0) == [(0.0, ReportReason.BEGUN)]
+    assert told([1.0, None, None, None, None], settle_s=2.0) == [(0.0, ReportReason.BEGUN), (3.0, ReportReason.ENDED)]
 
 
 def test_one_that_comes_back_begins_anew():
-    assert [why for _, why in told([8.0, None, 1.0, None])] == [Told.BEGUN, Told.ENDED, Told.BEGUN, Told.ENDED]
+    assert [why for _, why in told([8.0, None, 1.0, None])] == [
+        ReportReason.BEGUN,
+        ReportReason.ENDED,
+        ReportReason.BEGUN,
+        ReportReason.ENDED,
+    ]
 
 
 def test_an_amount_of_nothing_never_doubles():
-    assert told([0.0] * 29) == [(0.0, Told.BEGUN)]
+    assert told([0.0] * 29) == [(0.0, ReportReason.BEGUN)]
 
 
 @pytest.mark.parametrize("seed", range(50))
@@ -70,17 +75,17 @@ def test_random_amounts_are_never_silent_and_never_nagging(seed):
         was = alarm.sounding
         why = alarm.measure(amount, now)
         if not was:
-            assert (why is Told.BEGUN) == (amount is not None)
+            assert (why is ReportReason.BEGUN) == (amount is not None)
             largest = amount or 0.0
         elif amount is None:
             away_s += step_s
-            assert why in (None, Told.ENDED)
-            assert (why is Told.ENDED) == (away_s > settle_s + 1e-9 or alarm.sounding is False)
+            assert why in (None, ReportReason.ENDED)
+            assert (why is ReportReason.ENDED) == (away_s > settle_s + 1e-9 or alarm.sounding is False)
         if amount is not None:
             away_s = 0.0
-            assert why in (None, Told.BEGUN, Told.DOUBLED, Told.LASTS)
+            assert why in (None, ReportReason.BEGUN, ReportReason.DOUBLED, ReportReason.LASTS)
             assert now - last_s <= REPEAT_S + step_s or why is not None or not was
-            if why is Told.DOUBLED:
+            if why is ReportReason.DOUBLED:
                 doublings += 1
                 assert amount >= 2.0 * largest
                 largest = amount

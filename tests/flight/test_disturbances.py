@@ -67,7 +67,7 @@ def test_a_fall_under_power_is_a_crash_that_says_from_where_and_that_it_is_armed
 def test_an_item_set_back_by_another_station_is_said_so(autopilot):
     scene = scene_of(autopilot, "item-set-back@45s")
     outcome, _ = flown(scene, precautions=Precautions(on_breach=OnBreach.TELL))
-    assert "somebody else set the item" in incident(outcome, Ending.MISSION_CHANGED).text
+    assert "another station set the item" in incident(outcome, Ending.MISSION_CHANGED).text
     assert not any(i.kind in (Ending.OFF_ROUTE, Ending.WIND_ABOVE_LIMITS) for i in outcome.incidents)
 
 
@@ -146,7 +146,7 @@ def test_a_hold_ends_when_its_breach_is_over_and_the_mission_goes_on(autopilot):
     outcome, text = flown(scene, around=volume(outside_fence_m=outside))
     assert outcome.ending is Ending.LANDED, text
     stops = scene.told(EventKind.STOP)
-    assert any("the vehicle therefore holds its place" in told for told in stops)
+    assert any("the vehicle therefore holds its position" in told for told in stops)
     assert any("what it held for is over: the vehicle goes on" in told for told in stops)
     assert outcome.waypoints_reached == 4
 
@@ -159,7 +159,7 @@ def test_a_hold_that_the_wind_blows_away_is_lost_and_said_so():
         return 5.0 if bad[0] < scene.vehicle.powered_s < bad[1] else 0.0
 
     outcome, _ = flown(scene, around=volume(outside_fence_m=outside), timeouts=FlightTimeouts(held_s=120.0))
-    assert "does not hold its place" in incident(outcome, Ending.HOLD_LOST).text
+    assert "does not hold its position" in incident(outcome, Ending.HOLD_LOST).text
 
 
 @AUTOPILOTS

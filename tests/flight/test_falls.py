@@ -75,7 +75,7 @@ def test_a_fall_on_the_way_home_is_a_crash_too():
 
     outcome, text = ended(scene, stop=stop)
     assert outcome.ending is Ending.CRASHED
-    assert "on its way home" in text
+    assert "on its return" in text
 
 
 def test_a_fall_after_a_pilot_took_over_is_a_crash_and_both_are_told():

@@ -156,7 +156,7 @@ def test_a_jump_by_another_ground_station_passes_no_waypoints():
         if event.waypoint == 1:
             scene.vehicle.control.set_current(7)
 
-    with pytest.raises(FlightFailedError, match="leaves out waypoint 1: somebody else set the item") as caught:
+    with pytest.raises(FlightFailedError, match="leaves out waypoint 1: another station set the item") as caught:
         scene.fly(on_event=jump)
     assert caught.value.outcome.ending is Ending.MISSION_CHANGED
     assert caught.value.outcome.waypoints_reached == 1
@@ -240,7 +240,7 @@ def test_an_empty_battery_on_the_way_home_is_no_return():
     outcome, text = ended(scene, stop=lambda: int((scene.monitor.time_s or 0.0) > 35.0), on_event=drain)
     assert outcome.ending is Ending.CRASHED
     assert "m above home, and sank at" in text
-    assert "on its way home; it says: " in text
+    assert "on its return; it says: " in text
 
 
 def test_a_stop_in_a_pause_brings_it_home():

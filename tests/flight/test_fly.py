@@ -216,7 +216,7 @@ def test_refused_arming_has_its_result_and_the_vehicles_reason(autopilot, monkey
 def test_a_vehicle_that_may_be_real_needs_the_users_word(monkeypatch):
     monkeypatch.setattr("uavcover.flight.precautions.MOCK_UID", 42)
     scene = ready_scene()
-    refused(scene, "nothing proves that vehicle 1 is simulated; say --yes")
+    refused(scene, "nothing proves that vehicle 1 is simulated: add --yes")
     assert scene.fly(confirmed=True).simulated_by is None
 
 
@@ -253,7 +253,7 @@ def test_too_few_positions_are_refused(monkeypatch):
     monkeypatch.setattr(MockState, "set_interval", slow)
     refused(
         scene,
-        r"comes GlobalPositionInt 1\.\d times a second of vehicle time, asked for 3 times; following needs 5; not started",
+        r"the vehicle sends GlobalPositionInt 1\.\d times a second of vehicle time after 3 requests; following needs 5; not",
     )
 
 

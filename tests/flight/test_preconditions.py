@@ -86,7 +86,7 @@ def test_home_higher_and_aside_is_told_by_height_and_by_the_way_home():
     assert outcome.ending is Ending.HOME_MOVED
     assert "15.0 m higher and 60 m aside" in text
     assert "largest height above the ground goes from 70.0 m to 85.0 m, where 80 m are allowed" in text
-    assert "ends at the new home, by a way that was not checked" in text
+    assert "ends at the new home, along an unchecked path" in text
 
 
 def test_a_home_that_is_put_back_is_an_incident_that_is_over():
@@ -216,7 +216,7 @@ def test_a_fence_that_another_station_makes_smaller_is_a_breach(autopilot):
     outcome, text = flown(scene, change)
     told = text + " | ".join(incident.text for incident in outcome.incidents)
     assert any(incident.kind is Ending.FENCE_CHANGED for incident in outcome.incidents)
-    assert "somebody else changed the vehicle's fence in flight" in told
+    assert "another station changed the vehicle's fence in flight" in told
     assert "the rest of the mission leads 40 m out of it" in told
 
 
@@ -230,7 +230,7 @@ def test_rally_points_that_are_changed_are_told_and_do_not_end_the_flight():
     outcome, _ = flown(scene, change)
     assert outcome.ending is Ending.LANDED
     [changed] = [incident for incident in outcome.incidents if incident.kind is Ending.RALLY_CHANGED]
-    assert "the autopilot's own return may go there, by a way that was not checked" in changed.text
+    assert "the autopilot's own return may go there, along an unchecked path" in changed.text
 
 
 def test_a_fence_put_out_of_force_by_command_is_a_breach():

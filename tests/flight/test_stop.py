@@ -73,7 +73,7 @@ def test_without_a_checked_way_home_it_is_left_holding():
     scene = scene_with_mission()
     outcome = scene.fly(stop=presses(scene, 35.0), plan_return=none)
     assert outcome.ending is Ending.LEFT_HOLDING
-    assert "no checked way home from here: a ridge is in the way" in scene.told(EventKind.STOP)[-1]
+    assert "no checked return from here: a ridge is in the way" in scene.told(EventKind.STOP)[-1]
 
 
 def test_a_way_home_that_the_vehicle_does_not_take_leaves_it_holding():
@@ -84,7 +84,7 @@ def test_a_way_home_that_the_vehicle_does_not_take_leaves_it_holding():
 
     outcome = scene.fly(stop=presses(scene, 35.0), plan_return=too_long)
     assert outcome.ending is Ending.LEFT_HOLDING
-    assert "the way home could not be sent" in scene.told(EventKind.STOP)[-1]
+    assert "the return could not be sent" in scene.told(EventKind.STOP)[-1]
 
 
 def test_before_it_is_ready_nothing_is_armed():

@@ -78,7 +78,7 @@ def test_a_vehicle_that_is_heard_and_not_known_is_an_alarm_that_says_what_is_mis
     outcome, text = flown(scene, on_event=at_waypoint(scene, 1, lambda: scene.link.go_dark(2.5)))
     unknown = [i for i in outcome.incidents if i.kind is Ending.STATE_UNKNOWN]
     assert len(unknown) == 1, text
-    assert "EXTENDED_SYS_STATE is missing; nothing is commanded until it comes" in unknown[0].text
+    assert "EXTENDED_SYS_STATE is missing; nothing is commanded until it arrives" in unknown[0].text
     assert unknown[0].end_s is not None
     assert outcome.ending is Ending.LANDED, text
     assert sum("state is known again" in told for told in scene.told(EventKind.WARNING)) == 1

@@ -50,7 +50,7 @@ def test_a_place_that_was_never_set_is_doubted() -> None:
     assert doubts_about(
         Mission(GeoPoint(0.0, 0.0, 0.0), (*MISSION.items, zero, delay(1.0), replace(zero, command=195)))
     ) == (
-        "home is at latitude 0, longitude 0, where nobody flies; was it never set?",
+        "home is at latitude 0, longitude 0, in the open sea: set home, if it was never set",
         "item 9: a waypoint at latitude 0, longitude 0",
     )
 

@@ -246,7 +246,7 @@ def test_an_unknown_autopilot_is_asked_how_it_encodes(capabilities: int, value: 
     peer.autopilot_number = 0
     client = connected(peer)
     if not capabilities:
-        with pytest.raises(MisuseError, match="does not say how its parameters encode whole numbers; give bytewise"):
+        with pytest.raises(MisuseError, match="does not say how its parameters encode whole numbers: give bytewise"):
             VehicleParameters(client)
         assert VehicleParameters(client, bytewise=True).read(["P003_WHOLE"])["P003_WHOLE"].value == -147
         return

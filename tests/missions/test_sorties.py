@@ -274,11 +274,9 @@ def test_each_sortie_is_a_run_folder_and_all_count_together(tmp_path: Path) -> N
 
 def test_which_flight_is_meant_must_be_said(tmp_path: Path) -> None:
     run, sorties, _ = saved(tmp_path / "run", 290.0)
-    with pytest.raises(
-        InputError, match=rf"is flown as {len(sorties)} sorties; say which: --sortie 1 to {len(sorties)}"
-    ):
+    with pytest.raises(InputError, match=rf"has {len(sorties)} sorties: add --sortie N, from 1 to {len(sorties)}"):
         run.flight(None)
-    with pytest.raises(InputError, match="not sortie 9; say which"):
+    with pytest.raises(InputError, match="not sortie 9: add --sortie"):
         run.flight(9)
     assert run.flight(2).path.name == "sortie-2"
     with pytest.raises(InputError, match="is one flight and has no sorties"):

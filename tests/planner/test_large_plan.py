@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from tests.planner.sites import hills, make_site
-from uavcover.api import NOBODY
+from uavcover.api import UNATTENDED
 from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.sensing import block_map
 
@@ -19,7 +19,7 @@ def documents(folder: Path) -> dict[str, Any]:
     site = make_site(hills, ring=RING, home=(350.0, 240.0), planner=PLANNER, vehicle={"endurance_s": 370.0})
     plan_into(
         PlanRequest(scenario=site, folder=folder, command=["test"], force=False, select="coverage>=0.9"),
-        NOBODY,
+        UNATTENDED,
         check_site=lambda _: None,
     )
     found = {str(path.relative_to(folder)): json.loads(path.read_text()) for path in sorted(folder.rglob("plan.json"))}

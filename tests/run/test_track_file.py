@@ -122,7 +122,7 @@ def test_every_row_is_in_the_file_at_once(tmp_path):
 
 def test_a_track_is_not_overwritten_by_mistake(tmp_path):
     write(tmp_path / "track.csv")
-    with pytest.raises(OutputError, match="is there already"):
+    with pytest.raises(OutputError, match="exists already"):
         TrackWriter(tmp_path / "track.csv")
     TrackWriter(tmp_path / "track.csv", overwrite=True).close()
     with pytest.raises(TrackError, match="no samples"):
@@ -189,10 +189,10 @@ def test_other_columns_and_another_order_are_read(tmp_path):
         ),
         (2, "east_m", "", "line 3, east_m: '' is not a number"),
         (2, "current_waypoint", "", "line 3, current_waypoint: '' is not a number"),
-        (2, "lat_deg", "91.0", "line 3, lat_deg: 91.0, .* is not a place on Earth"),
-        (2, "lat_deg", "-90.1", "line 3, lat_deg: -90.1, .* is not a place on Earth"),
-        (2, "lon_deg", "180.1", "line 3, lat_deg: .*, 180.1 is not a place on Earth"),
-        (2, "lon_deg", "-181.0", "line 3, lat_deg: .*, -181.0 is not a place on Earth"),
+        (2, "lat_deg", "91.0", "line 3, lat_deg: 91.0, .* is not a position on Earth"),
+        (2, "lat_deg", "-90.1", "line 3, lat_deg: -90.1, .* is not a position on Earth"),
+        (2, "lon_deg", "180.1", "line 3, lat_deg: .*, 180.1 is not a position on Earth"),
+        (2, "lon_deg", "-181.0", "line 3, lat_deg: .*, -181.0 is not a position on Earth"),
         (2, "current_waypoint", "1.5", "line 3, current_waypoint: 1.5 is not a whole number"),
         (2, "alt_amsl_m", "", "line 3, alt_amsl_m: '' is not a number"),
     ],

@@ -1,4 +1,4 @@
-"""What the commands say, and how: text or one JSON object on stdout, progress and logs on stderr."""
+"""Output of the commands: text or one JSON object on stdout, progress and logs on stderr."""
 
 import contextlib
 import logging
@@ -53,7 +53,7 @@ class Console:
             self._write(sys.stderr if self.as_json else sys.stdout, line)
 
     def suggest(self, *commands: str) -> None:
-        """What the user may run next, one command a line."""
+        """Suggest the commands to run next, one a line."""
         for number, command in enumerate(commands):
             self.say(f"{'Next:' if number == 0 else '     '} {command}")
 
@@ -79,7 +79,7 @@ class Console:
             discard(sys.stderr)
 
     def result(self, document: dict[str, Any]) -> None:
-        """The command's answer as JSON, when that was asked for.
+        """Print the command's answer as JSON under ``--json``.
 
         Raises:
             OutputError: stdout cannot be written to.
@@ -147,7 +147,7 @@ class _OneLine(Progress):
     """A progress bar, or the line of its task's status as far as it fits."""
 
     def get_renderables(self) -> Iterable[RenderableType]:
-        """What is drawn."""
+        """Renderables of the progress display."""
         lines = [task.fields["status"] for task in self.tasks if task.fields["status"]]
         yield Text(lines[-1], no_wrap=True, overflow="ellipsis") if lines else self.make_tasks_table(self.tasks)
 
@@ -184,7 +184,7 @@ class Bar:
         self.update(done, total=total)
 
     def status(self, line: str, *, at_s: float) -> None:
-        """Show this line instead of the bar, the bar again with an empty one; without a terminal, one every 30 s by ``at_s``."""
+        """Show this line, or the bar when it is empty; piped output gets one every 30 s."""
         if self._progress is not None and self._task is not None:
             self._progress.update(self._task, status=plain_text(line))
         elif line and at_s >= self._said_s + _STATUS_EVERY_S:

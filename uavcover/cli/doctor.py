@@ -194,10 +194,10 @@ _GAP_CELLS = 40
 
 
 def compile_kernels(user: User) -> float:
-    """Compile whatever is not compiled yet; returns the seconds that it took.
+    """Compile the kernels that are not compiled yet; returns the seconds that it took.
 
     Args:
-        user: told which round begins.
+        user: receives a message at the start of each round.
     """
     started = time.monotonic()
     for number, (name, evaluations) in enumerate(ROUNDS, start=1):

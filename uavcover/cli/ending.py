@@ -1,4 +1,4 @@
-"""How commands end: every error becomes one line on stderr and an exit code."""
+"""The end of a command: every error becomes one line on stderr and an exit code."""
 
 import functools
 import inspect
@@ -26,7 +26,7 @@ _LONGEST_WORD = 400
 
 
 def ending_well(command: Callable[..., int]) -> Callable[..., None]:
-    """A command that returns its exit code, as typer wants it: ending in ``typer.Exit``, and told its context.
+    """Turn a command that returns its exit code into a typer command, which raises ``typer.Exit``.
 
     Exit codes: 0 done; 1 done, and the answer is no; 2 bad usage or bad input; 3 the vehicle or the link failed; 4 no
     feasible plan; 130 interrupted. Under --json an error is also an object on stdout: ``error``, ``exit_code``, and
@@ -55,15 +55,15 @@ def run_app(app: Callable[..., Any], arguments: Sequence[str]) -> int:
     except _UsageError as error:
         context = getattr(error, "ctx", None)
         command = context.command_path if context is not None else "uavcover"
-        told = getattr(error, "format_message", None)
-        text = (str(error) if told is None else str(told())).rstrip(".")
+        format_message = getattr(error, "format_message", None)
+        text = (str(error) if format_message is None else str(format_message())).rstrip(".")
         return _fail(f"{text}; see: {command} --help", BAD_USAGE, as_json=as_json)
     except (KeyboardInterrupt, typer.Abort):
         return _fail("interrupted", INTERRUPTED, as_json=as_json)
 
 
 def _with_sign(argument: str) -> str:
-    """A list of numbers that begins with a minus, such as a box of the Americas, is not taken for an option."""
+    """Keep a list of numbers that begins with a minus, such as a box in America, from being an option."""
     return f" {argument}" if re.fullmatch(r"-[\d.][-+\d.,eE ]*,[-+\d.,eEkm ]*", argument) else argument
 
 
@@ -103,7 +103,7 @@ def _fail(text: str, code: int, *, as_json: bool, details: Mapping[str, Any] = M
 
 
 def _one_line(text: str) -> str:
-    """Text as one line that a terminal shows as it is: no control characters, and of very long words their ends."""
+    """Text as one line for a terminal: without control characters, and with very long words shortened."""
     words = plain_text(text).split()
     return " ".join(
         word if len(word) <= _LONGEST_WORD else f"{word[: _LONGEST_WORD // 2]}...{word[-_LONGEST_WORD // 4 :]}"
@@ -128,7 +128,7 @@ class PlainFormatter(logging.Formatter):
 
 
 def stop_signals() -> list[signal.Signals]:
-    """The signals that ask to stop: Ctrl-C, SIGTERM, and SIGHUP of a terminal that was closed, unless that is ignored (nohup)."""
+    """The signals that ask to stop: Ctrl-C, SIGTERM, and SIGHUP unless it is ignored (nohup)."""
     numbers = [signal.SIGINT, signal.SIGTERM]
     if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
         numbers.append(signal.SIGHUP)

@@ -34,14 +34,14 @@ class FlyingVehicle(options.EachVehicleOptions):
 
 @dataclass(frozen=True, slots=True)
 class FlightWatch:
-    """How the flight is watched, and what is done when something goes wrong."""
+    """Supervision of the flight, and the reaction to a breach."""
 
-    live: Annotated[bool, typer.Option("--live", help="Show the flight in the rerun viewer while it goes on.")] = False
+    live: Annotated[bool, typer.Option("--live", help="Show the flight live in the rerun viewer.")] = False
     deadman_s: Annotated[
-        float, typer.Option("--deadman", metavar="S", help="Tell when there is no position for so long.")
+        float, typer.Option("--deadman", metavar="S", help="Warn after this time without a position.")
     ] = 3.0
     link_lost_s: Annotated[
-        float, typer.Option("--link-lost", metavar="S", help="Give the vehicle up after so long a silence.")
+        float, typer.Option("--link-lost", metavar="S", help="Give the vehicle up after this time without a message.")
     ] = 30.0
     on_breach: options.OnBreachAction = None
     require_photos: options.RequirePhotos = False
@@ -56,7 +56,7 @@ class FlightWatch:
 
 @dataclass(frozen=True, slots=True)
 class OlderFlight:
-    """What to do with an older flight of the run."""
+    """Treatment of an older flight of the run."""
 
     resume: Annotated[
         bool,
@@ -90,7 +90,7 @@ def fly(
 
     Ctrl-C: hold, then home along checked legs, and land; twice: hold, and leave it there; both end with 130. The key p (without
     a terminal: SIGUSR1) pauses: the vehicle holds; p again, and it goes on. --resume goes on with a flight that ended early,
-    whatever ended it, in a folder of its own inside RUN; verify counts both.
+    for any reason, in a folder of its own inside RUN; verify counts both.
     """
     from uavcover.errors import INTERRUPTED, InputError
     from uavcover.flight.command import ENDED_BY_USER, FlightOptions, commands_after_flight, fly_run, resume_run
@@ -103,7 +103,7 @@ def fly(
     from uavcover.run.user import to_paste
 
     if older.resume and not to and sortie is None and RunFolder(run).sorties():
-        RunFolder(run).flight(sortie)  # one of several, and nobody says which
+        RunFolder(run).flight(sortie)  # one of several sorties: refuses, as --sortie is missing
     places = links_of_run(RunFolder(run), vehicle.places(to), sortie=sortie)
     links = [replace(link, mock_speed=vehicle.mock_speed) for link in vehicle.links_at(places, client=vehicle.client)]
     link = links[0]
@@ -164,7 +164,7 @@ def precautions_for(
 
     Args:
         run: where old parameters are kept.
-        console: tells what is asked.
+        console: shows the questions.
         on_breach: what to do on a breach; None is the vehicle's default.
         apply_limits: whether to set what the plan needs.
         agreed: whether the user has agreed beforehand.
@@ -185,7 +185,7 @@ def precautions_for(
         if agreed:
             return True
         if not sys.stdin.isatty():
-            console.warn("--apply-limits has nobody to ask here; say --yes with it")
+            console.warn("--apply-limits needs a terminal for its question: add --yes")
             return False
         sys.stderr.write("set them? [y/N] ")
         sys.stderr.flush()

@@ -1,4 +1,4 @@
-"""``uavcover gaps``: what was not seen, and a mission that flies only that."""
+"""``uavcover gaps``: the unobserved cells, and a mission that flies only them."""
 
 import sys
 from pathlib import Path
@@ -18,7 +18,7 @@ def gaps(
     target: Annotated[
         float | None,
         typer.Option(
-            help="Share of what can be seen that is enough, such as 0.98; default: everything.", metavar="SHARE"
+            help="Required coverage of the visible ground, such as 0.98; default: all of it.", metavar="SHARE"
         ),
     ] = None,
     min_area_m2: Annotated[
@@ -33,10 +33,10 @@ def gaps(
     force: Annotated[bool, typer.Option("--force", help="Replace an older gap mission, and its flight.")] = False,
     output: options.Output,
 ) -> int:
-    """Group what was not seen by place and reason, and plan the mission that closes the gaps.
+    """Group the unobserved cells by position and reason, and plan the mission that closes the gaps.
 
     Writes gaps.geojson, gap_mission.waypoints, and RUN/gaps, a run folder to upload, fly and verify. Exit 1 when the mission
-    cannot reach what was asked for.
+    cannot reach the required coverage.
     """
     from uavcover.errors import InputError
     from uavcover.planner.close_gaps import GapRequest, GapStart, close_gaps, commands_after_gaps

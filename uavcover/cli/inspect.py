@@ -13,15 +13,15 @@ def inspect(
     *,
     text: Annotated[bool, typer.Option("--text", help="Print what is in the recording.")] = False,
     screenshot: Annotated[
-        Path | None, typer.Option(help="Make a picture, without a screen.", metavar="FILE.png")
+        Path | None, typer.Option(help="Write a screenshot; needs no screen.", metavar="FILE.png")
     ] = None,
     at: Annotated[
-        float, typer.Option(help="Moment of the picture: 0 the start of the flight, 1 its end.", metavar="SHARE")
+        float, typer.Option(help="Moment of the screenshot: 0 the start of the flight, 1 its end.", metavar="SHARE")
     ] = 1.0,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Open the recording in the rerun viewer; or print it; or make a picture of it."""
+    """Open the recording in the rerun viewer; or print it; or write a screenshot of it."""
     import dataclasses
 
     from uavcover.errors import OutputError

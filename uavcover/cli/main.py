@@ -34,7 +34,7 @@ _CORE: dict[str, dict[str, Entry]] = {
         ),
         "plan": (
             "uavcover.cli.plan",
-            "a route that sees the area, and its mission files",
+            "a route that covers the area, and its mission files",
             (
                 "uavcover plan jacksboro -o RUN --budget 30s",
                 "uavcover plan area.kml --dem dem.tif --camera dji-m3e --gsd 2.5cm -o RUN",
@@ -106,7 +106,7 @@ _CORE: dict[str, dict[str, Entry]] = {
         ),
         "gaps": (
             "uavcover.cli.gaps",
-            "what was not seen, and a mission that flies only that",
+            "unobserved cells, and a mission that flies only them",
             ("uavcover gaps RUN", "uavcover gaps RUN --target 0.98 --min-area 50"),
         ),
         "report": (
@@ -116,7 +116,7 @@ _CORE: dict[str, dict[str, Entry]] = {
         ),
         "inspect": (
             "uavcover.cli.inspect",
-            "look at the recording in 3D, as text or picture",
+            "show the recording in 3D, as text or as an image",
             ("uavcover inspect RUN", "uavcover inspect RUN --screenshot flight.png"),
         ),
     },
@@ -139,7 +139,7 @@ _GROUPS: Groups = _with_extras(_CORE)
 app = typer.Typer(
     name="uavcover",
     cls=overview_of(_GROUPS),
-    help="Plan flights that see all of a rugged terrain, fly them, prove what was seen.",
+    help="Plan flights that cover all of a rugged terrain, fly them, prove the coverage.",
     add_completion=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,

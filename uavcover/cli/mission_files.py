@@ -27,14 +27,14 @@ def read_contents(file: Path, kind: str | None) -> tuple[list[MissionList], tupl
         The lists, and one line for each repair and each probable mistake.
 
     Raises:
-        InputError: the file cannot be read, or does not hold what was asked for.
+        InputError: the file cannot be read, or does not hold the requested list.
     """
     if kind is not None and kind not in KINDS:
         raise InputError(f"--type: {kind!r} is not one of {', '.join(KINDS)}")
     suffix = file.suffix.lower()
     if suffix in DRAWING_SUFFIXES:
         raise InputError(
-            f"{file}: a {suffix} file holds places and no items to fly; plan with it, or save a .waypoints"
+            f"{file}: a {suffix} file holds positions and no items to fly: plan with it, or save a .waypoints"
         )
     only = ONLY_LIST.get(suffix)
     if only is not None and kind not in {None, only.name.lower()}:
@@ -62,13 +62,13 @@ def home_of(contents: Sequence[MissionList]) -> GeoPoint | None:
 
 
 def warn_of_home(client: Client, home: GeoPoint | None, console: Console) -> None:
-    """Warn when the vehicle's home is not the one that the file was made for: heights above home differ by it."""
+    """Warn when the vehicle's home differs from the file's home: heights above home are wrong by the difference."""
     if home is None:
         return
     try:
         here = client.request_message(HomePosition, timeout_s=3.0)
     except MissionIoError:
-        console.warn("the vehicle does not tell its home; it was not compared with the file's")
+        console.warn("the vehicle does not report its home: not compared with the file's")
         return
     east, north, up = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m).enu_from_geodetic(
         here.lat_deg, here.lon_deg, here.alt_amsl_m
@@ -81,7 +81,7 @@ def warn_of_home(client: Client, home: GeoPoint | None, console: Console) -> Non
 
 
 def check_output(out: Path, kind: str, *, force: bool) -> None:
-    """Refuse a file that cannot hold what is asked for, or that would be overwritten."""
+    """Refuse a file that cannot hold the requested lists, or that would be overwritten."""
     if kind not in KINDS:
         raise InputError(f"--type: {kind!r} is not one of {', '.join(KINDS)}")
     if out.suffix not in EVERY_LIST:

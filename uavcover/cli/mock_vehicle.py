@@ -27,7 +27,9 @@ class Imitated:
     vehicle_type: Annotated[
         str,
         typer.Option(
-            "--type", help="What it says it is: quadrotor, plane, rover, helicopter, vtol, ...", metavar="NAME"
+            "--type",
+            help="Vehicle type that it reports: quadrotor, plane, rover, helicopter, vtol, ...",
+            metavar="NAME",
         ),
     ] = "quadrotor"
     system: Annotated[int, typer.Option("--system", help="Its MAVLink system id.", metavar="N", min=1, max=255)] = 1
@@ -59,9 +61,7 @@ class Imitated:
         site = load_site(self.scenario)
         place, vehicle = home_of(site), site.scenario.vehicle
         if place is None:
-            raise InputError(
-                f"scenario {self.scenario}: has no place on Earth or no home; give --home LAT,LON,ALT_AMSL"
-            )
+            raise InputError(f"scenario {self.scenario}: has no place on Earth or no home: add --home LAT,LON,ALT_AMSL")
         name = autopilot_name(self.autopilot, vehicle.autopilot)
         settings = Settings.for_vehicle(vehicle, name)
         return name, place, replace(config, settings=settings, battery=BatteryData.for_vehicle(vehicle))
@@ -69,12 +69,12 @@ class Imitated:
 
 @dataclass(frozen=True, slots=True)
 class FlightConditions:
-    """How fast time runs, what the link and the wind are like, and how well the vehicle does."""
+    """Time factor, link loss, wind and performance of the mock vehicle."""
 
     speed: Annotated[float, typer.Option(help="Vehicle seconds per second.")] = 1.0
-    loss: Annotated[float, typer.Option(help="Share of the datagrams that get lost, each way.")] = 0.0
+    loss: Annotated[float, typer.Option(help="Fraction of the datagrams that are lost, each way.")] = 0.0
     wind_m_s: Annotated[float, typer.Option("--wind", help="Steady wind, m/s.")] = 0.0
-    wind_from_deg: Annotated[float, typer.Option("--wind-from", help="Where it comes from, degrees.")] = 270.0
+    wind_from_deg: Annotated[float, typer.Option("--wind-from", help="Direction it blows from, degrees.")] = 270.0
     gust_m_s: Annotated[float, typer.Option("--gust", help="Standard deviation of the gusts, m/s.")] = 0.0
     gps_noise_m: Annotated[float, typer.Option("--gps-noise", help="Standard deviation of its position, m.")] = 0.0
     gps_latency_s: Annotated[float, typer.Option("--gps-latency", help="Age of its satellite positions, s.")] = 0.0
@@ -128,7 +128,7 @@ def mock_vehicle(
     ] = None,
     fault: Annotated[
         list[str] | None,
-        typer.Option(help="What goes wrong, and when; repeatable. See below.", metavar="NAME[:ARG][@MOMENT]"),
+        typer.Option(help="Fault and its time; repeatable. See below.", metavar="NAME[:ARG][@MOMENT]"),
     ] = None,
     until_eof: Annotated[
         bool,
@@ -182,7 +182,7 @@ def mock_vehicle(
 
 
 def _place(text: str) -> "GeoPoint":
-    """A place given as ``LAT,LON,ALT_AMSL``."""
+    """A position given as ``LAT,LON,ALT_AMSL``."""
     from mission_io.model.items import GeoPoint
     from uavcover.errors import InputError
 
@@ -191,7 +191,9 @@ def _place(text: str) -> "GeoPoint":
     except ValueError as error:
         raise InputError(f"--home: {text!r} is not LAT,LON,ALT_AMSL") from error
     if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
-        raise InputError(f"--home: {text!r} is not a place on Earth; write latitude, longitude, height above sea level")
+        raise InputError(
+            f"--home: {text!r} is not a position on Earth: write latitude, longitude, altitude above sea level"
+        )
     return GeoPoint(lat_deg, lon_deg, alt_amsl_m)
 
 

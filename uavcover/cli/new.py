@@ -29,7 +29,7 @@ def new(
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Write a commented scenario that plans at once, and tell what was derived.
+    """Write a commented scenario that plans at once, and show the derived values.
 
     Every key that it writes has its reason as a comment. --camera list and --vehicle list show the tables.
     """
@@ -70,7 +70,7 @@ def _refuse_to_replace(paths: list[Path], *, force: bool) -> None:
 
     for path in paths:
         if path.exists() and not force:
-            raise OutputError(f"{path}: is there already; give another name with -o, or --force to replace it")
+            raise OutputError(f"{path}: exists already: give another name with -o, or --force to replace it")
 
 
 def _list(console: "Console", *, cameras: bool, vehicles: bool) -> int:

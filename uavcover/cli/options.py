@@ -31,11 +31,11 @@ class Overview(TyperGroup):
         formatter.write(f"Usage: {ctx.command_path} [--debug] [--version] COMMAND ...\n{self.help}\n")
         group = None
         for of_group, name, short in self.rows(ctx):
-            if not short:  # the row of its neighbour tells of it: a small terminal has 24 rows
+            if not short:  # its neighbour's row names it: a small terminal has 24 rows
                 continue
             title, group = "" if of_group == group else of_group, of_group
             formatter.write(f"{title:{_GROUP_WIDTH}}{name:{_NAME_WIDTH}}{short}\n")
-        formatter.write("COMMAND --help tells its options; all take --json, -q, -v. --install-completion\n")
+        formatter.write("COMMAND --help shows its options; all take --json, -q, -v. --install-completion\n")
 
 
 if TYPE_CHECKING:
@@ -46,14 +46,14 @@ if TYPE_CHECKING:
     from uavcover.flight.precautions import OnBreach
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Say nothing but errors and warnings.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show only warnings and errors.")]
 Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Show logs; -vv for more.")]
-Force = Annotated[bool, typer.Option("--force", help="Overwrite files that are there.")]
+Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
 ForcePlan = Annotated[
     bool,
     typer.Option(
         "--force",
-        help="Replace the plan that is there and what belongs to it; a flown one goes to RUN/older-N.",
+        help="Replace the existing plan and its files; a flown plan moves to RUN/older-N.",
     ),
 ]
 Autopilot = Annotated[
@@ -231,7 +231,7 @@ def one_by_one(command: Callable[..., int]) -> Callable[..., int]:
 
 @dataclass(frozen=True, slots=True)
 class Output:
-    """How a command answers."""
+    """Output options of a command."""
 
     as_json: Json = False
     quiet: Quiet = False
@@ -246,7 +246,7 @@ class Output:
 
 @dataclass(frozen=True, slots=True)
 class LinkOptions:
-    """How to find a vehicle on its link, and how long to wait for it."""
+    """Options of the link to a vehicle, with its timeouts."""
 
     timeout_s: Timeout = 10.0
     component: Component = None
@@ -254,7 +254,7 @@ class LinkOptions:
     signing_key: SigningKeyFile = None
 
     def link_at(self, place: "VehiclePlace", *, client: str = "native", link: str = "default") -> "VehicleLink":
-        """The vehicle at a place.
+        """The vehicle at an address.
 
         Raises:
             InputError: the client is not known, or cannot do what the other options ask for.
@@ -303,13 +303,13 @@ class EachVehicleOptions(LinkOptions):
     def links_at(
         self, places: "Sequence[VehiclePlace]", *, client: str = "native", link: str = "default"
     ) -> "list[VehicleLink]":
-        """The vehicles at these places, vehicle 1 first; what is on one link shares it. See :meth:`LinkOptions.link_at`."""
+        """The vehicles at these addresses, vehicle 1 first; those on one link share it. See :meth:`LinkOptions.link_at`."""
         from uavcover.flight.connect import sharing_links
 
         return sharing_links([self.link_at(self._one(place), client=client, link=link) for place in places])
 
     def _one(self, place: "VehiclePlace") -> "VehiclePlace":
-        """A place with the system that is asked for, where the link is the scenario's."""
+        """The address with the system of ``--system``, where the link is the scenario's."""
         return place._replace(system_id=self.system[0]) if self.system and len(self.system) == 1 else place
 
 
@@ -326,7 +326,7 @@ class TransferOptions(VehicleOptions):
 
 
 def words_of(links: "Sequence[VehicleLink]") -> list[object]:
-    """The options that say where these vehicles are."""
+    """The options for the addresses of these vehicles."""
     systems = [link.system_id for link in links if link.system_id is not None]
     urls = [link.url for link in links]
     to = [urls[0]] if len(systems) == len(urls) and len(set(urls)) == 1 else urls
@@ -404,7 +404,7 @@ def client_name(text: str, *, link: str, signed: bool) -> "ClientName":
     """Check the name of a client, and that it can do what the other options ask for.
 
     Raises:
-        InputError: it is neither, or MAVSDK's is asked for what it has not.
+        InputError: it is neither, or MAVSDK lacks a requested feature.
     """
     match text:
         case "native":

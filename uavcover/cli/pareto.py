@@ -46,7 +46,7 @@ def pareto(
             f"{_size_in_words(member.mission) if sized else ''}  {member.made_by}"
         )
     console.say(
-        f"* is in plan.json; coverage is of what can be seen{'; energy in seconds of hovering' if by_energy else ''}"
+        f"* is in plan.json; coverage is of the visible ground{'; energy in seconds of hovering' if by_energy else ''}"
         f"{'; done: from the first take-off to the last landing' if sized else ''}"
     )
     if sized and any(member.mission is None for member in members):

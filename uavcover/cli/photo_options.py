@@ -1,4 +1,4 @@
-"""The options that say how far pictures are believed, and what is searched for, for ``judge-photos`` and ``verify``."""
+"""Options for the accuracy of photos, and for the target of a search, of ``judge-photos`` and ``verify``."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class PhotoOptions:
-    """Heights of pictures, and errors of what tells none."""
+    """Heights of photos, and assumed errors where they record none."""
 
     takeoff: Annotated[
         str | None,
@@ -25,26 +25,27 @@ class PhotoOptions:
         ),
     ] = None
     position_error: Annotated[
-        float, typer.Option("--position-error", help="Of pictures' places that tell none.", metavar="METRES")
+        float, typer.Option("--position-error", help="Of photos' positions that state none.", metavar="METRES")
     ] = 3.0
     height_error: Annotated[
-        float, typer.Option("--height-error", help="Of pictures' heights that tell none.", metavar="METRES")
+        float, typer.Option("--height-error", help="Of photos' heights that state none.", metavar="METRES")
     ] = 10.0
     angle_error: Annotated[
-        float, typer.Option("--angle-error", help="Of the camera's angles, where they are told.", metavar="DEGREES")
+        float,
+        typer.Option("--angle-error", help="Of the camera's angles, where photos record them.", metavar="DEGREES"),
     ] = 2.0
 
     max_blur: Annotated[
         float | None,
         typer.Option(
             "--max-blur",
-            help="Pictures in which the ground moves farther while the shutter is open do not count.",
+            help="Photos with more motion of the ground during the exposure do not count.",
             metavar="PIXELS",
         ),
     ] = None
 
     def assumed(self) -> dict[str, Any]:
-        """What is taken where pictures do not tell it, as arguments of `uavcover.extras.photos.placing.Assumptions`.
+        """Assumptions where photos record nothing, as arguments of `uavcover.extras.photos.placing.Assumptions`.
 
         Raises:
             InputError: a number is out of range.
@@ -77,23 +78,23 @@ class PhotoOptions:
 
 @dataclass(frozen=True, slots=True)
 class SearchOptions:
-    """What is searched for, and how probably it has to be found."""
+    """Target of the search, and the required probability of detection."""
 
     detection: Annotated[
         str | None,
         typer.Option(
             "--detection",
-            help="How probably one picture finds what is searched for: list, a name, or a TOML file of your own.",
+            help="Probability that one photo finds the target: list, a name, or a TOML file of your own.",
             metavar="NAME|FILE.toml",
         ),
     ] = None
     pod: Annotated[
         float | None,
-        typer.Option("--pod", help="Probability of detection that is asked for, mean of the area, such as 0.8."),
+        typer.Option("--pod", help="Required probability of detection, mean of the area, such as 0.8."),
     ] = None
 
     def curve(self) -> "DetectionCurve | None":
-        """How probably one look finds the target; none where nobody searches.
+        """Probability that one look finds the target; none without a search.
 
         Raises:
             InputError: it is not known, or the probability asked for is none.
@@ -105,7 +106,7 @@ class SearchOptions:
             raise InputError(f"--pod: {self.pod:g} is not a probability above 0 and at most 1")
         if self.detection is None:
             if self.pod is not None:
-                raise InputError("--pod: needs --detection: how probably one picture finds what is searched for")
+                raise InputError("--pod: needs --detection, the probability that one photo finds the target")
             return None
         return curve_named(self.detection)
 

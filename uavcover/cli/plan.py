@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Search:
-    """How to search, which route to choose, and for whom the mission files are."""
+    """Search options, the choice of the route, and the autopilot of the mission files."""
 
     algorithm: Annotated[
         str | None,
@@ -38,7 +38,7 @@ class Search:
     parts: Annotated[
         str | None,
         typer.Option(
-            help="Divide a large area into so many parts, or auto; each is searched by itself and along its seams. Default: the "
+            help="Divide a large area into N parts, or auto; each is searched by itself and along its seams. Default: the "
             "scenario's.",
             metavar="N|auto",
         ),
@@ -46,13 +46,13 @@ class Search:
     waypoint_price: Annotated[
         float | None,
         typer.Option(
-            help="What a waypoint costs, in seconds (in metres where the length is made small): more for missions of fewer items."
+            help="Cost of a waypoint, in seconds (in metres where the objective is length): higher for fewer mission items."
         ),
     ] = None
     select: Annotated[
         str | None,
         typer.Option(
-            help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N; conditions behind it: ,sorties<=N "
+            help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N; conditions after it: ,sorties<=N "
             ",vehicles<=N ,done<=40m.",
             metavar="RULE",
         ),
@@ -101,7 +101,7 @@ def plan(
     force: options.ForcePlan = False,
     output: options.Output,
 ) -> int:
-    """Plan a route that sees the area, and write its mission files.
+    """Plan a route that observes the area, and write its mission files.
 
     An area in place of a scenario is planned as `uavcover new` would describe it; RUN/scenario.toml then says how.
     Ctrl-C writes the best route so far and ends with 130.
@@ -147,7 +147,7 @@ def _parts(text: str | None) -> "int | Literal['auto'] | None":
 
 
 def _rally(text: str | None) -> "Literal['auto', 'home'] | None":
-    """How rally points are chosen; none where it was not given."""
+    """Choice of rally points; none without the option."""
     from uavcover.errors import InputError
 
     if text not in (None, "auto", "home"):

@@ -26,7 +26,7 @@ class EachTransfer(options.EachVehicleOptions):
 
 @dataclass(frozen=True, slots=True)
 class Planning:
-    """How to plan, where there is no plan yet."""
+    """Planning options, for a run without a plan."""
 
     run: Annotated[
         Path | None, typer.Option("-o", "--out", help="Run folder to plan into; default: the scenario's name.")
@@ -58,8 +58,8 @@ def plan_upload(
 ) -> int:
     """Plan if needed, check every leg, upload mission, fence and rally points, read back and compare.
 
-    With several --to all vehicles are checked before anything is sent; a scenario is planned for so many.
-    upload.json tells of the last upload; an older one is replaced.
+    With several --to all vehicles are checked before anything is sent; a scenario is planned for this number of vehicles.
+    upload.json describes the last upload and replaces an older one.
     """
     from uavcover.errors import InputError
     from uavcover.flight.connect import require_home

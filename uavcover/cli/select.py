@@ -15,7 +15,7 @@ def select(
         str,
         typer.Argument(
             help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=0.95 or index:N (as `uavcover pareto` numbers them); "
-            "conditions behind it: ,sorties<=N ,vehicles<=N ,done<=40m.",
+            "conditions after it: ,sorties<=N ,vehicles<=N ,done<=40m.",
             metavar="RULE",
         ),
     ],
@@ -25,7 +25,7 @@ def select(
         bool,
         typer.Option(
             "--force",
-            help="Also when the route before was flown: it goes to RUN/older-N with its flight.",
+            help="Also replace a flown route: it moves to RUN/older-N with its flight.",
         ),
     ] = False,
     output: options.Output,
@@ -71,7 +71,9 @@ def select(
     say_fleet(console, fleet)
     say_size(console, plan)
     if not plan.rule_met:
-        console.warn(f"no route meets {plan.rule}; the best there is has been written")
+        console.warn(
+            f"no route meets {plan.rule}; wrote the best one: lower the requirement, or plan with a larger --budget"
+        )
     if flights:
         console.suggest(upload_in_words(folder, fleet, len(sorties)))
     console.result(

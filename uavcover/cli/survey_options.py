@@ -30,12 +30,14 @@ VerticalDatum = Annotated[
 ]
 DemCrs = Annotated[
     str | None,
-    typer.Option("--dem-crs", help="Coordinate system of the elevation data, where it does not say.", metavar="EPSG:N"),
+    typer.Option(
+        "--dem-crs", help="Coordinate system of the elevation data, where the file has none.", metavar="EPSG:N"
+    ),
 ]
 HeightUnit = Annotated[
     str | None,
     typer.Option(
-        "--height-unit", help="Of the elevation data, where it does not say: m, cm, ft, us-ft.", metavar="UNIT"
+        "--height-unit", help="Of the elevation data, where the file has none: m, cm, ft, us-ft.", metavar="UNIT"
     ),
 ]
 At = Annotated[
@@ -69,7 +71,7 @@ Band = Annotated[
 
 @dataclass(frozen=True, slots=True)
 class DemOptions:
-    """The elevation data, and what it does not say of itself."""
+    """The elevation data, and properties that its file does not record."""
 
     dem: Dem = None
     vertical_datum: VerticalDatum = None
@@ -79,7 +81,7 @@ class DemOptions:
     water_height: WaterHeight = None
 
     def data(self) -> "ElevationData":
-        """What was named."""
+        """The named elevation data."""
         from uavcover.flight.vehicle_terrain import ElevationData
 
         return ElevationData(
@@ -94,7 +96,7 @@ class DemOptions:
 
 @dataclass(frozen=True, slots=True)
 class SurveyOptions:
-    """What is seen, with which camera, from which vehicle."""
+    """Area, camera and vehicle of a survey."""
 
     dem: Dem = None
     dsm: Dsm = None
@@ -116,7 +118,9 @@ class SurveyOptions:
     ] = None
     home: Annotated[
         str | None,
-        typer.Option("--home", help="Take-off place; default: the lowest level ground at the edge.", metavar="LAT,LON"),
+        typer.Option(
+            "--home", help="Take-off position; default: the lowest level ground at the edge.", metavar="LAT,LON"
+        ),
     ] = None
     max_height: Annotated[
         str | None,
@@ -167,10 +171,10 @@ class SurveyOptions:
     ] = None
     crs: Annotated[
         str | None,
-        typer.Option("--crs", help="Coordinate system of the area's file, where it does not say.", metavar="EPSG:N"),
+        typer.Option("--crs", help="Coordinate system of the area's file, where it has none.", metavar="EPSG:N"),
     ] = None
     make_valid: Annotated[
-        bool, typer.Option("--make-valid", help="Mend outlines that cross themselves, close open rings.")
+        bool, typer.Option("--make-valid", help="Repair outlines that cross themselves, close open rings.")
     ] = False
     swap_axes: Annotated[bool, typer.Option("--swap-axes", help="The area's file has latitude, or north, first.")] = (
         False
@@ -181,7 +185,7 @@ class SurveyOptions:
         return [f"--{field.name.replace('_', '-')}" for field in fields(self) if getattr(self, field.name)]
 
     def request(self, area: str, *, autopilot: str | None) -> "NewRequest":
-        """What is asked for.
+        """The request that these options make.
 
         Raises:
             InputError: an option was given without a value, as by a script whose variable is empty.

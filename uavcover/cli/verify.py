@@ -15,7 +15,7 @@ def verify(
     run: Annotated[
         Path | None,
         typer.Argument(
-            help="Run folder with scenario.toml; plan.json and track.csv where there are. With --area: a log, or pictures."
+            help="Run folder with scenario.toml; plan.json and track.csv where there are. With --area: a log, or photos."
         ),
     ] = None,
     *,
@@ -25,13 +25,13 @@ def verify(
         list[Path] | None,
         typer.Option(
             "--photos",
-            help="Pictures of the flight, as judge-photos takes them: they tell its coverage. Again for more.",
+            help="Photos of the flight, as judge-photos takes them: they give its coverage. Repeatable.",
             metavar="FOLDER",
         ),
     ] = None,
     area: Annotated[
         str | None,
-        typer.Option("--area", help="For a flight without a run folder: what should be seen, as new takes it."),
+        typer.Option("--area", help="For a flight without a run folder: the area to observe, as new takes it."),
     ] = None,
     out: Annotated[
         Path | None, typer.Option("-o", "--out", help="Folder for its verdict; default: verdict.", metavar="FOLDER")
@@ -61,11 +61,11 @@ def verify(
     console = output.console()
     if area is None:
         if run is None:
-            raise InputError("verify: give a run folder; or a log or pictures with --area, --dem and --camera")
+            raise InputError("verify: give a run folder; or a log or photos with --area, --dem and --camera")
         if given := survey.given():
-            raise InputError(f"verify: {given[0]} goes with --area, for a flight without a run folder; {run} says it")
+            raise InputError(f"verify: {given[0]} requires --area; leave it out: {run} defines it")
         if out is not None:
-            raise InputError("verify: -o goes with --area; the verdict on a run is kept in its folder")
+            raise InputError("verify: -o requires --area; leave it out: the verdict on a run is kept in its folder")
     of_photos = loaded("uavcover.evidence").get("photos")
     if of_photos is None and (area is not None or photos):
         raise InputError("verify: --area and --photos need the extra photos of uavcover, which is not installed")
@@ -84,7 +84,7 @@ def verify(
     if of_photos is not None and request.area is not None:
         if not evidence.logs and not evidence.photos:
             raise InputError(
-                "verify: --area needs a flight: a log (.bin, .tlog, .ulg, .csv, .gpx), or pictures (--photos)"
+                "verify: --area needs a flight: a log (.bin, .tlog, .ulg, .csv, .gpx), or photos (--photos)"
             )
         if not evidence.logs:
             _, report = of_photos.judge_photos(request, folder, console, command=sys.argv)
@@ -94,10 +94,10 @@ def verify(
     if not evidence.photos:
         for option, asked in (("--detection", search.detection), ("--max-blur", belief.max_blur)):
             if asked is not None:
-                raise InputError(f"{option}: is asked of pictures, and a track has none; give --photos")
+                raise InputError(f"{option}: applies to photos, and a track has none: add --photos")
     if evidence.photos and scheduler is not None:
         raise InputError(
-            "--scheduler: shares out what a track saw; leave it out where pictures (--photos) tell the coverage"
+            "--scheduler: distributes the coverage of a track; leave it out where photos (--photos) give the coverage"
         )
     pictures = JudgedPictures(PictureEvidence(photos_required=require_photos))
     if of_photos is not None and evidence.photos:

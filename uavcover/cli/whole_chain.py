@@ -33,7 +33,7 @@ def demonstrate(request: PlanRequest, scenario: str, console: Console, *, speed:
     Args:
         request: what is planned, and into which folder.
         scenario: the same scenario by name or file, for the vehicle's process.
-        console: told what happens.
+        console: receives messages.
         speed: of the vehicle, times real time.
     """
     started = time.monotonic()
@@ -83,7 +83,7 @@ def _say_end(console: Console, run: RunFolder, plan: dict[str, Any], verdict: di
     console.say(
         f"planned {percent(plan['coverage_fraction'])}, flown {percent(verdict['coverage_fraction'])} of the area; between "
         f"{metres(verdict['min_height_agl_m'])} and {metres(verdict['max_height_agl_m'])} above ground on the route, at least "
-        f"{metres(verdict['min_transit_clearance_m'])} on the ways there and home"
+        f"{metres(verdict['min_transit_clearance_m'])} on the transit legs"
     )
     console.say(
         f"{verdict['verdict'] if verdict['passed'] else verdict['verdict'].upper()} in {wall_s:.0f} s. Open next:"
@@ -96,7 +96,7 @@ def _say_end(console: Console, run: RunFolder, plan: dict[str, Any], verdict: di
 
 @contextmanager
 def mock_process(scenario: str, autopilot: str, speed: float, seed: int | None) -> Iterator[str]:
-    """A mock vehicle in a process of its own on a free port of 127.0.0.1; gives the URL to speak to, and ends it.
+    """A mock vehicle in its own process on a free port of 127.0.0.1; yields its URL, and ends it.
 
     Raises:
         VehicleError: it does not start.
@@ -105,7 +105,7 @@ def mock_process(scenario: str, autopilot: str, speed: float, seed: int | None) 
         sys.executable, "-m", "uavcover", "mock-vehicle", "--listen", "udpin://127.0.0.1:0", "--scenario", scenario,
         "--autopilot", autopilot, "--speed", repr(speed), "--seed", str(seed or 0), "--json", "-q", "--until-eof", *_WIND,
     ]  # fmt: skip
-    # A session of its own: Ctrl-C is for us, and we bring the vehicle home before it ends. Our end of its standard input goes
+    # A session of its own: Ctrl-C is for us, and we bring the vehicle home before it ends. Our end of its standard input closes
     # with us, so that it ends when we are killed.
     process = subprocess.Popen(
         arguments, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, start_new_session=True

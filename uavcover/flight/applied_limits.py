@@ -25,7 +25,8 @@ _AT_ONCE, _ROUNDS = 14, 6
 def read_parameters(session: Session, groups: Iterable[Collection[str]]) -> dict[str, ParamValue]:
     """Ask for parameters; of each group of names for the same thing one answer is enough.
 
-    A vehicle is silent about a parameter that it does not have, so what is not here may also be lost: it is asked for again, and
+    A vehicle is silent about a parameter that it does not have, so a missing answer may also be lost: the parameter is
+    requested again, and
     more often where a second question has found something. A few are asked for at once, since ArduPilot keeps 20 questions.
     """
     found = dict[str, ParamValue]()
@@ -45,7 +46,7 @@ def read_parameters(session: Session, groups: Iterable[Collection[str]]) -> dict
 
 
 def _ask(session: Session, groups: Collection[Collection[str]], found: dict[str, ParamValue], quiet_s: float) -> float:
-    """Ask once, and listen until all is answered or nothing has come for a while; returns how long to wait next time."""
+    """Ask once, and listen until everything is answered or the link is quiet; returns the next waiting time."""
     client = session.client
     to, began_s = client.vehicle, client.clock.now()
     for name in (name for names in groups for name in names):
@@ -63,15 +64,15 @@ def _ask(session: Session, groups: Collection[Collection[str]], found: dict[str,
 
 
 def numbers(values: Mapping[str, ParamValue], *, px4: bool) -> dict[str, float]:
-    """What the values are, in their own units."""
+    """The values in their own units."""
     return {name: float(value_of_float(value.value, value.param_type, bytewise=px4)) for name, value in values.items()}
 
 
 def set_parameter(session: Session, name: str, number: float) -> None:
-    """Set a parameter to a number in its own unit, whatever its type, and see that it is so.
+    """Set a parameter of any type to a number in its own unit, and verify the value.
 
     Raises:
-        VehicleSilentError: it does not exist, or nobody answers.
+        VehicleSilentError: it does not exist, or the vehicle does not answer.
         mission_io.errors.MisuseError: the vehicle limits or refuses it.
     """
     client = session.client
@@ -95,7 +96,7 @@ class AppliedLimits:
         precautions: whether to change anything, whom to ask, and where old values are kept.
 
     Attributes:
-        rows: the table as it was told last; rows that are as planned and not ``shown`` are left out.
+        rows: the table as it was reported last; rows that are as planned and not ``shown`` are left out.
         values: the vehicle's parameters of the table, in their own units, as they were read last.
     """
 
@@ -129,7 +130,7 @@ class AppliedLimits:
         refused = next((row for row in self.rows if row.weight is Weight.REFUSED), None)
         if refused is not None:
             advice = "plan a shorter flight" if not refused.parameter else "set it"
-            advice += ", or say --apply-limits" if refused.wanted is not None else ""
+            advice += ", or add --apply-limits" if refused.wanted is not None else ""
             raise FlightFaultError(Ending.NOT_ARMED, f"{refused.sentence}; not armed: {advice}")
 
     def look(self, plan: FlightPlan) -> None:

@@ -37,7 +37,7 @@ def arm_and_start(session: Session) -> None:
         raise Stopped
     start = Mode.GUIDED if ardupilot else Mode.MISSION
     session.prepare(lambda: set_mode(session, start))
-    session.monitor.forget(MissionCurrent)  # the item of an older flight may still be told
+    session.monitor.forget(MissionCurrent)  # the item of an older flight may still be reported
     _arm(session, start)
     session.tell(EventKind.STAGE, "armed")
     if ardupilot:
@@ -62,7 +62,7 @@ def arm_and_start(session: Session) -> None:
 
 
 def fly_from_item(session: Session, seq: int) -> None:
-    """Fly the mission that a vehicle in the air holds, from item ``seq`` on; where that fails the vehicle is commanded to hold.
+    """Fly the mission that an airborne vehicle holds, from item ``seq`` on; on failure command a hold.
 
     ArduPilot begins its mission anew each time that it enters AUTO when MIS_RESTART is 1. So the item is set again once it has
     entered AUTO, and MISSION_CURRENT has to show it.
@@ -85,26 +85,26 @@ def continue_mission(session: Session, seq: int | None = None) -> None:
         _steer(session, lambda: session.client.command(Command.MISSION_START))  # enters AUTO, and answers at once
         _steer(session, lambda: set_current_item(session, wanted))
     _steer(session, lambda: set_mode(session, Mode.MISSION))
-    item = _item_told(session)
+    item = _reported_item(session)
     for _ in range(_TRIES):
         if wanted <= item <= wanted + _REACHED_ITEMS:
             return
         _steer(session, lambda: set_current_item(session, wanted))
-        item = _item_told(session)
+        item = _reported_item(session)
     _steer(session, lambda: set_mode(session, hold_mode(session)))
-    flies = f"flies to item {item}" if item >= 0 else "does not tell which item it flies to"
+    flies = f"flies to item {item}" if item >= 0 else "does not report the item it flies to"
     raise FlightFaultError(
-        Ending.FAILED, f"the vehicle {flies}, and not to item {wanted}; it was told to hold; set MIS_RESTART to 0"
+        Ending.FAILED, f"the vehicle {flies}, and not to item {wanted}; it was commanded to hold: set MIS_RESTART to 0"
     )
 
 
 def _steer(session: Session, act: Callable[[], object]) -> None:
-    """Command a vehicle that was told to hold, or to fly its mission; errors as ``Session.steer``."""
+    """Command a vehicle that holds or flies its mission by our command; errors as ``Session.steer``."""
     session.steer(act, while_in=[hold_mode(session), Mode.HOLD, Mode.MISSION])
 
 
-def _item_told(session: Session) -> int:
-    """The item that the vehicle tells from now on that it flies to; -1 when it tells none."""
+def _reported_item(session: Session) -> int:
+    """The next reported item that the vehicle flies to; -1 without a report."""
     session.monitor.forget(MissionCurrent)
     silent = Timer(session, _ANSWER_S)
     while session.monitor.current_seq < 0 and not silent.over:
@@ -120,7 +120,7 @@ def set_mode(session: Session, mode: Mode) -> None:
 def hold_mode(session: Session) -> Mode:
     """The mode in which the vehicle stays where it is without a pilot's sticks.
 
-    ArduPilot's LOITER takes the height from the throttle stick, which is down when nobody holds it; GUIDED stays.
+    ArduPilot's LOITER takes the height from the throttle stick, which is down when no pilot holds it; GUIDED stays.
     """
     return Mode.GUIDED if session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT else Mode.HOLD
 
@@ -183,8 +183,8 @@ def is_flying(session: Session) -> bool:
     return session.client.vehicle.armed and session.monitor.on_ground is not True
 
 
-class _Patience:
-    """How long a refused arming is retried: longer while terrain heights, which take a slow link minutes, are on their way."""
+class _ArmingTimeout:
+    """Timeout of a refused arming: longer while a slow link still carries terrain heights."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -204,12 +204,12 @@ class _Patience:
 
 
 def _arm(session: Session, mode: Mode) -> None:
-    patience = _Patience(session)
+    timeout = _ArmingTimeout(session)
     while True:
         try:
             session.prepare(lambda: session.client.command(Command.COMPONENT_ARM_DISARM, 1.0), while_in=[mode])
         except CommandRefusedError as error:
-            if error.result not in _AGAIN or patience.over:
+            if error.result not in _AGAIN or timeout.over:
                 raise FlightFaultError(Ending.ARMING_REFUSED, f"{error}{session.recent_warnings}") from error
             if session.stop():
                 raise Stopped from None

@@ -1,4 +1,4 @@
-"""Why a vehicle does something by itself: evidence from all that it reports, each piece with its time.
+"""Reasons for a vehicle's own actions: evidence from all its reports, each piece with its time.
 
 Texts of every severity, PX4's events, SYS_STATUS, EKF_STATUS_REPORT, the state in the heartbeat, jumps of the position and gaps
 of the link are evidence. Where none of it names a cause, the cause is unknown, and is said so.
@@ -97,7 +97,7 @@ class Sign:
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Why something happened.
+    """Reason for an event.
 
     Attributes:
         kind: the name of it.
@@ -111,7 +111,7 @@ class Cause:
 
 
 def cause_in(text: str, *, severity: int = _WARNING_SEVERITY) -> Ending | None:
-    """The cause that a text of the vehicle names; None when its words are not known, or say that something is over."""
+    """The cause that a text of the vehicle names; None for unknown words, or an end that it reports."""
     words = text.lower()
     if _OVER.search(words) or (severity > _WARNING_SEVERITY and not _SURE.search(words)):
         return None
@@ -166,7 +166,7 @@ class Causes:
         self._look_for_jump()
 
     def recent(self, *, within_s: float, among: Collection[Ending] | None = None) -> Cause | None:
-        """What the vehicle most likely reacts to, by its own words and state; None without evidence.
+        """The most likely cause of a reaction, by the vehicle's own words and state; None without evidence.
 
         Args:
             within_s: how old evidence may be, in seconds of vehicle time where that is known, else of the link's clock.
@@ -180,7 +180,7 @@ class Causes:
         return None
 
     def of_mode_change(self, incidents: Mapping[Ending, str], *, unanswered: str = "") -> Cause:
-        """Why the vehicle left the mode that we commanded, a moment ago.
+        """Reason for which the vehicle left the commanded mode a moment ago.
 
         Args:
             incidents: what goes wrong now, or did until a moment ago, with what was reported of it.

@@ -8,7 +8,7 @@ from mission_io.model.items import Mission
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clearance:
-    """Asked again and again: while the vehicle waits, on the ground ready to arm or holding its place, and while it flies.
+    """Permission to start or fly home, asked repeatedly while the vehicle waits, holds or flies.
 
     Attributes:
         may_start: whether it may arm and take off now.

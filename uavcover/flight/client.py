@@ -1,4 +1,4 @@
-"""What following and controlling a vehicle require of a client, so that there can be more than one."""
+"""Interface of a client that can follow and control a vehicle."""
 
 from collections.abc import Callable
 from typing import Protocol, TypeVar

@@ -53,7 +53,7 @@ _FIRST_STOP = "stopping: hold, then home along checked legs; once more: hold and
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightOptions:
-    """What is asked of a flight.
+    """Options of a flight.
 
     Attributes:
         confirmed: whether a vehicle that is not simulated may be armed.
@@ -63,7 +63,7 @@ class FlightOptions:
         timeouts: how long to wait for the vehicle; None takes the defaults.
         precautions: against breaches and wrong limits.
         clearance: when the vehicle may start, and fly home, beside others.
-        on_sample: told where the vehicle is, beside the record.
+        on_sample: receives the vehicle's position, beside the record.
         utc_offset_s: from the link's clock to UTC; None: by the clock of this computer.
         took_off_s: vehicle time of the take-off of a vehicle in the air; None for one on the ground.
     """
@@ -88,21 +88,21 @@ def fly_run(
 ) -> tuple[FlightOutcome, dict[str, Any]]:
     """Fly the route of a run, recording the track as it comes.
 
-    The recording grows with the flight, in the viewer at ``viewer_url`` too; whatever the end, then it is written anew, whole,
+    The recording grows with the flight, in the viewer at ``viewer_url`` too; after any end it is written anew, whole,
     and ``run.json`` has the outcome.
 
     Raises:
         FlightFailedError: the flight did not end as it should; the run folder has all the same what was recorded.
     """
     require_home(site)
-    compile_plan(site, route)  # a bad leg is known before anybody is asked
+    compile_plan(site, route)  # a bad leg is found before the vehicle is asked
     refuse_older_flight(run, options)
     with run.reserved(FLIGHT_FILES, force=options.force), connect(to, site) as vehicle:
         return fly_connected(run, site, route, vehicle, user, options)
 
 
 def refuse_older_flight(run: RunFolder, options: FlightOptions) -> None:
-    """A flight that is there is replaced only when that was asked for.
+    """Refuse to replace an older flight without ``--force``.
 
     Raises:
         OutputError: it was not.
@@ -204,7 +204,7 @@ def _utc_offset_s(vehicle: Connected) -> float:
 
 
 def _seal(run: RunFolder, log: FlightLog, outcome: FlightOutcome | None, options: FlightOptions, user: User) -> None:
-    """How it ended and the hash of the track, whatever the end; an error of the flight itself is the one that counts."""
+    """Record the end of the flight and the hash of the track; an error of the flight counts first."""
     if not log.begun:
         return
     more = {"photos_required": True} if options.precautions.photos_required else {}
@@ -247,7 +247,7 @@ def _write_recording(run: RunFolder, site: Site, route: Route, log: FlightLog, u
 def resume_run(
     run: RunFolder, to: VehicleLink, user: User, options: FlightOptions = USUAL_FLIGHT, *, command: Sequence[str]
 ) -> tuple[FlightOutcome | None, dict[str, Any]]:
-    """Fly what the latest flight of a run has left, from the ground or from where the vehicle is in the air.
+    """Fly the rest of a run's latest flight, from the ground or from the vehicle's position in the air.
 
     It has a folder of its own inside the run's, with its plan, mission, track and recording. A run of which nothing was flown,
     such as the one that closes the gaps of another, is flown from where the vehicle is in the air.
@@ -285,7 +285,7 @@ def resume_run(
             save_rest(unfinished, site, command=command)
             with connect(to, site) as vehicle:
                 if is_in_the_air(vehicle):
-                    user.say("the vehicle is in the air: it goes on from where it is")
+                    user.say("the vehicle is in the air: it continues from its position")
                     options = replace(options, took_off_s=float(unfinished.track.time_s[0]))
                     begin = lambda orders: fly_on(vehicle, site, unfinished, orders)  # noqa: E731
                 else:
@@ -307,7 +307,7 @@ def resume_run(
 
 
 def commands_after_flight(run: RunFolder, ending: Ending, to: Sequence[object]) -> list[str]:
-    """What to run after a flight, one command a line: no verdict before everything is flown.
+    """Commands to run after a flight, one a line; none verifies before everything is flown.
 
     Args:
         run: what was flown: a run, a sortie of one, or the mission that closes the gaps of one.
@@ -328,7 +328,7 @@ def commands_after_flight(run: RunFolder, ending: Ending, to: Sequence[object]) 
 
 
 def _verify_in_words(run: RunFolder) -> list[str]:
-    """How a flight is judged: together with the others of its run, or with the flight whose gaps it closes."""
+    """Command that verifies a flight: with the others of its run, or with the flight whose gaps it closes."""
     of_gaps = run.path.name == GAP_FOLDER and RunFolder(run.path.parent).file("plan.json").is_file()
     if not of_gaps:
         return [to_paste("verify", whole_run(run))]

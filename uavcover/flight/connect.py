@@ -53,7 +53,7 @@ if TYPE_CHECKING:  # who sends a file has no plan
     from uavcover.flight.resume import Unfinished
 
 _GROUND_S, _ASK_AGAIN_S = 4.0, 0.2
-"""So long, and so often, a vehicle that is armed is asked whether it stands on the ground."""
+"""Timeout and interval of the question to an armed vehicle whether it stands on the ground."""
 
 ClientName = Literal["native", "mavsdk"]
 """Who conducts transfers and commands."""
@@ -80,13 +80,13 @@ class Connected:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VehicleLink:
-    """Where a vehicle is, which one is meant, and how to talk to it.
+    """A vehicle's address, its system id, and the link's parameters.
 
     Attributes:
         url: ``mock:`` starts a vehicle in this process.
         timeout_s: how long to wait for the first heartbeat.
         mock_speed: how fast ``mock:`` flies, times real time.
-        timing: how patient transfers are.
+        timing: timeouts of transfers.
         signing_key: signs all that is sent; then nothing that is not signed with it is believed.
         client_name: which client speaks to it; MAVSDK's takes no ``timing`` and no ``signing_key``.
         system_id: which vehicle is meant, where several are on the link.
@@ -108,7 +108,7 @@ class VehicleLink:
 
 
 def sharing_links(links: Sequence[VehicleLink]) -> list[VehicleLink]:
-    """The same vehicles; those on one link share it, so that it is opened once."""
+    """The same vehicles; those on one link share it, and it is opened once."""
     systems: dict[str, list[int]] = {}
     for link in links:
         if link.system_id is not None and not link.url.startswith("mock:"):
@@ -132,7 +132,7 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
         VehicleError: with a site: the vehicle is not a multirotor. An ArduPilot answers nothing that we send.
         mission_io.errors.AmbiguousVehicleError: several vehicles are on the link, and none was named.
         InputError: a time or a speed that is not above 0.
-        mission_io.errors.MissionIoError: the URL is not understood, or nobody is there.
+        mission_io.errors.MissionIoError: the URL is not understood, or no vehicle answers.
     """
     at = VehicleLink(url=to) if isinstance(to, str) else to
     for name, value in (("timeout", at.timeout_s), ("mock speed", at.mock_speed)):
@@ -173,7 +173,7 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
 
 
 def home_of(site: Site) -> GeoPoint | None:
-    """Where a site's vehicle starts; none for a site without a place on Earth or without a home."""
+    """Start position of a site's vehicle; none for a site without a place on Earth or without a home."""
     if site.frame is None or site.home_m is None:
         return None
     lat, lon, alt = site.frame.geodetic_from_enu(site.home_m)
@@ -196,7 +196,7 @@ def require_home(site: Site) -> GeoPoint:
 
 
 def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
-    """What a flight needs to know of a compiled mission.
+    """The part of a compiled mission that a flight needs.
 
     Raises:
         InputError: the site has no place on Earth or no home.
@@ -235,7 +235,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
 
 
 def _operating_volume(site: Site, compiled: CompiledMission) -> OperatingVolume:
-    """What positions in flight are judged by: no-fly zones as far as they are exclusions of the fence."""
+    """Volume for positions in flight: no-fly zones count as far as they are exclusions of the fence."""
     shapely.prepare(site.fence)
 
     def ground_up_m(east_m: float, north_m: float) -> float:
@@ -272,8 +272,8 @@ def fly(vehicle: Connected, site: Site, compiled: CompiledMission, orders: Order
     Args:
         vehicle: connected, on the ground.
         site: the scenario on its ground.
-        compiled: what the vehicle is to hold.
-        orders: what the user wants, and who is told.
+        compiled: the mission for the vehicle.
+        orders: the user's orders, and the receiver of messages.
 
     Raises:
         FlightFailedError: the vehicle or the link failed, or the vehicle is not what was planned for; it carries the outcome.
@@ -285,7 +285,7 @@ def fly(vehicle: Connected, site: Site, compiled: CompiledMission, orders: Order
 
 
 def is_in_the_air(vehicle: Connected) -> bool:
-    """Whether the vehicle is armed and in the air; on the ground it is where its word, height and motion agree that it is."""
+    """Whether the vehicle is armed and in the air; its landed state, height and motion must agree on the ground."""
     client, monitor = vehicle.client, vehicle.monitor
     client.poll(0.0)
     until_s = client.clock.now() + _GROUND_S
@@ -307,7 +307,7 @@ def fly_on(vehicle: Connected, site: Site, unfinished: "Unfinished", orders: Ord
         vehicle: connected, in the air.
         site: the scenario on its ground.
         unfinished: what is left.
-        orders: what the user wants, and who is told.
+        orders: the user's orders, and the receiver of messages.
 
     Raises:
         FlightFailedError: as ``fly``; also when there is no checked way on from where the vehicle is, which then holds there.
@@ -327,13 +327,13 @@ def fly_on(vehicle: Connected, site: Site, unfinished: "Unfinished", orders: Ord
 def fly_from_the_air(
     vehicle: Connected, site: Site, route: Route, orders: Orders, *, up_since_s: float | None
 ) -> FlightOutcome:
-    """Take over a vehicle in the air, and fly a whole route from where it is, along checked legs, and home.
+    """Take over a vehicle in the air, and fly a whole route and home along checked legs.
 
     Args:
         vehicle: connected, in the air.
         site: the scenario on its ground.
         route: the planned route, such as the one that closes the gaps of the flight that the vehicle is still on.
-        orders: what the user wants, and who is told.
+        orders: the user's orders, and the receiver of messages.
         up_since_s: vehicle time at which it took off, which its endurance has to bear; none: since it was switched on.
 
     Raises:
@@ -375,7 +375,7 @@ def _sent_onward(
 def _held_onward(
     vehicle: Connected, site: Site, unfinished: "Unfinished", *, lat_deg: float, lon_deg: float, alt_amsl_m: float
 ) -> Continuation | None:
-    """How to go on with the mission that the vehicle holds; none when it holds another, or is not where it left the route."""
+    """The continuation of the mission on the vehicle; none for another mission, or away from the route."""
     number, planned_m = unfinished.broken.waypoint, unfinished.planned.route.waypoints_m
     if site.frame is None or number == 0:
         return None

@@ -1,7 +1,7 @@
-"""Whether what is known of a vehicle is newer than the last gap in what is heard of it.
+"""Whether knowledge of a vehicle is newer than the last gap in its messages.
 
 While nothing is heard, a failsafe, a pilot or another ground station can take the vehicle over. What arrives first after a gap
-may have waited in a buffer and be older than the gap. So the vehicle is asked for its time, with a number of our own (TIMESYNC):
+may have waited in a buffer and be older than the gap. So we request the vehicle's time, with a number of our own (TIMESYNC):
 only what arrives after the answer counts. Until mode, armed state, landed state and mission item are heard again, nothing is
 known, and nothing may be commanded.
 
@@ -35,7 +35,7 @@ _REMEMBERED = 500
 
 
 class Evidence:
-    """Asks for fresh evidence after each gap, and says whether it is there.
+    """Request fresh evidence after each gap, and report its arrival.
 
     A gap is a silence of the vehicle, or a pause of this process: both show as time between two messages.
 
@@ -63,12 +63,12 @@ class Evidence:
 
     @property
     def unknown_s(self) -> float:
-        """For how long the vehicle has been heard, and what it does has not been known; 0 while nothing is heard."""
+        """Time for which the vehicle was heard while its state was unknown; 0 while no message comes."""
         return 0.0 if self._unknown_since_s is None else self._client.clock.now() - self._unknown_since_s
 
     @property
     def missing(self) -> str:
-        """What has to be heard before the vehicle's state is known."""
+        """Messages that must arrive before the vehicle's state is known."""
         if self._client.heartbeat_age_s > _OLD_BEAT_S:
             return "a heartbeat"
         if self._behind:
@@ -125,7 +125,7 @@ class Evidence:
         self._client.send(m.TimeSync(answered_ns=0, asked_ns=number))
 
     def _take_answers(self) -> list[tuple[float, float]]:
-        """The answers to questions of ours since the last look: when each arrived, and when it was asked for."""
+        """The answers to questions of ours since the last look: when each arrived, and when it was requested."""
         answers = []
         while self._monitor.time_answers:
             arrived_s, answer = self._monitor.time_answers.popleft()

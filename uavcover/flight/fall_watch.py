@@ -1,4 +1,4 @@
-"""Whether a vehicle falls, has hit something, or lies on the ground although it is armed: by its motion, not by its word.
+"""Detect by motion alone that an armed vehicle falls, has hit something, or lies on the ground.
 
 A motor that fails, a propeller that is lost or a hillside ends a flight while the autopilot still reports that it flies.
 """
@@ -30,7 +30,7 @@ class FallWatch:
 
     Args:
         session: with the vehicle.
-        plan: what it flies; None on its way home.
+        plan: what it flies; None on its return.
     """
 
     def __init__(self, session: Session, plan: FlightPlan | None) -> None:
@@ -107,7 +107,7 @@ class FallWatch:
             self._crashed("is expected in the air and lies")
 
     def _may_stand(self) -> bool:
-        """Whether the vehicle may be on the ground: it lands, or says that it has landed, or what it flies is unknown."""
+        """Whether the vehicle may be on the ground: it lands, reports a landing, or its mode is unknown."""
         monitor, plan = self._session.monitor, self._plan
         if plan is None or monitor.ground.says_landed or not self._session.on_mission:
             return True

@@ -68,8 +68,8 @@ class FlightLog:
     Args:
         run: where to.
         overwrite: whether a track that is there may be replaced.
-        user: where events are told.
-        bar: shows the waypoints, and what the vehicle does.
+        user: receives events.
+        bar: shows the waypoints, and the vehicle's action.
         route: the planned one.
         site: the scenario on its ground.
         reserve: room that is kept free for the record until the flight is over.
@@ -165,7 +165,7 @@ class FlightLog:
         self._line_at = (now, flown_s)
         try:
             self._bar.status(self._line.text(sample), at_s=flown_s)
-        except Exception:  # whatever it is: the flight goes on without the line
+        except Exception:  # any error: the flight goes on without the line
             _log.exception("the line of the flight ended")
             self._line_at = (math.inf, math.inf)
 
@@ -280,7 +280,7 @@ class LiveLine:
         # Item and mode tell that the last waypoint is behind: in another mode no planned waypoint is flown to.
         between = sample.current_waypoint < 0 and mode is Mode.MISSION
         homeward = between and self._waypoint == self._count - 1
-        elsewhere = between and 0 < self._waypoint < self._count - 1  # as on the way home after a stop
+        elsewhere = between and 0 < self._waypoint < self._count - 1  # as on the return after a stop
         parts = [
             f"mode {client.vehicle.custom_mode}" if mode is None else mode.value,
             "homeward" if homeward else "off the plan" if elsewhere else f"waypoint {self._waypoint} of {self._count}",
@@ -305,7 +305,7 @@ class LiveLine:
 
 
 class _TimeLeft:
-    """How long a flight takes from a position, at the planned pace: the route from the waypoint it heads for, then home."""
+    """Remaining time of a flight from a position, at the planned pace: the route, then home."""
 
     def __init__(self, site: Site, waypoints_m: FloatArray, vehicle: Connected) -> None:
         assert site.home_m is not None

@@ -1,4 +1,4 @@
-"""What a flight must know of its plan, and its timeouts."""
+"""Plan data for a flight, and its timeouts."""
 
 import math
 from collections.abc import Callable
@@ -21,7 +21,7 @@ _PLACES = (Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND, Command.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanNeeds:
-    """What a plan assumes of the vehicle's settings.
+    """Assumptions of a plan about the vehicle's settings.
 
     Attributes:
         pace: its speeds and acceleration.
@@ -101,7 +101,7 @@ class FlightPlan:
     returns: OwnReturns | None = None
 
     def way_home(self, mission: Mission, *, home_up_m: float) -> "FlightPlan":
-        """The plan of a way home that the vehicle holds now, without planned waypoints.
+        """The plan of a return that the vehicle holds now, without planned waypoints.
 
         Args:
             mission: as it was sent.
@@ -124,13 +124,13 @@ class FlightPlan:
         return self.first_waypoint_item + self.items_per_waypoint * self.waypoint_count
 
     def waypoints_m(self) -> FloatArray:
-        """(n, 3) ENU, the planned waypoints, as their items say."""
+        """(n, 3) ENU, the planned waypoints, from their items."""
         planned = slice(self.first_waypoint_item, self._end_item, self.items_per_waypoint)
         places = [self.place_m(item) for item in self.mission.items[planned]]
         return np.array(places, dtype=float).reshape(-1, 3)
 
     def legs_m(self) -> dict[int, FloatArray]:
-        """The leg that leads to each item, by its index: (2, 3) ENU; none for the first place and for commands."""
+        """The leg to each item, by its index: (2, 3) ENU; none for the first position and for commands."""
         legs: dict[int, FloatArray] = {}
         before: FloatArray | None = None
         for index, item in enumerate(self.mission.items):
@@ -153,7 +153,7 @@ class FlightPlan:
         return seq - (1 if autopilot.home_in_item_0 else 0)
 
     def waypoint_of(self, seq: int, autopilot: Autopilot) -> int:
-        """Number of the planned waypoint that item ``seq`` on the wire is, or that its command belongs to; -1 for other items."""
+        """Number of the planned waypoint of wire item ``seq``, or of its command; -1 for other items."""
         number = (self.index_of(seq, autopilot) - self.first_waypoint_item) // self.items_per_waypoint
         return number if 0 <= number < self.waypoint_count else -1
 
@@ -176,8 +176,8 @@ class FlightTimeouts:
         start_s: time from the start command to leaving the ground.
         halt_s: time to come to rest after a hold command.
         stuck_s: time without progress.
-        override_s: without moving in a mode that somebody else chose, after which following ends; by default it never does, and
-            the record goes on until the vehicle is on the ground.
+        override_s: without moving in a mode that a pilot or another station chose, after which
+            following ends; by default it never does, and the record goes on until the vehicle is on the ground.
         held_s: time of holding because of a breach, after which following ends and the vehicle is left holding.
         rate_s: window over which telemetry rates are measured.
         disarm_s: time from landing to disarming itself.

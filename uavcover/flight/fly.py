@@ -1,4 +1,4 @@
-"""Flies a mission: get ready, check, arm, start, follow, record, land; or return along checked legs when the user stops it."""
+"""Fly a mission: get ready, check, arm, start, follow, record, land; or return along checked legs."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -43,7 +43,7 @@ _AFTER_RESTART_S = 3.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Orders:
-    """What the user wants of a flight, and who receives its events.
+    """The user's orders for a flight, and the receiver of its events.
 
     Attributes:
         on_sample: called with every sample as it is recorded, also when the flight fails.
@@ -80,7 +80,7 @@ def fly(
         monitor: receives everything that the client receives.
         plan: the mission that the vehicle must hold, and what was planned with it.
         orders: what the user wants, and who receives the events.
-        plan_return: plans the checked way home after a stop.
+        plan_return: plans the checked return after a stop.
 
     Raises:
         FlightFailedError: the flight failed; the error says what happened and what the vehicle does now, and carries the
@@ -91,7 +91,7 @@ def fly(
 
 
 class FlightRun:
-    """What every flight needs from its start to its end, from the ground or from the air."""
+    """State that every flight needs from its start to its end, from the ground or from the air."""
 
     def __init__(self, client: VehicleClient, monitor: Monitor, orders: Orders) -> None:
         self.orders = orders
@@ -134,7 +134,7 @@ class FlightRun:
         if self.simulator is None and not self.orders.confirmed:
             raise FlightFaultError(
                 Ending.NOT_ARMED,
-                f"nothing proves that vehicle {vehicle.system_id} is simulated; say --yes to fly a real vehicle; not touched",
+                f"nothing proves that vehicle {vehicle.system_id} is simulated: add --yes to fly a real vehicle; not touched",
             )
         self.session.on_breach = self.precautions.on_breach
         self.session.photos_required = self.precautions.photos_required
@@ -158,7 +158,7 @@ class FlightRun:
             session.monitor.ground.know_ground(plan.ground_at, home_alt_amsl_m=plan.ground_alt_amsl_m)
 
         def waypoint_of(seq: int) -> int:
-            """No planned waypoint is flown to while somebody else has the vehicle, or made its mission."""
+            """No planned waypoint is flown to while a pilot or another station has the vehicle, or made its mission."""
             astray = session.watch.is_open(Ending.MISSION_CHANGED) or not session.on_mission
             return -1 if astray else plan.waypoint_of(seq, autopilot)
 
@@ -178,14 +178,14 @@ class FlightRun:
         """After the user's stop, a breach, or for the battery's sake: home along checked legs, or left holding.
 
         Raises:
-            FlightFaultError: it was a breach, or the way home failed.
+            FlightFaultError: it was a breach, or the return failed.
         """
         if self.progress is not None:
             self.progress.update()
         if not is_flying(self.session) and disarm_on_ground(self.session):
             return self.outcome(Ending.NOT_FLOWN)
         if self.recorder is not None:
-            self.recorder.waypoint_of = lambda _: -1  # the items of the way home are no planned waypoints
+            self.recorder.waypoint_of = lambda _: -1  # the items of the return are no planned waypoints
         try:
             landed = self._come_home(plan_return, 1 if cause is None else self.session.stop())
         except FlightFaultError as error:
@@ -245,7 +245,7 @@ class FlightRun:
             session.pump()
 
     def outcome(self, ending: Ending) -> FlightOutcome:
-        """How it ended."""
+        """The outcome for an ending."""
         session, recorder = self.session, self.recorder
         recorded = recorder is not None and recorder.count > 0
         return FlightOutcome(
@@ -260,7 +260,7 @@ class FlightRun:
         )
 
     def ended(self, work: Callable[[], FlightOutcome]) -> FlightOutcome:
-        """Do the work; whatever goes wrong gets the name of an ending.
+        """Do the work; every failure gets the name of an ending.
 
         Raises:
             FlightFailedError: it did not end as it should.
@@ -318,7 +318,7 @@ def _from_the_ground(flight: FlightRun, plan: FlightPlan, plan_return: PlanRetur
         except TakenOverError as error:
             if not session.client.vehicle.armed:
                 raise
-            session.tell(EventKind.WARNING, str(error), alarm=True)  # and follow it: somebody may fly it
+            session.tell(EventKind.WARNING, str(error), alarm=True)  # and follow it: a pilot may fly it
         follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)
     except Stopped as stop:
         return flight.home(plan_return, stop.cause)

@@ -20,7 +20,7 @@ from uavcover.model.outcome import Ending, EventKind, FlightFaultError, FlightOu
 
 @dataclass(frozen=True, slots=True)
 class Continuation:
-    """How a vehicle in the air continues.
+    """Continuation of a vehicle in the air.
 
     Attributes:
         plan: what it flies from here.
@@ -55,7 +55,7 @@ def fly_on(
         monitor: receives everything that the client receives.
         plan_continuation: plans the checked way on from where the vehicle holds.
         orders: what the user wants, and who receives the events.
-        plan_return: plans the checked way home after a stop.
+        plan_return: plans the checked return after a stop.
 
     Raises:
         FlightFailedError: as for ``fly``.
@@ -75,7 +75,9 @@ def _from_the_air(flight: FlightRun, plan_continuation: PlanContinuation, plan_r
         flight.touched = True
         here = session.monitor.latest(m.GlobalPositionInt)
         if here is None:
-            raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not tell where it is; it was left holding")
+            raise FlightFaultError(
+                Ending.POSITION_LOST, "the vehicle does not report its position; it was left holding"
+            )
         try:
             onward = plan_continuation(here.lat_deg, here.lon_deg, here.alt_amsl_m)
         except UavcoverError as error:

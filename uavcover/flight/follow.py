@@ -48,7 +48,7 @@ def follow_mission(
 
     Raises:
         FlightFaultError: it did not; the ending says why.
-        Stopped: the user asked to stop while the vehicle did what it was told, or it must go home before the end.
+        Stopped: the user asked to stop while the vehicle obeyed, or it must go home before the end.
     """
     schedule, photos = FlightSchedule(session, plan, progress), PhotoWatch(session, plan, progress)
     must_go_home = schedule.must_go_home if must_go_home is None else must_go_home
@@ -77,7 +77,7 @@ def follow_mission(
         if aloft and follower.is_ours:
             schedule.look()
         elif aloft:
-            session.watch.rest()  # what is measured against the plan is not told of a vehicle that something else has
+            session.watch.rest()  # no reports against the plan while a pilot or a failsafe has the vehicle
         follower.react()
         returns = (
             reaction(Ending.RESERVE_KEPT, follower.phase, simulated=session.simulated, chosen=None) is OnBreach.RETURN
@@ -101,17 +101,17 @@ def follow_mission(
 def follow_home(
     session: Session, *, stops_before: int, plan: FlightPlan | None = None, preconditions: Preconditions | None = None
 ) -> None:
-    """Listen until the vehicle has flown its way home, landed and disarmed.
+    """Listen until the vehicle has flown its return, landed and disarmed.
 
     Args:
         session: with the vehicle.
         stops_before: how many stops of the user are known already.
-        plan: of the way home, to be read back while it is flown; None reads nothing.
+        plan: of the return, to be read back while it is flown; None reads nothing.
         preconditions: what was checked before arming, to be watched on.
 
     Raises:
         FlightFaultError: it is gone, stuck, on the ground and does not disarm, or flew home with a change of another station.
-        Stopped: the user asked once more, or the way home has to be planned again: the cause says why.
+        Stopped: the user asked once more, or the return has to be planned again: the cause says why.
     """
     watch, known = session.watch, session.watch.open_kinds
     follower = Follower(
@@ -132,16 +132,16 @@ def follow_home(
 
     fallen = _follow_to_the_ground(session, follower, look)
     if fallen is not None:
-        raise FlightFaultError(Ending.CRASHED, f"{fallen} on its way home{session.recent_warnings}")
+        raise FlightFaultError(Ending.CRASHED, f"{fallen} on its return{session.recent_warnings}")
     if follower.cause is not None:
         raise FlightFaultError(
-            follower.cause, f"{follower.why}; it did not fly its way home to the end, and it landed and disarmed"
+            follower.cause, f"{follower.why}; it did not fly its return to the end, and it landed and disarmed"
         )
     if guard is not None:
         guard.look_once_more()
     for kind in _CHANGES:
         if watch.is_open(kind) and kind not in known:
-            raise FlightFaultError(kind, f"{watch.text_of(kind)}; on its way home it landed and disarmed")
+            raise FlightFaultError(kind, f"{watch.text_of(kind)}; on its return it landed and disarmed")
     session.tell(EventKind.STAGE, "disarmed")
 
 
@@ -219,7 +219,7 @@ def _judge(session: Session, plan: FlightPlan, progress: MissionProgress, follow
 
 
 def _fallen(session: Session, follower: Follower) -> str | None:
-    """How the vehicle, which is disarmed now, came down without motors; None when it has landed.
+    """The way in which the disarmed vehicle came down without motors; None when it has landed.
 
     It is listened to until it lies still.
     """
@@ -237,6 +237,6 @@ def _fallen(session: Session, follower: Follower) -> str | None:
 
 
 def longest_wait_s(plan: FlightPlan) -> float:
-    """Longest time that an item of the mission lets the vehicle stay in one place."""
+    """Longest time that an item of the mission lets the vehicle stay in one position."""
     waiting = (Command.NAV_WAYPOINT, Command.NAV_DELAY, Command.NAV_LOITER_TIME)
     return max((i.params[0] for i in plan.mission.items if i.command in waiting and i.params[0] > 0.0), default=0.0)

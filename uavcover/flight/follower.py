@@ -1,4 +1,4 @@
-"""Follows whatever a vehicle flies: its mode, pauses, stops, breaches and holds, and the landing.
+"""Follow a flying vehicle: its mode, pauses, stops, breaches and holds, and the landing.
 
 Nothing is commanded before current evidence shows that the vehicle does what was commanded last.
 """
@@ -29,7 +29,7 @@ _MOST_HOLDS = 3
 
 
 class Follower:
-    """What following checks all the time, whatever is flown.
+    """Checks that run all the time in every phase of a flight.
 
     Nothing is commanded before current evidence shows that the vehicle does what we commanded last.
 
@@ -38,7 +38,7 @@ class Follower:
         stuck_s: time without progress in its mission.
         stops_before: how many stops of the user are known already.
         pause: whether the vehicle is to wait now.
-        progress: along the planned waypoints; None on the way home.
+        progress: along the planned waypoints; None on the return.
         ours: the modes that were commanded where nothing is flown by it.
 
     Attributes:
@@ -66,7 +66,7 @@ class Follower:
         self._hold: HoldWatch | None = None
         self._lands_for: Ending | None = None
         self._holds_for: dict[Ending, int] = {}
-        # What goes wrong since before the way home was planned was acted on by that.
+        # What goes wrong since before the return was planned was acted on by that.
         self._acted_on: set[Ending] = set() if progress is not None else set(session.watch.open_kinds)
         self._upside_down = False
         self._declined: bool | None = None
@@ -110,12 +110,12 @@ class Follower:
 
     @property
     def cause(self) -> Ending | None:
-        """Why something else, a pilot or a failsafe, has the vehicle; None when nothing has."""
+        """Cause for which a pilot or a failsafe has the vehicle; None when nothing has."""
         return self._override.cause
 
     @property
     def why(self) -> str:
-        """What was told of the cause."""
+        """The reported text of the cause."""
         return self._override.text
 
     @property
@@ -181,7 +181,7 @@ class Follower:
             self._raise_stuck()
 
     def react(self) -> None:
-        """Do what the policy says about what goes wrong, once for each breach; nothing while something else has the vehicle.
+        """React to each breach once, by the policy; nothing while a pilot or another station has the vehicle.
 
         Raises:
             Stopped: the vehicle is to return.
@@ -209,7 +209,7 @@ class Follower:
                 return
 
     def _look_at_mode(self) -> None:
-        """Look whether the vehicle is in the mode that we commanded, and whether it has just come back to its mission."""
+        """Check the commanded mode, and whether the vehicle has just come back to its mission."""
         session, progress = self._session, self._progress
         self._override.update(self._commanded)
         changes, self._mode_changes = self._mode_changes, session.monitor.mode_changes
@@ -241,10 +241,10 @@ class Follower:
         self._upside_down = not self._pause()
         then = "flies home: p continues, Ctrl-C flies it home now"
         if self._progress is None:
-            then = "the way home is planned again: Ctrl-C leaves it holding"
+            then = "the return is planned again: Ctrl-C leaves it holding"
         session.tell(
             EventKind.STOP,
-            f"the vehicle therefore holds its place in {session.mode_name} for at most {session.timeouts.held_s:g} s, then "
+            f"the vehicle therefore holds its position in {session.mode_name} for at most {session.timeouts.held_s:g} s, then "
             f"{then}",
         )
 
@@ -255,7 +255,7 @@ class Follower:
             session.tell(EventKind.STOP, "the vehicle therefore lands where it is")
 
     def _obeys(self, mode: Mode, what: str) -> bool:
-        """Change a vehicle in its mission to a mode; one that refuses or does not answer is reported, and followed on."""
+        """Change a vehicle in its mission to a mode; report a refusal or silence, and follow on."""
         session = self._session
         try:
             session.steer(lambda: set_mode(session, mode), while_in=[Mode.MISSION, mode])
@@ -277,7 +277,7 @@ class Follower:
         if state is HoldState.OVERDUE and hold.purpose is not None:
             session.tell(
                 EventKind.STOP,
-                f"the vehicle has held its place for {session.timeouts.held_s:g} s, and nothing continued it",
+                f"the vehicle has held its position for {session.timeouts.held_s:g} s, and nothing continued it",
             )
             raise Stopped(hold.purpose)
         if state is HoldState.OVER:
@@ -359,7 +359,7 @@ class Follower:
                 return
             self._declined = None
             self._hold = HoldWatch(session, None, may_go_on=False)
-            session.tell(EventKind.STOP, f"paused: the vehicle holds its place in {session.mode_name}")
+            session.tell(EventKind.STOP, f"paused: the vehicle holds its position in {session.mode_name}")
             return
         problem = None if self._progress is None else self._progress.line_problem()
         if problem is not None:

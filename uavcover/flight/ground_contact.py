@@ -1,4 +1,4 @@
-"""Whether the vehicle stands on the ground, and whether it fell: from its landed state, its height and its motion together.
+"""Whether the vehicle stands on the ground or fell: from its landed state, height and motion together.
 
 The landed state alone proves nothing: ArduCopter reports ON_GROUND as soon as it is disarmed, even in the air, while it falls.
 """
@@ -128,7 +128,7 @@ class GroundContact:
         """Whether it stands on the ground at ``now_s``.
 
         True only when its word, its height and its motion have agreed for a while; False when it says that it flies, or moves as
-        on the ground nobody does; None when it does not say, or when its word, alone, is not borne out: by a height of more
+        no vehicle on the ground does; None when it does not say, or when its word, alone, is not borne out: by a height of more
         than a few metres above the ground (above home, where the ground is not known), or for want of positions.
         """
         if self._said is not True:
@@ -166,7 +166,7 @@ class GroundContact:
         return len(recent) > 1 and self._is_still(recent)
 
     def _since(self, now_s: float | None, window_s: float) -> list[_Place]:
-        """What was told in the last while, at least the latest two; nothing when that is old."""
+        """The latest reports, at least two; nothing when they are old."""
         if now_s is None or not self._places or now_s - self._places[-1].time_s > _OLD_S:
             return []
         recent = [p for p in self._places if p.time_s >= now_s - window_s]
@@ -179,7 +179,7 @@ class GroundContact:
 
 
 def _begin_of_fall(places: list[_Place], latest: int) -> _Place:
-    """Where the fall began that came to the largest sink rate of the ``latest`` places: nothing in flight gains speed so fast."""
+    """Start of the fall that led to the largest sink rate of the ``latest`` positions."""
     number = max(range(len(places) - latest, len(places)), key=lambda index: places[index].sink_m_s)
     while number > 0:
         before, here = places[number - 1], places[number]

@@ -1,4 +1,4 @@
-"""Judges a hold while it lasts: its purpose, when the mission may go on, whether the place is held, and when it must end."""
+"""Judge a hold while it lasts: its purpose, its position, when the mission may go on, when it must end."""
 
 import math
 from enum import Enum
@@ -14,16 +14,16 @@ _CALM_S = 5.0
 _TRANSIENT = frozenset(
     {Ending.BAND_LEFT, Ending.FENCE_BREACHED, Ending.OFF_ROUTE, Ending.WIND_ABOVE_LIMITS, Ending.GROUND_UNKNOWN}
 )
-"""Breaches that can end by themselves. A mission that somebody changed does not change back."""
+"""Breaches that can end by themselves. A changed mission does not change back."""
 
 
 class HoldState(Enum):
-    """What a hold has come to."""
+    """State of a hold."""
 
     HOLDS = "the hold goes on"
     OVER = "what it was for is over: the mission may go on"
     OVERDUE = "its time is up"
-    LOST = "the vehicle does not hold its place"
+    LOST = "the vehicle does not hold its position"
 
 
 class HoldWatch:
@@ -45,7 +45,7 @@ class HoldWatch:
         self._place: m.GlobalPositionInt | None = None
 
     def begin_again(self) -> None:
-        """Hold where the vehicle comes to rest from now on: a pilot may have flown it elsewhere and given it back."""
+        """Hold at the next position of rest: a pilot may have moved the vehicle and given it back."""
         self._place = None
         self._rest.restart()
 
@@ -65,7 +65,7 @@ class HoldWatch:
 
     @property
     def drift_m(self) -> float:
-        """Distance from the place that is held; 0 before the vehicle has come to rest."""
+        """Distance from the held position; 0 before the vehicle has come to rest."""
         here = self._session.monitor.latest(m.GlobalPositionInt)
         if here is None or self._place is None:
             return 0.0
@@ -82,7 +82,7 @@ class HoldWatch:
         drift_m = self.drift_m
         watch.measure(
             Ending.HOLD_LOST, drift_m if drift_m > _DRIFT_M else None,
-            f"the vehicle does not hold its place: it is {drift_m:.0f} m away from it",
-            "the vehicle is back at the place that it holds",
+            f"the vehicle does not hold its position: it is {drift_m:.0f} m away from it",
+            "the vehicle is back at its hold position",
         )  # fmt: skip
         return drift_m > _DRIFT_M

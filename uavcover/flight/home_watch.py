@@ -1,4 +1,4 @@
-"""Watches home and the origin of the position filter in flight, and says what comes of a move, in metres.
+"""Watch home and the origin of the position filter in flight, and report the consequence of a move.
 
 Heights of a mission are above home. ArduPilot lays a leg out when it begins, so that a new home counts from the next item on; PX4
 moves the leg that is being flown.
@@ -48,7 +48,7 @@ class HomeWatch:
         self.moved_up_m = 0.0
 
     def look(self) -> None:
-        """Compare the latest of both, and tell a move."""
+        """Compare the latest of both, and report a move."""
         if not self._begun:  # both autopilots set home anew at arming or take-off: wait for one that is fresh
             self._begun = True
             self._session.monitor.forget(m.HomePosition)
@@ -92,16 +92,16 @@ class HomeWatch:
         if abs(up) > HOME_SLACK_M:
             text += f": {self._lowered_by(home.alt_amsl_m - self._plan.home.alt_amsl_m)}"
         if aside_m > _ASIDE_M:
-            text += "; a return of the autopilot's own ends at the new home, by a way that was not checked"
+            text += "; a return of the autopilot's own ends at the new home, along an unchecked path"
         if self._plan.is_way_home and abs(up) <= HOME_SLACK_M:  # its items stand where they stood
-            self._session.tell(EventKind.WARNING, f"{text}; our way home does not depend on it", alarm=True)
+            self._session.tell(EventKind.WARNING, f"{text}; our return does not depend on it", alarm=True)
             return None, ""
         return math.hypot(aside_m, up), text
 
     def _lowered_by(self, off_m: float) -> str:
-        """What comes of heights above home that begin elsewhere."""
+        """Consequence for heights above home of another home altitude."""
         since = "at once" if self._px4 else "from the next item on"
-        side, flown = "higher" if off_m > 0.0 else "lower", "way home" if self._plan.is_way_home else "mission"
+        side, flown = "higher" if off_m > 0.0 else "lower", "return" if self._plan.is_way_home else "mission"
         text = f"{since} the rest of the {flown} is flown {abs(off_m):.1f} m {side} than planned"
         heights_m, volume = self._rest_agl_m(), self._plan.volume
         if volume is None or not len(heights_m):
@@ -130,7 +130,7 @@ class HomeWatch:
 
 
 def rest_of_legs(plan: FlightPlan, session: Session) -> list[FloatArray]:
-    """(2, 3) ENU each, the legs between waypoints from the one that is flown on; transits only where nothing else is left."""
+    """(2, 3) ENU each, the legs between waypoints from the current one on; transits only where none is left."""
     current = plan.index_of(session.monitor.current_seq, session.autopilot)
     legs = {
         index: leg
@@ -147,7 +147,7 @@ def _point(message: m.HomePosition | m.GpsGlobalOrigin) -> GeoPoint:
 
 
 def _offset_m(of: GeoPoint, place: GeoPoint) -> tuple[float, float, float]:
-    """East, north and up from one place to another."""
+    """East, north and up from one position to another."""
     frame = LocalFrame(of.lat_deg, of.lon_deg, of.alt_amsl_m)
     east, north, up = frame.enu_from_geodetic(place.lat_deg, place.lon_deg, place.alt_amsl_m)[0].tolist()
     return east, north, up

@@ -1,4 +1,4 @@
-"""Compares what the plan assumes with the vehicle's settings, and tells what prevents arming.
+"""Compare the plan's assumptions with the vehicle's settings, and find those that prevent arming.
 
 Settings that would interrupt the flight, drain the battery or spoil what is seen prevent arming. Others are warnings: the mission
 itself does not need them. Which parameter is which stands in data, see :mod:`uavcover.flight.parameter_rules`.
@@ -59,7 +59,7 @@ def limit_table(
 
 
 def plan_facts(plan: FlightPlan, *, px4: bool) -> dict[str, float]:
-    """What the plan counts on, for the rules: see ``parameter_rules.FACTS``."""
+    """Assumptions of the plan, for the rules: see ``parameter_rules.FACTS``."""
     needs, items = plan.needs, plan.mission.items
     commands = {item.command for item in items}
     distance_m = max((i.params[0] for i in items if i.command == Command.DO_SET_CAM_TRIGG_DIST), default=0.0)
@@ -184,7 +184,7 @@ def _slower(own: Mapping[str, float], pace: Pace) -> str:
 
 
 def _home(plan: FlightPlan, alt_amsl_m: float) -> Limit:
-    """Heights in the mission are above home: where home is in height, the whole route goes with it."""
+    """Heights in the mission are above home: an error in the altitude of home moves the whole route."""
     planned_m, around = plan.home.alt_amsl_m, plan.volume
     off_m = alt_amsl_m - planned_m
     weight, matters = Weight.NONE, "heights of the mission are above it"

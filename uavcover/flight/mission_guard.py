@@ -27,7 +27,7 @@ _LOOK_S = 0.1
 
 
 class ListReading:
-    """Compares one of the vehicle's lists with what it is to be at each sign of a change, and now and then.
+    """Compare a list of the vehicle with the expected one at each sign of a change, and periodically.
 
     Positions that arrive meanwhile are recorded as ever, and what has to be looked at all the time is looked at. The user's
     stop or pause ends a reading at once. One that fails is tried again, later each time.
@@ -74,7 +74,7 @@ class ListReading:
         return now >= self._not_before_s and (self.asked or (self._every.over and now >= self._rest_until_s))
 
     def difference(self) -> str | None:
-        """The largest difference from what it is to hold; None when there is none, or when it could not be read.
+        """The largest difference from the expected list; None without one, or when reading failed.
 
         Raises:
             FlightFaultError: the vehicle is gone, or it restarted.
@@ -127,7 +127,7 @@ class ListReading:
         return {MissionType.FENCE: "fence", MissionType.RALLY: "list of rally points"}.get(self._type, "mission")
 
     def _note_failure(self, why: str) -> None:
-        """Try again later; told the first time."""
+        """Try again later; report the first failure."""
         if not self._failures:
             self._session.tell(
                 EventKind.WARNING, f"the {self._name} could not be read back in flight: {why}; tried again"
@@ -148,8 +148,8 @@ class ModeOverride:
         session: with the vehicle.
 
     Attributes:
-        cause: why; None while the vehicle is in the commanded mode, or has only just left it.
-        text: what was told of it.
+        cause: the reason; None while the vehicle is in the commanded mode, or has only just left it.
+        text: its reported text.
     """
 
     def __init__(self, session: Session) -> None:
@@ -206,7 +206,7 @@ class MissionGuard:
     """Detects that another ground station changed the mission or its current item, and that the vehicle leaves its route.
 
     The mission is read back and compared every minute, and at each sign of a change: the vehicle's word for it, another mission
-    id or number of items, an upload that somebody else was thanked for, waypoints that are left out, going back. So it is far
+    id or number of items, an upload that another station was thanked for, waypoints that are left out, going back. So it is far
     off the planned leg, which else is the wind's doing when the vehicle leans hard against it.
 
     Args:
@@ -256,12 +256,12 @@ class MissionGuard:
             self._total = current.total
         if current.total != self._total:
             self._changed(
-                f"the vehicle holds {current.total} items instead of {self._total}: somebody else changed the mission"
+                f"the vehicle holds {current.total} items instead of {self._total}: another station changed the mission"
             )
             self._reading.ask()
 
     def _look_for_words(self) -> None:
-        """What says that the mission was changed, and not how."""
+        """Look for texts that report a changed mission without its content."""
         current, words = self._session.monitor.latest(m.MissionCurrent), self._session.watch.mission_words
         mission_id = 0 if current is None else current.mission_id
         uploads = self._session.monitor.uploads_taken
@@ -278,7 +278,7 @@ class MissionGuard:
             self._doubt = Timer(self._session, _DOUBT_S)
         elif self._doubt.over:
             self._doubt = None
-            self._changed(f"{sign}: somebody else set the item that is flown, or changed the mission")
+            self._changed(f"{sign}: another station set the item that is flown, or changed the mission")
             self._reading.ask()
 
     def _wrong_item(self) -> str | None:
@@ -325,7 +325,7 @@ class MissionGuard:
             return
         sign = self._wrong_item()
         if sign is not None:
-            self._changed(f"{text}: {sign}: somebody else set the item that is flown, or changed the mission")
+            self._changed(f"{text}: {sign}: another station set the item that is flown, or changed the mission")
             self._reading.ask()
             return
         self._read_back(text)
@@ -346,7 +346,7 @@ class MissionGuard:
             watch.open(Ending.OFF_ROUTE, f"{text}{_WHY[Ending.OFF_ROUTE]}", off_m)
 
     def _lean_toward_leg_deg(self) -> float:
-        """How far it leans toward its leg and comes no nearer: what its controller does against a wind that pushes it away."""
+        """Lean toward its leg without progress: the reaction of its controller to a wind that pushes it away."""
         attitude, toward = self._session.monitor.latest(m.Attitude), self._progress.off_leg_toward_m
         if attitude is None or toward is None:
             return 0.0
@@ -366,7 +366,7 @@ class MissionGuard:
         self._session.watch.open(Ending.MISSION_CHANGED, text)
 
     def _read_back(self, sign: str = "") -> None:
-        """Read the mission, and tell how it differs from the planned one, once for each difference."""
+        """Read the mission, and report each difference from the planned one once."""
         difference, watch = self._reading.difference(), self._session.watch
         if difference is not None and difference != self._found:
             self._found = difference
@@ -374,7 +374,7 @@ class MissionGuard:
                 self._session.tell(EventKind.WARNING, f"of its mission {difference}", alarm=True)
             else:
                 place = f"{sign}: " if sign else ""
-                self._changed(f"{place}somebody else changed the mission in flight: {difference}")
+                self._changed(f"{place}another station changed the mission in flight: {difference}")
 
 
 _BAND_SLACK_M = 2.0

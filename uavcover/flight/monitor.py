@@ -1,4 +1,4 @@
-"""What the vehicle has reported so far, and its clock.
+"""The vehicle's reports so far, and its clock.
 
 The monitor hears every message, whichever call waited for it. It joins status texts that arrive in pieces of 50 characters, and
 derives vehicle time from the time stamps of the messages: a single wrong stamp is rejected, several that agree are believed.
@@ -47,7 +47,7 @@ class TextAssembler:
 
 
 def _tidy(line: StatusText) -> StatusText:
-    """Without the tab by which PX4 marks a line that it tells as an event too."""
+    """Remove the tab by which PX4 marks a line that is also an event."""
     return StatusText(line.severity, line.text.strip())
 
 
@@ -60,7 +60,7 @@ _LONGEST_STEP_S = 4.0
 _FASTEST = 100.0
 """Vehicle seconds per second of the link's clock, at most."""
 _AGREE, _AGREE_RARE = 3, 5
-"""So many stamps in a row that fit each other are believed although they do not fit what was before; more where they are rare."""
+"""Consecutive stamps that agree with each other and replace the earlier clock; more where messages are rare."""
 
 
 class VehicleClock:
@@ -87,7 +87,7 @@ class VehicleClock:
 
     @property
     def doubted(self) -> int:
-        """How many stamps in a row wait for others that agree with them."""
+        """Number of consecutive stamps that wait for others that agree with them."""
         return len(self._doubted)
 
     def take(self, stamp_s: float, now: float) -> bool:
@@ -118,7 +118,7 @@ class VehicleClock:
         return True
 
     def _agrees(self, stamp_s: float, now: float) -> bool:
-        """Whether a stamp fits the doubted ones: close to the last, or, where messages are rare, as far on as that was."""
+        """Whether a stamp fits the doubted ones: close to the last, or as far on for rare messages."""
         before_s, then = self._doubted[-1]
         gap_s = stamp_s - before_s
         if abs(gap_s) <= _STEP_S:
@@ -135,7 +135,7 @@ _GAP_S = 2.0
 """Time without any message of the vehicle, on the link's clock, after which what it does now is not known any more."""
 _MAX_TERRAIN_ASKED = 10_000
 _DOUBT_S = 1.0
-"""So long positions whose stamps are doubted count as coming; on the link's clock."""
+"""Time on the link's clock for which positions with doubted stamps count as arriving."""
 
 
 class Monitor:
@@ -145,7 +145,7 @@ class Monitor:
 
     Attributes:
         on_position: called with each position of the vehicle.
-        texts: lines for the pilot that nobody has taken yet.
+        texts: lines for the pilot that no caller has taken yet.
         events: PX4's events that nothing has taken yet.
         other_texts: lines of other components of its system, each with the component's number.
         ground: what tells whether it stands on the ground.
@@ -159,7 +159,7 @@ class Monitor:
         time_answers: its latest answers to questions for its time, each with its time of arrival on the link's clock.
         counts: how many messages of each kind arrived.
         reached: the highest mission item that the vehicle said it reached.
-        uploads_taken: how often it thanked somebody for a mission, us or another ground station.
+        uploads_taken: number of uploads that it acknowledged, ours or another ground station's.
         lists_taken: the same for fences and rally points, by MAV_MISSION_TYPE.
         parameters: the latest PARAM_VALUE of each parameter.
         photos_taken: the number of photos by the autopilot's own count, of which no message can be lost; None while it reported
@@ -200,7 +200,7 @@ class Monitor:
     def listen_to(self, vehicle: Address) -> None:
         """Look only at this autopilot from here on, and forget what was heard of another one.
 
-        Other components of its system (a companion computer, a gimbal) do not speak for the vehicle, whatever they say.
+        Other components of its system (a companion computer, a gimbal) do not speak for the vehicle.
         """
         if self._vehicle != vehicle:
             self._latest.clear()
@@ -242,11 +242,11 @@ class Monitor:
         return self._arrived_at_s.get(kind, -math.inf)
 
     def has_gap(self, now: float) -> bool:
-        """Whether, at ``now`` on the link's clock, nothing has been heard for so long that the vehicle may do anything."""
+        """Whether the silence at ``now`` on the link's clock is a gap, after which the vehicle's state is unknown."""
         return now - self.heard_at_s > _GAP_S
 
     def silence_s(self, now: float) -> float:
-        """How long nothing of the vehicle arrived, at ``now`` on the link's clock."""
+        """Time since the vehicle's last message, at ``now`` on the link's clock."""
         return now - self.heard_at_s
 
     @property
@@ -257,7 +257,7 @@ class Monitor:
 
     @property
     def mission_complete(self) -> bool:
-        """Whether the vehicle says that its mission is done."""
+        """Whether the vehicle reports that its mission is complete."""
         current = self.latest(m.MissionCurrent)
         return current is not None and current.state == MissionState.COMPLETE
 
@@ -352,7 +352,7 @@ class Monitor:
             self.position_at_s = now
 
     def _take_other(self, received: m.Received) -> None:
-        """What another component of the vehicle's system says is shown to the pilot, and decides nothing."""
+        """Show messages of other components of the vehicle's system to the pilot; they decide nothing."""
         said = received.message
         if isinstance(said, m.StatusText):
             assembler = self._other_assemblers.setdefault(received.component_id, TextAssembler())

@@ -1,4 +1,4 @@
-"""Where the vehicles are that a command speaks to: as it is told, or as their scenario says."""
+"""Addresses of the vehicles of a command: from its options, or from the vehicles' scenario."""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -37,7 +37,7 @@ def given_places(urls: Sequence[str] | None, systems: Sequence[int] | None) -> l
         )
     if systems and not urls:
         if len(systems) > 1:
-            raise InputError("--system: says which vehicles are on one link; give that link with --to")
+            raise InputError("--system: selects vehicles on one link: give that link with --to")
         return []
     count = max(len(urls), len(systems))
     all_urls = [*urls] if len(urls) == count else [*urls] * count
@@ -48,10 +48,10 @@ def given_places(urls: Sequence[str] | None, systems: Sequence[int] | None) -> l
 
 
 def require_different(places: Sequence[VehiclePlace]) -> None:
-    """Refuse two vehicles at one place; each ``mock:`` is a vehicle of its own.
+    """Refuse two vehicles at one address; each ``mock:`` is a vehicle of its own.
 
     Raises:
-        InputError: two are at the same place, or on one link and not told apart.
+        InputError: two have the same address, or share one link and one system id.
     """
     for number, (url, system_id) in enumerate(places):
         on_it = [] if url.startswith("mock:") else [place for place in places[:number] if place.url == url]
@@ -64,7 +64,7 @@ def require_different(places: Sequence[VehiclePlace]) -> None:
 
 
 def links_of_run(run: RunFolder, given: Sequence[VehiclePlace], *, sortie: int | None) -> list[VehiclePlace]:
-    """The places that were given, or those that the scenario of a run names.
+    """The given addresses, or those that the scenario of a run names.
 
     Args:
         run: with a plan.
@@ -91,7 +91,7 @@ def links_of_scenario(source: str, given: Sequence[VehiclePlace], *, sortie: int
     """The same for a scenario that is not planned yet, a file or a bundled one.
 
     Raises:
-        InputError: likewise, or their number is not that of the vehicles.
+        InputError: the same, or their number is not that of the vehicles.
     """
     scenario = load_scenario(source)
     if not given:

@@ -32,7 +32,7 @@ def tell_returns_by(session: Session, returns: OwnReturns, parameters: Mapping[s
 
 
 def return_warnings(advice: ReturnAdvice) -> list[str]:
-    """What is unsafe, one line for each interval, then the remedy."""
+    """Unsafe returns, one line for each interval, then the remedy."""
     found = [f"the vehicle's own return is not safe {words}" for words in advice.sentences[:_MOST_SAID]]
     if len(advice.sentences) > _MOST_SAID:
         found.append(f"{len(advice.sentences) - _MOST_SAID} more parts of the flight have an unsafe return")

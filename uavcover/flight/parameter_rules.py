@@ -1,4 +1,4 @@
-"""The parameters of an autopilot that change what our commands or missions do, and what each has to be, read from data.
+"""Autopilot parameters that change our commands or missions, with their required values, read from data.
 
 ``uavcover/data/parameters_*.toml`` has a row for each parameter, with the reason of the decision. A rule compares the vehicle's
 value with numbers or with facts of the plan; the first case that fits says how much it matters that the rule is broken.
@@ -34,7 +34,7 @@ _ROUNDING = 0.01
 
 
 class Weight(Enum):
-    """How serious a difference is."""
+    """Severity of a difference."""
 
     NONE = "none"
     NOTE = "note"
@@ -112,7 +112,7 @@ class RuleCondition:
         return [(facts[name] if name else 0.0) + number for name, number in self.operands]
 
     def holds(self, value: float, facts: Facts) -> bool | None:
-        """Whether it is so; None when the plan does not say what it is compared with."""
+        """Whether it holds; None when the plan lacks a compared value."""
         numbers = self.numbers(facts)
         return None if numbers is None else _OPERATORS[self.operator](value, numbers)
 
@@ -139,7 +139,7 @@ _OPERATORS: Final[Mapping[str, Callable[[float, Sequence[float]], bool]]] = Mapp
 
 @dataclass(frozen=True, slots=True)
 class RuleCase:
-    """How much it matters that a rule is broken, under conditions.
+    """Weight of a broken rule, under conditions.
 
     Attributes:
         weight: how much.
@@ -183,7 +183,7 @@ class ParameterRow:
         planned: the fact in the table's column; empty for none, and for the rule's own.
         default: what counts where the vehicle does not say.
         shown: whether the table before arming has it even when it is as planned.
-        returns: whether it changes the autopilot's own way home.
+        returns: whether it changes the autopilot's own return.
         other_version: whether the autopilot's current version does not have it.
         applies: what has to be so for the rule to count.
         moot: what the table says when it does not count; empty is not to have the row.
@@ -253,10 +253,10 @@ def _judged(row: ParameterRow, name: str, per_unit: float, subjects: Facts, fact
     planned = facts.get(row.planned or (row.rule.operands[0][0] if row.rule is not None else ""))
 
     def limit(weight: Weight, matters: str, wanted: float | None = None) -> Limit:
-        told = None if planned is None else round(planned, 2)
+        planned_value = None if planned is None else round(planned, 2)
         wanted = None if wanted is None else wanted * per_unit
         shown = row.shown or weight is not Weight.NONE
-        return Limit(row.what, told, value, row.unit, name, weight, matters, wanted, row.doing, shown)
+        return Limit(row.what, planned_value, value, row.unit, name, weight, matters, wanted, row.doing, shown)
 
     if not all(_so(condition, subjects, facts) for condition in row.applies):
         planned = facts.get(row.planned)

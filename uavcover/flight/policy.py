@@ -1,4 +1,4 @@
-"""What is done about a breach: one table of breach, phase and kind of vehicle (``data/breach_policy.toml``)."""
+"""Reaction to a breach: one table of breach, phase and kind of vehicle (``data/breach_policy.toml``)."""
 
 import tomllib
 from collections.abc import Mapping
@@ -40,7 +40,7 @@ class PolicyCell:
 
 @cache
 def policy() -> Mapping[tuple[Ending, Phase], PolicyCell]:
-    """The table: a rule for each breach and phase that is acted on, or told on purpose."""
+    """The table: a rule for each breach and phase with a reaction, or with a report only."""
     text = resources.files("uavcover").joinpath("data", "breach_policy.toml").read_text("utf-8")
     rules: dict[tuple[Ending, Phase], PolicyCell] = {}
     for row in tomllib.loads(text)["row"]:
@@ -51,7 +51,7 @@ def policy() -> Mapping[tuple[Ending, Phase], PolicyCell]:
 
 
 def reaction(breach: Ending, phase: Phase, *, simulated: bool, chosen: OnBreach | None) -> OnBreach:
-    """What to do about a breach.
+    """The reaction to a breach.
 
     Args:
         breach: what went wrong.

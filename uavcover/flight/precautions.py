@@ -1,4 +1,4 @@
-"""What the user wants done before a flight and when it goes wrong, and whether a vehicle is proved to be simulated.
+"""The user's precautions before a flight and after a failure, and the proof that a vehicle is simulated.
 
 Only a vehicle that is proved to be simulated may be armed without the user's confirmation.
 """
@@ -21,7 +21,7 @@ _GCS_PARAMETERS = ("MAV_GCS_SYSID", "SYSID_MYGCS")
 
 
 def simulated_by(client: VehicleClient) -> str | None:
-    """What simulates the vehicle; None without proof.
+    """The simulator of the vehicle; None without proof.
 
     Heartbeats cannot tell. What counts as proof:
 
@@ -77,7 +77,7 @@ def require_answers(client: VehicleClient) -> None:
 
 
 class OnBreach(Enum):
-    """What to do when the vehicle leaves its route, its fence, its height band or known ground, or has another mission."""
+    """Reaction when the vehicle leaves its route, fence, height band or known ground, or has another mission."""
 
     TELL = "tell"
     HOLD = "hold"
@@ -87,13 +87,13 @@ class OnBreach(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Precautions:
-    """What the user wants.
+    """The user's precautions.
 
     Attributes:
         on_breach: what to do on a breach; None leaves it to the policy (``data/breach_policy.toml``).
         apply_limits: whether to set the parameters that the plan needs, and to put the old values back at the end.
         agree: asked with the list of changes before any is made.
-        keep: told the old values while they are changed, to have them on disk; an empty mapping when all are back.
+        keep: receives the old values while they are changed, to have them on disk; an empty mapping when all are back.
         left_changed: old values that an earlier flight could not put back.
         photos_required: whether a camera that reports no photo at all is an alarm too.
     """

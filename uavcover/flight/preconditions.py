@@ -1,4 +1,4 @@
-"""Watches in flight what was checked before arming: home, parameters, fence, rally points, who the vehicle is, and our own id.
+"""Watch in flight the checks before arming: home, parameters, fence, rally points, identities.
 
 A change is an alarm that says what comes of it, in metres where it has any; ``--on-breach`` acts on it.
 """
@@ -33,11 +33,11 @@ _FENCE_BIT = 0x100000
 _ORDER = (Weight.NONE, Weight.NOTE, Weight.WARNING, Weight.REFUSED)
 
 ReturnsChanged = Callable[[Mapping[str, float]], None]
-"""Told all parameters that are known when one that changes the autopilot's own way home, or the rally points, were changed."""
+"""Receives all known parameters after a change of the rally points or of a parameter of the autopilot's return."""
 
 
 class Preconditions:
-    """What was checked before arming, watched until the landing.
+    """The checks before arming, watched until the landing.
 
     Made before arming: it reads the fence and the rally points, and asks for home and the origin now and then.
 
@@ -45,7 +45,7 @@ class Preconditions:
         session: with the vehicle.
         plan: what it is to fly.
         values: the vehicle's parameters of the table, in their own units, as they were judged.
-        returns_changed: judges the autopilot's own way home anew.
+        returns_changed: judges the autopilot's own return anew.
     """
 
     def __init__(
@@ -84,15 +84,15 @@ class Preconditions:
         self._tell_lists()
 
     def go_home(self, sent: Mission) -> FlightPlan:
-        """Watch a way home from here on, whose heights make up for the home that was moved; returns its plan.
+        """Watch a return from here on, whose heights make up for the home that was moved; returns its plan.
 
-        What was changed before and still lasts is judged by the way home.
+        What was changed before and still lasts is judged by the return.
         """
         watch = self._session.watch
         self._moved_before_m += self._home.moved_up_m
         plan = self._plan.way_home(sent, home_up_m=self._moved_before_m)
-        watch.close(Ending.MISSION_CHANGED, "the vehicle holds the way home that was sent")
-        watch.close(Ending.HOME_MOVED, "the way home makes up for the home that was moved")
+        watch.close(Ending.MISSION_CHANGED, "the vehicle holds the return that was sent")
+        watch.close(Ending.HOME_MOVED, "the return makes up for the home that was moved")
         self._home = HomeWatch(self._session, plan, px4=self._px4)
         self._settings.go_home(plan)
         for one in self._lists:
@@ -100,7 +100,7 @@ class Preconditions:
         return plan
 
     def home_moved_up_m(self) -> float:
-        """By how much home is higher than when it was checked; heights above home that are sent now are off by it."""
+        """Rise of home since its check; heights above home in later commands are off by it."""
         with contextlib.suppress(MissionIoError):  # the vehicle tells a move by itself, too
             self._session.client.request_message(m.HomePosition)
         self._home.look()
@@ -123,7 +123,7 @@ class Preconditions:
                 self._session.watch.close(one.kind, f"the vehicle's {one.name} as before")
 
     def _fence_off_text(self) -> str:
-        """ArduPilot says in SYS_STATUS whether its fence is in force, also after a command that no parameter shows."""
+        """Text when the fence is out of force, by ArduPilot's SYS_STATUS: a command can switch it without a parameter."""
         status, state = self._session.monitor.latest(m.SysStatus), self._session.monitor.latest(m.ExtendedSysState)
         lands = state is not None and state.landed_state == LandedState.LANDING  # which ends the least height
         if not self._px4 and status is not None and not lands:
@@ -181,11 +181,11 @@ class _SettingsWatch:
         heard = session.monitor.parameters
         if heard:
             self._unanswered, session.watch.unanswered = 0, ""
-            told = numbers(heard, px4=self._px4)
+            values = numbers(heard, px4=self._px4)
             heard.clear()
             changed = {
                 name: value
-                for name, value in told.items()
+                for name, value in values.items()
                 if name in self.values and not math.isclose(value, self.values[name], rel_tol=1e-5, abs_tol=1e-6)
             }
             if changed:
@@ -199,7 +199,7 @@ class _SettingsWatch:
             )
 
     def go_home(self, plan: FlightPlan) -> None:
-        """Judge by a way home what is changed from here on; the autopilot's own returns were judged for the route."""
+        """Judge by a return what is changed from here on; the autopilot's own returns were judged for the route."""
         self._plan, self._returns_changed = plan, lambda _: None
         self._rows_before = self._rows()
 
@@ -245,7 +245,7 @@ class _SettingsWatch:
             and rows[name].weight is not Weight.NONE
         ]
         reasons = flown + [row.sentence for row in worse]
-        flight = "way home" if self._plan.is_way_home else "mission"
+        flight = "return" if self._plan.is_way_home else "mission"
         text = f"{what}: {'; '.join(reasons)}" if reasons else f"{what}; the {flight} does not depend on it"
         breaches = [row for row in rows.values() if self._is_breach(row)]
         if breaches:
@@ -272,7 +272,7 @@ _LISTS = (MissionType.FENCE, MissionType.RALLY)
 
 
 class _ListWatch:
-    """The fence or the rally points that the vehicle holds, read again at each sign of a change, and now and then."""
+    """The fence or the rally points of the vehicle, read again at each sign of a change, and periodically."""
 
     def __init__(
         self, session: Session, plan: FlightPlan, mission_type: MissionType, returns_changed: Callable[[], None]
@@ -310,7 +310,7 @@ class _ListWatch:
             self._read(self._reading)
 
     def go_home(self, plan: FlightPlan) -> None:
-        """Judge it by a way home from here on."""
+        """Judge it by a return from here on."""
         self._plan, self._returns_changed = plan, lambda: None
         if self.text and self._reading is not None and self._type is MissionType.FENCE:
             problem = self._consequence(self._reading.held)
@@ -333,16 +333,16 @@ class _ListWatch:
 
     def _told(self, difference: str, held: tuple[MissionItem, ...]) -> str:
         what = "fence" if self._type is MissionType.FENCE else "rally points"
-        text = f"somebody else changed the vehicle's {what} in flight: {difference}"
+        text = f"another station changed the vehicle's {what} in flight: {difference}"
         if self._type is MissionType.RALLY:
-            return f"{text}; the autopilot's own return may go there, by a way that was not checked"
+            return f"{text}; the autopilot's own return may go there, along an unchecked path"
         return f"{text}; {self._consequence(held)}"
 
     def _consequence(self, held: tuple[MissionItem, ...]) -> str:
-        """What another fence means for the rest of the flight."""
+        """Consequence of another fence for the rest of the flight."""
         if not held:
             return "it has no fence any more"
-        flight = "way home" if self._plan.is_way_home else "mission"
+        flight = "return" if self._plan.is_way_home else "mission"
         outside_m = _outside_m(held, self._plan.frame, rest_of_legs(self._plan, self._session))
         if outside_m > 0.0:
             return f"the rest of the {flight} leads {outside_m:.0f} m out of it: a fence in force breaks it off there"
@@ -350,7 +350,7 @@ class _ListWatch:
 
 
 def _outside_m(items: tuple[MissionItem, ...], frame: LocalFrame, legs_m: list[FloatArray]) -> float:
-    """How far the legs lead out of a fence, or how long they are inside of its exclusions."""
+    """Largest distance of the legs outside a fence, or length inside its exclusions."""
     fence = fence_from_items(items)
 
     def east_north(lat_deg: float, lon_deg: float) -> tuple[float, float]:

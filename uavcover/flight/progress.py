@@ -20,9 +20,9 @@ _SLACK_M = 2.0
 
 
 class MissionProgress:
-    """How far along the planned waypoints the vehicle is: by MISSION_CURRENT, MISSION_ITEM_REACHED and position together.
+    """Progress along the planned waypoints: by MISSION_CURRENT, MISSION_ITEM_REACHED and position together.
 
-    What the vehicle says is not taken for more than it is: a jump over waypoints passes none of them, unless nobody could look
+    A report proves no more than it says: a jump over waypoints passes none of them, unless no observation was possible
     because nothing was heard.
 
     Attributes:
@@ -41,7 +41,7 @@ class MissionProgress:
 
     @property
     def reached_count(self) -> int:
-        """How many planned waypoints were passed, one after the other."""
+        """Number of planned waypoints that were passed in order."""
         return self._passage.reached
 
     @property
@@ -51,7 +51,7 @@ class MissionProgress:
 
     @property
     def off_leg_m(self) -> float:
-        """Distance from the leg that is flown, the ways there and home too; 0 where there is none."""
+        """Distance from the current leg, transit legs included; 0 where there is none."""
         toward = self.off_leg_toward_m
         return 0.0 if toward is None else float(np.linalg.norm(toward))
 
@@ -70,7 +70,7 @@ class MissionProgress:
         self._rejoins = None if here is None else (self._index, here)
 
     def line_problem(self) -> str | None:
-        """What is wrong with the way from here to the current item; None when it is clear, or off the route."""
+        """Problem of the line from here to the current item; None when it is clear, or off the route."""
         here, leg, around = self.place_m, self._legs_m.get(self._index), self._plan.volume
         if here is None or leg is None or around is None or self.heading_for <= 0:
             return None
@@ -95,7 +95,7 @@ class MissionProgress:
         return self._session.autopilot.firmware is Firmware.PX4
 
     def _way_on(self, here: FloatArray, item: FloatArray) -> FloatArray:
-        """(k, 3) ENU, how a mission is continued: straight to the item; PX4 climbs to its height first, where it is higher."""
+        """(k, 3) ENU, the continuation of a mission: straight to the item; PX4 climbs first to a higher one."""
         if not self._climbs_first or item[2] <= here[2]:
             return np.vstack([here, item])
         return np.vstack([here, [here[0], here[1], item[2]], item])
@@ -112,7 +112,7 @@ class MissionProgress:
         return leg if leg is None or self._rejoins is None else np.vstack([self._rejoins[1], leg[1]])
 
     def update(self) -> None:
-        """Look at what the vehicle says, and tell when it goes on to another waypoint."""
+        """Read the vehicle's reports, and report a new waypoint."""
         monitor, autopilot, plan = self._session.monitor, self._session.autopilot, self._plan
         here, passage = self.place_m, self._passage
         if monitor.current_seq < 0 or here is None or self._session.watch.is_open(Ending.MISSION_CHANGED):
@@ -121,9 +121,9 @@ class MissionProgress:
         number = plan.waypoint_of(monitor.current_seq, autopilot)
         was_last = passage.number == plan.waypoint_count - 1
         passage.take(number, here)
-        told = plan.waypoint_of(monitor.reached, autopilot)
-        if told == passage.reached and number in (told, told + 1, -1):
-            passage.believe(told + 1)
+        reached = plan.waypoint_of(monitor.reached, autopilot)
+        if reached == passage.reached and number in (reached, reached + 1, -1):
+            passage.believe(reached + 1)
         trusted = self._seen_s <= self._trust_until_s
         if trusted and number > passage.reached:
             passage.believe(number)
@@ -138,11 +138,11 @@ class MissionProgress:
             text = f"to waypoint {number} of {plan.waypoint_count}"
             self._session.tell(EventKind.WAYPOINT, text, waypoint=number)
         elif self.all_reached:
-            self._session.tell(EventKind.STAGE, "all planned waypoints flown; on the way home")
+            self._session.tell(EventKind.STAGE, "all planned waypoints flown; on the return")
 
     @property
     def place_m(self) -> FloatArray | None:
-        """(3,) ENU, where the vehicle was when that was told last; None before the first time."""
+        """(3,) ENU, the last reported position of the vehicle; None before the first one."""
         return self._place_m(self._session.monitor.latest(m.GlobalPositionInt))
 
     def _place_m(self, here: m.GlobalPositionInt | None) -> FloatArray | None:
@@ -152,7 +152,7 @@ class MissionProgress:
         return place_m
 
     def _look_for_silence(self) -> None:
-        """After positions were missing, believe for a moment which waypoint the vehicle says it flies to."""
+        """After missing positions, believe the vehicle's reported waypoint for a moment."""
         here = self._session.monitor.latest(m.GlobalPositionInt)
         if here is None:
             return
@@ -175,7 +175,7 @@ def _along(piece: FloatArray) -> FloatArray:
 
 
 def _nearest_m(here: FloatArray, leg: FloatArray) -> FloatArray:
-    """(3,) the point of a (2, 3) leg that is nearest to a (3,) place."""
+    """(3,) the point of a (2, 3) leg that is nearest to a (3,) position."""
     along = leg[1] - leg[0]
     square = float(along @ along)
     fraction = 0.0 if square == 0.0 else min(1.0, max(0.0, float((here - leg[0]) @ along) / square))

@@ -23,7 +23,7 @@ class _Stream:
     """A kind of message that following needs.
 
     Attributes:
-        interval_s: how often it is asked for.
+        interval_s: the requested interval.
         least_hz: how often it has to come, by the vehicle's time.
     """
 
@@ -69,11 +69,11 @@ def check_telemetry(session: Session) -> None:
         rare = _rare(session, again)
     if not rare:
         return
-    told = " and ".join(f"{kind.__name__} {rate_hz:.1f} times a second" for kind, rate_hz in rare.items())
+    measured = " and ".join(f"{kind.__name__} {rate_hz:.1f} times a second" for kind, rate_hz in rare.items())
     needed = " and ".join(f"{wanted[kind].least_hz:g}" for kind in rare)
     raise FlightFaultError(
         Ending.NOT_READY,
-        f"of the vehicle's telemetry comes {told} of vehicle time, asked for {_TRIES} times; following needs {needed}; "
+        f"the vehicle sends {measured} of vehicle time after {_TRIES} requests; following needs {needed}; "
         "not started: raise that rate in the autopilot, or use a faster link",
     )
 
@@ -96,7 +96,7 @@ def _request(session: Session, streams: Mapping[type[m.Message], _Stream]) -> No
 
 
 def _rare(session: Session, streams: Mapping[type[m.Message], _Stream]) -> dict[type[m.Message], float]:
-    """The kinds that come too rarely, and how often they come; a kind that is asked for rarely is given the time for three."""
+    """The kinds of messages below the needed rate, with their rates; rare kinds get the time for three."""
     monitor = session.monitor
     before, began_s = monitor.counts.copy(), monitor.time_s
     window_s = max(session.timeouts.rate_s, 3.0 * max(stream.interval_s for stream in streams.values()))
@@ -114,7 +114,7 @@ def wait_until_ready(session: Session) -> None:
     """Wait until the vehicle can be armed, and until what following needs comes often enough.
 
     ArduPilot's pre-arm bit is good about 18 s before arming works, so its position filter has to agree. Why it is not ready
-    is asked again and again, and passed on as it comes.
+    is polled, and passed on as it comes.
 
     Raises:
         FlightFaultError: it does not get ready; the message says what it lacks.
@@ -140,7 +140,7 @@ def wait_until_ready(session: Session) -> None:
 
 
 class _Reasons:
-    """Asks a vehicle now and then to say why it cannot be armed, as long as it knows the question."""
+    """Ask a vehicle periodically why it cannot be armed, as long as it knows the question."""
 
     def __init__(self, session: Session) -> None:
         self._session = session
@@ -159,7 +159,7 @@ class _Reasons:
 
 
 def missing(session: Session) -> list[str]:
-    """What is missing before the vehicle can be armed; empty when it is ready."""
+    """Preconditions of arming that are missing; empty when the vehicle is ready."""
     monitor = session.monitor
     lacks: list[str] = []
     gps = monitor.latest(m.GpsRawInt)
@@ -193,7 +193,7 @@ def check_home(session: Session, plan: FlightPlan) -> None:
 
 
 def check_home_position(session: Session, plan: FlightPlan) -> None:
-    """Refuse a vehicle, on the ground or in the air, whose home is not the planned one, or not on the terrain there.
+    """Refuse a vehicle whose home is not the planned one, or not on the terrain there.
 
     Raises:
         VehicleError: it is too far away, over ground or in height.

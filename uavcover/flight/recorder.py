@@ -47,7 +47,7 @@ class Recorder:
         self.waypoint_of = waypoint_of
         self.count = 0
         self.first_s = self.last_s = -math.inf
-        self._tells_velocity = False
+        self._reports_velocity = False
 
     def start(self) -> None:
         """Record from the next position on."""
@@ -95,14 +95,14 @@ class Recorder:
         )
 
     def _velocity(self, position: m.GlobalPositionInt) -> dict[str, float]:
-        """The velocity columns, none before the first one that is not 0: that is what a vehicle sends which reports none."""
-        told = {name: float(getattr(position, name)) for name in VELOCITY_COLUMNS}
-        self._tells_velocity |= any(told.values())
-        return told if self._tells_velocity else {}
+        """The velocity columns; none before the first value that is not 0: zeros mean that none is reported."""
+        velocity = {name: float(getattr(position, name)) for name in VELOCITY_COLUMNS}
+        self._reports_velocity |= any(velocity.values())
+        return velocity if self._reports_velocity else {}
 
     def _unix_time_s(self, time_boot_s: float) -> float:
-        """UTC at a vehicle time, as the vehicle tells it; NaN before its receiver knows."""
-        told = self._monitor.latest(m.SystemTime)
-        if told is None or not is_flight_time(told.time_unix_s):
+        """UTC at a vehicle time, from the vehicle's clock; NaN before its receiver knows."""
+        clock = self._monitor.latest(m.SystemTime)
+        if clock is None or not is_flight_time(clock.time_unix_s):
             return math.nan
-        return told.time_unix_s + (time_boot_s - told.time_boot_s)
+        return clock.time_unix_s + (time_boot_s - clock.time_boot_s)

@@ -1,4 +1,4 @@
-"""What a flight uses of its battery, and whether it lasts for the rest of the mission, or only for the way home."""
+"""Battery use of a flight: whether the charge lasts for the rest of the mission, or only for the return."""
 
 import math
 from dataclasses import dataclass
@@ -9,29 +9,29 @@ from uavcover.model.vehicle import Vehicle
 _ROUNDING = 1.0
 """Percent by which a battery may hold less than it tells: it tells whole numbers."""
 _CLIMB_S, _MEASURED_S = 25.0, 50.0
-"""The climb uses more than what follows and does not count; after so long more, what was used tells more than the endurance."""
+"""The climb uses more than the rest and does not count; after the second time the measured use is better than the endurance."""
 _USE_HOME, _USE_ON = 1.2, 1.05
-"""How much more than the mean so far a second may use on the way home, straight into the wind, and on the rest of the mission."""
+"""How much more than the mean so far a second may use on the return, straight into the wind, and on the rest of the mission."""
 TO_TURN_S = 20.0
-"""To stop, and to be sent the way home."""
+"""To stop, and to be sent the return."""
 
 
 class BatteryAllows(Enum):
-    """What a battery allows."""
+    """Flight that a battery allows."""
 
     GO_ON = "it is enough to fly on"
-    GO_HOME = "it is enough for the way home, and not for more"
+    GO_HOME = "it is enough for the return, and not for more"
 
 
 @dataclass(slots=True)
 class BatteryUse:
-    """What a flight uses of its battery. Knows no clock: times are arguments.
+    """Battery use of a flight. Knows no clock: times are arguments.
 
     Attributes:
         vehicle: with its endurance and reserve.
         planned_each_s: percent that a second in the air is planned to use.
-        first: time in the air, and what the battery told then, when it was asked first after the climb; none before.
-        percent: what it told last.
+        first: time in the air, and the charge at the first report after the climb; none before.
+        percent: its latest report.
         aloft_s: time in the air by then.
     """
 
@@ -42,14 +42,14 @@ class BatteryUse:
     aloft_s: float = 0.0
 
     def take(self, percent: float, *, aloft_s: float) -> None:
-        """What the battery tells so long after take-off."""
+        """Take the battery's report at a time after take-off."""
         if self.first is None and aloft_s >= _CLIMB_S:
             self.first = aloft_s, percent
         self.percent, self.aloft_s = percent, aloft_s
 
     @property
     def each_s(self) -> float:
-        """Percent of a battery that a second in the air uses: as planned at first, and as measured once it reports any use."""
+        """Percent of the battery for a second in the air: planned at first, measured once it reports any use."""
         if self.first is None or self.aloft_s - self.first[0] < _MEASURED_S or self.percent >= self.first[1]:
             return self.planned_each_s
         return (self.first[1] - self.percent) / (self.aloft_s - self.first[0])
@@ -60,7 +60,7 @@ class BatteryUse:
         return self.percent - _ROUNDING - 100.0 * self.vehicle.reserve_fraction
 
     def lasts_home(self, seconds: float) -> bool:
-        """Whether the way home can still be begun a moment later."""
+        """Whether the return can still be begun a moment later."""
         return self.spare > _USE_HOME * self.each_s * (seconds + TO_TURN_S)
 
     def lasts_on(self, seconds: float) -> bool:
@@ -68,13 +68,13 @@ class BatteryUse:
         return self.spare >= _USE_ON * self.each_s * seconds
 
     def may_wait_s(self, seconds: float) -> float:
-        """How long it may hold before that much more of the mission; infinite while the battery reports nothing."""
+        """Time that it may hold before a rest of the mission; infinite while the battery reports nothing."""
         if math.isnan(self.percent):
             return math.inf
         return self.spare / self.each_s - _USE_ON * seconds
 
     def allows(self, *, rest_s: float, home_s: float) -> BatteryAllows:
-        """What it allows of a mission that takes ``rest_s`` to the landing, where the straight way home takes ``home_s``."""
+        """Flight that it allows, for ``rest_s`` to the landing by the mission and ``home_s`` straight home."""
         if home_s + TO_TURN_S >= rest_s or self.lasts_home(home_s) or self.lasts_on(rest_s):
             return BatteryAllows.GO_ON
         return BatteryAllows.GO_HOME

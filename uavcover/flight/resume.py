@@ -46,7 +46,7 @@ class Unfinished:
 
 
 def find_unfinished(run: RunFolder, site: Site) -> Unfinished:
-    """What the latest flight of a run has left.
+    """The unflown rest of a run's latest flight.
 
     Raises:
         InputError: nothing was flown, or what was cannot be read.
@@ -67,7 +67,7 @@ def find_unfinished(run: RunFolder, site: Site) -> Unfinished:
 
 
 def took_off_s(run: RunFolder) -> float | None:
-    """When the vehicle took off for the flight whose gaps a run closes, vehicle time; none when there is no such flight.
+    """Take-off in vehicle time of the flight whose gaps a run closes; none without such a flight.
 
     Raises:
         InputError: its track cannot be read.
@@ -79,7 +79,7 @@ def took_off_s(run: RunFolder) -> float | None:
 
 
 def save_rest(unfinished: Unfinished, site: Site, *, command: Sequence[str]) -> None:
-    """Write the plan of what is left, with its mission from home, into its folder, and which flight it goes on with.
+    """Write the rest's plan and mission from home into its folder, and the flight that it continues.
 
     Raises:
         InfeasibleError: there is no checked way to it.
@@ -101,7 +101,7 @@ def save_part(
         site: of the vehicle that flies it.
         route: the part.
         made_by: what its plan calls its algorithm.
-        command: how it was asked for.
+        command: the command line.
         scenario_sha256: as :func:`scenario_of_fleet`.
 
     Raises:
@@ -121,7 +121,7 @@ def save_part(
 
 
 def scenario_of_fleet(sortie: RunFolder) -> str | None:
-    """SHA-256 of the scenario of the whole fleet, for a sortie of a vehicle that is not like the others; none for other plans."""
+    """SHA-256 of the fleet's scenario, for a sortie of a vehicle unlike the others; none for other plans."""
     record = read_record(sortie)
     asked = None if record.inputs is None else record.inputs.get("scenario")
     return asked if asked != record.files.get("scenario.toml") else None

@@ -146,7 +146,7 @@ def remaining_route(
 
 
 def along_leg_m(place_m: FloatArray, leg_m: FloatArray) -> tuple[float, float]:
-    """How far along a (2, 3) leg a (3,) place is, and how far aside, in metres."""
+    """Distance of a (3,) position along a (2, 3) leg, and aside of it, in metres."""
     along = leg_m[1] - leg_m[0]
     length_m = float(np.linalg.norm(along))
     if length_m == 0.0:
@@ -156,7 +156,7 @@ def along_leg_m(place_m: FloatArray, leg_m: FloatArray) -> tuple[float, float]:
 
 
 def _along_m(places_m: FloatArray, on_leg: NDArray[np.bool_], leg_m: FloatArray, *, corridor_m: float) -> float:
-    """How far along the leg the places lead without leaving it; places before the first one on it are passed over."""
+    """Length of the leg that the positions follow without leaving it, from the first one on it."""
     flown_m, begun = 0.0, False
     for place_m, on in zip(places_m, on_leg.tolist(), strict=True):
         along_m, aside_m = along_leg_m(place_m, leg_m)

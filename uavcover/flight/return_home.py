@@ -45,7 +45,7 @@ def hold(session: Session, text: str = "stop: the vehicle is commanded to hold")
         timeout_s=session.timeouts.halt_s,
         what=lambda: f"the vehicle, in {session.mode_name}, does not come to rest",
     )
-    session.tell(EventKind.STOP, "the vehicle holds its place")
+    session.tell(EventKind.STOP, "the vehicle holds its position")
 
 
 class _LeftHoldingError(Exception):
@@ -62,8 +62,8 @@ def return_home(
 ) -> bool:
     """Hold, fly home along checked legs, land; one more stop of the user than ``stops`` leaves the vehicle holding.
 
-    Beside other vehicles it holds until ``clear`` says that the way home is free. Heights above a home that was moved in flight
-    are sent so that the planned ones are flown. What was checked before arming is watched on; a change that makes the way home
+    Beside other vehicles it holds until ``clear`` says that the return is free. Heights above a home that was moved in flight
+    are sent so that the planned ones are flown. What was checked before arming is watched on; a change that makes the return
     unsafe has it planned and sent again, as ``data/breach_policy.toml`` says, a few times.
 
     Returns:
@@ -91,15 +91,15 @@ def return_home(
                 hold(session)
                 return _leave(session, _ASKED)
             why = session.watch.text_of(stop.cause)
-            session.tell(EventKind.STOP, f"the way home is planned again: {why}")
+            session.tell(EventKind.STOP, f"the return is planned again: {why}")
         else:
             return True
     hold(session)
-    return _leave(session, f"the way home was disturbed {_MOST_WAYS_HOME} times; last, {why}")
+    return _leave(session, f"the return was disturbed {_MOST_WAYS_HOME} times; last, {why}")
 
 
 def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear: Callable[[Mission], bool]) -> Mission:
-    """Hold, and plan the way home from there."""
+    """Hold, and plan the return from there."""
     session.paused = False
     session.watch.rest()
     try:
@@ -112,14 +112,14 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
         raise _LeftHoldingError(_ASKED)
     here = session.monitor.latest(m.GlobalPositionInt)
     if here is None:
-        raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not tell where it is; it was left holding")
+        raise FlightFaultError(Ending.POSITION_LOST, "the vehicle does not report its position; it was left holding")
     try:
         mission = plan_return(here.lat_deg, here.lon_deg, here.alt_amsl_m)
         is_clear = clear(mission)
     except (UavcoverError, MissionIoError) as error:
-        raise _LeftHoldingError(f"no checked way home from here: {error}") from error
+        raise _LeftHoldingError(f"no checked return from here: {error}") from error
     if not is_clear:
-        session.tell(EventKind.STOP, "the vehicle holds until the way home is free of the others")
+        session.tell(EventKind.STOP, "the vehicle holds until the return is free of the others")
     while not is_clear:
         if session.stop() > stops:
             raise _LeftHoldingError(_ASKED)
@@ -128,34 +128,34 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
         try:
             is_clear = clear(mission)
         except UavcoverError as error:
-            raise _LeftHoldingError(f"no way home apart from the others: {error}") from error
+            raise _LeftHoldingError(f"no return apart from the others: {error}") from error
     return mission
 
 
 def _send(session: Session, mission: Mission, stops: int, preconditions: Preconditions | None) -> Mission:
-    """Upload the way home, with heights that make up for a moved home."""
+    """Upload the return, with heights that make up for a moved home."""
     moved_m = 0.0 if preconditions is None else preconditions.home_moved_up_m()
     if moved_m:
         session.tell(
-            EventKind.STOP, f"home was moved by {moved_m:+.1f} m: the way home is sent with heights that make up for it"
+            EventKind.STOP, f"home was moved by {moved_m:+.1f} m: the return is sent with heights that make up for it"
         )
         mission = _above_moved_home(mission, moved_m)
-    session.tell(EventKind.STOP, "the way home is being sent")
+    session.tell(EventKind.STOP, "the return is being sent")
     try:
         checked = session.steer(
             lambda: session.client.upload_and_verify(mission, in_flight=True), while_in=[hold_mode(session)]
         )
     except MissionIoError as error:
-        raise _LeftHoldingError(f"the way home could not be sent: {error}") from error
+        raise _LeftHoldingError(f"the return could not be sent: {error}") from error
     if not checked.passed:
-        raise _LeftHoldingError("the way home was read back changed")
+        raise _LeftHoldingError("the return was read back changed")
     if session.stop() > stops:
         raise _LeftHoldingError(_ASKED)
     return mission
 
 
 def _above_moved_home(mission: Mission, up_m: float) -> Mission:
-    """The same places, for a vehicle whose home is higher by ``up_m`` than it was planned for."""
+    """The same positions, for a vehicle whose home is higher by ``up_m`` than planned."""
     above_home = Frame.ABOVE_HOME
     items = [replace(i, alt_m=i.alt_m - up_m) if i.frame is above_home and i.has_position else i for i in mission.items]
     return replace(mission, items=tuple(items))

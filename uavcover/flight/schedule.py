@@ -1,4 +1,4 @@
-"""Watches a flight against its plan: how late it is, whether its battery lasts, and whether its camera reports the photos."""
+"""Watch a flight against its plan: its delay, its battery, and the photos that its camera reports."""
 
 import math
 from dataclasses import dataclass
@@ -44,7 +44,7 @@ class Timetable:
     total_s: float
 
     def planned_s(self, index: int, place_m: FloatArray) -> float | None:
-        """Planned time after take-off at a (3,) ENU place on the leg to item ``index``; None for an item without a leg."""
+        """Planned time after take-off at a (3,) ENU position on the leg to an item; None without a leg."""
         leg = self.legs_m.get(index)
         if leg is None:
             return None
@@ -136,15 +136,15 @@ class FlightSchedule:
         self._look_at_reserve(place_m, self.left_s)
 
     def must_go_home(self) -> str | None:
-        """Why the mission must end now, so that the battery keeps its reserve; None while it may go on."""
+        """Reason to end the mission now for the battery's reserve; None while it may go on."""
         return self._must
 
     def _look_at_reserve(self, place_m: FloatArray, left_s: float) -> None:
         vehicle, use = self._vehicle, self._use
         status = self._session.monitor.latest(SysStatus)
-        told = None if status is None else status.battery_remaining_percent
-        if told is not None and told >= 0:
-            source, percent = "the battery", float(told)
+        remaining_percent = None if status is None else status.battery_remaining_percent
+        if remaining_percent is not None and remaining_percent >= 0:
+            source, percent = "the battery", float(remaining_percent)
         elif vehicle.endurance_s is not None:
             source, percent = "its endurance", 100.0 * (1.0 - self.aloft_s / vehicle.endurance_s)
         else:
@@ -161,11 +161,11 @@ class FlightSchedule:
             return
         try:
             home_s = self._home_s(place_m)
-        except UavcoverError:  # the ground below the way home is not known
+        except UavcoverError:  # the ground below the return is not known
             return
         if use.allows(rest_s=left_s, home_s=home_s) is BatteryAllows.GO_HOME:
             self._must = (
-                f"{source} has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the way home takes "
+                f"{source} has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the return takes "
                 f"{home_s:.0f} s and the rest of the mission {left_s:.0f} s, which would use the reserve of "
                 f"{100.0 * vehicle.reserve_fraction:.0f} %; the vehicle returns now"
             )

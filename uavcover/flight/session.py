@@ -22,11 +22,11 @@ ResultT = TypeVar("ResultT")
 _POLL_S = 0.1
 _WARNING_SEVERITY = 4
 _UNKNOWN_S = 10.0
-"""So long a vehicle may be heard without its state being known before that is an alarm; evidence takes about 3 s."""
+"""Time for which a heard vehicle's state may be unknown before the alarm; evidence takes about 3 s."""
 
 
 class Stopped(Exception):  # noqa: N818 - the user's wish is no error
-    """The flight is to end, by the user's wish, because of a breach, or so that the battery keeps its reserve.
+    """The flight is to end, by the user's wish, after a breach, or for the battery's reserve.
 
     Attributes:
         cause: the breach, or RESERVE_KEPT; None when the user asked.
@@ -124,7 +124,7 @@ class Session:
 
     @property
     def vehicle_now(self) -> str:
-        """What the vehicle does, or did when it was last heard, as text."""
+        """The vehicle's current or last known action, as text."""
         monitor = self.monitor
         try:
             vehicle = self.client.vehicle
@@ -145,7 +145,7 @@ class Session:
         self._on_event(FlightEvent(kind, text, self.monitor.time_s, waypoint, alarm))
 
     def pump(self) -> None:
-        """Listen for a moment, and pass on what the vehicle says.
+        """Listen for a moment, and pass on the vehicle's messages.
 
         Raises:
             FlightFaultError: it is gone, or it restarted.
@@ -175,7 +175,7 @@ class Session:
         self._look_at_evidence()
 
     def _look_at_evidence(self) -> None:
-        """A vehicle in flight that is heard, and whose state is not known; a heartbeat that is lost says that already."""
+        """Report a vehicle in flight that is heard with an unknown state; a lost heartbeat has its own report."""
         unknown_s, lost = self.evidence.unknown_s, self.watch.is_open(Ending.HEARTBEAT_LOST)
         if unknown_s > _UNKNOWN_S and not lost and self.client.vehicle.armed:
             self.watch.open(Ending.STATE_UNKNOWN, self._unknown_text, unknown_s)
@@ -186,11 +186,11 @@ class Session:
     def _unknown_text(self) -> str:
         return (
             f"the vehicle is heard, and its state has not been known for {self.evidence.unknown_s:.0f} s: "
-            f"{self.evidence.missing} is missing; nothing is commanded until it comes"
+            f"{self.evidence.missing} is missing; nothing is commanded until it arrives"
         )
 
     def listen(self, seconds: float) -> None:
-        """Listen for some seconds on the link's clock, whatever goes wrong."""
+        """Listen for some seconds on the link's clock, through all errors."""
         until_s = self.client.clock.now() + seconds
         while self.client.clock.now() < until_s:
             self.client.poll(_POLL_S)
@@ -215,7 +215,7 @@ class Session:
         Raises:
             TakenOverError: the vehicle is in another mode, or disarmed, or its state stays unknown.
             FlightFaultError: the vehicle is gone.
-            mission_io.errors.MissionIoError: whatever ``act`` raises but silence; silence too, when other messages arrive.
+            mission_io.errors.MissionIoError: any error of ``act`` but silence; silence too, when other messages arrive.
         """
         return self._command(act, lambda: self.obeys(while_in))
 

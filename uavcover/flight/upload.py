@@ -38,7 +38,7 @@ def upload(
     Args:
         client: connected, with a vehicle found.
         compiled: what to send.
-        progress: told the list's name, items across and items in all.
+        progress: receives the list's name, items across and items in all.
         in_flight: whether an armed vehicle is meant.
 
     Raises:
@@ -90,10 +90,10 @@ def upload_run(
 ) -> dict[str, Any]:
     """Check every leg and the vehicle's home, upload, read back, compare; writes ``upload.json`` and returns it.
 
-    The file tells of the last upload only: it is gone from the moment at which something is sent.
+    The file describes the last upload only: the first message of an upload deletes it.
     """
     require_home(site)
-    compile_plan(site, route)  # a bad leg is known before anybody is asked
+    compile_plan(site, route)  # a bad leg is found before the vehicle is asked
     with (
         run.reserved((), force=True),
         connect(to, site) as vehicle,
@@ -135,7 +135,7 @@ def send_and_compare(
 
 @contextmanager
 def telling_what_is_held(user: User) -> Iterator[None]:
-    """When an upload fails or is interrupted, say what the vehicle holds now, with the list unless it is the old one."""
+    """Report the lists on the vehicle when an upload fails or is interrupted."""
     try:
         yield
     except TransferInterrupted as interrupted:
@@ -162,15 +162,14 @@ def _say_items(error: TransferError, user: User) -> None:
 
 
 def say_comparison(user: User, result: ReadBack) -> None:
-    """Say what came back differently, and warn of what should not have."""
+    """Report the differences of the read-back, and warn of those that change the meaning."""
     name = result.mission_type.name.lower()
     if not result.differences:
         user.say(f"{name}: {len(result.sent)} items sent, read back equal")
         return
     wrong = faults(result.differences)
-    user.say(
-        f"{name}: {len(result.sent)} items sent, {len(result.differences)} fields came back changed, "
-        f"{len(result.differences) - len(wrong)} of them without another meaning"
-    )
+    changed = f", and changed the meaning of {len(wrong)}" if wrong else ""
+    normalised = len(result.differences) - len(wrong)
+    user.say(f"{name}: {len(result.sent)} items sent, the autopilot normalised {normalised} fields{changed}")
     for fault in wrong[:5]:
         user.warn(f"{name}: {fault}")

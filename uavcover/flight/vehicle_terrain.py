@@ -103,12 +103,12 @@ def open_elevation_data(data: ElevationData, *, around: Bounds | None = None) ->
 
 
 def heights_of_files(source: TerrainSource, vertical_datum: str, say: Callable[[str], None]) -> Heights:
-    """The ground of elevation files; unknown where they have no data, and all of it when they cannot be read any more.
+    """The ground of elevation files; unknown without data there, or once the files are unreadable.
 
     Args:
         source: the files.
         vertical_datum: what their heights are above.
-        say: told why the files cannot be read.
+        say: receives the reason when the files are unreadable.
     """
 
     def heights_amsl_m(places: Sequence[Place]) -> Sequence[float]:
@@ -123,7 +123,7 @@ def heights_of_files(source: TerrainSource, vertical_datum: str, say: Callable[[
 
 
 def heights_of_site(site: Site, say: Callable[[str], None]) -> Heights | None:
-    """What a site's flights keep their heights above, as far as its elevation files reach; none without a place on Earth."""
+    """Ground below a site's flights, within its elevation files; none without a position on Earth."""
     if site.frame is None:
         return None
     terrain = site.scenario.terrain
@@ -159,9 +159,9 @@ def answer_from_site(client: Client, site: Site) -> None:
 
 
 def serve_terrain(client: Client, heights: Heights, user: User) -> TerrainCounts:
-    """Answer the vehicle's requests for terrain heights until the user stops it; tells how many were answered."""
+    """Answer the vehicle's requests for terrain heights until the user stops it; returns their number."""
     answers = TerrainAnswers(heights, say=user.warn)
-    told, tell_at_s, ask_at_s = TerrainCounts(), client.clock.now() + _TELL_EVERY_S, -math.inf
+    reported, report_at_s, ask_at_s = TerrainCounts(), client.clock.now() + _TELL_EVERY_S, -math.inf
     with user.stop_requests("stopping") as stop:
         while not stop.any():
             now = client.clock.now()
@@ -170,8 +170,8 @@ def serve_terrain(client: Client, heights: Heights, user: User) -> TerrainCounts
                 answer_terrain_requests(client, answers)
             client.poll(_POLL_S)
             counts = answers.counts
-            if counts != told and now >= tell_at_s:
-                told, tell_at_s = counts, now + _TELL_EVERY_S
+            if counts != reported and now >= report_at_s:
+                reported, report_at_s = counts, now + _TELL_EVERY_S
                 user.say(f"{counts.blocks} blocks requested, {counts.parts_sent} parts of them sent")
     client.services.remove(answers)
     return answers.counts
@@ -188,7 +188,7 @@ def write_terrain_files(
         folder: where to; made when it is not there.
         spacing_m: TERRAIN_SPACING of the vehicle.
         force: whether files that are there may be replaced.
-        user: told what lacks data.
+        user: receives a message where data is missing.
 
     Returns:
         How many blocks each file has.
@@ -214,7 +214,7 @@ def write_terrain_files(
             files.setdefault(dat_name(block.south_deg, block.west_deg), {})[block] = parts
     there = [name for name in files if (folder / name).exists()]
     if there and not force:
-        raise OutputError(f"{folder / there[0]}: is there already; give another folder, or --force to replace it")
+        raise OutputError(f"{folder / there[0]}: exists already: give another folder, or --force to replace it")
     for name, content in files.items():
         write_file(folder / name, dat_bytes(content))
     return {name: len(content) for name, content in files.items()}
@@ -226,7 +226,7 @@ def _corner_deg(block: TerrainBlock) -> Place:
 
 
 def _blocks_in(around: Bounds, spacing_m: int) -> list[TerrainBlock]:
-    """The blocks that touch a box, found by places closer together than the sides of a block."""
+    """The blocks that touch a box, found by positions closer together than the sides of a block."""
     if not 10 <= spacing_m <= 1000:
         raise InputError(f"--spacing: {spacing_m} m is not from 10 to 1000; give the vehicle's TERRAIN_SPACING")
     west, south, east, north = around
@@ -245,6 +245,6 @@ def _blocks_in(around: Bounds, spacing_m: int) -> list[TerrainBlock]:
 
 
 def _with_edges(degrees: np.ndarray) -> np.ndarray:
-    """With both sides of every whole degree between them: each begins a grid of its own, and cuts the one before off."""
+    """Degrees with both sides of every whole degree between them, where terrain grids begin and end."""
     whole = np.arange(math.ceil(degrees.min()), math.floor(degrees.max()) + 1, dtype=float)
     return np.concatenate([degrees, whole, whole[whole > degrees.min()] - 1e-7])

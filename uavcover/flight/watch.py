@@ -20,17 +20,17 @@ REPEAT_S = 30.0
 """Interval at which a lasting alarm is repeated."""
 
 
-class Told(Enum):
-    """Why an alarm is reported now."""
+class ReportReason(Enum):
+    """Reason for which an alarm is reported now."""
 
     BEGUN = "it has begun"
-    DOUBLED = "it is twice as much as when that was told last"
+    DOUBLED = "it is twice as much as at the last report"
     LASTS = "it lasts"
     ENDED = "it is over"
 
 
 class Alarm:
-    """One thing that can go wrong, by how much, and when that is to be told. Knows no clock: time is an argument.
+    """One alarm: its amount, and the times of its reports. Knows no clock: time is an argument.
 
     What is over for less than ``settle_s`` is not over: an amount that swings about its limit is one alarm and not a hundred.
 
@@ -44,42 +44,42 @@ class Alarm:
 
     def __init__(self, *, settle_s: float = 0.0, repeat_s: float = REPEAT_S) -> None:
         self._settle_s, self._repeat_s = settle_s, repeat_s
-        self._told_at_s: float | None = None
-        self._told_amount = 0.0
+        self._reported_at_s: float | None = None
+        self._reported_amount = 0.0
         self._away_since_s: float | None = None
         self.largest = 0.0
 
     @property
     def sounding(self) -> bool:
         """Whether it has begun and is not over."""
-        return self._told_at_s is not None
+        return self._reported_at_s is not None
 
-    def measure(self, amount: float | None, now: float) -> Told | None:
-        """Take what was measured at ``now`` (seconds), None for nothing wrong; returns why to tell it, None for silence."""
-        if self._told_at_s is None:
+    def measure(self, amount: float | None, now: float) -> ReportReason | None:
+        """Take what was measured at ``now`` (seconds), None for nothing wrong; returns the reason for a report."""
+        if self._reported_at_s is None:
             if amount is None:
                 return None
-            self._told_amount = self.largest = amount
-            return self._tell(Told.BEGUN, now)
+            self._reported_amount = self.largest = amount
+            return self._tell(ReportReason.BEGUN, now)
         if amount is None:
             if self._away_since_s is None:
                 self._away_since_s = now
             if now - self._away_since_s < self._settle_s:
                 return None
-            self._told_at_s = self._away_since_s = None
-            return Told.ENDED
+            self._reported_at_s = self._away_since_s = None
+            return ReportReason.ENDED
         self._away_since_s = None
         self.largest = max(self.largest, amount)
-        if amount >= 2.0 * self._told_amount and amount > self._told_amount:
-            self._told_amount = amount
-            return self._tell(Told.DOUBLED, now)
-        if now - self._told_at_s >= self._repeat_s:
-            return self._tell(Told.LASTS, now)
+        if amount >= 2.0 * self._reported_amount and amount > self._reported_amount:
+            self._reported_amount = amount
+            return self._tell(ReportReason.DOUBLED, now)
+        if now - self._reported_at_s >= self._repeat_s:
+            return self._tell(ReportReason.LASTS, now)
         return None
 
-    def _tell(self, told: Told, now: float) -> Told:
-        self._told_at_s, self._away_since_s = now, None
-        return told
+    def _tell(self, reason: ReportReason, now: float) -> ReportReason:
+        self._reported_at_s, self._away_since_s = now, None
+        return reason
 
 
 _FIX_3D = 3
@@ -94,7 +94,7 @@ _LOW_BATTERY_PERCENT = 15
 
 @dataclass(slots=True)
 class _Going:
-    """Something that goes wrong now: which incident it is, when to tell it, and what was told of it last."""
+    """A current failure: its incident, its alarm, and its last reported text."""
 
     number: int
     alarm: Alarm
@@ -110,8 +110,8 @@ class Watch:
         client: hears the vehicle.
         monitor: hears what the client hears.
         timeouts: how long silence may be.
-        tell: takes what is to be told.
-        sound: takes what is to be heard, too.
+        tell: receives every report.
+        sound: receives the reports that are also sounded.
 
     Attributes:
         incidents: all that went wrong so far, in the order in which it began.
@@ -156,7 +156,7 @@ class Watch:
         return kind in self._open
 
     def text_of(self, kind: Ending) -> str:
-        """What was told of the latest incident of a kind; what its name means when there was none."""
+        """The reported text of a kind's latest incident; the kind's own text without one."""
         return next((i.text for i in reversed(self.incidents) if i.kind is kind), kind.value)
 
     def opened_at_s(self, kind: Ending) -> float:
@@ -170,7 +170,7 @@ class Watch:
         return frozenset(self._open)
 
     def open(self, kind: Ending, text: str, amount: float = 0.0, *, evidence: tuple[str, ...] = ()) -> None:
-        """Something goes wrong, by an amount in a unit of its own: told at once, when it has doubled, and while it lasts."""
+        """Report a failure with an amount in its own unit: at once, when it doubles, and while it lasts."""
         going = self._open.get(kind)
         if going is None:
             going = self._open[kind] = _Going(len(self.incidents), Alarm(settle_s=_SETTLE_S), self._client.clock.now())
@@ -181,13 +181,13 @@ class Watch:
         self._measure(kind, going, amount)
 
     def measure(self, kind: Ending, amount: float | None, text: str, over: str) -> None:
-        """Like ``open``, and with None the end of it, told as ``over``, once it has stayed away for a moment."""
+        """Like ``open``, and with None its end, reported as ``over``, once it has stayed away for a moment."""
         going = self._open.get(kind)
         if amount is not None:
             self.open(kind, text, amount)
         elif going is not None:
             going.amount = None
-            if self._measure(kind, going, None) is Told.ENDED:
+            if self._measure(kind, going, None) is ReportReason.ENDED:
                 self.close(kind, over)
 
     def close(self, kind: Ending, text: str) -> None:
@@ -200,7 +200,7 @@ class Watch:
         self._tell(EventKind.WARNING, text)
 
     def taken(self, kind: Ending, text: str, evidence: tuple[str, ...]) -> None:
-        """Something else has the vehicle: an incident of its own, which does not end with the alarm that may be its cause."""
+        """Report that a pilot or a failsafe has the vehicle: an incident of its own, which outlasts its alarm."""
         self._taken = kind, _Going(len(self.incidents), Alarm(), self._client.clock.now(), text)
         self.incidents.append(Incident(kind, text, self._monitor.time_s, evidence=evidence))
         self._measure(*self._taken, 0.0)
@@ -213,23 +213,23 @@ class Watch:
             self._tell(EventKind.WARNING, text)
 
     def rest(self) -> None:
-        """What is open and not measured any more is not told again, as on the way home."""
+        """Stop the reports of failures that are open and no longer measured, as during the return."""
         for going in self._open.values():
             going.amount = None
 
-    def _measure(self, kind: Ending, going: "_Going", amount: float | None) -> Told | None:
+    def _measure(self, kind: Ending, going: "_Going", amount: float | None) -> ReportReason | None:
         now, vehicle_s = self._client.clock.now(), self._monitor.time_s
         if kind not in _SILENCE and vehicle_s is not None:  # the vehicle's own time stands still while nothing is heard
             now = vehicle_s
-        told = going.alarm.measure(amount, now)
-        if told in (Told.BEGUN, Told.DOUBLED):
+        reason = going.alarm.measure(amount, now)
+        if reason in (ReportReason.BEGUN, ReportReason.DOUBLED):
             self._sound(going.text)
-        elif told is Told.LASTS:
+        elif reason is ReportReason.LASTS:
             self._sound(f"still: {going.text}")
-        return told
+        return reason
 
     def recent_cause(self, *, within_s: float) -> Cause | None:
-        """What the vehicle most likely reacts to if it does something by itself now: what it reports, or what went wrong.
+        """Most likely reason if the vehicle acts by itself now: from its reports or current failures.
 
         Args:
             within_s: how long ago that may be, in seconds of the link's clock.
@@ -244,11 +244,11 @@ class Watch:
         return None
 
     def cause_of_mode_change(self) -> Cause:
-        """Why the vehicle left the mode that we commanded, a moment ago."""
+        """Reason for which the vehicle left the commanded mode a moment ago."""
         return self.causes.of_mode_change(self._recent_incidents(_CAUSE_WITHIN_S), unanswered=self.unanswered)
 
     def _recent_incidents(self, within_s: float) -> dict[Ending, str]:
-        """What goes wrong, or did until some seconds of the link's clock ago, by its kind."""
+        """Failures of the last seconds on the link's clock, by kind."""
         now = self._client.clock.now()
         recent = {kind for kind, closed_s in self._closed_at_s.items() if now - closed_s <= within_s}
         return {kind: self.text_of(kind) for kind in [*self._open, *recent]}

@@ -1,4 +1,4 @@
-"""How the mock vehicle flies, starts up, and sends messages and transfers, by autopilot, as data.
+"""Flight, start-up, messages and transfers of the mock vehicle, by autopilot, as data.
 
 ``OBSERVED`` reproduces two simulated vehicles (ArduCopter 4.7.0-dev and PX4 v1.17.0). ``quick`` is a vehicle without their
 delays: ready in two seconds, with all streams on from the start, and with transfer timeouts on the link's clock.
@@ -18,7 +18,7 @@ from uavcover.model.vehicle import AutopilotMotion, AutopilotName, Vehicle
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """How the vehicle flies unless a mission says otherwise.
+    """Settings of the vehicle's flight without commands of a mission.
 
     Attributes:
         cruise_m_s: ground speed.
@@ -45,7 +45,7 @@ class Settings:
 
     @classmethod
     def for_vehicle(cls, vehicle: Vehicle, autopilot: AutopilotName | None = None) -> "Settings":
-        """The settings of the vehicle that a scenario plans with, flown by an autopilot; by its own where none is named."""
+        """The settings of a scenario's vehicle under an autopilot; its own where none is named."""
         motion = vehicle.motion(autopilot)
         return cls(
             cruise_m_s=vehicle.cruise_speed_m_s,

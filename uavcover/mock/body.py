@@ -1,4 +1,4 @@
-"""The flying part of the mock vehicle: a body in the air or on the ground, and the itinerary that it follows."""
+"""The body of the mock vehicle, in the air or on the ground, and the itinerary that it follows."""
 
 import math
 from collections.abc import Callable
@@ -113,12 +113,12 @@ class MockBody:
             self.home, self.home_m = self.geodetic_of(here), here
 
     def set_home(self, home: GeoPoint) -> None:
-        """Set home to any place."""
+        """Set home to any position."""
         east, north, up = self.frame.enu_from_geodetic(home.lat_deg, home.lon_deg, home.alt_amsl_m)[0]
         self.home, self.home_m = home, (float(east), float(north), float(up))
 
     def place(self, item: MissionItem, ground: Ground) -> Vector:
-        """The position of a mission item; a take-off goes straight up, whatever its coordinates.
+        """The position of a mission item; a take-off goes straight up at any coordinates.
 
         Args:
             item: the item.

@@ -1,4 +1,4 @@
-"""The camera of the mock vehicle: triggered by distance or at a mission's word; every picture is told to the ground.
+"""The camera of the mock vehicle: triggered by distance or by commands; it reports every photo.
 
 As ArduPilot and PX4 do it, the next picture by distance is due where the straight line over ground from the last one reaches
 the distance: the rule of :func:`uavcover.kernels.coverage.picture_places`, one step of flight after the other.
@@ -13,7 +13,7 @@ from uavcover.mock.itinerary import CameraOrder
 
 
 class MockCamera:
-    """Takes pictures and makes the messages that report them.
+    """Takes photos and makes the messages that report them.
 
     Args:
         body: what carries it; pictures are placed where it believes to be.
@@ -21,9 +21,9 @@ class MockCamera:
 
     Attributes:
         taken: how many pictures it has taken since it was switched on.
-        every: it takes one of so many that it is triggered for.
-        at_most: it takes no more than so many.
-        reports: whether it tells of its pictures.
+        every: number of triggers for one photo.
+        at_most: largest number of photos.
+        reports: whether it reports its photos.
     """
 
     def __init__(self, body: MockBody, *, ardupilot: bool) -> None:
@@ -37,7 +37,7 @@ class MockCamera:
         self._last_m: Vector | None = None
 
     def obey(self, order: CameraOrder, now: float) -> list[m.Message]:
-        """Carry out what the mission asks for; returns what is reported of it.
+        """Carry out the mission's camera orders; returns their reports.
 
         PX4 forgets the last picture with every new distance, ArduPilot only when it stops.
         """
@@ -47,7 +47,7 @@ class MockCamera:
         return self._shoot(now) if order.now else []
 
     def step(self, now: float) -> list[m.Message]:
-        """Take the picture that is due by distance, if one is; PX4 takes the first one as soon as it is switched on."""
+        """Take a due photo by distance; PX4 takes the first one as soon as it is switched on."""
         if self._distance_m == 0.0:
             return []
         here = self._body.believed.position_m

@@ -1,4 +1,4 @@
-"""What the mock vehicle does with each message and each command that reaches it, and what it answers."""
+"""Reactions and answers of the mock vehicle to each message and command."""
 
 import math
 from collections.abc import Callable
@@ -75,7 +75,7 @@ def _set_mode(control: FlightControl, params: Params) -> CommandResult:
 
 
 def _change_mode(control: FlightControl, mode: Mode | None, number: int) -> CommandResult:
-    """Change the mode, and keep ArduPilot's number of it in heartbeats: BRAKE holds as LOITER does, and cannot be armed in."""
+    """Change the mode, and keep ArduPilot's number of it: BRAKE holds as LOITER, and cannot be armed in."""
     if mode is None:
         return CommandResult.DENIED
     return control.set_mode(mode, number=number if control.state.is_ardupilot else None)
@@ -156,7 +156,7 @@ def _land(control: FlightControl, params: Params) -> CommandResult:
 
 
 def _take_off(control: FlightControl, params: Params) -> CommandResult:
-    """Take off: ArduPilot in GUIDED to a height above home (param7); PX4 to a height above sea level, or its default."""
+    """Take off: ArduPilot in GUIDED to a height above home (param7); PX4 to an altitude, or its default."""
     vehicle = control.state
     height_m = params[6] if len(params) > 6 else math.nan
     if vehicle.is_ardupilot:
@@ -177,7 +177,7 @@ def _take_off(control: FlightControl, params: Params) -> CommandResult:
 
 
 def _reposition(control: FlightControl, command: m.CommandInt) -> CommandResult:
-    """Fly to a place and stay there: ArduPilot in GUIDED, PX4 in HOLD."""
+    """Fly to a position and stay there: ArduPilot in GUIDED, PX4 in HOLD."""
     vehicle = control.state
     if not vehicle.flying:
         return CommandResult.FAILED

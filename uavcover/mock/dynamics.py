@@ -364,7 +364,7 @@ class Battery:
         self._draw(seconds, self.data.power.idle_share)
 
     def drop_to(self, remaining: float) -> None:
-        """Drop to this charge at once, as a battery with a bad cell does; a lower charge stays as it is."""
+        """Drop to this charge at once, as a battery with a bad cell; a lower charge stays."""
         self.remaining = min(self.remaining, remaining)
 
     def _draw(self, seconds: float, share: float) -> None:

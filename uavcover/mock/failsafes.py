@@ -1,4 +1,4 @@
-"""What the mock vehicle does by itself when its position, battery, ground station link or fence fails.
+"""Reactions of the mock vehicle to a failure of its position, battery, ground station link or fence.
 
 Whether and how it acts is set by its parameters, with the autopilots' own names, values and defaults.
 """
@@ -73,7 +73,7 @@ class Failsafes:
 
     @property
     def _delay_s(self) -> float:
-        """How long it holds before it returns or lands."""
+        """Time of the hold before it returns or lands."""
         return 0.0 if self._state.is_ardupilot else self._state.parameters["COM_FAIL_ACT_T"]
 
     def _once(self, what: str) -> bool:
@@ -122,11 +122,11 @@ class Failsafes:
         action = _GCS_ACTIONS[ardupilot].get(get["FS_GCS_ENABLE" if ardupilot else "NAV_DLL_ACT"])
         if action is None or self._heard_at_s is None:
             return
-        patience_s = get["FS_GCS_TIMEOUT" if ardupilot else "COM_DL_LOSS_T"]
+        timeout_s = get["FS_GCS_TIMEOUT" if ardupilot else "COM_DL_LOSS_T"]
         if vehicle.behaviour.transfer_clock is TransferClock.LINK:
-            patience_s *= vehicle.speed
+            timeout_s *= vehicle.speed
         goes_on = ardupilot and vehicle.mode is Mode.MISSION and int(get["FS_OPTIONS"]) & _GCS_CONTINUES_MISSION
-        if vehicle.time_s >= self._heard_at_s + patience_s and not goes_on and self._once("ground station"):
+        if vehicle.time_s >= self._heard_at_s + timeout_s and not goes_on and self._once("ground station"):
             self._act("GCS" if ardupilot else "Data link lost", action)
 
     def _check_fence(self) -> None:

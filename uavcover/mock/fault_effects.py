@@ -1,4 +1,4 @@
-"""What each fault does to the mock vehicle when it begins, and what its end does."""
+"""Effects of each fault on the mock vehicle at its begin and end."""
 
 from collections.abc import Callable
 from dataclasses import replace

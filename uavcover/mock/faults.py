@@ -1,4 +1,4 @@
-"""Faults by name: what goes wrong with the vehicle, and when; ``parse_fault`` documents the notation."""
+"""Faults by name and time; ``parse_fault`` documents the notation."""
 
 import math
 import re
@@ -11,7 +11,7 @@ from uavcover.errors import InputError
 
 
 class FaultKind(Enum):
-    """What goes wrong; the value is its name on the command line."""
+    """Kind of fault; the value is its name on the command line."""
 
     HEARTBEAT_LOSS = "heartbeat-loss"
     GPS_LOSS = "gps-loss"
@@ -35,7 +35,7 @@ class FaultKind(Enum):
 
 
 class Since(Enum):
-    """What the time of a fault is counted from."""
+    """Start of a fault's time."""
 
     BOOT = "seconds after it was switched on"
     TAKE_OFF = "seconds after it first left the ground"
@@ -55,7 +55,7 @@ class FaultTrigger:
     value: float
 
     def has_come(self, powered_s: float, took_off_at_s: float | None, current_seq: int) -> bool:
-        """Whether it has come.
+        """Whether its time has come.
 
         Args:
             powered_s: vehicle time since the vehicle was first switched on.
@@ -128,7 +128,7 @@ ARGUMENTS: dict[FaultKind, Argument] = {
     FaultKind.SPEED_CHANGED: Argument("metres per second, 3 when not given", default=3.0),
     FaultKind.STRONG_WIND: Argument("metres per second, 25 when not given", default=25.0),
     FaultKind.CAMERA_STOPS: Argument("number of photos after which it takes no more, 4 when not given", default=4.0),
-    FaultKind.CAMERA_SKIPS: Argument("one photo of so many is taken, 10 when not given", default=10.0),
+    FaultKind.CAMERA_SKIPS: Argument("number of triggers for one photo, 10 when not given", default=10.0),
 }
 """The argument of each fault; a fault that is not listed takes none."""
 
@@ -215,7 +215,7 @@ def _trigger_text(trigger: FaultTrigger) -> str:
 
 
 class FaultSchedule:
-    """The faults that are still to come, and those that are in effect.
+    """The future faults, and those in effect.
 
     Args:
         faults: what is to come.

@@ -60,7 +60,7 @@ class FenceWatch:
         return self._breach_at(where) or ("Min Alt" if below else None)
 
     def allows(self, place_m: Vector) -> bool:
-        """Whether the limits in force hold at a place."""
+        """Whether the limits in force hold at a position."""
         get = self._parameters
         has_floor = self._ardupilot and self.in_force and int(get["FENCE_TYPE"]) & _FLOOR
         if has_floor and place_m[2] - self._body.home_m[2] < get["FENCE_ALT_MIN"]:

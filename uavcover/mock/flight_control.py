@@ -1,4 +1,4 @@
-"""What the mock vehicle can be made to do: arm, disarm, change its mode, fly its mission, fail safe, lose power.
+"""Actions of the mock vehicle: arm, disarm, change its mode, fly its mission, fail safe, lose power.
 
 Results are answers to commands; refusals are worded as the autopilot words them.
 """
@@ -174,7 +174,7 @@ class FlightControl:
         self._fly_on()
 
     def fail_safe_smartly(self, what: str, otherwise: Mode) -> None:
-        """Return by SmartRTL where that is available; else return or land, as ArduCopter's failsafes say of themselves."""
+        """Return by SmartRTL where that is available; else return or land, as ArduCopter's failsafes do."""
         state = self.state
         if state.trail.is_active and not state.body.believed.lost:
             if state.flying and state.custom_mode != SMART_RTL:
@@ -187,9 +187,9 @@ class FlightControl:
         self.fail_safe(what, otherwise)
 
     def fail_safe(self, what: str, mode: Mode, *, delay_s: float = 0.0) -> None:
-        """Change to a failsafe mode in flight and report the reason; do nothing on the ground or when already in it.
+        """Change to a failsafe mode in flight and report it; do nothing on the ground or in that mode.
 
-        With a delay it holds first, as PX4 does, unless somebody chooses another mode meanwhile.
+        With a delay it holds first, as PX4 does, unless a station chooses another mode meanwhile.
         """
         state = self.state
         if not state.armed or state.body.on_ground or state.mode is mode:
@@ -262,7 +262,7 @@ class FlightControl:
         tell(state, m.MissionCurrent)
 
     def reason_not_to_arm(self) -> str | None:
-        """Why the vehicle refuses to arm, in its autopilot's words; None when nothing prevents it."""
+        """The autopilot's text for a refusal to arm; None when nothing prevents it."""
         state = self.state
         ardupilot = state.is_ardupilot
         if state.faults.is_going_on(FaultKind.ARMING_REFUSED):

@@ -20,7 +20,7 @@ _APPROACH_GAIN_1_S = 1.2
 
 @dataclass(frozen=True, slots=True)
 class Speeds:
-    """How fast to fly: over ground along a leg, upwards and downwards, metres per second."""
+    """Speeds of flight: over ground along a leg, upwards and downwards, metres per second."""
 
     cruise_m_s: float
     climb_m_s: float
@@ -111,7 +111,7 @@ def velocity_along(
 
 
 def velocity_to(position_m: Vector, target_m: Vector, *, speeds: Speeds, airframe: Airframe) -> Vector:
-    """The velocity to want to come to rest at a point, and to stay there."""
+    """The velocity that brings a body to rest at a point, and keeps it there."""
     unit, length = direction_and_length(position_m, target_m)
     speed = min(along_speed(unit, speeds), _speed_with_room(length, 0.0, unit, airframe))
     return (speed * unit[0], speed * unit[1], speed * unit[2])

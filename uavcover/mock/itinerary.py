@@ -23,11 +23,11 @@ _CIRCLE_LEG_M = 10.0
 
 
 class Mover(Protocol):
-    """What moves: where it believes to be, how fast it goes, what it can do."""
+    """A moving body: its believed position, its speed, its airframe."""
 
     @property
     def airframe(self) -> Airframe:
-        """What it can do."""
+        """Its airframe."""
 
     @property
     def position_m(self) -> Vector:
@@ -50,7 +50,7 @@ class StepKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class CameraOrder:
-    """What one mission command asks of the camera.
+    """Order of one mission command to the camera.
 
     Attributes:
         distance_m: between pictures from now on, 0 stops them; none: as before.
@@ -62,7 +62,7 @@ class CameraOrder:
 
     @classmethod
     def of(cls, item: MissionItem) -> Self | None:
-        """The order of a mission item; none when it is not for the camera, or asks for a series by time."""
+        """The order of a mission item; none for other commands, or for a series by time."""
         match item.command:
             case Command.DO_SET_CAM_TRIGG_DIST if item.params[0] >= 0.0:
                 return cls(item.params[0], item.params[2] > 0.0)
@@ -150,7 +150,7 @@ def mission_steps(
 
 
 def _turns(seq: int, item: MissionItem, center: Vector, settings: Settings, speeds: Speeds) -> list[Step]:
-    """Circles around a place, begun in the north: clockwise, or the other way with a negative radius."""
+    """Circles around a position, begun in the north: clockwise, or the other way with a negative radius."""
     turns, radius_m = item.params[0], item.params[2]
     if not (math.isfinite(radius_m) and radius_m != 0.0):
         radius_m = _CIRCLE_RADIUS_M
@@ -183,7 +183,7 @@ class Itinerary:
     Attributes:
         completed: the items whose last step was done since they were taken out.
         camera: what the camera has to do since it was taken out.
-        stuck: whether it never goes on to the next step, whatever is reached.
+        stuck: whether it stays at its step after reaching it.
     """
 
     def __init__(
@@ -209,7 +209,7 @@ class Itinerary:
 
     @property
     def step(self) -> Step | None:
-        """What is being done; None when everything is done and the vehicle stays where it is."""
+        """The current step; None when all are done and the vehicle stays in place."""
         return self._steps[self._index] if self._index < len(self._steps) else None
 
     @property
@@ -330,7 +330,7 @@ class Itinerary:
 
 
 def halting_point(body: Mover) -> Vector:
-    """Where a vehicle that starts to brake now comes to rest."""
+    """Position of rest of a vehicle that starts to brake now."""
     frame = body.airframe
     (x, y, z), (vx, vy, vz) = body.position_m, body.velocity_m_s
     level = math.hypot(vx, vy) / (1.2 * frame.max_acceleration_m_s2)

@@ -1,4 +1,4 @@
-"""How the autopilots lead a vehicle along the legs of a mission: a place that moves, and which the vehicle follows.
+"""Leading of a vehicle along mission legs: the autopilot moves a position that the vehicle follows.
 
 ``BlendedLegs`` is ArduCopter's way: each leg is a motion from rest to rest with limited acceleration and jerk, and the next one
 begins before the last one ends. ``BrakedLegs`` is PX4's: it steers to the next waypoint with a speed from which the corner can
@@ -17,10 +17,10 @@ from uavcover.model.vehicle import AutopilotMotion
 _STEP_S = 0.02
 _FOLLOW_GAIN_1_S = 1.0
 _VELOCITY_GAIN_1_S = 3.0
-"""Of the controller (``Airframe.velocity_gain_1_s``): an acceleration is asked for as so much more velocity."""
+"""Of the controller (``Airframe.velocity_gain_1_s``): an acceleration is commanded as velocity, divided by this gain."""
 _LAG_M = 0.5
 _STANDS_LAG_M = 5.0
-"""The place slows down when the vehicle is farther behind it than the first, and waits at the second."""
+"""The guided position slows down when the vehicle lags by more than the first, and waits at the second."""
 _HEIGHT_RADIUS_M = 0.8
 _LONGER = 2.0
 _LATE, _KEPT = 0.45, 0.7
@@ -37,7 +37,7 @@ class Leg:
 
 
 class Legs(Protocol):
-    """What leads a vehicle along legs.
+    """Guide of a vehicle along legs.
 
     Attributes:
         passed: how many of them are done.
@@ -46,11 +46,11 @@ class Legs(Protocol):
     passed: int
 
     def wanted_velocity(self, position_m: Vector) -> Vector:
-        """The velocity to ask for, one step later; east, north, up."""
+        """The velocity to command, one step later; east, north, up."""
 
 
 def legs_of(motion: AutopilotMotion, start_m: Vector, legs: Sequence[Leg]) -> Legs:
-    """What leads along legs from a place, at rest there at first."""
+    """Guide along legs from a position of rest."""
     if motion.corner == "blended":
         return BlendedLegs(motion, start_m, legs)
     return BrakedLegs(motion, start_m, legs)
@@ -107,7 +107,7 @@ class _RestToRest:
         return self.rest_s * self._slower <= self.ramp_s
 
     def state(self, seconds: float) -> tuple[float, float, float]:
-        """Way, speed and acceleration after so many seconds."""
+        """Way, speed and acceleration at a time."""
         time = max(0.0, seconds) * self._slower
         if time <= self.ramp_s:
             return self._on_ramp(time)
@@ -140,7 +140,7 @@ def _ramp(speed_m_s: float, acceleration_m_s2: float, jerk_m_s3: float) -> list[
 
 
 class BlendedLegs:
-    """ArduCopter's legs: the motions of two legs add up where one goes over into the next."""
+    """ArduCopter's legs: the motions of two legs add up where one blends into the next."""
 
     def __init__(self, motion: AutopilotMotion, start_m: Vector, legs: Sequence[Leg]) -> None:
         self.passed = 0
@@ -153,7 +153,7 @@ class BlendedLegs:
         self._behind_m = 0.0
 
     def wanted_velocity(self, position_m: Vector) -> Vector:
-        """The velocity to ask for, one step later."""
+        """The velocity to command, one step later."""
         self._advance(_STEP_S * max(0.0, min(1.0, 1.0 - (self._behind_m - _LAG_M) / (_STANDS_LAG_M - _LAG_M))))
         if self._this is None:
             place, velocity, acceleration = self._starts[-1], (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
@@ -224,7 +224,7 @@ class BlendedLegs:
 
 
 class BrakedLegs:
-    """PX4's legs: a place that steers to the next waypoint, its acceleration and jerk limited."""
+    """PX4's legs: a position that steers to the next waypoint, its acceleration and jerk limited."""
 
     def __init__(self, motion: AutopilotMotion, start_m: Vector, legs: Sequence[Leg]) -> None:
         self.passed = 0
@@ -234,7 +234,7 @@ class BrakedLegs:
         self._behind_m = 0.0
 
     def wanted_velocity(self, position_m: Vector) -> Vector:
-        """The velocity to ask for, one step later."""
+        """The velocity to command, one step later."""
         self._advance(_STEP_S * max(0.0, min(1.0, 1.0 - (self._behind_m - _LAG_M) / (_STANDS_LAG_M - _LAG_M))))
         speed = math.sqrt(sum(v * v for v in self._velocity))
         off = tuple(a - b for a, b in zip(self._place, position_m, strict=True))
@@ -316,7 +316,7 @@ class BrakedLegs:
 
 
 def _following(off: Sequence[float], velocity: Vector, acceleration: Vector) -> Vector:
-    """The velocity that keeps a vehicle at a moving place: its own, ahead by its acceleration, and back to it."""
+    """The velocity that keeps a vehicle at a moving position: its own, ahead by its acceleration, and back to it."""
     x, y, z = (
         v + a / _VELOCITY_GAIN_1_S + _FOLLOW_GAIN_1_S * max(-5.0, min(5.0, o))
         for o, v, a in zip(off, velocity, acceleration, strict=True)

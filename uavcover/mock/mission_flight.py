@@ -1,4 +1,4 @@
-"""Flying the mission that the mock vehicle holds: which item is current, which were reached, and what it reports of that."""
+"""The mission flight of the mock vehicle: its current item, its reached items, and their reports."""
 
 from collections.abc import Sequence
 
@@ -122,7 +122,7 @@ class MissionFlight:
         self._reached, self._reports_due = None, []
 
     def go_on(self, now: float) -> None:
-        """Report the items reached, and which one is current."""
+        """Report the reached items, and the current one."""
         state = self._state
         if self._reports_due and now >= self._reports_due[0] and self._reached is not None:
             self._reports_due.pop(0)

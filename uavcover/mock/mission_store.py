@@ -49,7 +49,7 @@ class MissionStore:
         self._ids: dict[MissionType, tuple[tuple[MissionItem, ...], int]] = {}
 
     def _booted(self, vehicle_s: float) -> MissionServer:
-        # Booting takes vehicle time, whatever clock the transfer timeouts use.
+        # Booting takes vehicle time, independent of the clock of transfer timeouts.
         refusal_s = self._autopilot.boot_refusal_s
         booted_at = (vehicle_s + refusal_s) * self._scale - refusal_s
         return MissionServer(self._autopilot, local=self._local, booted_at=booted_at)
@@ -76,7 +76,7 @@ class MissionStore:
         self._server.set_items(mission_type, items)
 
     def load(self, mission_type: MissionType, items: Iterable[MissionItem]) -> None:
-        """Replace a list by one that came as a file: to the vehicle it is an upload."""
+        """Replace a list by one from a file: to the vehicle it is an upload."""
         self._server.set_items(mission_type, items, uploaded=True)
 
     def set_home(self, home: GeoPoint) -> None:
@@ -126,7 +126,7 @@ class ListFiles:
     """The files, as ``AP_Filesystem_Mission`` has them.
 
     A file that is no list changes nothing. An item that is refused ends a mission or rally points, whose old ones are gone by
-    then; a fence is replaced as a whole or not at all. The writer is told nothing of it.
+    then; a fence is replaced as a whole or not at all. The writer gets no answer about it.
 
     Args:
         missions: The lists.

@@ -153,7 +153,7 @@ class Parameters:
         return self._values[name]
 
     def name_of(self, name: str, index: int) -> str | None:
-        """The parameter that is asked for by index, or else by name; None for one that does not exist."""
+        """Name of the requested parameter, by index or else by name; None for one that does not exist."""
         if 0 <= index < len(self._names):
             return self._names[index]
         return name if name in self._known else None

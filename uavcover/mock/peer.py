@@ -77,7 +77,7 @@ _TICK_S = 0.1
 
 
 class MockPeer(Generic[PlaceT]):
-    """A mock vehicle that datagrams go to and come from; a ``Place`` is where a ground station's datagrams come from.
+    """A mock vehicle behind datagrams; a ``Place`` is the address of a ground station.
 
     Answers go to the ground station they are for, everything else to all that have spoken. Messages that are ready at
     the same time share a datagram, or a vehicle at a hundred times real time would swamp its listeners' buffers. While the
@@ -100,11 +100,11 @@ class MockPeer(Generic[PlaceT]):
         self._place_of: dict[Address, PlaceT] = {}
 
     def greet(self, place: PlaceT) -> None:
-        """Treat a place as one that has sent something."""
+        """Treat an address as one that has sent something."""
         self._places[place] = None
 
     def receive_from(self, place: PlaceT, data: bytes, now: float) -> None:
-        """Take a datagram that arrived from a place at ``now`` on the link's clock."""
+        """Take a datagram that arrived from an address at ``now`` on the link's clock."""
         vehicle_now = self._vehicle_time(now)
         self.vehicle.advance(vehicle_now)
         if self.vehicle.cut_off:
@@ -174,7 +174,7 @@ class InMemoryPeer(MockPeer[None]):
         self.receive_from(None, data, now)
 
     def datagrams_to_send(self, now: float) -> list[bytes]:
-        """What the vehicle wants to send at ``now``."""
+        """Datagrams of the vehicle at ``now``."""
         if now >= self._next_tick_s:
             self._next_tick_s = now + _TICK_S / self.speed
         return [data for _, data in self.datagrams(now)]

@@ -21,23 +21,23 @@ _MOST_CONNECTIONS = 16
 
 
 class Port(Protocol):
-    """Something bound that datagrams or frames come in at and go out of, without waiting."""
+    """A bound port that receives and sends datagrams or frames without waiting."""
 
     @property
     def number(self) -> int:
         """The port that was bound."""
 
     def wait(self, timeout_s: float) -> None:
-        """Wait until something is here, for at most so long."""
+        """Wait for data, at most until the timeout."""
 
     def newcomers(self) -> list[Place]:
-        """Who has connected since the last call."""
+        """Addresses that connected since the last call."""
 
     def take(self) -> Iterator[tuple[Place, bytes]]:
-        """What is here, with where it comes from."""
+        """Received frames, each with its address."""
 
     def send(self, place: Place, data: bytes) -> None:
-        """Send to a place; what it does not take is lost."""
+        """Send to an address; refused data is lost."""
 
     def close(self) -> None:
         """Let go of the port."""
@@ -60,11 +60,11 @@ class UdpPort:
         return number
 
     def wait(self, timeout_s: float) -> None:
-        """Wait until a datagram is here, for at most so long."""
+        """Wait for a datagram, at most until the timeout."""
         select.select([self._socket], [], [], timeout_s)
 
     def newcomers(self) -> list[Place]:
-        """Nobody connects over UDP."""
+        """None: UDP has no connections."""
         return []
 
     def take(self) -> Iterator[tuple[Place, bytes]]:
@@ -113,19 +113,19 @@ class TcpPort:
         return number
 
     def wait(self, timeout_s: float) -> None:
-        """Wait until a connection or bytes are here, for at most so long."""
+        """Wait for a connection or bytes, at most until the timeout."""
         select.select(
             [self._socket.fileno(), *(c.channel.fileno() for c in self._connections.values())], [], [], timeout_s
         )
 
     def newcomers(self) -> list[Place]:
-        """Who has connected since the last call."""
+        """Addresses that connected since the last call."""
         self._accept()
         newcomers, self._newcomers = self._newcomers, []
         return newcomers
 
     def take(self) -> Iterator[tuple[Place, bytes]]:
-        """The frames that are here; whoever has gone is forgotten."""
+        """The received frames; closed connections are removed."""
         for place, connection in list(self._connections.items()):
             try:
                 frames = connection.take() + connection.frames_when_quiet()
@@ -157,7 +157,7 @@ class TcpPort:
             try:
                 sock, address = self._socket.accept()
             except OSError:
-                return  # nobody waits
+                return  # no connection waits
             place = (address[0], address[1])
             self._connections[place] = FramedChannel(TcpChannel(sock, f"TCP {place[0]}:{place[1]}"), self._clock)
             self._newcomers.append(place)

@@ -84,7 +84,7 @@ class Positioning:
 
     @property
     def airframe(self) -> Airframe:
-        """What the vehicle can do."""
+        """The vehicle's airframe."""
         return self._point.airframe
 
     @property

@@ -1,4 +1,4 @@
-"""Serves the mock vehicle on a port: as a process of its own (``run``), or in a thread behind the URL ``mock:``."""
+"""Serve the mock vehicle on a port: as a process (``run``), or in a thread for the URL ``mock:``."""
 
 import logging
 import signal
@@ -33,7 +33,7 @@ class MockServer:
         speed: vehicle seconds per second.
         loss: share of the datagrams that are lost, each way.
         rng: decides which datagrams.
-        greet: a place that is told about the vehicle before it has spoken, or none.
+        greet: an address that receives messages before it has sent any, or none.
 
     Raises:
         VehicleError: the port cannot be bound.
@@ -69,7 +69,7 @@ class MockServer:
         return self._port.number
 
     def serve(self, stopped: Callable[[], bool]) -> None:
-        """Fly and answer until ``stopped`` says so."""
+        """Fly and answer until ``stopped`` is true."""
         while not stopped():
             self._port.wait(_TICK_S)
             now = time.monotonic()
@@ -112,11 +112,11 @@ def run(
     on_bound: Callable[[int], None] | None = None,
     ended: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Be a vehicle until SIGTERM or SIGINT, or until ``ended`` says so. To be called in the main thread of its process.
+    """Be a vehicle until SIGTERM or SIGINT, or until ``ended`` is true. To be called in the main thread of its process.
 
     Args:
-        url: ``udpin://HOST:PORT`` answers whoever speaks to it, port 0 is any; ``udpout://HOST:PORT`` also speaks first;
-            ``tcpin://HOST:PORT`` talks to whoever connects.
+        url: ``udpin://HOST:PORT`` answers every sender, port 0 is any; ``udpout://HOST:PORT`` also speaks first;
+            ``tcpin://HOST:PORT`` talks to every connection.
         vehicle: the vehicle, made with the same ``speed``.
         speed: vehicle seconds per second.
         loss: share of the datagrams that get lost, each way.
@@ -161,7 +161,7 @@ def run(
 
 
 class BackgroundMock:
-    """A mock vehicle in a thread of this process, on a free port of 127.0.0.1; a context manager that ends it."""
+    """A mock vehicle in a thread, on a free port of 127.0.0.1; a context manager that ends it."""
 
     def __init__(self, vehicle: MockVehicle, *, speed: float = 1.0, loss: float = 0.0, seed: int = 0) -> None:
         self._server = MockServer(vehicle, speed=speed, loss=loss, rng=Random(seed))
@@ -214,7 +214,7 @@ class _MockLink(UdpLink):
 def mock_endpoint(
     make_vehicle: Callable[[], MockVehicle], *, speed: float = 1.0, loss: float = 0.0
 ) -> Callable[[LinkUrl], Link]:
-    """What opens ``mock:`` for ``open_link``: each link starts a vehicle of its own, which ends with the link.
+    """The opener of ``mock:`` for ``open_link``: each link starts its own vehicle, which ends with it.
 
     Args:
         make_vehicle: makes the vehicle, with the same ``speed``.

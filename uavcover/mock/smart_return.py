@@ -83,7 +83,7 @@ class Trail:
         self._simplified = len(self._points)
 
     def _prune(self) -> None:
-        """Cut out loops between segments that come near to each other; of loops that overlap the longer one."""
+        """Cut out loops between segments that approach each other; of overlapping loops the longer one."""
         points, loops = self._points, list[tuple[float, int, int, Vector]]()
         for i in range(len(points) - 1, 3, -1):
             for j in range(1, i - 1):

@@ -39,7 +39,7 @@ _PIECE_LETTERS = 50
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MockConfig:
-    """What kind of vehicle to simulate.
+    """Configuration of a simulated vehicle.
 
     Attributes:
         settings: speeds and heights unless a mission overrides them.
@@ -84,7 +84,7 @@ class MockState:
         speeds: speeds to fly at now.
         faults: what has gone wrong and what will; ``faults.add`` takes more.
         missions: mission, fence and rally points that it holds.
-        mode_number: the number by which its mode was asked for, where several numbers mean the same; None is the usual one.
+        mode_number: the requested number of its mode, where several numbers mean the same; None is the usual one.
         trail: of ArduCopter's SmartRTL.
         mission_state: progress of the mission.
         current_seq: wire number of the mission item that it flies to.
@@ -203,7 +203,7 @@ class MockState:
 
     @property
     def ready(self) -> bool:
-        """Whether it has a position, so that it can be armed."""
+        """Whether it has a position, which arming requires."""
         return self.time_s >= self.behaviour.ready_s and not self.body.believed.lost
 
     @property
@@ -217,7 +217,7 @@ class MockState:
         return system_id not in own and bool(int(self.parameters["MAV_OPTIONS"]) & 1)
 
     def _heading(self, velocity_m_s: Vector) -> float | None:
-        """The heading that its yaw parameter asks for, radians; None is to turn no more."""
+        """The heading that its yaw parameter requests, radians; None is to turn no more."""
         mode = self.parameters["WP_YAW_BEHAVIOR" if self.is_ardupilot else "MPC_YAW_MODE"]
         if mode == (0.0 if self.is_ardupilot else 5.0):
             return None

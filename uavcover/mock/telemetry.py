@@ -92,7 +92,7 @@ def _mission_current(vehicle: MockState) -> m.Message:
 
 
 def _sys_status(vehicle: MockState) -> m.Message:
-    # The pre-arm bit is set before arming works, as on ArduPilot: whoever trusts it alone is refused.
+    # The pre-arm bit is set before arming works, as on ArduPilot: a station that trusts it alone is refused.
     healthy = _SENSORS if vehicle.checks_pass else _SENSORS & ~m.PREARM_CHECK_BIT
     if not vehicle.has_fix:
         healthy &= ~_SENSOR_GPS

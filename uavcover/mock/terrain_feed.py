@@ -35,12 +35,12 @@ class TerrainFeed:
         self._next = 0
 
     def want(self, places: Iterable[Place]) -> None:
-        """Ask for the blocks of these places from now on."""
+        """Request the blocks of these positions from now on."""
         for lat_deg, lon_deg in places:
             self._blocks.setdefault(place_in_block(lat_deg, lon_deg, self.spacing_m).block, {})
 
     def want_for(self, home: GeoPoint, items: Iterable[MissionItem]) -> None:
-        """Ask for the blocks of home, of every waypoint, and of four places around it."""
+        """Request the blocks of home, of every waypoint, and of four positions around it."""
         self.want([(home.lat_deg, home.lon_deg)])
         step_deg = _AROUND * self.spacing_m / _M_PER_DEG
         for item in items:
@@ -71,11 +71,11 @@ class TerrainFeed:
 
     @property
     def pending(self) -> int:
-        """Parts that are wanted and have not come."""
+        """Requested parts that have not arrived."""
         return sum(PART_COUNT - len(parts) for parts in self._blocks.values())
 
     def height_amsl_m(self, lat_deg: float, lon_deg: float) -> float | None:
-        """Height of the ground, bilinear between the heights that are there; None where one is missing."""
+        """Height of the ground, bilinear between known heights; None where one is missing."""
         place = place_in_block(lat_deg, lon_deg, self.spacing_m)
         parts = self._blocks.get(place.block, {})
         row, column = math.floor(place.row), math.floor(place.column)
@@ -99,7 +99,7 @@ class TerrainFeed:
         return ground
 
     def report(self, lat_deg: float, lon_deg: float, alt_amsl_m: float) -> TerrainReport:
-        """The TERRAIN_REPORT at a place and a height above sea level."""
+        """The TERRAIN_REPORT at a position and an altitude."""
         loaded = sum(len(parts) for parts in self._blocks.values())
         ground_m = self.height_amsl_m(lat_deg, lon_deg)
         if ground_m is None:  # MAVLink cannot express "unknown" here: spacing 0 stands for it

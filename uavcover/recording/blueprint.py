@@ -24,13 +24,13 @@ _MAP_PIXELS = 220.0  # of a map view in a window of usual size
 LEGEND_TEXT = """
 | colour | what |
 |---|---|
-| green | cells that have been seen |
-| grey | cells that have not been seen yet |
-| purple | cells that cannot be seen from inside the limits |
+| green | observed cells |
+| grey | cells not observed yet |
+| purple | cells not visible from any allowed position |
 | white line, numbers | the planned route and its waypoints |
 | yellow line | the path flown so far |
-| red arrow | the vehicle and where its nose points |
-| pale cone | where the camera looks, turned with the vehicle unless it is stabilised |
+| red arrow | the vehicle and its yaw |
+| pale cone | the camera's view, turned with the vehicle unless it is stabilised |
 | cyan ring | ground inside the sensor's field of view |
 | blue outline | the area |
 | orange outline | the fence |

@@ -1,4 +1,4 @@
-"""The recording of a fleet: all flights on one clock, the cells that any of them has seen, and how near they were."""
+"""The recording of a fleet: all flights on one clock, the observed cells, and the separation of the vehicles."""
 
 import hashlib
 import itertools

@@ -96,7 +96,7 @@ def log_coverage(
     everything = np.ones(coverage.grid.count, dtype=bool)
     for entity, name, judged, rgb in (
         (layout.SEEN, "of the area", everything, layout.SEEN_RGB),
-        (layout.SEEN_COVERABLE, "of what can be seen", coverage.coverable, layout.FOOTPRINT_RGB),
+        (layout.SEEN_COVERABLE, "of the visible ground", coverage.coverable, layout.FOOTPRINT_RGB),
     ):
         if judged.any():
             percent = _percent_seen(coverage.grid.weight_m2[judged], shown_s[judged], ticks_s)
@@ -135,10 +135,10 @@ def log_states(recording: rr.RecordingStream, states: Sequence[VehicleState]) ->
         (layout.BATTERY_PERCENT, "left, percent", [state.battery_percent for state in states], layout.SEEN_RGB),
         (layout.BATTERY_V, "volts", [state.battery_v for state in states], layout.FLOWN_RGB),
     ):
-        told = np.array([np.nan if value is None else value for value in values])
-        known = np.isfinite(told)
+        reported = np.array([np.nan if value is None else value for value in values])
+        known = np.isfinite(reported)
         if known.any():
-            _log_series(recording, entity, time_s[known], told[known], name=name, rgb=rgb)
+            _log_series(recording, entity, time_s[known], reported[known], name=name, rgb=rgb)
     arrived = np.array([state.frames_in for state in states], dtype=float)
     lost = np.array([state.frames_lost for state in states], dtype=float)
     before = np.searchsorted(time_s, time_s - LINK_WINDOW_S)

@@ -159,7 +159,7 @@ class LiveRecording:
                 continue
             try:
                 self.send()
-            except Exception as error:  # whatever rerun raises: the flight goes on
+            except Exception as error:  # any error of rerun: the flight goes on
                 self.error = f"{self._path}: the live recording ended ({error})"
 
     def _send(self) -> None:
@@ -202,7 +202,7 @@ class LiveRecording:
                 )
 
     def _turned(self, new: Track) -> list[tuple[int, NDArray[np.uint32]]]:
-        """Numbers and colours of the tiles with newly seen cells."""
+        """Numbers and colours of the tiles with newly observed cells."""
         numbers = np.append(self._heading_for, new.current_waypoint)
         self._heading_for = int(numbers[-1])
         if self._coverage.site.scenario.sensor.sensing == "along-path":

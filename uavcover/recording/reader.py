@@ -81,9 +81,7 @@ def read_recorded_track_with_warnings(path: str | Path) -> ReadTrack:
     }
     order = np.argsort(columns["time_s"], kind="stable")
     if count is not None and order.size != count:
-        raise RecordingError(
-            f"{path}: the recording is damaged: {order.size} of {count} samples of the track are there"
-        )
+        raise RecordingError(f"{path}: the recording is damaged: {order.size} of {count} samples of the track remain")
     columns = {name: values[order] for name, values in columns.items()}
     track = Track(
         time_s=columns["time_s"],
@@ -133,7 +131,7 @@ def check_finished(path: Path) -> None:
 
 
 def _chunks(path: Path) -> Iterator[Chunk]:
-    """All chunks of the first recording in a file: by the manifest at its end, or one by one in an unfinished file."""
+    """All chunks of the first recording in a file: by its manifest, or one by one in an unfinished file."""
     if not path.is_file():
         raise RecordingError(f"{path}: no such file")
     try:

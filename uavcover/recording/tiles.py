@@ -1,4 +1,4 @@
-"""Cells that change from unseen to seen, stored compactly. Arrays only.
+"""Cells that change from unobserved to observed, stored compactly. Arrays only. Arrays only.
 
 The colours of all cells once a second would be most of the file, and nearly all of them would repeat. Instead, the cells are cut
 into square tiles, and a tile gets new colours only in seconds in which one of its cells was seen for the first time.
@@ -46,7 +46,7 @@ class Tile:
 
 
 def lift_m(coverage: CoverageMap) -> float:
-    """Height above ground at which cells are drawn, so that the terrain does not show through; lines use twice that."""
+    """Height above ground at which cells are drawn, above the drawn terrain; lines use twice that."""
     return 0.1 * coverage.grid.cells.size_m + 0.001 * extent_m(scene_bounds_m(coverage.site))
 
 
@@ -57,7 +57,7 @@ def tick_times_s(start_s: float, end_s: float) -> FloatArray:
 
 
 def shown_from_s(first_seen_s: FloatArray, ticks_s: FloatArray) -> FloatArray:
-    """(cells,) tick from which each cell is shown as seen; infinite where it never is (not finite in ``first_seen_s``)."""
+    """(cells,) tick from which each cell is shown as observed; infinite where ``first_seen_s`` is not finite."""
     tick = np.searchsorted(ticks_s, first_seen_s, side="left")
     return np.append(ticks_s, np.inf)[np.where(np.isfinite(first_seen_s), tick, ticks_s.size)]
 

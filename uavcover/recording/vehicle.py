@@ -89,7 +89,7 @@ def footprints_m(coverage: CoverageMap, eyes_m: FloatArray, axes: FloatArray, to
 
 
 def _on_axis_m(coverage: CoverageMap, eye_m: FloatArray, axis: FloatArray) -> FloatArray:
-    """(2,) first intersection of the axis with the ground, to a 200th of the range; below the sensor if there is none."""
+    """(2,) first intersection of the axis with the ground, to a 200th of the range, or else below the sensor."""
     along = np.linspace(0.0, coverage.sight.reach_m, 201)[:, None]
     points = eye_m + along * axis
     under = coverage.site.ground.heights_agl_m(points) <= 0.0
@@ -174,7 +174,7 @@ def body_rotations(attitude_deg: FloatArray) -> "Rotation":
 
 
 def _rotations(turn: CameraTurn) -> "Rotation":
-    """Rotations from the camera (top, left of the picture, against its axis) to the local frame."""
+    """Rotations from the camera (top, left of the image, against its axis) to the local frame."""
     from scipy.spatial.transform import Rotation
 
     left = np.cross(turn.tops, turn.axes)
@@ -182,7 +182,7 @@ def _rotations(turn: CameraTurn) -> "Rotation":
 
 
 def _view_edges(sensor: Camera, *, length_m: float) -> list[FloatArray]:
-    """Edges and rim of a field of view, downwards from the origin; the top of a picture points to x."""
+    """Edges and rim of a field of view, downwards from the origin; the top of an image points to x."""
     if isinstance(sensor, FrameCamera):
         right = length_m * math.tan(math.radians(sensor.fov_across_deg / 2.0))
         top = length_m * math.tan(math.radians(sensor.fov_along_deg / 2.0))
@@ -196,6 +196,6 @@ def _view_edges(sensor: Camera, *, length_m: float) -> list[FloatArray]:
 
 
 def _step_samples(time_s: FloatArray) -> NDArray[np.intp]:
-    """Numbers of the samples at which a step ends: the first sample, then about one every ``STEP_S``, and always the last."""
+    """Numbers of the samples at which a step ends: the first, about one every ``STEP_S``, and the last."""
     step = np.floor((time_s - time_s[0]) / STEP_S)
     return np.unique(np.append(np.flatnonzero(np.diff(step, prepend=-1.0) > 0), time_s.size - 1))

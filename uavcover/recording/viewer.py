@@ -33,7 +33,7 @@ _SETTLE_S = 1.5
 _ENDING_S = 5.0
 
 _NO_DRIVER = (
-    "no graphics driver: the picture needs Vulkan, a software one will do "
+    "no graphics driver: the screenshot needs Vulkan, a software one will do "
     "(Debian and Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1)"
 )
 
@@ -80,14 +80,14 @@ def open_live_viewer() -> str:
 def _require_screen(what: str) -> None:
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RecordingError(
-            f"{what}: no screen here (neither DISPLAY nor WAYLAND_DISPLAY is set); make a picture with "
+            f"{what}: no screen here (neither DISPLAY nor WAYLAND_DISPLAY is set); make a screenshot with "
             "`uavcover inspect RUN --screenshot FILE.png`, or copy the file to a machine with a screen and open it there "
             "with `rerun flight.rrd`"
         )
 
 
 def screenshot(path: str | Path, png: str | Path, *, at_share: float = 1.0) -> None:
-    """Make a picture of a recording as the viewer shows it, without a screen.
+    """Make a screenshot of a recording in the viewer, without a screen.
 
     Args:
         path: the recording.
@@ -96,7 +96,7 @@ def screenshot(path: str | Path, png: str | Path, *, at_share: float = 1.0) -> N
 
     Raises:
         RecordingError: an unreadable recording, no graphics driver, or a viewer that does not answer.
-        OutputError: the picture cannot be written.
+        OutputError: the screenshot cannot be written.
     """
     path, png = Path(path), Path(png)
     if not 0.0 <= at_share <= 1.0:
@@ -111,7 +111,7 @@ def screenshot(path: str | Path, png: str | Path, *, at_share: float = 1.0) -> N
             _save_picture(client, path, unfinished, moment_s)
         os.replace(unfinished, png)
     except OSError as error:
-        raise OutputError(f"{png}: the picture cannot be written ({error.strerror or error})") from error
+        raise OutputError(f"{png}: the screenshot cannot be written ({error.strerror or error})") from error
     finally:
         with contextlib.suppress(OSError):
             unfinished.unlink(missing_ok=True)
@@ -190,9 +190,9 @@ def _save_picture(client: ViewerClient, path: Path, png: Path, moment_s: float) 
         time.sleep(_SETTLE_S)
         client.save_screenshot(str(png.resolve()))
     except Exception as error:
-        raise RecordingError(f"{path}: the viewer could not make the picture ({_first_line(error)})") from error
+        raise RecordingError(f"{path}: the viewer could not make the screenshot ({_first_line(error)})") from error
     if png.stat().st_size == 0:
-        raise RecordingError(f"{path}: the viewer made an empty picture")
+        raise RecordingError(f"{path}: the viewer made an empty screenshot")
 
 
 def _start_viewer(arguments: list[str], log: IO[bytes]) -> subprocess.Popen[bytes]:
@@ -224,7 +224,7 @@ def _viewer_program() -> Path:
 
 
 def _failure(log: IO[bytes], code: int) -> str:
-    """Why a viewer exited, by its output."""
+    """The reason for a viewer's exit, by its output."""
     log.seek(0)
     lines = [line.strip() for line in log.read().decode(errors="replace").splitlines() if line.strip()]
     if any("graphics adapter" in line or "render context" in line for line in lines):

@@ -1,4 +1,4 @@
-"""The run folder: its files, provenance, what a verdict is bound to; who is told what; who does long tasks.
+"""The run folder: its files, provenance, inputs of a verdict; the user's messages; scheduling of long tasks.
 
 Begin with ``folder.py`` and ``provenance.py``; ``user.py`` is who commands talk to, ``scheduling.py`` who computes.
 """

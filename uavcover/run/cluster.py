@@ -36,7 +36,7 @@ _IDLE = {
     "distributed.admin.tick.interval": "500ms",
     "distributed.admin.system-monitor.interval": "5s",
 }
-"""Nobody looks at profiles and monitors of processes of this machine: without them three processes that wait take 0.4 s of
+"""Profiles and monitors of local processes have no reader: without them three processes that wait take 0.4 s of
 processor time in 15 s, in place of 1.3 s."""
 
 _DEAF_TO_CTRL_C = "import signal; signal.signal(signal.SIGINT, signal.SIG_IGN)"
@@ -62,7 +62,7 @@ class DaskWorkers:
 
         Args:
             client: of the scheduler.
-            where: how it was asked for.
+            where: the text of the request.
             here: whether the workers are processes of this machine, which can open its files.
         """
         self._client = client
@@ -120,7 +120,7 @@ class DaskWorkers:
             raise error.__cause__ or error from None
         except KilledWorker as error:
             raise UavcoverError(
-                f"{self._where}: a task lost its worker again and again, {error.last_worker.address} last (is there enough "
+                f"{self._where}: a task lost its worker repeatedly, {error.last_worker.address} last (is there enough "
                 f"memory?); {_GOES_ON}"
             ) from error
         except (CancelledError, asyncio.CancelledError, CommClosedError, OSError) as error:
@@ -144,7 +144,7 @@ class DaskWorkers:
 
 @contextmanager
 def local_workers(count: int) -> Iterator[DaskWorkers]:
-    """So many worker processes on this machine; they end with the context.
+    """Worker processes on this machine; they end with the context.
 
     They listen on 127.0.0.1 alone, and there is no dashboard.
     """
@@ -173,7 +173,7 @@ def remote_workers(address: str) -> Iterator[DaskWorkers]:
     """The workers of a Dask scheduler.
 
     Raises:
-        InputError: nobody answers, there are no workers, or their versions are not ours.
+        InputError: no scheduler answers, there are no workers, or their versions are not ours.
     """
     _be_quiet()
     where = f"--scheduler {address}"
@@ -208,7 +208,7 @@ def _require_same_program(client: Client, where: str) -> None:
 
 
 class InFile(NamedTuple):
-    """What all tasks of a worker need is in a file of this machine.
+    """Shared input of all tasks of a worker, in a file of this machine.
 
     Attributes:
         path: of the file.
@@ -234,7 +234,7 @@ def _read(there: InFile) -> Any:
 
 
 def _unpacked(packed: bytes, about: dict[str, str]) -> Any:
-    """What all tasks of a worker need."""
+    """The shared input of all tasks of a worker."""
     _require_program(about)
     return pickle.loads(packed)
 
@@ -246,7 +246,7 @@ def _require_program(about: dict[str, str]) -> None:
 
 
 def _done(function: Callable[[Any, Any], Any], shared: Any, task: bytes) -> tuple[bytes, int, float]:
-    """What a task gives, the bytes of the task, and its processor time."""
+    """The result of a task, the bytes of the task, and its processor time."""
     begin_s = time.thread_time()
     answer: tuple[bool, object]
     try:
@@ -261,6 +261,6 @@ def _digest(task: object) -> str:
 
 
 def _be_quiet() -> None:
-    """What goes wrong is told in one line, by the errors above."""
+    """Silence Dask's loggers: our errors report a failure in one line."""
     for name in ("distributed", "tornado", "asyncio"):
         logging.getLogger(name).setLevel(logging.CRITICAL)

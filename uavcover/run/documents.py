@@ -18,7 +18,7 @@ from uavcover.scenario.site import Site
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedDocument:
-    """What later stages need of a ``plan.json``.
+    """Content of a ``plan.json`` that later stages need.
 
     Attributes:
         route: the chosen route.
@@ -89,7 +89,7 @@ def plan_document(
 
 
 def _mission(plan: Plan) -> dict[str, Any] | None:
-    """What the mission comes to, and what it would with fewer vehicles; none where it was not cut into flights."""
+    """Figures of the mission, and with fewer vehicles; none where the plan has no sorties."""
     if plan.chosen.mission is None:
         return None
     others = [dataclasses.asdict(size) for size in plan.by_vehicles]
@@ -109,7 +109,7 @@ def bound_document(bound: Bound) -> dict[str, Any]:
 
 
 def bound_in_words(question: str, entry: dict[str, Any]) -> str:
-    """What an entry of ``bounds`` says, in one line.
+    """An entry of ``bounds`` as one line.
 
     Raises:
         InputError: it is none.
@@ -161,7 +161,7 @@ def _waypoints(site: Site, points_m: FloatArray) -> list[dict[str, float | None]
 
 
 def read_plan_document(document: dict[str, Any], *, source: str) -> PlannedDocument:
-    """What later stages need of a plan.
+    """Read the content of a plan that later stages need.
 
     Raises:
         InputError: a key is missing or has the wrong kind; says which.
@@ -193,7 +193,7 @@ def read_plan_document(document: dict[str, Any], *, source: str) -> PlannedDocum
 
 
 def _vehicles(fleet: Any) -> int:
-    """How many fly, of the ``fleet`` of a plan."""
+    """Number of vehicles in the ``fleet`` of a plan."""
     return 1 if fleet is None else Fleet(vehicles=int(fleet["vehicles"])).vehicles
 
 

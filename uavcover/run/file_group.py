@@ -1,4 +1,4 @@
-"""A group of changes to the files of one folder: all of them are made, or none, whatever ends the process in between.
+"""A group of changes to the files of one folder: all are made, or none if the process is killed.
 
 New files are first written beside the others, into a folder of their own. Then a journal lists the renames that put them in place
 and what they replace away; from that moment the group counts as done. Who opens the folder next, and finds a journal, finishes
@@ -107,9 +107,9 @@ def is_unsettled(folder: Path) -> bool:
 
 
 def settle(folder: Path) -> None:
-    """Finish, or undo, the group that another process has left half done; remove what it never began, and files half written.
+    """Finish or undo the group of a process that ended, and remove unused and half-written files.
 
-    Nobody else may be working in the folder.
+    No other process may work in the folder.
 
     Raises:
         OutputError: it cannot be done.
@@ -124,7 +124,7 @@ def settle(folder: Path) -> None:
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise OutputError(
                 f"{folder}: its files were being replaced when something ended that, and it cannot be finished ({error}); "
-                f"mend this, or see {JOURNAL} there"
+                f"correct this, or see {JOURNAL} there"
             ) from error
     for left in folder.glob(f"{_STAGED}*"):
         shutil.rmtree(left, ignore_errors=True)

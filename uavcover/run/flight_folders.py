@@ -15,7 +15,7 @@ GAP_FOLDER = "gaps"
 
 
 def flights_of(run: RunFolder) -> list[RunFolder]:
-    """The run and the flights that resumed it, in their order; one that belongs to an older flight ends the list."""
+    """The run and the flights that resumed it, in order; a flight of an older run ends the list."""
     flights = [run]
     while True:
         folder = RunFolder(run.file(f"{_FOLDER}-{len(flights)}"))
@@ -47,7 +47,7 @@ def whole_run(folder: RunFolder) -> RunFolder:
 
 
 def plans_of(run: RunFolder) -> list[RunFolder]:
-    """The run, its sorties, the flights that resumed them and its gap mission: every folder with a plan that was flown by it."""
+    """Every folder whose plan this run flew: the run, its sorties, resumed flights and gap mission."""
     flights = [flight for folder in (run, *run.sorties()) for flight in flights_of(folder)]
     return [folder for folder in (*flights, RunFolder(run.file(GAP_FOLDER))) if folder.file("plan.json").is_file()]
 
@@ -58,7 +58,7 @@ def next_folder(run: RunFolder) -> RunFolder:
 
 
 def continues(folder: RunFolder, before: RunFolder) -> bool:
-    """Whether a flight goes on with the one before it as it is there now."""
+    """Whether a flight continues the present state of the one before it."""
     try:
         link = folder.read_json("run.json", made_by="uavcover fly --resume").get(LINK)
     except InputError:

@@ -27,7 +27,7 @@ def site_for(log: Path, run: RunFolder, site: Site) -> Site:
     inside = log.resolve().is_relative_to(run.path.resolve())
     if not inside:
         raise InputError(
-            f"{log}: the vehicles of {run} differ, and nothing tells which one flew it; judge it by its own plan: "
+            f"{log}: the vehicles of {run} differ, and the log does not show which one flew it: judge it by its own plan: "
             f"{to_paste('verify', f'{run}/sortie-N', '--log', log)}"
         )
     beside = RunFolder(log.parent).file("scenario.toml")

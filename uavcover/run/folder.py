@@ -56,7 +56,7 @@ class RunFolder:
         if sortie is None or not 1 <= sortie <= len(sorties):
             named = "" if sortie is None else f", not sortie {sortie}"
             raise InputError(
-                f"{self.path}: is flown as {len(sorties)} sorties{named}; say which: --sortie 1 to {len(sorties)}"
+                f"{self.path}: has {len(sorties)} sorties{named}: add --sortie N, from 1 to {len(sorties)}"
             )
         return sorties[sortie - 1]
 
@@ -165,7 +165,7 @@ class RunFolder:
         change_together(self.path, contents, removed=stale, moved=moved)
 
     def remove(self, names: Iterable[str]) -> None:
-        """Remove files, where they are there.
+        """Remove files, where they exist.
 
         Raises:
             OutputError: one cannot be removed; then all are there.
@@ -173,10 +173,10 @@ class RunFolder:
         change_together(self.path, {}, removed=names)
 
     def settle(self) -> None:
-        """Finish what another process was writing when it was killed, here or in the run folder that this one lies in.
+        """Finish the writes of a process that was killed, in this folder or its parent run folder.
 
         Raises:
-            OutputError: it cannot be finished, or somebody is writing at this moment.
+            OutputError: it cannot be finished, or another process is writing at this moment.
         """
         for folder in (self.path.resolve().parent, self.path):
             if is_unsettled(folder):
@@ -260,7 +260,7 @@ def has_a_flight(run: RunFolder) -> bool:
 
 
 def flown_in(run: RunFolder) -> list[str]:
-    """What there is of flights and verdicts: files of a run folder, and the folders inside that have been flown.
+    """The flights and verdicts of a run: its files, and the folders inside that were flown.
 
     The report of a plan alone is neither.
     """
@@ -286,7 +286,7 @@ def moves_of_an_older_flight(run: RunFolder) -> dict[str, str]:
 
 
 def stale_files(run: RunFolder, kept: Iterable[str]) -> list[str]:
-    """The files of an older plan that was not flown, here and in the run folders inside, but for those that are written anew."""
+    """The files of an older unflown plan, here and in the run folders inside, without those to be rewritten."""
     kept = set(kept)
     return [name for name in _known(run, PurePosixPath()) if name not in kept]
 

@@ -1,4 +1,4 @@
-"""What a verdict is bound to: the bytes of every file that was judged, held against what ``run.json`` recorded of them.
+"""Inputs of a verdict: the hash of every judged file, compared with the records in ``run.json``.
 
 Hashes are of bytes: a scenario written in another way is another scenario, even where it means the same. Who forges ``run.json``
 consistently is not found out here, but by the judgement of the track.
@@ -156,12 +156,12 @@ def refuse_changes(run: RunFolder, inputs: JudgedInputs, accepted: Sequence[str]
 
 
 def same_inputs(document: dict[str, Any], inputs: JudgedInputs) -> bool:
-    """Whether a ``verification.json`` judged what is there now."""
+    """Whether a ``verification.json`` judged the present files."""
     return bool(document.get("inputs") == inputs.hashes)
 
 
 def accepted_in(document: dict[str, Any]) -> set[Change]:
-    """The changes that a ``verification.json`` says were accepted."""
+    """The accepted changes of a ``verification.json``."""
     entries = document.get("accepted_changes", [])
     return {
         Change(entry["what"], entry["file"], entry["was"], entry["now"], entry["why"])
@@ -171,10 +171,8 @@ def accepted_in(document: dict[str, Any]) -> set[Change]:
 
 
 def unsealed_in_words(name: str) -> str:
-    """What is said of a track of which no end is recorded."""
-    return (
-        f"{name}: run.json has no end of its flight, as of one that was killed, so nothing tells whether it was changed"
-    )
+    """Message about a track without a recorded end."""
+    return f"{name}: run.json has no end of its flight, as of one that was killed, so no record shows whether it was changed"
 
 
 def _elevation_sources(scenario: Scenario) -> dict[str, TerrainSource]:
@@ -197,7 +195,7 @@ def _site(scenario: Scenario) -> Site | None:
 def _elevation_sha256(
     scenario: Scenario, site: Site | None, sources: Mapping[str, TerrainSource]
 ) -> dict[str, str | None]:
-    """Hashes of the heights that the site is made of; of the files, where none can be made of them; none where one is gone."""
+    """Hashes of the heights of a site, or of their files; none where a file is missing."""
     if site is not None:
         both = {"terrain": site.bare_ground.sha256, "surface": site.ground.surface_sha256}
         return {what: both[what] for what in sources}
@@ -235,7 +233,7 @@ class _Finding:
         return path.resolve().relative_to(self.run.path.resolve()).as_posix() if inside else path.name
 
     def add_record(self, folder: RunFolder, record: Record) -> None:
-        """What is wrong with the record, and the version that planned."""
+        """Check the record, and the version that planned."""
         where = self.name(folder.file("run.json"))
         self.changes += [Change("record", where, why=f"{where}: {fault}") for fault in record.faults]
         if record.version is not None and record.version != version():
@@ -312,7 +310,7 @@ class _Finding:
         )
 
     def add_broken_continuations(self, logs: Sequence[Path]) -> None:
-        """A flight that goes on with another track than the one that is there."""
+        """Report a flight that continues another track than the present one."""
         for log in logs:
             if log.name != TRACK:
                 continue
@@ -356,7 +354,7 @@ def judged_logs(run: RunFolder, logs: Sequence[Path]) -> list[Path]:
 
 
 def logs_of_the_verdict(run: RunFolder) -> list[Path]:
-    """The logs that the verdict in a run folder judged; none where it judged the run's own tracks, or where there is no verdict.
+    """The logs that the verdict in a run folder judged; none where it judged the run's own tracks, or without a verdict.
 
     A log that lies elsewhere is known by its name and its hash alone: it is looked for beside the run and where the command runs.
 

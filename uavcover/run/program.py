@@ -1,4 +1,4 @@
-"""What program this is: what a result depends on beside its inputs."""
+"""Version of this program: a result depends on it beside its inputs."""
 
 import functools
 import hashlib

@@ -31,7 +31,7 @@ _LIST = "provenance"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Record:
-    """What ``run.json`` says of the files of its folder.
+    """Record of the files of a folder in ``run.json``.
 
     Attributes:
         inputs: hashes of what was planned from, by name (``scenario``, ``terrain``, ``obstacles``), null where there was none;
@@ -68,7 +68,7 @@ def sha256_of_content(content: str | bytes) -> str:
 
 
 def obstacles_sha256(obstacles: Obstacles) -> str | None:
-    """Hash of obstacles as they are understood, whatever file they came from; none without any."""
+    """Hash of obstacles as read, independent of their file; none without any."""
     if not obstacles.prisms:
         return None
     return sha256_of_content(json.dumps(dataclasses.asdict(obstacles), sort_keys=True))
@@ -88,7 +88,7 @@ def with_entry(document: Mapping[str, Any], did: str, *, command: Sequence[str],
     Args:
         document: as it was.
         did: which step it was.
-        command: how it was asked for.
+        command: the command line.
         more: what it read and wrote.
     """
     entries = _entries(document)
@@ -104,7 +104,7 @@ def with_entry(document: Mapping[str, Any], did: str, *, command: Sequence[str],
 
 
 def planned_at_s(run: RunFolder) -> float | None:
-    """When a run was planned, seconds since 1970; none where ``run.json`` does not say."""
+    """Time at which a run was planned, seconds since 1970; none where ``run.json`` has none."""
     times = [entry.get("at") for entry in _entries(run_document(run)) if entry.get("did") == "plan"]
     try:
         return datetime.fromisoformat(str(times[-1])).timestamp() if times else None
@@ -113,7 +113,7 @@ def planned_at_s(run: RunFolder) -> float | None:
 
 
 def note_files(run: RunFolder, did: str, names: Sequence[str], *, command: Sequence[str], **more: Any) -> None:
-    """Add an entry for files that were written, or removed when they are not there any more; ``more`` goes into it.
+    """Add an entry for files that were written, or removed where they no longer exist; it contains ``more``.
 
     Raises:
         InputError: ``run.json`` or a file cannot be read.
@@ -125,7 +125,7 @@ def note_files(run: RunFolder, did: str, names: Sequence[str], *, command: Seque
 
 
 def run_document(run: RunFolder) -> dict[str, Any]:
-    """``run.json`` as it is, or the beginning of one.
+    """``run.json``, or the start of a new one.
 
     Raises:
         InputError: it cannot be read.
@@ -136,7 +136,7 @@ def run_document(run: RunFolder) -> dict[str, Any]:
 
 
 def read_record(run: RunFolder) -> Record:
-    """What ``run.json`` says of its folder's files; an empty record where there is none.
+    """The record of a folder's files in ``run.json``; empty where there is none.
 
     Raises:
         InputError: it is there and cannot be read.
@@ -204,7 +204,7 @@ def seal_flight(
     Args:
         run: where it was recorded.
         samples: of the track; without any there is nothing to hash.
-        command: how it was asked for.
+        command: the command line.
         outcome: how it ended; none for a flight whose end is not known.
         more: what else belongs to the record of the flight.
 
@@ -234,7 +234,7 @@ def add_stage(run: RunFolder, name: str, wall_s: float) -> None:
 
 
 def note_in_run(run: RunFolder, key: str, value: dict[str, Any]) -> None:
-    """Put something into ``run.json``, in place of what was there under that key."""
+    """Put an entry into ``run.json``, in place of an older one under that key."""
     document = run.read_json("run.json", made_by="uavcover plan")
     run.write_json("run.json", {**document, key: value})
 
@@ -267,7 +267,7 @@ def note_interrupted(run: RunFolder) -> None:
 
 
 def settled_ending(run: RunFolder) -> str | None:
-    """How the flight of a run ended, by its name; ``flying`` while it goes on, None where there was none.
+    """End of the run's flight, by its name; ``flying`` while it goes on, None without a flight.
 
     A flight whose program is gone is ``interrupted``; that is written down where it can be.
     """
@@ -304,7 +304,7 @@ def _own_process() -> dict[str, Any]:
 
 
 def _is_there(process: object) -> bool:
-    """Whether the process that follows a flight runs, as far as it can be told; another one that has its number is not it."""
+    """Whether the process that follows a flight runs; a newer one with its number does not count."""
     if not isinstance(process, dict) or not isinstance(pid := process.get("pid"), int) or pid <= 0:
         return False
     if process.get("boot_id") != _boot_id():
@@ -315,7 +315,7 @@ def _is_there(process: object) -> bool:
         os.kill(pid, 0)
     except ProcessLookupError:
         return False
-    except OSError:  # it is somebody else's
+    except OSError:  # it belongs to another user
         return True
     return True
 
@@ -329,7 +329,7 @@ def _boot_id() -> str | None:
 
 
 def _started(pid: int) -> int | None:
-    """When a process was started, in ticks; None when it is not there, or where the operating system does not tell."""
+    """Start time of a process, in ticks; None without the process, or where the system gives none."""
     try:
         stat = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
         fields = stat.rpartition(")")[2].split()

@@ -1,4 +1,4 @@
-"""Who does the tasks of a command: this process, or workers that ``--scheduler`` names.
+"""Scheduling of a command's tasks: this process, or workers that ``--scheduler`` names.
 
 A command sees tasks as functions of their arguments alone, and workers as something that gives back each task with its result. It
 does not know Dask: only :mod:`uavcover.run.cluster` does, and it is loaded when a scheduler is named.
@@ -41,10 +41,10 @@ class Workers(Protocol):
                 is simply done again.
             shared: what all tasks need; sent to each worker once.
             tasks: small; arguments and results pickle.
-            should_stop: asked again and again; then what is not done is given up, and the iteration ends.
+            should_stop: polled; once true, unfinished tasks are given up, and the iteration ends.
 
         Raises:
-            UavcoverError: the scheduler, or all workers, are gone for good, or a task ended its worker again and again.
+            UavcoverError: the scheduler, or all workers, are gone for good, or a task ended its worker repeatedly.
             Exception: what ``function`` raised.
         """
         ...
@@ -63,7 +63,7 @@ def workers_of(scheduler: str) -> AbstractContextManager[Workers]:
         scheduler: ``local`` (a process for each core), ``local:N``, or ``tcp://HOST:PORT`` of a Dask scheduler.
 
     Raises:
-        InputError: it cannot be understood; the extra ``cluster`` is missing; nobody answers, or with another version.
+        InputError: it cannot be understood; the extra ``cluster`` is missing; no scheduler answers, or one of another version.
     """
     if (count := local_count(scheduler)) is not None:
         return _cluster(scheduler).local_workers(count)
@@ -78,7 +78,7 @@ def workers_of(scheduler: str) -> AbstractContextManager[Workers]:
 
 
 def local_count(scheduler: str) -> int | None:
-    """How many worker processes of this machine are meant; none where workers are elsewhere, or it cannot be understood."""
+    """Number of worker processes of this machine; none for workers elsewhere, or for unreadable text."""
     kind, _, count = scheduler.partition(":")
     if scheduler == "local":
         return os.cpu_count() or 1

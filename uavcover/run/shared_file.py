@@ -1,4 +1,4 @@
-"""What all workers of this machine need, in a file that they map into memory: large arrays are there once, whoever uses them.
+"""Input of all workers of this machine in one file that they map into memory: large arrays exist once.
 
 The file has no name: it is gone with the command that wrote it, also when that is killed. Workers open it by the number that
 it has in the command (Linux).
@@ -47,9 +47,9 @@ def can_share_files() -> bool:
 
 
 def share(value: object) -> SharedFile:
-    """Write an object into a file without a name; close it when nobody is going to open it any more.
+    """Write an object into a file without a name; close it after the last worker has opened it.
 
-    Large read-only arrays lie in it as they are; the others are copied by whoever reads it, and may be changed there.
+    Large read-only arrays lie in it as they are; each reader copies the others, and may change them.
 
     Raises:
         UavcoverError: there is no room for it.

@@ -36,17 +36,17 @@ SAMPLE_BYTES: Final = 2000
 SAMPLES_PER_S: Final = 10.0
 """As often as positions are asked for."""
 _LONGER, _SPARE_S = 2.0, 900.0
-"""A flight may take longer than reckoned, and has ways there and home."""
+"""A flight may take longer than predicted, and has transit legs."""
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG})
 
 
 def record_bytes(flight_time_s: float) -> int:
-    """How much the record of a flight takes at most, in bytes, from the time that it is reckoned to take."""
+    """Maximum size of a flight's record in bytes, from the predicted flight time."""
     return int((_LONGER * flight_time_s + _SPARE_S) * SAMPLES_PER_S * SAMPLE_BYTES)
 
 
 class SpaceReserve:
-    """Space in a folder that belongs to nobody else until it is released. A context manager.
+    """Space in a folder that is reserved until it is released. A context manager.
 
     It is a file without a name, so a program that is killed leaves nothing behind. Where the operating system cannot reserve,
     the free space is only looked at.
@@ -119,7 +119,7 @@ class TrackWriter:
         try:
             self._file = path.open("wb" if overwrite else "xb", buffering=0)
         except FileExistsError:
-            raise OutputError(f"{path}: is there already; use --force to replace it") from None
+            raise OutputError(f"{path}: exists already: use --force to replace it") from None
         except OSError as error:
             raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
         self._write(",".join((*COLUMNS, *OPTIONAL_COLUMNS)))
@@ -238,7 +238,7 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
 
 
 def _numbers(path: Path, rows: Iterable[tuple[int, list[str]]], places: dict[str, int]) -> Iterable[list[float]]:
-    """The values of each row at these places, in their order, each checked."""
+    """The values of each row at these columns, in order, each checked."""
     before_s = -math.inf
     for line, row in rows:
         values = [_number(path, line, name, row, place) for name, place in places.items()]
@@ -248,7 +248,7 @@ def _numbers(path: Path, rows: Iterable[tuple[int, list[str]]], places: dict[str
                 f"{path}: line {line}, time_s: {time_s!r} does not come after {before_s!r} of the line before"
             )
         if not (abs(lat_deg) <= 90.0 and abs(lon_deg) <= 180.0):
-            raise TrackError(f"{path}: line {line}, lat_deg: {lat_deg!r}, {lon_deg!r} is not a place on Earth")
+            raise TrackError(f"{path}: line {line}, lat_deg: {lat_deg!r}, {lon_deg!r} is not a position on Earth")
         if not values[_WAYPOINT].is_integer():
             raise TrackError(f"{path}: line {line}, current_waypoint: {values[_WAYPOINT]!r} is not a whole number")
         pictures = dict(zip(places, values, strict=True)).get(PICTURES_COLUMN, 0.0)

@@ -1,4 +1,4 @@
-"""The user of a workflow: told what happens, shown how far it is, and free to stop or pause it.
+"""The user of a workflow: receives messages and progress, and may stop or pause it.
 
 The workflows of :mod:`uavcover.run` talk to a :class:`User`. On the command line that is a terminal
 (:class:`uavcover.cli.console.Console`); for scripts and notebooks it is :class:`Unattended`, which logs.
@@ -12,7 +12,7 @@ from typing import Protocol
 
 
 def to_paste(*words: object) -> str:
-    """A command of uavcover that can be pasted into a shell, whatever is in the names of files."""
+    """A command of uavcover that can be pasted into a shell, with any characters in file names."""
     return shlex.join(("uavcover", *map(str, words)))
 
 
@@ -33,7 +33,7 @@ class ProgressBar(Protocol):
 
 
 class StopRequests(Protocol):
-    """How often the user has asked to stop."""
+    """Number of the user's requests to stop."""
 
     @property
     def count(self) -> int:
@@ -54,7 +54,7 @@ class PauseRequests(Protocol):
 
 
 class User(Protocol):
-    """Who a workflow reports to and takes requests from."""
+    """The user that a workflow reports to and takes requests from."""
 
     def say(self, line: str = "") -> None:
         """Tell something."""
@@ -77,7 +77,7 @@ class User(Protocol):
         ...
 
     def stop_requests(self, first: str) -> AbstractContextManager[StopRequests]:
-        """Count requests to stop instead of raising; ``first`` is told when the first one comes."""
+        """Count requests to stop instead of raising; the first request shows the text ``first``."""
         ...
 
     def pause_requests(self) -> AbstractContextManager[PauseRequests]:
@@ -86,7 +86,7 @@ class User(Protocol):
 
 
 class Unattended:
-    """Nobody watches: what is told goes to the log, and nobody asks to stop. Ctrl-C raises ``KeyboardInterrupt``."""
+    """No user: messages go to the log, and no request to stop comes. Ctrl-C raises ``KeyboardInterrupt``."""
 
     def __init__(self) -> None:
         self._log = logging.getLogger("uavcover")
@@ -142,11 +142,11 @@ class _NoRequests:
     count = 0
 
     def any(self) -> bool:
-        """Nobody asks."""
+        """No request comes."""
         return False
 
     def paused(self) -> bool:
-        """Nobody asks."""
+        """No request comes."""
         return False
 
 

@@ -159,7 +159,7 @@ def test_it_is_flown_and_judged_by_each_ones_home(planned: RunFolder, tmp_path: 
     assert not document["findings"]  # such as a take-off far from the scenario's home
     assert document["separation"]
     (tmp_path / "log.csv").write_bytes((run.path / "sortie-1" / "track.csv").read_bytes())
-    with pytest.raises(InputError, match="nothing tells which one flew it"):
+    with pytest.raises(InputError, match="the log does not show which one flew it"):
         verify_run(run, Listener(), command=["test"], logs=[tmp_path / "log.csv"])
 
 

@@ -31,7 +31,7 @@ def test_json_has_the_counts_and_the_end_of_the_data_is_said() -> None:
         arguments = command("terrain-server", "--dem", DEM, "--to", f"udpout://127.0.0.1:{port}", "--json")
         with started(arguments) as server:
             assert server.stderr is not None
-            seen = next(line for line in server.stderr if "goes on waiting" in line)
+            seen = next(line for line in server.stderr if "keeps waiting" in line)
             server.send_signal(signal.SIGINT)
             out, _ = server.communicate(timeout=WATCHDOG_S)
     document = json.loads(out)

@@ -63,8 +63,8 @@ LINE = "<Placemark><name>way</name><LineString><coordinates>{}</coordinates></Li
     ("coordinates", "repair"),
     [
         ("-98.2, 33.1, 5 -98.25 ,33.3,\n6 -98.05,33.35", "removed space around commas"),
-        ("-98.2,33.1,\n-98.25,33.3,\n-98.05,33.35,\n", "removed commas between places"),
-        ("-98.2,33.1, -98.25,33.3, -98.05,33.35", "removed commas between places"),
+        ("-98.2,33.1,\n-98.25,33.3,\n-98.05,33.35,\n", "removed commas between positions"),
+        ("-98.2,33.1, -98.25,33.3, -98.05,33.35", "removed commas between positions"),
         ("-98.2,33.1,5,1700000000 -98.25,33.3,6,1700000001 -98.05,33.35", "left out a fourth number"),
         ("-98.2,33.1\u00a0-98.25,33.3\t\r\n-98.05,33.35", None),
     ],
@@ -154,7 +154,7 @@ BOMB = '<!DOCTYPE kml [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;
         (kml.read_drawing, "<kml>\ud800</kml>", "half a character"),
         (kml.read_drawing, kml_of("<Point><coordinates>1</coordinates></Point>"), "coordinate 0: '1' is not longitude,lat"),
         (kml.read_drawing, kml_of("<Point><coordinates>1,nan</coordinates></Point>"), "'nan' is not a finite number"),
-        (kml.read_drawing, kml_of("<Point><coordinates>33,-98</coordinates></Point>"), "latitude -98 is not a place"),
+        (kml.read_drawing, kml_of("<Point><coordinates>33,-98</coordinates></Point>"), "latitude -98 is not a position"),
         (kml.read_drawing, kml_of("<Polygon></Polygon>"), "a polygon without an outer boundary"),
         (kml.read_drawing, kml_of(POLYGON.replace("inner", "outer")), "a second outer boundary"),
         (kml.read_drawing, kml_of("<LinearRing><coordinates>1,2 3,4 1,2</coordinates></LinearRing>"), "a ring of 2 corners"),
@@ -171,10 +171,10 @@ BOMB = '<!DOCTYPE kml [<!ENTITY a "aaaaaaaaaa"><!ENTITY b "&a;&a;&a;&a;&a;&a;&a;
         (geojson.read_drawing, '{"type": "Point", "coordinates": [1, 2], "crs": {"type": "name", "properties":'
          ' {"name": "urn:ogc:def:crs:EPSG::3857"}}}', "the reference system 'urn:ogc:def:crs:EPSG::3857'; export"),
         (poly.read_area, "33.1 -98.2\n33.2 -98.2\n", "the area: a ring of 2 corners"),
-        (poly.read_area, "33.1 -98.2 5\n", "line 1: 3 numbers, a place has 2; latitude, then longitude"),
-        (poly.read_area, "-98.2 33.1\n", "line 1: latitude -98.2, longitude 33.1 is not a place; latitude comes first"),
+        (poly.read_area, "33.1 -98.2 5\n", "line 1: 3 numbers, a position has 2; latitude, then longitude"),
+        (poly.read_area, "-98.2 33.1\n", "line 1: latitude -98.2, longitude 33.1 is not a position; latitude comes first"),
         (poly.read_area, "x y\n", "line 1: 'x' is not a finite number"),
-        (poly.read_fence, "# nothing\n", "holds no place; the first line is the return point"),
+        (poly.read_fence, "# nothing\n", "holds no position; the first line is the return point"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_read_is_one_error_with_its_place(read: Callable[[str], Any], text: str, what: str) -> None:

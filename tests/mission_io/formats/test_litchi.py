@@ -86,7 +86,7 @@ def with_first(flight: CameraFlight, **changes: Any) -> CameraFlight:
         ({"height_above_home_m": -201.0}, "point 1: -201 m above home"),
         ({"speed_m_s": 15.5}, "point 1: 15.5 m/s"),
         ({"pitch_deg": 10.0}, "point 1: 10 degrees of the camera's pitch"),
-        ({"pictures": 16}, "point 1: 1[67] pictures, Litchi takes 15"),
+        ({"pictures": 16}, "point 1: 1[67] photos, Litchi takes 15"),
         ({"lat_deg": 46.0}, "point 1: .* m to the next point, Litchi takes 0.5 to 2000"),
     ],
 )

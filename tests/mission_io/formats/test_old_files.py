@@ -124,7 +124,7 @@ def test_rally_lines(tmp_path: Path) -> None:
     [
         ("RALLY 1 2 3", "line 2: 4 columns beginning with 'RALLY'; a rally point is RALLY and 6 numbers"),
         ("PLACE 1 2 3 0 0 0", "line 2: 7 columns beginning with 'PLACE'"),
-        ("RALLY 91 2 3 0 0 0", "line 2: latitude 91, longitude 2 is not a place"),
+        ("RALLY 91 2 3 0 0 0", "line 2: latitude 91, longitude 2 is not a position"),
         ("RALLY 1 nan 3 0 0 0", "line 2: 'nan' is not a finite number"),
     ],
 )
@@ -155,7 +155,7 @@ def test_a_list_of_places_is_a_fence(name: str, tmp_path: Path) -> None:
     (tmp_path / name).write_text(poly.write_fence(OLD_FENCE))
     file = read_file(tmp_path / name)
     assert file.fence == OLD_FENCE
-    assert "read as an old fence file: the first place is the return point" in file.repairs
+    assert "read as an old fence file: the first position is the return point" in file.repairs
     with pytest.raises(FormatError, match="holds no mission; ask for the list it holds"):
         read_file(tmp_path / name, mission_type=MissionType.MISSION)
 

@@ -109,8 +109,8 @@ def test_version_120_has_no_home_row() -> None:
         (STRICT.replace("\t178\t", "\t99999\t"), "command 99999"),
         (STRICT.replace("1\t0\t3\t22", "1\t0\t1\t22"), "line 3: unknown frame 1"),
         (STRICT.replace("33.21875000\t-98.12345670\t30", "-98.12345670\t33.21875000\t30"),
-         "line 3: latitude -98.1235, longitude 33.2188 is not a place; latitude comes first"),
-        (STRICT.replace("33.21875000\t-98.12345670\t30", "33.2\t-198.1\t30"), "is not a place$"),
+         "line 3: latitude -98.1235, longitude 33.2188 is not a position; latitude comes first"),
+        (STRICT.replace("33.21875000\t-98.12345670\t30", "33.2\t-198.1\t30"), "is not a position$"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_read_is_one_error_with_its_line(text: str, what: str) -> None:

@@ -128,7 +128,7 @@ def test_what_nobody_reads_is_dropped_from_the_oldest_on_and_told(caplog: pytest
         assert two.dropped == 3
         assert two.receive(0.0) == sent[3]
     assert [record.message for record in caplog.records] == [
-        "nobody reads what system 2 sends; its oldest datagrams are dropped"
+        "no client reads the datagrams of system 2; its oldest ones are dropped"
     ]
 
 

@@ -254,7 +254,7 @@ def test_a_folder_is_listed_page_by_page() -> None:
 @pytest.mark.parametrize(
     ("page", "telling"),
     [
-        (lambda _: b"Fa\t1\0", "'a' again and again"),
+        (lambda _: b"Fa\t1\0", "'a' repeatedly"),
         (lambda offset: b"".join(b"F%d\t1\0" % (offset + i) for i in range(20)), "more than 20000 entries"),
         (lambda _: b"Xa\0", "no entry of a folder"),
         (lambda _: b"Fa\tmany\0", "no entry of a folder"),

@@ -85,7 +85,7 @@ class AnotherCountEachTime(VehiclePeer):
     ("kind", "says"),
     [
         (ErrorForItem2, "refused with ERROR after [23] of 9"),
-        (AnotherCountEachTime, "another number of items again and again"),
+        (AnotherCountEachTime, "repeatedly names another number of items"),
     ],
 )
 def test_a_download_that_cannot_end_ends_at_once_and_asks_seldom(

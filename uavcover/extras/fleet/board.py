@@ -10,7 +10,7 @@ from uavcover.run.user import PauseRequests, ProgressBar, StopRequests, User
 
 @dataclass(slots=True)
 class VehicleRow:
-    """What a vehicle does.
+    """State of a vehicle.
 
     Attributes:
         sortie: which sortie it flies, as text.
@@ -30,10 +30,10 @@ class VehicleRow:
 
 
 class Board:
-    """The rows of all vehicles; what one of them tells begins with its number.
+    """The rows of all vehicles; each message of one begins with its number.
 
     Args:
-        user: who is told.
+        user: receives messages.
         vehicles: how many there are.
     """
 
@@ -80,7 +80,7 @@ class _Requests:
 
     @property
     def count(self) -> int:
-        """How often the user has asked to stop."""
+        """Number of the user's requests to stop."""
         return self.stops()
 
     def any(self) -> bool:
@@ -88,7 +88,7 @@ class _Requests:
         return self.stops() > 0
 
     def paused(self) -> bool:
-        """Whether the vehicle is to hold its place."""
+        """Whether the vehicle is to hold its position."""
         return self.pauses()
 
 
@@ -161,4 +161,4 @@ class _Cells:
         self.update(done, total=total)
 
     def status(self, line: str, *, at_s: float) -> None:
-        """Nothing: the table of all vehicles says it."""
+        """Nothing: the table of all vehicles shows it."""

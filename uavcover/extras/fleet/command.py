@@ -51,13 +51,13 @@ class FleetFailedError(VehicleError):
         super().__init__(text)
 
     def details(self) -> dict[str, Any]:
-        """What happened, for programs."""
+        """The flight's events, for programs."""
         return self.document
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetOptions:
-    """What is asked of the flight of a fleet.
+    """Options of the flight of a fleet.
 
     Attributes:
         flight: of each vehicle.
@@ -84,7 +84,7 @@ def fly_fleet(
         whether the user ended it, and the answer for ``--json``.
 
     Raises:
-        InputError: the plan is not for so many vehicles, or a sortie was flown already.
+        InputError: the plan is for another number of vehicles, or a sortie was flown already.
         InfeasibleError: a leg breaks a limit.
         FleetFailedError: a vehicle failed, or was lost.
     """
@@ -133,7 +133,7 @@ def fly_fleet(
 
 
 def _speed(links: Sequence[VehicleLink]) -> float:
-    """How fast the vehicles fly, times real time; only ``mock:`` can be fast.
+    """Speed of the vehicles, times real time; only ``mock:`` can be fast.
 
     Raises:
         InputError: fast ones among others.
@@ -160,7 +160,7 @@ def _record(run: RunFolder, flight: FleetFlight, user: User, command: Sequence[s
 
 
 def _close_gaps(run: RunFolder, flight: FleetFlight, user: User, command: Sequence[str]) -> dict[str, Any] | None:
-    """The mission of what nobody has seen, where something was left."""
+    """The mission of the unobserved cells, where some are left."""
     if not flight.work.left or flight.called_off or flight.aborted:
         return None
     user.say("what the lost vehicle left is planned as a mission of its own:")
@@ -221,7 +221,7 @@ def write_fleet_recording(run: RunFolder, folders: Sequence[RunFolder]) -> Path 
         times = shared_times(track)
         if times is None:
             raise InputError(
-                f"{folder.file(TRACK)}: does not tell when its positions arrived, so {FLEET_RECORDING} is left out"
+                f"{folder.file(TRACK)}: has no arrival times of its positions, so {FLEET_RECORDING} is left out"
             )
         own, flown_plan = read_planned(folder)
         eyes = coverage if own.scenario.sensor == site.scenario.sensor else judging_map(own)

@@ -1,4 +1,4 @@
-"""The flight of a fleet: each vehicle flies its sorties in a thread of its own, and takes over those of lost ones."""
+"""The flight of a fleet: each vehicle flies its sorties in a thread, and takes over those of lost ones."""
 
 import math
 import sys
@@ -43,9 +43,9 @@ from uavcover.run.folder import FLIGHT_FILES, RunFolder
 from uavcover.run.provenance import note_files
 
 _READY_BEFORE_S = 60.0
-"""So long before its take-off a vehicle is looked for and gets its next sortie."""
+"""Time before its take-off at which a vehicle is looked for and gets its next sortie."""
 _NEW_BATTERY_S = 300.0
-"""So long a vehicle whose battery lasts for little of its sortie keeps those behind it waiting."""
+"""Time for which a vehicle whose battery lasts for little of its sortie keeps the next ones waiting."""
 _LOOK_EVERY_S, _PLACE_EVERY_S = 1.0, 0.5
 _IN_ORDER = "give --to in the order of the vehicles, vehicle 1 first"
 
@@ -60,10 +60,10 @@ class FleetFlight:
 
     Attributes:
         traffic: keeps the vehicles apart.
-        work: who flies what, and what nobody flies.
+        work: the sorties of each vehicle, and the sorties without a vehicle.
         flown: the sorties that have ended.
         faults: errors that are no vehicle's.
-        called_off: whether nobody started because one vehicle was not ready.
+        called_off: whether no vehicle started because one was not ready.
         aborted: whether all are left as they are, at once.
     """
 
@@ -152,14 +152,14 @@ class FleetFlight:
                 self._take_end(record, clock.now())
 
     def _listen(self, record: FlownSortie, connected: Connected, clock: FleetClock) -> None:
-        """Listen to a vehicle that was lost, as long as others fly or wait for it: where it is counts again when it is heard."""
+        """Listen to a lost vehicle while others fly or wait for it: its position counts again once it is heard."""
         self.work.queues.done(record.vehicle)
         heard = LostVehicle(record.job, connected, self.traffic)
         while not self._stopped and self.work.queues.work_is_left and not record.down:
-            told = heard.look(clock, _LOOK_EVERY_S)
+            message = heard.look(clock, _LOOK_EVERY_S)
             record.down = self.traffic.phase(record.job.name) is not FleetPhase.LOST
-            if told is not None:
-                self.board.say(f"vehicle {record.vehicle}: {told}")
+            if message is not None:
+                self.board.say(f"vehicle {record.vehicle}: {message}")
 
     def _fly(self, job: Job, connected: Connected, user: VehicleUser, record: FlownSortie, clock: FleetClock) -> None:
         compiled = compile_plan(job.site, job.route, autopilot=connected.autopilot)
@@ -306,7 +306,7 @@ class FleetFlight:
         return self.orders.flight.force or job.is_rest
 
     def _pauses(self, job: Job, vehicle: int, clock: FleetClock) -> bool:
-        """Whether a vehicle is to hold its place: the user wants it, or another one passes."""
+        """Whether a vehicle is to hold its position: the user wants it, or another one passes."""
         now = clock.now()
         if now >= self._next_look_s.get(vehicle, now):
             self._next_look_s[vehicle] = now + _LOOK_EVERY_S
@@ -320,7 +320,7 @@ class FleetFlight:
         return self.traffic.must_hold(job.name, now, may_wait_s=self._reserves[vehicle].may_wait_s(now))
 
     def _take_end(self, record: FlownSortie, now: float) -> None:
-        """What a sortie that is over means for the others."""
+        """Consequences of a finished sortie for the others."""
         job, vehicle = record.job, record.vehicle
         row = self.board.rows[vehicle]
         row.late_s, row.nearest = None, None

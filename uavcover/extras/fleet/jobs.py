@@ -1,4 +1,4 @@
-"""The sorties of a fleet while it flies: who flies which when, and who takes over what a lost vehicle leaves."""
+"""The sorties of a fleet in flight: their vehicles, their times, and takeovers after losses."""
 
 import threading
 from collections.abc import Sequence
@@ -23,7 +23,7 @@ _LEAST_GAIN_M = 20.0
 
 
 class OnLoss(StrEnum):
-    """What becomes of what a lost vehicle was to see."""
+    """Treatment of the unobserved cells of a lost vehicle."""
 
     SHARE = "share"
     GAPS = "gaps"
@@ -34,7 +34,7 @@ class Job:
     """A sortie to fly.
 
     Attributes:
-        name: its number, with a mark behind it where it is the rest of a sortie that another vehicle began.
+        name: its number, with a mark after it where it is the rest of a sortie that another vehicle began.
         sortie: the number of the planned sortie.
         vehicle: who flies it, from 1.
         planned_s: take-off, since the first take-off of all.
@@ -66,7 +66,7 @@ def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
     """All sorties of a plan, in the order of their take-offs; every leg is checked.
 
     Raises:
-        InputError: the plan is not for so many vehicles, or cannot be read.
+        InputError: the plan is for another number of vehicles, or cannot be read.
         InfeasibleError: a leg breaks a limit.
     """
     document = run.read_json("plan.json", made_by="uavcover plan")
@@ -121,7 +121,7 @@ def _planned_use(site: Site, route: Route) -> tuple[Timeline, float | None]:
 
 
 def left_of(job: Job) -> Route | None:
-    """What a flight that ended early has left of its route; none when nothing is left.
+    """The unflown part of the route of a flight that ended early; none when nothing is left.
 
     Raises:
         InputError: what was flown cannot be read.
@@ -133,7 +133,7 @@ def left_of(job: Job) -> Route | None:
 
 
 def rest_of(job: Job, site: Site, command: Sequence[str]) -> Job:
-    """What a flight that ended early has left, as a job for the vehicle of a site.
+    """The unflown part of a flight that ended early, as a job for the vehicle of a site.
 
     Its plan is written into a folder inside that of the sortie, as ``fly --resume`` does, also for the rest of a rest.
 
@@ -162,7 +162,7 @@ def is_for(job: Job, site: Site) -> bool:
 
 
 def for_another(job: Job, site: Site, command: Sequence[str]) -> Job:
-    """A job that nobody began, as the vehicle of a site flies it, every leg checked; where it is not alike, it is planned anew.
+    """An unflown job for the vehicle of a site, every leg checked; planned anew where the vehicles differ.
 
     Raises:
         InfeasibleError: a leg breaks a limit of that vehicle, or the flight takes it too long.
@@ -175,7 +175,7 @@ def for_another(job: Job, site: Site, command: Sequence[str]) -> Job:
 
 
 def time_for(job: Job, route: Route, site: Site) -> float:
-    """How long the vehicle of a site takes for a job, or for a part of it; as planned where it is like the job's own.
+    """Time of a site's vehicle for a job or a part; as planned where it is like the job's own.
 
     Raises:
         InfeasibleError: that vehicle sees something else, a leg breaks a limit of it, or the flight takes it too long.
@@ -186,10 +186,10 @@ def time_for(job: Job, route: Route, site: Site) -> float:
 
 
 def require_gain(job: Job, rest: Job) -> None:
-    """Refuse the rest of a flight that a full battery did not bring on: another one would not either, again and again.
+    """Refuse the rest of a flight that made no progress on a full battery: another one would repeat it.
 
     Raises:
-        InfeasibleError: hardly less is left than the flight had to fly.
+        InfeasibleError: barely less is left than the flight had to fly.
     """
     if len(rest.route) >= len(job.route) and rest.route.length_m > job.route.length_m - _LEAST_GAIN_M:
         raise InfeasibleError("a battery lasts there and back, and for nothing between")
@@ -197,7 +197,7 @@ def require_gain(job: Job, rest: Job) -> None:
 
 @dataclass(slots=True)
 class Queues:
-    """The sorties that nobody has begun; its methods may be called from several threads.
+    """The sorties that no vehicle has begun; its methods may be called from several threads.
 
     Attributes:
         vehicles: those that can fly.
@@ -243,7 +243,7 @@ class Queues:
 
     @property
     def work_is_left(self) -> bool:
-        """Whether a sortie is flown, or waits for somebody."""
+        """Whether a sortie is flown, or waits for a vehicle."""
         with self._lock:
             return bool(self._busy or self._waiting)
 

@@ -1,4 +1,4 @@
-"""A vehicle of a fleet that was lost is listened to: the others keep apart from where it is, and its landing frees the air."""
+"""Listen to a lost vehicle of a fleet: the others keep clear of it, and its landing frees the air."""
 
 import numpy as np
 
@@ -17,7 +17,7 @@ _STAYS_OUT = (
 
 
 class LostVehicle:
-    """What is heard of a vehicle whose flight was given up because it was not heard.
+    """Messages of a vehicle whose flight was given up because it was silent.
 
     Args:
         job: what it flew.
@@ -30,7 +30,7 @@ class LostVehicle:
         self._heard = False
 
     def look(self, clock: FleetClock, seconds: float) -> str | None:
-        """Listen for at most so long, and let the others know what is heard.
+        """Listen for at most this time, and inform the others of each message.
 
         Returns:
             What the user must know: that it is heard again, or is down; none when there is nothing new.
@@ -48,5 +48,5 @@ class LostVehicle:
             return f"is heard again, on the ground {where}; {_STAYS_OUT}"
         self._traffic.moved(self._job.name, now, np.asarray(place_m))
         again = f"is heard again, in the air {where}; the others keep apart from it; {_STAYS_OUT}"
-        told, self._heard = None if self._heard else again, True
-        return told
+        message, self._heard = None if self._heard else again, True
+        return message

@@ -1,4 +1,4 @@
-"""What the user wants of the flight of a fleet."""
+"""The user's orders for the flight of a fleet."""
 
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
@@ -15,12 +15,12 @@ Opening = Callable[[VehicleLink, Site], AbstractContextManager[Connected]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FleetOrders:
-    """What the user wants of the fleet.
+    """The user's orders for the fleet.
 
     Attributes:
         links: where each vehicle is, vehicle 1 first.
-        flight: what is asked of each flight.
-        on_loss: what becomes of what a lost vehicle was to see.
+        flight: options of each flight.
+        on_loss: treatment of a lost vehicle's unobserved cells.
         opening: opens the link to a vehicle.
         clocks: of each vehicle.
         stops: how often the user has asked to stop.

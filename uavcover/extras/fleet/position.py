@@ -12,15 +12,15 @@ from uavcover.missions.timeline import Timeline
 from uavcover.model.fleet import Fleet
 
 _KNOWN_AFTER_S, _MOST_LATER = 20.0, 1.0
-"""After so long in the air a flight's lateness tells how late it will be at its landing: at most so much of what is left."""
+"""Time in the air after which a flight's delay predicts its delay at the landing, and the largest one as a share of the rest."""
 
 
 class FleetPhase(Enum):
-    """What a flight does."""
+    """Phase of a flight."""
 
     WAITING = "waits"
     FLYING = "flies"
-    HOLDING = "holds, on its way home"
+    HOLDING = "holds, on its return"
     HOMEWARD = "flies home"
     DOWN = "is down"
     LOST = "is lost"
@@ -41,7 +41,7 @@ class FleetPosition:
         seen_s: when it was there.
         place_m: (3,) ENU, where it is.
         held: whether it holds its place to let another one pass.
-        way_m: (k, 3) ENU, its way home.
+        way_m: (k, 3) ENU, its return.
         asked_s: when it first asked for that.
         free_s: when the place where it landed is free; for one that is lost, when it must be down.
     """
@@ -67,14 +67,14 @@ class FleetPosition:
 
     @property
     def gets_later_s(self) -> float:
-        """By how much more it will be late at its landing if it goes on as so far: wind slows all of a flight."""
+        """Further delay at its landing at the present pace: wind slows all of a flight."""
         if self.progress_s < _KNOWN_AFTER_S:
             return 0.0
         each_s = (self.as_if_begun_s - self.began_s) / self.progress_s
         return min(max(each_s, 0.0), _MOST_LATER) * (self.timeline.duration_s - self.progress_s)
 
     def may_fly(self, now: float, fleet: Fleet) -> bool:
-        """Whether one that is lost may be in the way of those in the air: until it must have landed and been taken away.
+        """Whether a lost vehicle may still obstruct the others: until it must have landed and been removed.
 
         It is taken as flying on as planned. Those on the ground wait longer, until its battery must be empty.
         """

@@ -1,4 +1,4 @@
-"""When a vehicle of a fleet must fly home before its sortie ends, so that its battery keeps the reserve."""
+"""Check when a vehicle of a fleet must return before its sortie ends, to keep its battery's reserve."""
 
 import math
 
@@ -14,7 +14,7 @@ _LOOK_EVERY_S = 2.0
 
 
 class ReserveWatch:
-    """Asks again and again whether a vehicle in flight must go home for its battery's sake.
+    """Check repeatedly whether a vehicle in flight must return for its battery.
 
     Args:
         job: what it flies.
@@ -29,13 +29,13 @@ class ReserveWatch:
         self._next_s = -math.inf
 
     def may_wait_s(self, now: float) -> float:
-        """How long its battery lets it hang in the air and then fly its mission to the end."""
+        """Time that its battery lets it hold before it flies its mission to the end."""
         return self._use.may_wait_s(self._traffic.lands_s(self._job.name) - now)
 
     def must_go_home(self, now: float, *, aloft_s: float) -> str | None:
-        """Why it must, as text; none while it may fly on, or where it tells nothing of its battery.
+        """Reason to return now, as text; none while it may fly on, or reports no battery.
 
-        Its way home is given to it before it stops. While others are in that way it flies on: the mission is kept apart from
+        Its return is given to it before it stops. While others are in that way it flies on: the mission is kept apart from
         theirs and brings it home, too; to hold and wait would only empty the battery.
 
         Args:
@@ -49,7 +49,7 @@ class ReserveWatch:
         self._next_s = now + _LOOK_EVERY_S
         use, rest_s = self._use, self._traffic.lands_s(self._job.name) - now
         use.take(percent, aloft_s=aloft_s)
-        if use.lasts_home(rest_s) or use.lasts_on(rest_s):  # the way home is shorter than that
+        if use.lasts_home(rest_s) or use.lasts_on(rest_s):  # the return is shorter than that
             return None
         try:
             way_m, home_s = way_home(self._job.site, self._traffic.place_m(self._job.name))
@@ -61,7 +61,7 @@ class ReserveWatch:
             return None
         reserve = 100.0 * use.vehicle.reserve_fraction
         return (
-            f"the battery has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the way home takes "
+            f"the battery has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the return takes "
             f"{home_s:.0f} s and the rest of the sortie {rest_s:.0f} s, which would use the reserve of {reserve:.0f} %; it "
             "flies home, and another sortie goes on here"
         )

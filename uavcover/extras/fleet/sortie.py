@@ -1,4 +1,4 @@
-"""A sortie of a fleet: how it ended, whether its vehicle is down, what its battery lacks, and its way home."""
+"""A sortie of a fleet: its ending, its vehicle's landing, its battery, and its return."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -25,12 +25,12 @@ _LESS_AT_START = 5.0
 lacks in the end is left to another sortie: a vehicle in flight goes home before it uses its reserve."""
 _LATELY_S = 5.0
 _KNOWS_HOME_S = 120.0
-"""So long a vehicle that was switched on may take until it knows where it is."""
+"""Time that a vehicle may take after power-up until it knows its position."""
 
 
 @dataclass(slots=True)
 class FlownSortie:
-    """How a sortie ended.
+    """Ending of a sortie.
 
     Attributes:
         job: the sortie.
@@ -55,7 +55,7 @@ class FlownSortie:
 
     @property
     def keeps_reserve(self) -> bool:
-        """Whether it ended early so that its battery keeps the reserve, and its vehicle can fly on with another one."""
+        """Whether it ended early for its battery's reserve, and its vehicle can fly on with another one."""
         return self.outcome is not None and self.outcome.ending is Ending.RESERVE_KEPT
 
     def as_json(self) -> dict[str, Any]:
@@ -68,7 +68,7 @@ class FlownSortie:
 
 
 def is_down(connected: Connected) -> bool:
-    """Whether a vehicle is known to be on the ground, by what was heard of it last, if that was lately."""
+    """Whether a vehicle is known to be on the ground, by its last messages, if they are recent."""
     client, monitor = connected.client, connected.monitor
     try:
         fresh = client.heartbeat_age_s < _LATELY_S and monitor.silence_s(client.clock.now()) < _LATELY_S
@@ -96,15 +96,15 @@ def wait_for_home(
 
 
 def whose_home(connected: Connected, sites: Mapping[int, Site]) -> int | None:
-    """The vehicle whose home is nearest to what a vehicle says is its own, by the sites; none where it is none of them."""
+    """The vehicle of the nearest home in the sites to a vehicle's reported home; none where no site fits."""
     try:
-        told = connected.client.request_message(HomePosition)
+        reported = connected.client.request_message(HomePosition)
     except MissionIoError:
         return None
     away_m = {}
     for number, site in sites.items():
         if site.frame is not None and site.home_m is not None:
-            place_m = site.frame.enu_from_geodetic(told.lat_deg, told.lon_deg, told.alt_amsl_m)[0]
+            place_m = site.frame.enu_from_geodetic(reported.lat_deg, reported.lon_deg, reported.alt_amsl_m)[0]
             away_m[number] = float(np.hypot(*(place_m - site.home_m)[:2]))
     nearest = min(away_m, key=away_m.__getitem__, default=None)
     if nearest is None or away_m[nearest] > sites[nearest].scenario.limits.max_home_error_m:
@@ -136,7 +136,7 @@ def require_own_mission(connected: Connected, compiled: CompiledMission, urls: S
 
 
 def lacking_battery(job: Job, connected: Connected) -> str | None:
-    """What a battery lacks that is to fly a sortie and keep the reserve; none where it is enough, or nothing is told of it."""
+    """Deficit of a battery for a sortie and its reserve; none where it is enough, or reports nothing."""
     vehicle, status = job.site.scenario.vehicle, connected.monitor.latest(SysStatus)
     percent = None if status is None else status.battery_remaining_percent
     if job.battery_used is None or percent is None:
@@ -146,13 +146,13 @@ def lacking_battery(job: Job, connected: Connected) -> str | None:
 
 
 def pace_home_m_s(site: Site) -> tuple[float, float]:
-    """How fast a vehicle flies home, over ground and vertically, with the slow last metres in it."""
+    """Speeds of a vehicle on its return, over ground and vertically, with the slow last metres in it."""
     vehicle = site.scenario.vehicle
     return vehicle.cruise_speed_m_s, 0.5 * min(vehicle.max_climb_m_s, vehicle.max_descent_m_s)
 
 
 def places_m(mission: Mission, site: Site) -> FloatArray:
-    """(k, 3) ENU, the places of a mission home; at least two."""
+    """(k, 3) ENU, the positions of a mission home; at least two."""
     if site.frame is None or mission.home is None:
         raise InputError(f"scenario {site.scenario.name}: has no place on Earth")
     places = [

@@ -1,4 +1,4 @@
-"""Keeps the vehicles of a fleet apart while they fly: who may start, who holds its place, who may fly home.
+"""Keep the vehicles of a fleet apart in flight: starts, holds and returns.
 
 Where each vehicle really is counts, not only when it was to be there: a flight that is late is taken as one that took off later.
 All times are seconds on one clock that all vehicles of the fleet share.
@@ -23,7 +23,7 @@ _STEP_S = 0.5
 _ERROR_S, _ERROR_FRACTION = 2.0, 0.02
 """By how much the next moments may differ from what is reckoned: at once, and for each second ahead."""
 _HOLDS_WITHIN_S = 60.0
-"""A vehicle that was told to hold and does not within this time is taken as flying on: somebody else may have it."""
+"""A vehicle without a hold this time after the command counts as flying on: a pilot or a failsafe may have it."""
 _BACK_S, _BEYOND_S = 2.0, 20.0
 """A vehicle is looked for in the plan from a little before where it was to a little after where it may be by now."""
 
@@ -48,12 +48,12 @@ class Traffic:
         self._first_s: float | None = None
 
     def add(self, name: str, timeline: Timeline, *, planned_s: float, pace_m_s: tuple[float, float]) -> None:
-        """A flight that is to take off so long after the first one of all."""
+        """Add a flight with its planned take-off time after the first take-off of all."""
         with self._lock:
             self._flights[name] = FleetPosition(timeline, pieces_of(timeline, self._fleet), planned_s, pace_m_s)
 
     def drop(self, name: str) -> None:
-        """A flight that will not take place: nobody waits for it."""
+        """Remove a flight that will not take place: no other waits for it."""
         with self._lock:
             self._flights.pop(name, None)
 
@@ -68,7 +68,7 @@ class Traffic:
             return flight.as_if_begun_s + flight.timeline.duration_s
 
     def place_m(self, name: str) -> FloatArray:
-        """(3,) ENU, where a flight was seen last."""
+        """(3,) ENU, the last known position of a flight."""
         with self._lock:
             return self._flights[name].place_m
 
@@ -78,7 +78,7 @@ class Traffic:
         return self._first_s is not None
 
     def phase(self, name: str) -> FleetPhase | None:
-        """What a flight does; none for one that was dropped."""
+        """Phase of a flight; none for one that was dropped."""
         with self._lock:
             flight = self._flights.get(name)
             return None if flight is None else flight.phase
@@ -90,7 +90,7 @@ class Traffic:
             return flight.as_if_begun_s - (self._first_s or 0.0) - flight.planned_s
 
     def start(self, name: str, now: float) -> bool:
-        """Let a flight take off if it may: in its turn, not before its time, and apart from where all others are.
+        """Let a flight take off in its turn, not before its time, and apart from all others.
 
         Returns:
             Whether it may; then it is taken as in the air from here on.
@@ -125,7 +125,7 @@ class Traffic:
             flight.seen_s, flight.place_m = now, place_m
 
     def must_hold(self, name: str, now: float, *, may_wait_s: float = math.inf) -> bool:
-        """Whether a flight is to hold its place now because another one would come too near.
+        """Whether a flight is to hold its position now because another one would come too near.
 
         Args:
             name: which flight.
@@ -145,7 +145,7 @@ class Traffic:
             return own.held
 
     def give_way_home(self, name: str, now: float, way_m: FloatArray, *, within_s: float) -> bool:
-        """Give a flight that still flies its mission the way home, before it stops; all others then keep clear of it.
+        """Give a flight on its mission the return, before it stops; all others then keep clear of it.
 
         Args:
             name: which flight.
@@ -154,7 +154,7 @@ class Traffic:
             within_s: time in which it has flown it.
 
         Returns:
-            Whether it has it: nobody else flies home, waits for that, or comes near the way in this time.
+            Whether it has it: no other flies home, waits for that, or comes near the return in this time.
         """
         with self._lock:
             own = self._flights[name]
@@ -181,7 +181,7 @@ class Traffic:
             return True
 
     def may_go_home(self, name: str, now: float, way_m: FloatArray, *, all_return: bool) -> bool:
-        """Whether a vehicle that holds may fly (k, 3) legs home now; one that was given its way home may.
+        """Whether a vehicle that holds may fly (k, 3) legs home now; one that was given its return may.
 
         Args:
             name: which flight.
@@ -210,7 +210,7 @@ class Traffic:
             free = [f for f in (own, *waiting) if self._passes_holders(f, [own, *waiting])]
             moving = [f for f in others if f.phase in (FleetPhase.FLYING, FleetPhase.LOST)]
             if not free and not moving:
-                raise InfeasibleError("the vehicles that hold are in each other's way home")
+                raise InfeasibleError("the vehicles that hold are in each other's return")
             if own not in free or _length_m(own.way_m) > min(_length_m(f.way_m) for f in free):
                 return False
             if any(self._meets(_along_way(own), self._from_now(f, now), _way_s(own)) for f in moving):
@@ -225,7 +225,7 @@ class Traffic:
             flight.phase, flight.free_s = FleetPhase.DOWN, now + self._fleet.pad_s
 
     def lost(self, name: str, *, down_by_s: float, stays: bool = False) -> None:
-        """Nobody knows where a vehicle is: it may fly on as planned until its battery is empty, or it ``stays`` where it is."""
+        """Mark a vehicle's position as unknown: it may fly on as planned, or it ``stays``."""
         with self._lock:
             flight = self._flights[name]
             flight.phase, flight.free_s, flight.held = FleetPhase.LOST, down_by_s, stays
@@ -285,7 +285,7 @@ class Traffic:
         return (own.planned_s, name) > (flight.planned_s, other)
 
     def _from_now(self, flight: FleetPosition, now: float) -> _Ahead:
-        """Where a flight is so many seconds from now, by what it does now."""
+        """Positions of a flight at times from now, by its present phase."""
         if flight.phase is FleetPhase.HOLDING or flight.held:
             return lambda times_s: np.broadcast_to(flight.place_m, (len(times_s), 3))
         begun_s = now - flight.as_if_begun_s if flight.phase is FleetPhase.LOST else flight.progress_s
@@ -294,7 +294,7 @@ class Traffic:
     def _until_gone(self, flight: FleetPosition, now: float) -> _Ahead:
         """The same, but infinitely far away once it has landed and been taken off the pad.
 
-        A landing that is late is seen in its progress, and :meth:`landed` tells of it.
+        A landing that is late is seen in its progress, and :meth:`landed` reports it.
         """
         ahead = self._from_now(flight, now)
         if flight.phase is not FleetPhase.FLYING or flight.held:
@@ -311,13 +311,13 @@ class Traffic:
         return bool((apart_m[at_once] < self._fleet.held_apart_m).any())
 
     def _meets_way(self, own: FleetPosition, homeward: FleetPosition, ahead_s: float) -> bool:
-        """Whether a flight comes near the way home of another one, or near where that is, within a time."""
+        """Whether a flight comes near the return of another one, or near where that is, within a time."""
         places = own.timeline.places_m(own.progress_s + np.arange(0.0, ahead_s, _STEP_S))
         way = np.vstack([homeward.place_m, homeward.way_m])
         return self._least_m(places, way) < self._fleet.held_apart_m
 
     def _meets_landed(self, own: FleetPosition, landed: FleetPosition, now: float) -> bool:
-        """Whether a way home ends where another vehicle still stands."""
+        """Whether a return ends where another vehicle still stands."""
         if float(np.linalg.norm(own.way_m[-1] - landed.home_m)) >= self._fleet.held_apart_m:
             return False
         return now + _way_s(own) < landed.free_s
@@ -336,7 +336,7 @@ class Traffic:
 
     @staticmethod
     def _least_m(places_m: FloatArray, way_m: FloatArray) -> float:
-        """Least distance of (n, 3) places from a (k, 3) line."""
+        """Least distance of (n, 3) positions from a (k, 3) line."""
         begin = np.repeat(way_m[:-1], len(places_m), axis=0)
         end = np.repeat(way_m[1:], len(places_m), axis=0)
         points = np.tile(places_m, (len(way_m) - 1, 1))
@@ -344,7 +344,7 @@ class Traffic:
 
 
 def _as_planned(flight: FleetPosition) -> _Ahead:
-    """Where a flight is so many seconds from now if it goes on, also one that holds now."""
+    """Positions of a flight at times from now if it goes on, also one that holds now."""
     return lambda times_s: flight.timeline.places_m(flight.progress_s + times_s)
 
 

@@ -17,7 +17,7 @@ from uavcover.run.user import User
 
 @dataclass(frozen=True, slots=True)
 class FirstSortie:
-    """What a vehicle of a fleet flies first.
+    """First flight of a vehicle of a fleet.
 
     Attributes:
         vehicle: its number, from 1.
@@ -37,7 +37,7 @@ def first_sorties(run: RunFolder, count: int) -> tuple[FirstSortie, ...]:
 
     Args:
         run: with a plan.
-        count: for so many vehicles.
+        count: number of vehicles.
 
     Raises:
         InputError: the plan is for fewer vehicles, or cannot be read.
@@ -78,12 +78,12 @@ def first_sorties(run: RunFolder, count: int) -> tuple[FirstSortie, ...]:
 
 
 def links_that_fly(run: RunFolder, links: Sequence[VehicleLink], user: User) -> list[VehicleLink]:
-    """The links of the vehicles that a plan uses; the user is told of the others, which stay on the ground.
+    """The links of the vehicles that a plan uses; messages name the others, which stay on the ground.
 
     Args:
         run: planned for the vehicles at these links.
         links: vehicle 1 first.
-        user: who is told.
+        user: receives messages.
     """
     fleet = run.read_json("plan.json", made_by="uavcover plan").get("fleet")
     rows = fleet.get("by_vehicle", []) if isinstance(fleet, dict) and fleet.get("alike", True) else []
@@ -120,9 +120,9 @@ def upload_fleet(
         what ``upload.json`` of each sortie says, with its vehicle, sortie and folder.
 
     Raises:
-        InputError: the plan is not for so many vehicles.
+        InputError: the plan is for another number of vehicles.
         VehicleError: one is not a multirotor, is armed, or stands elsewhere; nothing was sent to any.
-        MissionIoError: one does not answer, or an upload failed; the user was told who holds its sortie.
+        MissionIoError: one does not answer, or an upload failed; messages name the vehicles that hold their sorties.
     """
     sorties = first_sorties(run, len(links))
     links = [links[sortie.vehicle - 1] for sortie in sorties]

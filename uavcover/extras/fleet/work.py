@@ -1,4 +1,4 @@
-"""Who of a fleet flies what, when each is ready for more, and who takes over what another one leaves."""
+"""The work of a fleet: each vehicle's sorties, its next readiness, and takeovers."""
 
 import sys
 from collections.abc import Sequence
@@ -25,10 +25,10 @@ class FleetWork:
 
     Attributes:
         flyers: the vehicles that have a sortie when all begin.
-        queues: the sorties that nobody has begun.
+        queues: the sorties that no vehicle has begun.
         current: what each vehicle flies, or is about to fly.
         free_s: when each vehicle that has flown is ready with a new battery.
-        left: names of sorties, or of their rests, that nobody flies.
+        left: names of sorties, or of their rests, without a vehicle.
     """
 
     def __init__(self, jobs: Sequence[Job], traffic: Traffic, board: Board, on_loss: OnLoss) -> None:
@@ -51,7 +51,7 @@ class FleetWork:
         self.queues.add(job)
 
     def hand_over(self, record: FlownSortie, left: Sequence[Job], now: float) -> None:
-        """Give to whom is done with it first what a vehicle has left, each part checked; or leave it as gaps.
+        """Give the unflown parts of a sortie, each checked, to the vehicle that finishes first; or leave gaps.
 
         Args:
             record: the sortie that ended early.
@@ -68,7 +68,7 @@ class FleetWork:
             self._give(part, now)
 
     def _give(self, job: Job, now: float, *, record: FlownSortie | None = None) -> None:
-        """Give a sortie that nobody began, or the rest of a recorded one, to another vehicle."""
+        """Give an unflown sortie, or the rest of a recorded one, to another vehicle."""
         try:
             route = job.route if record is None else left_of(job)
             if route is None:
@@ -92,7 +92,7 @@ class FleetWork:
         )
 
     def _taker(self, job: Job, route: Route, now: float) -> tuple[int, float]:
-        """Who is done first with a route, and when it is ready for it.
+        """The first vehicle that can finish a route, and the time of its readiness.
 
         Raises:
             InfeasibleError: it is too far or too long for all that are left.
