@@ -165,7 +165,10 @@ def test_a_lake_in_the_area_is_asked_about(cli, tmp_path):
     area = written.kml(tmp_path / "a.kml", square_parts(LAKE_PLACE, hole=False))
     ended = cli("new", area, *options(dem), "-o", tmp_path / "s.toml")
     assert ended.code == 2
-    assert "inside the area; --fill-lakes 130m interpolates the gap; or cut it out of the area" in ended.error
+    assert (
+        "--fill-lakes 130m interpolates the gap, --water-height 0m takes it for the sea; or cut it out of the area"
+        in ended.error
+    )
     assert cli("new", area, *options(dem), "-o", tmp_path / "s.toml", "--fill-lakes", "130m").code == 0
     assert load_scenario(tmp_path / "s.toml").terrain.fill_no_data_m == 130.0
 

@@ -244,6 +244,7 @@ def saved(folder: Path, endurance_s: float) -> tuple[RunFolder, tuple[Sortie, ..
     return RunFolder(folder), flights, plan
 
 
+@pytest.mark.usefixtures("attitudes_count")
 def test_each_sortie_is_a_run_folder_and_all_count_together(tmp_path: Path) -> None:
     run, sorties, plan = saved(tmp_path / "run", 290.0)
     assert len(sorties) >= 2
