@@ -1,4 +1,4 @@
-"""The Pareto front of a plan: whole and partial routes, judged on the area's own cells and thinned to a readable number.
+"""Pareto front of a plan: whole and partial routes, judged on the area's own cells and thinned.
 
 Parts of a route: a vehicle that cannot fly all of it flies the stretch that sees most for its length. Snapshots tell what the
 planner would have returned had it been stopped earlier: one run gives the result at every moment.
@@ -124,7 +124,7 @@ def _seriousness(problem: LegProblem) -> float:
 
 
 SHARES = tuple(k / 25 for k in range(1, 25))
-"""What the parts see at least, as shares of what the whole route sees."""
+"""Least coverage of the parts, as shares of the whole route's coverage."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,7 +149,7 @@ class Part:
     Attributes:
         route: its waypoints.
         seen: share of the area's ground that it sees: at least this much, because what the route has seen before the
-            stretch begins is not looked at again. It is an estimate where pictures by distance begin anew with the stretch, and
+            stretch begins is not looked at again. It is an estimate where photos by distance begin anew with the stretch, and
             in corners, which are flown beside the waypoints.
     """
 
@@ -173,7 +173,7 @@ def gains_of(coverage: CoverageMap, route: Route) -> Gains:
 def parts_of(gains: Gains, *, shares: Sequence[float] = SHARES) -> list[Part]:
     """For each share of a route's coverage, the shortest stretch of whole legs known to reach it.
 
-    Every stretch keeps the limits that the route keeps. One that is the shortest for two shares is told once, the whole
+    Every stretch keeps the limits that the route keeps. One that is the shortest for two shares is listed once, the whole
     route never.
 
     Args:
@@ -197,28 +197,28 @@ def parts_of(gains: Gains, *, shares: Sequence[float] = SHARES) -> list[Part]:
 
 
 MOST_MEMBERS = 100
-"""A Pareto set of more is thinned: a choice that nobody can survey is none."""
+"""A larger Pareto set is thinned: a choice that a user cannot survey is no choice."""
 
 _MOST_OTHERS = 80
 _FEWEST_OTHERS = 5
-"""So many parts and routes of the optimizer are judged at most, and at least, whatever time is left for it."""
+"""Least and most parts and optimizer routes that are judged, for any time left."""
 
 _MOST_FOUND = 25
-"""So many routes a search is expected to find, when time is set aside for judging them."""
+"""This number of found routes is expected when time is set aside for judging them."""
 
 _PART = 0.5
-"""What judging a part takes, of what a whole route takes."""
+"""Time of judging a part, as a share of that of a whole route."""
 
 _LARGEST_SHARE = 0.06
-"""Of a time budget that is set aside, ..."""
+"""Share of a time budget that is set aside, ..."""
 
 _FEWEST_JUDGED = 12
 _LARGEST_SHARE_OF_FEWEST = 0.3
-"""... but for large areas: there it is what judging so many routes takes, up to another share."""
+"""... but for large areas: there it is the time of judging these routes, up to another share."""
 
 _JUDGED_FIRST = 2
 _BASELINES_SHARE = 0.01
-"""So many baselines are judged whatever it takes, the others while that takes no more than a share of a time budget."""
+"""This number of baselines is always judged, the others while that takes at most this share of a time budget."""
 
 _WHOLE = 0.9
 """A route has parts worth flying when it sees at least this share of the most that any sees."""

@@ -222,8 +222,8 @@ def test_auto_is_one_part_for_a_small_area_and_more_for_many_cells() -> None:
 @pytest.mark.parametrize(
     ("planner", "parts", "words"),
     [
-        ({"algorithm": "imodbo"}, 2, 'goes with algorithm = "memetic" or "local-search"'),
-        ({"algorithm": "memetic", "max_waypoints": 30}, 2, "goes with no max_waypoints"),
+        ({"algorithm": "imodbo"}, 2, 'requires algorithm = "memetic" or "local-search"'),
+        ({"algorithm": "memetic", "max_waypoints": 30}, 2, "requires no max_waypoints"),
         ({"algorithm": "memetic", "encoding": "waypoints"}, "auto", 'encoding = "swaths"'),
     ],
 )
