@@ -24,6 +24,23 @@ PAGES = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md"), *(ROOT / ".g
 GUIDES = [page for page in PAGES if page.name != "CHANGELOG.md" and "results" not in page.parts]
 
 
+# What users read: README and docs, without the laboratory's results.
+USER_PAGES = [
+    ROOT / "README.md",
+    *(page for page in sorted((ROOT / "docs").rglob("*.md")) if "results" not in page.parts),
+]
+PATHS = ("Survey", "Search", "Research")
+DIALECT = (
+    r"so many", r"so much so", r"nobody", r"anybody", r"somebody", r"everybody", r"likewise", r"dear(er|est)?", r"hardly",
+    r"lately", r"what is asked", r"tells? of", r"told of", r"(is|are) told", r"(goes|go) with",
+    r"made small", r"makes? small", r"(gives?|giving|gave) way", r"who ?ever", r"whatever", r"way there", r"ways? there and home",
+    r"of its own", r"of their own", r"what is seen", r"what was seen", r"what can be seen", r"its nose", r"the nose",
+    r"so long,? and so", r"by so much", r"is looked at", r"comes? out of it", r"beats? no", r"pictures? by distance",
+    r"in case of need", r"is reckoned", r"reckoned", r"mended?", r"given away",
+)  # fmt: skip
+"""Words of no technical writer, as patterns between word boundaries; GLOSSARY.md of the project has what to write instead."""
+
+
 def named(page: Path) -> str:
     return str(page.relative_to(ROOT))
 
@@ -46,6 +63,56 @@ def site_hook() -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     return module
+
+
+def prose(text: str) -> str:
+    """A page without its code, whose words are those of files and programs."""
+    return re.sub(r"```.*?```|`[^`\n]*`", "", text, flags=re.DOTALL)
+
+
+def dialect_in(text: str) -> list[str]:
+    found = re.finditer(rf"\b(?:{'|'.join(DIALECT)})\b", re.sub(r"\s+", " ", prose(text)), re.IGNORECASE)
+    return [match[0] for match in found]
+
+
+@pytest.mark.parametrize("page", USER_PAGES, ids=named)
+def test_user_pages_are_in_plain_technical_english(page: Path) -> None:
+    assert dialect_in(page.read_text(encoding="utf-8")) == []
+
+
+def test_dialect_is_found_across_lines_and_in_any_case() -> None:
+    assert dialect_in("So\nmany cells. Nobody flies. A dear `dear` deer.") == ["So many", "Nobody", "dear"]
+    assert dialect_in("```text\nso many\n```\nOverlap is nearly there; the deary hardlyness stays.") == []
+
+
+def test_readme_names_every_extra() -> None:
+    text = (ROOT / "README.md").read_text(encoding="utf-8")
+    table = text[text.index("## Extras") : text.index("## What it does not do")]
+    packages = {file.parent.name for file in (ROOT / "uavcover" / "extras").glob("*/__init__.py")}
+    assert set(re.findall(r"^\| `(\w+)` \|", table, re.MULTILINE)) == packages
+
+
+@pytest.mark.parametrize("page", ["README.md", "docs/index.md"])
+def test_the_first_pages_have_a_path_for_each_reader(page: str) -> None:
+    text = (ROOT / page).read_text(encoding="utf-8")
+    paths = [re.search(rf"^(?:## |\| \*\*){name}\W.*?(?:\n## |\n\|)", text + "\n## ", re.M | re.S) for name in PATHS]
+    assert [len(re.findall(r"\]\(", path[0])) >= 5 for path in paths if path] == [True, True, True]
+
+
+def messages_of(page: Path) -> list[str]:
+    """The first column of the page's tables: error messages, with an ellipsis for what differs."""
+    return re.findall(r"^\| `([^`]+)` \|", page.read_text(encoding="utf-8"), re.MULTILINE)
+
+
+def test_every_message_of_troubleshooting_is_one_of_the_code() -> None:
+    sources = (
+        file.read_text(encoding="utf-8") for name in ("uavcover", "mission_io") for file in (ROOT / name).rglob("*.py")
+    )
+    code = re.sub(r"\{[^{}\n]*\}", "…", re.sub(r'"\s*\n\s*f?"', "", "\n".join(sources)))
+    messages = messages_of(ROOT / "docs" / "how-to" / "troubleshooting.md")
+    assert len(messages) >= 20
+    pieces = {message: [piece for piece in message.split("…") if piece.strip()] for message in messages}
+    assert {message for message, parts in pieces.items() if any(part not in code for part in parts)} == set()
 
 
 @pytest.mark.parametrize("page", PAGES, ids=named)

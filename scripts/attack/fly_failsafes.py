@@ -28,14 +28,13 @@ from mission_io.errors import CommandRefusedError
 from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from sitl_tests.case import Case, Station
+from sitl_tests.compared_returns import WITHIN_M, compare
 from sitl_tests.flying import Path as FlownPath
 from sitl_tests.flying import take_off
 from sitl_tests.returns import (
     HOME,
-    WITHIN_M,
     FailsafeCase,
     Flown,
-    compare,
     first_seq_of,
     fly_on_mock,
     make_case,

@@ -9,7 +9,6 @@ import ast
 import json
 import subprocess
 import sys
-import tomllib
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -143,7 +142,6 @@ def measured(root: Path) -> dict[str, object]:
         ),
         "test lines": sum(len(p.read_text(encoding="utf-8").splitlines()) for p in (root / "tests").rglob("*.py")),
         "files over 450 lines": sum(count > 450 for count in lines.values()),
-        "import layers of uavcover": layers(root, "layers of uavcover"),
         "longest chain of imports between packages of uavcover": depth(parts("uavcover", 1)),
         "rings of packages": len(rings(parts("uavcover", 1)) + rings(parts("mission_io", 1))),
         "rings of modules": len(rings(graph)),
@@ -160,12 +158,6 @@ def numbers_of(tree: ast.Module) -> int:
         and isinstance(getattr(getattr(node.value, "operand", node.value), "value", None), int | float)
         for node in tree.body
     )
-
-
-def layers(root: Path, name: str) -> int:
-    """Number of layers in the import contract whose name holds ``name``."""
-    contracts = tomllib.loads((root / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
-    return next(len(contract["layers"]) for contract in contracts if name in contract["name"])
 
 
 def main() -> None:

@@ -14,9 +14,17 @@ from uavcover.cli.console import Console
 
 LINES = ((0.0, "a"), (10.0, "b"), (30.5, "c"), (45.0, "d"), (61.0, "e"), (0.0, ""))
 
-CHILD = """
-import sys, time
+CHILD = '''
+import sys
 from uavcover.cli import console
+
+class Drawn(console.Progress):
+    """Draws at every update: nothing waits for rich's own thread."""
+    def update(self, *arguments, **values):
+        super().update(*arguments, **values)
+        self.refresh()
+
+console.Progress = Drawn
 console._SHOW_AFTER_S = 0.0
 shown = console.Console(as_json="--json" in sys.argv, verbosity=-1 if "-q" in sys.argv else 0)
 with shown.progress("flying", total=3) as bar:
@@ -24,10 +32,9 @@ with shown.progress("flying", total=3) as bar:
         bar.status(f"mission, waypoint {k} of 5, " + 30 * "long ", at_s=float(k))
         if k == 3:
             shown.say("  3.0 s an event")
-        time.sleep(0.12)
     bar.status("", at_s=0.0)
 shown.result({"ended": True})
-"""
+'''
 
 
 def on_a_terminal(*arguments: str) -> tuple[str, str]:

@@ -10,10 +10,10 @@ import rasterio
 
 from tests.cli.conftest import Cli
 from tests.extras.check.test_command import DEM, GOOD, mission
-from uavcover.new.elevation_questions import trust_asked_for
 from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import load_site
+from uavcover.terrain.suspect_heights import trust_asked_for
 
 CAMERA = ("--camera", "dji-mavic-3e", "--gsd", "3cm")
 

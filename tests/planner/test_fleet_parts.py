@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 import shapely
 
-from tests.run.lockstep import Hangar
-from tests.run.test_fleet import Listener
-from tests.run.test_fly_fleet import copied, fly, judged, no_recording_of_single_flights
-from tests.run.test_unlike_fleet import FAR, mock, unlike_site
+from tests.extras.fleet.lockstep import Hangar
+from tests.extras.fleet.test_fleet import Listener
+from tests.extras.fleet.test_fly_fleet import copied, fly, judged, no_recording_of_single_flights
+from tests.extras.fleet.test_unlike_fleet import FAR, mock, unlike_site
 from uavcover.errors import InputError, ScenarioError
-from uavcover.fleet.command import FleetFailedError
-from uavcover.fleet.jobs import planned_jobs
+from uavcover.extras.fleet.command import FleetFailedError
+from uavcover.extras.fleet.jobs import planned_jobs
 from uavcover.missions.flight_costs import mission_cost
 from uavcover.missions.flights import compile_flights
 from uavcover.mock.behaviour import quick

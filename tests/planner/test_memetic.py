@@ -17,7 +17,8 @@ from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Plan, Route
 from uavcover.model.sensor import DiscSensor, SphereSensor
 from uavcover.model.vehicle import Wind
-from uavcover.planner.planner import _SIMPLIFIED_UNTIL, Effort, SearchProgress, plan_routes
+from uavcover.planner.budget import SHARES
+from uavcover.planner.planner import Effort, SearchProgress, plan_routes
 from uavcover.planner.search.goal_search import LADDER, _next_stage, _thinned
 from uavcover.planner.search.local_search import CHAINS, PaceByClock, PaceByNumber
 from uavcover.planner.search.route_judge import OneAfterTheOther
@@ -150,7 +151,7 @@ def test_the_time_budget_ends_the_local_search() -> None:
     plan = make_plan(SITES["along-path"], evaluations=10**9, budget_s=30.0, now=Clock(tick_s), on_progress=seen.append)
     assert not plan.interrupted
     # Waypoints are given up until so much later; the clock is asked once to see that, and once for the plan.
-    assert plan.wall_s <= 30.0 * _SIMPLIFIED_UNTIL + 2.0 * tick_s
+    assert plan.wall_s <= 30.0 * SHARES.simplified_until + 2.0 * tick_s
     assert "memetic" in {member.origin for member in plan.members}
     assert all(p.evaluations <= p.total < 10**9 for p in seen)
 

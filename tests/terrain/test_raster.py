@@ -13,7 +13,7 @@ from rasterio.transform import Affine
 from rasterio.warp import Resampling, reproject, transform
 
 from uavcover.errors import TerrainError
-from uavcover.scenario import elevation_file, pixel_frame
+from uavcover.terrain import elevation_file, pixel_frame
 from uavcover.terrain.elevation_file import read_ground, read_height_amsl_m, read_heights_amsl_m
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import grid_ground

@@ -14,7 +14,6 @@ from uavcover.cli import options
 
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
-    from uavcover.fleet.jobs import OnLoss
     from uavcover.flight.precautions import OnBreach, Precautions
     from uavcover.run.folder import RunFolder
 
@@ -94,10 +93,11 @@ def fly(
     whatever ended it, in a folder of its own inside RUN; verify counts both.
     """
     from uavcover.errors import INTERRUPTED, InputError
-    from uavcover.fleet.own_links import links_of_run
     from uavcover.flight.command import ENDED_BY_USER, FlightOptions, commands_after_flight, fly_run, resume_run
     from uavcover.flight.flight_plan import FlightTimeouts
+    from uavcover.flight.own_links import links_of_run
     from uavcover.model.outcome import Ending
+    from uavcover.plugins import load
     from uavcover.run.folder import RunFolder
     from uavcover.run.planned import read_planned
     from uavcover.run.user import to_paste
@@ -114,7 +114,8 @@ def fly(
         )
     if len(links) > 1 and watch.apply_limits:
         raise InputError("--apply-limits: is for one vehicle; set the parameters of each one before they fly together")
-    loss = _on_loss(on_loss)
+    if len(links) > 1 or on_loss != "share":
+        load("uavcover.fleets", "vehicles").check_on_loss(on_loss)
     folder = RunFolder(run) if len(links) > 1 else RunFolder(run).flight(sortie)
     precautions = precautions_for(
         folder, console, on_breach=options.on_breach(watch.on_breach), apply_limits=watch.apply_limits, agreed=yes
@@ -131,10 +132,11 @@ def fly(
         upload_first=link.url.startswith("mock:"),  # a vehicle that begins with this process holds nothing yet
     )  # fmt: skip
     if len(links) > 1:
-        from uavcover.fleet.command import FleetOptions, fly_fleet
         from uavcover.planner.close_gaps import GapRequest, commands_after_gaps
 
-        ended, document = fly_fleet(folder, links, console, FleetOptions(flight=asked, on_loss=loss), command=sys.argv)
+        ended, document = load("uavcover.fleets", "vehicles").fly_fleet(
+            folder, links, console, asked, on_loss=on_loss, command=sys.argv
+        )
         gap_mission = (document["gaps"] or {}).get("mission")
         following = [] if gap_mission is None else commands_after_gaps(folder, GapRequest())
         console.suggest(to_paste("verify", run), *following)
@@ -153,16 +155,6 @@ def fly(
     console.suggest(*commands_after_flight(folder, outcome.ending, options.words_of(links)))
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0
-
-
-def _on_loss(text: str) -> "OnLoss":
-    from uavcover.errors import InputError
-    from uavcover.fleet.jobs import OnLoss
-
-    try:
-        return OnLoss(text)
-    except ValueError:
-        raise InputError(f"--on-loss: {text!r} is neither share nor gaps") from None
 
 
 def precautions_for(

@@ -41,8 +41,8 @@ class Overview(TyperGroup):
 if TYPE_CHECKING:
     from mission_io import SigningKey
     from uavcover.cli.console import Console
-    from uavcover.fleet.own_links import VehiclePlace
     from uavcover.flight.connect import ClientName, VehicleLink
+    from uavcover.flight.own_links import VehiclePlace
     from uavcover.flight.precautions import OnBreach
 
 Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
@@ -279,7 +279,7 @@ class VehicleOptions(LinkOptions):
 
     def link_to(self, url: str, *, client: str = "native", link: str = "default") -> "VehicleLink":
         """The vehicle at ``url``; see :meth:`LinkOptions.link_at`."""
-        from uavcover.fleet.own_links import VehiclePlace
+        from uavcover.flight.own_links import VehiclePlace
 
         return self.link_at(VehiclePlace(url, self.system), client=client, link=link)
 
@@ -296,7 +296,7 @@ class EachVehicleOptions(LinkOptions):
         Raises:
             InputError: they do not fit each other.
         """
-        from uavcover.fleet.own_links import given_places
+        from uavcover.flight.own_links import given_places
 
         return given_places(urls, self.system)
 

@@ -12,6 +12,7 @@ from uavcover.cli import options
 if TYPE_CHECKING:
     from uavcover.cli.console import Console
     from uavcover.flight.connect import VehicleLink
+    from uavcover.plugins import load
     from uavcover.run.folder import RunFolder
 
 
@@ -61,8 +62,8 @@ def plan_upload(
     upload.json tells of the last upload; an older one is replaced.
     """
     from uavcover.errors import InputError
-    from uavcover.fleet.own_links import links_of_run, links_of_scenario
     from uavcover.flight.connect import require_home
+    from uavcover.flight.own_links import links_of_run, links_of_scenario
     from uavcover.flight.upload import upload_run
     from uavcover.planner.command import PlanRequest, plan_into
     from uavcover.run.folder import RunFolder
@@ -100,9 +101,8 @@ def plan_upload(
             console.result(outcome.document)
             return outcome.exit_code
     if len(links) > 1:
-        from uavcover.fleet.upload import links_that_fly
-
-        links = links if is_run else links_that_fly(folder, links, console)
+        if not is_run:
+            links = load("uavcover.fleets", "vehicles").links_that_fly(folder, links, console)
         return _upload_each(folder, links, console, in_flight=in_flight)
     folder = folder.flight(sortie)
     site, planned = read_planned(folder)
@@ -115,10 +115,10 @@ def plan_upload(
 
 
 def _upload_each(run: "RunFolder", links: "list[VehicleLink]", console: "Console", *, in_flight: bool) -> int:
-    from uavcover.fleet.upload import upload_fleet
+    from uavcover.plugins import load
     from uavcover.run.user import to_paste
 
-    documents = upload_fleet(run, links, console, in_flight=in_flight)
+    documents = load("uavcover.fleets", "vehicles").upload_fleet(run, links, console, in_flight=in_flight)
     passed = all(document["passed"] for document in documents)
     if passed:
         console.suggest(to_paste("fly", run if len(links) > 1 else documents[0]["run"], *options.words_of(links)))

@@ -19,6 +19,7 @@ from uavcover.missions.leg_checks import LegProblem, find_problems, find_waypoin
 from uavcover.missions.objectives import judge_member
 from uavcover.missions.way_cost import way_cost_of
 from uavcover.model.route import PART_OF, Route, RouteMember
+from uavcover.planner.budget import SHARES
 from uavcover.planner.search.optimizer_search import Effort
 from uavcover.planner.selection_rule import Rule, select
 from uavcover.scenario.site import Site
@@ -123,7 +124,7 @@ def _seriousness(problem: LegProblem) -> float:
     return np.inf if problem.kind == "no elevation data" else abs(problem.value - problem.limit)
 
 
-SHARES = tuple(k / 25 for k in range(1, 25))
+PART_SHARES = tuple(k / 25 for k in range(1, 25))
 """Least coverage of the parts, as shares of the whole route's coverage."""
 
 
@@ -170,7 +171,7 @@ def gains_of(coverage: CoverageMap, route: Route) -> Gains:
     return Gains(route, way_m, np.concatenate([[0.0], np.cumsum(gained)]) / coverage.grid.area_m2)
 
 
-def parts_of(gains: Gains, *, shares: Sequence[float] = SHARES) -> list[Part]:
+def parts_of(gains: Gains, *, shares: Sequence[float] = PART_SHARES) -> list[Part]:
     """For each share of a route's coverage, the shortest stretch of whole legs known to reach it.
 
     Every stretch keeps the limits that the route keeps. One that is the shortest for two shares is listed once, the whole
@@ -209,16 +210,11 @@ _MOST_FOUND = 25
 _PART = 0.5
 """Time of judging a part, as a share of that of a whole route."""
 
-_LARGEST_SHARE = 0.06
-"""Share of a time budget that is set aside, ..."""
-
 _FEWEST_JUDGED = 12
-_LARGEST_SHARE_OF_FEWEST = 0.3
-"""... but for large areas: there it is the time of judging these routes, up to another share."""
+"""Time is set aside for judging this number of routes at least, up to a share of the budget."""
 
 _JUDGED_FIRST = 2
-_BASELINES_SHARE = 0.01
-"""This number of baselines is always judged, the others while that takes at most this share of a time budget."""
+"""This number of baselines is always judged, the others while that takes no more than a share of the budget."""
 
 _WHOLE = 0.9
 """A route has parts worth flying when it sees at least this share of the most that any sees."""
@@ -295,14 +291,14 @@ class Finish:
         if budget_s is None:
             return self._effort
         finish_s = _MOST_FOUND * (self._judging_s + self._looking_s) + _PART * _MOST_OTHERS * self._judging_s
-        finish_s = min(finish_s, _LARGEST_SHARE * budget_s)
+        finish_s = min(finish_s, SHARES.judging * budget_s)
         if self._baselines:
             # Every route is judged by the coverable cells, which are found once.
             _ = self._fine.coverable
             begin = self._effort.now()
             judge_members(self._fine, [self._baselines[0].route])
             judging_s = self._effort.now() - begin
-            finish_s = max(finish_s, min(_FEWEST_JUDGED * judging_s, _LARGEST_SHARE_OF_FEWEST * budget_s))
+            finish_s = max(finish_s, min(_FEWEST_JUDGED * judging_s, SHARES.judging_of_fewest * budget_s))
         return dataclasses.replace(self._effort, budget_s=budget_s - late_s - finish_s)
 
     def judged_baselines(self, baselines: Sequence[Candidate]) -> list[RouteMember]:
@@ -319,7 +315,7 @@ class Finish:
         count = len(named)
         if self._effort.budget_s is not None and count > _JUDGED_FIRST:
             each_s = max(now() - begin, 1e-6) / _JUDGED_FIRST
-            count = min(count, _JUDGED_FIRST + int(_BASELINES_SHARE * self._effort.budget_s / each_s))
+            count = min(count, _JUDGED_FIRST + int(SHARES.judging_baselines * self._effort.budget_s / each_s))
         judged += judge_members(self._fine, named[_JUDGED_FIRST:count], self._executor)
         self._judging_s = (now() - begin) / max(count, 1)
         self._wholes = self._looked_at(named[:count])

@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 
@@ -17,6 +18,7 @@ from uavcover.planner.baselines.boustrophedon import TUNED, Baseline, fewest_lin
 from uavcover.planner.baselines.contour_lines import TUNED as TUNED_CONTOURS
 from uavcover.planner.baselines.initial_routes import constructed_routes, initial_names
 from uavcover.planner.baselines.swaths import SwathLayout, long_side_angle_rad
+from uavcover.planner.budget import SHARES, StageTimes
 from uavcover.planner.encodings import SwathEncoding, WaypointEncoding
 from uavcover.planner.final_choice import choose
 from uavcover.planner.front import (
@@ -38,7 +40,7 @@ from uavcover.planner.search.optimizer_search import (
     search,
 )
 from uavcover.planner.selection_rule import parse_rule
-from uavcover.planner.sortie_order.reorder import ORDER_SHARE, OrderEffort, has_several_sorties, tries_of
+from uavcover.planner.sortie_order.reorder import OrderEffort, has_several_sorties, tries_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map, planning_map
 
@@ -48,24 +50,8 @@ __all__ = ["Effort", "SearchProgress", "plan_routes"]
 CONSTRUCTED_SHARE = 0.25
 """At most this share of the first population is constructed routes; the rest is sampled by the optimizer itself."""
 
-_BASELINE_SHARE = 0.5
-_BASELINE_SHARE_OF_LINES = 0.1
-_BASELINE_SHARE_OF_FEWEST = 0.01
-"""Share of a time budget that the baselines may use: less where lines of other kinds and a local search follow, and least where
-the most useful ones come first. Those that are left then come after the search."""
-
-_LATE_SHARE = 0.02
-"""Share of a time budget for these."""
-
-_LINES_SHARE = 0.01
-"""Share of a time budget for lines that bend and lines of few waypoints; the best ones come first. On 25 square kilometres
-all of them take 6 s of processor time, which a search of 10 s had to wait for."""
-
-_SIMPLIFIED_UNTIL = 1.03
-"""After this number of time budgets no more waypoints are removed. It is a little late, for most routes need only a moment."""
-
 _OPTIMIZER: dict[PlannerAlgorithm, tuple[str, float]] = {
-    "memetic": ("imodbo", 0.05),
+    "memetic": ("imodbo", SHARES.optimizer),
     "local-search": ("imodbo", 0.0),
     "imodbo": ("imodbo", 1.0),
     "modbo": ("modbo", 1.0),
@@ -141,20 +127,25 @@ def plan_routes(
         # The rule speaks of what is coverable, the objectives of the whole area.
         goal = rule.required_coverage * coarse.share(coarse.coverable)
     other_lines = share < 1.0 and settings.encoding == "swaths"
-    baseline_share = _BASELINE_SHARE_OF_LINES if other_lines else _BASELINE_SHARE
+    baseline_share = SHARES.baselines_before_lines if other_lines else SHARES.baselines
     tuned = None
     along_contours = "contour-lines" in initial_names(coarse, settings)
     if other_lines and goal is not None and effort.budget_s is not None and not along_contours:
-        tuned, baseline_share = fewest_lines(coarse, goal), _BASELINE_SHARE_OF_FEWEST
+        tuned, baseline_share = fewest_lines(coarse, goal), SHARES.baselines_before_fewest
+    times = StageTimes(time.monotonic, effort.budget_s)
     before = effort.now()
-    baselines = constructed_routes(
-        coarse, settings, asked=rule.required_coverage, executor=executor,
-        should_stop=lambda: should_stop() or effort.is_over(started, share=baseline_share), tuned=tuned,
-    )  # fmt: skip
-    if tuned is not None and goal is not None:
-        baselines += taken_until_near(
-            tuned, baselines, goal, lambda: should_stop() or effort.is_over(started, share=_BASELINE_SHARE_OF_LINES)
-        )
+    with times.stage("initial solutions", SHARES.baselines_before_lines if tuned is not None else baseline_share):
+        baselines = constructed_routes(
+            coarse, settings, asked=rule.required_coverage, executor=executor,
+            should_stop=lambda: should_stop() or effort.is_over(started, share=baseline_share), tuned=tuned,
+        )  # fmt: skip
+        if tuned is not None and goal is not None:
+            baselines += taken_until_near(
+                tuned,
+                baselines,
+                goal,
+                lambda: should_stop() or effort.is_over(started, share=SHARES.baselines_before_lines),
+            )
     each_s = (effort.now() - before) / max(len(baselines), 1)
     constructed = _named(_worth_showing(baselines, goal))
     kept = Snapshots(()) if snapshots is None else snapshots
@@ -194,16 +185,17 @@ def plan_routes(
     )
     searched = Searched(interrupted=False, scale=None)
     if not left_out:
-        searched = search(
-            optimizer,
-            run,
-            rounds=rounds,
-            encoding=encoding,
-            coverage=coarse,
-            at_least_one_round=not baselines,
-            goal=goal,
-            look=lambda routes: look(lambda: [(route, name) for route in routes()]),
-        )
+        with times.stage(f"optimizer {name}", share):
+            searched = search(
+                optimizer,
+                run,
+                rounds=rounds,
+                encoding=encoding,
+                coverage=coarse,
+                at_least_one_round=not baselines,
+                goal=goal,
+                look=lambda routes: look(lambda: [(route, name) for route in routes()]),
+            )
     fine = judging_map(site)
     optimized = _candidates(optimizer, encoding, searched.scale, name)
     evaluations, interrupted = optimizer.evaluations, searched.interrupted
@@ -215,40 +207,51 @@ def plan_routes(
         lines: list[NamedRoute] = []
         if settings.encoding == "swaths" and not interrupted:
             best_straight = next((b.layout for b in _by_merit(baselines, goal) if b.layout is not None), None)
-            lines = _lines(coarse, best_straight, rule.required_coverage, dataclasses.replace(run, effort=effort))
-        late_s = 0.0 if tuned is None or effort.budget_s is None else _LATE_SHARE * effort.budget_s
+            with times.stage("bent lines", SHARES.bent_lines):
+                lines = _lines(coarse, best_straight, rule.required_coverage, dataclasses.replace(run, effort=effort))
+        late_s = 0.0 if tuned is None or effort.budget_s is None else SHARES.late_lines * effort.budget_s
         # What takes several sorties gets a search for their order at the end.
         best = _by_merit(baselines, goal)[:1]
         in_several = any(has_several_sorties(site, each.route) for each in best)
-        order_s = ORDER_SHARE * effort.budget_s if in_several and effort.budget_s is not None else 0.0
+        order_s = SHARES.order * effort.budget_s if in_several and effort.budget_s is not None else 0.0
         finish = Finish(
             coarse, fine, constructed, optimized, lines, evaluating_s=each_s, effort=effort, started=started,
             executor=executor,
         )  # fmt: skip
         found: list[NamedRoute] = []
         if not interrupted:
-            improved = improve(
-                coarse, fine, finish.known, dataclasses.replace(run, effort=finish.search_effort(late_s + order_s)),
-                settings=settings, rule=rule, evaluations_done=evaluations,
-                look=lambda routes: look(
-                    lambda: finish.worth_judging([(route, settings.algorithm) for route in routes()])
-                ),
-            )  # fmt: skip
+            searching = finish.search_effort(late_s + order_s)
+            used_s = effort.now() - started
+            left = None if searching.budget_s is None or not effort.budget_s else searching.budget_s - used_s
+            with times.stage(
+                "local search", None if left is None or effort.budget_s is None else left / effort.budget_s
+            ):
+                improved = improve(
+                    coarse, fine, finish.known, dataclasses.replace(run, effort=searching),
+                    settings=settings, rule=rule, evaluations_done=evaluations,
+                    look=lambda routes: look(
+                        lambda: finish.worth_judging([(route, settings.algorithm) for route in routes()])
+                    ),
+                )  # fmt: skip
             found = [(route, settings.algorithm) for route in improved.routes]
             evaluations += improved.evaluations
             interrupted = improved.interrupted
         if tuned is not None and effort.budget_s is not None and not interrupted:
             until = min(effort.now() + late_s, started + effort.budget_s - order_s)
-            baselines += taken(tuned, lambda: should_stop() or effort.now() > until)
+            with times.stage("lines left", SHARES.late_lines):
+                baselines += taken(tuned, lambda: should_stop() or effort.now() > until)
             constructed = _named(_worth_showing(baselines, goal))
-        reference = finish.judged_baselines(constructed)
+        with times.stage("judging baselines", SHARES.judging_baselines):
+            reference = finish.judged_baselines(constructed)
         made = finish.worth_judging(found)
-    members = judge_members(fine, made, executor)
-    chosen = choose(
-        fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted,
-        is_over=(lambda: effort.is_over(started, share=_SIMPLIFIED_UNTIL)) if share < 1.0 else None,
-        order=_order_effort(effort, started, settings.seed, should_stop) if in_several and not interrupted else None,
-    )  # fmt: skip
+    with times.stage("judging routes", SHARES.judging):
+        members = judge_members(fine, made, executor)
+    with times.stage("choice and repairs", SHARES.order if in_several else None):
+        chosen = choose(
+            fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted,
+            is_over=(lambda: effort.is_over(started, share=SHARES.simplified_until)) if share < 1.0 else None,
+            order=_order_effort(effort, started, settings.seed, should_stop) if in_several and not interrupted else None,
+        )  # fmt: skip
     kept.close([*(each.route for each in constructed), *made, *chosen.simpler])
     return Plan(
         chosen=chosen.route,
@@ -267,7 +270,7 @@ def _lines(coarse: CoverageMap, straight: SwathLayout | None, asked: float | Non
     """Lines as initial solutions of the local search, in the direction of the best straight ones, as time permits."""
     site, budget_s, now = coarse.site, run.effort.budget_s, run.effort.now
     angle = long_side_angle_rad(site.area) if straight is None else straight.angle_rad
-    until = now() + _LINES_SHARE * (math.inf if budget_s is None else budget_s)
+    until = now() + SHARES.bent_lines * (math.inf if budget_s is None else budget_s)
     lines = first_lines(site, angle, run.executor, lambda: run.should_stop() or now() > until)
     if budget_s is not None and not any_reaches(coarse, lines, asked):
         lines += one_line_more(site, angle)

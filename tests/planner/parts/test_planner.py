@@ -240,9 +240,7 @@ def test_no_part_is_no_division(parts) -> None:
 
 
 def test_parts_smaller_than_what_the_sensor_sees_are_refused() -> None:
-    with pytest.raises(
-        InputError, match=r"planner.parts: 1000 parts of 0.35 km² .* at most \d+, or auto"
-    ):
+    with pytest.raises(InputError, match=r"planner.parts: 1000 parts of 0.35 km² .* at most \d+, or auto"):
         plan(large(), SearchRequest(parts=1000))
 
 

@@ -24,6 +24,7 @@ from uavcover.planner.baselines.boustrophedon import (
     plain_boustrophedon,
 )
 from uavcover.planner.baselines.swaths import fly_layout
+from uavcover.planner.budget import SHARES
 from uavcover.planner.final_choice import choose
 from uavcover.planner.front import NamedRoute, judge_members
 from uavcover.planner.joining import in_good_order, joined
@@ -42,9 +43,7 @@ from uavcover.sensing.sensors import reach_at_height_m, sight_of
 RunTasks = Callable[[Site, Sequence[PartTask]], Iterator[tuple[PartTask, FloatArray]]]
 """Search in parts of a site: each task with the waypoints of its route, in any order."""
 
-_ROUNDS = (0.5, 0.2, 0.15, 0.15)
-"""Shares of the search: each part by itself; then along the seams, where in turn the lower number of two neighbours keeps what
-both see, and the higher one."""
+_ROUNDS = SHARES.part_rounds
 
 _MORE_ROUNDS = 2
 """This number of further rounds, as long as the last one, while the joined route lacks the required coverage."""
@@ -63,9 +62,6 @@ _MOST_COMPARED_CELLS = 300_000
 _WORTH = 0.99
 """A flight for each part is worth it where they begin with so much of what the tuned boustrophedon costs: a search in few large
 parts ends with 0.88 of it on 25 km², 0.92 on 49 and 0.92 on 100 km², and one in flights with 0.91 of what they begin with."""
-
-_SEARCHED = 0.85
-"""Share of a time budget; the rest is for dividing, joining and judging."""
 
 _LARGEST_CORRECTION = 0.01
 _SAFETY = 0.0003
@@ -160,7 +156,7 @@ def plan_by_parts(
     for number, share in enumerate((*_ROUNDS, *_ROUNDS[-1:] * _MORE_ROUNDS)):
         if found and (run.should_stop() or (number >= len(_ROUNDS) and seen >= goal)):
             break
-        budget_s = None if effort.budget_s is None else _SEARCHED * share * effort.budget_s * workers / len(areas)
+        budget_s = None if effort.budget_s is None else SHARES.parts * share * effort.budget_s * workers / len(areas)
         evaluations = max(1, int(share * effort.evaluations / len(areas)))
         tasks = tasks_of(
             site,

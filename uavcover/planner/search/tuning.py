@@ -7,6 +7,7 @@ ladder of goals, the margin of a goal) stands where it is used.
 from dataclasses import dataclass, field
 
 from uavcover.kernels.annealing import Moves
+from uavcover.planner.budget import SHARES
 
 _MOVES = Moves(
     turn=0.1, transfer_to_gap=0.15, transfer=0.1,
@@ -21,17 +22,11 @@ class GoalTuning:
     Lengths and temperatures are in radii of the sensor, so that a bend costs the same on a short route and on a long one.
 
     Attributes:
-        main_share: of the work, for the required coverage; the rest goes to the ladder of others.
-        main_stages: shares of that work after which the goal is corrected by what judging cells see; after the first one both
-            chains take the better route.
-        stages: the same for a coverage of the ladder, and for a route whose gaps were closed.
-        closing_share: of the work: a search that misses its goal slightly continues for this share from its route with the
-            gaps closed, for beside zones and obstacles no small move sees the last of the ground.
+        main_share, main_stages, stages, closing_share, closing_share_far, waypoint_stages, waypoint_share: see
+            `uavcover.planner.budget.Shares`.
         further_left: before that, under a time budget, stages follow that are as short as corrections allow, while each leaves no
             more than this of what the one before it lacked. Over large areas closing gaps one by one takes half of the way again
             (ridge-25km2, 150 to 231 km for 0.02 points), and these stages close most (10 s: 150.0 to 150.6 km, was 153.5).
-        closing_share_far: as ``closing_share`` where it ended far from its goal, and the gaps of long lines are closed: there
-            nothing else leads to it.
         most_short: that little, as a share of the coverage.
         closed: multiples of the missing ground whose gaps are repaired, one after the other: photos by distance fall
             elsewhere behind a route than behind home, so it may take more.
@@ -65,8 +60,6 @@ class GoalTuning:
         goal_per_correction: the same for a coverage of the ladder, and a price of waypoints.
         waypoint_price: of a waypoint where few are not asked for: one more holds a leg nearer to the height that sees widest.
         waypoint_prices: where few are searched for, one after the other.
-        waypoint_stages: the stages of each of these searches.
-        waypoint_share: of the work, for these searches.
         dear_waypoints: lengths that the price of all waypoints counts as in the price of coverage: else coverage would be given
             for one waypoint less.
         largest_step: standard deviation of the widest moves.
@@ -83,12 +76,12 @@ class GoalTuning:
         spare_waypoints: ... and this number more.
     """
 
-    main_share: float = 0.7
-    main_stages: tuple[float, ...] = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
-    stages: tuple[float, ...] = (0.5, 0.85, 1.0)
-    closing_share: float = 0.15
+    main_share: float = SHARES.goal_main
+    main_stages: tuple[float, ...] = SHARES.goal_main_stages
+    stages: tuple[float, ...] = SHARES.goal_stages
+    closing_share: float = SHARES.goal_closing
     further_left: float = 0.7
-    closing_share_far: float = 0.3
+    closing_share_far: float = SHARES.goal_closing_far
     most_short: float = 0.03
     closed: tuple[float, ...] = (1.0, 1.5, 2.5)
     most_trials: int = 1_000
@@ -110,8 +103,8 @@ class GoalTuning:
     goal_per_correction: float = 12.0
     waypoint_price: float = 0.002
     waypoint_prices: tuple[float, ...] = (0.3, 1.0, 3.0)
-    waypoint_stages: tuple[float, ...] = (0.4, 0.8, 1.0)
-    waypoint_share: float = 0.15
+    waypoint_stages: tuple[float, ...] = SHARES.goal_waypoint_stages
+    waypoint_share: float = SHARES.goal_waypoints
     dear_waypoints: float = 3.0
     largest_step: float = 0.4
     hottest: float = 0.05
@@ -148,15 +141,11 @@ class FreeOrderTuning:
     Temperatures and prices "in cells" are in units of the coverage of one cell of average weight.
 
     Attributes:
-        tours: share of the work for shortest tours, once something sees as much as they are to see.
+        tours, quench, spread, squeeze, long_spread, first_squeeze, late_tours, attempt: see
+            `uavcover.planner.budget.Shares`.
         tour_coverage_price: of a cell, in radii of the sensor, in a search for a tour.
         tour_hottest: temperature at the beginning of that search, in radii.
-        quench: share of its work that is spent cold, on what there is, first: a search that is stopped early has that.
         quenched: times the coldest temperature.
-        spread, squeeze: shares of what is left for numbers of waypoints after which these parts end; the rest is the sweep.
-        long_spread, first_squeeze, late_tours: the same while nothing sees enough: one long annealing with as many waypoints as
-            there may be, and tours when it was enough.
-        attempt: share of a squeeze that one number of waypoints gets at a time.
         hottest_cells, coldest_cells: temperatures.
         spread_heats, squeeze_heats, sweep_heats: of the two chains, as shares of the hottest.
         way_price_cells: of a radius of way, where coverage is all that counts.
@@ -164,17 +153,17 @@ class FreeOrderTuning:
         waypoint_price_cells: of a waypoint while they spread.
     """
 
-    tours: float = 0.4
+    tours: float = SHARES.free_tours
     tour_coverage_price: float = 1.5
     tour_hottest: float = 0.2
-    quench: float = 0.2
+    quench: float = SHARES.free_quench
     quenched: float = 5.0
-    spread: float = 0.35
-    squeeze: float = 0.85
-    long_spread: float = 0.65
-    first_squeeze: float = 0.75
-    late_tours: float = 0.9
-    attempt: float = 0.25
+    spread: float = SHARES.free_spread
+    squeeze: float = SHARES.free_squeeze
+    long_spread: float = SHARES.free_long_spread
+    first_squeeze: float = SHARES.free_first_squeeze
+    late_tours: float = SHARES.free_late_tours
+    attempt: float = SHARES.free_attempt
     hottest_cells: float = 1.2
     coldest_cells: float = 0.012
     spread_heats: tuple[float, float] = (1.0, 0.6)

@@ -22,9 +22,6 @@ from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap
 
-ORDER_SHARE = 0.05
-"""Share of a time budget, where a route takes several sorties."""
-
 _TRIES_PER_EVALUATION, _MOST_TRIES = 6, 3_000
 """Orders that are tried for each evaluation of the search, where there is no time budget; a tenth of its processor time."""
 

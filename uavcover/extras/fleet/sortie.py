@@ -12,8 +12,8 @@ from mission_io.errors import MissionIoError, VehicleSilentError
 from mission_io.model.items import Frame, Mission, MissionType
 from mission_io.wire.messages import HomePosition, SysStatus
 from uavcover.errors import InputError, VehicleError
-from uavcover.fleet.clock import FleetClock
-from uavcover.fleet.jobs import Job
+from uavcover.extras.fleet.clock import FleetClock
+from uavcover.extras.fleet.jobs import Job
 from uavcover.flight.connect import Connected, check_home
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission

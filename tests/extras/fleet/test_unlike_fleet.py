@@ -12,15 +12,15 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.model.items import GeoPoint
 from tests.cli.conftest import corner_of_the_demo
-from tests.run.lockstep import Hangar
-from tests.run.scripted_fleet import fly_script, job
-from tests.run.test_fleet import Listener
-from tests.run.test_fly_fleet import copied, fly, judged, no_recording_of_single_flights, plan_for
+from tests.extras.fleet.lockstep import Hangar
+from tests.extras.fleet.scripted_fleet import fly_script, job
+from tests.extras.fleet.test_fleet import Listener
+from tests.extras.fleet.test_fly_fleet import copied, fly, judged, no_recording_of_single_flights, plan_for
 from uavcover.errors import InfeasibleError, InputError, ScenarioError
 from uavcover.extras.exports.export import ExportRequest, export_mission
-from uavcover.fleet.command import FleetFailedError
-from uavcover.fleet.jobs import OnLoss, planned_jobs
-from uavcover.fleet.upload import first_sorties
+from uavcover.extras.fleet.command import FleetFailedError
+from uavcover.extras.fleet.jobs import OnLoss, planned_jobs
+from uavcover.extras.fleet.upload import first_sorties
 from uavcover.flight.connect import home_of
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.mission_files import compile_plan

@@ -3,10 +3,10 @@
 import numpy as np
 
 from mission_io.wire.messages import GlobalPositionInt
-from uavcover.fleet.clock import FleetClock
-from uavcover.fleet.jobs import Job
-from uavcover.fleet.sortie import is_down
-from uavcover.fleet.traffic import Traffic
+from uavcover.extras.fleet.clock import FleetClock
+from uavcover.extras.fleet.jobs import Job
+from uavcover.extras.fleet.sortie import is_down
+from uavcover.extras.fleet.traffic import Traffic
 from uavcover.flight.connect import Connected
 
 _LATELY_S = 5.0

@@ -4,8 +4,8 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
-from uavcover.fleet.clock import FleetClock
-from uavcover.fleet.jobs import OnLoss
+from uavcover.extras.fleet.clock import FleetClock
+from uavcover.extras.fleet.jobs import OnLoss
 from uavcover.flight.command import FlightOptions
 from uavcover.flight.connect import Connected, VehicleLink
 from uavcover.scenario.site import Site

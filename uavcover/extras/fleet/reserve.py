@@ -4,8 +4,8 @@ import math
 
 from mission_io.wire.messages import SysStatus
 from uavcover.errors import UavcoverError
-from uavcover.fleet.jobs import Job
-from uavcover.fleet.traffic import Traffic
+from uavcover.extras.fleet.jobs import Job
+from uavcover.extras.fleet.traffic import Traffic
 from uavcover.flight.connect import Connected
 from uavcover.flight.reserve import TO_TURN_S, BatteryAllows, BatteryUse
 from uavcover.missions.flight_costs import way_home

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from uavcover.errors import InfeasibleError, InputError
-from uavcover.fleet.upload import require_at_once
+from uavcover.extras.fleet.upload import require_at_once
 from uavcover.flight.connect import require_home
 from uavcover.flight.resume import find_unfinished, save_part, save_rest, scenario_of_fleet
 from uavcover.missions.mission_files import compile_plan

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from uavcover.errors import InfeasibleError
-from uavcover.fleet.position import FleetPhase
-from uavcover.fleet.traffic import Traffic
+from uavcover.extras.fleet.position import FleetPhase
+from uavcover.extras.fleet.traffic import Traffic
 from uavcover.missions.timeline import Timeline
 from uavcover.model.fleet import Fleet
 

@@ -14,11 +14,11 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT
 from tests.cli.conftest import corner_of_the_demo
-from tests.run.lockstep import Hangar, Seat
-from tests.run.test_fleet import Listener
+from tests.extras.fleet.lockstep import Hangar, Seat
+from tests.extras.fleet.test_fleet import Listener
 from uavcover.errors import InputError
-from uavcover.fleet.command import FleetFailedError, FleetOptions, fly_fleet
-from uavcover.fleet.jobs import planned_jobs
+from uavcover.extras.fleet.command import FleetFailedError, FleetOptions, fly_fleet
+from uavcover.extras.fleet.jobs import planned_jobs
 from uavcover.flight.command import FlightOptions
 from uavcover.flight.connect import VehicleLink, home_of
 from uavcover.missions.flights import compile_flights

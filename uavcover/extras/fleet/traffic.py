@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 
 from uavcover.errors import InfeasibleError
-from uavcover.fleet.position import FleetPhase, FleetPosition
+from uavcover.extras.fleet.position import FleetPhase, FleetPosition
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.separation import pieces_of, segment_distances_m, unsafe_starts
 from uavcover.missions.timeline import Timeline

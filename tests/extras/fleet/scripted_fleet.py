@@ -10,15 +10,15 @@ from typing import Any
 
 import numpy as np
 
-from tests.run.lockstep import Lockstep
-from tests.run.test_fleet import Listener
-from tests.run.test_fleet_traffic import out_and_back
-from uavcover.fleet.board import Board, VehicleUser
-from uavcover.fleet.clock import FleetClock
-from uavcover.fleet.flight import FleetFlight
-from uavcover.fleet.jobs import Job, OnLoss
-from uavcover.fleet.orders import FleetOrders
-from uavcover.fleet.sortie import FlownSortie
+from tests.extras.fleet.lockstep import Lockstep
+from tests.extras.fleet.test_fleet import Listener
+from tests.extras.fleet.test_fleet_traffic import out_and_back
+from uavcover.extras.fleet.board import Board, VehicleUser
+from uavcover.extras.fleet.clock import FleetClock
+from uavcover.extras.fleet.flight import FleetFlight
+from uavcover.extras.fleet.jobs import Job, OnLoss
+from uavcover.extras.fleet.orders import FleetOrders
+from uavcover.extras.fleet.sortie import FlownSortie
 from uavcover.flight.command import FlightOptions
 from uavcover.flight.connect import Connected, VehicleLink
 from uavcover.model.fleet import Fleet

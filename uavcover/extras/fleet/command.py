@@ -9,14 +9,14 @@ from typing import Any
 import numpy as np
 
 from uavcover.errors import InputError, UavcoverError, VehicleError
-from uavcover.fleet.board import Board
-from uavcover.fleet.clock import FleetClock, RealClock
-from uavcover.fleet.flight import FleetFlight
-from uavcover.fleet.jobs import OnLoss, planned_jobs
-from uavcover.fleet.orders import FleetOrders, Opening
-from uavcover.fleet.own_links import VehiclePlace, require_different
+from uavcover.extras.fleet.board import Board
+from uavcover.extras.fleet.clock import FleetClock, RealClock
+from uavcover.extras.fleet.flight import FleetFlight
+from uavcover.extras.fleet.jobs import OnLoss, planned_jobs
+from uavcover.extras.fleet.orders import FleetOrders, Opening
 from uavcover.flight.command import ENDED_BY_USER, FlightOptions, refuse_older_flight
 from uavcover.flight.connect import VehicleLink, connect
+from uavcover.flight.own_links import VehiclePlace, require_different
 from uavcover.kernels.arrays import FloatArray
 from uavcover.planner.close_gaps import GapRequest, close_gaps
 from uavcover.recording.fleet import record_fleet

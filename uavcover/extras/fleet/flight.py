@@ -12,14 +12,14 @@ import numpy as np
 from mission_io.errors import MissionIoError
 from mission_io.model.items import Mission
 from uavcover.errors import UavcoverError, VehicleError
-from uavcover.fleet.board import Board, VehicleUser
-from uavcover.fleet.clock import FleetClock
-from uavcover.fleet.jobs import Job
-from uavcover.fleet.lost import LostVehicle
-from uavcover.fleet.orders import FleetOrders
-from uavcover.fleet.position import FleetPhase
-from uavcover.fleet.reserve import ReserveWatch
-from uavcover.fleet.sortie import (
+from uavcover.extras.fleet.board import Board, VehicleUser
+from uavcover.extras.fleet.clock import FleetClock
+from uavcover.extras.fleet.jobs import Job
+from uavcover.extras.fleet.lost import LostVehicle
+from uavcover.extras.fleet.orders import FleetOrders
+from uavcover.extras.fleet.position import FleetPhase
+from uavcover.extras.fleet.reserve import ReserveWatch
+from uavcover.extras.fleet.sortie import (
     FlownSortie,
     is_down,
     lacking_battery,
@@ -28,8 +28,8 @@ from uavcover.fleet.sortie import (
     wait_for_home,
     whose_home,
 )
-from uavcover.fleet.traffic import Traffic
-from uavcover.fleet.work import FleetWork
+from uavcover.extras.fleet.traffic import Traffic
+from uavcover.extras.fleet.work import FleetWork
 from uavcover.flight.clearance import Clearance
 from uavcover.flight.command import FlightOptions, record_flight
 from uavcover.flight.connect import Connected, fly

@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.run.test_fleet import Listener
+from tests.extras.fleet.test_fleet import Listener
 from uavcover.errors import InputError, VehicleError
-from uavcover.fleet.upload import first_sorties, upload_fleet
+from uavcover.extras.fleet import upload as module
+from uavcover.extras.fleet.upload import first_sorties, upload_fleet
 from uavcover.flight.connect import Connected, VehicleLink, connect
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.objectives import judge
@@ -22,7 +23,6 @@ from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.planner.fleet_document import fleet_document
 from uavcover.planner.plan_files import save_plan
 from uavcover.planner.terrain_following import lay_over_terrain
-from uavcover.run import upload_fleet as module
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site

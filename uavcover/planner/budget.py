@@ -1,0 +1,104 @@
+"""The one table of how a search's budget is divided, and what each stage used of it.
+
+A budget is a time, or a number of evaluations. Every share stands here with what it is a share of; the numbers were set by
+trials on the bundled scenarios and on those of ``scripts/bench/kinds.py``. ``uavcover plan -v`` prints what each stage was
+allotted and used.
+"""
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Final
+
+_log = logging.getLogger(__name__)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Shares:
+    """Shares of the whole budget, by stage; those of the two searches, of the search's own budget.
+
+    Attributes:
+        baselines: initial solutions, at most, where an optimizer follows alone; ...
+        baselines_before_lines: ... where other lines and a local search follow; ...
+        baselines_before_fewest: ... and where the most useful lines come first: those that are left come after the search.
+        optimizer: of a memetic search, before the local search; the other algorithms are one of the two alone.
+        bent_lines: lines that bend and lines of few waypoints; the best ones come first. On 25 square kilometres all of them take
+            6 s of processor time, which a search of 10 s had to wait for.
+        late_lines: the lines that were left before the search.
+        judging: set aside for judging what was found, at most; ...
+        judging_of_fewest: ... for large areas: what judging so few routes takes, up to this.
+        judging_baselines: judging more baselines than the first two.
+        order: another order of the legs of several sorties.
+        simplified_until: after this number of budgets no more waypoints are removed: a little late, for most routes need a moment.
+        parts: searches of the parts of a large area; the rest is for dividing, joining and judging.
+        part_rounds: of these: each part by itself; then along the seams, where in turn the lower number of two neighbours
+            keeps what both see, and the higher one.
+        goal_main: of the local search, for the required coverage; the rest goes to the ladder of others.
+        goal_main_stages: shares of that after which the goal is corrected by what judging cells see; after the first one both
+            chains take the better route.
+        goal_stages: the same for a coverage of the ladder, and for a route whose gaps were closed.
+        goal_closing: a search that ends a little short of its goal goes on from its route with the gaps closed, ...
+        goal_closing_far: ... and one that ends far from it: there nothing else leads to it.
+        goal_waypoints: for searches for fewer waypoints, ...
+        goal_waypoint_stages: ... and the stages of each.
+        free_tours: of a search in any order, for shortest tours, once something sees as much as they are to see.
+        free_quench: cold, on what there is, first: a search that is stopped early has that.
+        free_spread, free_squeeze: of what is left for numbers of waypoints, after which these parts end; the rest is the sweep.
+        free_long_spread, free_first_squeeze, free_late_tours: the same while nothing sees enough.
+        free_attempt: of a squeeze, for one number of waypoints at a time.
+    """
+
+    baselines: float = 0.5
+    baselines_before_lines: float = 0.1
+    baselines_before_fewest: float = 0.01
+    optimizer: float = 0.05
+    bent_lines: float = 0.01
+    late_lines: float = 0.02
+    judging: float = 0.06
+    judging_of_fewest: float = 0.3
+    judging_baselines: float = 0.01
+    order: float = 0.05
+    simplified_until: float = 1.03
+    parts: float = 0.85
+    part_rounds: tuple[float, ...] = (0.5, 0.2, 0.15, 0.15)
+    goal_main: float = 0.7
+    goal_main_stages: tuple[float, ...] = (0.35, 0.55, 0.7, 0.8, 0.88, 0.94, 0.97, 1.0)
+    goal_stages: tuple[float, ...] = (0.5, 0.85, 1.0)
+    goal_closing: float = 0.15
+    goal_closing_far: float = 0.3
+    goal_waypoints: float = 0.15
+    goal_waypoint_stages: tuple[float, ...] = (0.4, 0.8, 1.0)
+    free_tours: float = 0.4
+    free_quench: float = 0.2
+    free_spread: float = 0.35
+    free_squeeze: float = 0.85
+    free_long_spread: float = 0.65
+    free_first_squeeze: float = 0.75
+    free_late_tours: float = 0.9
+    free_attempt: float = 0.25
+
+
+SHARES: Final = Shares()
+
+
+class StageTimes:
+    """Logs what each stage was allotted and used.
+
+    Args:
+        now: the clock of the budget.
+        budget_s: the whole budget; none: it is counted in evaluations, and no stage has a time of its own.
+    """
+
+    def __init__(self, now: Callable[[], float], budget_s: float | None) -> None:
+        self._now, self._budget_s = now, budget_s
+
+    @contextmanager
+    def stage(self, name: str, share: float | None = None) -> Iterator[None]:
+        """A stage, with its share of the budget where it has one."""
+        begin = self._now()
+        try:
+            yield
+        finally:
+            allotted = "" if share is None or self._budget_s is None else f"{share * self._budget_s:7.2f} s allotted,"
+            _log.info("%-24s%-20s%7.2f s used", name, allotted, self._now() - begin)
