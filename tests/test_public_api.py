@@ -59,7 +59,7 @@ def test_the_whole_chain(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     assert isinstance(verdict, uc.Verdict)
     assert verdict.report.passed
     assert re.match(r"<Verdict: passed; (9\d|100)\.\d+ % of the area", repr(verdict))
-    assert re.match(r"<Plan: 9\d\.\d+ % of what can be seen, \d+ waypoints", repr(plan))
+    assert re.match(r"<Plan: 9\d\.\d+ % of the visible ground, \d+ waypoints", repr(plan))
     assert re.match(r"<Site jacksboro: \d+\.\d+ square kilometres at 36\.", repr(site))
     assert re.match(r"<Track: \d+ samples over \d+ s>", repr(track))
     for drawn in (plan, track, verdict):

@@ -377,7 +377,7 @@ REPORTS = (
     Report("a row contradicts the verdict", row_that_contradicts_the_verdict, "^not proved; not proved; yes$"),
     Report("a table as ExifTool prints it", table_of_exiftool, r"^-8\.465339 -13\.200256 -3\.0 1744788357\.0$"),
     Report("photos are deleted", photos_deleted_from_lines, r"^\[\] \[\('IMG_0004.JPG', 1\), \('IMG_0043.JPG', 3\)\]$"),
-    Report("photos have no places", photos_without_places, "no position; give a list of their places as well"),
+    Report("photos have no places", photos_without_places, "no position; give a list of their positions as well"),
 )
 
 

@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[2]
 SETTLE = "new Promise(done => setTimeout(done, 1500))"
 TOP = (0, 0, 1200, 1900)
 PHONE = (0, 0, 390, 1500)
-SCREENS = ((1400, 900, "Pictures per point, flown"), (390, 844, "Coverage"))
+SCREENS = ((1400, 900, "Photos per point, flown"), (390, 844, "Coverage"))
 """Widths and heights of the pictures of maps, and the layer that each shows."""
 
 SHOW = """(() => {{

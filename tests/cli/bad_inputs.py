@@ -73,7 +73,7 @@ BAD = {
     ),
     "a picture": (
         ("AREA", "--dem", "PICTURE", "--camera", "m3e", "--gsd", "3cm"),
-        "is a picture (3 bands of 8 bits), not heights",
+        "is an image (3 bands of 8 bits), not heights",
     ),
     "camera": (("AREA", "--dem", "DEM", "--camera", "dji-m33e", "--gsd", "3cm"), "did you mean dji-m3e"),
     "gsd without unit": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "3"), "has no unit; write it as 2.5cm"),
@@ -91,7 +91,7 @@ BAD = {
     "home": (("AREA", "OPTIONS", "--home", "here"), "write it as LAT,LON in degrees"),
     "home swapped": (
         ("AREA", "OPTIONS", "--home", "-84.22,36.48"),
-        "km are allowed; give a place beside it, latitude first",
+        "km are allowed; give a position beside it, latitude first",
     ),
     "home elsewhere": (("AREA", "OPTIONS", "--home", "36.9,-84.22"), "km are allowed"),
     "max height": (("AREA", "OPTIONS", "--max-height", "10m"), "leaves no height band"),

@@ -74,7 +74,7 @@ def test_what_was_derived_is_told(cli, tennessee, tmp_path):
     )
     for words in (
         "height band",
-        "picture distance",
+        "photo distance",
         "line distance",
         "pictures",
         "batter",

@@ -221,7 +221,7 @@ def test_what_no_scenario_takes_is_one_line(cli, tmp_path):
         (("jacksboro", "--no-fly", tmp_path / "no.json"), "error: --no-fly: "),
         (
             ("paper-planar", "--no-fly", tmp_path / "no.json"),
-            "error: --no-fly: scenario paper-planar has no place on Earth",
+            "error: --no-fly: scenario paper-planar has no position on Earth",
         ),
         (("jacksboro", "--gsd", "3cm", "--no-fly", "x"), "error: jacksboro: is a scenario; --gsd go with an area"),
     ):

@@ -61,7 +61,7 @@ def test_open_starts_the_browser(
 def test_another_log(cli: Cli, flown: Path) -> None:
     ended = cli("report", flown, "--log", flown / "flight.rrd", "--log", flown / "track.csv")
     assert ended.code == 0
-    assert "seen, of the area, flight.rrd" in (flown / "report.html").read_text()
+    assert "observed, of the area, flight.rrd" in (flown / "report.html").read_text()
 
 
 def test_errors(cli: Cli, tmp_path: Path, flown: Path) -> None:

@@ -156,7 +156,7 @@ def places(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         lambda f: f.located(np.column_stack([np.radians(f.geodetic[:, :2]), f.geodetic[:, 2]])),
     )
     yield Way(
-        "degrees times 10 million", "no place on Earth", lambda f: replace(f, geodetic=f.geodetic * [1e7, 1e7, 1.0])
+        "degrees times 10 million", "no position on Earth", lambda f: replace(f, geodetic=f.geodetic * [1e7, 1e7, 1.0])
     )
     for times in (0.8, 1.3):
         yield Way(

@@ -140,7 +140,7 @@ def test_a_planned_leg_is_refused_with_its_number() -> None:
 
 def test_a_transit_is_refused_with_its_name() -> None:
     site = make_site(ridge(-50.0, 150.0), limits={"max_alt_amsl_m": ORIGIN.alt_amsl_m + 120.0})
-    with pytest.raises(InfeasibleError, match=r"the way there: leg to waypoint .*above sea-level limit"):
+    with pytest.raises(InfeasibleError, match=r"the outbound transit: leg to waypoint .*above sea-level limit"):
         compiled(site)
     u = (
         (-150.0, 0.0),
@@ -157,7 +157,7 @@ def test_a_transit_is_refused_with_its_name() -> None:
     assert site.fence.covers(shapely.LineString(around[:, :2]))
     with pytest.raises(InfeasibleError, match=r"the planned route: leg to waypoint .* outside the fence"):
         compiled(site, route((-20, 240, 80), (-20, 50, 80)))
-    with pytest.raises(InfeasibleError, match=r"the way there: .*no elevation data"):
+    with pytest.raises(InfeasibleError, match=r"the outbound transit: .*no elevation data"):
         compiled(make_site(lambda e, n: np.where((e > -60) & (e < -40), np.nan, 0.0 * n)))
 
 
@@ -208,7 +208,7 @@ def test_flight_time_by_hand() -> None:
 
 
 def test_no_place_on_earth_and_no_home() -> None:
-    with pytest.raises(InputError, match=r"has no place on Earth.*give it an \[origin\]"):
+    with pytest.raises(InputError, match=r"has no position on Earth.*give it an \[origin\]"):
         compiled(make_site(on_earth=False))
     with pytest.raises(InputError, match=r"has no \[home\]"):
         compiled(make_site(home=None))

@@ -142,7 +142,7 @@ def test_the_first_leg_home_is_checked_too() -> None:
     site = make_site()
     assert site.frame is not None
     lat, lon, alt = (float(v[0]) for v in site.frame.geodetic_from_enu((900.0, 50.0, 60.0)))
-    with pytest.raises(InfeasibleError, match=r"the way home: leg to waypoint 1: .* outside the fence"):
+    with pytest.raises(InfeasibleError, match=r"the return transit: leg to waypoint 1: .* outside the fence"):
         compile_return(site, lat_deg=lat, lon_deg=lon, alt_amsl_m=alt)
 
 

@@ -87,7 +87,7 @@ def test_pictures_of_heights_are_asked_about(tmp_path):
         values, profile = file.read(1), file.profile
     with rasterio.open(tmp_path / "dem.tif", "w", **{**profile, "dtype": "uint8", "nodata": None}) as file:
         file.write((values % 250).astype("uint8"), 1)
-    assert shading_in_words(TerrainSource((tmp_path / "dem.tif",))) == "dem.tif has 8 bits, 0 to 255, as pictures have"
+    assert shading_in_words(TerrainSource((tmp_path / "dem.tif",))) == "dem.tif has 8 bits, 0 to 255, as images have"
     assert shading_in_words(TerrainSource((tmp_path / "none.tif",))) is None
 
 

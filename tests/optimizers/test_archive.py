@@ -38,7 +38,7 @@ def test_never_keeps_a_dominated_or_repeated_point_nor_more_than_its_capacity(to
     archive = archive_of(capacity)
     seen = []
     for batch in told:
-        archive = archive.with_told(batch)
+        archive = archive.with_evaluated(batch)
         seen += zip(batch.objectives.tolist(), batch.total_violation.tolist(), strict=True)
         kept = list(zip(archive.solutions.objectives.tolist(), archive.solutions.total_violation.tolist(), strict=True))
         assert 1 <= len(kept) <= capacity
@@ -51,28 +51,28 @@ def test_never_keeps_a_dominated_or_repeated_point_nor_more_than_its_capacity(to
 
 
 def test_equal_objectives_with_different_x_are_different_answers():
-    archive = archive_of(5).with_told(solutions([[1, 1], [1, 1], [1, 1]], x=[[0], [7], [0]]))
+    archive = archive_of(5).with_evaluated(solutions([[1, 1], [1, 1], [1, 1]], x=[[0], [7], [0]]))
     assert archive.solutions.x.ravel().tolist() == [0, 7]
 
 
 def test_thinning_keeps_the_ends_and_the_spread():
     first = np.array([0.0, 0.01, 0.02, 0.5, 0.98, 0.99, 1.0])
-    archive = archive_of(3).with_told(solutions(np.column_stack([first, 1 - first])))
+    archive = archive_of(3).with_evaluated(solutions(np.column_stack([first, 1 - first])))
     assert archive.solutions.objectives[:, 0].tolist() == [0.0, 0.5, 1.0]
 
 
 def test_one_feasible_point_drives_out_all_infeasible_ones():
-    archive = archive_of(5).with_told(solutions([[0, 0], [9, 9]], violations=[[1], [2]]))
+    archive = archive_of(5).with_evaluated(solutions([[0, 0], [9, 9]], violations=[[1], [2]]))
     assert archive.solutions.violations.tolist() == [[1]]
     assert not archive.pareto_set().feasible
-    archive = archive.with_told(solutions([[50, 50]], violations=[[-4]]))
+    archive = archive.with_evaluated(solutions([[50, 50]], violations=[[-4]]))
     assert archive.solutions.objectives.tolist() == [[50, 50]]
     assert archive.pareto_set().feasible
 
 
 def test_leaders_are_mostly_the_less_crowded():
     first = np.array([0.0, 0.45, 0.5, 0.55, 1.0])
-    archive = archive_of(5).with_told(solutions(np.column_stack([first, 1 - first])))
+    archive = archive_of(5).with_evaluated(solutions(np.column_stack([first, 1 - first])))
     leaders = archive.leaders(2000, np.random.default_rng(1)).ravel()
     counts = np.bincount(leaders.astype(int), minlength=5)
     # Row 2 has the least room: it leads only when drawn twice, 1 time in 25.

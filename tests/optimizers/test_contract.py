@@ -134,12 +134,12 @@ def test_a_bad_tell_is_refused_and_changes_nothing(algorithm, objectives, violat
 
 def test_tell_before_ask_and_result_before_tell_are_refused(algorithm):
     optimizer = build(algorithm)
-    with pytest.raises(OptimizerError, match="nothing has been told"):
+    with pytest.raises(OptimizerError, match="no candidates are evaluated"):
         optimizer.pareto_set()
-    with pytest.raises(OptimizerError, match="nothing was asked"):
+    with pytest.raises(OptimizerError, match="no candidates are open"):
         optimizer.tell(np.ones((12, width(algorithm))))
     tell(optimizer)
-    with pytest.raises(OptimizerError, match="nothing was asked"):
+    with pytest.raises(OptimizerError, match="no candidates are open"):
         optimizer.tell(np.ones((12, width(algorithm))))
 
 

@@ -169,7 +169,7 @@ class TestRuns:
     def test_asking_again_returns_the_same(self):
         optimizer = make_optimizer(Scripted, [0, 0], [1, 1], **SETTINGS)
         assert optimizer.ask() is optimizer.ask()
-        with pytest.raises(OptimizerError, match="nothing has been told yet"):
+        with pytest.raises(OptimizerError, match="no candidates are evaluated yet"):
             optimizer.pareto_set()
 
     @pytest.mark.parametrize(("rows", "evaluations"), [(20, 120), (7, 119), (1, 120), (19, 114)])
@@ -215,7 +215,7 @@ class TestRuns:
     @pytest.mark.parametrize("values", [np.zeros((20, 3)), np.zeros((19, 2)), np.full((20, 2), np.inf)])
     def test_what_is_told_is_checked_too(self, values):
         optimizer = make_optimizer(Scripted, [0, 0], [1, 1], **SETTINGS)
-        with pytest.raises(OptimizerError, match="nothing was asked"):
+        with pytest.raises(OptimizerError, match="no candidates are open"):
             optimizer.tell(values)
         optimizer.ask()
         with pytest.raises(OptimizerError, match="tell: objectives"):

@@ -1,4 +1,4 @@
-"""Small sites for the tests: a ground from a formula, an area in metres, a place on Earth with unequal coordinates."""
+"""Small sites for the tests: a ground from a formula, an area in metres, a position on Earth with unequal coordinates."""
 
 import dataclasses
 import math

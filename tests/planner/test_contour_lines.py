@@ -149,7 +149,7 @@ def test_they_are_baselines_by_request_and_a_start_of_the_search():
     assert NAME not in {each.name for each in boustrophedons(coverage, should_stop=lambda: True)}
 
 
-def test_where_energy_is_made_small_a_local_search_begins_with_them():
+def test_where_energy_is_minimised_a_local_search_begins_with_them():
     frugal = {"algorithm": "memetic", "objective": "energy"}
     sites = [
         make_site(planner=planner) for planner in ({"algorithm": "memetic"}, frugal, {**frugal, "algorithm": "imodbo"})

@@ -110,7 +110,7 @@ def test_it_ends_when_told_to_and_is_the_same_for_any_number_of_threads():
 @pytest.mark.parametrize(
     ("settings", "words"),
     [
-        ({"line_heading_deg": 10.0}, 'line_heading_deg: goes with algorithm = "lines"'),
+        ({"line_heading_deg": 10.0}, 'line_heading_deg: requires algorithm = "lines"'),
         ({"algorithm": "lines", "line_heading_deg": 360.0}, "outside 0 to below 360"),
         ({"algorithm": "lines", "encoding": "waypoints"}, '"waypoints" are not lines'),
     ],
@@ -124,5 +124,5 @@ def test_settings_that_contradict(settings, words):
 def test_another_algorithm_for_lines_of_one_heading_is_one_error(algorithm):
     """Regression: another optimizer in their place was a fault of uavcover; the heading would have been left out."""
     site = make_site(flat, sensor=SURVEY, planner=lines(30.0))
-    with pytest.raises(InputError, match=r'^line_heading_deg: goes with algorithm = "lines"'):
+    with pytest.raises(InputError, match=r'^line_heading_deg: requires algorithm = "lines"'):
         plan(site, SearchRequest(algorithm=algorithm))

@@ -249,7 +249,7 @@ BAD: dict[str, tuple[Callable[[Path, Site], Path], str]] = {
     "vectors": (lambda f, _: write_mbtiles(f / "a.mbtiles", FAR, zooms=(3,), kind="PNG") and _sql(
         f / "a.mbtiles", "UPDATE metadata SET value = 'pbf' WHERE name = 'format'"), "vector tiles"),
     "a tile of text": (lambda f, s: _broken_tile(f / "a.mbtiles", s, b"hello"), "(zoom, column, row) cannot be read"),
-    "a tile of words": (lambda f, s: _broken_tile(f / "a.mbtiles", s, "hello"), "is no picture"),
+    "a tile of words": (lambda f, s: _broken_tile(f / "a.mbtiles", s, "hello"), "is no image"),
     "an oblong tile": (lambda f, s: _broken_tile(f / "a.mbtiles", s, _png(256, 128)), "not a square"),
     "a huge tile": (lambda f, s: _broken_tile(f / "a.mbtiles", s, _png(4096, 4096)), "not a square of 64 to 2048"),
     "fine tiles only": (lambda f, _: _sql(
@@ -298,7 +298,7 @@ def test_no_damage_leaves_a_trace(site: Site, tmp_path: Path, seed: int) -> None
 
 def test_a_scenario_without_a_place_on_earth_has_no_background(tmp_path: Path) -> None:
     nowhere = coarse("paper-R2", 0.5, limits=load_scenario("paper-R2").limits)
-    with pytest.raises(InputError, match="no place on Earth"):
+    with pytest.raises(InputError, match="no position on Earth"):
         read_background(tmp_path, nowhere, (0.0, 0.0, 10.0, 10.0))
 
 

@@ -39,7 +39,7 @@ def test_every_cell_has_its_pixel(content: ReportContent) -> None:
     row = ((north - centres[:, 1]) / size).astype(int)
     np.testing.assert_array_equal((image[row, column, :3] == UNSEEN_RGB).all(axis=1), ~seen)
     assert image[..., 3].astype(bool).sum() == coverage.grid.count
-    assert [entry.label for entry in layer.legend] == ["seen", "not seen"]
+    assert [entry.label for entry in layer.legend] == ["observed", "not observed"]
 
 
 def test_layers_of_looks_time_angle_and_distance(content: ReportContent) -> None:

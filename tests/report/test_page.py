@@ -81,7 +81,7 @@ def test_the_verdict_is_the_one_of_verification(html: str, content: ReportConten
     assert all(line in page.text for line in (*report.reasons, *report.doubts, *report.findings))
     assert f"{report.unobserved_s:.1f} s" in page.text
     assert f"{100.0 * report.coverage_fraction:.2f} %" in page.text
-    assert f"{report.gaps[0].area_m2:.0f} m²" in page.table("What was not seen")
+    assert f"{report.gaps[0].area_m2:.0f} m²" in page.table("Coverage gaps")
     assert "--seed 3 --evaluations 40" in page.text
     assert "Leaflet's licence" in page.text
     assert "Volodymyr Agafonkin" in page.text
@@ -113,7 +113,7 @@ def test_a_plan_that_was_not_flown(site: Site, tmp_path: Path) -> None:
     page = Elements(render_report(read_run(run, logs=())))
     assert "Planned, not flown yet" in page.text
     assert "Requirements" not in page.text
-    assert "What was not seen" not in page.text
+    assert "Coverage gaps" not in page.text
 
 
 def test_a_scenario_without_a_place_on_earth(tmp_path: Path) -> None:

@@ -84,8 +84,8 @@ def test_every_picture_has_its_place(survey: ReportContent) -> None:
 
 def test_the_page_has_the_verdict_on_the_overlap(survey: ReportContent) -> None:
     page = Elements(render_report(survey))
-    section = page.table("Pictures and overlap").split("Heights and coverage")[0]
-    assert "4 x 2 = 8 pictures" in section
+    section = page.table("Photos and overlap").split("Heights and coverage")[0]
+    assert "4 x 2 = 8 photos" in section
     statistics = survey.planned_view.statistics
     assert statistics is not None
     assert statistics.overlap_fraction is not None
@@ -97,11 +97,11 @@ def test_the_page_has_the_verdict_on_the_overlap(survey: ReportContent) -> None:
         judged = survey.verdict.report.pictures
         assert judged is not None
         assert f"{100.0 * (judged.overlap_fraction or 0.0):.2f} %" in section
-        assert any("the overlap asked for, 8 pictures" in line for line in survey.verdict.report.findings)
+        assert any("the required overlap, 8 photos" in line for line in survey.verdict.report.findings)
 
 
 def test_a_sensor_without_single_pictures_has_no_such_section(html: str, content: ReportContent) -> None:
-    assert "Pictures and overlap" not in html
+    assert "Photos and overlap" not in html
     assert map_data(content)["pictures"] == {"planned": [], "flown": [], "unknown": 0}
 
 
@@ -112,7 +112,7 @@ def test_the_pictures_on_the_map(page: Page, survey: ReportContent, tmp_path: Pa
     overlays = page.run(
         "[...document.querySelectorAll('.leaflet-control-layers-overlays label')].map(l => l.textContent.trim())"
     )
-    stated = dict(re.findall(r"Pictures, (\w+) \((\d+)\)", "\n".join(overlays)))
+    stated = dict(re.findall(r"Photos, (\w+) \((\d+)\)", "\n".join(overlays)))
     flown = survey.verdict is not None
     assert set(stated) == ({"planned", "flown"} if flown else {"planned"})
     shown = "flown" if flown else "planned"
@@ -121,15 +121,15 @@ def test_the_pictures_on_the_map(page: Page, survey: ReportContent, tmp_path: Pa
     if flown:
         # Those that were planned are switched on when they are wanted.
         assert page.run("document.querySelectorAll('#map path.picture.planned').length") == 0
-        number = next(k for k, name in enumerate(overlays) if name.startswith("Pictures, planned"))
+        number = next(k for k, name in enumerate(overlays) if name.startswith("Photos, planned"))
         page.run(f"document.querySelectorAll('.leaflet-control-layers-overlays input')[{number}].click()")
         assert page.run("document.querySelectorAll('#map path.picture.planned').length") > 50
     page.run(
         f"document.querySelector('#map path.picture.{shown}').dispatchEvent(new MouseEvent('click', {{bubbles: true}}))"
     )
-    assert f"picture 1, {shown}" in page.run("document.querySelector('.leaflet-popup-content').textContent")
+    assert f"photo 1, {shown}" in page.run("document.querySelector('.leaflet-popup-content').textContent")
     legend = page.run("document.querySelector('#line-legend').textContent")
-    assert f"picture, {shown}" in legend
+    assert f"photo, {shown}" in legend
     check_quiet(page)
 
 

@@ -49,7 +49,7 @@ def test_a_share_is_compared_with_what_was_asked(content: ReportContent) -> None
     assert content.verdict is not None
     found = content.verdict.report.coverage_of_coverable
     assert 0.2 < found < 0.6
-    name = "Seen, of what can be seen"
+    name = "Coverage of visible ground"
     assert rows_of(content, min_coverage_of_coverable=found)[name].holds == "yes"
     short = (fails("coverage", "short"),)
     row = rows_of(content, findings=short, min_coverage_of_coverable=0.7)[name]
@@ -62,8 +62,8 @@ def test_a_share_is_compared_with_what_was_asked(content: ReportContent) -> None
     [
         ("below-band", "Height above ground on the route"),
         ("above-band", "Height above ground on the route"),
-        ("clearance", "Clearance on the ways there and home"),
-        ("above-transit-height", "Height above ground on the ways there and home"),
+        ("clearance", "Clearance on outbound and return transit"),
+        ("above-transit-height", "Height above ground on outbound and return transit"),
         ("above-sea-level-limit", "Height above sea level"),
         ("fence", "Inside the fence"),
         ("obstacle", "Clear of obstacles"),
@@ -84,7 +84,7 @@ def test_a_violation_fails_its_own_line(content: ReportContent, kind: ViolationK
 def test_what_is_not_required_has_no_line(content: ReportContent) -> None:
     assert "Speed over ground on the route" not in rows_of(content)
     assert "Distance from the planned route" not in rows_of(content)
-    assert "Surely seen, of what can be seen" in rows_of(content, min_sure_coverage_of_coverable=0.1)
+    assert "Sure coverage of visible ground" in rows_of(content, min_sure_coverage_of_coverable=0.1)
 
 
 def test_where_too_little_was_observed_no_limit_is_said_to_hold(content: ReportContent) -> None:
@@ -96,7 +96,7 @@ def test_where_too_little_was_observed_no_limit_is_said_to_hold(content: ReportC
     fence = rows["Inside the fence"]
     assert (fence.holds, fence.found) == ("not proved", "kept where it was observed")
     # What was seen to be broken is broken all the same.
-    assert rows["Clearance on the ways there and home"].holds == "no"
+    assert rows["Clearance on outbound and return transit"].holds == "no"
     allowed = rows_of(content, found=missing, min_coverage_of_coverable=0.0, max_unobserved_fraction=0.02)
     assert allowed["Inside the fence"].holds == "yes"
 
@@ -122,5 +122,5 @@ def test_the_table_says_what_the_verdict_says(content: ReportContent, seed: int)
 
 def test_words_of_a_finding_decide_nothing(content: ReportContent) -> None:
     rows = rows_of(content, findings=(fails("separation", "coverage: the overlap asked for is missed"),))
-    assert rows["Seen, of what can be seen"].holds == "yes"
+    assert rows["Coverage of visible ground"].holds == "yes"
     assert rows["Separation of the vehicles"].holds == "no"

@@ -70,7 +70,7 @@ def test_launch_points_are_places_of_one_vehicle_that_flies_one_flight_at_a_time
         ("[launch_point]\nlat_deg = 36.4\n", "launch_point: write [[launch_point]] with lat_deg and lon_deg once"),
         (
             2 * "[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n",
-            "launch_point.1: is a place that was given before",
+            "launch_point.1: repeats an earlier position",
         ),
         (
             "[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n[fleet]\nvehicles = 2\n",
@@ -89,7 +89,7 @@ def test_mistakes_in_launch_points(tables, words):
 
 def test_launch_points_need_a_home():
     text = re.sub(r"\[home\]\n(?:\w+ = .*\n)+", "", GOOD) + "\n[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n"
-    assert "launch_point: are places besides [home], which is missing" in refused(text=text)
+    assert "launch_point: are positions besides [home], which is missing" in refused(text=text)
 
 
 def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
@@ -160,9 +160,9 @@ def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
         ),
         (
             "[vehicle]\narea = { file = 'a.kml' }\n",
-            "vehicle.area: one vehicle sees the whole [area]; [[vehicle]] is for",
+            "vehicle.area: one vehicle covers the whole [area]; [[vehicle]] is for",
         ),
-        ("[[vehicle]]\narea = { file = 'a.kml' }\n", "vehicle.0.area: one vehicle sees the whole [area]"),
+        ("[[vehicle]]\narea = { file = 'a.kml' }\n", "vehicle.0.area: one vehicle covers the whole [area]"),
         ("[[vehicle]]\narea = { file = 'a.kml' }\n[[vehicle]]\n", "vehicle.0.area.file: "),
         ("[[vehicle]]\narea = { geojson = 'a.json' }\n[[vehicle]]\n", "vehicle.0.area.geojson: "),
         ("[[vehicle]]\narea = {}\n[[vehicle]]\n", "vehicle.0.area: give exactly one of polygon_lon_lat_deg"),

@@ -97,20 +97,20 @@ CIRCLE = "[[no_fly]]\ncenter_east_north_m = [100, 100]\nradius_m = 20\n"
     [
         ("[[no_fly]]\n", "no_fly.0: give exactly one of file, polygon_lon_lat_deg"),
         (CIRCLE + "file = 'a.kml'\n", "no_fly.0: give exactly one of file"),
-        ("[[no_fly]]\ncenter_east_north_m = [100, 100]\n", "no_fly.0.radius_m: goes with center_lon_lat_deg"),
+        ("[[no_fly]]\ncenter_east_north_m = [100, 100]\n", "no_fly.0.radius_m: requires center_lon_lat_deg"),
         (CIRCLE.replace("20", "-20"), "no_fly.0.radius_m: -20.0 must be above 0"),
         (CIRCLE + "radus_m = 3\n", "no_fly.0.radus_m: unknown key (did you mean radius_m?)"),
         (CIRCLE + "floor_agl_m = 80\nceiling_agl_m = 50\n", "no_fly.0.ceiling_agl_m: 50.0 must be above floor_agl_m = 80.0"),
         (CIRCLE + "from_utc = '2026-06-01'\n", "no_fly.0.from_utc: '2026-06-01' is not a time such"),
         (CIRCLE + "from_utc = '2026-06-02T00:00Z'\nuntil_utc = '2026-06-01T00:00Z'\n", "until_utc: must be after"),
-        (CIRCLE + "ignore = ['a']\n", "no_fly.0.ignore: goes with file"),
+        (CIRCLE + "ignore = ['a']\n", "no_fly.0.ignore: requires file"),
         (CIRCLE + "margin_m = -1\n", "no_fly.0.margin_m: -1.0 must not be negative"),
         ("[[no_fly]]\nname = 'bow'\npolygon_east_north_m = [[0, 0], [9, 9], [9, 0], [0, 9]]\n", "(bow): Self-intersection"),
         ("[[no_fly]]\npolygon_east_north_m = [[0, 0], [9, 9]]\n", "no_fly.0: a ring needs at least 3 different corners"),
         ("[[no_fly]]\npolygon_east_north_m = [[0, 0], [9, 9], [5, 5]]\n", "no_fly.0"),
         ("[[no_fly]]\npolygon_lon_lat_deg = [[8, 46], [8.1, 46], [8, 46.1]]\n", "longitudes and latitudes need an [origin]"),
         ("[[no_fly]]\npolygon_lon_lat_deg = [[8, 96], [8.1, 46], [8, 46.1]]\n", "is not a longitude and a latitude"),
-        ("[[no_fly]]\nfile = 'zones.geojson'\n", "no_fly: zones of a file need a place on Earth"),
+        ("[[no_fly]]\nfile = 'zones.geojson'\n", "no_fly: zones of a file need a position on Earth"),
     ],
 )  # fmt: skip
 def test_bad_zones_are_one_line(tmp_path, zone, message):

@@ -255,8 +255,8 @@ def test_scenario_files(tmp_path, monkeypatch):
             {"kind": "nadir-camera", "fov_deg": 9, "range_m": 9, "max_incidence_deg": 91},
             "max_incidence_deg",
         ),
-        (Area, {"cell_size_m": 1.0, "geojson": "x", "holes_lon_lat_deg": (hole,)}, "goes with polygon_lon_lat_deg"),
-        (Area, {"cell_size_m": 1.0, "geojson": "x", "holes_east_north_m": (hole,)}, "goes with polygon_east_north_m"),
+        (Area, {"cell_size_m": 1.0, "geojson": "x", "holes_lon_lat_deg": (hole,)}, "requires polygon_lon_lat_deg"),
+        (Area, {"cell_size_m": 1.0, "geojson": "x", "holes_east_north_m": (hole,)}, "requires polygon_east_north_m"),
     ],
 )
 def test_rules_hold_for_scenarios_made_in_code_too(cls, values, words):

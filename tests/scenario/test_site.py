@@ -61,7 +61,7 @@ PLACE = Origin(lat_deg=36.4762, lon_deg=-84.216, alt_amsl_m=320.0)
     ("changes", "error", "words"),
     [
         ({"area": {"polygon_lon_lat_deg": SWAPPED}}, ScenarioError, "area.polygon_lon_lat_deg: .* swapped"),
-        ({"limits": {"fence_lon_lat_deg": SWAPPED}}, ScenarioError, "home: the take-off place is outside|swapped"),
+        ({"limits": {"fence_lon_lat_deg": SWAPPED}}, ScenarioError, "home: the take-off position is outside|swapped"),
         ({"home": Home(lat_deg=-84.216, lon_deg=36.4762)}, TerrainError, "home: .*no elevation.* swapped"),
         (
             {"area": {"polygon_lon_lat_deg": None, "polygon_east_north_m": MAP}, "origin": PLACE, "home": None},
@@ -73,7 +73,7 @@ PLACE = Origin(lat_deg=36.4762, lon_deg=-84.216, alt_amsl_m=320.0)
         ),
         (
             {"limits": {"fence_east_north_m": ((100.0, 0.0), (900.0, 0.0), (900.0, 900.0))}},
-            ScenarioError, "home: the take-off place is outside limits.fence",
+            ScenarioError, "home: the take-off position is outside limits.fence",
         ),
     ],
 )  # fmt: skip

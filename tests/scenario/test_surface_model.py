@@ -204,7 +204,7 @@ def test_a_surface_that_ends_in_the_area_is_refused(tmp_path):
 
 
 def test_an_area_of_trees_alone_says_what_to_do(models):
-    with pytest.raises(ScenarioError, match=r"cannot be seen from the air.*as terrain\.file"):
+    with pytest.raises(ScenarioError, match=r"cannot be observed from the air.*as terrain\.file"):
         judging_map(site_of(models, area=(270.0, 400.0, 170.0, 380.0)))
 
 

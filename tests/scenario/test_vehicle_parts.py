@@ -94,7 +94,7 @@ def test_parts_that_do_not_fit_are_refused_by_name_and_amount():
     assert "vehicle.2: the parts of the other vehicles are the whole [area]" in refusal(
         (0.0, 0.0, 150.0, 200.0), (150.0, 0.0, 300.0, 200.0), None
     )
-    assert "vehicle.0.area to vehicle.1.area: leave 19600 square metres of [area] to nobody" in refusal(
+    assert "vehicle.0.area to vehicle.1.area: leave 19600 square metres of [area] to no vehicle" in refusal(
         (0.0, 0.0, 100.0, 200.0), (200.0, 0.0, 300.0, 200.0)
     )
     assert "vehicle.1.area: is nowhere more than 1 m wide" in refusal(None, (0.0, 0.0, 0.5, 200.0))

@@ -159,18 +159,18 @@ def test_how_a_camera_is_turned():
     [
         ({"pitch_deg": -120.0}, "pitch_deg: -120.0 is outside -90 (straight down)..0 (to the horizon)"),
         ({"fov_along_deg": 180.0}, "fov_along_deg: 180.0 is outside 0..180 degrees"),
-        ({"heading_deg": 20.0}, 'heading_deg: goes with mount = "stabilised"'),
+        ({"heading_deg": 20.0}, 'heading_deg: requires mount = "stabilised"'),
         ({"heading_deg": 360.0, "mount": "stabilised"}, "heading_deg: 360.0 is outside 0 to below 360"),
         ({"sensing": "at-waypoints"}, 'heading_deg: is needed with sensing = "at-waypoints"'),
-        ({"forward_overlap": 1.0}, "forward_overlap: 1.0 is not a share of a picture"),
-        ({"side_overlap": -0.1}, "side_overlap: -0.1 is not a share of a picture"),
+        ({"forward_overlap": 1.0}, "forward_overlap: 1.0 is not a share of a photo"),
+        ({"side_overlap": -0.1}, "side_overlap: -0.1 is not a share of a photo"),
         ({"forward_overlap": 0.5, "trigger_distance_m": 9.0}, "trigger_distance_m: give it or forward_overlap, not both"),
         ({"trigger_distance_m": 0.0}, "trigger_distance_m: must be above 0"),
         ({"max_ground_sample_m": 0.1}, "max_ground_sample_m: needs pixels_across"),
         ({"max_ground_sample_m": 0.0, "pixels_across": 9}, "max_ground_sample_m: must be above 0"),
         (
             {"trigger_distance_m": 9.0, "sensing": "at-waypoints", "mount": "stabilised", "heading_deg": 0.0},
-            'trigger_distance_m: pictures by distance go with sensing = "along-path"',
+            'trigger_distance_m: distance triggering requires sensing = "along-path"',
         ),
     ],
 )  # fmt: skip

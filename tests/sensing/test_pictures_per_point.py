@@ -104,7 +104,7 @@ def test_the_number_asked_for_is_what_strips_with_these_overlaps_show(forward, s
         assert overlap_rule(camera) is None
     else:
         assert pictures_asked(camera) == naive.asked(forward, side)
-        assert f"= {pictures_asked(camera)} pictures" in overlap_rule(camera)
+        assert f"= {pictures_asked(camera)} photos" in overlap_rule(camera)
 
 
 def test_doctests():
@@ -198,7 +198,7 @@ def test_a_flight_is_judged_by_its_own_pictures(spacing_m, holds):
     # This track goes through every waypoint, planned pictures pass on the inside: counts differ by a picture here and there.
     assert abs(flown.pictures.mean() - planned.pictures.mean()) < 0.5
     assert verdict.report.pictures.overlap_holds is holds
-    assert any("the overlap asked for, 6 pictures of every point" in line for line in verdict.report.findings) != holds
+    assert any("the required overlap, 6 photos of every point" in line for line in verdict.report.findings) != holds
     # Of a camera whose direction is not known nothing is counted.
     blind = dataclasses.replace(track, attitude_deg=np.full((len(track), 3), np.nan))
     unknown = verify_flight(site, coverage, [FlownTrack(blind, PlannedRoute(route, 1.0))])
@@ -225,12 +225,12 @@ def test_an_overlap_that_is_required_decides(spacing_m, blind, holds):
     yaw_deg = np.degrees(np.arctan2(course[:, 0], course[:, 1])) + (np.nan if blind else 0.0)
     track = dataclasses.replace(track, attitude_deg=np.column_stack([np.zeros((len(track), 2)), yaw_deg]))
     report = verify_flight(site, judging_map(site), [FlownTrack(track, PlannedRoute(route, 1.0))]).report
-    said = "the overlap asked for, 6 pictures"
+    said = "the required overlap, 6 photos"
     assert any(line.startswith(said) for line in report.reasons) == (holds == "no"), report.doubts
     assert any(line.startswith(said) for line in report.doubts) == (holds == "not proved")
     assert not any("overlap" in line for line in report.findings)
     (row,) = [
-        row for row in requirement_rows(site.scenario, report) if row.name.startswith("Ground in at least 6 pictures")
+        row for row in requirement_rows(site.scenario, report) if row.name.startswith("Ground in at least 6 photos")
     ]
     assert row.holds == holds
 
@@ -242,5 +242,5 @@ def test_an_overlap_is_required_of_a_camera_that_asks_for_one():
         NadirCamera(kind="nadir-camera", fov_deg=70.0, range_m=200.0),
         dataclasses.replace(CAMERA, forward_overlap=None, side_overlap=0.0),
     ):
-        with pytest.raises(ValueError, match=r"min_overlap_fraction: goes with a frame camera's forward_overlap"):
+        with pytest.raises(ValueError, match=r"min_overlap_fraction: requires a frame camera's forward_overlap"):
             with_scenario(site, sensor=sensor, requirements=asked)

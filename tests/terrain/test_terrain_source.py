@@ -94,7 +94,7 @@ def test_far_tiles_are_left_out_and_do_not_matter(whole, tmp_path):
     near = find_tiles(["tiles"], folder=tmp_path, around=AROUND)
     assert far.resolve() not in near
     assert len(near) == 4
-    with pytest.raises(TerrainError, match=r"none of 5 tiles is near the area .*; give the tiles of that place"):
+    with pytest.raises(TerrainError, match=r"none of 5 tiles is near the area .*; give the tiles of that location"):
         find_tiles(["tiles"], folder=tmp_path, around=(100.0, 10.0, 100.1, 10.1))
 
 

@@ -80,7 +80,7 @@ def test_without_ways_there_and_home_nothing_of_them_is_missing() -> None:
     track = fly_along(site, LINE)
     track = changed(track, current_waypoint=np.ones(len(track), dtype=np.int64))
     report = verify_track(site, CoverageMap(site, cell_size_m=20.0), track, None)
-    assert not any("ways there and home" in doubt for doubt in report.doubts)
+    assert not any("return transits" in doubt for doubt in report.doubts)
 
 
 def test_of_the_ways_there_and_home_a_fifth_may_be_missing(flight: Flight) -> None:
@@ -92,11 +92,11 @@ def test_of_the_ways_there_and_home_a_fifth_may_be_missing(flight: Flight) -> No
         for piece in range(pieces):
             gapped = without(gapped, int(on_route(track)[-1]) + 10 + 8 * piece, share * ways_s / pieces)
         report = judged(flight, gapped)
-        ways = [doubt for doubt in report.doubts if "of the time on the ways there and home was not observed" in doubt]
+        ways = [doubt for doubt in report.doubts if "of the outbound and return transits was not observed" in doubt]
         assert len(ways) == (0 if proved else 1)
         if not proved:
             assert ways[0].startswith(("23 %", "24 %"))
-            assert "of the time on the ways there and home was not observed, more than 20 %; " in ways[0]
+            assert "of the outbound and return transits was not observed, more than 20 %; " in ways[0]
             assert f"the longest of {pieces} stretches" in ways[0]
 
 
@@ -162,7 +162,7 @@ def test_coverage_below_what_is_required_fails_unless_what_was_not_observed_may_
         assert text.startswith(
             f"coverage {100 * less:.2f} % of the coverable area is below the required {100 * wanted:.2f} %"
         )
-        assert ("with what may have been seen" in text) == (verdict == "not proved")
+        assert ("with what unobserved intervals may add" in text) == (verdict == "not proved")
 
 
 # What was judged

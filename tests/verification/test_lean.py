@@ -89,9 +89,9 @@ def turned(*, roll: object = 0.0, pitch: object = 0.0, yaw: object = 0.0) -> Cal
 FALSE: dict[str, tuple[Callable[[np.ndarray], np.ndarray], str]] = {
     "rolled by 15 degrees": (turned(roll=15.0), "to one side on all headings"),
     "rolled by -9 degrees": (turned(roll=-9.0), "to one side on all headings"),
-    "pitched up by 30 degrees": (turned(pitch=30.0), "against the way that was flown"),
-    "mirrored": (lambda a: a * [-1.0, -1.0, 1.0], "against the way that was flown"),
-    "turned about": (turned(yaw=180.0), "against the way that was flown"),
+    "pitched up by 30 degrees": (turned(pitch=30.0), "against the direction of flight"),
+    "mirrored": (lambda a: a * [-1.0, -1.0, 1.0], "against the direction of flight"),
+    "turned about": (turned(yaw=180.0), "against the direction of flight"),
     "swaying": (turned(roll=30.0 * SWAY), "do not fit"),
     "nodding": (turned(pitch=30.0 * SWAY), "do not fit"),
     "rolled to and fro": (turned(roll=25.0 * TO_AND_FRO), "do not fit"),

@@ -157,7 +157,7 @@ def test_records_that_disagree_are_told_and_widen_the_uncertainty(level: Flight)
 def test_one_vehicle_does_not_fly_at_two_places(level: Flight) -> None:
     far = dated(moved_by(level, np.array([0.0, 60.0, 0.0])), 0.05)
     report = judged(level, dated(level.track, 0.0), changed(far, time_s=far.time_s + 0.05)).report
-    assert any("overlap in time at different places" in line for line in report.doubts)
+    assert any("overlap in time at different positions" in line for line in report.doubts)
 
 
 def test_one_leg_that_both_flew_at_the_same_speed_is_no_record() -> None:

@@ -70,7 +70,7 @@ def test_longitude_and_latitude_swapped(hilly: Flight) -> None:
 def test_a_position_that_is_no_place(hilly: Flight) -> None:
     geodetic = hilly.track.geodetic.copy()
     geodetic[7, 0] = np.nan
-    with pytest.raises(TrackError, match=r"sample 7 of the track, at .* is not a place on Earth"):
+    with pytest.raises(TrackError, match=r"sample 7 of the track, at .* is not a position on Earth"):
         hilly.verify(changed(hilly.track, geodetic=geodetic))
 
 
@@ -229,7 +229,7 @@ def test_stretches_break_at_phases_and_at_gaps() -> None:
     assert observed_stretches(np.zeros(8, dtype=bool), joined) == []
 
 
-# Sensors that look from waypoints; requirements; sites without a place on Earth
+# Sensors that look from waypoints; requirements; sites without a position on Earth
 
 
 def test_a_sensor_that_looks_from_waypoints_counts_those_that_were_reached() -> None:

@@ -1,4 +1,4 @@
-"""From routes to missions: what a route costs and may, leg checks, transit, sorties, the compiler.
+"""From routes to missions: costs and limits of routes, leg checks, transit, sorties, the compiler.
 
 In: ``Route``. Out: ``CompiledMission`` and its files (``mission_files.py``). Begin with ``mission_compiler.py``.
 ``leg_checks.py`` keeps every leg inside the limits; ``failsafe_*`` predicts what autopilots fly by themselves.

@@ -17,7 +17,7 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.flown_line import corners_flown
 
 HEIGHT_TOLERANCE_M = 0.1
-"""By so much a corner may leave the band of heights: vehicles pass it within some centimetres of the line that is computed."""
+"""Tolerance of corners beyond the height band: vehicles pass them within some centimetres of the computed line."""
 
 
 def corner_excess_m(site: Site, route_m: FloatArray) -> FloatArray:
@@ -32,7 +32,7 @@ def corner_excess_m(site: Site, route_m: FloatArray) -> FloatArray:
 
 
 def corner_excess_around_m(site: Site, route_m: FloatArray, waypoint: int) -> float:
-    """Metres by which the corners that a waypoint of an (n, 3) ENU route has a part in break limits: its own and those beside it.
+    """Metres by which the corners at a waypoint of an (n, 3) ENU route and at those beside it break limits.
 
     A corner is made by its two legs, so that only five waypoints are looked at, however long the route is.
     """
@@ -43,7 +43,7 @@ def corner_excess_around_m(site: Site, route_m: FloatArray, waypoint: int) -> fl
 
 
 def corner_heights_off_m(site: Site, route_m: FloatArray) -> FloatArray:
-    """(n,) metres by which the corner at each waypoint of an (n, 3) ENU route is above the band of heights (below: negative)."""
+    """(n,) metres by which the corner at each waypoint of an (n, 3) ENU route is above the height band (below: negative)."""
     off_m = np.zeros(len(route_m))
     for kind in _figures(site, route_m):
         if kind.kind in ("too low", "too high"):
@@ -75,7 +75,7 @@ def find_corner_problems(site: Site, route_m: FloatArray, *, with_ends: bool = T
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class _Figures:
-    """How the corners of n waypoints, at k places each, compare with one limit.
+    """Values of n corners, at k positions each, compared with one limit.
 
     Attributes:
         kind: which.

@@ -1,4 +1,4 @@
-"""What a site's flights use of a battery, in seconds of hovering, in the worst of the winds that it is planned for."""
+"""Battery use of a site's flights, in seconds of hovering, in the worst of the planned winds."""
 
 import math
 
@@ -13,11 +13,11 @@ from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 
 _DIRECTIONS = 12
-"""From which the strongest wind may come: between two of them the airspeed differs by less than 4 % of the wind."""
+"""Directions of the strongest wind. Between two of them the airspeed differs by less than 4 % of the wind."""
 
 
 def winds_of(wind: Wind) -> FloatArray:
-    """(w, 2) winds that batteries are planned for, towards east and north: the stated one, and the strongest from all sides."""
+    """(w, 2) winds that batteries are planned for, towards east and north: the stated wind, and the strongest from all sides."""
     to_rad = math.radians(wind.from_deg + 180.0)
     known = np.array([[wind.speed_m_s * math.sin(to_rad), wind.speed_m_s * math.cos(to_rad)]])
     if not wind.most_m_s:
@@ -54,7 +54,7 @@ class FlightEnergy:
         return np.asarray(column_energies(self._power, self._pace, self.winds_m_s, float(height_m))[1])
 
     def legs_and_turns_s(self, path_m: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """(w, n - 1) of the legs of an (n, 3) path from rest to rest, and (w, n) of passing its waypoints."""
+        """(w, n - 1) hovering seconds of the legs of an (n, 3) path from rest to rest, and (w, n) of passing its waypoints."""
         legs, turns = path_energies(self._power, self._pace, self.winds_m_s, np.ascontiguousarray(path_m))
         return np.asarray(legs), np.asarray(turns)
 
@@ -64,14 +64,14 @@ class FlightEnergy:
         return np.asarray(legs.sum(axis=1) + turns.sum(axis=1))
 
     def first_legs_s(self, path_m: FloatArray, legs: int) -> FloatArray:
-        """(w,) of so many first legs of an (n, 3) path with all its turns; of its last legs where negative."""
+        """(w,) hovering seconds of the first ``legs`` legs of an (n, 3) path with all turns. Of its last legs if negative."""
         along, turns = self.legs_and_turns_s(path_m)
         return np.asarray((along[:, :legs] if legs > 0 else along[:, legs:]).sum(axis=1) + turns.sum(axis=1))
 
     def flights(
         self, route_m: FloatArray, there_s: FloatArray, back_s: FloatArray, alone_s: FloatArray
     ) -> FlightEnergies:
-        """Of the flights along parts of an (n, 3) route.
+        """Energy of the flights along parts of an (n, 3) route.
 
         Args:
             route_m: the route.
@@ -93,7 +93,7 @@ class FlightEnergy:
         )
 
     def straight_flights(self, way: WayCost, route_m: FloatArray) -> FlightEnergies:
-        """Of the flights along parts of an (n, 3) route with straight ways there and home."""
+        """Energy of the flights along parts of an (n, 3) route with straight transits."""
         out, back = star_energies(self._power, self._pace, self.winds_m_s, way.column_top, route_m)
         up, down = column_energies(self._power, self._pace, self.winds_m_s, way.column_m)
         there, home = out + up[:, None], back + down[:, None]
@@ -134,7 +134,7 @@ def longest_flight_in_words(vehicle: Vehicle) -> str:
 
 
 def battery_in_words(site: Site, used_s: float) -> str:
-    """What of a battery so many seconds of hovering are, in which wind, and what is allowed, as messages tell it."""
+    """Battery fraction that ``used_s`` seconds of hovering take, the wind, and the allowed fraction, as text."""
     vehicle, wind = site.scenario.vehicle, site.scenario.wind
     hover_s, strongest_m_s = vehicle.hover_s or math.inf, max(wind.speed_m_s, wind.most_m_s or 0.0)
     blows = f" in {strongest_m_s:g} m/s of wind" if strongest_m_s else ""

@@ -1,4 +1,4 @@
-"""Judge the paths that an autopilot flies by itself as legs are judged, and say from where to where they are unsafe."""
+"""Judge the paths that an autopilot flies by itself as legs are judged. Report the intervals where they are unsafe."""
 
 import math
 from collections.abc import Iterator, Sequence
@@ -43,7 +43,7 @@ class HeightSource(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ReturnLimits:
-    """By what the paths are judged.
+    """Limits by which the paths are judged.
 
     Attributes:
         frame: of the positions; none where up is the height above sea level.
@@ -88,7 +88,7 @@ class ReturnLimits:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReturnJudgement:
-    """How safe the ways home are, from every moment.
+    """Safety of the returns from every moment.
 
     Attributes:
         unsafe: worst first within each response.
@@ -251,7 +251,7 @@ class _Judged:
             tolerance = _HEIGHT_TOLERANCE_M + self._limits.ground.cut_error_m
             places = self._worst_place(np.array(legs)[worst])
             self._found.append((danger, least < wanted - tolerance, wanted - least, least, places, ""))
-            # Where the vehicle itself is over unknown ground, its route is told.
+            # Where the vehicle itself is over unknown ground, its route is reported.
             nowhere = np.asarray(unknown.any(axis=1) & np.isfinite(low[:, 0]))
             first = np.array(legs)[unknown.argmax(axis=1)]
             self._found.append(
@@ -294,7 +294,7 @@ class _Judged:
         points = self._line.reshape(self._n, self._k + 1, 3)[:, : self._k]
         shapely.prepare(fence)
         starts_inside = shapely.covers(fence, shapely.points(points[:, 0, :2]))
-        # A route that leaves the fence is told as such: its returns begin where it is, not where it would come to rest.
+        # A route that leaves the fence is reported as such: its returns begin where it is, not where it would come to rest.
         stops_outside = ~np.asarray(shapely.covers(fence, shapely.points(points[:, 1, :2])))
         at_stop = (points[:, :, :2] == points[:, 1:2, :2]).all(axis=2) & stops_outside[:, None]
         level = np.where(at_stop[..., None], points[:, :1, :2], points[:, :, :2])

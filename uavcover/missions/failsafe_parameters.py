@@ -24,7 +24,7 @@ _TABLE = "data/failsafes.toml"
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """What a vehicle does by itself.
+    """Failsafe response of a vehicle.
 
     Attributes:
         action: what it does.
@@ -70,7 +70,7 @@ class FailsafeSettings:
 def failsafe_settings(
     autopilot: AutopilotName, parameters: Mapping[str, float], *, known: Mapping[str, float] | None = None
 ) -> FailsafeSettings:
-    """What a vehicle does by itself.
+    """List the failsafe responses of a vehicle.
 
     Args:
         autopilot: whose parameters they are.

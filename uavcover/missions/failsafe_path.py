@@ -111,7 +111,7 @@ class _Model:
         self._stop = self._stopping_points()
 
     def paths(self, action: str) -> list[FailsafePaths]:
-        """Of one action; several where what happens depends on what is not known beforehand."""
+        """Paths of one action; several where the outcome depends on something not known beforehand."""
         match action:
             case "land":
                 return [self._column("land")]
@@ -134,7 +134,10 @@ class _Model:
         return [self._retrace(), *(replace(one, note=one.note or "when it has no SmartRTL path") for one in otherwise)]
 
     def _px4_ways(self) -> list[FailsafePaths]:
-        """Of a return, by its type; two where the number of items before the landing decides, or a landing pattern's place."""
+        """Paths of a return, by its type.
+
+        Two where the item count before the landing, or a landing pattern's position, decides.
+        """
         landing = self._to.landing
         match round(self._get["return_type"]):
             case 2:

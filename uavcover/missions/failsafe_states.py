@@ -45,7 +45,7 @@ class FlightStates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Destinations:
-    """Where a vehicle can go, in positions as in :class:`FlightStates`.
+    """Destinations of a vehicle, in positions as in :class:`FlightStates`.
 
     Attributes:
         home_m: (3,) on the ground.
@@ -71,7 +71,7 @@ class Destinations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FailsafePaths:
-    """What the vehicle flies from each of n moments, for one kind of response.
+    """Paths that the vehicle flies from each of n moments, for one kind of response.
 
     Attributes:
         responses: that lead to these paths.
@@ -125,7 +125,7 @@ def states_along(line_m: FloatArray, times_s: FloatArray, *, step_m: float, step
 
 
 def ardupilot_destination(get: FailsafeSettings, to: Destinations, begin_m: FloatArray) -> tuple[IntArray, FloatArray]:
-    """Number (n,) and place (n, 3) of the nearest rally point, or home, as ArduCopter takes it from (n, 3) places."""
+    """Number (n,) and position (n, 3) of the nearest rally point, or home, as ArduCopter selects it from (n, 3) positions."""
     home, number = to.home_m, np.full(len(begin_m), HOME)
     place = np.tile(home, (len(begin_m), 1))
     valid = np.flatnonzero(_is_rally_valid(get, to))
@@ -162,7 +162,7 @@ def _is_rally_valid(get: FailsafeSettings, to: Destinations) -> BoolArray:
 def px4_destination(
     get: FailsafeSettings, to: Destinations, begin_m: FloatArray
 ) -> tuple[IntArray, FloatArray, BoolArray]:
-    """The nearest of home, the mission's landing and safe points, as PX4 takes it from (n, 3) places by RTL_TYPE 0, 1 and 3.
+    """Nearest of home, mission landing and safe points, as PX4 selects it from (n, 3) positions by RTL_TYPE 0, 1 and 3.
 
     A landing pattern before the landing is left to the caller.
 

@@ -17,7 +17,7 @@ from uavcover.scenario.site import Site
 from uavcover.terrain.frames import LocalFrame
 
 _MOST_CORNERS = 70
-"""Of an exclusion: ArduPilot keeps few hundred corners of a fence in all, and no more than 255 of a polygon."""
+"""Corners of an exclusion zone: ArduPilot keeps few hundred corners of a fence in all, and at most 255 of a polygon."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +67,7 @@ def _is_over_circle(zone: Zone, path: shapely.LineString) -> bool:
 
 
 def _with_few_corners(zone: Zone, solid: shapely.Geometry) -> shapely.Geometry:
-    """A zone with fewer corners, grown so that it holds the whole zone, by less than the margin that the mission keeps."""
+    """A zone with fewer corners, grown to hold the whole zone, by less than the margin that the mission keeps."""
     reach_m = 0.4 * zone.entry.margin_m
     if shapely.get_num_coordinates(solid) <= _MOST_CORNERS or reach_m <= 0.0 or not isinstance(solid, Polygons):
         return solid

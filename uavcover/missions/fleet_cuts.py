@@ -1,4 +1,4 @@
-"""Where a route is cut into flights, and who flies which, so that several vehicles are done soonest.
+"""Split a route into flights and allocate them to several vehicles, for the earliest last landing.
 
 A cut with a limit on the time of a flight is the split of least total time under that limit (``kernels/way_cost.py``). Many
 limits are tried; each cut's flights are shared out by branch and bound, which begins with the longest flight first (LPT, Graham
@@ -20,16 +20,16 @@ from uavcover.missions.flight_costs import flights_of_split
 _LIMITS = 48
 """Limits on the time of a flight that are tried, evenly spaced in their logarithm."""
 _IMPROVED = 3
-"""How many of the cuts that these give are improved, and how many of the even ones."""
+"""Number of these cuts that are improved, and number of the even ones."""
 _NODES = 60
 """Branches of one assignment, which is never worse than LPT."""
 _MOST_BRANCHED = 200
-"""Of more flights than this, LPT is the answer: they are many small ones."""
+"""Above this number of flights, LPT is the answer: they are many small ones."""
 _SHIFTS = (1, 2, 4, 8, 16, 32)
 _PARTS = 6
-"""A flight is cut anew at so many places, into two or three."""
+"""A flight is split again at this number of waypoints, into two or three."""
 FLIGHTS_EACH = 3
-"""Even cuts into up to so many flights for each vehicle are improved, too."""
+"""Even splits into up to this number of flights for each vehicle are improved, too."""
 _ROUNDS = 100
 _EQUAL_S = 1e-6
 _BISECTIONS = 20
@@ -60,7 +60,7 @@ def share_out(
         vehicles: how many there are.
         turnaround_s: between two flights of one vehicle.
         spacing_s: between the first take-offs of two vehicles.
-        nodes: after so many branches the best so far is the answer.
+        nodes: number of branches after which the incumbent is the answer.
     """
     order = sorted(range(len(durations_s)), key=lambda k: (-durations_s[k], k))
     jobs_s = [durations_s[k] + turnaround_s for k in order]
@@ -104,14 +104,14 @@ class _Assignment:
         self.loads_s = list(self.ready_s)
 
     def end_s(self, vehicle_of: list[int]) -> float:
-        """When the last vehicle that flies at all is done."""
+        """Time at which the last vehicle that flies at all is done."""
         ends_s = {vehicle: self.ready_s[vehicle] for vehicle in vehicle_of}
         for time_s, vehicle in zip(self.jobs_s, vehicle_of, strict=True):
             ends_s[vehicle] += time_s
         return max(ends_s.values())
 
     def visit(self, job: int) -> None:
-        """All ways to share out the flights from this one on, but for those that cannot be better than the best."""
+        """Try all allocations of the flights from this one on, except those that cannot beat the incumbent."""
         if job == len(self.jobs_s):
             longest_s = self.end_s(self.now_of)
             if longest_s < self.best_s:
@@ -135,7 +135,7 @@ class _Assignment:
 
 
 def evenly_s(work_s: float, ready_s: Sequence[float]) -> float:
-    """When vehicles that are ready one after the other, in this order, have done so much work if it could be divided at will."""
+    """Time at which vehicles that are ready one after the other finish this work if it could be divided at will."""
     filled_s = 0.0
     for count, begin_s in enumerate(ready_s):
         if count * begin_s - filled_s >= work_s:
@@ -151,7 +151,7 @@ def fleet_cuts(costs: FlightCosts, *, vehicles: int, turnaround_s: float, spacin
         costs: of the flights that are possible.
         vehicles: how many equal vehicles fly them.
         turnaround_s: between two flights of one vehicle.
-        spacing_s: between the first take-offs of two vehicles; so long flights go to those that begin early.
+        spacing_s: between the first take-offs of two vehicles; vehicles that take off early therefore fly longer.
     """
     search = CutSearch(costs, vehicles, turnaround_s, spacing_s)
     found = search.by_limits()
@@ -172,14 +172,14 @@ class CutSearch:
         self._values: dict[Cuts, tuple[float, float]] = {}
 
     def time_s(self, first: int, last: int) -> float:
-        """How long the flight from one waypoint to another takes, with its ways there and home."""
+        """Time of the flight from one waypoint to another, with its transits."""
         key = (first, last)
         if key not in self._times_s:
             self._times_s[key] = float(flight_s(self._costs, first, last))
         return self._times_s[key]
 
     def value(self, cuts: Cuts) -> tuple[float, float]:
-        """When the last vehicle lands, and the total time of the flights; infinite where one may not be flown."""
+        """Last landing, and the total time of the flights; infinite where a flight is not permitted."""
         if cuts not in self._values:
             times = [self.time_s(*flight) for flight in cuts]
             if all(map(math.isfinite, times)):
@@ -224,7 +224,7 @@ class CutSearch:
         return found
 
     def even(self, flights: int) -> Cuts:
-        """So many flights, or as many as there can be, of about the same time on the route."""
+        """``flights`` flights, or as many as possible, of about the same time on the route."""
         so_far_s, shared = self._costs.so_far_s, self._costs.shared
         n = len(so_far_s)
         targets = so_far_s[-1] * np.arange(1, flights) / flights

@@ -1,4 +1,4 @@
-"""When each vehicle of a fleet flies which sortie, so that all stay apart and the last landing is early."""
+"""Schedule the sorties of a fleet so that all stay apart and the last landing is early."""
 
 import math
 from collections.abc import Sequence
@@ -12,13 +12,13 @@ from uavcover.missions.timeline import Timeline
 from uavcover.model.fleet import Fleet
 
 _TRIES = 1500
-"""How many orders of the sorties are tried."""
+"""Number of orders of the sorties that are tried."""
 _LEAST_GAIN_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
 class Start:
-    """When a sortie begins.
+    """Start of a sortie.
 
     Attributes:
         vehicle: who flies it, from 0.
@@ -98,7 +98,7 @@ class _OrderSearch:
                 return at_s
 
     def value(self, order: Sequence[int]) -> tuple[float, float]:
-        """When the last sortie lands; then the sum of all starts."""
+        """Landing time of the last sortie; then the sum of all starts."""
         starts, makespan_s = self.starts(order)
         return makespan_s, math.fsum(s.start_s for s in starts)
 

@@ -1,4 +1,4 @@
-"""What the flights of a route cost: in time, items and battery, with their ways there and home; and whole missions."""
+"""Cost of a route's flights in time, items and battery, with their transits; and of whole missions."""
 
 import math
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ def flight_costs_along_transits(
     if home is None:
         raise InfeasibleError(f"scenario {site.scenario.name}: has no [home]")
     points, n, pace = route.waypoints_m, len(route), pace_of(site, autopilot)
-    # The waypoint at which pictures begin stands twice in the mission and is a stop.
+    # The waypoint at which photos begin stands twice in the mission and is a stop.
     stops = trigger_distance_m(site.scenario) is not None
     there, back, alone, items = np.empty(n), np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
     energy = FlightEnergy(site, autopilot)
@@ -141,7 +141,7 @@ def checked(costs: FlightCosts, site: Site, route: Route) -> FlightCosts:
 
 @dataclass(frozen=True, slots=True)
 class MissionCost:
-    """What the whole mission of a route costs, from the ground to the ground, of all flights that it takes.
+    """Cost of the whole mission of a route, from take-off to landing, of all its flights.
 
     Attributes:
         time_s: in the air.
@@ -204,7 +204,7 @@ def mission_cost(site: Site, route: Route) -> MissionCost:
 
 
 def straight_flight_costs(site: Site, route_m: FloatArray, *, way_items: int) -> FlightCosts:
-    """Costs of the flights of an (n, 3) route whose ways there and home are straight lines from and to above home.
+    """Costs of the flights of an (n, 3) route with straight transits from and to above home.
 
     Args:
         site: the scenario on its ground, with a home.
@@ -224,7 +224,7 @@ def straight_flight_costs(site: Site, route_m: FloatArray, *, way_items: int) ->
 
 
 def _straight_flight_s(energy: FlightEnergy, way: WayCost, points_m: FloatArray) -> float:
-    """Seconds of hovering that a flight along (k, 3) waypoints takes in the stated wind, with straight ways there and home."""
+    """Hovering seconds of a flight along (k, 3) waypoints in the stated wind, with straight transits."""
     stop, top = points_m[: way.stop_at_first], np.array([way.column_top])
     path = np.vstack([top, points_m[:1], stop, points_m[1:], top])
     return float((energy.takeoff_s(way.column_m) + energy.path_s(path) + energy.landing_s(way.column_m))[0])
@@ -263,7 +263,7 @@ def way_home(site: Site, place_m: FloatArray) -> tuple[FloatArray, float]:
 
 
 def _there_s(pace: Pace, home_m: FloatArray, way_m: FloatArray, onto_m: FloatArray) -> float:
-    """From home on the ground along a (k, 3) transit, with the turn onto what follows."""
+    """Time from home on the ground along a (k, 3) transit, with the turn onto the next leg."""
     return float(takeoff_time(pace, way_m[0, 2] - home_m[2])) + _time_s(
         pace, np.vstack([way_m, onto_m]), legs=len(way_m) - 1
     )

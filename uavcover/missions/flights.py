@@ -30,7 +30,7 @@ def compile_flights(
         vehicles: how many fly, where they are alike; default: the scenario's.
 
     Raises:
-        InputError: the scenario has no place on Earth or no home, or the route was planned for other parts of the area.
+        InputError: the scenario has no position on Earth or no home, or the route was planned for other parts of the area.
         InfeasibleError: a leg breaks a limit, or a part of the route cannot be reached inside the endurance (says which).
     """
     name = autopilot or site.scenario.vehicle.autopilot
@@ -62,7 +62,7 @@ def compile_flights(
 
 
 def _cut_for(vehicles: int, site: Site, route: Route, *, autopilot: AutopilotName) -> tuple[Sortie, ...]:
-    """The flights of a route that is cut for so many of a site's vehicles, which are alike."""
+    """The flights of a route that is split for several vehicles of one kind."""
     tried = [
         scheduled(
             site,
@@ -77,7 +77,10 @@ def _cut_for(vehicles: int, site: Site, route: Route, *, autopilot: AutopilotNam
 def _of_groups(
     site: Site, groups: Sequence[Sequence[int]], route: Route, *, spacing_share: float
 ) -> tuple[Sortie, ...]:
-    """The sorties of all parts of a route, each cut for the vehicles that see that part; numbers are those of the whole route."""
+    """The sorties of all parts of a route, each split for the vehicles that observe that part.
+
+    Waypoint numbers are of the whole route.
+    """
     sites, one_at_a_time = vehicle_sites(site), site.scenario.fleet.one_at_a_time
     found: list[Sortie] = []
     for group, part, begins in zip(groups, route.parts, (0, *route.begins), strict=True):
@@ -121,7 +124,10 @@ def scheduled_unlike(site: Site, flights: Sequence[Sortie]) -> tuple[Sortie, ...
 
 
 def _one_after_the_other(flights: Sequence[Sortie], turnaround_s: float) -> tuple[Sortie, ...]:
-    """With take-offs so long after the landing before; all flights from one home come before those from the next one."""
+    """Schedule flights with this pause between landing and take-off.
+
+    All flights from one home come before those from the next.
+    """
     start_s, found = 0.0, {}
     for k in sorted(range(len(flights)), key=lambda k: (flights[k].vehicle, k)):
         found[k] = dataclasses.replace(flights[k], start_s=start_s)
@@ -130,7 +136,7 @@ def _one_after_the_other(flights: Sequence[Sortie], turnaround_s: float) -> tupl
 
 
 def makespan_s(site: Site, flights: Sequence[Sortie]) -> float:
-    """From the first take-off to the last landing, as planned; flights without take-off times are those of one vehicle."""
+    """Planned time from the first take-off to the last landing. Flights without take-off times are those of one vehicle."""
     if all(flight.start_s is None for flight in flights):
         times_s = [flight.compiled.flight_time_s for flight in flights]
         return math.fsum(times_s) + site.scenario.fleet.turnaround_s * (len(flights) - 1)
@@ -138,7 +144,7 @@ def makespan_s(site: Site, flights: Sequence[Sortie]) -> float:
 
 
 def size_of(site: Site, flights: Sequence[Sortie]) -> MissionSize:
-    """What a mission comes to whose flights are compiled."""
+    """Size of a mission whose flights are compiled."""
     flyers = {flight.vehicle for flight in flights}
     vehicles = 1 if site.scenario.has_launch_points else len(flyers)
     return MissionSize(sorties=len(flights), vehicles=vehicles, makespan_s=makespan_s(site, flights))
@@ -147,7 +153,7 @@ def size_of(site: Site, flights: Sequence[Sortie]) -> MissionSize:
 def mission_size(
     site: Site, route: Route, *, autopilot: AutopilotName | None = None, vehicles: int | None = None
 ) -> MissionSize | None:
-    """What the mission of a route comes to, cut into flights, shared out and timed as :func:`compile_flights` does; found once.
+    """Size of a route's mission, split, allocated and timed as :func:`compile_flights` does; computed once.
 
     Args:
         site: the scenario on its ground.
@@ -156,7 +162,7 @@ def mission_size(
         vehicles: how many may fly, where they are alike; default: the scenario's.
 
     Returns:
-        none where nothing can be flown: without a place on Earth or a home, or where no cut keeps the limits of a flight.
+        none where nothing can be flown: without a position on Earth or a home, or where no cut keeps the limits of a flight.
     """
     if site.frame is None or site.home_m is None:
         return None

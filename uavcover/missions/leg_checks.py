@@ -90,7 +90,7 @@ class Violations:
 
     Attributes:
         below_m: metres below the lower limit of height above ground, summed over the legs.
-        above_m: metres above the upper limit, likewise.
+        above_m: metres above the upper limit, summed in the same way.
         sea_level_m: metres outside the sea-level limits, summed over the waypoints.
         climb_deg: degrees steeper than the limit, summed over the legs.
         fence_m: metres of the route outside the fence.
@@ -162,7 +162,7 @@ def find_problems(
     highest_agl_m: float | None,
     zones: ZoneCheck | None = None,
 ) -> list[LegProblem]:
-    """Every leg of an (n, 3) ENU route that breaks a limit, in flying order, whatever the limits apply to.
+    """Every leg of an (n, 3) ENU route that breaks a limit, in flying order.
 
     For a route of one waypoint the waypoint itself is checked.
 

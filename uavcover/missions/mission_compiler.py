@@ -5,7 +5,7 @@ Heights are above home, so a wrong home would shift all of them: ``fly`` and ``p
 Camera items follow each autopilot. ArduPilot takes gimbal angles as DO_GIMBAL_MANAGER_PITCHYAW, in whole degrees, and can hold
 a heading; its DO_MOUNT_CONTROL would turn a vehicle whose gimbal has no yaw axis. PX4 refuses DO_GIMBAL_MANAGER_PITCHYAW in a
 mission unless the mission has taken control of the gimbal, so it gets DO_MOUNT_CONTROL, as ground stations send it, and holds a
-heading by its waypoints. A picture at a waypoint is DO_DIGICAM_CONTROL for ArduPilot, in every version of it, and
+heading by its waypoints. A photo at a waypoint is DO_DIGICAM_CONTROL for ArduPilot, in every version of it, and
 IMAGE_START_CAPTURE for PX4.
 """
 
@@ -98,22 +98,22 @@ def headed(item: MissionItem, sensor: Sensor, autopilot: AutopilotName) -> Missi
 
 
 def start_pictures(distance_m: float) -> MissionItem:
-    """Take a picture now and after every ``distance_m`` metres over ground."""
+    """Take a photo now and after every ``distance_m`` metres over ground."""
     return trigger_camera_every(distance_m)
 
 
 def stop_pictures() -> MissionItem:
-    """Stop taking pictures by distance."""
+    """Stop taking photos by distance."""
     return trigger_camera_every(0.0)
 
 
 def picture_at_waypoint(number: int, autopilot: AutopilotName) -> MissionItem:
-    """Take one picture at planned waypoint ``number``, from 0: carried out once the waypoint before it is reached."""
+    """Take one photo at planned waypoint ``number``, from 0: carried out once the waypoint before it is reached."""
     return item_of(StartPictures(count=1, first_number=number + 1) if autopilot == "px4" else TakePicture())
 
 
 def items_per_waypoint(sensor: Sensor) -> int:
-    """How many mission items a planned waypoint takes: itself, and a picture where the sensor looks from the waypoints."""
+    """Number of mission items of a planned waypoint: itself, and a photo where the sensor looks from the waypoints."""
     return 2 if sensor.sensing == "at-waypoints" else 1
 
 
@@ -166,7 +166,7 @@ def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName) -> Co
     """Compile the planned route of a site, from take-off at home to landing there.
 
     Raises:
-        InputError: the scenario has no place on Earth or no home.
+        InputError: the scenario has no position on Earth or no home.
         InfeasibleError: a leg breaks a limit (the message names it), or the autopilot would refuse the mission.
     """
     frame, home = frame_and_home(site)
@@ -194,7 +194,9 @@ def compile_continuation(
     flown_s: float,
     autopilot: AutopilotName,
 ) -> CompiledMission:
-    """Compile a planned route for a vehicle in flight: no take-off, but a vertical leg at its position, then the transit.
+    """Compile a planned route for a vehicle in flight.
+
+    A vertical leg at its position replaces the take-off; the transit follows.
 
     Args:
         site: the scenario on its ground.
@@ -206,7 +208,7 @@ def compile_continuation(
         autopilot: the autopilot that flies it.
 
     Raises:
-        InputError: the scenario has no place on Earth or no home.
+        InputError: the scenario has no position on Earth or no home.
         InfeasibleError: the vehicle is not in the air, a leg breaks a limit, the flight takes too long, or the autopilot
             would refuse the mission.
     """
@@ -232,7 +234,7 @@ def compile_continuation(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Begin:
-    """What a mission begins with, before its path: seconds, and (w,) seconds of hovering in the winds that it is planned for."""
+    """Start of a mission, before its path: seconds, and (w,) hovering seconds in the planned winds."""
 
     time_s: float
     energy_s: FloatArray
@@ -285,7 +287,7 @@ def _compiled(
     before = f" after {flown_s:.0f} s in the air" if flown_s > 0.0 else ""
     if vehicle.longest_flight_s is not None and flown_s + time_s > vehicle.longest_flight_s:
         raise MissionTooLongError(
-            f"the flight takes {time_s:.0f} s with the ways there and home{before}, {longest_flight_in_words(vehicle)}; "
+            f"the flight takes {time_s:.0f} s with its transits{before}, {longest_flight_in_words(vehicle)}; "
             "ask for less coverage (--select), or plan a smaller area"
         )
     used_s = battery_used_s(FlightEnergy(site, autopilot), begin.energy_s, timed, home)
@@ -339,7 +341,7 @@ def compile_return(site: Site, *, lat_deg: float, lon_deg: float, alt_amsl_m: fl
     # It may be in the margin of a no-fly zone; the zones themselves are kept out of.
     check_transit(
         site,
-        "the way home",
+        "the return transit",
         back,
         far_end=0,
         far_end_lowest_agl_m=-math.inf,

@@ -21,7 +21,7 @@ def compile_plan(site: Site, route: Route, *, autopilot: AutopilotName | None = 
 
 
 def one_or_several(site: Site, flights: Sequence[Sortie]) -> tuple[CompiledMission | None, tuple[Sortie, ...]]:
-    """The mission of a run that is one flight, and its sorties where it is not: flights of vehicles that differ always are."""
+    """The mission of a run that is one flight, else its sorties. Flights of vehicles that differ always are sorties."""
     if len(flights) == 1 and not site.scenario.vehicles:
         return flights[0].compiled, ()
     return None, tuple(flights)

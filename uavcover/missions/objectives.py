@@ -53,7 +53,9 @@ def evaluate_routes(coverage: CoverageMap, routes: Sequence[Route], executor: Ex
 
 
 def judge_member(coverage: CoverageMap, route: Route, origin: str, *, margin_m: float) -> RouteMember:
-    """A route with its figures and its violation of the hard limits, in legs and corners: the only place that makes one.
+    """Rate a route: its figures and its violation of the hard limits, in legs and corners.
+
+    No other function does.
 
     Args:
         coverage: the cells it is judged on.

@@ -1,4 +1,4 @@
-"""Figures of a route whose parts are flown by vehicles that each have a part of the area: they count together."""
+"""Figures of a route whose parts of the area are flown by different vehicles: they count together."""
 
 from collections.abc import Iterable, Sequence
 

@@ -1,4 +1,4 @@
-"""Propose rally points from which every second of a planned flight has a safe way down, as far as there are such places."""
+"""Propose rally points that give a safe return from every second of a planned flight, where such positions exist."""
 
 import math
 from collections.abc import Iterator
@@ -48,7 +48,7 @@ def returns_and_rally(
     autopilot: AutopilotName,
     begin_s: float,
 ) -> tuple[OwnReturns, ReturnAdvice]:
-    """The returns of a flight, with its rally points: home at a safe height, and proposed ones where the scenario asks for them.
+    """The returns of a flight and its rally points: home at a safe height, and proposed ones if the scenario requests them.
 
     Args:
         site: the scenario on its ground, with a home.
@@ -95,7 +95,9 @@ def _above_home(site: Site, places_m: FloatArray) -> tuple[FramedPoint, ...]:
 
 
 def propose_rally(site: Site, path_m: FloatArray, *, autopilot: AutopilotName) -> FloatArray:
-    """(r, 3) ENU rally points for a (k, 3) ENU path; none where returns home are safe, or no point makes them safer.
+    """(r, 3) ENU rally points for a (k, 3) ENU path.
+
+    None where returns home are safe, or no point makes them safer.
 
     Greedy: each time the point that leaves the fewest moments with an unsafe return, by the autopilot's own selection.
     """

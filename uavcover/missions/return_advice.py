@@ -48,7 +48,7 @@ class ReturnAdvice:
 
     @property
     def sentences(self) -> tuple[str, ...]:
-        """What is unsafe, from where to where, for people; without landings in place, which no plan can make safe."""
+        """Unsafe returns, from where to where, as text; without landings in place, which no plan can make safe."""
         return tuple(map(_sentence, (one for one in self.unsafe if one.destination != IN_PLACE)))
 
     @property
@@ -61,15 +61,15 @@ class ReturnAdvice:
 
     @property
     def remedy(self) -> str:
-        """What to do about unsafe returns, for people."""
+        """Remedy for unsafe returns, as text."""
         if self.needed_height_m > self.return_height_m:
             return (
                 f"set the autopilot's return height to at least {self.needed_height_m:.0f} m (vehicle.return_height_m), or let "
                 "plan --rally auto propose rally points"
             )
         if not math.isfinite(self.safe_return_height_m):
-            return "some ground on the way is not known, so no return height is safe; give elevation data of it"
-        return "no return height makes these safe: try plan --rally auto, or fly home by the mission (Ctrl-C plans a way around)"
+            return "some ground below the return is not known, so no return height is safe; give elevation data of it"
+        return "no return height makes these safe: try plan --rally auto, or fly home by the mission (Ctrl-C plans a detour)"
 
 
 def _sentence(one: UnsafeReturn) -> str:
@@ -107,7 +107,7 @@ def flight_states(site: Site, path_m: FloatArray, *, begin_s: float = 0.0) -> Fl
 
 
 def return_limits(site: Site) -> ReturnLimits:
-    """By what the returns of a site are judged."""
+    """Limits by which the returns of a site are judged."""
     limits = site.scenario.limits
     return ReturnLimits(
         frame=site.frame, heights=site.ground, ground=site.ground, zones=site.flown_zones, obstacles=site.scenario.obstacles,
@@ -256,7 +256,7 @@ class OwnReturns:
 
 
 def rally_places_m(site: Site, rally: Sequence[FramedPoint]) -> FloatArray:
-    """(r, 3) ENU of rally points as the autopilot takes them; NaN without a place on Earth."""
+    """(r, 3) ENU of rally points as the autopilot takes them; NaN without a position on Earth."""
     if site.frame is None or not rally:
         return np.full((len(rally), 3), np.nan)
     home_alt = 0.0 if site.home_m is None else float(site.alts_amsl_m(site.home_m[None])[0])

@@ -1,4 +1,4 @@
-"""Keeps flights apart in space and time: which starts of two flights bring them too near to each other, and where.
+"""Keep flights apart in space and time: find the starts that bring two flights too close, and the positions.
 
 A vehicle may be early or late: at its start by ``start_error_s``, and on its way by a share of the time since take-off. Wherever
 two paths come nearer than the separation, the times at which the two vehicles may be there must not overlap; so every such pair
@@ -26,9 +26,9 @@ class PathPieces:
 
     Attributes:
         begin_m: (n, 3) ENU metres.
-        end_m: (n, 3) likewise.
+        end_m: (n, 3) ENU metres.
         earliest_s: (n,) since the planned take-off.
-        latest_s: (n,) likewise.
+        latest_s: (n,) since the planned take-off.
     """
 
     begin_m: FloatArray
@@ -77,7 +77,7 @@ def pieces_of(timeline: Timeline, fleet: Fleet) -> PathPieces:
 
 
 def late_s(time_s: FloatArray, fleet: Fleet) -> FloatArray:
-    """By how much a vehicle may be early or late at a planned time since its take-off."""
+    """Seconds by which a vehicle may be early or late at a planned time since its take-off."""
     return np.asarray(fleet.timing_error_fraction * np.maximum(time_s, 0.0) + fleet.start_error_s)
 
 
@@ -111,7 +111,7 @@ def safe_start_s(intervals: FloatArray, wanted_s: float) -> float:
 
 
 def find_conflict(a: PathPieces, b: PathPieces, fleet: Fleet, *, start_s: float) -> Conflict | None:
-    """The worst place where a and b may come too near to each other when b starts so long after a; none when they do not."""
+    """Worst position where a and b may come too close when b starts ``start_s`` after a. None when they do not."""
     first, second, distance_m = _near(a, b, fleet.planned_separation_m)
     meets = (b.earliest_s[second] + start_s < a.latest_s[first]) & (b.latest_s[second] + start_s > a.earliest_s[first])
     if not meets.any():

@@ -1,4 +1,4 @@
-"""Splits a planned route into several flights so that the transits home are short in total, or all vehicles done soon."""
+"""Split a planned route into several flights, for the least total transit or the earliest last landing."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -61,7 +61,7 @@ def compile_sorties(
     vehicles: int = 1,
     spacing_share: float = 1.0,
 ) -> tuple[Sortie, ...]:
-    """Compile a route as one flight or, where endurance or item count require it, as several with transits of their own.
+    """Compile a route as one flight, or as several with their own transits where endurance or item count require it.
 
     The order of the waypoints is kept. Dynamic programming over all possible splits minimises the total flight time. For several
     vehicles the route is cut so that they are done soonest (``routes/fleet_cuts.py``).
@@ -76,7 +76,7 @@ def compile_sorties(
             less than 1 the flights are more even, and other pairs than neighbours must not land together.
 
     Raises:
-        InputError: the scenario has no place on Earth or no home.
+        InputError: the scenario has no position on Earth or no home.
         InfeasibleError: a leg breaks a limit, or a part of the route cannot be reached inside the endurance (says which).
     """
     refusal = InfeasibleError("no cut keeps the limits")
@@ -129,7 +129,7 @@ def compile_unlike_sorties(
 
 @dataclass(frozen=True, slots=True)
 class _Flyer:
-    """Who flies: a vehicle, or all vehicles that are alike."""
+    """A vehicle, or all vehicles that are alike."""
 
     site: Site
     autopilot: AutopilotName
@@ -143,7 +143,7 @@ class _Flyer:
 
 
 def _sharing_home(sites: Sequence[Site], near_m: float) -> list[int]:
-    """How many vehicles before each one start at its home, or beside it."""
+    """Number of vehicles before each one that start at its home, or beside it."""
     homes = [site.home_m for site in sites]
     return [
         sum(
@@ -174,7 +174,7 @@ def _cut_and_compiled(
     cut: Callable[[Sequence[FlightCosts]], FlightsOfVehicles | None],
     refusal: InfeasibleError,
 ) -> tuple[Sortie, ...]:
-    """The flights of a cut of which the compiler refuses none: what it refuses is left out of the next cut."""
+    """Compiled flights of a split. What the compiler refuses is left out of the next split."""
     costs = [flyer.costs(route) for flyer in flyers]
     compiled: dict[tuple[int, int, int], CompiledMission] = {}
     all_checked: set[int] = set()
@@ -218,7 +218,7 @@ def _compile(site: Site, route: Route, *, autopilot: AutopilotName, most_points:
     compiled = compile_mission(site, route, autopilot=autopilot)
     if most_points is not None and len(compiled.path_m) > most_points:
         raise MissionTooLongError(
-            f"the flight has {len(compiled.path_m)} points with the ways there and home, of which {most_points} are allowed"
+            f"the flight has {len(compiled.path_m)} points with its transits, of which {most_points} are allowed"
         )
     return compiled
 
@@ -237,7 +237,7 @@ def _cuts(costs: FlightCosts, site: Site, vehicles: int, spacing_share: float) -
 
 
 def _spacing_s(costs: FlightCosts, site: Site, vehicles: int) -> float:
-    """About how long after each other vehicles land at one home: so that the second one comes late enough, the first one late."""
+    """Approximate time between landings of two vehicles at one home, so that the second comes late enough."""
     fleet = site.scenario.fleet
     flight_s = min(costs.endurance_s, float(costs.so_far_s[-1]) / vehicles)
     column_s = float(landing_time(pace_of(site), site.scenario.vehicle.takeoff_height_m))
@@ -256,7 +256,7 @@ def _why_not(site: Site, costs: FlightCosts, refusal: InfeasibleError) -> str:
     if least[worst] > costs.endurance_s:
         what = f"the leg to waypoint {worst + 1}" if step else f"waypoint {worst}"
         return (
-            f"{what}: flown alone it takes {least[worst]:.0f} s with the ways there and home, "
+            f"{what}: flown alone it takes {least[worst]:.0f} s with its transits, "
             f"{longest_flight_in_words(site.scenario.vehicle)}; move [home] nearer, or plan a smaller area"
         )
     used = np.array([battery_s(costs.energies, int(first), int(first) + step) for first in firsts])

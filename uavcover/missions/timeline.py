@@ -1,4 +1,4 @@
-"""Where a flight is when: the planned times along a compiled mission, from the ground to the ground."""
+"""Planned times along a compiled mission, from the ground to the ground."""
 
 from dataclasses import dataclass
 
@@ -28,7 +28,7 @@ class Timeline:
 
     @property
     def duration_s(self) -> float:
-        """From take-off to landing."""
+        """Time from take-off to landing."""
         return float(self.time_s[-1])
 
     def places_m(self, times_s: FloatArray) -> FloatArray:
@@ -62,7 +62,7 @@ def timeline_of(site: Site, sortie: Sortie, *, autopilot: AutopilotName) -> Time
         raise InfeasibleError(f"scenario {site.scenario.name}: has no [home]")
     pace, path = pace_of(site, autopilot), sortie.compiled.path_m
     if trigger_distance_m(site.scenario) is not None:
-        # The waypoint at which pictures begin stands twice in the mission and is a stop.
+        # The waypoint at which photos begin stands twice in the mission and is a stop.
         path = np.insert(path, _first_row(sortie), sortie.route.waypoints_m[0], axis=0)
     turns_s = turn_times(pace, path)
     legs_s = leg_times(pace, path) + 0.5 * (turns_s[:-1] + turns_s[1:])

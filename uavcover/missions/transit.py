@@ -33,16 +33,16 @@ def frame_and_home(site: Site) -> tuple[LocalFrame, FloatArray]:
     """The local frame and the (3,) ENU home of a site that can be flown.
 
     Raises:
-        InputError: the scenario has no place on Earth or no home.
+        InputError: the scenario has no position on Earth or no home.
     """
     if site.frame is None:
         raise InputError(
-            f"scenario {site.scenario.name}: has no place on Earth, so there is no mission to fly; "
+            f"scenario {site.scenario.name}: has no position on Earth, so there is no mission to fly; "
             "give it an [origin] and a [home]"
         )
     if site.home_m is None:
         raise InputError(
-            f"scenario {site.scenario.name}: has no [home]; a mission needs the place to take off and land"
+            f"scenario {site.scenario.name}: has no [home]; a mission needs a take-off and landing position"
         )
     return site.frame, site.home_m
 
@@ -90,7 +90,7 @@ def transit(site: Site, home_en_m: FloatArray, end_m: FloatArray, *, ground_end_
 def _low_enough(
     site: Site, straight_m: FloatArray, home_en_m: FloatArray, end_m: FloatArray, ground_end_height_m: float
 ) -> FloatArray:
-    """The straight (k, 3) transit; where it is above the ceiling, the first of some with one corner that is not, if there is one.
+    """The straight (k, 3) transit, or the first below the ceiling of some with one corner, if there is one.
 
     Over a tower at the edge of a pit, the pit is far below.
     """
@@ -108,7 +108,7 @@ def _low_enough(
 
 
 def _is_too_high(site: Site, points_m: FloatArray) -> bool:
-    """Whether a (k, 3) transit is above the ceiling of transits anywhere but in a column at its end, or over unknown ground."""
+    """Whether a (k, 3) transit is over unknown ground or above its ceiling, except in the climb-out column at its end."""
     level_m = np.hypot(*np.diff(points_m[:, :2], axis=0).T)
     legs = site.ground.leg_height_ranges_m(points_m)[level_m >= _COLUMN_M]
     return not bool((legs[:, 2] <= _planned_highest_agl_m(site)).all())
@@ -152,7 +152,7 @@ def _along(site: Site, corners_m: FloatArray, end_m: FloatArray, ground_end_heig
 
 
 def _over_terrain(site: Site, corners_m: FloatArray, heights_agl_m: tuple[float, float]) -> tuple[FloatArray, float]:
-    """(m, 3) ENU along (k, 2) corners of these heights at the ends, higher where it has to be; and its greatest height."""
+    """(m, 3) ENU along (k, 2) corners, at these heights at the ends, higher where necessary; and its greatest height."""
     limits, obstacles = site.scenario.limits, site.scenario.obstacles
     wanted_m = limits.transit_clearance_m + limits.height_margin_m
     aim_m = wanted_m + _TRANSIT_SLACK_M
@@ -186,7 +186,7 @@ def check_way_there(site: Site, way_m: FloatArray) -> None:
         InfeasibleError: it breaks one; the message names the leg.
     """
     check_transit(
-        site, "the way there", way_m, far_end=len(way_m) - 1, far_end_lowest_agl_m=_end_lowest_agl_m(site),
+        site, "the outbound transit", way_m, far_end=len(way_m) - 1, far_end_lowest_agl_m=_end_lowest_agl_m(site),
         highest_agl_m=_planned_highest_agl_m(site),
     )  # fmt: skip
 
@@ -198,7 +198,7 @@ def check_way_home(site: Site, way_m: FloatArray) -> None:
         InfeasibleError: it breaks one; the message names the leg.
     """
     check_transit(
-        site, "the way home", way_m, far_end=0, far_end_lowest_agl_m=_end_lowest_agl_m(site),
+        site, "the return transit", way_m, far_end=0, far_end_lowest_agl_m=_end_lowest_agl_m(site),
         highest_agl_m=_planned_highest_agl_m(site),
     )  # fmt: skip
 
@@ -244,7 +244,7 @@ def check_column(site: Site, home_m: FloatArray, top_m: FloatArray) -> None:
     for breach in site.planned_zones.leg_breaches(np.vstack([home_m, top_m])):
         zone = site.zones[breach.zone]
         raise InfeasibleError(
-            f"the column above home: it climbs {top_m[2] - home_m[2]:.0f} m into no-fly zone {zone.name!r} "
+            f"the climb-out above home: it climbs {top_m[2] - home_m[2]:.0f} m into no-fly zone {zone.name!r} "
             f"({zone.heights_in_words()}), margins included; move [home], or lower vehicle.takeoff_height_m"
         )
 

@@ -1,4 +1,4 @@
-"""Where a route is cut into flights of vehicles that differ, and who flies which, so that all are done soonest.
+"""Split a route into flights of vehicles that differ, and allocate them, for the earliest last landing.
 
 Cuts begin with the splits that each vehicle would have by itself, and with those of a vehicle that has the best of all of them;
 they are improved as those of equal vehicles are (``routes/fleet_cuts.py``). Each cut's flights are shared out longest first, to
@@ -18,7 +18,7 @@ FlightsOfVehicles = Sequence[tuple[int, int, int]]
 """First and last waypoint of each flight, and the number of its vehicle, from 0."""
 
 _IMPOSSIBLE_S = 1e9
-"""What a flight that no vehicle can fly counts, so that fewer of them are better."""
+"""Time that counts for a flight that no vehicle can fly, so that fewer of them are better."""
 _LEAST_GAIN_S = 1e-6
 
 
@@ -121,7 +121,7 @@ def unlike_cuts(
 
 
 def _best_of(costs: Sequence[FlightCosts]) -> FlightCosts:
-    """Of a vehicle with the shortest ways and the longest endurance of all, on the route as the fastest one."""
+    """Costs of an ideal vehicle: the shortest transits and longest endurance of all, and the fastest one on the route."""
     fastest = min(costs, key=lambda each: float(each.so_far_s[-1]))
     return fastest._replace(
         there_s=np.min([each.there_s for each in costs], axis=0),
@@ -153,7 +153,7 @@ class _UnlikeCutSearch(CutSearch):
         return self._shared[cuts]
 
     def value(self, cuts: Cuts) -> tuple[float, float]:
-        """When the last vehicle lands, and the total time of the flights; very late where one cannot be flown."""
+        """Last landing, and the total time of the flights; very late where one cannot be flown."""
         shared = self.shared(cuts)
         return round(shared.makespan_s, 6), round(shared.total_s, 6)
 

@@ -1,4 +1,4 @@
-"""From where to where a return is unsafe, and why, as data."""
+"""Intervals of legs from which a return is unsafe, with the reason, as data."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
@@ -47,11 +47,11 @@ class UnsafeReturn:
 
     @property
     def what(self) -> str:
-        """What is wrong, for people: without the moments and the place."""
+        """The problem as text, without the moments and the position."""
         to = {HOME: "home", IN_PLACE: "down where it is"}.get(
             self.destination, f"to rally point {self.destination + 1}"
         )
-        path = f"the way {to}{f', {self.note},' if self.note else ''}"
+        path = f"the path {to}{f', {self.note},' if self.note else ''}"
         match self.danger:
             case "terrain" if self.value < 0.0:
                 return f"{path} goes {-self.value:.1f} m below the ground"
@@ -74,7 +74,7 @@ class UnsafeReturn:
 
 
 def joined_returns(unsafe: Iterable[UnsafeReturn]) -> list[UnsafeReturn]:
-    """Intervals of different responses that lead the same way from the same legs as one, which tells of the worst."""
+    """Join intervals of different responses with the same path from the same legs; keep the worst figures."""
     found: dict[tuple[object, ...], UnsafeReturn] = {}
     for one in unsafe:
         key = (one.danger, one.destination, one.name, one.note, one.first_leg, one.last_leg)

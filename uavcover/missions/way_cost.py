@@ -31,7 +31,7 @@ _WAYPOINT_PRICE = 0.01
 def waypoint_price_of(site: Site) -> float:
     """Cost of a waypoint, in metres of path or in seconds, as the objective is: ``planner.waypoint_price`` or its default.
 
-    The default grows with what the sensor sees: a waypoint that a small sensor needs for its ground must not be dearer than
+    The default grows with the sensor's footprint: a waypoint that a small sensor needs for its ground must not cost more than
     the path to it. A sensor that looks from the waypoints needs each, and every number of them is searched for by itself.
     """
     scenario = site.scenario
@@ -59,7 +59,7 @@ def way_cost_of(site: Site) -> WayCost:
 
 
 def mission_cost_of(site: Site) -> WayCost:
-    """The time of the whole mission of a site with a home, by straight ways there and home; with what its energy needs."""
+    """Time and energy of the whole mission of a site with a home, by straight transits."""
     vehicle, home = site.scenario.vehicle, site.home_m
     if home is None:
         raise InputError(f"scenario {site.scenario.name}: has no [home], so a mission has no time")

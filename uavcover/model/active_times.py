@@ -22,7 +22,7 @@ _FIRST_YEAR, _LAST_YEAR = 1970, 2999
 _FIRST_FLIGHT_S, _LAST_FLIGHT_S = 946_684_800.0, 32_472_144_000.0
 """The years 2000 and 2999."""
 _MOST_DAYS = 10
-"""Of a window that are looked at: every day of the week is among them."""
+"""Days of a window that are examined: every day of the week is among them."""
 
 
 def utc_time(text: str, key: str) -> datetime:
@@ -46,7 +46,7 @@ def utc_time(text: str, key: str) -> datetime:
 
 
 def is_flight_time(unix_s: float) -> bool:
-    """Whether seconds since 1970 can be when something was flown: receivers without a fix tell 0, or the time since start."""
+    """Whether seconds since 1970 can be the time of a flight. Receivers without a fix send 0, or the time since start."""
     return _FIRST_FLIGHT_S <= unix_s < _LAST_FLIGHT_S
 
 
@@ -120,7 +120,9 @@ class ActivePeriod:
 
 
 def active_period(text: str, key: str) -> ActivePeriod:
-    """A period from words: an ISO 8601 interval, days of the week and hours, each at most once, in any order.
+    """Read a period from text.
+
+    It has an ISO 8601 interval, days of the week and hours, each at most once.
 
     An open end of an interval is ``..``. Days are MON to SUN, as a list or a range; hours have a zone, ``Z`` or ``+02:00``,
     and may go on over midnight, on the day after. Days without hours are days of UTC.

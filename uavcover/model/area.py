@@ -55,14 +55,14 @@ class Outline:
         given = [key for key in keys if getattr(self, key) is not None]
         require(len(given) == 1, f"give exactly one of {', '.join(keys[:-1])} and {keys[-1]}")
         for key in ("layer", "feature", "crs", "make_valid", "swap_axes"):
-            require(self.file is not None or not getattr(self, key), f"{key}: goes with file")
+            require(self.file is not None or not getattr(self, key), f"{key}: requires file")
         require(
             not self.holes_lon_lat_deg or self.polygon_lon_lat_deg is not None,
-            "holes_lon_lat_deg: goes with polygon_lon_lat_deg",
+            "holes_lon_lat_deg: requires polygon_lon_lat_deg",
         )
         require(
             not self.holes_east_north_m or self.polygon_east_north_m is not None,
-            "holes_east_north_m: goes with polygon_east_north_m",
+            "holes_east_north_m: requires polygon_east_north_m",
         )
         require_lon_lat(self.polygon_lon_lat_deg or (), "polygon_lon_lat_deg")
         for hole in self.holes_lon_lat_deg:
@@ -95,9 +95,9 @@ class Area(Outline):
 
     Attributes:
         cell_size_m: side of the square cells on which results are judged, at most. A cell is seen when a certain point in it is.
-        fewest_places: an area of fewer cells is judged on smaller ones, so that there are so many; more where a part of the
+        fewest_places: an area of fewer cells is judged on smaller ones, so that it has this number; more where a part of the
             ground weighs more than the rest, as cliffs do. 0: on cells of ``cell_size_m`` as they are.
-        margin_m: the area is grown outwards by this before it is planned and judged, so that pictures overlap up to the edge of
+        margin_m: the area is grown outwards by this before it is planned and judged, so that photos overlap up to the edge of
             what was drawn. Holes stay as they are.
     """
 

@@ -1,4 +1,4 @@
-"""How probably one look finds what is searched for, as somebody measured or assumed it."""
+"""Probability that one look finds the object, as measured or assumed."""
 
 from dataclasses import dataclass
 from typing import Literal
@@ -20,9 +20,9 @@ class DetectionCurve:
         title: for people.
         source: where the values are from.
         table: of it.
-        independent: which looks at one place count as independent chances: the best from each side (``sides``), every picture
+        independent: which looks at one place count as independent chances: the best from each side (``sides``), every photo
             (``pictures``), or only the best of all (``none``).
-        is_example: whether it comes with the package: a rule of thumb that nobody measured for these pictures.
+        is_example: whether it comes with the package: a rule of thumb that was not measured for these photos.
     """
 
     name: str

@@ -8,7 +8,7 @@ from uavcover.model.value_checks import STRICT, require, require_not_negative, r
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Fleet:
-    """How many vehicles there are, and what keeps them apart.
+    """Number of vehicles, and their separation.
 
     They are all alike ([vehicle]) and take off and land at [home], unless there is a [[vehicle]] for each of them.
 
@@ -55,5 +55,5 @@ class Fleet:
 
     @property
     def held_apart_m(self) -> float:
-        """Distance below which one of two vehicles holds its place: where they are is known, and only one of them moves."""
+        """Distance below which one of two vehicles holds its position: both positions are known, and only one of them moves."""
         return self.separation_m + self.path_error_m

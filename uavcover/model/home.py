@@ -1,4 +1,4 @@
-"""Where a vehicle takes off and lands."""
+"""Take-off and landing position of a vehicle."""
 
 from dataclasses import dataclass
 from typing import ClassVar

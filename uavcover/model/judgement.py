@@ -1,4 +1,4 @@
-"""Decisions as data: findings, each with what it concerns and what it does to it, and the one way to combine them.
+"""Decisions as data: findings, each with its requirements and its effect, and the one function that combines them.
 
 Verdicts on flights, on foreign missions (``check``) and on photos are made here. Text is written from findings, and never read
 back.
@@ -16,7 +16,7 @@ Holds = Literal["yes", "no", "not proved"]
 """Whether a requirement holds."""
 
 Effect = Literal["fails", "not proved", "noted"]
-"""What a finding does to its requirements: they do not hold; nothing proves that they hold; nothing."""
+"""Effect of a finding on its requirements: they fail; they are not proved; none."""
 
 Requirement = Literal[
     "coverage",
@@ -41,7 +41,7 @@ Requirement = Literal[
     "evidence",
     "mission",
 ]
-"""What can hold or not; ``evidence``: that the record can be believed; ``mission``: whatever ``check`` looks at."""
+"""Requirements; ``evidence``: that the record can be believed; ``mission``: the subject of ``check``."""
 
 
 @dataclass(frozen=True, slots=True)

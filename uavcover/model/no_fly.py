@@ -72,9 +72,9 @@ class NoFly:
         require(len(given) == 1, f"give exactly one of {', '.join(OUTLINES[:-1])} and {OUTLINES[-1]}")
         require(self.file is None or bool(self.file.strip()), "file: is empty; give a file of zones")
         for key in ("ignore", "make_valid"):
-            require(not getattr(self, key) or self.file is not None, f"{key}: goes with file")
+            require(not getattr(self, key) or self.file is not None, f"{key}: requires file")
         circle = self.center_lon_lat_deg is not None or self.center_east_north_m is not None
-        require(circle == (self.radius_m is not None), "radius_m: goes with center_lon_lat_deg or center_east_north_m")
+        require(circle == (self.radius_m is not None), "radius_m: requires center_lon_lat_deg or center_east_north_m")
         require_not_negative(margin_m=self.margin_m)
         require(self.margin_m <= 1000.0, f"margin_m: {self.margin_m} m must be at most 1000 m")
         if self.radius_m is not None:
@@ -117,7 +117,7 @@ class NoFly:
         return self.from_utc is not None or self.until_utc is not None or bool(self.active)
 
     def in_force(self, window: Window | None) -> bool:
-        """Whether it is in force at some time of a window, ends included; without a window it counts as in force."""
+        """Whether it is in force at some time of a window, ends included. Without a window it counts as in force."""
         if window is None:
             return True
         begin, end = window

@@ -1,4 +1,4 @@
-"""Events during a flight, and how a flight ended: one name for each way, good or bad, with the incidents on the way."""
+"""Events during a flight, and its ending: one name for each ending, good or bad, with the incidents before it."""
 
 from dataclasses import asdict, dataclass
 from enum import Enum
@@ -8,12 +8,12 @@ from uavcover.errors import VehicleError
 
 
 class EventKind(Enum):
-    """What an event is about."""
+    """Subject of an event."""
 
-    STAGE = "the flight goes on to its next stage"
+    STAGE = "the flight continues with its next stage"
     WAYPOINT = "the vehicle flies to the next planned waypoint"
     TEXT = "the vehicle says something"
-    WARNING = "something is not as it should be, and the flight goes on"
+    WARNING = "a problem that does not stop the flight"
     STOP = "the user wants to end the flight"
 
 
@@ -24,7 +24,7 @@ class FlightEvent:
     Attributes:
         kind: what it is about.
         text: one line for people.
-        time_s: vehicle time; None before the vehicle told its time.
+        time_s: vehicle time; None before the vehicle sent its time.
         waypoint: number of the planned waypoint that is flown to, for progress; None for other events.
         alarm: whether something is wrong now, so that it should be heard too.
     """
@@ -37,7 +37,7 @@ class FlightEvent:
 
 
 class Ending(Enum):
-    """How a flight ended; the names are those of ``run.json`` and ``--json``, in small letters."""
+    """Endings of a flight; the names are those of ``run.json`` and ``--json``, in small letters."""
 
     LANDED = "flown to the end, landed and disarmed"
     RETURNED = "stopped by the user, flown home along checked legs, landed and disarmed"
@@ -52,37 +52,37 @@ class Ending(Enum):
 
     LINK_LOST = "the link to the vehicle was lost"
     HEARTBEAT_LOST = "the autopilot's heartbeat was lost, although other messages came"
-    POSITION_LOST = "the vehicle did not tell its position any more"
+    POSITION_LOST = "the vehicle stopped reporting its position"
     GPS_LOST = "the vehicle lost its satellite fix or its position estimate"
-    BATTERY_FAILSAFE = "the battery was low, and the vehicle did what it does then"
+    BATTERY_FAILSAFE = "the battery was low, and the vehicle took its failsafe action"
     BATTERY_LOW = "the battery was low"
     WIND_ABOVE_LIMITS = "the wind was above the vehicle's limits"
     OFF_ROUTE = "the vehicle left the planned route, although it holds the planned mission"
     FENCE_BREACHED = "the vehicle left its fence"
     BAND_LEFT = "the vehicle left the height band of its route"
     GROUND_UNKNOWN = "the vehicle flew over ground without data"
-    RADIO_LOST = "the pilot's radio was lost, and the vehicle did what it does then"
+    RADIO_LOST = "the pilot's radio was lost, and the vehicle took its failsafe action"
     FAILSAFE = "the vehicle took another failsafe"
     PILOT_TOOK_OVER = "a pilot or another ground station changed the flight mode"
     TAKEN_OVER = "the vehicle left its mission, and the cause is not known"
     STATE_UNKNOWN = "the vehicle's mode or state was not known"
-    HOLD_LOST = "the vehicle did not hold its place"
+    HOLD_LOST = "the vehicle did not hold its position"
     UNSAFE_LINE = "the straight line back to the route was not clear"
     LATE = "the vehicle was late against its plan"
     RESERVE_USED = "the flight used the reserve of its battery"
     PHOTOS_MISSING = "the camera reported fewer photos than the mission takes"
     FALLING = "the vehicle fell"
-    MISSION_CHANGED = "somebody else changed the mission, or the item that is flown"
-    HOME_MOVED = "somebody else moved the vehicle's home, or the origin of its heights"
-    SETTINGS_CHANGED = "somebody else changed a parameter that the mission depends on"
-    FENCE_CHANGED = "somebody else changed the vehicle's fence, or put it out of force"
-    RALLY_CHANGED = "somebody else changed the vehicle's rally points"
+    MISSION_CHANGED = "another station changed the mission, or the item that is flown"
+    HOME_MOVED = "another station moved the vehicle's home, or the origin of its heights"
+    SETTINGS_CHANGED = "another station changed a parameter that the mission depends on"
+    FENCE_CHANGED = "another station changed or disabled the vehicle's fence"
+    RALLY_CHANGED = "another station changed the vehicle's rally points"
     RESTARTED = "the vehicle's autopilot restarted"
     STUCK = "the vehicle made no progress"
     CRASHED = "the vehicle crashed: it says so, or it was disarmed in the air and fell"
     ENDED_EARLY = "the vehicle landed before the last planned waypoint"
     STAYED_ARMED = "the vehicle landed and did not disarm"
-    FAILED = "the vehicle did not do what it was told"
+    FAILED = "the vehicle did not follow its commands"
 
     @property
     def key(self) -> str:
@@ -101,8 +101,8 @@ class Incident:
 
     Attributes:
         kind: what, by the name of the ending that it leads to when it lasts.
-        text: what was told.
-        begin_s: vehicle time; None before the vehicle told its time.
+        text: the event's text.
+        begin_s: vehicle time; None before the vehicle sent its time.
         end_s: when it was over; None when it lasted to the end.
         evidence: what it is concluded from, each with its time.
     """
@@ -116,7 +116,7 @@ class Incident:
 
 @dataclass(frozen=True, slots=True)
 class FlightOutcome:
-    """How a flight ended.
+    """Outcome of a flight.
 
     Attributes:
         ending: how.

@@ -1,4 +1,4 @@
-"""What flying takes from a battery: the parameters of a multirotor's power, with where their defaults come from."""
+"""Power model of a multirotor: the parameters of its battery use, with the origin of their defaults."""
 
 import math
 from dataclasses import dataclass
@@ -71,7 +71,7 @@ class PowerModel:
 
     @property
     def load(self) -> float:
-        """How many times the mass that hovers for ``endurance_s`` it has with its payload."""
+        """Factor on the mass that hovers for ``endurance_s``, with payload."""
         return 1.0 if self.mass_kg is None else 1.0 + self.payload_kg / self.mass_kg
 
     @property

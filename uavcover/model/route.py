@@ -25,12 +25,12 @@ class RouteMetrics:
         path_length_m: length of the open path in three dimensions.
         flight_time_s: of the route alone, with climbs, descents, turns and wind.
         min_height_agl_m: lowest height above ground, along the legs or at the waypoints as the limits require.
-        max_height_agl_m: largest height above ground, likewise.
+        max_height_agl_m: largest height above ground, at the same positions.
         cost: the minimised cost by ``planner.objective`` and ``planner.band_deviation_price``; by default ``mission_time_s``, and
             ``path_length_m`` without a home.
         mission_time_s: of the whole mission, from the ground at home to the ground at home, of all flights that it takes; none
             without a home.
-        mission_energy_hover_s: what the same takes from the batteries, as so many seconds of hovering, in the stated wind.
+        mission_energy_hover_s: energy of the same mission, as seconds of hovering in the stated wind.
     """
 
     coverage_fraction: float
@@ -56,7 +56,7 @@ class Route:
 
     Attributes:
         waypoints_m: (n, 3) east, north, up in metres, read-only.
-        begins: numbers of waypoints at which the route of another part of the area begins, flown by other vehicles; nobody flies
+        begins: numbers of waypoints at which the route of another part of the area begins, by other vehicles; no vehicle flies
             the leg to them. Only the routes of fleets whose vehicles have parts of their own have any.
     """
 
@@ -104,7 +104,7 @@ class Route:
 
 @dataclass(frozen=True, slots=True)
 class MissionSize:
-    """What the mission of a route comes to, cut into flights, shared out among vehicles and timed as it would be flown.
+    """Size of a route's mission, split into flights, allocated to vehicles and timed as it would be flown.
 
     Attributes:
         sorties: number of flights.
@@ -173,7 +173,7 @@ class Plan:
         m = self.chosen.metrics
         met = "" if self.rule_met else f"; {self.rule} is NOT met"
         return (
-            f"<Plan: {100.0 * m.coverage_of_coverable:.2f} % of what can be seen, {m.waypoint_count} waypoints, "
+            f"<Plan: {100.0 * m.coverage_of_coverable:.2f} % of the visible ground, {m.waypoint_count} waypoints, "
             f"{m.path_length_m:.0f} m, {m.time_s:.0f} s; {len(self.members)} routes in the Pareto set{met}>"
         )
 

@@ -106,7 +106,7 @@ class PlannerSettings:
         seed: seed of the random numbers.
         parts: into how many parts the area is divided, each searched by itself and then along its seams with the others;
             "auto": one for a small area; more where the cells are too many for one search, or one for each flight where
-            that is shorter. Goes with encoding = "swaths" and a local search. Default: 1, the area in one piece.
+            that is shorter. Requires encoding = "swaths" and a local search. Default: 1, the area in one piece.
         objective: the cost minimised beside coverage and the number of waypoints. "mission-time": from the ground at home to
             the ground at home, of all flights. "energy": what these take from the batteries by [vehicle.power], in seconds of
             hovering. "flight-time": of the route alone, with wind, climbs and turns. "length" of the route. Default:
@@ -146,7 +146,7 @@ class PlannerSettings:
         )
         require(
             self.line_heading_deg is None or self.algorithm == "lines",
-            'line_heading_deg: goes with algorithm = "lines"; the other algorithms choose the direction of every leg',
+            'line_heading_deg: requires algorithm = "lines"; the other algorithms choose the direction of every leg',
         )
         require(
             self.line_heading_deg is None or 0.0 <= self.line_heading_deg < 360.0,
@@ -179,20 +179,20 @@ class PlannerSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Requirements:
-    """What a flown track must reach for ``verify`` to pass.
+    """Requirements on a flown track for ``verify`` to pass.
 
     Attributes:
         min_coverage_of_coverable: required fraction of the area that can be covered within the limits.
         min_sure_coverage_of_coverable: required fraction that is seen for every error within [uncertainty], or none.
-        min_overlap_fraction: required fraction of the ground, as drawn, that is in as many pictures as the camera's
-            forward_overlap and side_overlap ask for, or none: then the overlap is told, and not required.
+        min_overlap_fraction: required fraction of the ground, as drawn, that is in as many photos as the camera's
+            forward_overlap and side_overlap require, or none: then the overlap is reported, and not required.
         looks: number of observations required of a cell; more than 1 requires sensing at waypoints.
         look_distance_m: waypoints closer to each other than this count as one observation; required for more than one.
         max_deviation_m: largest distance of the flown track from the planned route, or none.
         max_ground_speed_m_s: largest speed over ground on the planned route, or none.
         max_gap_s: largest time between samples that are joined by a straight line.
         max_unobserved_fraction: largest fraction of the route's time without evidence; above it the flight is not proved.
-        max_unobserved_gap_s: longest single stretch without evidence between take-off and landing, likewise.
+        max_unobserved_gap_s: longest single stretch without evidence between take-off and landing; beyond it the same.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -226,7 +226,7 @@ class Requirements:
         )
         require(
             self.look_distance_m is None or (self.look_distance_m > 0.0 and self.looks > 1),
-            "look_distance_m: must be above 0, and goes with more than one look",
+            "look_distance_m: must be above 0, and requires more than one look",
         )
         require_positive(max_gap_s=self.max_gap_s, max_unobserved_gap_s=self.max_unobserved_gap_s)
         require(
@@ -335,7 +335,7 @@ class Scenario:
             f'planner.objective: "{self.planner.objective}" needs a [home], from which the mission starts',
         )
         if self.area.is_geographic:
-            require(self.home is not None, "home: give lat_deg and lon_deg of the take-off place")
+            require(self.home is not None, "home: give lat_deg and lon_deg of the take-off position")
             require(self.terrain.kind == "raster", "terrain.kind: a geographic area needs raster terrain")
             require(self.home is None or self.home.lat_deg is not None, "home: give lat_deg and lon_deg")
             for number, vehicle in enumerate(self.vehicles):
@@ -370,17 +370,17 @@ class Scenario:
             not (self.obstacles.file or self.obstacles.prisms)
             or sensor.kind == "disc"
             or sensor.line_of_sight == "ray",
-            f'{key}.line_of_sight: among obstacles it must be "ray"; "midpoint" asks one place of the ray only',
+            f'{key}.line_of_sight: among obstacles it must be "ray"; "midpoint" tests one point of the ray only',
         )
         require(
             self.requirements.looks == 1 or sensor.sensing == "at-waypoints",
-            f'requirements.looks: more than one goes with {key}.sensing = "at-waypoints"; along the path give a frame '
+            f'requirements.looks: more than one requires {key}.sensing = "at-waypoints"; along the path give a frame '
             "camera's side_overlap",
         )
         asks_overlap = sensor.kind == "frame-camera" and bool(sensor.forward_overlap or sensor.side_overlap)
         require(
             self.requirements.min_overlap_fraction is None or asks_overlap,
-            "requirements.min_overlap_fraction: goes with a frame camera's forward_overlap and side_overlap; give these, or "
+            "requirements.min_overlap_fraction: requires a frame camera's forward_overlap and side_overlap; give these, or "
             "leave it out",
         )
         require(
@@ -390,7 +390,7 @@ class Scenario:
 
     @property
     def flight_window(self) -> Window | None:
-        """From the earliest take-off to the latest landing; none where it may be flown at any time."""
+        """Time from the earliest take-off to the latest landing; None where it may be flown at any time."""
         return None if self.flight_window_utc is None else window_of(*self.flight_window_utc, "flight_window_utc")
 
     @property

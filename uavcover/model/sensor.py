@@ -38,7 +38,7 @@ class SphereSensor:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class DiscSensor:
-    """A sensor that sees every cell within a horizontal radius, without occlusion: the planar reading of the paper's ``r = 1``.
+    """A sensor that covers every cell within a horizontal radius, without occlusion: the planar reading of the paper's ``r = 1``.
 
     Attributes:
         kind: name of this sensor in a scenario.
@@ -103,31 +103,31 @@ class NadirCamera:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameCamera:
-    """A camera with a rectangular picture, at any pitch between straight down and straight ahead.
+    """A camera with a rectangular photo, at any pitch between straight down and straight ahead.
 
     Planning assumes a level vehicle heading along its legs. Verification uses the flown attitude.
 
     Attributes:
         kind: name of this sensor in a scenario.
-        fov_across_deg: full angle between the left and the right side of the picture.
+        fov_across_deg: full angle between the left and the right side of the photo.
         fov_along_deg: full angle between its bottom and its top.
         range_m: largest slant range.
         pitch_deg: angle of the camera's axis to the horizon: -90 is straight down, -30 is ahead and slightly down.
-        heading_deg: heading, clockwise from north, at which a gimbal holds the top of the picture (or the axis, if not straight
+        heading_deg: heading, clockwise from north, at which a gimbal holds the top of the photo (or the axis, if not straight
             down); none: that of the vehicle, which follows its legs.
         max_incidence_deg: largest angle between the ray and the normal of the ground.
         sensing: at waypoints, which requires a heading, or along the path.
         line_of_sight: "ray" or "midpoint".
-        sample_spacing_m: distance between observations along the path, unless pictures are taken by distance; default: a sixth of
+        sample_spacing_m: distance between observations along the path, unless photos are taken by distance; default: a sixth of
             what is seen across or along it, the shorter, 10 m at most.
         mount: "fixed" to the vehicle, whose roll and pitch it shares, or "stabilised" by a gimbal that keeps it level.
-        pixels_across: pixels from the left to the right side of the picture, for ground sample distances; none: unknown.
+        pixels_across: pixels from the left to the right side of the photo, for ground sample distances; none: unknown.
         max_ground_sample_m: largest ground sample distance; none: any.
-        forward_overlap: fraction of a picture's length on the ground that the next one shows again, at the lowest height of
-            the band; pictures are then taken by distance. None: not required.
-        side_overlap: fraction of a picture's width that the next swath shows again: a cell counts only in the central
-            1 - side_overlap of the picture's width.
-        trigger_distance_m: distance between two pictures, instead of a forward overlap.
+        forward_overlap: fraction of a photo's length on the ground that the next one shows again, at the lowest height of
+            the band; photos are then taken by distance. None: not required.
+        side_overlap: fraction of a photo's width that the next swath shows again: a cell counts only in the central
+            1 - side_overlap of the photo's width.
+        trigger_distance_m: distance between two photos, instead of a forward overlap.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -166,17 +166,17 @@ class FrameCamera:
         )
         require(
             self.heading_deg is None or self.mount == "stabilised",
-            'heading_deg: goes with mount = "stabilised"; a fixed camera turns with the vehicle, which follows its legs',
+            'heading_deg: requires mount = "stabilised"; a fixed camera turns with the vehicle, which follows its legs',
         )
         require(
             self.heading_deg is not None or self.sensing == "along-path",
-            'heading_deg: is needed with sensing = "at-waypoints", where no leg says which way the picture is turned',
+            'heading_deg: is needed with sensing = "at-waypoints", where no leg gives the photo its heading',
         )
         self._require_overlaps()
 
     def _require_overlaps(self) -> None:
         for key, share in (("forward_overlap", self.forward_overlap), ("side_overlap", self.side_overlap)):
-            require(share is None or 0.0 <= share < 1.0, f"{key}: {share} is not a share of a picture, 0 to below 1")
+            require(share is None or 0.0 <= share < 1.0, f"{key}: {share} is not a share of a photo, 0 to below 1")
         require(self.trigger_distance_m is None or self.trigger_distance_m > 0.0, "trigger_distance_m: must be above 0")
         require(
             self.forward_overlap is None or self.trigger_distance_m is None,
@@ -185,7 +185,7 @@ class FrameCamera:
         for key, value in (("forward_overlap", self.forward_overlap), ("trigger_distance_m", self.trigger_distance_m)):
             require(
                 value is None or self.sensing == "along-path",
-                f'{key}: pictures by distance go with sensing = "along-path"',
+                f'{key}: distance triggering requires sensing = "along-path"',
             )
 
 

@@ -1,4 +1,4 @@
-"""Where the heights of the ground come from."""
+"""Sources of ground heights."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal
@@ -72,7 +72,7 @@ class RasterTerrain:
         require_not_negative(fill_no_data_m=self.fill_no_data_m)
         require(
             self.fill_no_data_m == 0.0 or self.grid_step_m is None,
-            "fill_no_data_m: goes with the file's own pixels; leave grid_step_m out",
+            "fill_no_data_m: requires the file's own pixels; leave grid_step_m out",
         )
         require(
             self.water_height_m is None or self.fill_no_data_m == 0.0,

@@ -55,8 +55,8 @@ class TrackSample:
         current_waypoint: number in ``plan.json`` of the planned waypoint that the vehicle is flying to; -1 before it heads
             for the first one and after it has reached the last.
         attitude_age_s: time from the attitude to the position; NaN when unknown.
-        pictures_taken: how many pictures the vehicle's camera has taken so far, by its own count; NaN when it has told of none.
-        unix_time_s: seconds since 1970 in UTC, as the vehicle's receiver tells the time; NaN when it has not told.
+        pictures_taken: number of photos of the vehicle's camera so far, by its own count; NaN when it has reported none.
+        unix_time_s: seconds since 1970 in UTC, as the vehicle's receiver reports the time; NaN when it has not.
         received_utc_s: when the position arrived, seconds since 1970 on the ground station's clock; NaN when unknown.
         velocity_north_m_s: over ground, as the vehicle reports it; NaN when not reported.
         velocity_east_m_s: the same.
@@ -95,11 +95,11 @@ class Track:
         current_waypoint: (n,) see :class:`TrackSample`.
         attitude_age_s: (n,) time from the attitude of a sample to its position, NaN where unknown; default: unknown everywhere.
         pictures_taken: (n,) see :class:`TrackSample`; default: unknown everywhere.
-        unix_time_s: (n,) likewise.
-        received_utc_s: (n,) likewise.
-        velocity_north_m_s: (n,) likewise.
-        velocity_east_m_s: (n,) likewise.
-        velocity_down_m_s: (n,) likewise.
+        unix_time_s: (n,) see :class:`TrackSample`; default: unknown everywhere.
+        received_utc_s: (n,) see :class:`TrackSample`; default: unknown everywhere.
+        velocity_north_m_s: (n,) see :class:`TrackSample`; default: unknown everywhere.
+        velocity_east_m_s: (n,) see :class:`TrackSample`; default: unknown everywhere.
+        velocity_down_m_s: (n,) see :class:`TrackSample`; default: unknown everywhere.
         ranged: (r, 3) latitude, longitude and height above sea level of the ground as a rangefinder that looks down measured it.
         stored: (s, 3) the same as the vehicle's own terrain data has it.
     """

@@ -62,7 +62,7 @@ def autopilot_name(text: str | None, default: AutopilotName) -> AutopilotName:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AutopilotMotion:
-    """How an autopilot, as it comes, moves a multirotor between waypoints, from the ground and to the ground.
+    """Default motion of an autopilot's multirotor between waypoints, at take-off and at landing.
 
     Attributes:
         acceleration_m_s2: over ground.
@@ -121,8 +121,8 @@ MOTIONS: Mapping[AutopilotName, AutopilotMotion] = MappingProxyType(
             corner="braked",
             corner_radius_m=2.0,  # NAV_ACC_RAD of multirotors (rc.mc_defaults)
             settling_s=3.2,  # scripts/bench/flight_time.py
-            settling_tc_s=3.0,  # likewise
-            vertical_change_m_s=1.5,  # likewise
+            settling_tc_s=3.0,  # scripts/bench/flight_time.py
+            vertical_change_m_s=1.5,  # scripts/bench/flight_time.py
             takeoff_m_s=1.5,  # MPC_TKO_SPEED
             takeoff_slow_m=10.0,  # MPC_LAND_ALT1
             land_m_s=0.7,  # MPC_LAND_SPEED
@@ -132,7 +132,7 @@ MOTIONS: Mapping[AutopilotName, AutopilotMotion] = MappingProxyType(
         ),
     }
 )
-"""Of ArduCopter 4.7 and PX4 1.17, with the parameters that the values are the defaults of."""
+"""Motion of ArduCopter 4.7 and PX4 1.17, with the parameters that the values are the defaults of."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -150,7 +150,7 @@ class Vehicle:
         acceptance_radius_m: a waypoint counts as reached within this distance.
         takeoff_height_m: height above home of the vertical climb, raised where the transit requires it.
         return_height_m: height above home of the autopilot's own return, checked from every waypoint.
-        endurance_s: time in hover on a full battery, or none. No planned flight takes longer, whatever it saves by flying fast.
+        endurance_s: time in hover on a full battery, or none. No planned flight takes longer, even if fast flight saves energy.
         reserve_fraction: share of the battery, and of the endurance, that every planned flight leaves. A mission that takes more
             is flown as several sorties.
         max_mission_items: largest number of mission items, home included where the autopilot counts it; none: the known limit.
@@ -221,11 +221,11 @@ class Vehicle:
 
     @property
     def longest_flight_s(self) -> float | None:
-        """What a planned flight may take: the endurance less the reserve; none where there is no endurance."""
+        """Longest planned flight: the endurance less the reserve; None without an endurance."""
         return None if self.hover_s is None else (1.0 - self.reserve_fraction) * self.hover_s
 
     def motion(self, autopilot: AutopilotName | None = None) -> AutopilotMotion:
-        """How it moves: as an autopilot does, its own by default, with the scenario's acceleration and jerk where it has them."""
+        """Motion of an autopilot, by default the scenario's, with the scenario's acceleration and jerk where it has them."""
         own = MOTIONS[autopilot or self.autopilot]
         return replace(
             own,

@@ -10,7 +10,7 @@ _FEWEST_DECIMALS, _MOST_DECIMALS = 2, 9
 
 
 def percent_beside(share: float, limit: float) -> str:
-    """A share 0..1 for people who compare it with a limit, with so many decimals that one does not read as the other.
+    """Format a share 0..1 beside a limit, with enough decimals that one does not read as the other.
 
     94.998 % is below 95 %, where 95.00 % would not be.
     """
@@ -60,9 +60,12 @@ GapReason = Literal[
     "too-few-looks",
     "attitude-not-known",
 ]
-"""Why a cell was not seen: never in range and field of view; too oblique; occluded by ground or an obstacle; not
-visible from any position within the limits; ground sample distance too large; seen by fewer observations than
-required; possibly seen, by observations of unknown direction. In the order of their numbers in ``coverage.tif``."""
+"""Reason why a cell was not observed.
+
+In order: never in range and field of view; too oblique; occluded by ground or an obstacle; not visible from any position within
+the limits; ground sample distance too large; fewer observations than required; possibly observed, by observations of unknown
+direction. In the order of their numbers in ``coverage.tif``.
+"""
 
 PhotoSource = Literal["reported", "predicted"]
 """Whether the photos of a flight are those that its vehicle reported, or those that its track predicts."""
@@ -116,7 +119,7 @@ class Violation:
 
 @dataclass(frozen=True, slots=True)
 class PairSeparation:
-    """How near two vehicles came to each other.
+    """Least distance of two vehicles.
 
     Attributes:
         first: number of the first track, counted from 0.
@@ -193,14 +196,14 @@ class CellStatistics:
 
 @dataclass(frozen=True, slots=True)
 class PictureStatistics:
-    """In how many pictures the ground of the area is, as it was drawn, without its margin.
+    """In how many photos the ground of the area is, as it was drawn, without its margin.
 
     Attributes:
-        taken: how many pictures there are.
+        taken: how many photos there are.
         looks: how many looks they are: photos from one place, in a like direction, are one look, and overlap counts looks.
-        asked: in how many the overlap asked for puts a point, floor(1 / (1 - forward)) times floor(1 / (1 - side)); none where
-            no overlap is asked for.
-        overlap_fraction: fraction of the ground in at least so many, 0..1.
+        asked: number of photos in which the required overlap puts a point: floor(1 / (1 - forward)) times
+            floor(1 / (1 - side)); none where no overlap is required.
+        overlap_fraction: fraction of the ground in at least ``asked`` photos, 0..1.
         overlap_holds: whether that is enough.
         fewest: of any cell.
         median: of the cells.
@@ -325,7 +328,7 @@ class VerificationReport:
         max_ground_speed_m_s: largest ground speed on the route, averaged over a second; none without a route.
         gaps: coverage gaps, largest first.
         cells: how well the cells were seen.
-        pictures: in how many pictures they are; none for a sensor that takes no single pictures.
+        pictures: in how many photos they are; none for a sensor that takes no single photos.
         coverage_by_time: coverage over time; with several tracks, each is taken to begin right after the previous one.
         samples: number of samples of the track.
         unknown_attitude_looks: number of observations of unknown direction; what they may have seen counts as possibly seen.
@@ -341,7 +344,7 @@ class VerificationReport:
         requirements: the requirements and limits that were judged, by their names in the scenario.
         flown_utc: first and last moment of the tracks that tell the time of day, UTC; none where none does. No-fly zones are
             judged by it.
-        separation: of each two tracks that overlap in time; none where no separation is asked for.
+        separation: of each two tracks that overlap in time; none where no separation is required.
         photo_source: whether photos count that the vehicle reported, or that its tracks predict; none for a sensor that takes
             no single photos, or where real photos tell the coverage.
         missing_photos: stretches on which expected photos were not reported.

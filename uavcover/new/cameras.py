@@ -1,4 +1,4 @@
-"""Cameras by name or from a file: sensor, pixels, lens, and how fast they take pictures."""
+"""Cameras by name or from a file: sensor, pixels, lens, and how fast they take photos."""
 
 import math
 from dataclasses import dataclass
@@ -15,17 +15,17 @@ LARGEST_PITCH_DIFFERENCE = 0.02
 
 @dataclass(frozen=True, slots=True)
 class CameraBody:
-    """A camera with its lens, in landscape: the longer side of the picture across the way it is flown.
+    """A camera with its lens, in landscape: the longer side of the photo across the way it is flown.
 
     Attributes:
         name: in the table, or of the file.
         title: for people.
-        sensor_across_mm: longer side of the sensor's part that makes the picture.
+        sensor_across_mm: longer side of the sensor's part that makes the photo.
         sensor_along_mm: shorter side.
         pixels_across: pixels along the longer side.
         pixels_along: along the shorter side.
         focal_length_mm: of the lens.
-        min_interval_s: shortest time between two pictures; none: unknown.
+        min_interval_s: shortest time between two photos; none: unknown.
         source: where the values are from.
     """
 
@@ -41,7 +41,7 @@ class CameraBody:
 
     @property
     def fov_across_deg(self) -> float:
-        """Full angle between the left and the right side of the picture."""
+        """Full angle between the left and the right side of the photo."""
         return 2.0 * math.degrees(math.atan(0.5 * self.sensor_across_mm / self.focal_length_mm))
 
     @property
@@ -78,11 +78,11 @@ def _camera(name: str, row: dict[str, Any], *, where: str) -> CameraBody:
     across, along = pair_of(row, "pixels", where=where)
     focal = number_of(row, "focal_length_mm", where=where)
     if focal is None or across != int(across) or along != int(along):
-        raise InputError(f"{where}: pixels: {row['pixels']} are not whole numbers; across the picture, then along it")
+        raise InputError(f"{where}: pixels: {row['pixels']} are not whole numbers; across the photo, then along it")
     if abs(width / across / (height / along) - 1.0) > LARGEST_PITCH_DIFFERENCE:
         raise InputError(
             f"{where}: pixels of {1000.0 * width / across:.2f} x {1000.0 * height / along:.2f} um are not square; sensor_mm and "
-            "pixels do not belong together (both in landscape, of the same picture format)"
+            "pixels do not belong together (both in landscape, of the same photo format)"
         )
     interval = number_of(row, "min_interval_s", where=where)
     camera = CameraBody(

@@ -76,7 +76,7 @@ def _has_huge(value: object) -> bool:
 
 
 def find_name(wanted: str, rows: Mapping[str, Mapping[str, Any]], *, option: str, command: str = "new") -> str:
-    """The row that a name means, whatever its case, spaces and hyphens; also by title and alias.
+    """Find the row of a name, in any case and with any spaces and hyphens; also by title and alias.
 
     Args:
         wanted: what the user wrote.
@@ -147,8 +147,8 @@ def pair_of(row: Mapping[str, Any], key: str, *, where: str) -> tuple[float, flo
     """
     value = row[key]
     if not isinstance(value, list) or len(value) != 2:
-        raise InputError(f"{where}: {key}: {value!r} is not two numbers; across the picture, then along it")
+        raise InputError(f"{where}: {key}: {value!r} is not two numbers; across the photo, then along it")
     first, second = (number_of({key: number}, key, where=where) for number in value)
     if first is None or second is None:
-        raise InputError(f"{where}: {key}: two numbers are needed; across the picture, then along it")
+        raise InputError(f"{where}: {key}: two numbers are needed; across the photo, then along it")
     return first, second

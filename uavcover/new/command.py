@@ -1,4 +1,4 @@
-"""From an area, elevation data and a camera to a scenario that plans at once, as ``new`` and ``plan`` do it."""
+"""From an area, elevation data and a camera to a scenario that can be planned, as ``new`` and ``plan`` do it."""
 
 import math
 from dataclasses import dataclass, replace
@@ -55,13 +55,13 @@ from uavcover.terrain.vertical import datum_named
 
 _FARTHEST_HOME_M = 10_000.0
 _BESIDE_ZONES_M = 5.0
-"""A take-off place that nobody gave is this much farther from no-fly zones than it has to be."""
+"""An automatic take-off position is this much farther from no-fly zones than required."""
 _MOUNTS = {"stabilised": "stabilised", "gimbal": "stabilised", "fixed": "fixed"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NewScenario:
-    """What came of it.
+    """Result of ``new``.
 
     Attributes:
         text: the TOML.
@@ -99,7 +99,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
 
     Args:
         request: what the user gave.
-        user: is told notes and warnings.
+        user: receives notes and warnings.
         folder: where the scenario will be, for relative paths.
 
     Raises:
@@ -113,7 +113,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=AROUND_M, datum=_wanted_datum(request))
     if dem.water_height_m is not None:
         user.warn(
-            f"--water-height: places without data in {dem.name}, and around it, count as open water "
+            f"--water-height: ground without data in {dem.name}, and around it, count as open water "
             f"{dem.water_height_m:g} m above sea level; missing land would too"
         )
     closed = _closed_to_home(request, look, user)
@@ -151,7 +151,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
         user.warn(f"speed {design.speed_m_s:g} m/s: {design.speed_reason}")
     if wish.camera.min_interval_s is None:
         user.warn(
-            f"the shortest interval of {wish.camera.name} is not known: check that it takes a picture every "
+            f"the shortest interval of {wish.camera.name} is not known: check that it takes a photo every "
             f"{design.picture_distance_m / design.speed_m_s:.1f} s"
         )
     return tuple(_in_full(scenario, view, look, request, folder=folder) for view in views)
@@ -178,7 +178,7 @@ def _plain_route(site: Site, view: View) -> tuple[Route, int]:
 
 
 def _keeps_overlap(site: Site, view: View) -> bool:
-    """Whether an overlap is asked for, and plain lines keep it: then a flight can be asked to."""
+    """Whether an overlap is required and plain swaths keep it: then a flight can be required to."""
     if pictures_asked(site.scenario.sensor) is None or view.is_tilted:
         return False
     try:
@@ -194,12 +194,12 @@ def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
     design, site = scenario.design, scenario.site
     drawn_ha = scenario.look.area_m2 / 1e4
     user.say(
-        f"{'area':18}{drawn_ha:.4g} ha, seen with a margin of {design.margin_m:g} m: {site.area.area / 1e4:.4g} ha"
+        f"{'area':18}{drawn_ha:.4g} ha, covered with a margin of {design.margin_m:g} m: {site.area.area / 1e4:.4g} ha"
     )
     ground = f"{scenario.look.lowest_amsl_m:.0f} to {scenario.look.highest_amsl_m:.0f} m above sea level"
     user.say(f"{'ground':18}{ground}, 95 % of it below {scenario.look.slope_deg:.0f} degrees")
     if (surface := scenario.surface) is not None:
-        hidden = f"hide {100.0 * surface.hidden_share:.0f} % of the ground, which no flight can see"
+        hidden = f"hide {100.0 * surface.hidden_share:.0f} % of the ground, which no flight can observe"
         user.say(f"{'trees and roofs':18}up to {surface.tallest_m:.0f} m above the ground; they {hidden}")
     low, high = design.min_height_agl_m, design.max_height_agl_m
     gsd = f"{100.0 * design.gsd_at_m(low):.2f} to {100.0 * design.gsd_at_m(high):.2f} cm a pixel"
@@ -211,7 +211,7 @@ def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
         )
     every_s = design.picture_distance_m / design.speed_m_s
     user.say(
-        f"{'picture distance':18}{design.picture_distance_m:.1f} m, every {every_s:.1f} s at {design.speed_m_s:g} m/s"
+        f"{'photo distance':18}{design.picture_distance_m:.1f} m, every {every_s:.1f} s at {design.speed_m_s:g} m/s"
     )
     user.say(f"{'line distance':18}{design.line_distance_m:.0f} m on level ground")
     home = site.scenario.home
@@ -226,7 +226,7 @@ def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
 
 
 def say_estimate(scenario: NewScenario, user: User) -> dict[str, object]:
-    """Tell pictures, time and batteries of plain parallel lines; the same as a document."""
+    """Tell photos, time and batteries of plain parallel lines; the same as a document."""
     estimate = _estimate(scenario)
     user.say(f"{f'estimate {scenario.view.name}'.strip():18}{estimate.words}")
     return {"pictures": estimate.pictures, "flight_time_s": estimate.time_s, "batteries": estimate.batteries}
@@ -241,16 +241,16 @@ class _Estimate:
 
 
 def _estimate(scenario: NewScenario) -> _Estimate:
-    """Of plain parallel lines over the area; the search finds better."""
+    """Estimate of plain parallel swaths over the area; the search finds better."""
     site = scenario.site
     route, lines = _plain_route(site, scenario.view)
     length_m = float(path_lengths_m(route.waypoints_m)[-1])
     every_m = trigger_distance_m(site.scenario) or length_m
     pictures = math.floor(length_m / every_m) + 1
     time_s = mission_time_s(site, route)
-    words = f"about {pictures} pictures, {lines} lines, {length_m / 1000.0:.1f} km, {time_s / 60.0:.0f} min"
+    words = f"about {pictures} photos, {lines} lines, {length_m / 1000.0:.1f} km, {time_s / 60.0:.0f} min"
     if site.scenario.vehicle.longest_flight_s is None:
-        return _Estimate(pictures, time_s, None, f"{words} (plain lines; --battery tells how many batteries)")
+        return _Estimate(pictures, time_s, None, f"{words} (plain lines; add --battery for the number of batteries)")
     try:
         batteries = len(compile_sorties(site, route, autopilot=site.scenario.vehicle.autopilot))
     except InfeasibleError:
@@ -265,7 +265,7 @@ def _window_asked_for(request: NewRequest) -> tuple[str, str] | None:
 
 
 def _closed_to_home(request: NewRequest, look: TerrainLook, user: User) -> shapely.Geometry:
-    """Where no take-off place may be: the no-fly zones that begin at the ground, with margins; tells how many zones count."""
+    """Ground without take-off: the no-fly zones that begin at the ground, with margins. Reports how many zones count."""
     west, south, east, north = look.area.bounds
     lats, lons, _ = look.frame.geodetic_from_enu(np.array([[west, south, 0.0], [east, north, 0.0]]))
     lons[1] += 360.0 if lons[1] < lons[0] else 0.0
@@ -337,7 +337,7 @@ def _near(text: str, look: TerrainLook) -> tuple[float, float]:
     if not away_m <= _FARTHEST_HOME_M:
         raise InputError(
             f"--home: {text} is {away_m / 1000.0:.0f} km from the area, {_FARTHEST_HOME_M / 1000.0:g} km are allowed; "
-            "give a place beside it, latitude first"
+            "give a position beside it, latitude first"
         )
     return lat, lon
 

@@ -1,4 +1,4 @@
-"""What ``new`` is asked for, and the elevation data of it: ground and surface model."""
+"""Request of ``new``, and the elevation data for it: ground and surface model."""
 
 import math
 from dataclasses import dataclass, replace
@@ -22,7 +22,7 @@ AROUND_M = 200.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewRequest:
-    """What the user gave, as text; None is for what was left out.
+    """User input as text; None for what was left out.
 
     Attributes:
         area: what is to be seen.
@@ -142,7 +142,7 @@ def inside_data(design: SurveyDesign, dem: TerrainSource, look: TerrainLook, use
     if margin_m < design.margin_m:
         less_m = design.margin_m - margin_m
         user.warn(
-            f"the elevation data ends beside the area: pictures overlap in full only from {less_m:g} m inside its edge there "
+            f"the elevation data ends beside the area: photos overlap in full only from {less_m:g} m inside its edge there "
             f"(margin {margin_m:g} m instead of {design.margin_m:g} m)"
         )
     return replace(design, margin_m=float(margin_m))
@@ -164,7 +164,7 @@ def ask_about_surface(dem: TerrainSource, user: User, *, beside_surface: bool) -
     else:
         user.warn(
             f"--dem: is this the bare ground? {why}. Heights are kept above its trees and roofs, as far as it has them, and they "
-            "are what is looked at; to look at the ground, give a ground model as --dem and this as --dsm"
+            "are what the sensor observes; to observe the ground, give a ground model as --dem and this as --dsm"
         )
 
 

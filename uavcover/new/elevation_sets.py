@@ -86,7 +86,7 @@ class NationalSource:
 
 @dataclass(frozen=True, slots=True)
 class NeededTiles:
-    """What an area needs of one set.
+    """Tiles of one set that an area needs.
 
     Attributes:
         of: the set.

@@ -1,4 +1,4 @@
-"""What elevation data says of itself, by its name, its metadata, or as a known free data set: a surface, feet, other bands."""
+"""Signs in name and metadata that elevation data is a surface, in feet, has other bands, or is a known free data set."""
 
 import re
 
@@ -13,7 +13,7 @@ _WORDS = re.compile(
     r"|first[ _-]?return)(?![a-z])",
     re.IGNORECASE,
 )
-"""Of English, German, French and Spanish: DSM, DOM, MNS, MDS; nDSM and CHM are heights of trees alone."""
+"""Words of English, German, French and Spanish: DSM, DOM, MNS, MDS. nDSM and CHM are heights of trees alone."""
 _GROUND_WORDS = re.compile(r"(?<![a-z])(dtm|dgm|mnt|mdt|bare[ _-]?earth|terrain[ _-]?model)(?![a-z])", re.IGNORECASE)
 _SRTM = re.compile(r"^[ns]\d{2}[ew]\d{3}(?!\d)|(?<![a-z])srtm(?![a-z])", re.IGNORECASE)
 _AW3D30 = re.compile(r"^ALPSMLC30_|(?<![a-z])aw3d30(?![a-z])", re.IGNORECASE)
@@ -25,7 +25,7 @@ _TAGS_READ = 200
 
 
 def surface_in_words(source: TerrainSource) -> str | None:
-    """Why elevation data seems to be a surface model, or none where nothing says so.
+    """Reason why elevation data seems to be a surface model; None without a sign of it.
 
     The words of a name of a free data set say which; other names and metadata are quoted. A name that says ground model decides
     against: sets of bare ground keep the names of SRTM's tiles at times, and say so beside it.
@@ -56,7 +56,9 @@ def _of_set(name: str) -> str:
 
 
 def feet_in_words(source: TerrainSource) -> str | None:
-    """Why heights that are taken as metres seem to be in feet, or none where nothing says so or the unit is given.
+    """Reason why heights in metres seem to be in feet.
+
+    None without a sign of it, or with a given unit.
 
     Args:
         source: the elevation data; the name of the first of several files is looked at.
@@ -80,7 +82,7 @@ def feet_in_words(source: TerrainSource) -> str | None:
 
 
 def bands_in_words(source: TerrainSource) -> str | None:
-    """Which bands there are beside the first, which is taken; none where there is one, or one was asked for."""
+    """List the bands beside the first, which is used. None with one band, or with an explicit choice."""
     if source.band is not None:
         return None
     try:
@@ -92,7 +94,7 @@ def bands_in_words(source: TerrainSource) -> str | None:
 
 
 def shading_in_words(source: TerrainSource) -> str | None:
-    """Why values seem to be no heights but a picture of them, such as a hillshade, or none where nothing says so."""
+    """Reason why values seem to be an image of heights, such as a hillshade; None without a sign of it."""
     try:
         with source.opened() as dataset:
             kind, count = dataset.dtypes[source.band_of(dataset) - 1], dataset.count
@@ -100,7 +102,7 @@ def shading_in_words(source: TerrainSource) -> str | None:
         return None  # its own error tells more
     if word := _SHADING.search(source.files[0].stem):
         return f'its name says "{word.group(0)}"'
-    return f"{source.files[0].name} has 8 bits, 0 to 255, as pictures have" if kind == "uint8" and count < 3 else None
+    return f"{source.files[0].name} has 8 bits, 0 to 255, as images have" if kind == "uint8" and count < 3 else None
 
 
 def _by_metadata(source: TerrainSource) -> str | None:

@@ -1,4 +1,4 @@
-"""Flights over one area that belong together: one set of lines, two that cross, or five directions for models of buildings."""
+"""Flights over one area that belong together: one set of swaths, two that cross, or five directions for building models."""
 
 import math
 from dataclasses import dataclass
@@ -8,14 +8,14 @@ from uavcover.errors import InputError
 PATTERNS = ("single", "crosshatch", "oblique")
 OBLIQUE_PITCH_DEG = -45.0
 OBLIQUE_SAMPLE = 1.8
-"""Times the ground sample distance from straight above. At 45 degrees level ground in the middle of a picture has 1.68 times it:
+"""Times the ground sample distance from straight above. At 45 degrees level ground in the middle of a photo has 1.68 times it:
 sqrt(2) for the distance, and the fourth root of 2 for the angle."""
 _COMPASS = (("north", 0.0), ("east", 90.0), ("south", 180.0), ("west", 270.0))
 
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """What one flight of a pattern looks at.
+    """Camera view of one flight of a pattern.
 
     Attributes:
         name: of the flight; empty where there is one.

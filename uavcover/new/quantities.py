@@ -100,7 +100,9 @@ def _quantity(text: str, units: Mapping[str, float], *, option: str, example: st
 
 
 def flight_window(text: str, *, option: str) -> tuple[str, str]:
-    """When it is flown, as ``START/END`` or ``START/2h``; ``START`` alone is two hours. Both ends in ISO 8601, UTC.
+    """Read a time window as ``START/END`` or ``START/2h``; ``START`` alone is two hours.
+
+    Both ends in ISO 8601, UTC.
 
     Raises:
         InputError: it is no such time.
@@ -148,14 +150,16 @@ def lat_lon(text: str, *, option: str) -> tuple[float, float]:
     """A place ``LAT,LON`` in degrees.
 
     Raises:
-        InputError: it is not understood, or not a place on Earth.
+        InputError: it is not understood, or not a position on Earth.
     """
     try:
         lat, lon = (float(part) for part in text.split(","))
     except ValueError:
         raise InputError(
-            f"{option}: {text!r} is not a place; write it as LAT,LON in degrees, such as 46.5123,8.0456"
+            f"{option}: {text!r} is not a position; write it as LAT,LON in degrees, such as 46.5123,8.0456"
         ) from None
     if not (abs(lat) <= 90.0 and abs(lon) <= 180.0):
-        raise InputError(f"{option}: latitude {lat:g}, longitude {lon:g} is not a place on Earth; latitude comes first")
+        raise InputError(
+            f"{option}: latitude {lat:g}, longitude {lon:g} is not a position on Earth; latitude comes first"
+        )
     return lat, lon

@@ -18,7 +18,7 @@ _COMMENT_AT = 44
 _TRANSIT_CLEARANCE_M = 25.0
 _STEP_M = 5.0
 NO_FLY_MARGIN_M = 10.0
-"""Of zones that are given by ``--no-fly``."""
+"""Margin of zones that are given by ``--no-fly``."""
 _COVERAGE = 0.98
 
 
@@ -28,7 +28,7 @@ class SurveyScenario:
 
     Attributes:
         name: of the scenario.
-        query: how the area was asked for.
+        query: how the area was specified.
         area: what was read.
         terrain_files: the elevation data: files, folders or patterns.
         terrain: how they are read.
@@ -125,7 +125,7 @@ def _head(scenario: SurveyScenario) -> list[str]:
         f"# A survey, written by `uavcover new`: {asked}.",
         "# Change what you like; `uavcover plan` with this file plans it. Every key: docs/reference/scenario.md.",
         _line("name", scenario.name, "in files and reports"),
-        _line("select", f"coverage>={_COVERAGE}", "the quickest mission that sees this share of what can be seen"),
+        _line("select", f"coverage>={_COVERAGE}", "the quickest mission with this coverage of the visible ground"),
         *([] if window is None else [_line("flight_window_utc", list(window), reason)]),
     ]
 
@@ -142,7 +142,7 @@ def _area(scenario: SurveyScenario, folder: Path) -> list[str]:
     else:
         lines.append(f"# {' '.join(query.source.split())}")
         lines.append(_rings("polygons_lon_lat_deg", scenario.area.parts))
-    side = "overlap holds up to its edge" if design.margin_m > 0.0 else "pictures at the edge overlap less"
+    side = "overlap holds up to its edge" if design.margin_m > 0.0 else "photos at the edge overlap less"
     lines.append(_line("margin_m", float(design.margin_m), f"the area is grown by this, so that {side}"))
     lines.append(_line("cell_size_m", float(design.cell_size_m), "coverage is judged on cells of this size"))
     return lines
@@ -207,7 +207,7 @@ def _surface(surface: SurfaceLook, names: str | list[str]) -> list[str]:
         ("surface_height_unit", surface.source.height_unit, "as given on the command line"),
     )
     lines += [_line(key, value, reason) for key, value, reason in given if value is not None]
-    lines.append(_line("surface_hides_m", HIDES_M, "ground farther than this under them cannot be seen"))
+    lines.append(_line("surface_hides_m", HIDES_M, "ground farther than this under them cannot be observed"))
     return lines
 
 
@@ -221,7 +221,7 @@ def _home(scenario: SurveyScenario) -> list[str]:
     return [
         "[home]",
         _line("lat_deg", lat, f"take-off and landing, {why}"),
-        _line("lon_deg", lon, "longitude of the same place"),
+        _line("lon_deg", lon, "longitude of the same position"),
     ]
 
 
@@ -237,21 +237,19 @@ def _sensor(scenario: SurveyScenario) -> list[str]:
     if view.is_tilted:
         sample = _line(
             "max_ground_sample_m", round(OBLIQUE_SAMPLE * wish.gsd_m, 6),
-            f"{OBLIQUE_SAMPLE:g} times what is asked straight below: the middle of a tilted picture is farther away",
+            f"{OBLIQUE_SAMPLE:g} times the required one straight below: the middle of a tilted photo is farther away",
         )  # fmt: skip
-        overlap = "of the tilted picture, from the lower end of the band"
+        overlap = "of the tilted photo, from the lower end of the band"
         tilt = [_line("pitch_deg", view.pitch_deg, "tilted, for walls")]
     else:
-        sample = _line("max_ground_sample_m", wish.gsd_m, "a place counts only where a pixel covers at most this")
-        overlap = f"a picture every {design.picture_distance_m:.1f} m, {every_s:.1f} s; {interval}"
+        sample = _line("max_ground_sample_m", wish.gsd_m, "a cell counts only where a pixel covers at most this")
+        overlap = f"a photo every {design.picture_distance_m:.1f} m, {every_s:.1f} s; {interval}"
         tilt = []
     if view.heading_deg is not None:
-        tilt.append(
-            _line("heading_deg", view.heading_deg, "the camera keeps it on every line, whichever way it is flown")
-        )
+        tilt.append(_line("heading_deg", view.heading_deg, "the camera keeps it on every swath, in both directions"))
     return [
         f"[sensor] # {camera.title}, {camera.focal_length_mm:g} mm; source: {camera.source or 'not stated'}",
-        _line("kind", "frame-camera", "pictures with straight sides, taken by distance"),
+        _line("kind", "frame-camera", "photos with straight sides, taken by distance"),
         _line("fov_across_deg", camera.fov_across_deg, f"sensor {camera.sensor_across_mm:g} mm wide, landscape"),
         _line("fov_along_deg", camera.fov_along_deg, f"sensor {camera.sensor_along_mm:g} mm high"),
         _line("pixels_across", camera.pixels_across, "for the ground sample distance"),
@@ -259,9 +257,7 @@ def _sensor(scenario: SurveyScenario) -> list[str]:
         *tilt,
         _line("forward_overlap", wish.forward_overlap, overlap),
         _line("side_overlap", wish.side_overlap, f"lines about {design.line_distance_m:.0f} m apart"),
-        _line(
-            "range_m", _range_m(scenario), "beyond the corners of a picture on slopes; the sample distance limits it"
-        ),
+        _line("range_m", _range_m(scenario), "beyond the corners of a photo on slopes; the sample distance limits it"),
         _line(
             "mount",
             scenario.mount,
@@ -300,11 +296,11 @@ def _limits(scenario: SurveyScenario) -> list[str]:
         _line("max_height_agl_m", float(design.max_height_agl_m), top),
         _line(
             "min_height_agl_m", float(design.min_height_agl_m),
-            f"room for straight legs over ground of up to {scenario.slope_deg:.0f} degrees; sets the picture distance",
+            f"room for straight legs over ground of up to {scenario.slope_deg:.0f} degrees; sets the photo distance",
         ),
         _line("height_margin_m", design.height_margin_m, "the planner stays this far inside the band: no vehicle flies exactly"),
         _line("max_climb_angle_deg", design.max_climb_angle_deg, "steepest leg; steeper than the ground, which lines follow"),
-        _line("transit_clearance_m", _TRANSIT_CLEARANCE_M, "above ground on the way there and back"),
+        _line("transit_clearance_m", _TRANSIT_CLEARANCE_M, "above ground on outbound and return transit"),
     ]  # fmt: skip
 
 
@@ -329,9 +325,7 @@ def _vehicle(scenario: SurveyScenario) -> list[str]:
             "# endurance_s = 1500.0                      # a full battery; without it everything is one flight"
         )
     lines.append(
-        _line(
-            "return_height_m", scenario.return_height_m, "above home: clears all ground around on a straight way home"
-        )
+        _line("return_height_m", scenario.return_height_m, "above home: clears all ground around on a straight return")
     )
     lines.append(_line("autopilot", scenario.autopilot, "whose conventions the mission files follow"))
     return lines
@@ -348,9 +342,9 @@ def _zone_file(name: str, folder: Path) -> list[str]:
 def _goal(scenario: SurveyScenario) -> list[str]:
     lines = [
         "[requirements]",
-        _line("min_coverage_of_coverable", _COVERAGE, "verify asks of the flight what the plan was chosen for"),
+        _line("min_coverage_of_coverable", _COVERAGE, "verify requires of the flight what the plan promises"),
     ]
     if scenario.keeps_overlap is not None:
-        reason = "of the ground is in as many pictures as the overlap asks for; verify asks it of the flight"
+        reason = "of the ground is in as many photos as the overlap requires; verify requires it of the flight"
         lines.append(_line("min_overlap_fraction", scenario.keeps_overlap, reason))
     return lines

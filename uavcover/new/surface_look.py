@@ -1,4 +1,4 @@
-"""A first look at a surface model beside the ground: what stands there, how high it is, how much it hides."""
+"""Summarise a surface model beside the ground: objects, their heights, and the hidden ground."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -21,7 +21,7 @@ _GRID = 250
 
 @dataclass(frozen=True, slots=True)
 class SurfaceLook:
-    """What the surface model says about an area.
+    """Summary of a surface model over an area.
 
     Attributes:
         source: its files.

@@ -8,14 +8,14 @@ from uavcover.new.cameras import CameraBody
 from uavcover.new.vehicles import VehicleType
 
 USUAL_CEILING_M = 120.0
-"""What most countries allow above ground without a permission (EU open category; 400 ft in the United States)."""
+"""Height above ground that most countries allow without a permission (EU open category; 400 ft in the United States)."""
 LOWEST_TOP_M = 25.0
 LOWEST_BOTTOM_M = 15.0
 """Lowest end of the band above trees and roofs."""
 _SLOWEST_M_S = 2.0
 _USUAL_SPEED_M_S = 10.0
 _SPEED_SHARE = 0.8
-"""Of the largest speed, where no usual speed is known: room for wind and for catching up."""
+"""Share of the largest speed, where no usual speed is known: room for wind and for catching up."""
 _TRIGGER_SLACK = 1.1
 """A trigger by distance fires at the first position beyond it, a tenth of the distance late at worst."""
 _FLAT_DEG, _STEEP_DEG = 8.0, 25.0
@@ -25,18 +25,18 @@ _CELLS, _FINEST_CELL_M = 25_000, 2.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurveyWish:
-    """What is asked for.
+    """Requirements of a survey.
 
     Attributes:
         camera: the camera.
         gsd_m: largest ground sample distance.
-        forward_overlap: share of a picture's length that the next one shows again.
+        forward_overlap: share of a photo's length that the next one shows again.
         side_overlap: share of its width that the next line shows again.
         vehicle: the vehicle, or none.
         ceiling_agl_m: largest height above ground; none: the usual limit.
         speed_m_s: speed over ground; none: the vehicle's usual one.
         endurance_s: time in the air on a full battery; none: the vehicle's.
-        margin_m: how far beyond the area pictures overlap; none: as far as they have to.
+        margin_m: how far beyond the area photos overlap; none: as far as they have to.
     """
 
     camera: CameraBody
@@ -52,23 +52,25 @@ class SurveyWish:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurveyDesign:
-    """What follows from it. Distances on the ground are for flat ground.
+    """Flight values derived from the requirements.
+
+    Distances on the ground are for flat ground.
 
     Attributes:
-        wish: what was asked for.
-        gsd_height_m: height at which a pixel covers what was asked for.
+        wish: the requirements.
+        gsd_height_m: height at which a pixel covers the required ground sample distance.
         min_height_agl_m: lower end of the height band.
         max_height_agl_m: upper end.
         height_margin_m: the planner stays this far inside both.
         max_climb_angle_deg: steepest leg; a multicopter climbs as steeply as the ground does.
-        picture_distance_m: between two pictures, for the overlap at the lower end.
+        picture_distance_m: between two photos, for the overlap at the lower end.
         line_distance_m: between two lines, at the middle of the band.
         speed_m_s: over ground.
         speed_reason: why it is not the usual one; empty if it is.
         endurance_s: time in the air on a full battery; none: unknown.
         margin_m: how far the area is grown.
         cell_size_m: side of the cells on which results are judged.
-        range_m: largest slant range, from the top of the band to the corners of a picture on a slope.
+        range_m: largest slant range, from the top of the band to the corners of a photo on a slope.
     """
 
     wish: SurveyWish
@@ -100,7 +102,7 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float, step_m:
     """Heights, distances and speed of a survey.
 
     Args:
-        wish: what is asked for.
+        wish: the requirements.
         slope_deg: slope that 95 % of the ground stays below; steeper ground gets a deeper height band, since straight legs cannot
             follow it as closely.
         area_m2: size of the area.
@@ -134,8 +136,8 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float, step_m:
     speed_m_s, reason = _speed(wish, picture_distance_m)
     margin_m = wish.margin_m
     if margin_m is None:
-        # A place at the edge is in as many pictures as one inside when lines, and pictures along them, reach as far beyond
-        # the edge as a picture overlaps the next: f L along, s W / 2 across (docs/how-to/survey_from_files.md).
+        # A place at the edge is in as many photos as one inside when lines, and photos along them, reach as far beyond
+        # the edge as a photo overlaps the next: f L along, s W / 2 across (docs/how-to/survey_from_files.md).
         margin_m = math.ceil(max(wish.forward_overlap * along, 0.5 * wish.side_overlap * across) * top_m)
     cell_m = min(max(math.sqrt(area_m2 / _CELLS), _FINEST_CELL_M), max(line_distance_m / 4.0, 0.5))
     endurance_s = wish.endurance_s or (wish.vehicle.endurance_s if wish.vehicle is not None else None)
@@ -150,7 +152,7 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float, step_m:
 
 
 def _climb_angle_deg(slope_deg: float) -> float:
-    """Steepest leg over ground of a slope, in steps of 5 degrees: steeper than the ground, or lines across it end at the foot."""
+    """Steepest leg over sloping ground, in steps of 5 degrees. It is steeper than the ground: lines across it end at the foot."""
     wanted_deg = 5.0 * math.ceil((slope_deg + _CLIMB_OVER_SLOPE_DEG) / 5.0)
     return min(max(wanted_deg, _USUAL_CLIMB_DEG), _STEEPEST_CLIMB_DEG)
 
@@ -188,9 +190,7 @@ def _speed(wish: SurveyWish, picture_distance_m: float) -> tuple[float, str]:
     fastest = picture_distance_m / (interval_s * _TRIGGER_SLACK)
     if speed <= fastest:
         return speed, ""
-    needed = (
-        f"a picture every {picture_distance_m:.1f} m and {interval_s:g} s at least between two of {wish.camera.name}"
-    )
+    needed = f"a photo every {picture_distance_m:.1f} m and {interval_s:g} s at least between two of {wish.camera.name}"
     if wish.speed_m_s is not None or fastest < _SLOWEST_M_S:
         raise InputError(
             f"{'--speed' if wish.speed_m_s is not None else '--overlap'}: {needed} allow {fastest:.1f} m/s; ask for less forward "

@@ -1,4 +1,4 @@
-"""A first look at elevation data: does it reach the area, how steep is it, where is a place to take off."""
+"""Examine elevation data: whether it reaches the area, how steep it is, and where a vehicle can take off."""
 
 import math
 from collections.abc import Callable
@@ -21,7 +21,7 @@ from uavcover.terrain.vertical import ELLIPSOID, SEA_LEVEL_DATUMS
 _GRID, _GAP_GRID = 60, 160
 _ROUND_M = 10.0
 _RIM_SHARE = 0.25
-"""Of a gap that may lie in the area beside a hole: shores are drawn by hand."""
+"""Share of a gap that may lie in the area beside a hole: shores are drawn by hand."""
 _EDGE_STEPS = 240
 _SLOPE_REACH_M = 15.0
 _HOME_SLOPE_DEG = 8.0
@@ -30,7 +30,7 @@ _LARGEST_KM = 40.0
 
 @dataclass(frozen=True, slots=True)
 class TerrainLook:
-    """What the elevation data says about an area.
+    """Summary of the elevation data over an area.
 
     Attributes:
         frame: a local frame in the middle of the area.
@@ -96,7 +96,9 @@ def look_at_terrain(
 def _gaps_in_holes_m(
     file: TerrainSource, datum: str, frame: LocalFrame, area: shapely.MultiPolygon, *, where: str
 ) -> float:
-    """Length of the largest gap in the data that lies, but for its rim, outside the area; a gap inside it is refused.
+    """Length of the largest data gap that lies, except for its rim, outside the area.
+
+    A gap inside it is refused.
 
     Raises:
         InputError: there is no elevation under a part of the area.
@@ -149,7 +151,7 @@ def place_for_home(
     avoid: shapely.Geometry | None = None,
     is_open: Callable[[FloatArray], np.ndarray] | None = None,
 ) -> tuple[float, float]:
-    """Latitude and longitude of the lowest place at the edge of the area where the ground is level enough to take off.
+    """Latitude and longitude of the lowest position at the area's edge where the ground is level enough for take-off.
 
     Args:
         file: the elevation data.
@@ -171,17 +173,17 @@ def place_for_home(
         known &= ~shapely.intersects_xy(avoid, places[:, 0], places[:, 1])
         if not known.any():
             raise InputError(
-                "--home: all of the area's edge is in no-fly zones; give the take-off place as --home LAT,LON"
+                "--home: all of the area's edge is in no-fly zones; give the take-off position as --home LAT,LON"
             )
     if is_open is not None and known.any():
         known &= is_open(places)
         if not known.any():
             raise InputError(
-                "--home: trees and roofs of the surface model stand on all of the area's edge; give a place in the open as "
+                "--home: trees and roofs of the surface model stand on all of the area's edge; give a position in the open as "
                 "--home LAT,LON"
             )
     if not known.any():
-        raise InputError("--home: no elevation at the edge of the area; give the take-off place as --home LAT,LON")
+        raise InputError("--home: no elevation at the edge of the area; give the take-off position as --home LAT,LON")
     level = known & (slopes <= max(_HOME_SLOPE_DEG, float(np.min(slopes[known])) + 1.0))
     best = places[level][int(np.argmin(heights[level]))]
     lat, lon, _ = look.frame.geodetic_from_enu([[best[0], best[1], 0.0]])
@@ -189,7 +191,7 @@ def place_for_home(
 
 
 def possible_datums(file: TerrainSource) -> tuple[str, ...]:
-    """The datums that the heights of a file may refer to: the one that it names, or all at sea level.
+    """Datums that the heights of a file may refer to: the named one, or all at sea level.
 
     Raises:
         TerrainError: the file cannot be used.
@@ -268,7 +270,7 @@ def _require_ground(
         if not np.isfinite(inside).all():
             raise InputError(
                 f"{where}: lies at latitude {corner[0, 1]:.4f}, longitude {corner[0, 0]:.4f}, off the elevation data {file} "
-                f"({_reach(file, datum, frame)}); give data of that place, or the area's coordinate system with --crs"
+                f"({_reach(file, datum, frame)}); give data of that location, or the area's coordinate system with --crs"
             )
     lats, lons, _ = frame.geodetic_from_enu(np.column_stack([places, np.zeros(len(places))]))
     at = int(np.argmin(known))
@@ -280,7 +282,7 @@ def _require_ground(
 
 
 def _reach(file: TerrainSource, datum: str, frame: LocalFrame) -> str:
-    """Where the data is, as its own error tells it."""
+    """Extent of the data, in the words of its own error."""
     try:
         read_height_amsl_m(file, datum, lat_deg=frame.lat_deg, lon_deg=frame.lon_deg)
     except TerrainError as error:

@@ -69,12 +69,12 @@ class ImodboMinusSineCosine(IMODBO):
 class _OwnBest(DungBeetleOptimizer):
     """A beetle goes to where it was sent only if that dominates where it is, by the feasibility rules."""
 
-    def _learn(self, told: Solutions) -> None:
+    def _learn(self, evaluated: Solutions) -> None:
         if self._iteration == 0:
-            super()._learn(told)
+            super()._learn(evaluated)
             return
         order = np.argsort(self._parents)  # offspring in the order of their parents
-        parents, offspring = self._swarm.solutions, told.rows(order)
+        parents, offspring = self._swarm.solutions, evaluated.rows(order)
         moved = _dominate(offspring, parents)[:, None]
         alive = Solutions(
             np.where(moved, offspring.x, parents.x),

@@ -1,4 +1,4 @@
-"""The external archive: the best solutions ever told, few enough to keep and spread along the front."""
+"""The external archive: the best solutions so far, few enough to keep and spread along the front."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -24,18 +24,18 @@ class Archive:
     def __len__(self) -> int:
         return len(self.solutions)
 
-    def with_told(self, told: Solutions) -> "Archive":
-        """The archive after ``told``: dominated rows and repetitions of both x and objectives dropped, then thinned.
+    def with_evaluated(self, evaluated: Solutions) -> "Archive":
+        """The archive after new rows: dominated rows and repetitions of both x and objectives dropped, then thinned.
 
         Above capacity the most crowded solution (in objectives) is removed, one at a time, until the rest fits; so the
         ends of the front stay.
         """
-        merged = self.non_dominated_with(told)
+        merged = self.non_dominated_with(evaluated)
         return Archive(merged.rows(least_crowded(merged.objectives, self.capacity)), self.capacity)
 
-    def non_dominated_with(self, told: Solutions) -> Solutions:
-        """What the archive would be after ``told`` if it had room for all: none dominated, none repeated."""
-        merged = self.solutions.followed_by(told)
+    def non_dominated_with(self, evaluated: Solutions) -> Solutions:
+        """The archive after new rows if it had room for all: none dominated, none repeated."""
+        merged = self.solutions.followed_by(evaluated)
         merged = merged.rows(non_dominated_mask(merged.objectives, merged.total_violation))
         return merged.rows(first_occurrences(np.hstack([merged.objectives, merged.x])))
 
@@ -52,6 +52,6 @@ class Archive:
         return chosen
 
     def pareto_set(self) -> ParetoSet:
-        """What is in the archive, as a result."""
+        """Content of the archive, as a result."""
         best = self.solutions
         return ParetoSet(best.x, best.objectives, best.violations, feasible=not best.total_violation.any())

@@ -1,4 +1,4 @@
-"""What all our optimizers share: the search space with its two ways of sampling, checking, counting, archiving, saving.
+"""Common base of our optimizers: the search space with its two ways of sampling, checking, counting, archiving, saving.
 
 What an optimizer proposes is its own.
 """
@@ -82,7 +82,7 @@ class AskTellOptimizer(Optimizer, ABC):
     """An optimizer of a fixed number of rounds of one population each, with an external archive.
 
     Subclasses say what to propose and what to remember. Random numbers are drawn while asking, or while telling once
-    everything told has been checked.
+    all values have been checked.
 
     Args:
         lower: ``(d,)`` smallest allowed values, d = variables.
@@ -142,15 +142,15 @@ class AskTellOptimizer(Optimizer, ABC):
     def _move(self, rng: np.random.Generator) -> FloatArray:
         """The next candidates ``(n, d)``; those outside the bounds are clipped to them."""
 
-    def _archive_with(self, told: Solutions) -> Archive:
-        """The archive after ``told``; an algorithm that thins its archive in its own way says so here."""
-        return self._archive.with_told(told)
+    def _archive_with(self, evaluated: Solutions) -> Archive:
+        """The archive after new rows; an algorithm that thins its archive in its own way overrides this."""
+        return self._archive.with_evaluated(evaluated)
 
-    def _learn(self, told: Solutions) -> None:
+    def _learn(self, evaluated: Solutions) -> None:
         """Take in the values of the candidates proposed last; the archive has them already."""
 
     def _memory(self) -> dict[str, npt.NDArray[Any]]:
-        """What the algorithm remembers between rounds; empty as long as it remembers nothing."""
+        """State of the algorithm between rounds; empty without state."""
         return {}
 
     def _recall(self, memory: dict[str, npt.NDArray[Any]]) -> None:
@@ -163,7 +163,7 @@ class AskTellOptimizer(Optimizer, ABC):
 
     @property
     def evaluations(self) -> int:
-        """Candidates whose values have been told so far."""
+        """Number of candidates whose values are known so far."""
         return self._iteration * self._population_size
 
     @property
@@ -185,25 +185,25 @@ class AskTellOptimizer(Optimizer, ABC):
     def tell(self, objectives: npt.ArrayLike, violations: npt.ArrayLike | None = None) -> None:
         """See `Optimizer.tell`: ``(n, m)`` objectives and ``(n, c)`` violations of the candidates asked last."""
         if self._asked is None:
-            raise OptimizerError("tell: nothing was asked: call ask() first, and tell once for each ask")
-        told = Solutions(
+            raise OptimizerError("tell: no candidates are open: call ask() first, and tell() once for each ask()")
+        evaluated = Solutions(
             self._asked,
             self._checked_values(objectives, "objectives", self._n_objectives),
             self._checked_violations(violations),
         )
-        self._archive = self._archive_with(told)
-        self._learn(told)
+        self._archive = self._archive_with(evaluated)
+        self._learn(evaluated)
         self._iteration += 1
         self._asked = None
 
     def pareto_set(self) -> ParetoSet:
         """See `Optimizer.pareto_set`: what the archive holds."""
         if self._iteration == 0:
-            raise OptimizerError("pareto_set: nothing has been told yet: complete one ask and tell first")
+            raise OptimizerError("pareto_set: no candidates are evaluated yet: complete one ask() and tell() first")
         return self._archive.pareto_set()
 
     def interim_set(self) -> ParetoSet:
-        """What to show between rounds: the `pareto_set`, or, where that takes long to choose, something close to it."""
+        """Set to show between rounds: the `pareto_set`, or, where that takes long to choose, something close to it."""
         return self.pareto_set()
 
     def state_dict(self) -> State:

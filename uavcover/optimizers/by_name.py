@@ -84,12 +84,12 @@ class GuardedOptimizer:
 
     @property
     def evaluations(self) -> int:
-        """Candidates whose values have been told so far."""
+        """Number of candidates whose values are known so far."""
         return self._evaluations
 
     @property
     def should_stop(self) -> bool:
-        """True once the evaluations left are too few for a round like the last one, or the optimizer says so itself."""
+        """True once too few evaluations are left for a round like the last one, or the optimizer itself stops."""
         if self._evaluations + max(1, self._last_round) > self._most_evaluations:
             return True
         return self._iteration > 0 and self._called("should_stop", self._says_stop)
@@ -116,7 +116,7 @@ class GuardedOptimizer:
     def tell(self, objectives: npt.ArrayLike, violations: npt.ArrayLike | None = None) -> None:
         """See `Optimizer.tell`; the optimizer is always given violations, ``(n, c)``."""
         if self._asked is None:
-            raise OptimizerError("tell: nothing was asked: call ask() first, and tell once for each ask")
+            raise OptimizerError("tell: no candidates are open: call ask() first, and tell() once for each ask()")
         n = len(self._asked)
         values = finite_array(objectives, "tell: objectives")
         broken = np.empty((n, 0)) if violations is None else finite_array(violations, "tell: violations")
@@ -127,7 +127,7 @@ class GuardedOptimizer:
             if array.shape != (n, width):
                 raise OptimizerError(f"tell: {what} have shape {array.shape}: give {(n, width)}, a row per candidate")
         self._called("tell", lambda: self._optimizer.tell(values.copy(), broken.copy()))
-        self._archive = self._archive.with_told(Solutions(self._asked, values, broken))
+        self._archive = self._archive.with_evaluated(Solutions(self._asked, values, broken))
         self._iteration += 1
         self._evaluations += n
         self._last_round = n
@@ -136,7 +136,7 @@ class GuardedOptimizer:
     def pareto_set(self) -> ParetoSet:
         """See `Optimizer.pareto_set`: what the optimizer says, or our archive if it says nothing."""
         if self._iteration == 0:
-            raise OptimizerError("pareto_set: nothing has been told yet: complete one ask and tell first")
+            raise OptimizerError("pareto_set: no candidates are evaluated yet: complete one ask() and tell() first")
         if not hasattr(self._optimizer, "pareto_set"):
             return self._archive.pareto_set()
         found = self._called("pareto_set", lambda: self._optimizer.pareto_set())
@@ -153,7 +153,7 @@ class GuardedOptimizer:
                 raise OptimizerError(f"{self._name}.pareto_set().{what}: shape {array.shape}: return {(rows, width)}")
             columns.append(read_only(array))
         if not self._box.contains(columns[0]):
-            raise OptimizerError(f"{self._name}.pareto_set().x: a row is outside the bounds: return what was asked")
+            raise OptimizerError(f"{self._name}.pareto_set().x: a row is outside the bounds: return rows of ask()")
         x, values, violations = columns
         return ParetoSet(x, values, violations, feasible=not (violations > 0.0).any())
 
@@ -243,7 +243,7 @@ def optimizer_class(algorithm: str | type) -> type:
 
 
 def optimizer_name(algorithm: str | type) -> str:
-    """What results call an algorithm: its name, or ``module:Class``."""
+    """Name of an algorithm in results: its own, or ``module:Class``."""
     return algorithm if isinstance(algorithm, str) else f"{algorithm.__module__}:{algorithm.__qualname__}"
 
 

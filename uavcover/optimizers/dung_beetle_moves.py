@@ -1,4 +1,4 @@
-"""How dung beetles move: equations 9-18 and 20-23 of the paper, one function per group of equations.
+"""Moves of dung beetles: equations 9-18 and 20-23 of the paper, one function per group of equations.
 
 Rows are beetles: ``(g, d)``, g = beetles of the group, d = variables. Results may lie outside the search space.
 Functions that need random numbers draw them from ``rng`` in the order their docstring gives. Equation 19, the Latin
@@ -192,7 +192,7 @@ def dynamic_step(t: int, t_max: int) -> float:
 
 
 def dynamic_deflection(t: int, t_max: int) -> float:
-    """k(t), Eq. 21: from 0.5 to 0.6, outside the (0, 0.2] that goes with Eq. 9, as printed."""
+    """k(t), Eq. 21: from 0.5 to 0.6, outside the (0, 0.2] that belongs to Eq. 9, as printed."""
     return 0.5 + 0.1 * t / t_max  # Eq. 21
 
 

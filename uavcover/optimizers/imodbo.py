@@ -84,7 +84,7 @@ class DungBeetleOptimizer(AskTellOptimizer):
 
     @abstractmethod
     def _walk_small_beetles(self, x: FloatArray, area: Region, rng: np.random.Generator) -> FloatArray:
-        """Where small beetles ``(g, d)`` with these foraging areas go."""
+        """New positions of small beetles ``(g, d)`` with these foraging areas."""
 
     def _move(self, rng: np.random.Generator) -> FloatArray:
         swarm, archive = self._swarm, self._archive
@@ -111,11 +111,11 @@ class DungBeetleOptimizer(AskTellOptimizer):
     def _area_around(self, centre: FloatArray) -> Region:
         return area_around(centre, self._box.lower, self._box.upper, t=self._iteration, t_max=self._max_iterations)
 
-    def _learn(self, told: Solutions) -> None:
+    def _learn(self, evaluated: Solutions) -> None:
         if self._iteration == 0:
-            alive, previous = told, told.x
+            alive, previous = evaluated, evaluated.x
         else:
-            alive = self._swarm.solutions.followed_by(told)
+            alive = self._swarm.solutions.followed_by(evaluated)
             # a survivor keeps the x(t-1) it has; an offspring comes from where its parent is
             previous = np.concatenate([self._swarm.previous, self._swarm.solutions.x[self._parents]])
         chosen, ranks = survivors(alive, self._population_size)

@@ -111,11 +111,11 @@ class ImodboNiching(IMODBO):
         second_half = max(0.0, 2.0 * self._iteration / self._max_iterations - 1.0)
         return float(self.first_slack * (self.last_slack / self.first_slack) ** second_half)
 
-    def _learn(self, told: Solutions) -> None:
-        previous = told.x if self._iteration == 0 else self._came_from
-        self._pool = self._pool.with_told(told, previous, self._slack)
+    def _learn(self, evaluated: Solutions) -> None:
+        previous = evaluated.x if self._iteration == 0 else self._came_from
+        self._pool = self._pool.with_evaluated(evaluated, previous, self._slack)
         if self._local_sets_wanted and self._iteration < self._scouting_rounds:
-            self._scouts = self._scouts.followed_by(told)
+            self._scouts = self._scouts.followed_by(evaluated)
         elif self._iteration % self.review_interval == 0:
             self._pool = self._reviewed()
 
@@ -150,7 +150,7 @@ class ImodboNiching(IMODBO):
         return self._chosen[1]
 
     def interim_set(self) -> ParetoSet:
-        """What to show between rounds, without a choice from the pool: the archive of non-dominated solutions."""
+        """Set to show between rounds, without a choice from the pool: the archive of non-dominated solutions."""
         return super().pareto_set()
 
     def state_dict(self) -> State:

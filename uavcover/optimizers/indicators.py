@@ -1,4 +1,4 @@
-"""How good a set of objective vectors is: hypervolume and inverted generational distance."""
+"""Quality indicators of a set of objective vectors: hypervolume and inverted generational distance."""
 
 import numpy as np
 import numpy.typing as npt

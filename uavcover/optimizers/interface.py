@@ -1,4 +1,4 @@
-"""What every optimizer offers: ask for candidates, tell their values, read the Pareto set.
+"""Interface of every optimizer: ask for candidates, tell their values, read the Pareto set.
 
 The optimizer proposes, the caller evaluates: however, wherever and in as many processes as it likes. All objectives are
 minimised; a constraint is a number that is > 0 when violated. `Solutions` are evaluated decision vectors, as read-only rows.
@@ -41,7 +41,7 @@ class ParetoSet:
 
 
 class AskAndTell(Protocol):
-    """A multi-objective optimizer that is asked and told, one whole population at a time.
+    """A multi-objective optimizer with ask and tell, one whole population at a time.
 
     A round is one ``ask`` and one successful ``tell``. Round 0 samples the first population, the others move it.
     """
@@ -53,7 +53,7 @@ class AskAndTell(Protocol):
 
     @property
     def evaluations(self) -> int:
-        """Candidates whose values have been told so far."""
+        """Number of candidates whose values are known so far."""
         ...
 
     @property
@@ -84,7 +84,7 @@ class AskAndTell(Protocol):
 
         Raises:
             OptimizerError: Nothing was asked, a shape is wrong, or a value is not finite. Nothing has changed then: the
-                same candidates can be told again.
+                same candidates can be given to tell() again.
         """
         ...
 
@@ -92,7 +92,7 @@ class AskAndTell(Protocol):
         """The non-dominated solutions kept so far; feasible ones if there are any, else the least violating.
 
         Raises:
-            OptimizerError: Nothing has been told yet.
+            OptimizerError: No candidates are evaluated yet.
         """
         ...
 

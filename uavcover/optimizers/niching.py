@@ -1,4 +1,4 @@
-"""A pool of good solutions spread over decision space, and the choice of a few that stand for all of them."""
+"""A pool of good solutions spread over decision space, and the choice of a few that represent all."""
 
 from dataclasses import dataclass
 
@@ -18,7 +18,7 @@ _ROOMY = 0.7  # share of the capacity below which the spacing shrinks
 class NichePool:
     """At most ``capacity`` solutions, not dominated by any near by, with a least distance between them.
 
-    All have the same total violation, the smallest ever told.
+    All have the same total violation, the smallest so far.
 
     Attributes:
         solutions: n rows.
@@ -45,16 +45,16 @@ class NichePool:
         scaled: FloatArray = np.ascontiguousarray(self.solutions.x / self.widths)
         return scaled
 
-    def with_told(self, told: Solutions, previous: FloatArray, slack: float) -> "NichePool":
-        """The pool after ``told``.
+    def with_evaluated(self, evaluated: Solutions, previous: FloatArray, slack: float) -> "NichePool":
+        """The pool after new rows.
 
         Args:
-            told: new rows; each meets the old ones.
+            evaluated: new rows; each meets the old ones.
             previous: x(t-1) of each.
             slack: rows that are dominated from far away stay while they are worse by no more than this share of the
                 pool's range of each objective; infinite keeps them all.
         """
-        everything = self.solutions.followed_by(told)
+        everything = self.solutions.followed_by(evaluated)
         least = everything.total_violation == everything.total_violation.min()
         start = int(np.count_nonzero(least[: len(self)]))
         merged = self._with(everything, np.concatenate([self.previous, previous]), self.spacing)._rows(least)

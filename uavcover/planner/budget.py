@@ -30,7 +30,7 @@ class Shares:
         judging_of_fewest: ... for large areas: what judging so few routes takes, up to this.
         judging_baselines: judging more baselines than the first two.
         order: another order of the legs of several sorties.
-        simplified_until: no more waypoints are given up after so many budgets: a little late, for most routes need a moment.
+        simplified_until: after this number of budgets no more waypoints are removed: a little late, most routes need a moment.
         parts: searches of the parts of a large area; the rest is for dividing, joining and judging.
         part_rounds: of these: each part by itself; then along the seams, where in turn the lower number of two neighbours
             keeps what both see, and the higher one.

@@ -39,7 +39,7 @@ GAP_FILES = ("gaps.geojson", "gap_mission.waypoints")
 
 
 class GapStart(StrEnum):
-    """Where a gap mission begins."""
+    """Start of a gap mission."""
 
     HOME = "home"
     LAST = "last"
@@ -47,7 +47,7 @@ class GapStart(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GapRequest:
-    """What is asked of a gap mission.
+    """Request of a gap mission.
 
     Attributes:
         logs: of the flight; none are those that its verdict judged.
@@ -88,7 +88,7 @@ class GapMission:
 
     @property
     def wanted(self) -> CompiledMission:
-        """The mission that was asked for."""
+        """The requested mission."""
         return self.compiled if self.continuation is None else self.continuation
 
 
@@ -149,8 +149,8 @@ def close_gaps(
     }
     user.say(
         f"gap mission       {len(mission.closing.route)} waypoints, {length_m:.0f} m and "
-        f"{mission.wanted.flight_time_s:.0f} s with the ways there and home; after it {percent(mission.coverage_after)} of "
-        "what can be seen"
+        f"{mission.wanted.flight_time_s:.0f} s with its transits; after it {percent(mission.coverage_after)} of "
+        "the visible ground"
     )
     if mission.closing.seen_m2 < mission.closing.wanted_m2 and target is None:
         left_m2 = mission.closing.wanted_m2 - mission.closing.seen_m2
@@ -162,7 +162,7 @@ def close_gaps(
 
 
 def commands_after_gaps(run: RunFolder, request: GapRequest) -> list[str]:
-    """How the mission that :func:`close_gaps` has written is flown and judged, one command a line."""
+    """Commands to fly and verify the mission that :func:`close_gaps` has written, one a line."""
     folder = RunFolder(run.file(GAP_FOLDER))
     commands = [to_paste("plan-upload", folder, "--to", "URL"), to_paste("fly", folder, "--to", "URL")]
     if request.start is GapStart.LAST:
@@ -184,7 +184,7 @@ def _say_gaps(user: User, report: VerificationReport) -> None:
         areas[gap.reason] += gap.area_m2
     user.say(
         f"coverage flown    {percent(report.coverage_fraction)} of the area, "
-        f"{percent(report.coverage_of_coverable)} of what can be seen"
+        f"{percent(report.coverage_of_coverable)} of the visible ground"
     )
     if not report.passed:
         user.say(f"verdict           {report.verdict.upper()} (uavcover verify says why)")
@@ -229,7 +229,7 @@ def plan_gap_mission(
     check_gap_request(min_area_m2=min_area_m2, target=target)
     if site.home_m is None:
         raise InputError(
-            f"scenario {site.scenario.name}: has no [home]; a mission needs the place to take off and land"
+            f"scenario {site.scenario.name}: has no [home]; a mission needs a take-off and landing position"
         )
     started = time.monotonic()
     coverage, seen = verdict.coverage, verdict.flown.seen
@@ -241,7 +241,7 @@ def plan_gap_mission(
     eyes = map_for(coverage.site, site) if own_eyes else coverage
     missing &= eyes.coverable
     if not missing.any():
-        raise InfeasibleError("there are no gaps to close that could be seen and are large enough")
+        raise InfeasibleError("there are no gaps to close: none is visible ground and large enough")
     needed_m2 = None
     if target is not None:
         lacking = target - coverage.share_of_coverable(seen)
@@ -266,10 +266,10 @@ def _last_place_m(site: Site, track: Track) -> FloatArray:
     """(3,) ENU of the last sample, by its geodetic columns.
 
     Raises:
-        InputError: the scenario has no place on Earth.
+        InputError: the scenario has no position on Earth.
     """
     if site.frame is None:
-        raise InputError(f"scenario {site.scenario.name}: has no place on Earth, so there is no mission to fly")
+        raise InputError(f"scenario {site.scenario.name}: has no position on Earth, so there is no mission to fly")
     lat_deg, lon_deg, alt_amsl_m = track.geodetic[-1].tolist()
     place_m: FloatArray = site.frame.enu_from_geodetic(lat_deg, lon_deg, alt_amsl_m)[0]
     return place_m
@@ -287,7 +287,7 @@ def save_gaps(run: RunFolder, verdict: Verdict, *, command: Sequence[str]) -> No
     """Write ``gaps.geojson``.
 
     Raises:
-        InputError: the scenario has no place on Earth.
+        InputError: the scenario has no position on Earth.
     """
     run.write_json("gaps.geojson", gaps_geojson(verdict.coverage, verdict.gaps))
     note_files(run, "gaps", ["gaps.geojson"], command=command)

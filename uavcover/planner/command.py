@@ -55,14 +55,16 @@ _FIRST_STOP = "stopping: the best route so far is being judged and written; two 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanRequest(SearchRequest):
-    """What to plan, where to, and how; what is None is taken from the scenario.
+    """Request of a plan: scenario, folder and settings.
+
+    None is taken from the scenario.
 
     Attributes:
         scenario: a file, the name of a bundled one, or a site.
         folder: the run folder.
-        command: how it was asked for, for ``run.json``.
+        command: the command line, for ``run.json``.
         force: whether a plan that is there may be replaced, with all that belongs to it.
-        bounds_s: prove bounds for so long, after the search.
+        bounds_s: time for proving bounds, after the search.
         waypoint_price: cost of every waypoint, in metres of path or in seconds, as the objective is.
         vehicles: how many fly at the same time.
         rally: "home" or "auto".
@@ -80,12 +82,12 @@ class PlanRequest(SearchRequest):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanOutcome:
-    """What planning into a folder gave.
+    """Result of planning into a folder.
 
     Attributes:
         site: the scenario on its ground.
         plan: the Pareto set and the choice.
-        compiled: the mission, none for a scenario that has no place on Earth, and none when it is flown as several sorties.
+        compiled: the mission, none for a scenario that has no position on Earth, and none when it is flown as several sorties.
         sorties: the flights when there are several.
         document: the answer for ``--json``.
         exit_code: 0, 1 when the rule, or the overlap required, was not met, 130 when the user ended the search.
@@ -163,10 +165,8 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     say_zones(user, site, result.chosen.metrics)
     say_steps(user, site)
     say_hidden(user, site)
-    if "shortest_path_m" in shown and (small := _made_small(site)) is not None:
-        user.say(
-            f"this plan makes the {small} of the whole mission small (the last column), not the length of the route"
-        )
+    if "shortest_path_m" in shown and (small := _objective_in_words(site)) is not None:
+        user.say(f"optimised for total mission {small} (the last column), not for the length of the route")
     if flights and (warning := room_in_words(site.scenario.limits, result.chosen.metrics)):
         user.warn(warning)
     say_missions(user, run, compiled, sorties)
@@ -214,13 +214,13 @@ def _check_heights(site: Site, user: User) -> None:
         )
 
 
-def _made_small(site: Site) -> str | None:
-    """What of the whole mission is made small, in words; none where it is something of the route alone."""
+def _objective_in_words(site: Site) -> str | None:
+    """Objective of the whole mission, as text; None where the objective is the route's alone."""
     return {"mission-time": "time", "energy": "energy"}.get(site.scenario.objective)
 
 
 def _overlap_missed(site: Site, route: Route, sorties: Sequence[Sortie]) -> str | None:
-    """How the planned pictures miss the overlap that is required of the flown ones; none where they keep it."""
+    """Shortfall of the planned photos against the overlap that is required of the flown ones; None where they keep it."""
     if site.scenario.requirements.min_overlap_fraction is None:
         return None
     routes = [sortie.route.waypoints_m for sortie in sorties] or [route.waypoints_m]
@@ -230,7 +230,7 @@ def _overlap_missed(site: Site, route: Route, sorties: Sequence[Sortie]) -> str 
 def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: ProgressBar, kept: KeptParts) -> Plan:
     unit = {"length": "m", "energy": "s of hovering"}.get(site.scenario.objective, "s")
     bar.update(0, note="baselines first")
-    # Of a large area it takes long to know, and here it is only told while the search goes on.
+    # Of a large area it takes long to know, and here it is only reported while the search goes on.
     least_m = None if is_large(site) else least_length_m(site, request.select or site.scenario.select)
 
     started, budget_s, furthest = time.monotonic(), request.budget_s, 0.0
@@ -238,7 +238,7 @@ def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Progress
     def show(progress: SearchProgress) -> None:
         nonlocal furthest
         done = float(progress.evaluations) if budget_s is None else min(time.monotonic() - started, budget_s)
-        furthest = max(furthest, done)  # one bar from the start to the end, whatever stages the search has
+        furthest = max(furthest, done)  # one bar from the start to the end, across all stages of the search
         total = progress.total if budget_s is None else budget_s
         bar.update(furthest, total=total, note=progress_in_words(progress, unit, least_m))
 
@@ -246,7 +246,7 @@ def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Progress
 
 
 def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[str, Any]:
-    """What was asked for; without being asked what is quick, and under a time budget only what takes no solver.
+    """The requested bounds; by default the quick ones, and under a time budget only those without a solver.
 
     For a large area nothing is quick: the bound on its path looks at all of its cells, in this process alone.
     """
@@ -264,7 +264,7 @@ def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[
 
 
 def _asked(site: Site, request: PlanRequest, result: Plan) -> str:
-    """What the chosen route was to meet, in words: the rule, and the most waypoints where they are limited."""
+    """Requirement on the chosen route, as text: the rule, and the most waypoints where they are limited."""
     planner = site.scenario.planner
     most = request.max_waypoints or planner.max_waypoints
     if most is None or planner.encoding != "swaths":

@@ -1,4 +1,4 @@
-"""The choice among routes that were judged: not for luck, not with too many waypoints, without those it can do without."""
+"""Choice among judged routes: without overfitting, infeasible waypoint counts, and waypoints that are not needed."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -27,26 +27,27 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
 
 _MOST_LONG = 10
-"""So many choices with legs that are too long for a battery get waypoints on them."""
+"""This number of choices with legs that are too long for a battery get waypoints on them."""
 
 _MOST_UNSURE = 5
-"""So many choices with unsure pictures are given up for the next one before the first of them is taken after all."""
+"""This number of choices with unsure photos are given up for the next one before the first of them is taken after all."""
 
 _MOST_UNSOUND = 20
-"""So many choices are tried that keep the limits in their legs and not in their corners; where all can be mended, it is one."""
+"""This number of choices with feasible legs and infeasible corners are tried. Where all can be repaired, it is one."""
 
 _MOST_NEAR, _MOST_CLOSED, _CHEAPER = 8, 2, 0.97
-"""The gaps of so many routes are tried to be closed at the end, until so many are, that cost so much less than what reaches the
-goal."""
+"""Gaps of this number of routes are repaired at the end, until this number succeed, at this share of the goal's cost."""
 
 _DEAR = 20.0
-"""Of these, those come first that may cost least with their gaps closed: all coverage would take so many times the route's cost
-at the rate of its last part (17 to 80 in four cases of scripts/bench/kinds.py)."""
+"""Of these, the cheapest after repair come first: full coverage would cost this multiple of the route at its last rate.
+
+The factor was 17 to 80 in four cases of scripts/bench/kinds.py.
+"""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ChosenRoute:
-    """What was chosen, and from what.
+    """The chosen route and its alternatives.
 
     Attributes:
         route: the chosen one.
@@ -77,7 +78,7 @@ def choose(
     Args:
         fine: the cells on which they were judged.
         settings: how many waypoints a route may have.
-        rule: what is asked for.
+        rule: the selection rule.
         judged: the routes.
         executor: judges routes side by side.
         interrupted: the search was; an error says so.
@@ -127,7 +128,7 @@ def _feasible_with_corners_mended(
     rule: Rule,
     executor: Executor | None,
 ) -> list[RouteMember]:
-    """Members that keep the limits; of those that break them in their corners alone, the ones that the rule would choose, mended.
+    """Feasible members, and those that break limits in corners alone and that the rule would choose, repaired.
 
     Corners are flown inside of their waypoints, where no leg is: nearer to obstacles, and at a cliff over other ground.
     """
@@ -176,7 +177,7 @@ def _confirmed(site: Site, members: list[RouteMember], rule: Rule, *, cells: int
 def _nearly_with_gaps_closed(
     fine: CoverageMap, members: Sequence[RouteMember], rule: Rule, is_over: Callable[[], bool]
 ) -> list[NamedRoute]:
-    """What lacks a little of what is asked for and costs less than what the rule chooses, with the rest behind it.
+    """Repair nearly sufficient routes that cost less than the rule's choice; the others follow.
 
     A search may end a few cells short of its goal, and the next route that reaches it takes two thirds longer
     (tests/random_kinds.py, case 12).
@@ -207,7 +208,7 @@ def _fluke_with_gaps_closed(
     rule: Rule,
     is_over: Callable[[], bool],
 ) -> list[NamedRoute]:
-    """What the rule chooses among all members, where other cells see too little of it, with the rest behind it.
+    """Repair the rule's choice among all members, where finer cells show too little coverage; the others follow.
 
     The next best may cost a third more, and this one lacks next to nothing (scripts/bench/kinds.py, ``city:tilted``, seed 2).
     """
@@ -227,7 +228,7 @@ def _closed(judging: CoverageMap, route: Route, goal: float, is_over: Callable[[
 def _simplified(
     site: Site, feasible: Sequence[RouteMember], rule: Rule, is_over: Callable[[], bool]
 ) -> list[NamedRoute]:
-    """What the rule chooses among the members, without the waypoints that it can do without; none when it needs them all."""
+    """The rule's choice among the members, without spare waypoints; None when it needs them all."""
     chosen = _chosen_so_far(feasible, rule)
     if chosen is None:
         return []
@@ -242,7 +243,7 @@ def _in_other_order(
     order: OrderEffort,
     is_over: Callable[[], bool] | None,
 ) -> list[NamedRoute]:
-    """What the rule chooses among the members, in an order in which its sorties take less, and that without spare waypoints."""
+    """The rule's choice among the members, in an order with shorter sorties, and the same without spare waypoints."""
     chosen = _chosen_so_far(feasible, rule)
     if chosen is None or not has_several_sorties(site, chosen.route):
         return []
@@ -257,7 +258,7 @@ def _in_other_order(
 def _with_sure_pictures(
     fine: CoverageMap, members: list[RouteMember], rule: Rule, executor: Executor | None
 ) -> list[RouteMember]:
-    """The members; what the rule chooses among them is one whose pictures are sure, if one of few keeps the rule as well."""
+    """The members, such that the rule's choice has sure photos, if one of few keeps the rule as well."""
     found, is_sure = _replaced(
         members, lambda left: _chosen_so_far(left, rule), lambda chosen: _made_of(chosen, surely, fine, executor),
         most=_MOST_UNSURE, confirmed=lambda left: _confirmed(fine.site, left, rule, cells=fine.grid.count),
@@ -268,7 +269,9 @@ def _with_sure_pictures(
 def _with_legs_that_fit(
     fine: CoverageMap, members: list[RouteMember], rule: Rule, executor: Executor | None
 ) -> list[RouteMember]:
-    """The members; what the rule chooses among them has waypoints on legs that are too long for one flight, if one of few has.
+    """The members.
+
+    The rule's choice has waypoints on legs too long for one flight, if one of few has.
 
     It is the same line: what is seen from it differs only by where along a leg the sensor looks. It takes several flights, and
     the rule may choose another one instead.
@@ -283,7 +286,7 @@ def _with_legs_that_fit(
 def _made_of(
     chosen: RouteMember, mended: Callable[[Site, Route], Route], fine: CoverageMap, executor: Executor | None
 ) -> list[RouteMember] | None:
-    """What is made of a member and keeps the limits; None where its route stays as it is."""
+    """A changed member that keeps the limits; None where its route stays as it is."""
     route = mended(fine.site, chosen.route)
     return None if route is chosen.route else _feasible(fine, [(route, chosen.origin)], executor)
 
@@ -296,13 +299,13 @@ def _replaced(
     most: int,
     confirmed: Callable[[list[RouteMember]], list[RouteMember]] = lambda members: members,
 ) -> tuple[list[RouteMember], bool]:
-    """The members with what is made of the choice among them in its place, until nothing has to be made of it.
+    """The members with changed choices in place of the originals, until no choice changes any more.
 
     Args:
         members: feasible or to be made so.
         choice: one of some members, one at least; none ends it.
         made_of: what comes in place of a choice; None: it may stay.
-        most: so many choices are replaced.
+        most: number of choices that are replaced at most.
         confirmed: those of some members that may be chosen.
 
     Returns:
@@ -319,7 +322,7 @@ def _replaced(
 
 
 def _chosen_so_far(feasible: Sequence[RouteMember], rule: Rule) -> RouteMember | None:
-    """What the rule chooses among members; none where it names a number in the set of all."""
+    """The rule's choice among members; None where it names a number in the set of all."""
     if rule.kind == "index":
         return None
     pareto = pareto_members(feasible)
@@ -359,7 +362,7 @@ def with_legs_that_fit(site: Site, route: Route) -> Route:
 
 
 def _too_long(costs: FlightCosts) -> IntArray:
-    """Numbers of the waypoints at the beginnings of legs that take too long, or too much of a battery, to be flown alone."""
+    """Numbers of the waypoints at the beginnings of legs that take too much time or battery to be flown alone."""
     legs = np.arange(len(costs.so_far_s) - 1)
     alone_s = costs.there_s[:-1] + np.diff(costs.so_far_s) + costs.back_s[1:]
     used_s = np.array([battery_s(costs.energies, int(leg), int(leg) + 1) for leg in legs])

@@ -49,7 +49,7 @@ def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | No
 
 
 def _parts(site: Site, flights: Sequence[Sortie]) -> dict[str, Any]:
-    """The waypoints of each part of the area, and the vehicles that see it; nothing where all see the whole area together."""
+    """Waypoints of each part of the area, and its vehicles; nothing where all cover the whole area together."""
     rows = []
     for group in groups_of(site.scenario):
         own = [flight for flight in flights if flight.vehicle in group]
@@ -59,7 +59,7 @@ def _parts(site: Site, flights: Sequence[Sortie]) -> dict[str, Any]:
 
 
 def _at_once_s(site: Site, flights: Sequence[Sortie]) -> float:
-    """When vehicles that differ would be done if they need not keep apart."""
+    """Time at which vehicles that differ would be done if they need not keep apart."""
     each_s = {
         number: [f.compiled.flight_time_s for f in flights if f.vehicle == number]
         for number in {flight.vehicle for flight in flights}
@@ -69,7 +69,7 @@ def _at_once_s(site: Site, flights: Sequence[Sortie]) -> float:
 
 
 def _homes(site: Site) -> list[dict[str, float]] | None:
-    """Where each vehicle starts, vehicle 1 first; none where all start at [home]."""
+    """Home of each vehicle, vehicle 1 first; none where all start at [home]."""
     homes = []
     for own in vehicle_sites(site):
         if own.frame is not None and own.home_m is not None:
@@ -129,13 +129,11 @@ def say_fleet(user: User, document: dict[str, Any] | None) -> None:
         f"{document['one_vehicle_s']:.0f} s (x {document['of_one_vehicle']:.2f})"
     )
     if used < document["vehicles"] and document["alike"]:
-        user.warn(
-            "more vehicles would not be done sooner: the ways there and home, and keeping apart, cost more than they gain"
-        )
+        user.warn("more vehicles would not be done sooner: transits and separation cost more than they gain")
 
 
 def _whose(document: dict[str, Any], vehicle: int) -> str:
-    """Who flies, or from where one vehicle does."""
+    """Vehicle or home of a document's entry."""
     if not document["launch_points"]:
         return f"vehicle {vehicle:<2}"
     return "from home          " if vehicle == 1 else f"from launch point {vehicle - 1:<2}"

@@ -1,4 +1,4 @@
-"""Plans of vehicles that each see a part of the area: every part is searched by itself, and their routes are one plan."""
+"""Plans of vehicles with a part of the area each. Every part is searched by itself, and their routes are one plan."""
 
 import itertools
 from collections.abc import Callable, Sequence
@@ -24,13 +24,13 @@ SearchPart = Callable[[Site, float, str], Plan]
 _ROUNDS = (0.2, 0.3, 0.5)
 """Shares of the search, for one division after the other where the planner divides."""
 _MOST_ORDERS = 24
-"""So many orders of groups are tried, for parts near their homes."""
+"""This number of orders of groups is tried, for parts near their homes."""
 _MOST_MEMBERS = 60
-"""So many combinations of the parts' routes are judged, evenly spread over their coverages."""
+"""This number of combinations of the parts' routes is judged, evenly spread over their coverages."""
 
 
 def part_sites(site: Site, paces: Sequence[float] | None = None) -> tuple[Site, ...]:
-    """For each group of vehicles that see a part together: the site of its first vehicle with that part as its area.
+    """For each group of vehicles that share a part: its first vehicle's site with that part as its area.
 
     What the scenario gives to no vehicle is divided among the groups without a part.
 
@@ -88,7 +88,7 @@ def _shared_out(rest: Piece, groups: Sequence[tuple[Site, float]]) -> list[Piece
 
 
 def _away_m(own: Site, piece: Piece) -> float:
-    """From home to the middle of a piece."""
+    """Distance from home to the middle of a piece."""
     if own.home_m is None:
         return 0.0
     return float(shapely.distance(shapely.Point(own.home_m[:2]), piece.centroid))
@@ -134,7 +134,7 @@ def plan_parts(site: Site, *, select_rule: str, search: SearchPart) -> Plan:
 
 
 def _best_division(site: Site, search: SearchPart, rule: str) -> tuple[list[Plan], int]:
-    """The plans of the parts, and all evaluations; where the planner divides, of the division by which all are done soonest.
+    """Plans of the parts, and all evaluations; where the planner divides, of the division with the earliest finish.
 
     The first division is by width and speed, the next one by the times that came out of it.
     """
@@ -160,7 +160,7 @@ def _best_division(site: Site, search: SearchPart, rule: str) -> tuple[list[Plan
 
 
 def _combinations(sets: Sequence[Sequence[RouteMember]]) -> list[list[RouteMember]]:
-    """A route of each part, so that each part sees at least as much as is asked, for all that may be asked.
+    """A route of each part, so that each part has at least the required coverage, for all coverages that may be required.
 
     Args:
         sets: of each part, by coverage.

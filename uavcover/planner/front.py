@@ -1,4 +1,4 @@
-"""The Pareto front of a plan: whole and partial routes, judged on the area's own cells and thinned to a readable number.
+"""Pareto front of a plan: whole and partial routes, judged on the area's own cells and thinned.
 
 Parts of a route: a vehicle that cannot fly all of it flies the stretch that sees most for its length. Snapshots tell what the
 planner would have returned had it been stopped earlier: one run gives the result at every moment.
@@ -125,7 +125,7 @@ def _seriousness(problem: LegProblem) -> float:
 
 
 PART_SHARES = tuple(k / 25 for k in range(1, 25))
-"""What the parts see at least, as shares of what the whole route sees."""
+"""Least coverage of the parts, as shares of the whole route's coverage."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -150,7 +150,7 @@ class Part:
     Attributes:
         route: its waypoints.
         seen: share of the area's ground that it sees: at least this much, because what the route has seen before the
-            stretch begins is not looked at again. It is an estimate where pictures by distance begin anew with the stretch, and
+            stretch begins is not looked at again. It is an estimate where photos by distance begin anew with the stretch, and
             in corners, which are flown beside the waypoints.
     """
 
@@ -174,7 +174,7 @@ def gains_of(coverage: CoverageMap, route: Route) -> Gains:
 def parts_of(gains: Gains, *, shares: Sequence[float] = PART_SHARES) -> list[Part]:
     """For each share of a route's coverage, the shortest stretch of whole legs known to reach it.
 
-    Every stretch keeps the limits that the route keeps. One that is the shortest for two shares is told once, the whole
+    Every stretch keeps the limits that the route keeps. One that is the shortest for two shares is listed once, the whole
     route never.
 
     Args:
@@ -198,17 +198,17 @@ def parts_of(gains: Gains, *, shares: Sequence[float] = PART_SHARES) -> list[Par
 
 
 MOST_MEMBERS = 100
-"""A Pareto set of more is thinned: a choice that nobody can survey is none."""
+"""A larger Pareto set is thinned: a choice that a user cannot survey is no choice."""
 
 _MOST_OTHERS = 80
 _FEWEST_OTHERS = 5
-"""So many parts and routes of the optimizer are judged at most, and at least, whatever time is left for it."""
+"""Least and most parts and optimizer routes that are judged, for any time left."""
 
 _MOST_FOUND = 25
-"""So many routes a search is expected to find, when time is set aside for judging them."""
+"""This number of found routes is expected when time is set aside for judging them."""
 
 _PART = 0.5
-"""What judging a part takes, of what a whole route takes."""
+"""Time of judging a part, as a share of that of a whole route."""
 
 _FEWEST_JUDGED = 12
 """Time is set aside for judging this number of routes at least, up to a share of the budget."""

@@ -23,12 +23,12 @@ from uavcover.sensing.coverage_map import CoverageMap
 
 _TOLERANCE_M = 10.0
 _ROUNDS = 8
-"""How often viewpoints are added for what the laid route still does not see."""
+"""Number of times that viewpoints are added for cells that the laid route does not observe."""
 _PULLS = (1.0, 0.5, 0.2)
 """A corner is tried this far on the way to the middle of its neighbours, ..."""
 _STEPS_M = (25.0, 8.0)
 _DIRECTIONS = 8
-"""... and this far away in each of so many directions."""
+"""... and this far away in each of this number of directions."""
 _LEAST_GAIN_M = 0.5
 """A move that saves less is not worth its evaluation."""
 _MARGIN = 1e-9
@@ -79,13 +79,13 @@ def plan_closing_route(
         InfeasibleError: nothing is missing, or no allowed route sees any of it, or enough to be of use.
     """
     if not missing.any():
-        raise InfeasibleError("there are no gaps to close: everything that can be seen was seen")
+        raise InfeasibleError("there are no gaps to close: all visible ground was observed")
     site = coverage.site
     builder = _Builder(site, MissingCells.of(coverage, missing), start_m, end_m, is_over)
     builder.add_viewpoints(math.inf if needed_m2 is None else needed_m2)
     if builder.seen_m2 < useful_m2:
         raise InfeasibleError(
-            f"the gaps cannot be closed: {builder.seen_m2:.0f} of {useful_m2:.0f} m² were seen at most"
+            f"the gaps cannot be closed: {builder.seen_m2:.0f} of {useful_m2:.0f} m² were covered at most"
         )
     if needed_m2 is not None:
         builder.drop_costly(needed_m2)
@@ -195,7 +195,7 @@ class _Builder:
             InfeasibleError: it sees nothing.
         """
         if not self.seen.any():
-            raise InfeasibleError("no allowed place sees any of the gaps; they stay open")
+            raise InfeasibleError("no allowed position observes any of the gaps; they stay open")
         return ClosingRoute(
             Route(self._laid(self.corners)), self._area_m2(np.ones_like(self.seen)), self._area_m2(self.seen)
         )
@@ -270,7 +270,7 @@ class _Builder:
 
 
 def _for_every_heading(sight: Sight) -> list[Sight]:
-    """Of a frame camera that looks straight down, the view that it has however it is turned; of others nothing."""
+    """View of a frame camera straight down at any heading; of other sensors nothing."""
     if sight.kind != FRUSTUM or sight.cos_pitch > _LEVEL:
         return []
     return [sight._replace(kind=CONE, tan_half_fov=min(sight.tan_half_fov, sight.tan_half_along))]

@@ -15,7 +15,7 @@ from uavcover.scenario.site import Site
 _KICKS_PER_END = 40
 _NEAR = 20
 _STEEP = 4.0
-"""A link that is too steep costs so many times the longest one more."""
+"""A link that is too steep costs this multiple of the longest one more."""
 
 
 def joined(site: Site, routes_m: Sequence[FloatArray]) -> FloatArray:

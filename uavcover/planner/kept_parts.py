@@ -1,7 +1,7 @@
-"""Routes of parts that are done, kept in the run folder, so that a plan whose process was killed goes on where it was.
+"""Finished routes of parts, kept in the run folder, so that a plan continues after its process was killed.
 
 The search in a part is a function of its task, of the site and of the program alone, and the name of a file is a hash of all
-three. So what is kept is right for whoever asks for the same again, and is never taken for anything else.
+three. So what is kept is right for any later plan with the same inputs, and is never taken for anything else.
 """
 
 import dataclasses
@@ -37,7 +37,7 @@ class KeptParts:
         self.path = path
 
     def before(self, run_tasks: RunTasks, *, is_whole: Callable[[], bool]) -> RunTasks:
-        """Who gives the routes that are kept, has the others searched for, and keeps them.
+        """Search function that returns kept routes, has the others searched for, and keeps them.
 
         Args:
             run_tasks: who searches.

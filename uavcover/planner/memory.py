@@ -1,4 +1,4 @@
-"""How much memory a plan takes, and how a limit is kept: more parts, and fewer of them at a time.
+"""Memory of a plan, and how a limit is kept: more parts, and fewer of them at a time.
 
 What takes how much was measured, and some added: estimates are 6 to 36 % above what threads take, more with worker processes
 (``scripts/bench/memory.py``, docs/results/large.md). It is estimated from the scenario alone, because the number of
@@ -37,7 +37,7 @@ _LEAST_PART_CELLS = 5_000
 
 @dataclass(frozen=True, slots=True)
 class MemoryNeed:
-    """What planning a site takes, in bytes, about.
+    """Approximate memory for planning a site, in bytes.
 
     Attributes:
         command: the command itself, without searching.
@@ -50,17 +50,17 @@ class MemoryNeed:
     cells: float
 
     def of_part(self, parts: int) -> float:
-        """The search in one of so many equal parts."""
+        """Memory of the search in one of this number of equal parts."""
         cells = self.cells / parts
         return max(cells * _OF_LARGE_PART, min(cells, _LARGE_PART_CELLS) * _OF_PART)
 
     def total(self, parts: int, at_a_time: int) -> float:
-        """With so many parts, of which so many are searched at a time."""
+        """Memory with this number of parts, of which ``at_a_time`` are searched at a time."""
         return self.command + at_a_time * (self.worker + self.of_part(parts))
 
 
 def memory_need(site: Site, *, processes: bool) -> MemoryNeed:
-    """What planning a site takes.
+    """Memory for planning a site.
 
     Args:
         site: the scenario on its ground.
@@ -79,7 +79,7 @@ def memory_need(site: Site, *, processes: bool) -> MemoryNeed:
 
 
 def parts_within(need: MemoryNeed, limit: int, *, parts: int, most_parts: int, given: bool) -> int:
-    """Into how many parts an area is divided so that planning it stays within a limit, whoever searches.
+    """Number of parts of an area for which planning stays within a limit, with any workers.
 
     Args:
         need: what it takes.
@@ -89,7 +89,7 @@ def parts_within(need: MemoryNeed, limit: int, *, parts: int, most_parts: int, g
         given: whether the user asked for that number.
 
     Raises:
-        InputError: it takes more, however it is divided; or with the number that was asked for.
+        InputError: it takes more with any number of parts, or with the requested number.
     """
     if need.total(parts, 1) <= limit:
         return parts
@@ -109,7 +109,7 @@ def parts_within(need: MemoryNeed, limit: int, *, parts: int, most_parts: int, g
 
 
 def at_a_time_within(need: MemoryNeed, limit: int, *, parts: int, workers: int) -> int:
-    """How many of the workers may search at the same time; 1 at least."""
+    """Number of workers that may search at the same time; 1 at least."""
     each = need.worker + need.of_part(parts)
     return max(1, min(workers, int((limit - need.command) / each)))
 

@@ -1,4 +1,4 @@
-"""Sorties, vehicles and makespan of the routes of a plan, cut into flights and shared out as they would be flown.
+"""Sorties, vehicles and makespan of a plan's routes, split into flights and allocated as they would be flown.
 
 They have a say in the choice: several vehicles are to be done soon, and a rule may limit them.
 """
@@ -20,11 +20,11 @@ _MOST_S = 4.0
 """Processor time for all members of a set, as estimated from their waypoints and vehicles: more is too long beside the search."""
 
 _MOST_COUNTS = 6
-"""So many numbers of vehicles are compared at most."""
+"""This number of vehicle counts is compared at most."""
 
 
 def with_sizes(site: Site, plan: Plan, *, autopilot: AutopilotName | None = None, vehicles: int | None = None) -> Plan:
-    """A plan whose members know what their missions come to: all, or where that takes long the chosen and the least crowded.
+    """A plan whose members have mission sizes: all, or where that takes long the chosen and the least crowded.
 
     Another member may be chosen then: where several vehicles fly, the one with which they are done soonest is the cheapest, and
     conditions of the rule are of missions. All members that this may concern are cut into flights, however long that takes.
@@ -39,7 +39,7 @@ def with_sizes(site: Site, plan: Plan, *, autopilot: AutopilotName | None = None
     if site.frame is None or site.home_m is None:
         if rule.conditions:
             raise InputError(
-                f"select: {plan.rule!r} limits missions, and {site.scenario.name} has no place on Earth or no [home]; leave the "
+                f"select: {plan.rule!r} limits missions; {site.scenario.name} has no position on Earth or no [home]; leave the "
                 "conditions out"
             )
         return plan
@@ -78,7 +78,7 @@ def _in_question(members: Sequence[RouteMember], rule: Rule, vehicles: int) -> l
 def _by_vehicles(
     site: Site, chosen: RouteMember, autopilot: AutopilotName | None, most: int
 ) -> tuple[MissionSize, ...]:
-    """What the mission of the chosen route comes to with one vehicle, two and so on; none where there is one, or they differ."""
+    """Mission size of the chosen route with one vehicle, two and so on. None where there is one, or they differ."""
     if most == 1 or site.scenario.vehicles or chosen.mission is None:
         return ()
     counts = np.unique(np.linspace(1, most, min(most, _MOST_COUNTS)).round().astype(int)).tolist()
@@ -89,7 +89,7 @@ def _by_vehicles(
 
 
 def _worth_sizing(members: Sequence[RouteMember], chosen: int, vehicles: int) -> set[int]:
-    """Numbers of the members that are cut into flights; the chosen one always is, and one that is already takes no time."""
+    """Members that are split into flights. The chosen one always is, and one that is already takes no time."""
     new = [k for k, member in enumerate(members) if member.mission is None and k != chosen]
     whole_s = sum(_seconds(members[k], vehicles) for k in new)
     if whole_s <= _MOST_S:
@@ -101,7 +101,7 @@ def _worth_sizing(members: Sequence[RouteMember], chosen: int, vehicles: int) ->
 
 
 def _seconds(member: RouteMember, vehicles: int) -> float:
-    """About how long the flights of a route take to find."""
+    """Approximate time to find the flights of a route."""
     n = len(member.route)
     if vehicles == 1:
         return 0.003 + 0.0008 * n

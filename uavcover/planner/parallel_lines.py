@@ -44,7 +44,7 @@ _HEIGHTS = 2
 _INSETS = (0.0, 0.5)
 _TOLERANCES = (0.5, 1.0)
 _MOST_TURNED = 20
-"""So many of the best are also begun at their other three corners."""
+"""This number of the best is also begun at their other three corners."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,7 +140,7 @@ def _parallel(site: Site, angle_rad: float) -> list[list[SwathLayout]]:
 
 
 def _shifts_m(sensor: Sensor, height_agl_m: float) -> list[tuple[float, float]]:
-    """None; and back by as much as a tilted camera that keeps its heading looks ahead: the edge behind is seen from outside."""
+    """None, and the look-ahead of a tilted camera with a fixed heading: the edge behind is observed from outside."""
     if not isinstance(sensor, FrameCamera) or sensor.heading_deg is None:
         return [(0.0, 0.0)]
     picture = flat_picture(sensor, height_agl_m)
@@ -180,7 +180,7 @@ def _best(found: list[_Lines]) -> list[SwathLayout]:
 def first_lines(
     site: Site, angle_rad: float, executor: Executor | None, should_stop: Callable[[], bool]
 ) -> list[NamedRoute]:
-    """Balanced and simple lines; what the search begins with best comes first, and the rest is left out when time is over."""
+    """Balanced and simple lines, the best initial solutions first. The rest is left out when time is over."""
 
     def balanced() -> list[Route]:
         if not can_be_adapted(site):
@@ -208,7 +208,7 @@ def _by_length(site: Site) -> bool:
 
 
 def any_reaches(coarse: CoverageMap, lines: Sequence[NamedRoute], asked: float | None) -> bool:
-    """Whether one of the lines sees what is asked for; there is no need to where nothing is, or there are no lines."""
+    """Whether one of the lines has the required coverage; also without a requirement or without lines."""
     if asked is None or not lines:
         return True
     return any(coarse.share_of_coverable(coarse.seen(route.waypoints_m)) >= asked for route, _ in lines)

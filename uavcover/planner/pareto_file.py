@@ -36,7 +36,7 @@ _LATER_COLUMNS = {"mission_time_s", "mission_energy_hover_s", "sorties", "vehicl
 """Files of older versions do without them."""
 
 ROUTE_COLUMNS = ("index", "waypoint", "east_m", "north_m", "up_m")
-"""Of ``pareto_routes.csv``."""
+"""Columns of ``pareto_routes.csv``."""
 PART_COLUMN = "part"
 """Its last column where vehicles have parts of the area: the number of the part, from 1."""
 
@@ -118,7 +118,7 @@ class ParetoRow:
         path_length_m: length of the open path in three dimensions.
         flight_time_s: of the route alone.
         mission_time_s: of the whole mission from home; none without a home, or in the file of an older version.
-        mission_energy_hover_s: what it takes from the batteries, likewise.
+        mission_energy_hover_s: battery energy of it, as seconds of hovering; none in the same cases.
         mission: its sorties, vehicles and makespan, as it would be flown; none where the file has none.
         violation: of the hard limits, 0 when they hold.
         made_by: the algorithm or baseline that found it.
@@ -145,13 +145,13 @@ class ParetoRow:
 
 @dataclass(frozen=True, slots=True)
 class TradeOffAxis:
-    """What coverage is drawn against.
+    """Axis against which coverage is drawn.
 
     Attributes:
         label: with its unit.
         is_time: minutes of the whole mission, or minutes of hovering for its energy; otherwise kilometres of the route.
         members: of the Pareto set.
-        baselines: likewise.
+        baselines: the simple routes.
     """
 
     label: str
@@ -163,7 +163,7 @@ class TradeOffAxis:
 def trade_off_axis(
     members: Sequence[ParetoRow], baselines: Sequence[dict[str, Any]], objective: object = None
 ) -> TradeOffAxis:
-    """The time of the mission where every route has one, otherwise the length of the route; its energy where that is made small.
+    """Mission time where every route has one, otherwise route length; mission energy where that is minimised.
 
     Args:
         members: of the Pareto set.

@@ -1,4 +1,4 @@
-"""Who searches in the parts of a plan, and judges it: threads of this process, or the workers of a scheduler."""
+"""Workers that search and judge the parts of a plan: threads of this process, or the workers of a scheduler."""
 
 import dataclasses
 import os
@@ -19,7 +19,7 @@ from uavcover.sensing.block_map import BlockLook, BlockTask, RunBlocks, look_at_
 def part_searchers(
     scheduler: str | None, executor: Executor, *, threads: int, should_stop: Callable[[], bool]
 ) -> Iterator[tuple[RunTasks, RunBlocks, int]]:
-    """Who searches in the parts, who judges a large area block by block, and how many of them there are at a time.
+    """Functions that search the parts and judge a large area block by block, and their number at a time.
 
     Args:
         scheduler: see :func:`uavcover.run.scheduling.workers_of`; none: threads.
@@ -39,7 +39,7 @@ def part_searchers(
 
 
 def search_parts_on(workers: Workers, *, should_stop: Callable[[], bool]) -> RunTasks:
-    """Search in the parts by workers; when the user ends the search, parts that are not done get what is found at once."""
+    """Search in the parts by workers. When the user ends the search, unfinished parts return their incumbent at once."""
 
     def run(site: Site, tasks: Sequence[PartTask]) -> Iterator[tuple[PartTask, FloatArray]]:
         left = {task.number: task for task in tasks}
@@ -63,7 +63,7 @@ def look_with(executor: Executor) -> RunBlocks:
 
 
 def look_on(workers: Workers) -> RunBlocks:
-    """Look at blocks of a large area by workers, whether or not the user has ended the search: there is no plan without it."""
+    """Evaluate blocks of a large area by workers, even if the user has ended the search: a plan requires it."""
 
     def run(site: Site, tasks: Sequence[BlockTask]) -> Iterator[tuple[BlockTask, BlockLook]]:
         return workers.completed(look_at_block, dataclasses.replace(site), tasks)

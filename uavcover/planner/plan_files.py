@@ -33,7 +33,7 @@ from uavcover.sensing.coverage_map import CoverageMap, judging_map
 from uavcover.sensing.fleet_map import map_for
 
 _LOOKED_AT_TOGETHER = 8
-"""So many sorties over a large area are looked at while a block of its cells is there."""
+"""This number of sorties over a large area is evaluated while a block of its cells is in memory."""
 
 
 def save_plan(
@@ -53,7 +53,7 @@ def save_plan(
 ) -> RunFolder | None:
     """Write the scenario, the Pareto set, the chosen route and its mission files, all or none.
 
-    What belonged to an older plan in the same folder goes with it: its mission, upload, sorties and gap mission are removed; a
+    Files of an older plan in the same folder are removed too: its mission, upload, sorties and gap mission; a
     plan that was flown is moved, whole, into a folder ``older-N``.
 
     Args:
@@ -63,7 +63,7 @@ def save_plan(
         compiled: its mission, none when there is none or several.
         autopilot: for whom the mission files are.
         seed: of every random number.
-        command: how it was asked for.
+        command: the command line, for ``run.json``.
         sorties: its flights when there are several; each gets a run folder of its own inside this one.
         fleet: what ``plan.json`` says of several vehicles.
         proved: its :func:`bounds`; default: what there is of them without a plan.
@@ -142,7 +142,7 @@ def _sortie_row(number: int, sortie: Sortie) -> dict[str, Any]:
 
 
 def _plan_of_sortie(judged: CoverageMap, whole: Plan, sortie: Sortie) -> Plan:
-    """A plan with the part of the chosen route that a sortie flies, judged by itself, from the home of its vehicle."""
+    """A plan with a sortie's part of the chosen route, judged by itself, from the home of its vehicle."""
     member = judge_member(judged, sortie.route, whole.chosen.origin, margin_m=0.0)
     return dataclasses.replace(whole, chosen=member, members=(member,), baselines=(), by_vehicles=())
 

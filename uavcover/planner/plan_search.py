@@ -31,7 +31,9 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SearchRequest:
-    """How to search; what is None is taken from the scenario.
+    """Request of a search.
+
+    None is taken from the scenario.
 
     Attributes:
         seed: of every random number.
@@ -78,7 +80,7 @@ def plan(
         site: the scenario on its ground.
         request: how to search.
         should_stop: asked after every round of the search; the best so far is returned.
-        on_progress: told after every round.
+        on_progress: called after every round.
         kept: where the routes of parts are kept as they are found, for a process that goes on after this one.
 
     Raises:
@@ -147,9 +149,7 @@ def _plan_one(
         raise InputError(f"workers: {workers} must be at least 1")
     division = _division(site, settings, request)
     if division.parts > 1 and not known:
-        raise InputError(
-            f"parts: {settings.parts} goes with the planner's own local search, not with another optimizer"
-        )
+        raise InputError(f"parts: {settings.parts} requires the planner's own local search, not another optimizer")
     if request.scheduler is not None and settings.parts == 1 and division.parts == 1:
         raise InputError("--scheduler: shares out the parts of a large area; give --parts N or --parts auto with it")
     with ThreadPoolExecutor(division.threads) as executor:
@@ -192,7 +192,7 @@ def _plan_one(
 
 @dataclass(frozen=True, slots=True)
 class _Division:
-    """Into how many parts an area is divided, and who searches in them."""
+    """Number of parts of an area, and their workers."""
 
     parts: int
     threads: int
@@ -200,7 +200,7 @@ class _Division:
 
 
 def _division(site: Site, settings: PlannerSettings, request: SearchRequest) -> _Division:
-    """As it is asked for, within the memory that is allowed."""
+    """The requested division, within the memory limit."""
     threads, scheduler = request.workers or os.cpu_count() or 1, request.scheduler
     parts = 1
     if settings.parts != 1:

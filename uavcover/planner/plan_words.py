@@ -1,4 +1,4 @@
-"""What ``plan`` and ``select`` tell of a plan: its figures, its missions, and what to beware of."""
+"""Text output of ``plan`` and ``select``: a plan's figures, its missions, and warnings."""
 
 import dataclasses
 import math
@@ -31,15 +31,15 @@ _MOST_RETURNS = 6
 _SHOWN_ZONES = 6
 _NEARLY_ALL = 0.999
 _FLOWN_EXACTLY_M = 3.0
-"""How well a route is flown at best: in still air the mock vehicle was off by 2.9 m on ridge-obstacles, 6.3 m on ridge-25km2."""
+"""Accuracy of a flown route at best. In still air the mock vehicle was off by 2.9 m on ridge-obstacles, 6.3 m on ridge-25km2."""
 
 
 def progress_in_words(progress: SearchProgress, unit: str, least: float | None) -> str:
-    """Coverage, the shortest route that has what is asked for, and its gap to what no route can beat, as far as they are known.
+    """Coverage, the shortest route with the required coverage, and its gap to the lower bound, where known.
 
     Args:
         progress: of the search.
-        unit: of the length, time or energy that is made small.
+        unit: of the length, time or energy that is minimised.
         least: what no route can beat, in that unit.
     """
     words = f"{100.0 * progress.best_coverage:.1f} %"
@@ -91,7 +91,7 @@ def say_plan(
     """Say what was chosen beside the baselines, what is proved, and what was missed.
 
     Args:
-        user: who is told.
+        user: receives the output.
         run: where it was written.
         site: the scenario on its ground.
         result: the plan.
@@ -142,7 +142,7 @@ def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, s
         _say_return(user, compiled, "")
         user.say(f"written: {run.file('mission.waypoints')} and mission.plan, fence, rally, kml beside it")
     elif not sorties:
-        user.say("the scenario has no place on Earth: no mission files (give it an [origin] and a [home])")
+        user.say("the scenario has no position on Earth: no mission files (give it an [origin] and a [home])")
         return
     for number, sortie in enumerate(sorties, start=1):
         used = sortie.compiled.battery_used
@@ -184,7 +184,7 @@ def say_size(user: User, plan: Plan) -> None:
 def sizes_by_vehicles_in_words(sizes: Sequence[dict[str, Any]]) -> str:
     """The same route by fewer vehicles and by all, as ``mission.by_vehicles`` of ``plan.json`` has it; empty for one number."""
     each = [f"{size['vehicles']} in {size['makespan_s']:.0f} s (sorties: {size['sorties']})" for size in sizes]
-    return f"the same route by so many vehicles: {', '.join(each)}" if len(each) > 1 else ""
+    return f"the same route by number of vehicles: {', '.join(each)}" if len(each) > 1 else ""
 
 
 def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
@@ -215,11 +215,11 @@ def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
     if area.closed and metrics.coverage_of_coverable > 0.0:
         seen = metrics.coverage_fraction / metrics.coverage_of_coverable
         if seen < _NEARLY_ALL:
-            user.warn(f"with the no-fly zones {percent(seen)} of the area can be seen")
+            user.warn(f"with the no-fly zones {percent(seen)} of the area is visible ground")
 
 
 _LEAST_BEYOND = 5e-5
-"""Of the area: steps outside of it are no matter, and less than this is written as 0.00 %."""
+"""Share of the area: steps outside it do not matter, and less than this is written as 0.00 %."""
 
 
 def say_steps(user: User, site: Site) -> None:
@@ -233,7 +233,7 @@ def say_steps(user: User, site: Site) -> None:
     enough_m = math.ceil(limits.min_height_agl_m + area.wide_enough_m + 2.0 * limits.height_margin_m)
     user.warn(
         f"the ground has steps that no leg gets over inside the height band, and {percent(beyond)} of the area is beside or "
-        f"behind them; the route stays on one side. To get over them limits.max_height_agl_m has to be {enough_m} at least; or "
+        f"behind them; the route stays on one side. To get over them set limits.max_height_agl_m to at least {enough_m}; or "
         "plan each side with a [home] of its own"
     )
 
@@ -247,7 +247,7 @@ def say_window(user: User, site: Site, flights: Sequence[Sortie]) -> None:
     has_s = (window[1] - window[0]).total_seconds()
     if lasts_s > has_s:
         user.warn(
-            f"from the first take-off to the last landing it takes {lasts_s / 60.0:.0f} min, and the no-fly zones were looked at "
+            f"from the first take-off to the last landing it takes {lasts_s / 60.0:.0f} min, and the no-fly zones were evaluated "
             f"for {has_s / 60.0:.0f} min, {window_in_words(window)}: plan again with --at START/END"
         )
 
@@ -257,13 +257,13 @@ def say_hidden(user: User, site: Site) -> None:
     share = judging_map(site).grid.hidden_share
     if share > 0.0:
         user.say(
-            f"trees and roofs of the surface model hide {percent(share)} of the ground: it cannot be seen from the air, and no "
+            f"trees and roofs of the surface model hide {percent(share)} of the ground: it is not visible from the air, and no "
             "route can cover it"
         )
 
 
 def room_in_words(limits: FlightLimits, metrics: RouteMetrics) -> str | None:
-    """A warning when a route is planned so near to the ends of the height band that a flight will break them; else none."""
+    """Warning when a route is planned too close to the ends of the height band; None otherwise."""
     room_m = min(limits.max_height_agl_m - metrics.max_height_agl_m, metrics.min_height_agl_m - limits.min_height_agl_m)
     if room_m >= _FLOWN_EXACTLY_M:
         return None
@@ -296,9 +296,9 @@ def figures_header(objective: Objective) -> str:
 
 
 def figures_in_words(label: str, member: RouteMember, objective: Objective) -> str:
-    """A route in one line of a table: coverage, waypoints, length, and the time of the mission, or of a route without home.
+    """A route in one line of a table: coverage, waypoints, length, and the time of mission or route.
 
-    Where energy is made small, that of the mission comes last.
+    Where energy is minimised, that of the mission comes last.
     """
     m = member.metrics
     counts = f"{percent(m.coverage_of_coverable):>10}{m.waypoint_count:>11}"

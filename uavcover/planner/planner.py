@@ -58,15 +58,17 @@ _OPTIMIZER: dict[PlannerAlgorithm, tuple[str, float]] = {
     "nsga2": ("nsga2", 1.0),
     "moead": ("moead", 1.0),
 }
-"""Which optimizer an algorithm uses, and for what share of the evaluations or the time; the rest is local search. One round,
-which only samples, there always is, unless baselines keep the limits and it alone would take longer than that time."""
+"""Optimizer of an algorithm, and its share of the evaluations or the time; the rest is local search.
+
+One round, which only samples, there always is, unless baselines keep the limits and it alone would take longer than that time.
+"""
 
 
 _MOST_ROUNDS = 50
-"""Of the optimizer before a local search: where a round is quick, more of them add nothing (docs/results/coverage.md)."""
+"""Rounds of the optimizer before a local search: where a round is quick, more of them add nothing (docs/results/coverage.md)."""
 
 _MOST_TUNED = 12
-"""So many tuned lines of each kind are shown: the one of most merit, and the least crowded."""
+"""This number of tuned lines of each kind is shown: the one of most merit, and the least crowded."""
 
 
 def plan_routes(
@@ -85,7 +87,7 @@ def plan_routes(
 
     The search uses the planner's cells; every reported route is judged on the finer cells of the area. The
     choice is made among the search's Pareto set and the baselines, so it is never worse than these at the coverage that
-    was asked for.
+    is required.
 
     Args:
         site: the scenario on its ground.
@@ -95,7 +97,7 @@ def plan_routes(
         executor: evaluates routes side by side; the result does not depend on it.
         should_stop: asked before every round; the best so far is returned. There always is one: a baseline, or the
             first round, which is then not left out.
-        on_progress: told after every round.
+        on_progress: called after every round.
         snapshots: given what was found at its moments, and at the end: baselines first.
         own: another optimizer in place of ``settings.algorithm``, for the whole search, as
             :func:`uavcover.optimizers.optimizer_class` takes it.
@@ -265,7 +267,7 @@ def plan_routes(
 
 
 def _lines(coarse: CoverageMap, straight: SwathLayout | None, asked: float | None, run: SearchRun) -> list[NamedRoute]:
-    """Lines that the local search begins with, in the direction of the best straight ones, as many as there is time for."""
+    """Lines as initial solutions of the local search, in the direction of the best straight ones, as time permits."""
     site, budget_s, now = coarse.site, run.effort.budget_s, run.effort.now
     angle = long_side_angle_rad(site.area) if straight is None else straight.angle_rad
     until = now() + SHARES.bent_lines * (math.inf if budget_s is None else budget_s)
@@ -280,13 +282,13 @@ def _named(baselines: Sequence[Baseline]) -> list[Candidate]:
 
 
 def _takes_too_long(round_s: float, baselines: Sequence[Baseline], effort: Effort, share: float) -> bool:
-    """Whether a local search that has a beginning would wait for one round of the optimizer longer than for all that it gets."""
+    """Whether one round of the optimizer would take longer than the whole local search that has an initial solution."""
     feasible = any(each.violation <= 0.0 for each in baselines)
     return feasible and effort.budget_s is not None and round_s > share * effort.budget_s
 
 
 def _candidates(optimizer: AskAndTell, encoding: Encoding, scale: FloatArray | None, name: str) -> list[Candidate]:
-    """The routes of an optimizer's Pareto set; none when it was told nothing."""
+    """Routes of an optimizer's Pareto set; none before its first round."""
     if scale is None:
         return []
     found = optimizer.pareto_set()
@@ -306,7 +308,7 @@ def _shared(effort: Effort, share: float, started: float) -> Effort:
 
 
 def _order_effort(effort: Effort, started: float, seed: int, should_stop: Callable[[], bool]) -> OrderEffort:
-    """What there is for the order of several sorties: of a time budget what is left, else so much for each evaluation."""
+    """Effort for the order of several sorties: the rest of a time budget, else a number for each evaluation."""
     tries = tries_of(effort.evaluations)
     if effort.budget_s is None:
         return OrderEffort(tries, seed, should_stop=should_stop)

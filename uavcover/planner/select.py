@@ -52,10 +52,10 @@ def choose(
 ) -> tuple[Plan, tuple[Sortie, ...], RunFolder | None]:
     """Choose another member by a rule, and write ``plan.json``, ``pareto.csv`` and the mission files for it.
 
-    What belonged to the route before goes with it; one that was flown is kept in a folder of its own.
+    Files of the previous route are removed too; one that was flown is kept in a folder of its own.
 
     Returns:
-        The plan, its flights (none for a scenario that has no place on Earth), and where the route before is kept.
+        The plan, its flights (none for a scenario that has no position on Earth), and where the route before is kept.
 
     Raises:
         InputError: the rule is none, or a file of the run is missing or broken.

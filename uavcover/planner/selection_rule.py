@@ -36,7 +36,7 @@ class Choice:
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """What the mission of a route may come to at most: ``sorties<=N``, ``vehicles<=N`` or ``done<=TIME``.
+    """Limit on the mission of a route: ``sorties<=N``, ``vehicles<=N`` or ``done<=TIME``.
 
     Attributes:
         what: sorties, vehicles or done (from the first take-off to the last landing).
@@ -47,7 +47,7 @@ class Condition:
     most: float
 
     def excess(self, size: MissionSize | None) -> float:
-        """By how much a mission has more, as a share of what it may; infinite where there is none."""
+        """Excess of a mission over its limit, as a share of it; infinite without a mission."""
         if size is None:
             return math.inf
         value = {"sorties": size.sorties, "vehicles": size.vehicles, "done": size.makespan_s}[self.what]
@@ -210,7 +210,7 @@ _FLUKE_OF_GOAL = 0.0004
 """Share of the coverage that other cells may see less, and what may be missing of a required one: cells are a sample."""
 
 _FLUKE_CELLS = 2.0
-"""Of few cells two more or fewer say nothing."""
+"""Of few cells two more or fewer do not matter."""
 
 _MOST_TRIES = 40
 

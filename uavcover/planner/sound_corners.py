@@ -14,11 +14,13 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.flown_line import corners_flown
 
 _SHARES = (1.0, 1.5, 2.0, 3.0, 0.5, -1.0, -2.0)
-"""Of how far inside a waypoint is passed, by which it moves outward: first so that the vehicle comes where the waypoint was, at
-last inward, where the ground outside is worse."""
+"""Shares of the corner cut by which a waypoint moves.
+
+First outward, so that the vehicle passes the original waypoint; at last inward, where the ground outside is worse.
+"""
 
 _LOWER = (1.0, 2.0, 4.0)
-"""Of the metres by which a corner is above the band of heights, by which its waypoint lies lower: first so."""
+"""Multiples of a corner's excess above the height band by which its waypoint is lowered, tried in this order."""
 
 _MORE, _SPARE_M = 1.2, 0.01
 """Factor and metres by which a waypoint moves more than its corner has to, which comes with it in part."""
@@ -28,7 +30,9 @@ _MOST_SWEEPS = 4
 
 
 def with_sound_corners(site: Site, route: Route) -> Route:
-    """The route, or in its place one that breaks no limit in its corners, or breaks them by less, and in its legs by no more.
+    """The route, or one whose corners break no limit or break them by less.
+
+    Its legs break them by no more.
 
     Args:
         site: the scenario on its ground.
@@ -51,7 +55,7 @@ def with_sound_corners(site: Site, route: Route) -> Route:
 
 
 def _into_band(site: Site, points_m: FloatArray) -> FloatArray:
-    """The (n, 3) points, those at corners that leave the band of heights as much lower or higher, all at once.
+    """The (n, 3) points, those at corners that leave the height band as much lower or higher, all at once.
 
     Over slopes that costs next to no coverage, and on a long route most corners are mended by it.
     """
@@ -68,7 +72,7 @@ def _into_band(site: Site, points_m: FloatArray) -> FloatArray:
 
 
 def _moved(site: Site, points_m: FloatArray, number: int) -> FloatArray:
-    """The (n, 3) points with the one of a number moved so that the corners break limits by the least, the legs by no more."""
+    """The (n, 3) points with one moved, so that the corners break limits by the least, the legs by no more."""
     begin = max(number - 1, 0)
     beside_m = points_m[begin : number + 2]
     places_m = corners_flown(site, beside_m)

@@ -1,4 +1,4 @@
-"""A route none of whose pictures by distance is taken or missed by centimetres: a waypoint gives way by a few of them."""
+"""A route with robust distance-triggered photos: a waypoint moves by centimetres where one may be missed."""
 
 import math
 from collections.abc import Iterator
@@ -14,14 +14,14 @@ from uavcover.sensing.flown_line import corners_matter, line_flown, pictures_on
 from uavcover.sensing.sensors import trigger_distance_m
 
 _MORE_M = 0.1
-"""By so much a waypoint gives way more than the line has to: it is passed on the inside."""
+"""Extra move of a waypoint beyond that of the line, because its corner is cut."""
 
 _MOST_TRIES = 40
-"""Each moves one waypoint by a metre at most. A plan of 25 waypoints takes three; where they do not end, pictures stay unsure."""
+"""Each moves one waypoint by a metre at most. A plan of 25 waypoints takes three; where they do not end, photos stay unsure."""
 
 
 def surely(site: Site, route: Route) -> Route:
-    """The route, or in its place the one with sure pictures where that keeps the limits as it does."""
+    """The route, or in its place the one with sure photos where that keeps the limits as it does."""
     other = with_sure_pictures(site, route)
     if other is None:
         return route
@@ -33,7 +33,9 @@ def surely(site: Site, route: Route) -> Route:
 
 
 def with_sure_pictures(site: Site, route: Route) -> Route | None:
-    """A route whose pictures are those of the given one, all of them sure; none where they are already, or cannot be made so.
+    """A route with the photos of the given one, all of them sure.
+
+    None where they are already, or cannot be made so.
 
     A waypoint keeps its height above ground. Limits and coverage are for the caller to judge.
     """
@@ -51,23 +53,23 @@ def with_sure_pictures(site: Site, route: Route) -> Route | None:
     return None
 
 
-# Pictures by distance that are taken or not by less than a vehicle keeps to its line.
+# Photos by distance that are taken or not by less than a vehicle keeps to its line.
 #
-# Where a line turns back just where the next picture is due, a few centimetres decide. If that picture is missing, all
+# Where a line turns back just where the next photo is due, a few centimetres decide. If that photo is missing, all
 # later ones come later by as much as their distance, and see other ground than was planned.
 
 LEAST_SPARE_M = 0.5
-"""By less a picture is unsure: in flights of the mock vehicle pictures were up to 0.42 m from where they were planned."""
+"""Below this spare a photo is unsure: in flights of the mock vehicle photos were up to 0.42 m from their planned positions."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class UnsurePicture:
-    """A picture that is unsure.
+    """A photo that is unsure.
 
     Attributes:
-        turning_m: (3,) ENU place where the line turns back to the last picture, or ends.
+        turning_m: (3,) ENU place where the line turns back to the last photo, or ends.
         away: (2,) unit vector to it from there, east and north.
-        spare_m: by how much it is farther away than the distance between two pictures; less than 0: the picture is not taken.
+        spare_m: by how much it is farther away than the distance between two photos; less than 0: the photo is not taken.
     """
 
     turning_m: FloatArray
@@ -85,13 +87,13 @@ def unsure_pictures(site: Site, route_m: FloatArray) -> Iterator[UnsurePicture]:
     for number, (leg, place_m) in enumerate(zip(legs, places_m, strict=True)):
         is_last = number + 1 == len(legs)
         due = len(line_m) if is_last else int(legs[number + 1]) + 1
-        # Between most pictures the line is straight.
+        # Between most photos the line is straight.
         turns = due - leg > 2
         missed = _turned_back(line_m[leg + 1 : due], place_m, least_m=trigger_m - LEAST_SPARE_M) if turns else None
         if missed is not None:
             yield _unsure(missed, place_m, trigger_m)
         if not is_last:
-            taken = _hardly_passed(places_m[number + 1], line_m, due, place_m, trigger_m)
+            taken = _barely_passed(places_m[number + 1], line_m, due, place_m, trigger_m)
             if taken is not None:
                 yield _unsure(taken, place_m, trigger_m)
 
@@ -103,16 +105,16 @@ def _unsure(turning_m: FloatArray, from_m: FloatArray, trigger_m: float) -> Unsu
 
 
 def _turned_back(points_m: FloatArray, from_m: FloatArray, *, least_m: float) -> FloatArray | None:
-    """The first of (k, 3) points at least so far from a place with a nearer one behind it: a line is farthest at its points."""
+    """The first of (k, 3) points with this distance from a point and a nearer one after it: a line is farthest at its points."""
     reach_m = np.hypot(points_m[:, 0] - from_m[0], points_m[:, 1] - from_m[1])
     turns = np.flatnonzero((reach_m[:-1] >= least_m) & (reach_m[1:] < reach_m[:-1]))
     return None if turns.size == 0 else points_m[turns[0]]
 
 
-def _hardly_passed(
+def _barely_passed(
     picture_m: FloatArray, line_m: FloatArray, first: int, from_m: FloatArray, trigger_m: float
 ) -> FloatArray | None:
-    """Where a line is farthest from the last picture behind the next one, if it ends or turns back within the tolerance."""
+    """Farthest point of a line from its last photo, if it ends or turns back within the tolerance of the next one."""
     farthest_m, most_m = picture_m, trigger_m
     for point_m in line_m[first:]:
         reach_m = math.hypot(point_m[0] - from_m[0], point_m[1] - from_m[1])

@@ -1,4 +1,4 @@
-"""Drapes a line on the map over the terrain, around no-fly zones, and around obstacles too tall for the height band."""
+"""Lay a line on the map over the terrain, around no-fly zones and obstacles too tall for the height band."""
 
 import math
 from functools import lru_cache
@@ -159,7 +159,7 @@ def lay_over_terrain(
     tolerance_m: float,
     spacing_m: float = SAMPLE_SPACING_M,
 ) -> FloatArray:
-    """Waypoints over the terrain along a line on the map, inside the scenario's band and climb limit where that is possible.
+    """Waypoints over the terrain along a line on the map, inside the scenario's band and climb limit if possible.
 
     They lead over obstacles, around those that the band does not reach over, and around no-fly zones that meet the band.
 

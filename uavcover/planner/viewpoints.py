@@ -71,7 +71,7 @@ class MissingCells:
         return kernels.seen_from_points(surface, sight, self.cells, looks.places_m, looks.headings)
 
     def seen_on(self, route_m: FloatArray, sights: Sequence[Sight]) -> BoolArray:
-        """(k, m) whether each is seen on an (n, 3) ENU route by each of k sensors, by the sensing rule of the scenario.
+        """(k, m) whether an (n, 3) ENU route observes each cell by each of k sensors, by the scenario's sensing rule.
 
         A camera that turns with the legs is turned as it is flown, for on short legs it does not come round.
         """
@@ -103,7 +103,7 @@ def grid_places(site: Site, missing: MissingCells) -> FloatArray:
 
 
 def places_around(site: Site, cells_m: FloatArray) -> FloatArray:
-    """(k, 3) places above and around (m, 3) cells at several heights of the band; the last column is above ground."""
+    """(k, 3) points above and around (m, 3) cells at several heights of the band. The last column is above ground."""
     limits = site.scenario.limits
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
     found = []
@@ -119,7 +119,7 @@ def places_around(site: Site, cells_m: FloatArray) -> FloatArray:
 
 
 def few_enough(cells_m: FloatArray) -> FloatArray:
-    """Some of (m, 3) cells, evenly spaced, so few that there are not too many places around them; at least one is given."""
+    """Some of (m, 3) cells, evenly spaced, to limit the number of points around them; at least one is given."""
     places_a_cell = len(_AROUND_SHARES) * (1 + (len(_AROUND_REACHES) - 1) * _AROUND_DIRECTIONS)
     return cells_m[:: math.ceil(len(cells_m) * places_a_cell / _MOST_PLACES)]
 

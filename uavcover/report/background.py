@@ -1,4 +1,6 @@
-"""A map of the user's own behind the report's map: a GeoTIFF or MBTiles file, cut to the frame and warped into local metres.
+"""A user's map behind the report's map.
+
+A GeoTIFF or MBTiles file is cut to the frame and warped.
 
 Nothing is fetched: the file is read by its own format's reader alone, so that no file can point anywhere else.
 """
@@ -46,7 +48,7 @@ class Background:
     """A picture for the map.
 
     Attributes:
-        image: data URI; covers the bounds that were asked for, transparent where the file has nothing.
+        image: data URI; covers the requested bounds, transparent where the file has nothing.
         attribution: what the file says of its makers, as text; empty where it says nothing.
         name: of the file.
     """
@@ -64,7 +66,7 @@ class _Picture:
         rgba: (rows, columns, 4) bytes.
         attribution: as in Background.
         column: (n, n) of the lattice's nodes, in pixels from the left side.
-        row: likewise from the top.
+        row: (n, n) in pixels from the top.
     """
 
     rgba: ByteArray
@@ -85,7 +87,7 @@ def read_background(path: Path, site: Site, bounds_m: Bounds) -> Background:
         InputError: the file cannot be used, and why.
     """
     if site.frame is None:
-        raise InputError("--background: the scenario has no place on Earth, so no map lies behind it")
+        raise InputError("--background: the scenario has no position on Earth, so no map fits behind it")
     if not path.is_file():
         raise InputError(f"--background: {path}: no such file; give a GeoTIFF or MBTiles file")
     west, south, east, north = bounds_m
@@ -108,7 +110,7 @@ def read_background(path: Path, site: Site, bounds_m: Bounds) -> Background:
     if not warped[..., 3].any():
         raise InputError(
             f"--background: {path}: has nothing where the map is, around latitude {lat.mean():.5f}, longitude {lon.mean():.5f}; "
-            "give a file of this place"
+            "give a file of this location"
         )
     return Background(data_uri(warped, "WEBP", quality=_QUALITY), picture.attribution, path.name)
 
@@ -181,7 +183,7 @@ def _of_mbtiles(path: Path, lat: FloatArray, lon: FloatArray, size: tuple[int, i
         facts = {str(name): str(value) for name, value in database.execute("SELECT name, value FROM metadata")}
         if facts.get("format", "png").lower() in {"pbf", "mvt"}:
             raise InputError(
-                f"--background: {path}: has vector tiles, which are no pictures; give raster MBTiles (PNG, JPEG)"
+                f"--background: {path}: has vector tiles, which are no images; give raster MBTiles (PNG, JPEG)"
             )
         zooms = [int(z) for (z,) in database.execute("SELECT DISTINCT zoom_level FROM tiles ORDER BY zoom_level")]
         if not zooms:
@@ -207,7 +209,7 @@ def _mercator_shares(lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, Floa
 
 
 def _zoom(x: FloatArray, y: FloatArray, zooms: list[int], size: tuple[int, int]) -> int:
-    """The coarsest zoom whose tiles of 256 pixels are as fine as the page's picture, or the finest that is not too large."""
+    """The coarsest zoom whose tiles are as fine as the page's image, or the finest that is not too large."""
     across, down = float(np.ptp(x)), float(np.ptp(y))
     few = [z for z in zooms if (across * 2**z + 2.0) * (down * 2**z + 2.0) <= _MOST_TILES]
     if not few:
@@ -248,7 +250,7 @@ def _mosaic(
 def _tile(data: object, path: Path, place: tuple[int, int, int]) -> ByteArray:
     where = f"--background: {path}: tile {place} (zoom, column, row)"
     if not isinstance(data, bytes):
-        raise InputError(f"{where} is no picture")
+        raise InputError(f"{where} is no image")
     try:
         with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP")) as picture:
             width, height = picture.size
@@ -272,7 +274,7 @@ def _pixels(
 
 def _finite(values: tuple[FloatArray, FloatArray]) -> tuple[FloatArray, FloatArray]:
     if not all(np.isfinite(part).all() for part in values):
-        raise InputError("--background: the file's coordinate system does not reach the place of the map")
+        raise InputError("--background: the file's coordinate system does not reach the location of the map")
     return values
 
 

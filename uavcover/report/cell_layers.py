@@ -1,4 +1,4 @@
-"""Pictures of the cells for the map and the 3D view of a report: coverage, gaps, pictures per point, sample distance, ...
+"""Images of the cells for a report's map and 3D view: coverage, gaps, photos per point, sample distance, ...
 
 Each is a data URI with one pixel a cell; row 0 is the north.
 """
@@ -43,12 +43,12 @@ _REASON_RGB: tuple[Rgb, ...] = (
 )
 REASON_WORDS = {
     "never-in-range": "never in range and field of view",
-    "too-oblique": "seen too obliquely only",
+    "too-oblique": "observed too obliquely only",
     "occluded": "hidden behind ground",
-    "out-of-limits": "cannot be seen from inside the limits",
+    "out-of-limits": "not visible from inside the limits",
     "too-coarse": "a pixel saw too much ground",
-    "too-few-looks": "seen by too few looks",
-    "attitude-not-known": "perhaps seen, the camera's direction is not known",
+    "too-few-looks": "too few observations",
+    "attitude-not-known": "possibly observed, the camera's direction is not known",
 }
 
 
@@ -87,7 +87,7 @@ def cells_bounds_m(coverage: CoverageMap) -> Bounds:
 
 
 def cell_layers(content: ReportContent) -> list[CellLayer]:
-    """The cell layers of a run, of the flight before those of the plan; layers without any known value are omitted."""
+    """The cell layers of a run, those of the flight before those of the plan. Layers without known values are omitted."""
     coverage, verdict, planned = content.coverage, content.verdict, content.planned_view
     asked = pictures_asked(coverage.site.scenario.sensor)
     layers: list[CellLayer | None] = []
@@ -111,8 +111,8 @@ def _flown_layers(coverage: CoverageMap, verdict: Verdict) -> list[CellLayer | N
     return [
         ramp_layer(coverage, key, title, values, colors, label)
         for key, title, values, colors, label in (
-            ("looks", "Passes that saw it", passes, "viridis", label("{:.0f}")),
-            ("first-seen", "When first seen", (flown.first_seen_s - start_s) / 60.0, "cividis", label("{:.1f} min")),
+            ("looks", "Observing passes", passes, "viridis", label("{:.0f}")),
+            ("first-seen", "First observation", (flown.first_seen_s - start_s) / 60.0, "cividis", label("{:.1f} min")),
             ("sample", "Ground sample distance", 100.0 * sample_m, "plasma_r", label("{:.1f} cm")),
             ("incidence", "Incidence angle", flown.incidence_deg, "magma_r", label("{:.0f}°")),
             ("distance", "Shortest distance", flown.nearest_m, "plasma_r", label("{:.0f} m")),
@@ -123,7 +123,7 @@ def _flown_layers(coverage: CoverageMap, verdict: Verdict) -> list[CellLayer | N
 def _planned_coverage_layer(coverage: CoverageMap, planned: PlannedView) -> CellLayer:
     return _classes_layer(
         coverage, "planned-coverage", "Coverage, planned",
-        [(UNSEEN_RGB, "not seen", ~planned.seen), (SEEN_RGB, "seen, as planned", planned.seen)],
+        [(UNSEEN_RGB, "not observed", ~planned.seen), (SEEN_RGB, "observed, as planned", planned.seen)],
     )  # fmt: skip
 
 
@@ -134,7 +134,7 @@ def picture_layers(
     if counts is None:
         return []
     pictures = counts.pictures
-    title = f"Pictures per point, {which}"
+    title = f"Photos per point, {which}"
     if asked is None:
         shown = np.where(pictures > 0, pictures.astype(float), np.nan)
         per_point = ramp_layer(coverage, f"pictures-{which}", title, shown, "viridis", label("{:.0f}"))
@@ -155,7 +155,7 @@ def picture_layers(
 
 
 def _picture_classes(asked: int) -> list[tuple[Rgb, int, int | None]]:
-    """Colour, fewest and most pictures of each class: warm below what is asked, green from there on."""
+    """Colour, fewest and most photos of each class: warm below the required number, green from there on."""
     half = asked // 2
     classes: list[tuple[Rgb, int, int | None]] = [
         (NOT_COVERABLE_RGB, 0, 0),
@@ -182,23 +182,23 @@ def label(template: str) -> Callable[[float], str]:
 
 
 def coverage_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
-    """What was surely, possibly or not observed."""
+    """Cells that were surely, possibly or not observed."""
     exact = bool((flown.surely_seen == flown.seen).all() and (flown.possibly_seen == flown.seen).all())
     kinds: list[tuple[Rgb, str, NDArray[np.bool_]]] = [
-        (UNSEEN_RGB, "not seen", np.ones(coverage.grid.count, dtype=bool)),
+        (UNSEEN_RGB, "not observed", np.ones(coverage.grid.count, dtype=bool)),
         (NOT_COVERABLE_RGB, REASON_WORDS["out-of-limits"], ~coverage.coverable),
     ]
     if exact:
-        kinds.append((SEEN_RGB, "seen", flown.seen))
+        kinds.append((SEEN_RGB, "observed", flown.seen))
     else:
-        kinds.append((POSSIBLE_RGB, "possibly seen, by the stated uncertainty", flown.possibly_seen))
-        kinds.append((SEEN_RGB, "seen, but not surely", flown.seen))
-        kinds.append((SURE_RGB, "surely seen", flown.surely_seen))
+        kinds.append((POSSIBLE_RGB, "possibly observed, by the stated uncertainty", flown.possibly_seen))
+        kinds.append((SEEN_RGB, "observed, but not surely", flown.seen))
+        kinds.append((SURE_RGB, "surely observed", flown.surely_seen))
     return _classes_layer(coverage, "coverage", "Coverage", kinds)
 
 
 def gap_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
-    """Why cells were not observed."""
+    """Reasons why cells were not observed."""
     codes = reason_codes(coverage, flown)
     colors = np.zeros((coverage.grid.count, 4), dtype=np.uint8)
     legend = []

@@ -23,7 +23,7 @@ class ChartSize:
         top: margin.
         bottom: margin for the labels of the horizontal axis.
         x_ticks: about how many ticks the horizontal axis has.
-        y_ticks: likewise the vertical one.
+        y_ticks: about how many ticks the vertical axis has.
         points: largest number of points of a line: more cannot be distinguished and enlarge the file.
     """
 
@@ -130,7 +130,7 @@ class Plot:
 
     Args:
         x_range: values at the left and right end; the right one above the left one.
-        y_range: values at the bottom and the top, likewise.
+        y_range: values at the bottom and the top; the top one above the bottom one.
     """
 
     def __init__(self, x_range: tuple[float, float], y_range: tuple[float, float]) -> None:
@@ -221,7 +221,7 @@ class Scale:
 
 
 def nice_ticks(low: float, high: float, *, about: int) -> list[tuple[float, str]]:
-    """About ``about`` round values inside a range, with their labels.
+    """Round values inside a range, ``about`` in number, with their labels.
 
     >>> nice_ticks(0.0, 103.0, about=6)
     [(0.0, '0'), (20.0, '20'), (40.0, '40'), (60.0, '60'), (80.0, '80'), (100.0, '100')]
@@ -242,7 +242,7 @@ def _opened(low: float, high: float) -> tuple[float, float]:
 
 
 def _thinned(x: FloatArray, y: FloatArray, most: int) -> tuple[FloatArray, FloatArray]:
-    """At most about ``most`` of the points: the ends, minimum and maximum of each stretch, so that no peak is lost."""
+    """At most about ``most`` of the points: ends, minimum and maximum of each stretch, so that no peak is lost."""
     if x.size <= most:
         return x, y
     edges = np.linspace(0, x.size, most // 2 + 1).astype(int)

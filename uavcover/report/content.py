@@ -56,7 +56,7 @@ class Flight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedView:
-    """What the plan promises to see.
+    """Coverage that the plan promises.
 
     Attributes:
         seen: (cells,) whether it sees each cell.

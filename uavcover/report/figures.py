@@ -24,7 +24,7 @@ _OBSTACLE = "#8e6fc1"
 _NO_FLY = "#e0245e"
 _PLANNED, _CHOSEN, _BASELINE = "#1f3f8f", "#d55e00", "#6b7075"
 _PLANNED_LINE, _PLANNED_WIDTH, _FLOWN_WIDTH = "#a9c4ff", 4.5, 1.1
-"""What was planned is broad and pale, under what was flown: both show where they agree."""
+"""The planned line is broad and pale, under the flown line: both are visible where they agree."""
 _FLOWN = ("#d55e00", "#b0208f", "#00786c", "#6a3fc4", "#806000", "#0f7fc0", "#38801c", "#c93a6e")
 _MAX_NUMBERS = 60
 
@@ -75,7 +75,7 @@ def save_pareto_plot(members: tuple[ParetoRow, ...], plan: dict[str, object], pa
                 [cost], [100.0 * member.coverage_of_coverable], marker="*", s=260,
                 color=_CHOSEN, edgecolors="white", zorder=3, label=f"chosen (index:{member.index})",
             )  # fmt: skip
-    axes.set(xlabel=axis.label, ylabel="seen, % of what can be seen", title=str(plan.get("name", "")))
+    axes.set(xlabel=axis.label, ylabel="coverage, % of visible ground", title=str(plan.get("name", "")))
     axes.grid(alpha=0.3)
     axes.legend(loc="lower right")
     return _save(figure, path)

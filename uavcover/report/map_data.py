@@ -35,7 +35,7 @@ SURFACE_NODES = 110
 """Along the longer side of the ground in the 3D view."""
 
 MAX_SAMPLES = 4000
-"""Of the flown line; a longer track is drawn through every second, third... sample."""
+"""Samples of the flown line; a longer track is drawn through every second, third... sample."""
 
 PAD_M = 30.0
 """Pictures farther from the area do not widen the map."""
@@ -148,7 +148,7 @@ def _track(flight: Flight, number: int) -> dict[str, Any]:
 
 
 def _pictures(content: ReportContent) -> dict[str, Any]:
-    """Where the single pictures are taken, planned and flown; empty for a sensor that takes none."""
+    """Positions of single photos, planned and flown; empty for a sensor that takes none."""
     planned, verdict = content.planned_view, content.verdict
     flown = None if verdict is None or verdict.pictures is None else verdict.observations
     return {
@@ -226,7 +226,7 @@ def _surface(site: Site, bounds: Bounds) -> dict[str, Any]:
 
 
 def geodetic_fit(frame: LocalFrame | None, bounds: Bounds) -> dict[str, list[float]] | None:
-    """Coefficients of latitude and longitude in 1, e, n, e e, e n, n n (kilometres), to show the pointer's position."""
+    """Coefficients of latitude and longitude in 1, e, n, e e, e n, n n (kilometres), for the pointer's position."""
     if frame is None:
         return None
     west, south, east, north = bounds

@@ -44,7 +44,7 @@ _LEAFLET = _HERE / "vendor" / "leaflet"
 _MAX_TABLE_ROWS = 30
 
 BOUND_WORDS = {
-    "coverable_fraction": "share of the area that some allowed place sees",
+    "coverable_fraction": "share of the area that some allowed position observes",
     "length_reference_m": "area over swath width (a reference, no bound)",
 }
 
@@ -152,7 +152,7 @@ def _facts(content: ReportContent) -> dict[str, Any]:
 
 
 def _planned_tiles(content: ReportContent) -> list[tuple[str, str]]:
-    """What is to be flown, and who made the route."""
+    """Figures of the planned flight, and the origin of its route."""
     mission, pictures = content.plan.get("mission"), content.planned_view.statistics
     rows = []
     if isinstance(mission, dict):
@@ -269,7 +269,9 @@ def write_report(
 def save_report(
     run: RunFolder, path: Path, user: User, *, logs: Sequence[Path] = (), background: Path | None = None
 ) -> ReportContent:
-    """Write the report of a run folder to a file; it follows from other files, so it may replace an older one.
+    """Write the report of a run folder to a file.
+
+    It follows from other files, so it may replace an older one.
 
     Raises:
         InputError: a file of the run is missing or broken.
@@ -294,7 +296,7 @@ def save_report(
 
 
 def _logs_of_the_verdict(run: RunFolder, user: User) -> list[Path]:
-    """The logs that the verdict judged, with those of gaps; where they are not here any more, the run's own tracks."""
+    """Logs that the verdict judged, with those of gaps; the run's own tracks if they no longer exist."""
     try:
         return logs_of_the_verdict(run)
     except InputError as error:
@@ -303,7 +305,7 @@ def _logs_of_the_verdict(run: RunFolder, user: User) -> list[Path]:
 
 
 def standing(run: RunFolder, logs: Sequence[Path]) -> list[str]:
-    """How the report stands to ``verification.json``: what has to be said of it.
+    """Notes on differences between the report and ``verification.json``.
 
     Raises:
         InputError: something changed since planning or flight, and no verdict has accepted it.

@@ -107,12 +107,12 @@ def coverage_over_time(content: ReportContent, verdict: Verdict) -> Chart:
     plot = Plot((0.0, end / 60.0), (0.0, 102.0))
     plot.between("seen", times / 60.0, np.zeros(times.size), seen)
     plot.line("level", np.array([0.0, end / 60.0]), _both(planned), name="planned, of the area")
-    plot.line("limit", np.array([0.0, end / 60.0]), _both(asked), name="required, of what can be seen")
+    plot.line("limit", np.array([0.0, end / 60.0]), _both(asked), name="required, of visible ground")
     for number, flight in enumerate(flights):
         ends = flight.clock_s[[0, -1]]
         inside = times[(times > ends[0]) & (times < ends[1])]
         own = np.concatenate([ends[:1], inside, ends[1:]])
-        name = "seen, of the area" + ("" if len(flights) == 1 else f", {flight.name}")
+        name = "observed, of the area" + ("" if len(flights) == 1 else f", {flight.name}")
         plot.line(flight_style(number), own / 60.0, np.interp(own, times, seen), name=name)
     return plot.finished("coverage", "Coverage over time", x_label="minutes of flight", y_label="%")
 
@@ -190,7 +190,7 @@ def _trade_off(content: ReportContent, floor: float) -> Chart:
     here = math.isfinite(floor)
     return plot.finished(
         "pareto" if here else "pareto-whole", "The trade-off" if here else "The whole trade-off",
-        x_label=axis.label, y_label="% of what can be seen", mark_keys=keys,
+        x_label=axis.label, y_label="% of visible ground", mark_keys=keys,
     )  # fmt: skip
 
 

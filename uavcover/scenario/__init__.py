@@ -1,4 +1,4 @@
-"""What is asked, and where: the scenario file, areas, no-fly zones, the site that loads them all.
+"""From a scenario file to a site: areas, no-fly zones, obstacles and limits.
 
 In: TOML and the files that it names. Out: ``Scenario`` and ``Site``. Begin with ``scenario_file.py`` and ``site.py``.
 """

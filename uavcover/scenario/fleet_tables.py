@@ -11,21 +11,21 @@ LAUNCH_POINTS = "launch_point"
 
 _OF_SEVERAL = {
     "home": "has its home in [home]",
-    "area": "sees the whole [area]",
+    "area": "covers the whole [area]",
     "sensor": "has its sensor in [sensor]",
 }
 """Keys of a [[vehicle]] that one vehicle alone does not have, and where it has them."""
 
 
 def with_fleet(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
-    """The tables of a scenario file with its list of vehicles as one [vehicle] and their number, or each where they differ.
+    """Rewrite a scenario file's list of vehicles: as one [vehicle] and their number, or as one each where they differ.
 
     Args:
         raw: of the whole file; not changed.
         source: names the file in errors.
 
     Raises:
-        ScenarioError: a vehicle has no home, [home] is nobody's, or their number is not that of [fleet].
+        ScenarioError: a vehicle has no home, [home] belongs to no vehicle, or their number is not that of [fleet].
     """
     if "vehicles" in raw:
         raise ScenarioError(f"{source}: vehicles: unknown key; write [[vehicle]] once for each vehicle")
@@ -67,11 +67,11 @@ def _with_launch_points(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
     points, vehicle, home, fleet = raw[LAUNCH_POINTS], raw.get("vehicle", {}), raw.get("home"), raw.get("fleet", {})
     if not isinstance(points, list) or not points or not all(isinstance(point, dict) for point in points):
         raise ScenarioError(
-            f"{source}: {LAUNCH_POINTS}: write [[{LAUNCH_POINTS}]] with lat_deg and lon_deg once for each place"
+            f"{source}: {LAUNCH_POINTS}: write [[{LAUNCH_POINTS}]] with lat_deg and lon_deg once for each position"
         )
     if home is None:
         raise ScenarioError(
-            f"{source}: {LAUNCH_POINTS}: are places besides [home], which is missing; make one of them [home]"
+            f"{source}: {LAUNCH_POINTS}: are positions besides [home], which is missing; make one of them [home]"
         )
     if not isinstance(vehicle, dict) or not isinstance(fleet, dict) or fleet.get("vehicles", 1) != 1:
         raise ScenarioError(f"{source}: {LAUNCH_POINTS}: is for one [vehicle]; each of several has a home of its own")
@@ -81,9 +81,7 @@ def _with_launch_points(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
     homes = [home, *points]
     for number, point in enumerate(homes):
         if point in homes[:number]:
-            raise ScenarioError(
-                f"{source}: {LAUNCH_POINTS}.{number - 1}: is a place that was given before; leave it out"
-            )
+            raise ScenarioError(f"{source}: {LAUNCH_POINTS}.{number - 1}: repeats an earlier position; leave it out")
     others = {key: value for key, value in raw.items() if key != LAUNCH_POINTS}
     return others | {
         "vehicle": [{**vehicle, "home": place} for place in homes],

@@ -1,4 +1,4 @@
-"""Steps of the ground that no leg gets over: from one node to the next they are higher than the band of heights is wide.
+"""Find ground steps that no leg can pass: between two nodes they are higher than the height band is wide.
 
 A leg beside a cliff that is low enough above its top is too high above its foot. Where such steps part the ground, a route
 stays on one side.
@@ -21,14 +21,14 @@ _SIMPLER_STEPS = 0.7
 than those of pixels."""
 
 _LEAST_SHARE = 0.005
-"""Of a region: what is parted from it and smaller, such as a ledge, is not looked at."""
+"""Smallest share of a region: a smaller part behind steps, such as a ledge, is ignored."""
 
 _TRIES = 12
 """Halvings of the range in which a width is looked for: 2 cm of 100 m."""
 
 
 def parts_between_steps(ground: Ground, region: Polygons, *, width_m: float, slope: float) -> list[shapely.Polygon]:
-    """The parts of a region that steps of the ground part; none where they part nothing, or hardly anything.
+    """The parts of a region between steps of the ground; none where steps divide nothing, or only ground below ``_LEAST_SHARE``.
 
     Args:
         ground: its nodes are looked at; other grounds have no steps.
@@ -50,7 +50,7 @@ def parts_between_steps(ground: Ground, region: Polygons, *, width_m: float, slo
 def least_width_m(
     ground: Ground, region: Polygons, parts: list[shapely.Polygon], *, width_m: float, slope: float
 ) -> float:
-    """The width of the band of heights at which no step parts any two of the parts of a region any more.
+    """The width of the height band at which no step divides any two of the parts of a region any more.
 
     Args:
         ground: its nodes are looked at.

@@ -1,4 +1,4 @@
-"""Obstacles: footprints with heights from GeoJSON (places on Earth) or a table of boxes (local frame), as prisms with flat tops.
+"""Obstacles as prisms with flat tops: footprints with heights from GeoJSON, or a table of boxes in the local frame.
 
 Lines are checked against the prisms along their full length.
 """

@@ -1,4 +1,4 @@
-"""Outlines of a scenario, of its area and of a vehicle's part of it: files replaced by their rings, and mistakes in these."""
+"""Outlines of a scenario's area and of a vehicle's part of it. Files are replaced by their rings and checked."""
 
 import dataclasses
 from pathlib import Path

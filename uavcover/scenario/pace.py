@@ -1,4 +1,4 @@
-"""How fast a site's vehicle gets along, as numbers for the kernels."""
+"""Kinematic limits of the vehicle, as numbers for the kernels."""
 
 import math
 
@@ -8,7 +8,7 @@ from uavcover.scenario.site import Site
 
 
 def pace_of(site: Site, autopilot: AutopilotName | None = None) -> Pace:
-    """Speeds and motion of a site's vehicle in its wind, flown by an autopilot; by the scenario's own where none is named."""
+    """Speeds and motion of a site's vehicle in its wind, flown by this autopilot; default: the scenario's own."""
     vehicle, wind = site.scenario.vehicle, site.scenario.wind
     to_rad = math.radians(wind.from_deg + 180.0)
     return moving_pace(
@@ -30,7 +30,7 @@ def moving_pace(
     airspeed_m_s: float | None,
     wind_m_s: tuple[float, float],
 ) -> Pace:
-    """What the flight time depends on: how an autopilot moves, the speeds, and the wind towards east and north."""
+    """Inputs of the flight time: the autopilot's motion, the speeds, and the wind towards east and north."""
     return Pace(
         cruise_m_s=cruise_m_s,
         climb_m_s=climb_m_s,

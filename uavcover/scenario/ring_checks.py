@@ -13,7 +13,7 @@ from uavcover.model.scenario import Scenario
 
 
 def across_180(*rings: Ring) -> list[Ring]:
-    """Rings of one polygon with continuous longitudes, for checks on a plane: across 180 degrees they go on to the east."""
+    """Rings of one polygon with continuous longitudes, for checks on a plane. Across 180 degrees they continue to the east."""
     lons = [lon for lon, _ in rings[0]]
     if not lons or max(lons) - min(lons) <= 180.0:
         return list(rings)
@@ -51,7 +51,7 @@ def no_fly_mistakes(zones: Sequence[NoFly], *, on_earth: bool) -> list[str]:
 
     Args:
         zones: as the scenario has them, files left out.
-        on_earth: whether the local frame has a place on Earth.
+        on_earth: whether the local frame has a position on Earth.
     """
     found: list[str] = []
     for number, zone in enumerate(zones):
@@ -122,7 +122,7 @@ def area_mistakes(area: Outline, file_key: str | None, *, key: str = "area") -> 
 
 
 def bounds_deg(area: Outline, scenario: Scenario) -> tuple[float, float, float, float] | None:
-    """West, south, east, north of area, fence and homes, or of the origin; none where there is no place on Earth.
+    """West, south, east, north of area, fence and homes, or of the origin; None without a position on Earth.
 
     Args:
         area: with its rings.

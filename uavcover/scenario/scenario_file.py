@@ -112,7 +112,7 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
     drawn = [zone for zone in scenario.no_fly if zone.file is None]
     mistakes += no_fly_mistakes(drawn, on_earth=on_earth)[:_MOST_MISTAKES]
     if not on_earth and len(drawn) < len(scenario.no_fly):
-        mistakes.append("no_fly: zones of a file need a place on Earth; give an [origin]")
+        mistakes.append("no_fly: zones of a file need a position on Earth; give an [origin]")
     if mistakes:
         raise ScenarioError(f"{source}: {'; '.join(mistakes)}")
     return dataclasses.replace(
@@ -173,7 +173,7 @@ def dump_scenario(scenario: Scenario) -> str:
 
 
 def _given(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A table without the keys that are None, for which TOML has no word; and [[no_fly]] can only follow where no list stands."""
+    """A table without the keys that are None, for which TOML has no word. [[no_fly]] can only follow where no list stands."""
     lists = {("no_fly", ()), ("vehicles", ())}
     return {key: value for key, value in pairs if value is not None and not (value == () and (key, value) in lists)}
 
@@ -352,10 +352,10 @@ def with_no_fly(scenario: Scenario, files: Sequence[str], *, margin_m: float) ->
     """A loaded scenario with the zones of more files, as ``[[no_fly]]`` entries with a margin would have them.
 
     Raises:
-        InputError: a file cannot be used, or the scenario has no place on Earth.
+        InputError: a file cannot be used, or the scenario has no position on Earth.
     """
     if not (scenario.area.is_geographic or scenario.origin is not None):
-        raise InputError(f"--no-fly: scenario {scenario.name} has no place on Earth; give it an [origin]")
+        raise InputError(f"--no-fly: scenario {scenario.name} has no position on Earth; give it an [origin]")
     entries = tuple(NoFly(file=str(Path(file).resolve()), margin_m=margin_m) for file in files)
     try:
         zones = _inline_zones(dataclasses.replace(scenario, no_fly=entries), Path())
@@ -365,7 +365,7 @@ def with_no_fly(scenario: Scenario, files: Sequence[str], *, margin_m: float) ->
 
 
 def _link_mistakes(link: str | None, key: str) -> list[str]:
-    """Why no vehicle can be at a link."""
+    """Reason why no vehicle can be at a link."""
     if link is None or link.startswith("mock:"):
         return []
     # Links bring pymavlink with them, which commands without a vehicle need not wait for.

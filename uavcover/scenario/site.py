@@ -63,7 +63,7 @@ class Site:
     derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
 
     def __repr__(self) -> str:
-        where = "no place on Earth" if self.frame is None else f"{self.frame.lat_deg:.5f}, {self.frame.lon_deg:.5f}"
+        where = "no position on Earth" if self.frame is None else f"{self.frame.lat_deg:.5f}, {self.frame.lon_deg:.5f}"
         return f"<Site {self.scenario.name}: {self.area.area / 1e6:.2f} square kilometres at {where}>"
 
     def minimising(self, objective: Objective | None = None, *, waypoint_price: float | None = None) -> "Site":
@@ -81,7 +81,7 @@ class Site:
         return dataclasses.replace(self, scenario=dataclasses.replace(self.scenario, planner=planner))
 
     def flown_by(self, vehicles: int) -> "Site":
-        """This site with so many vehicles.
+        """This site with this number of vehicles.
 
         Raises:
             ScenarioError: the number is not possible.
@@ -95,7 +95,7 @@ class Site:
 
     @property
     def bare_ground(self) -> Ground:
-        """The ground without trees and roofs of a surface model: vehicles stand on it, and it is what is looked at."""
+        """The ground without trees and roofs of a surface model: vehicles stand on it, and sensors observe it."""
         return self.ground if self.ground_model is None else self.ground_model
 
     @property
@@ -163,7 +163,7 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
     if frame is not None:
         _check_near(scenario, area, fence, home_en)
     if home_en is not None and not fence.covers(shapely.Point(home_en)):
-        raise ScenarioError("home: the take-off place is outside limits.fence; move one of the two")
+        raise ScenarioError("home: the take-off position is outside limits.fence; move one of the two")
     footprints = _footprints(scenario, frame, shapely.union_all([area, fence]))
     bounds = shapely.union_all([area, fence, *(footprint.polygon for footprint in footprints)]).bounds
     bare_ground = _ground(scenario, frame, bounds, terrain_file)
@@ -182,7 +182,7 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
     if home_en is not None:
         home_up = float(bare_ground.heights_m(home_en)[0])
         if not np.isfinite(home_up):
-            raise TerrainError(f"home: no elevation at the take-off place ({bare_ground.source})")
+            raise TerrainError(f"home: no elevation at the take-off position ({bare_ground.source})")
         if with_surface is not None and isinstance(scenario.terrain, RasterTerrain):
             check_home_is_open(scenario.terrain, with_surface, home_en, home_up)
         home = np.array([home_en[0], home_en[1], home_up])
@@ -227,7 +227,7 @@ def polygons_in_metres(outline: Outline, frame: LocalFrame | None) -> Any:
     """The polygons of an outline without their holes, (east, north) metres.
 
     Raises:
-        ScenarioError: they are in degrees, and the frame has no place on Earth.
+        ScenarioError: they are in degrees, and the frame has no position on Earth.
     """
 
     def polygon(ring: Ring) -> shapely.Polygon:
@@ -316,12 +316,12 @@ def _check_home_is_clear(scenario: Scenario, home_en: FloatArray, footprints: li
         if distance_m < clearance_m:
             raise ScenarioError(
                 f"home: {distance_m:.1f} m from obstacle {footprint.name!r}, obstacles.clearance_beside_m is {clearance_m:g} m; "
-                "move the take-off place"
+                "move the take-off position"
             )
 
 
 def _check_home_is_outside(zones: tuple[Zone, ...], home_m: FloatArray, alt_amsl_offset_m: float) -> None:
-    """Refuse a home in a no-fly zone, or nearer to it than its margin, where the zone begins at the ground."""
+    """Refuse a home in a no-fly zone that begins at the ground, or nearer to it than its margin."""
     place = shapely.Point(home_m[:2])
     for zone in zones:
         entry = zone.entry
@@ -335,7 +335,7 @@ def _check_home_is_outside(zones: tuple[Zone, ...], home_m: FloatArray, alt_amsl
         if distance_m < entry.margin_m or distance_m == 0.0:
             where = "lies in" if distance_m == 0.0 else f"is {distance_m:.1f} m from"
             more = "" if distance_m == 0.0 else f", whose margin_m is {entry.margin_m:g} m"
-            raise ScenarioError(f"home: {where} no-fly zone {zone.name!r}{more}; move the take-off place")
+            raise ScenarioError(f"home: {where} no-fly zone {zone.name!r}{more}; move the take-off position")
 
 
 def _fence(
@@ -346,7 +346,7 @@ def _fence(
         in_degrees = limits.fence_rings_lon_lat_deg
         if in_degrees and frame is None:
             raise ScenarioError(
-                f"limits.{key}: needs a place on Earth; give {key.replace('lon_lat_deg', 'east_north_m')}"
+                f"limits.{key}: needs a position on Earth; give {key.replace('lon_lat_deg', 'east_north_m')}"
             )
         in_metres = limits.fence_polygons_east_north_m or ()
         in_metres = (limits.fence_east_north_m,) if limits.fence_east_north_m is not None else in_metres
@@ -381,7 +381,7 @@ def _ground(
     if isinstance(terrain, SineCosineTerrain):
         return sine_cosine_ground(terrain.scale_m)
     if frame is None or terrain_file is None:
-        raise ScenarioError("terrain: raster terrain needs a place on Earth")
+        raise ScenarioError("terrain: raster terrain needs a position on Earth")
     ground = read_ground(
         terrain_file, terrain.vertical_datum, frame=frame, bounds_m=_with_margin(bounds_m), grid_step_m=terrain.grid_step_m
     )  # fmt: skip

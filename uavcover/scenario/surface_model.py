@@ -66,7 +66,9 @@ def with_surface_over(scenario: Scenario, frame: LocalFrame, bounds_m: Bounds, b
 
 
 def check_home_is_open(terrain: RasterTerrain, ground: Ground, home_en: FloatArray, home_up_m: float) -> None:
-    """Refuse a home under trees or a roof: a vehicle could not climb there, and heights above home would be wrong by them.
+    """Refuse a home under trees or a roof.
+
+    A vehicle could not climb there, and heights above home would be wrong.
 
     Args:
         terrain: of the scenario.
@@ -79,7 +81,7 @@ def check_home_is_open(terrain: RasterTerrain, ground: Ground, home_en: FloatArr
     """
     above_m = float(ground.heights_m(home_en)[0]) - home_up_m
     if not np.isfinite(above_m):
-        raise TerrainError(f"home: the surface model has no height at the take-off place ({ground.source})")
+        raise TerrainError(f"home: the surface model has no height at the take-off position ({ground.source})")
     if above_m > terrain.surface_hides_m:
         raise ScenarioError(
             f"home: the surface is {above_m:.1f} m above the ground there (trees, a roof, or surface_file has another vertical "
@@ -137,7 +139,7 @@ def of_surface(error: TerrainError) -> TerrainError:
 
 
 def _up_at_nodes_m(ground: Ground, places_m: FloatArray, bounds_m: Bounds) -> FloatArray:
-    """(k,) up coordinate of a ground on the plumb lines of (k, 3) places; those without a height are on their east and north."""
+    """(k,) up coordinate of a ground on the plumb lines of (k, 3) positions. At their east and north without a height."""
     known = np.isfinite(places_m[:, 2])
     up = np.full(len(places_m), np.nan)
     up[~known] = ground.heights_m(places_m[~known, :2]) if not known.all() else math.nan
@@ -183,7 +185,7 @@ def refuse_other_heights(ground_amsl_m: FloatArray, surface_amsl_m: FloatArray, 
     if known.sum() < _FEW_PLACES:
         raise TerrainError(
             f"terrain.surface_file: {surface} and terrain.file have no height in common around the area; give a surface model of "
-            "that place"
+            "that location"
         )
     ground_m, surface_m = ground_amsl_m[known], surface_amsl_m[known]
     difference = surface_m - ground_m
@@ -199,13 +201,13 @@ def refuse_other_heights(ground_amsl_m: FloatArray, surface_amsl_m: FloatArray, 
             f'{where}, {ratio:.2f} times as high: the {which} seems to be in feet; set terrain.{key} to "ft"'
         )
     raise TerrainError(
-        f"{where} ({nearest:.1f} to {farthest:.1f} m in 98 % of places), nowhere near it: their vertical datums or units seem to "
+        f"{where} ({nearest:.1f} to {farthest:.1f} m at 98 % of nodes), nowhere near it: their vertical datums or units seem to "
         "differ; set terrain.surface_vertical_datum or surface_height_unit"
     )
 
 
 def refuse_misfit(ground: Ground, surface: Ground, *, bounds_m: Bounds, alt_amsl_offset_m: float) -> None:
-    """Refuse a surface model that cannot be of the same place as a ground and in the same heights, or is exchanged with it.
+    """Refuse a surface model of another location or height datum than the ground, or one exchanged with it.
 
     Args:
         ground: the bare ground.
@@ -233,13 +235,13 @@ def refuse_misfit(ground: Ground, surface: Ground, *, bounds_m: Bounds, alt_amsl
     lowest_m = -float(difference.min())
     if share > _MOST_BELOW or (share > _SOME_BELOW and mostly_below):
         raise TerrainError(
-            f"terrain.surface_file: {surface.source} lies under the ground of terrain.file in {100.0 * share:.0f} % of places, "
+            f"terrain.surface_file: {surface.source} lies under the ground of terrain.file at {100.0 * share:.0f} % of nodes, "
             f"by up to {lowest_m:.1f} m; are the two swapped (file is the ground, surface_file what stands on it)? "
-            "Or is it of another place or datum?"
+            "Or is it of another location or datum?"
         )
     if share > _FEW_BELOW and mostly_below:
         _log.warning(
-            "terrain.surface_file: %s lies under the ground of terrain.file in %.2f %% of places, by up to %.1f m, and more "
+            "terrain.surface_file: %s lies under the ground of terrain.file at %.2f %% of nodes, by up to %.1f m, and more "
             "rarely above it: check that the two are not swapped; flights keep above both",
             surface.source, 100.0 * share, lowest_m,
         )  # fmt: skip

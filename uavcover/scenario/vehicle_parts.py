@@ -1,4 +1,4 @@
-"""Who of a fleet sees which part of the area: the parts that vehicles were told, and the rest for all others."""
+"""Assign parts of the area to vehicles: the parts that the scenario names, and the rest to all others."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -30,7 +30,7 @@ class OwnParts:
 
 
 def groups_of(scenario: Scenario) -> tuple[tuple[int, ...], ...]:
-    """The vehicles that see a part of the area together, by their numbers; none where all see the whole area together.
+    """The vehicles that share a part of the area, by number; none where all share the whole area.
 
     A vehicle with a part sees it alone; of the others, those with equal sensors share one.
     """
@@ -55,7 +55,9 @@ def own_sensors(scenario: Scenario) -> bool:
 
 
 def own_parts(site: Site) -> OwnParts:
-    """The parts of the area that vehicles were told, and the rest; together the area, and no part over another.
+    """The vehicles' parts of the area from the scenario, and the rest.
+
+    Together they are the area; none overlap.
 
     Raises:
         ScenarioError: parts overlap, lie outside the area, or leave too much or too little; says which, and by how much.
@@ -89,7 +91,7 @@ def own_parts(site: Site) -> OwnParts:
 
 
 def polygons_of(shape: shapely.Geometry) -> Piece:
-    """What of a shape has an area."""
+    """The polygons of a shape."""
     parts = [part for part in shapely.get_parts(shape) if isinstance(part, shapely.Polygon) and part.area > 0.0]
     return parts[0] if len(parts) == 1 else shapely.MultiPolygon(parts)
 
@@ -102,7 +104,7 @@ def _inside(site: Site, number: int, drawn: Piece) -> Any:
     if outline.is_geographic and site.frame is None:
         raise ScenarioError(f"vehicle.{number - 1}.area: a polygon in degrees needs a home or an origin")
     part = polygons_in_metres(outline, site.frame)
-    # Nobody has to draw the holes of the area into a part again.
+    # The holes of the area need not be drawn into a part again.
     solid = shapely.union_all([shapely.Polygon(piece.exterior) for piece in shapely.get_parts(drawn)])
     outside = part.difference(solid)
     if not part.intersects(drawn):
@@ -137,7 +139,7 @@ def _check_rest(scenario: Scenario, rest: Piece) -> None:
     if not others and not rest.is_empty:
         raise ScenarioError(
             f"vehicle.0.area to vehicle.{len(scenario.vehicles) - 1}.area: leave {rest.area:.0f} square metres of [area] to "
-            "nobody; enlarge a part, make [area] smaller, or leave one vehicle without area, which then sees the rest"
+            "no vehicle; enlarge a part, make [area] smaller, or leave one vehicle without area, which then covers the rest"
         )
 
 

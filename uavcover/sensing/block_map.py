@@ -1,8 +1,8 @@
-"""The cells of a large area, looked at block by block, so that their places and slopes are never all in memory.
+"""Cells of a large area, evaluated block by block, so that their positions and slopes are never all in memory.
 
 A cell is the same in a block of rows as among all, and sees the same. What a plan needs of the cells of a large area is how much
 ground each has, whether it can be covered, and whether a route sees it: 9 bytes and a few bits a cell, in place of 70 and more.
-A block is a task of its own, for whoever does it.
+A block is a task of its own, for any worker.
 """
 
 import math
@@ -30,12 +30,12 @@ Bits = np.ndarray[tuple[int], np.dtype[np.uint8]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockTask:
-    """What to find out about a block of cells.
+    """Questions about a block of cells.
 
     Attributes:
         rows: of the lattice, from the first to before the last.
-        about_cells: whether their ground is asked for, and which can be covered.
-        routes_m: each (n, 3) ENU; which cells they see is asked for.
+        about_cells: whether to compute their ground, and which can be covered.
+        routes_m: each (n, 3) ENU; compute which cells they observe.
     """
 
     rows: tuple[int, int]
@@ -45,13 +45,13 @@ class BlockTask:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlockLook:
-    """What was found out.
+    """Answers about a block of cells.
 
     Attributes:
         count: of cells.
         weight_m2: (count,) as in :class:`CellGrid`; empty where it was not asked for.
-        hidden_m2: likewise, 0.
-        coverable: (count,) packed; likewise.
+        hidden_m2: as in :class:`CellGrid`; 0 where it was not requested.
+        coverable: (count,) packed; empty where it was not requested.
         seen: for each route (count,) packed.
     """
 
@@ -203,7 +203,7 @@ class BlockMap(CoverageMap):
         ]  # fmt: skip
 
     def _may_see(self, route_m: FloatArray, rows: tuple[int, int]) -> bool:
-        """Whether a route comes as near to a block as the sensor sees; a row of cells is as wide as the area."""
+        """Whether a route comes within sensor range of a block. A row of cells is as wide as the area."""
         south, side_m = self.site.area.bounds[1], judged_cell_size_m(self.site)
         halo_m = farthest_m(self.site.scenario.sensor) + self.site.scenario.vehicle.motion().corner_radius_m + 1.0
         norths = np.asarray(route_m, dtype=float).reshape(-1, 3)[:, 1]
@@ -217,18 +217,18 @@ def _unpacked(bits: Bits, count: int) -> BoolArray:
 
 
 def is_large(site: Site) -> bool:
-    """Whether the area has so many cells that it is looked at block by block."""
+    """Whether the area is large enough to be evaluated block by block."""
     rows, columns = lattice_shape(site, judged_cell_size_m(site))
     return _MOST_AT_ONCE < rows * columns <= MAX_CELLS
 
 
 def judge_by_blocks(site: Site) -> None:
-    """From now on the :func:`judging_map` of a site is made of blocks, if the area is large."""
+    """Build the :func:`judging_map` of a site from blocks from now on, if the area is large."""
     if is_large(site):
         keep_judging_map(site, lambda: BlockMap(site))
 
 
 def look_at_all(coverage: CoverageMap, routes_m: Sequence[FloatArray], by: RunBlocks) -> None:
-    """Have others find out what routes see, where a map is made of blocks; elsewhere it is found when it is asked for."""
+    """Let workers compute the observations of routes, where a map is made of blocks. Other maps compute them on demand."""
     if isinstance(coverage, BlockMap):
         coverage.look_at(routes_m, by)

@@ -26,9 +26,11 @@ _MOST_RISES = 4_000_000
 _SCATTERED = 0.5 * (math.sqrt(5.0) - 1.0), math.sqrt(2.0) - 1.0
 _SAMPLED = math.sqrt(3.0) - 1.0, math.sqrt(7.0) - 2.0
 _OTHER = math.sqrt(11.0) - 3.0, math.sqrt(13.0) - 3.0
-"""From row to row and from column to column, in cells. Two different steps: with equal ones, many places would be aligned at
-45 degrees. Who judges samples elsewhere than who searches, and who tries
-once more elsewhere than both."""
+"""Shifts from row to row and from column to column, in cells.
+
+Two different steps: with equal ones, many places would be aligned at 45 degrees. Who judges samples elsewhere than who searches,
+and who tries once more elsewhere than both.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +50,7 @@ class CellGrid:
 
     @property
     def middles_m(self) -> FloatArray:
-        """(n, 2) east and north of the middles of the cells' squares on the map, wherever in them the cells are looked at."""
+        """(n, 2) east and north of the middles of the cells' squares on the map, for any representative point."""
         cells = self.cells
         row, column = np.nonzero(cells.lattice >= 0)
         out = np.empty((self.count, 2))
@@ -105,7 +107,7 @@ def make_cells(site: Site, cell_size_m: float, *, rows: range | None = None) -> 
 
 
 def make_sampled_cells(site: Site, cell_size_m: float, *, rows: range | None = None) -> CellGrid:
-    """Divide the area likewise, but look at each cell at another place inside of it.
+    """Divide the area in the same way, but represent each cell by another point inside it.
 
     Elevation files are lattices too. Where cells are as large as pixels, all centres lie at the same place of their pixels: all
     at the foot of a wall, or all on top of it. On terraces that alone made a coverage wrong by two points.
@@ -119,7 +121,7 @@ def make_other_cells(site: Site, cell_size_m: float) -> CellGrid:
 
 
 def make_scattered_cells(site: Site, cell_size_m: float) -> CellGrid:
-    """Divide the area likewise, but represent each cell by a point that shifts from row to row and from column to column.
+    """Divide the area in the same way, but represent each cell by a point that shifts from row to row and column to column.
 
     Between two columns of cell centres an unseen strip up to one cell wide would go unnoticed, and a search would exploit it.
     Here each row and each column is shifted along itself by an irrational fraction of a cell more than the previous one, so
@@ -131,7 +133,7 @@ def make_scattered_cells(site: Site, cell_size_m: float) -> CellGrid:
 def _cut(
     site: Site, cell_size_m: float, *, steps: tuple[float, float] | None = None, rows: range | None = None
 ) -> CellGrid:
-    """The cells, with their places shifted by up to half a cell each way, in these steps; none: they are the centres."""
+    """The cells, with positions shifted by up to half a cell each way, in these steps. None: they are the centres."""
     west, south, east, north = site.area.bounds
     all_rows, columns = lattice_shape(site, cell_size_m)
     wanted = range(all_rows) if rows is None else rows
@@ -154,7 +156,7 @@ def _cut(
     if rows is None and not inside.any():
         raise ScenarioError(
             f"terrain.surface_file: all ground of the area lies more than surface_hides_m = {_hides_m(site):g} m under "
-            "the surface and cannot be seen from the air; to look at the tree tops, give the surface model as terrain.file"
+            "the surface and cannot be observed from the air; to observe the tree tops, give the surface model as terrain.file"
         )
     index = np.full(inside.shape, -1, dtype=np.int32)
     index[inside] = np.arange(int(inside.sum()), dtype=np.int32)
@@ -193,7 +195,7 @@ def _without_hidden(
     cell_size_m: float,
     rows: range | None,
 ) -> tuple[NDArray[np.bool_], float]:
-    """Which places of the lattice are cells whose ground can be seen from above, and the area of the ground that cannot.
+    """Lattice points that are cells with ground visible from above, and the area of the hidden ground.
 
     The ground of a cell is hidden where the surface model is more than ``terrain.surface_hides_m`` above it. Elsewhere the two
     are taken as one: the cell is looked at on the surface. Where an obstacle stands the cell is on its roof.
@@ -219,7 +221,7 @@ def _hides_m(site: Site) -> float:
 
 
 def _rises(site: Site, centre: FloatArray, scatter_m: float) -> FloatArray:
-    """Of the cells, where rays of the sensor may be less steep than the ground somewhere."""
+    """Cells at which rays of the sensor may be less steep than the ground somewhere."""
     sight, surface = sight_of(site.scenario.sensor), site.ground.surface
     if len(centre) > _MOST_RISES or sight.line_of_sight != RAY or surface.steepest * widest_tangent(sight) <= 1.0:
         return NO_RISE

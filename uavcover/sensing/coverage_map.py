@@ -120,7 +120,7 @@ def trial_places(scenario: Scenario) -> Iterator[TrialPlace]:
     """The positions tried for every cell, the most promising first.
 
     Directly above and 36 positions around, each at three heights of the band. For a frame camera instead the positions from
-    which flat ground at the cell would lie at the centre, near the corners and near the edges of the picture, for twelve
+    which flat ground at the cell would lie at the centre, near the corners and near the edges of the photo, for twelve
     headings or the one that the scenario sets.
     """
     limits, sensor = scenario.limits, scenario.sensor
@@ -177,9 +177,9 @@ class CoverageMap:
         return other
 
     def observations(self, route_m: FloatArray) -> LevelObservations:
-        """Observations of a sensor on an (n, 3) ENU route: from its waypoints, from samples along its legs, or where it triggers.
+        """Observations of a sensor on an (n, 3) ENU route: at its waypoints, along its legs, or at trigger points.
 
-        A camera that turns with the legs observes twice from a waypoint between two legs, once along each; but one picture by
+        A camera that turns with the legs observes twice from a waypoint between two legs, once along each; but one photo by
         distance is taken there at most, on the leg that ends.
         """
         route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
@@ -202,7 +202,7 @@ class CoverageMap:
         return LevelObservations(np.vstack(legs), np.vstack(headings))
 
     def _pictures(self, route: FloatArray, ways: FloatArray, trigger_m: float) -> LevelObservations:
-        """Pictures by distance on an (n, 3) ENU route, each turned along the (n - 1, 2) way of its leg."""
+        """Trigger points on an (n, 3) ENU route, each turned along the (n - 1, 2) direction of its leg."""
         legs, places_m = pictures_on(route, trigger_m)
         headings = np.vstack([ways, np.zeros(2)])[legs]  # a single waypoint has no way
         return LevelObservations(places_m, np.ascontiguousarray(headings))
@@ -217,12 +217,12 @@ class CoverageMap:
         line = line_flown(self.site, route)
         looks = self._observations(line.places_m, line.headings)
         if trigger_distance_m(self.site.scenario) is not None:
-            # The first picture is taken where it stops, before it turns onto its first leg.
+            # The first photo is taken where it stops, before it turns onto its first leg.
             looks.headings[0] = heading_there(self.site, route[0])
         return looks
 
     def observed_legs(self, route_m: FloatArray) -> IntArray:
-        """(k,) number of the leg of an (n, 3) ENU route, n >= 2, on which each of its :meth:`observations` is made."""
+        """(k,) number of the leg of an (n, 3) ENU route, n >= 2, of each of its :meth:`observations`."""
         route = np.ascontiguousarray(route_m, dtype=float)
         trigger_m = trigger_distance_m(self.site.scenario)
         if trigger_m is not None:
@@ -234,7 +234,7 @@ class CoverageMap:
         return np.clip(leg, 0, len(way_m) - 2)
 
     def seen(self, route_m: FloatArray) -> BoolArray:
-        """(cells,) whether each cell is seen from an (n, 3) ENU route as it is flown, by the sensing rule; read-only."""
+        """(cells,) whether an (n, 3) ENU route as flown observes each cell by the sensing rule; read-only."""
         return self._recent.get(route_m, lambda: self.seen_by(self.flown_observations(route_m)))
 
     def blocks(self) -> Iterator["CoverageMap"]:
@@ -368,7 +368,7 @@ def keep_judging_map(site: Site, make: Callable[[], CoverageMap]) -> None:
 
 
 def judging_maps(site: Site) -> list[CoverageMap]:
-    """What a search asks about a route: :func:`judging_map`; where its cells are as large as the scenario says, finer ones, too.
+    """Maps on which a search rates a route: :func:`judging_map`, and finer ones for cells of the scenario's size.
 
     These only for a sensor that looks along the path, and where memory allows. Built once for a site.
     """
@@ -379,12 +379,12 @@ def judging_maps(site: Site) -> list[CoverageMap]:
 
 
 def planning_map(site: Site) -> CoverageMap:
-    """The cells that a planner counts on, the area's own where they are of the same size; built once for a site."""
+    """The cells that a planner uses, the area's own if they are of the same size. Built once for a site."""
     return _map_of(site, site.scenario.planning_cell_size_m)
 
 
 def sampling_map(site: Site, *, most_cells: int) -> CoverageMap:
-    """:func:`planning_map`, or where it has more than so many cells one of larger cells; then not kept.
+    """:func:`planning_map`, or one of larger cells where it has more than ``most_cells``; the latter is not kept.
 
     Each cell is looked at in one place, so larger ones are a thinner sample of the ground.
     """
@@ -395,8 +395,10 @@ def sampling_map(site: Site, *, most_cells: int) -> CoverageMap:
 
 
 _MOST_FINER_CELLS = 600_000
-"""Where there would be more, the own cells are so many that luck hardly matters: on 25 km² finer ones took 4 s before a search
-could begin."""
+"""Above this number, the own cells are many enough against overfitting.
+
+On 25 km² finer ones took 4 s before a search could begin.
+"""
 
 
 def finer_map(site: Site) -> CoverageMap | None:
@@ -424,7 +426,7 @@ def judging_block(site: Site, rows: range) -> CoverageMap:
 
 
 def row_blocks(site: Site, *, cells: int) -> list[range]:
-    """The rows of the lattice of :func:`judging_map`, in blocks of at most so many places, or of one row."""
+    """The rows of the lattice of :func:`judging_map`, in blocks of at most ``cells`` points, or of one row."""
     rows, columns = lattice_shape(site, judged_cell_size_m(site))
     step = max(1, cells // columns)
     return [range(first, min(first + step, rows)) for first in range(0, rows, step)]

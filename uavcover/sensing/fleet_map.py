@@ -1,4 +1,4 @@
-"""The cells of a fleet whose vehicles may have sensors of their own: what any of them sees, and may see, counts."""
+"""Cells of a fleet whose vehicles may have different sensors: an observation by any vehicle counts."""
 
 import numpy as np
 

@@ -23,14 +23,16 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import sight_of, trigger_distance_m, turns_with_legs
 
 _CORNER_POINTS = 17
-"""Of a rounded corner; the middle one is where the waypoint counts as passed. With seven a camera is turned by 10° less there
-than it is in flight."""
+"""Points of a rounded corner; the middle one is where the waypoint counts as passed.
+
+With seven a camera is turned by 10° less there than it is in flight.
+"""
 
 _LEAST_OFF_M = 0.02
-"""What passes its waypoint as near goes through it."""
+"""A path that passes its waypoint this closely goes through it."""
 
 _TURNING_SHARE = 0.05
-"""Of the cruise speed: the nose stays where it is while the vehicle is slower (AC_PosControl::calculate_yaw_and_rate_yaw)."""
+"""Share of the cruise speed below which the yaw is held (AC_PosControl::calculate_yaw_and_rate_yaw)."""
 
 _HEIGHT_RADIUS_M = 0.8
 """A waypoint of PX4 is reached within this height (NAV_MC_ALT_RAD)."""
@@ -40,7 +42,7 @@ _LEAST_S = 1e-9
 
 
 class RoundedCorners(NamedTuple):
-    """How waypoints are passed.
+    """Paths around waypoints.
 
     Attributes:
         places_m: (n, points, 3) ENU, from leg to leg, in even steps of time.
@@ -65,7 +67,7 @@ class FlownLine:
 
 
 def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
-    """The line that is flown along an (n, 3) ENU route, from the second half of its first corner to the first half of its last.
+    """The line flown along an (n, 3) ENU route, from the middle of its first corner to the middle of its last.
 
     How the first waypoint is passed depends on the way there, and the last one on the way home, which are not known here: where
     the line is nearly on its legs that makes no difference. PX4 turns to the next waypoint before it is at the last one, and
@@ -106,10 +108,12 @@ def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
 
 
 def _braked_line(site: Site, route_m: FloatArray, *, turns: bool) -> FlownLine:
-    """The line of PX4 along an (n, 3) route, n >= 1, with pieces where the nose turns, if that matters.
+    """The line of PX4 along an (n, 3) route, n >= 1.
+
+    It has pieces where the yaw changes, if that matters.
 
     From where a waypoint is reached the nose turns to the next one, until that is reached: on a leg that is not much longer than
-    the radius there is hardly time for it.
+    the radius there is little time for it.
     """
     passed_m = places_passed_m(site, route_m)
     places = np.vstack([route_m[:-1], passed_m[-1:]])
@@ -125,7 +129,7 @@ def _braked_line(site: Site, route_m: FloatArray, *, turns: bool) -> FlownLine:
 
 
 def _kept(values: FloatArray, missing: BoolArray) -> FloatArray:
-    """(k, 2) values, the last one that is not missing in place of each that is; the first one is not."""
+    """(k, 2) values. A missing one is replaced by the last that is not missing; the first is not missing."""
     before = np.maximum.accumulate(np.where(missing, 0, np.arange(len(values))))
     return np.ascontiguousarray(values[before])
 
@@ -144,7 +148,7 @@ def places_passed_m(site: Site, route_m: FloatArray) -> FloatArray:
 
 
 def _reached_m(pace: Pace, begin_m: FloatArray, route_m: FloatArray) -> FloatArray:
-    """(n, 3) where (n, 3) waypoints are reached one after the other, each on the straight way from where the last one was."""
+    """(n, 3) positions at which (n, 3) waypoints are accepted in turn, each on the straight line from the last one."""
     places, place = np.empty_like(route_m), begin_m
     for k, point in enumerate(route_m):
         level, rise = math.hypot(point[0] - place[0], point[1] - place[1]), abs(point[2] - place[2])
@@ -160,7 +164,9 @@ def _above_home_m(site: Site, home_m: FloatArray) -> FloatArray:
 
 
 def corners_flown(site: Site, route_m: FloatArray) -> FloatArray | None:
-    """(n, points, 3) where a vehicle passes each waypoint of an (n, 3) ENU route, from leg to leg; at the ends the half on it.
+    """(n, points, 3) corners of an (n, 3) ENU route, from leg to leg.
+
+    At both ends only the half on the route.
 
     None where they are not flown as ArduCopter does it.
     """
@@ -173,11 +179,11 @@ def corners_flown(site: Site, route_m: FloatArray) -> FloatArray | None:
 
 
 def pictures_on(line_m: FloatArray, trigger_m: float) -> tuple[IntArray, FloatArray]:
-    """Where a camera that is triggered by distance takes its pictures along a line.
+    """Trigger points along a line, by distance.
 
     Args:
         line_m: (k, 3) ENU.
-        trigger_m: between two pictures.
+        trigger_m: between two photos.
 
     Returns:
         (m,) the piece of the line that each is taken on, and (m, 3) places.
@@ -188,7 +194,7 @@ def pictures_on(line_m: FloatArray, trigger_m: float) -> tuple[IntArray, FloatAr
 
 
 def heading_there(site: Site, first_m: FloatArray) -> FloatArray:
-    """(2,) the direction east and north from home in which the (3,) first waypoint is reached; (0, 0) without a home."""
+    """(2,) the direction east and north from home in which the (3,) first waypoint is reached. (0, 0) without a home."""
     return np.zeros(2) if site.home_m is None else np.asarray(first_m[:2] - site.home_m[:2])
 
 
@@ -208,7 +214,7 @@ def _is_braked(site: Site) -> bool:
 
 
 def _corners(site: Site, route_m: FloatArray) -> RoundedCorners | None:
-    """How each waypoint of an (n, 3) route is passed; none where that is exactly.
+    """Corner at each waypoint of an (n, 3) route; None where waypoints are passed exactly.
 
     The ways from home and to home are straight, from the top of the column above it.
     """
@@ -218,13 +224,13 @@ def _corners(site: Site, route_m: FloatArray) -> RoundedCorners | None:
     top = np.array([[home_m[0], home_m[1], home_m[2] + site.scenario.vehicle.takeoff_height_m]])
     corners = rounded_corners(pace, np.vstack([top, route_m, top]))
     if trigger_distance_m(site.scenario) is not None:
-        # The waypoint at which pictures begin stands twice in the mission and is a stop.
+        # The waypoint at which photos begin stands twice in the mission and is a stop.
         corners.places_m[0] = route_m[0]
     return corners
 
 
 def rounded_corners(pace: Pace, points_m: FloatArray) -> RoundedCorners:
-    """How the n - 2 inner ones of (n, 3) points are passed by blended legs.
+    """Blended corners at the n - 2 inner ones of (n, 3) points.
 
     Args:
         pace: of the vehicle, BLENDED.
@@ -234,7 +240,7 @@ def rounded_corners(pace: Pace, points_m: FloatArray) -> RoundedCorners:
     length = np.linalg.norm(ways, axis=1)
     unit = ways / np.maximum(length, _LEAST_M)[:, None]
     ramp = _Ramps(pace, unit, length)
-    # How long before its end a leg may let the next one begin; it is asked for when the time of smoothing has passed.
+    # Time before its end at which a leg may let the next one begin; it is tested when the time of smoothing has passed.
     begins_s = -turn_times(pace, np.ascontiguousarray(points_m))[1:-1]
     slower = np.sqrt(ramp.slower[:-1] * ramp.slower[1:])
     blend_s = np.maximum(0.0, begins_s / slower - pace.smoothing_s)
@@ -273,7 +279,7 @@ class _Ramps:
         self.slower = quickest_s / (quickest_s + pace.smoothing_s)
 
     def ways_m(self, legs: slice, seconds: FloatArray) -> FloatArray:
-        """(k, m) metres of k legs, so many (k, m) seconds from rest."""
+        """(k, m) metres along k legs after (k, m) seconds from rest."""
         ramp_s, peak = self._ramp_s[legs, None], self._peak[legs, None]
         time = np.minimum(seconds * self.slower[legs, None], ramp_s)
         first = self._first_half_m(legs, np.minimum(time, ramp_s - time))

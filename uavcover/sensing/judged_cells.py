@@ -1,4 +1,4 @@
-"""How large the cells are that results are judged on.
+"""Size of the cells on which results are judged.
 
 A cell counts by one place in it, so the coverage of an area of few cells is a small sample: with 8,500 cells its standard
 deviation is 0.05 points, and a search finds routes that just these places flatter. Where the ground of a few cells weighs as much
@@ -12,7 +12,7 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.cells import make_sampled_cells
 
 MOST_PLACES = 160_000
-"""So many are enough for any ground."""
+"""This number is enough for any ground."""
 
 _PROBED = 10_000
 
@@ -36,7 +36,7 @@ def is_judged_on_smaller_cells(site: Site) -> bool:
 
 
 def cell_size_for(site: Site, *, fewest: int, most: int, largest_m: float) -> float:
-    """Side of cells that are as good a sample of the ground as ``fewest`` cells of equal weight, if ``most`` are enough for that.
+    """Side of cells that sample the ground as well as ``fewest`` equal cells, if ``most`` suffice for that.
 
     Args:
         site: the scenario on its ground.
@@ -53,7 +53,7 @@ def cell_size_for(site: Site, *, fewest: int, most: int, largest_m: float) -> fl
 
 
 def evenness(site: Site) -> float:
-    """Of cells of a site, how many of equal weight are as good a sample, as a share of their number, 0..1; found once."""
+    """Share 0..1 of a site's cells: equal cells of this share are as good a sample. Computed once."""
     key = "evenness of cells"
     if key not in site.derived:
         size_m = max(site.scenario.area.cell_size_m, math.sqrt(site.area.area / _PROBED))

@@ -1,4 +1,4 @@
-"""Photos that are one look: from one place in one direction, whatever the number of files.
+"""Group photos into looks: photos from one position in one direction count once, for any number of files.
 
 A reconstruction needs views from different places. Bands of a multispectral camera, bursts, and photos of a vehicle that hovers
 show the ground from one place, so together they count once.
@@ -40,7 +40,7 @@ def look_distance_m(scenario: Scenario, error_m: FloatArray) -> FloatArray:
 def looks_of(
     places_m: FloatArray, axes: FloatArray, closer_m: FloatArray, captures: Sequence[str | None] | None = None
 ) -> IntArray:
-    """(n,) the number of the look that each photo belongs to, counted from 0 in order of the first photo of each.
+    """(n,) number of the look that each photo belongs to, counted from 0 in order of the first photo of each.
 
     A photo belongs to the first look whose first photo is closer than ``closer_m`` across the view, with a like direction;
     heights along the view do not make another look. Photos of one capture id are one look.

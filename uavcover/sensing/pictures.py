@@ -1,8 +1,8 @@
-"""In how many pictures each cell is, and at what ground sample distance: what a reconstruction has to work with.
+"""In how many photos each cell is, and at what ground sample distance: what a reconstruction has to work with.
 
-Coverage asks whether a cell was seen in the middle of a picture, as the side overlap leaves it. Here every whole picture counts
+Coverage asks whether a cell was seen in the middle of a photo, as the side overlap leaves it. Here every whole photo counts
 that shows the cell: inside its frame, in range, not too oblique, and with nothing in between. How coarse it is does not matter
-for the count; the best ground sample distance is told beside it.
+for the count; the best ground sample distance is reported beside it.
 """
 
 import dataclasses
@@ -31,22 +31,22 @@ WORKERS = 2
 """Threads that share the rows of the lattice; the result does not depend on their number."""
 
 OVERLAP_FRACTION = 0.99
-"""Share of the drawn area that has to be in as many pictures as the overlap asks for, for the overlap to hold."""
+"""Share of the drawn area that has to be in as many photos as the overlap asks for, for the overlap to hold."""
 
 FLOWN_OVERLAP_FRACTION = 0.97
-"""The same of a flight whose plan keeps it: every picture is triggered a little late, and at the ends of lines one is missing."""
+"""The same of a flight whose plan keeps it: every photo is triggered a little late, and at the ends of lines one is missing."""
 
 _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureCounts:
-    """What pictures show of each cell.
+    """Photos that show each cell.
 
     Attributes:
         pictures: (cells,) how many looks show it; photos from one place are one look.
         ground_sample_m: (cells,) the best ground sample distance of these; NaN where there is none, or it is not known.
-        taken: how many pictures there are.
+        taken: how many photos there are.
         looks: how many looks they are.
     """
 
@@ -65,10 +65,10 @@ def takes_pictures(scenario: Scenario) -> bool:
 
 
 def pictures_asked(sensor: Sensor) -> int | None:
-    """In how many pictures the overlap asked for puts a point; none where no overlap is asked for.
+    """Number of photos in which the required overlap puts a point; None without a required overlap.
 
-    With forward overlap F pictures begin every 1 - F of their length, so at least floor(1 / (1 - F)) of a line show a point; with
-    side overlap S at least floor(1 / (1 - S)) lines do. The product counts pictures of all lines.
+    With forward overlap F photos begin every 1 - F of their length, so at least floor(1 / (1 - F)) of a line show a point; with
+    side overlap S at least floor(1 / (1 - S)) lines do. The product counts photos of all lines.
 
     >>> pictures_asked(FrameCamera(kind="frame-camera", fov_across_deg=60.0, fov_along_deg=40.0, range_m=200.0,
     ...                            forward_overlap=0.75, side_overlap=0.7))
@@ -83,11 +83,11 @@ def pictures_asked(sensor: Sensor) -> int | None:
 
 
 def overlap_rule(sensor: Sensor) -> str | None:
-    """How :func:`pictures_asked` comes to its number, for people; none where no overlap is asked for.
+    """Derivation of the number of :func:`pictures_asked`, as text; None without a required overlap.
 
     >>> overlap_rule(FrameCamera(kind="frame-camera", fov_across_deg=60.0, fov_along_deg=40.0, range_m=200.0,
     ...                          forward_overlap=0.75, side_overlap=0.7))
-    '75 % forward puts a point in at least 4 pictures of a line, 70 % side in at least 3 lines: 4 x 3 = 12 pictures'
+    '75 % forward puts a point in at least 4 photos of a swath, 70 % side in at least 3 swaths: 4 x 3 = 12 photos'
     """
     asked = pictures_asked(sensor)
     if asked is None or not isinstance(sensor, FrameCamera):
@@ -95,14 +95,14 @@ def overlap_rule(sensor: Sensor) -> str | None:
     forward, side = sensor.forward_overlap or 0.0, sensor.side_overlap
     lines = math.floor(1.0 / (1.0 - side) + _ROUNDING)
     words = (
-        f"{100.0 * forward:g} % forward puts a point in at least {asked // lines} pictures of a line",
-        f"{100.0 * side:g} % side in at least {lines} lines",
+        f"{100.0 * forward:g} % forward puts a point in at least {asked // lines} photos of a swath",
+        f"{100.0 * side:g} % side in at least {lines} swaths",
     )
-    return f"{', '.join(words)}: {asked // lines} x {lines} = {asked} pictures"
+    return f"{', '.join(words)}: {asked // lines} x {lines} = {asked} photos"
 
 
 def whole_picture(sensor: Sensor) -> Sight:
-    """The sight of a sensor with all of its picture, however coarse."""
+    """The sight of a sensor with all of its photo, however coarse."""
     if isinstance(sensor, FrameCamera):
         sensor = dataclasses.replace(sensor, side_overlap=0.0)
     if isinstance(sensor, CameraSensor):
@@ -111,7 +111,7 @@ def whole_picture(sensor: Sensor) -> Sight:
 
 
 def planned_poses(coverage: CoverageMap, routes_m: Sequence[FloatArray]) -> SensorPoses:
-    """Where a level vehicle observes from on (n, 3) ENU routes as they are flown, and how its camera is turned."""
+    """Positions and camera directions of a level vehicle's observations on (n, 3) ENU routes as they are flown."""
     parts = [coverage.flown_observations(route) for route in routes_m]
     places = np.vstack([np.empty((0, 3)), *(part.places_m for part in parts)])
     headings = np.vstack([np.empty((0, 2)), *(part.headings for part in parts)])
@@ -123,16 +123,16 @@ def planned_poses(coverage: CoverageMap, routes_m: Sequence[FloatArray]) -> Sens
 
 
 def count_pictures(coverage: CoverageMap, poses: SensorPoses, looks: IntArray | None = None) -> PictureCounts:
-    """Count the pictures that show each cell of a map.
+    """Count the photos that show each cell of a map.
 
     Args:
         coverage: the cells.
-        poses: of the pictures; their times do not matter.
+        poses: of the photos; their times do not matter.
         looks: (n,) number of the look that each belongs to, which counts once; none: each is one.
     """
     site = coverage.site
     sight, slopes = whole_picture(site.scenario.sensor), local_slopes(site.ground.surface)
-    # Each look is a pass of its own: its number is the time of its pictures.
+    # Each look is a pass of its own: its number is the time of its photos.
     camera = Camera(
         focal_px=focal_px(site.scenario.sensor),
         pass_gap_s=0.0,
@@ -167,11 +167,11 @@ def drawn_cells(coverage: CoverageMap) -> BoolArray:
 
 
 def overlap_fraction(coverage: CoverageMap, counts: PictureCounts, also: BoolArray | None = None) -> float | None:
-    """Fraction of the ground, as drawn, in as many pictures as the overlap asks for; none where none is asked for.
+    """Fraction of the ground, as drawn, in as many photos as the overlap requires; None without a requirement.
 
     Args:
         coverage: the cells.
-        counts: of their pictures.
+        counts: of their photos.
         also: (cells,) cells that are taken to be in enough.
     """
     drawn, asked = drawn_cells(coverage), pictures_asked(coverage.site.scenario.sensor)
@@ -184,7 +184,7 @@ def overlap_fraction(coverage: CoverageMap, counts: PictureCounts, also: BoolArr
 
 
 def picture_statistics(coverage: CoverageMap, counts: PictureCounts) -> PictureStatistics:
-    """Statistics of pictures over the cells of the area as it was drawn; its margin is there to be seen less often."""
+    """Statistics of photos over the cells of the drawn area. Its margin may be observed less often."""
     drawn = drawn_cells(coverage)
     pictures = counts.pictures[drawn]
     asked, enough = pictures_asked(coverage.site.scenario.sensor), overlap_fraction(coverage, counts)
@@ -204,7 +204,7 @@ def picture_statistics(coverage: CoverageMap, counts: PictureCounts) -> PictureS
 
 
 def overlap_shortfall(scenario: Scenario, pictures: PictureStatistics | None) -> str | None:
-    """How the pictures miss the overlap that the scenario requires, for people; none where they keep it or nothing is required.
+    """Shortfall of the photos against the required overlap, as text; None where they keep it or none is required.
 
     Args:
         scenario: with its requirements.
@@ -215,24 +215,24 @@ def overlap_shortfall(scenario: Scenario, pictures: PictureStatistics | None) ->
         return None
     found = None if pictures is None else pictures.overlap_fraction
     if pictures is None or found is None:
-        return "the overlap asked for is required, and no pictures are known"
+        return "an overlap is required, and no photos are known"
     if found >= wanted:
         return None
     return (
-        f"the overlap asked for, {pictures.asked} pictures of every point, holds on {percent_beside(found, wanted)} of the area "
+        f"the required overlap, {pictures.asked} photos of every point, holds on {percent_beside(found, wanted)} of the area "
         f"as drawn, below the required {100.0 * wanted:.2f} %"
     )
 
 
 def planned_pictures(coverage: CoverageMap, routes_m: Sequence[FloatArray]) -> PictureStatistics | None:
-    """Statistics of the pictures planned on (n, 3) ENU routes, one for each flight; none for a sensor that takes none."""
+    """Statistics of the photos planned on (n, 3) ENU routes, one for each flight; None for a sensor without photos."""
     if not takes_pictures(coverage.site.scenario):
         return None
     return picture_statistics(coverage, count_pictures(coverage, planned_poses(coverage, routes_m)))
 
 
 def camera_axes(yaw_deg: FloatArray, pitch_deg: FloatArray, roll_deg: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n, 3) ENU unit vectors along cameras' views, and towards the tops of their pictures.
+    """(n, 3) ENU unit vectors along cameras' views, and towards the tops of their photos.
 
     Angles are turned in the order yaw, pitch, roll, as DJI, Parrot and MAVLink gimbals tell them.
 

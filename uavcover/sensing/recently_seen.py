@@ -1,4 +1,4 @@
-"""What the latest routes see: a search judges the same route several times over, and the planner judges it once more."""
+"""Cache of the cells that the latest routes observe. A search rates the same route several times, the planner once more."""
 
 import threading
 from collections import OrderedDict
@@ -13,7 +13,7 @@ from uavcover.kernels.arrays import FloatArray
 Found = TypeVar("Found", bound=NDArray[Any])
 
 _MOST_CELLS = 16_000_000
-"""Of all routes together: as many bytes."""
+"""Cells of all routes together: as many bytes."""
 
 
 class RecentlySeen:

@@ -19,7 +19,7 @@ from uavcover.model.sensor import Camera, DiscSensor, FrameCamera, NadirCamera, 
 _LINE_OF_SIGHT = {"ray": RAY, "midpoint": MIDPOINT}
 _PICTURE_STEPS = 41
 LONGEST_SPACING_M = 10.0
-"""Of observations along the path that the scenario does not space."""
+"""Spacing of observations along the path without a spacing in the scenario."""
 
 
 def sight_of(sensor: Sensor) -> Sight:
@@ -67,7 +67,7 @@ def turns_with_legs(sight: Sight) -> bool:
 
 
 def whatever_heading(sight: Sight) -> Sight:
-    """A sensor whose view contains this one's for every heading, used as a bound; the same sensor where heading has no effect."""
+    """A sensor whose view contains this one's for every heading, used as a bound; itself if heading has no effect."""
     if not turns_with_legs(sight):
         return sight
     reach = horizontal_reach(sight)
@@ -99,9 +99,9 @@ class FlatPicture:
     """Flat ground in view of a frame camera on a level vehicle: ``near_m`` to ``far_m`` ahead, negative is behind.
 
     Attributes:
-        near_m: of the picture's middle line, ahead of the vehicle.
-        far_m: likewise.
-        half_width_m: half the picture's width where it is widest, what an overlap leaves of it.
+        near_m: near end of the photo's middle line, ahead of the vehicle.
+        far_m: far end of it.
+        half_width_m: half the photo's width where it is widest, what an overlap leaves of it.
     """
 
     near_m: float
@@ -137,7 +137,7 @@ def flat_picture(sensor: FrameCamera, height_agl_m: float) -> FlatPicture | None
 def reach_at_height_m(sensor: Sensor, height_agl_m: float) -> float:
     """Half the swath width on flat ground from a height; 0 when the sensor does not reach the ground.
 
-    A picture with a fixed heading is crossed in any direction, so half of its shorter side counts.
+    A photo with a fixed heading is crossed in any direction, so half of its shorter side counts.
     """
     match sensor:
         case DiscSensor():
@@ -161,7 +161,7 @@ def reach_at_height_m(sensor: Sensor, height_agl_m: float) -> float:
 
 
 def sample_spacing_m(scenario: Scenario) -> float:
-    """Distance between two observations of a sensor that looks along the path: the stated one, or one that suits its footprint.
+    """Distance between two observations along the path: the stated one, or one that suits the sensor's footprint.
 
     Between two circles of a swath a strip of its edge is not seen. Spaced by a third of the radius, they lose 1.4 % of its width
     at the worst place and 0.5 % on average.
@@ -182,23 +182,23 @@ def sample_spacing_m(scenario: Scenario) -> float:
         return min(LONGEST_SPACING_M, reach_m / 3.0)
     if stated > reach_m and sensor.sensing == "along-path" and trigger_distance_m(scenario) is None:
         raise ScenarioError(
-            f"sensor.sample_spacing_m: {stated:g} m between observations leaves gaps where {reach_m:.3g} m are seen to each "
+            f"sensor.sample_spacing_m: {stated:g} m between observations leaves gaps where {reach_m:.3g} m are observed to each "
             f"side; leave it out, or give at most {math.floor(100.0 * reach_m) / 100.0:g}"
         )
     return stated
 
 
 def _half_footprint_m(sensor: Sensor, height_agl_m: float) -> float:
-    """Half the swath width on flat ground, or half of what a picture shows along the path where that is shorter."""
+    """Half the swath width on flat ground, or half a photo's length along the path if that is shorter."""
     reach_m = reach_at_height_m(sensor, height_agl_m)
     picture = flat_picture(sensor, height_agl_m) if isinstance(sensor, FrameCamera) else None
     return reach_m if picture is None else min(reach_m, 0.5 * (picture.far_m - picture.near_m))
 
 
 def trigger_distance_m(scenario: Scenario) -> float | None:
-    """Distance between two pictures; none when the scenario does not take pictures by distance.
+    """Distance between two photos; none when the scenario does not take photos by distance.
 
-    With a forward overlap it is computed at the lowest height of the band, where a picture shows least.
+    With a forward overlap it is computed at the lowest height of the band, where a photo shows least.
 
     Raises:
         ScenarioError: from there it shows nothing.
@@ -212,7 +212,7 @@ def trigger_distance_m(scenario: Scenario) -> float | None:
     picture = flat_picture(sensor, lowest_m)
     if picture is None:
         raise ScenarioError(
-            f"sensor.forward_overlap: from limits.min_height_agl_m = {lowest_m:g} m no flat ground is in the picture, close and "
+            f"sensor.forward_overlap: from limits.min_height_agl_m = {lowest_m:g} m no flat ground is in the photo, close and "
             "steep enough; give another pitch_deg, range_m or max_ground_sample_m"
         )
     return (1.0 - sensor.forward_overlap) * (picture.far_m - picture.near_m)
@@ -224,7 +224,7 @@ class CameraTurn:
 
     Attributes:
         axes: (k, 3) unit vectors in ENU along the viewing direction.
-        tops: (k, 3) unit vectors perpendicular to them, towards the top of the picture.
+        tops: (k, 3) unit vectors perpendicular to them, towards the top of the photo.
         known: (k,) whether the required attitude is known; otherwise level and nose ahead are assumed.
     """
 
@@ -236,7 +236,7 @@ class CameraTurn:
 def camera_turn(sensor: Sensor, attitude_deg: FloatArray, courses_deg: FloatArray | None = None) -> CameraTurn:
     """Camera directions for the attitudes of its vehicle.
 
-    A fixed camera shares the vehicle's roll, pitch and yaw. A stabilised one is level; the top of its picture keeps the
+    A fixed camera shares the vehicle's roll, pitch and yaw. A stabilised one is level; the top of its photo keeps the
     scenario's heading, or follows the vehicle's yaw. Other sensors point straight down.
 
     Args:

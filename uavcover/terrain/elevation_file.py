@@ -116,7 +116,7 @@ class _Raster:
         return heights_m if water_m is None else np.where(np.isnan(heights_m), water_m, heights_m)
 
     def read(self, window: Window) -> FloatArray:
-        """(rows, columns) heights above sea level, NaN where there is no data; by strips, so that little else is in memory."""
+        """(rows, columns) heights above sea level, NaN without data; read by strips to save memory."""
         columns, rows = int(window.width), int(window.height)
         step = max(1, _MOST_PIXELS // max(columns, 1))
         if rows <= step:
@@ -198,7 +198,7 @@ def open_raster(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_
         turn = 2.0 * math.pi / horizontal.axis_info[0].unit_conversion_factor if horizontal.is_geographic else 0.0
         if dataset.count >= 3 and set(dataset.dtypes[:3]) == {"uint8"}:
             raise TerrainError(
-                f"{path}: is a picture ({dataset.count} bands of 8 bits), not heights; give the elevation model"
+                f"{path}: is an image ({dataset.count} bands of 8 bits), not heights; give the elevation model"
             )
         yield _Raster(path, dataset, to_source, vertical_datum, turn, unit_m, band, undulation)
 
@@ -235,7 +235,7 @@ def read_height_amsl_m(path: Path | TerrainSource, vertical_datum: str, *, lat_d
 def read_heights_amsl_m(
     path: Path | TerrainSource, vertical_datum: str, lat_deg: FloatArray, lon_deg: FloatArray
 ) -> FloatArray:
-    """Heights above sea level (n,) of geodetic positions (n,) less than half the Earth apart; NaN where there is no data.
+    """Heights above sea level (n,) of geodetic positions (n,) within half the Earth; NaN without data.
 
     Raises:
         TerrainError: the file cannot be used.
@@ -277,7 +277,7 @@ def read_ground(
     if grid_step_m is None and error_m > MAX_ERROR_M:
         raise TerrainError(
             f"{path}: laid into the local frame, its heights are wrong by up to {error_m:.2f} m, {MAX_ERROR_M:g} m are allowed; "
-            "take a smaller area, or convert the file to a projection for this place (gdalwarp -t_srs, the UTM zone)"
+            "take a smaller area, or convert the file to a projection for this location (gdalwarp -t_srs, the UTM zone)"
         )
     return dataclasses.replace(ground, error_m=error_m)
 
@@ -340,7 +340,7 @@ def _filled(raster: _Raster, heights_m: FloatArray, frame: LocalFrame, first: ND
 def _pixels_needed(
     raster: _Raster, frame: LocalFrame, grid: GridFrame, bounds_m: Bounds
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First column and row, and one past the last, of the part of the file inside the bounds at any height."""
+    """First column and row, and one past the last, of the file's part inside the bounds at any height."""
     west, south, east, north = bounds_m
     ups = np.array([LOWEST_PLAUSIBLE_M, HIGHEST_PLAUSIBLE_M]) - frame.alt_amsl_m
     rim = np.linspace(0.0, 1.0, 33)
@@ -384,7 +384,7 @@ def _resampled_ground(raster: _Raster, frame: LocalFrame, bounds_m: Bounds, step
 def _sha256(raster: _Raster, heights_m: FloatArray) -> str:
     """Hash of the heights that were read for a site, and of the files that they were read from.
 
-    Files name others that GDAL does not list, such as the tiles of a virtual raster in a virtual raster: the heights tell of all.
+    Files name others that GDAL does not list, such as the tiles of a virtual raster in a virtual raster; the heights reveal them.
     They are rounded to 0.1 mm, for PROJ's geoid differs by less from machine to machine.
     """
     found = hashlib.sha256(f"{raster.path.sha256()} {heights_m.shape}".encode())

@@ -123,7 +123,9 @@ def grid_ground(
     vertical_datum: str,
     sha256: str = "",
 ) -> Ground:
-    """Make a ground from heights on a square grid along east and north; heights above it are along the up axis.
+    """Make a ground from heights on a square grid along east and north.
+
+    Heights above it are along the up axis.
 
     Args:
         up_m: (rows, columns) heights, rows going north, NaN for no-data.

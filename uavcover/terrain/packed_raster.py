@@ -1,4 +1,4 @@
-"""Elevation files that are packed: the one raster inside a zip or gzip file, which GDAL reads in place, within limits."""
+"""Packed elevation files: the one raster inside a zip or gzip file, which GDAL reads in place, within limits."""
 
 import gzip
 import zipfile
@@ -13,14 +13,14 @@ _GZIPPED = tuple(f"{suffix}.gz" for suffix in RASTERS)
 _OTHER_ARCHIVES = (".gz", ".tgz", ".tar", ".bz2", ".xz", ".zst", ".7z", ".rar")
 MAX_ZIP_ENTRIES, MAX_ZIP_BYTES, MAX_ZIP_RATIO = 500, 2_000_000_000, 200.0
 HARMLESS_ZIP_BYTES = 100_000_000
-"""Up to here any ratio will do: a tile of open sea packs to a thousandth."""
+"""Up to this size any ratio is accepted: a tile of open sea packs to a thousandth."""
 MAX_GZIP_BYTES = 300_000_000
 """Unpacked. A gzip file is unpacked from its start for each look further back, and states its size modulo 4 GiB only."""
 _BLOCK_BYTES = 1 << 20
 
 
 def is_tile(file: Path) -> bool:
-    """Whether a file of a folder is taken for a tile, by its name; of zip files those with a raster inside, and damaged ones."""
+    """Whether a file of a folder counts as a tile, by its name. Of zip files those with a raster inside, and damaged ones."""
     name = file.name.lower()
     if not name.endswith(".zip"):
         return name.endswith((*RASTERS, *_GZIPPED))
@@ -32,7 +32,7 @@ def is_tile(file: Path) -> bool:
 
 
 def gdal_name(file: Path) -> str:
-    """What GDAL opens: the file, or the only raster inside a packed one.
+    """Name for GDAL: the file, or the only raster inside a packed one.
 
     Raises:
         TerrainError: it is packed in a way that is not read, holds none or several rasters, is damaged, or beyond the limits.
@@ -72,7 +72,7 @@ def _inside_zip(file: Path) -> str:
 
 @lru_cache(maxsize=1024)
 def _check_gzip(file: Path, _packed_bytes: int, _changed_ns: int) -> None:
-    """Unpack it, once for each state of the file, and keep nothing: GDAL checks only what it reads; its length is not stated."""
+    """Unpack the file, once for each of its states, and keep nothing. GDAL checks only what it reads, and no length is stated."""
     size = 0
     try:
         with gzip.open(file) as stream:

@@ -32,7 +32,7 @@ _SAFE = 1.001
 _EARTH_RADIUS_M = 6_371_000.0
 _STRIP_NODES = 4_000_000
 _UP_DEGREE = 5
-"""Of the polynomials that bring heights above sea level to up coordinates, along columns and along rows."""
+"""Degree of the polynomials from heights above sea level to up coordinates, along columns and along rows."""
 
 
 def fit_frame(to_pixels: ToPixels, frame: LocalFrame, bounds_m: Bounds, *, level_up_m: float) -> GridFrame:
@@ -137,7 +137,7 @@ def node_ups_m(from_pixels: FromPixels, frame: LocalFrame, heights_amsl_m: Float
 
 
 def nodes_between(grid: GridFrame, up_m: FloatArray, bounds_m: Bounds) -> tuple[tuple[int, int], tuple[int, int]]:
-    """First column and the one behind the last, and the same of the rows, that may be between west, south, east, north."""
+    """First column and one past the last, and the same of the rows, between west, south, east, north."""
     west, south, east, north = bounds_m
     corners = np.array([(e, n, grid.level_up_m) for e in (west, east) for n in (south, north)])
     box = places_on_grid(grid, corners)

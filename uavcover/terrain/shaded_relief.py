@@ -90,7 +90,7 @@ def relief_grid(ground: Ground, bounds_m: tuple[float, float, float, float], *, 
 
 
 def _smooth_slopes(ground: Ground, places_m: FloatArray) -> FloatArray:
-    """Slopes (n, 2) across a few steps of the grid: the ground's own slopes jump from square to square and look like tiles."""
+    """Slopes (n, 2) across a few steps of the grid. The ground's own slopes jump from square to square and look like tiles."""
     if ground.surface.kind != GRID:
         return ground.gradients(places_m)
     reach = _SMOOTH_STEPS * ground.surface.step_m

@@ -29,25 +29,25 @@ Kind = Literal["block", "spike", "step"]
 _MOST_SUSPECTS = 5
 _AROUND = np.ones((3, 3), dtype=int)
 _TIP_PIXELS = 40
-"""Of a block, narrower than two pixels, that reach beyond it."""
+"""Pixels of a block that reach beyond it, narrower than two pixels."""
 _LEAST_SQUARES = 3
-"""Of 2 x 2 equal pixels that make a block."""
+"""Number of squares of 2 x 2 equal pixels that make a block."""
 _RIM_PIXELS, _SLOPE_PIXELS = 3, 4
-"""A rim is looked at this far outside, for a warp blends what is nearer; the slope of the ground over so many pixels beyond."""
+"""A rim is examined this far outside, because a warp blends nearer pixels; the slope of the ground over these pixels beyond."""
 _RIM_TIMES, _RIM_M = 2.0, 5.0
-"""A rim is steep where it rises so many times as fast as the ground beyond, and by so much more."""
+"""A rim is steep if it rises this many times as fast as the ground beyond, and by at least this height more."""
 _RIM_SHARE = 0.75
-"""Of a block's rim that is steep to one side, up or down: shores are gentle somewhere, and a terrace has both."""
+"""Share of a block's rim that is steep to one side, up or down: shores are gentle somewhere, and a terrace has both."""
 _ROOF_M = 100.0
 """A block that is not so far above its rim may be a roof, and hides no hill."""
 _SPIKE_TIMES, _SPIKE_M = 3.0, 20.0
-"""A spike stands over all ground around by so many times the range of that ground, and by so much or a pixel's length more."""
+"""A spike exceeds all ground around by this multiple of that ground's range, and by this height or a pixel's length."""
 _ALONE_TIMES, _ALONE_PIXELS, _ALONE_SLOPE = 3.0, 10, 0.4
-"""A pixel is a spike, too, that differs from its neighbours' mean so many times as much as any other within so many pixels
-(real relief reaches 1.5), and by so much of a pixel's length."""
+"""A pixel is a spike, too, if it differs from its neighbours' mean by this multiple of any other within these pixels (real relief
+reaches 1.5), and by this share of a pixel's length."""
 _STEP_PIXELS, _STEP_M, _STEP_ERRORS, _STEP_TIMES, _STEP_SHARE = 64, 2.0, 10.0, 1.5, 0.7
-"""A seam is straight over so many pixels. There the median step beyond the slope beside it is so high, so many times its standard
-error (real relief reaches 7), and so many times the bend beside it; at this share of the pixels it has one direction."""
+"""A seam is straight over this number of pixels. Its median step beyond the slope beside it has this height, this multiple of its
+standard error (real relief reaches 7) and of the bend beside it; at this share of the pixels it has one direction."""
 _STRIP_PIXELS = 16_000_000
 _AROUND_PIXELS = 300
 """Looked at beyond the places that matter: a block shows by its rim."""
@@ -78,7 +78,7 @@ class SuspectPixels:
         return slice(row, row + rows), slice(column, column + columns)
 
     def words(self, pixel_m: tuple[float, float]) -> str:
-        """What it looks like, for people; ``pixel_m`` is height and width of a pixel."""
+        """Description of the suspect pixels as text; ``pixel_m`` is height and width of a pixel."""
         tall_m, wide_m = self.mask.shape[0] * pixel_m[0], self.mask.shape[1] * pixel_m[1]
         size = f"{wide_m:.0f} x {tall_m:.0f} m"
         if self.kind == "block":
@@ -91,7 +91,7 @@ class SuspectPixels:
 
 
 def suspect_pixels(heights_m: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPixels]:
-    """What of a raster does not look like ground.
+    """Find the pixels of a raster that do not look like ground.
 
     Args:
         heights_m: (rows, columns) heights as the file has them, NaN where there is no data: a correction that varies from place
@@ -156,7 +156,7 @@ def _grown(part: slice, size: int, by: int) -> slice:
 
 
 def _rims(heights: FloatArray, pixels: IntArray, count: int) -> tuple[FloatArray, IntArray, IntArray, FloatArray]:
-    """Of every block by its number: places of its rim, of these those steeply above and below the block, their mean height.
+    """Of every block by its number: rim positions, those steeply above and below the block, and their mean height.
 
     Places count where the ground beyond is known. In each of the four directions a rim is a pixel of the block, the ground
     ``_RIM_PIXELS`` farther, and the mean slope beyond.
@@ -190,7 +190,7 @@ def _rims(heights: FloatArray, pixels: IntArray, count: int) -> tuple[FloatArray
 
 
 def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPixels]:
-    """Single pixels and clumps of up to 3 x 3 that stand over, or lie under, all of the ring around."""
+    """Single pixels and clumps of up to 3 x 3 that lie above or below all of the ring around."""
     from scipy import ndimage
 
     high = np.where(np.isnan(heights), -np.inf, heights)
@@ -216,7 +216,7 @@ def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPi
 
 
 def _rough_alone(heights: FloatArray, pixel_m: tuple[float, float]) -> BoolArray:
-    """Single pixels that differ from the mean of their eight neighbours far more than any pixel within ten of them does."""
+    """Single pixels that differ from their eight neighbours' mean far more than any pixel within ten of them."""
     from scipy import ndimage
 
     around = np.full((3, 3), 0.125)
@@ -433,7 +433,7 @@ def is_suspect(places: Iterable[SuspectPlace], lat_deg: FloatArray, lon_deg: Flo
 
 
 class Asked(Protocol):
-    """Who is warned and asked, as :class:`uavcover.run.user.User` is."""
+    """Receiver of warnings and questions, as :class:`uavcover.run.user.User`."""
 
     def warn(self, line: str) -> None:
         """Show a warning."""
@@ -474,7 +474,7 @@ def trust_asked_for(
         user.warn(f"{source.name} has {one.words}")
     if user.agrees("is the ground really like that?"):
         return True
-    more = f" and {len(found) - 1} more places like it" if len(found) > 1 else ""
+    more = f" and {len(found) - 1} more like it" if len(found) > 1 else ""
     raise InputError(
         f"{source}: has {found[0].words}{more}; give other data, or mark its missing heights (gdal_edit.py -a_nodata); if the "
         "ground is like that, give --trust-dem (terrain.trust_heights = true)"

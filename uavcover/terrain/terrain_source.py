@@ -1,4 +1,4 @@
-"""Where elevation data comes from: a file, a packed file, or tiles side by side, which GDAL then sees as one raster."""
+"""Sources of elevation data: a file, a packed file, or tiles side by side, which GDAL then reads as one raster."""
 
 import hashlib
 import math
@@ -21,7 +21,7 @@ from uavcover.errors import TerrainError
 from uavcover.terrain.packed_raster import RASTERS, gdal_name, is_tile
 
 MAX_TILES = 400
-"""Of a folder or a pattern; each is opened once to see where it is."""
+"""Tiles of a folder or a pattern; each is opened once to find its extent."""
 _AROUND_DEG = 0.05
 """Tiles farther from area and home are left out; a fence is seldom 5 km wide."""
 _OFF_GRID = 0.01
@@ -130,7 +130,7 @@ def band_number(dataset: Any, band: int | str | None, file: Path) -> int:
     """Number of a band by number or name.
 
     Raises:
-        TerrainError: there is none, or none is asked for and the first does not seem to be it; says which there are.
+        TerrainError: there is none, or none is requested and the first does not seem to be it; says which there are.
     """
     names = [name or "" for name in dataset.descriptions]
     there = ", ".join(f"{number} {name}".strip() for number, name in enumerate(names, start=1))
@@ -199,7 +199,7 @@ def find_tiles(
             west, south, east, north = around
             raise TerrainError(
                 f"{key}: none of {len(found)} tiles is near the area (latitude {south:.3f} to {north:.3f}, "
-                f"longitude {west:.3f} to {east:.3f}); give the tiles of that place"
+                f"longitude {west:.3f} to {east:.3f}); give the tiles of that location"
             )
         found = near
     return tuple(found)
@@ -247,7 +247,7 @@ class _Tile:
 
 
 def _mosaic(files: Sequence[Path], band: int | str | None, crs: str | None, *, around_m: float) -> str:
-    """A virtual raster of tiles, pixel by pixel as they are; where there is none, and so far around, there is no data."""
+    """A virtual raster of tiles, pixel by pixel. Between the tiles and within ``around_m`` there is no data."""
     tiles = [_tile(file, band, None if crs is None else _wkt(crs)) for file in files]
     first = tiles[0]
     a, b, c, d, e, f = tuple(first.transform)[:6]
@@ -325,14 +325,14 @@ def _tile(file: Path, band: int | str | None, crs_wkt: str | None) -> _Tile:
 
 
 def _full_turn(wkt: str) -> tuple[float, float]:
-    """360 degrees in the unit of a system's longitudes, 0 where it has none; and about how many metres its unit is."""
+    """360 degrees in the unit of a system's longitudes, 0 where it has none. Also the approximate metres of its unit."""
     crs = CRS.from_wkt(wkt)
     unit = crs.axis_info[0].unit_conversion_factor
     return (2.0 * math.pi / unit, math.degrees(unit) * _DEGREE_M) if crs.is_geographic else (0.0, unit)
 
 
 def unreadable(named: object, file: Path, reason: str) -> str:
-    """What to say of elevation data that GDAL does not read; ``file`` is that of several which does not seem to be read."""
+    """Error for elevation data that GDAL does not read; ``file`` is the probably unreadable one of several."""
     remedy = "give a whole raster of heights"
     if file.suffix.lower() == ".hgt":
         remedy = "an .hgt file is named by its corner (N46E008.hgt) and has 2,884,802 or 25,934,402 bytes"

@@ -1,4 +1,4 @@
-"""What heights refer to and what they are counted in: vertical datums and units of elevation files."""
+"""Vertical datums and units of the heights in elevation files."""
 
 import warnings
 
@@ -26,7 +26,7 @@ _WITHOUT_HEIGHT, _ABOVE_EGM96 = 4979, "EPSG:4326+5773"
 
 
 class Undulation:
-    """How far the sea level of EGM96, which autopilots mean, lies above the ellipsoid of WGS 84, by a grid that PROJ has."""
+    """Height of the EGM96 sea level, which autopilots use, above the WGS 84 ellipsoid, from a grid of PROJ."""
 
     def __init__(self) -> None:
         """Looks for the grid; nothing is fetched.
@@ -76,7 +76,7 @@ def datum_named(text: str) -> str:
 
 
 def refuse_feet_by_guess(path: TerrainSource, horizontal: CRS) -> None:
-    """Ask for the unit of heights that nobody states, where places are in feet: heights often are too.
+    """Require the unit of heights that is not stated when positions are in feet: heights often are too.
 
     Raises:
         TerrainError: the system is in feet.

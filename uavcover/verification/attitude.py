@@ -1,4 +1,4 @@
-"""Which attitudes of a track are known and plausible: ranges, ages, and the lean that the accelerations require.
+"""Check which attitudes of a track are known and plausible: ranges, ages, and the lean that the accelerations require.
 
 A multirotor accelerates by leaning: over ground its acceleration is that of its thrust, ``g tan(lean)`` in the direction of the
 lean, minus aerodynamic drag. Drag grows with airspeed, so apart from noise and gusts
@@ -62,7 +62,9 @@ class LeanProblem:
 def lean_problem(
     time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray
 ) -> LeanProblem | None:
-    """The problem of an attitude that does not fit the motion, or that it does not confirm; None when it does.
+    """Return the problem of an attitude that contradicts the motion or is not confirmed by it.
+
+    None when it is confirmed.
 
     Args:
         time_s: (n,) vehicle time.
@@ -110,7 +112,7 @@ def _unexplained(
         )
     if along_deg < -MOST_BACKWARDS_DEG and _stands_alone(columns, 0):
         return LeanProblem(
-            f"roll and pitch lean by {-along_deg:.0f} degrees against the way that was flown",
+            f"roll and pitch lean by {-along_deg:.0f} degrees against the direction of flight",
             everywhere,
             "contradicted",
         )
@@ -191,7 +193,7 @@ def _rms_by_block(block: IntArray, left: FloatArray, count: int) -> FloatArray:
 
 
 def _stands_alone(columns: FloatArray, number: int) -> bool:
-    """Whether a term can be separated from the others: on a single heading, a constant lean may be due to wind."""
+    """Whether a term can be separated from the others. On a single heading, a constant lean may be due to wind."""
     others = np.delete(columns, number, axis=1)
     one = columns[:, number]
     rest = one - others @ np.linalg.lstsq(others, one, rcond=None)[0]
@@ -265,8 +267,8 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownA
             f"{track.time_s[first]:.1f} s: nothing flies a route like that"
         )
         attitude[tilted] = np.nan
-    told = np.isfinite(attitude).all(axis=1)
-    if not told.any():
+    with_attitude = np.isfinite(attitude).all(axis=1)
+    if not with_attitude.any():
         return KnownAttitude(attitude, tuple(problems))
     for first, last, turn_deg in _stuck(track.time_s, enu_m, attitude):
         problems.append(
@@ -274,8 +276,8 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownA
             f"course turns by {turn_deg:.0f} degrees: it was not measured"
         )
         attitude[first : last + 1] = np.nan
-    told = np.isfinite(attitude).all(axis=1)
-    if not told.any():
+    with_attitude = np.isfinite(attitude).all(axis=1)
+    if not with_attitude.any():
         return KnownAttitude(attitude, tuple(problems))
     unconfirmed, contradiction, confirmed = None, None, False
     if _in_radians(track.time_s, enu_m, attitude):
@@ -283,9 +285,9 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownA
             "the attitude is in radians where degrees belong: its yaw times 57.3 is the course that was flown"
         )
         attitude[:] = np.nan
-    elif (attitude[told, :2] == 0.0).all():
+    elif (attitude[with_attitude, :2] == 0.0).all():
         problems.append("roll and pitch are exactly zero throughout: nothing measured them")
-        attitude[:, : 3 if (attitude[told, 2] == 0.0).all() else 2] = np.nan
+        attitude[:, : 3 if (attitude[with_attitude, 2] == 0.0).all() else 2] = np.nan
     elif (lean := _never_leans(track.time_s, enu_m, joined, attitude)) is not None:
         problems.append(
             f"roll and pitch are never above {lean[0]:.1f} degrees, though the vehicle accelerates with {lean[1]:.1f} m/s2"

@@ -47,7 +47,7 @@ from uavcover.verification.verify import CountObservations, FlownTrack, Verdict,
 from uavcover.verification.verify_workers import counter_of
 
 LAYER_REASONS = ", ".join(f"{code} {reason}" for code, reason in enumerate(("seen", *REASONS)))
-"""What the numbers of the layer of reasons in a raster stand for."""
+"""Meaning of the numbers in the raster's layer of reasons."""
 LOG_ENDINGS = (".csv", ".rrd", *READERS)
 
 
@@ -61,7 +61,7 @@ def read_log(path: Path, site: Site, *, system: int | None = None) -> ReadTrack:
 
     Raises:
         InputError: no such file, an ending that is not known, a file without a track; or a log of another program for a
-            scenario that has no place on Earth.
+            scenario that has no position on Earth.
     """
     if not path.is_file():
         raise InputError(f"{path}: no such file; a track is recorded by: uavcover fly")
@@ -79,27 +79,27 @@ def read_log(path: Path, site: Site, *, system: int | None = None) -> ReadTrack:
             f"{path}: {path.suffix or 'no ending'} is not a track that can be read; use {', '.join(LOG_ENDINGS)}"
         )
     if site.frame is None:
-        raise InputError(f"{path}: scenario {site.scenario.name} has no place on Earth, so this log has no place in it")
+        raise InputError(f"{path}: scenario {site.scenario.name} has no position on Earth, so this log has none in it")
     return read_foreign_log(path, site.frame, system=system)
 
 
 def _of_its_standing(path: Path) -> list[str]:
-    """What is to be said of the track of a flight that goes on, or that nobody followed to its end."""
+    """Finding on the track of a flight that still goes on, or that was not followed to its end."""
     if path.name != TRACK:
         return []
     match provenance.settled_ending(RunFolder(path.parent)):
         case provenance.FLYING:
-            return [f"{path}: this flight goes on: what it sees from now on is not in the track yet"]
+            return [f"{path}: this flight still goes on; later observations are not in the track yet"]
         case provenance.INTERRUPTED:
             return [
-                f"{path}: this flight was interrupted: the program that followed it ended before it; fly --resume goes on"
+                f"{path}: this flight was interrupted: the program that followed it ended first; continue with fly --resume"
             ]
         case _:
             return []
 
 
 def read_planned_route(run: RunFolder) -> PlannedRoute | None:
-    """What a run folder's plan promised; none when it has no plan.
+    """Read the route and figures that a run folder's plan promised; None without a plan.
 
     Raises:
         InputError: the plan cannot be read.
@@ -112,7 +112,7 @@ def read_planned_route(run: RunFolder) -> PlannedRoute | None:
 
 
 def planned_for(log: Path, run: RunFolder, track: Track | None = None) -> PlannedRoute | None:
-    """The plan that a log followed: the one beside it, as in the folder of a gap mission or a sortie.
+    """Find the plan that a log followed: the one beside it, as in the folder of a gap mission or a sortie.
 
     A log from elsewhere is judged by the plan of which its ``track`` reached the largest share of the waypoints: the run's, or
     that of a sortie, of a flight that resumed it, or of its gap mission.
@@ -151,7 +151,7 @@ def _followed_by(track: Track, run: RunFolder) -> RunFolder:
 
 
 def date_bounds(log: Path, run: RunFolder) -> DateBounds:
-    """Between what the date of a log lies: not before its firmware and the plan of its run, and not after its file."""
+    """Earliest and latest date of a log, from its firmware, its run's plan and its file time."""
     return DateBounds(provenance.planned_at_s(run), log.stat().st_mtime, firmware_of(log))
 
 
@@ -164,7 +164,7 @@ def judge_tracks(
     sites: Sequence[Site] | None = None,
     dates: Sequence[DateBounds] | None = None,
 ) -> Verdict:
-    """The verdict on one or several tracks as one flight, each with the plan it followed, on the cells of the area.
+    """Judge one or several tracks as one flight, each with the plan it followed, on the cells of the area.
 
     ``sites`` are those of the vehicles that flew them, where these differ; ``dates`` bound those of the tracks. Ground that they
     measured in flight widens the uncertainty of heights where it shows more than the scenario states.
@@ -197,7 +197,7 @@ def save_verdict(
         verdict: what was found.
         sources: names of the logs.
         inputs: what was judged; its changes were accepted.
-        command: how it was asked for.
+        command: the command line, for ``verification.json``.
         also: what else ``verification.json`` has to say.
 
     Returns:
@@ -219,7 +219,7 @@ def save_verdict(
 
 
 def coverage_raster(coverage: CoverageMap, flown: FlownCoverage) -> bytes | None:
-    """What was seen of each cell as a GeoTIFF; none for a site that has no place on Earth."""
+    """Write the observations of each cell as a GeoTIFF; None for a site without a position on Earth."""
     site = coverage.site
     if site.frame is None:
         return None
@@ -248,11 +248,11 @@ _HOLDS = {"yes": "holds", "no": "does NOT hold", "not proved": "not proved"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JudgedPictures:
-    """What was found of a flight's pictures.
+    """Result of judging a flight's photos.
 
     Attributes:
         evidence: what that means for the flight.
-        document: the verdict on them alone; none where there are no pictures.
+        document: the verdict on them alone; none where there are no photos.
     """
 
     evidence: PictureEvidence = NOTHING_KNOWN
@@ -307,7 +307,7 @@ def judge_run(
     count: CountObservations = count_observations,
     system: int | None = None,
 ) -> tuple[Site, Verdict, list[str], JudgedInputs]:
-    """The verdict on the logs of a run, by default its own track, the logs' names, and what was judged; nothing is written.
+    """Return the verdict on the logs of a run (default: its own track), their names and the judged inputs; write nothing.
 
     Raises:
         InputError: something changed since planning or flight, and was not accepted.
@@ -356,7 +356,7 @@ def _name(path: Path, run: RunFolder) -> str:
 def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> None:
     user.say(
         f"coverage flown    {percent(report.coverage_fraction)} of the area, "
-        f"{percent(report.coverage_of_coverable)} of what can be seen"
+        f"{percent(report.coverage_of_coverable)} of the visible ground"
     )
     if report.surely_covered_fraction != report.possibly_covered_fraction:
         user.say(
@@ -401,7 +401,7 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
         user.say(f"                  and {more} more in {run.file('verification.json')}")
     if report.unknown_attitude_looks:
         user.say(
-            f"attitude          not known for {report.unknown_attitude_looks} looks: what they saw is possibly seen, not seen"
+            f"attitude          not known for {report.unknown_attitude_looks} observations: they are only possible"
         )
     for row in requirement_rows(site.scenario, report):
         user.say(f"required          {row.name}: {row.asked}; found {row.found}: {_HOLDS[row.holds]}")
@@ -437,8 +437,8 @@ def _say_pictures(user: User, report: VerificationReport) -> None:
     if pictures.asked is not None and pictures.overlap_fraction is not None:
         holds = "holds" if pictures.overlap_holds else "DOES NOT HOLD"
         user.say(
-            f"overlap asked for {holds}: {percent(pictures.overlap_fraction)} of the area as drawn is in at least "
-            f"{pictures.asked} pictures"
+            f"required overlap {holds}: {percent(pictures.overlap_fraction)} of the area as drawn is in at least "
+            f"{pictures.asked} photos"
         )
 
 

@@ -1,6 +1,6 @@
 """The decision on a flight, passed, failed or not proved, and statistics of how well the cells were seen.
 
-Failed: something observed breaks a limit, or a requirement is missed whatever happened where nothing was observed. Not proved:
+Failed: something observed breaks a limit, or a requirement is missed under any motion in the unobserved time. Not proved:
 neither is the case, but something essential was not observed. Passed: everything holds, and was observed.
 """
 
@@ -119,7 +119,7 @@ def decide(
         judged: each track judged by itself.
         pictures: how many show each cell; none for a sensor that takes none.
         unknown_attitude_looks: number of observations without a known direction.
-        evidence: of real pictures; where they tell the coverage, what nobody observed of the flight cannot add to it.
+        evidence: from real photos; where these decide the coverage, unobserved parts of the flight cannot add to it.
         separation: of the vehicles.
         eyes: the cells as each sensor that flew sees them, where there are several; default: those of the site.
     """
@@ -146,7 +146,7 @@ def decide(
         findings.append(unproved("unobserved-fraction", text))
     if ways_fraction > MAX_UNOBSERVED_WAYS_FRACTION:
         text = (
-            f"{100 * ways_fraction:.0f} % of the time on the ways there and home was not observed, more than "
+            f"{100 * ways_fraction:.0f} % of the outbound and return transits was not observed, more than "
             f"{100 * MAX_UNOBSERVED_WAYS_FRACTION:g} %{_longest(site, unobserved, 'transit')}"
         )
         findings.append(unproved("transit-observed", text))
@@ -174,7 +174,7 @@ def decide(
         if evidence.photos_required and any(j.photos is not None and j.photos.source == "predicted" for j in judged):
             findings.append(unproved("photos", "photos are required (--require-photos), and the vehicle reported none"))
     else:
-        # What pictures may show, by their errors or because nobody knows whether they are sharp.
+        # Cells that photos may show within their errors, or that only photos of unknown sharpness show.
         findings += _judge_coverage(coverage, flown, lambda: flown.possibly_seen)
     findings += [*evidence.findings, *separation.findings]
     return Decision(Judgement(tuple(findings)), tuple(unobserved), fraction)
@@ -183,7 +183,7 @@ def decide(
 def _judge_overlap(
     coverage: CoverageMap, pictures: PictureCounts | None, perhaps: Callable[[], BoolArray]
 ) -> list[Finding]:
-    """Overlap that is required and missed fails, unless pictures that were not observed may make up for it."""
+    """Overlap that is required and missed fails, unless photos that were not observed may make up for it."""
     scenario = coverage.site.scenario
     short = overlap_shortfall(scenario, None if pictures is None else picture_statistics(coverage, pictures))
     if short is None:
@@ -192,7 +192,7 @@ def _judge_overlap(
     required = scenario.requirements.min_overlap_fraction or 0.0
     if at_most is None or at_most < required:
         return [fails("overlap", short)]
-    more = f"with what may have been seen without being observed it is {percent_beside(at_most, required)}"
+    more = f"with what unobserved intervals may add it is {percent_beside(at_most, required)}"
     return [unproved("overlap", f"{short}; {more}")]
 
 
@@ -218,7 +218,7 @@ def _judge_coverage(
         if at_most < asked:
             findings.append(fails(what, text))
         else:
-            more = f"with what may have been seen without being observed it is {percent_beside(at_most, asked)}"
+            more = f"with what unobserved intervals may add it is {percent_beside(at_most, asked)}"
             findings.append(unproved(what, f"{text}; {more}"))
     return findings
 
@@ -242,7 +242,7 @@ def _all_unobserved(
             other = judged[link.after]
             start_s, end_s = j.end.time_s, other.begin.time_s
             detail = (
-                f"{end_s - start_s:.1f} s between track {number + 1} and track {link.after + 1}, which goes on with it"
+                f"{end_s - start_s:.1f} s between track {number + 1} and track {link.after + 1}, which continues it"
             )
             way = np.vstack([j.end.enu_m, other.begin.enu_m])
             on_route = bool(j.phases.route[-1] or other.phases.route[0])

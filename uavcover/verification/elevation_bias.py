@@ -16,12 +16,12 @@ from uavcover.scenario.site import Site
 _FEWEST = 20
 """Readings that say something: less than a second of most rangefinders."""
 _SPREADS = 2.0
-"""A bound reaches so many spreads beyond the bias; of a normal distribution 95 % lie within."""
+"""A bound reaches this number of spreads beyond the bias; of a normal distribution 95 % lie within 2."""
 
 
 @dataclass(frozen=True, slots=True)
 class ElevationBias:
-    """How the ground as a vehicle knows it differs from the elevation data.
+    """Difference between the ground as a vehicle knows it and the elevation data.
 
     Attributes:
         source: "rangefinder", which measures, or "terrain data of the vehicle", which is another model of the ground.
@@ -37,7 +37,7 @@ class ElevationBias:
 
     @property
     def bound_m(self) -> float:
-        """What a height of the elevation data may be wrong by, as far as this shows."""
+        """Largest plausible error of a height of the elevation data."""
         return abs(self.bias_m) + _SPREADS * self.spread_m
 
     def __str__(self) -> str:
@@ -70,7 +70,7 @@ def elevation_biases(site: Site, tracks: Sequence[Track]) -> tuple[ElevationBias
 
 
 def widened(site: Site, biases: Sequence[ElevationBias]) -> tuple[Site, tuple[str, ...]]:
-    """The site with the uncertainty of its heights that measurements show, where the stated one is smaller; and what to say.
+    """The site with the height uncertainty that measurements show, where the stated one is smaller; and the notes on it.
 
     The vehicle's own terrain data is no measurement, and widens nothing.
     """

@@ -21,7 +21,7 @@ NEAR_TERRAIN_M = 2.0
 """A moving vehicle this close to the terrain counts as on the ground: receivers err by as much, and a record that
 begins with arming begins a second before the climb."""
 SAME_HEIGHT_M = 1.0
-"""Likewise this close to the height of the other end at the same position."""
+"""... and this close to the height of the other end at the same position."""
 DRIFT_M = 5.0
 """An end this much higher than the other at the same place, which is at the terrain, is in the air: heights drift less."""
 SAME_PLACE_M = 10.0

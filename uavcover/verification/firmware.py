@@ -1,4 +1,4 @@
-"""Which firmware wrote a log, and from when it can be: a flight is not older than its autopilot's release.
+"""Find the firmware that wrote a log, and its earliest date: a flight is not older than its autopilot's release.
 
 The version stands in every kind of log: as text (ArduPilot's MSG and VER), as a number (``ver_sw_release`` of PX4), and in the
 AUTOPILOT_VERSION that a ground station received. A track of ours has its telemetry log beside it.
@@ -14,7 +14,7 @@ from importlib import resources
 from pathlib import Path
 
 _HEAD_BYTES = 8_000_000
-"""The version is told when a log or a link begins."""
+"""The version is sent when a log or a link begins."""
 _ARDUPILOT = re.compile(rb"Ardu(?:Copter|Plane|Rover|Sub) V(\d+)\.(\d+)\.\d+(-?[a-z]*)")
 _PX4 = re.compile(rb"uint32_t ver_sw_release(.{4})", re.DOTALL)
 _MESSAGE = re.compile(rb"\xfd[\x14-\xff].{5}\x94\x00\x00.{16}(.{4})", re.DOTALL)
@@ -48,7 +48,7 @@ class Firmware:
 
     @property
     def released_s(self) -> float | None:
-        """Seconds since 1970 before which nobody flew it; none where that is not known."""
+        """Release date of the firmware in seconds since 1970: no earlier flight is possible. None where it is not known."""
         minor = self.minor if self.official else self.minor - _UNRELEASED_VERSIONS
         released = _releases()[self.autopilot].get(f"{self.major}.{minor}")
         return None if released is None else datetime.combine(released, time(), UTC).timestamp()
@@ -61,7 +61,7 @@ def _releases() -> Mapping[str, Mapping[str, date]]:
 
 
 def firmware_of(log: Path) -> Firmware | None:
-    """The firmware that a log, or the telemetry log beside a track of ours, tells of; none where it does not."""
+    """The firmware that a log, or the telemetry log beside one of our tracks, names; None where it names none."""
     path = log.with_name(_TELEMETRY) if log.suffix.lower() in (".csv", ".rrd") else log
     if not path.is_file():
         return None

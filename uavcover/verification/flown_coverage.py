@@ -1,4 +1,4 @@
-"""Coverage of a flown track: when, how often, how closely and how surely each cell was seen, and why the others were not."""
+"""Coverage of a flown track. For each cell: when, how often, how closely and how surely it was observed, or why not."""
 
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -84,7 +84,7 @@ def count_observations(coverage: CoverageMap, observations: Observations) -> Flo
 
 
 def seen_by_any(each: Sequence[FlownCoverage]) -> FlownCoverage:
-    """What several sensors saw together, of the same cells.
+    """Join the observations that several sensors made of the same cells.
 
     Args:
         each: of one sensor, one at least; its times on a clock that all share.

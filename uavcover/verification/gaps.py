@@ -98,11 +98,13 @@ def gaps_geojson(coverage: CoverageMap, regions: Sequence[GapRegion]) -> dict[st
     """A FeatureCollection (RFC 7946) with one MultiPolygon for each region, the largest first.
 
     Raises:
-        InputError: the scenario has no place on Earth.
+        InputError: the scenario has no position on Earth.
     """
     frame = coverage.site.frame
     if frame is None:
-        raise InputError(f"scenario {coverage.site.scenario.name}: has no place on Earth, so its gaps have no GeoJSON")
+        raise InputError(
+            f"scenario {coverage.site.scenario.name}: has no position on Earth, so its gaps have no GeoJSON"
+        )
     features = []
     for number, region in enumerate(regions):
         gap = region.gap
@@ -134,7 +136,7 @@ def _places_in_lattice(coverage: CoverageMap) -> tuple[NDArray[np.int64], NDArra
 
 
 def cells_outline(coverage: CoverageMap, chosen: NDArray[np.int64]) -> shapely.MultiPolygon:
-    """Union of cells as one shape in the local frame, from a rectangle for each run of cells in a row."""
+    """Union of cells as one shape in the local frame, built from one rectangle per run of cells in a row."""
     row_of, column_of = _places_in_lattice(coverage)
     rows, columns = row_of[chosen], column_of[chosen]
     order = np.lexsort((columns, rows))

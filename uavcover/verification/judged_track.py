@@ -63,7 +63,7 @@ class JudgedTrack:
         begin: its first sample.
         end: its last sample.
         unobserved: unobserved stretches between its samples.
-        findings: why it cannot pass, or proves nothing, whatever was seen, and other irregularities.
+        findings: why it cannot pass, or proves nothing, independent of the coverage, and other irregularities.
         attitude_problems: problems of its attitudes.
         photos: where photos were taken; none for a sensor that looks along the path.
     """
@@ -149,7 +149,7 @@ def judge_track(
         # A flight that ended before its route has no place and no pace of the plan to keep.
         commanded_pace_doubt(track, enu, joined, scenario.vehicle, planned if route.any() else None),
         None if passed is None or not route.any() else plan_doubt(passed),
-        None if misnumbered is None else f"{misnumbered}: its numbers are not believed, the places decide",
+        None if misnumbered is None else f"{misnumbered}: its numbers are ignored, the positions decide",
     ]
     if not contradiction_m <= MAX_CONTRADICTION_M:
         unbelieved.append(
@@ -163,7 +163,7 @@ def judge_track(
         *(
             unproved(
                 "no-fly-zones",
-                f"no-fly zone {name}, not in force in flight_window_utc, was entered; the track does not tell the time of day",
+                f"no-fly zone {name}, not in force in flight_window_utc, was entered; the track has no time of day",
             )
             for name in zones_at_unknown_time(site, track, enu, joined)
         ),
@@ -197,7 +197,7 @@ def judge_track(
             *(
                 []
                 if known.unconfirmed is None
-                else [noted(f"{known.unconfirmed}: what depends on it is possibly observed")]
+                else [noted(f"{known.unconfirmed}: observations that depend on it are only possible")]
             ),
         ),
         attitude_problems=known.problems,
@@ -219,7 +219,8 @@ def _checked_positions_m(site: Site, track: Track) -> FloatArray:
     if not np.isfinite(enu).all():
         bad = int(np.argmin(np.isfinite(enu).all(axis=1)))
         raise TrackError(
-            f"sample {bad} of the track, at {track.time_s[bad]} s, is not a place on Earth; are latitude and longitude swapped?"
+            f"sample {bad} of the track, at {track.time_s[bad]} s, is not a position on Earth; "
+            "are latitude and longitude swapped?"
         )
     if not (np.diff(track.time_s) > 0.0).all():
         bad = int(np.argmax(~(np.diff(track.time_s) > 0.0))) + 1
@@ -290,7 +291,7 @@ def _ground_doubts(
             unproved(
                 "evidence",
                 f"positions are under the ground, by up to {-here_m[lowest]:.1f} m at {track.time_s[lowest]:.1f} s, "
-                f"{place_of(site, enu_m[lowest])}: their heights refer to something else, or belong to another place",
+                f"{place_of(site, enu_m[lowest])}: their heights have another datum, or belong to another location",
             )
         )
     return doubts
@@ -324,7 +325,7 @@ def _place_radius_m(site: Site) -> float:
 def _take_off_and_landing(
     site: Site, enu_m: FloatArray, height_agl_m: FloatArray, begin: TrackEnd, end: TrackEnd
 ) -> BoolArray:
-    """(n,) samples of take-off and landing, straight above them or as low as a roll, of a flight that no plan divides."""
+    """(n,) samples of take-off and landing of a flight without a plan: straight above them, or as low as a roll."""
     found = np.zeros(len(enu_m), dtype=bool)
     low = height_agl_m < _ROLL_M
     if begin.on_ground:

@@ -1,4 +1,4 @@
-"""How the accelerations of a track depend on its lean: whether attitude and motion were measured together.
+"""Relate the accelerations of a track to its lean, to tell whether attitude and motion were measured together.
 
 Drag, wind and everything else that changes slowly is taken out of both. What is left of a measured flight is the same
 acceleration twice. Gusts make the vehicle lean without accelerating, noise of the positions accelerates it without a lean; both
@@ -66,7 +66,7 @@ def mean_over(time_s: FloatArray, values: FloatArray, middles_s: FloatArray, hal
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeanFit:
-    """How the accelerations of a track depend on the lean.
+    """Dependence of a track's accelerations on its lean.
 
     Attributes:
         correlation: of both.

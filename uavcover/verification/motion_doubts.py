@@ -1,8 +1,8 @@
-"""Why the motion of a track proves nothing although most of it is possible.
+"""Find reasons to distrust the motion of a track although most of it is possible.
 
 A receiver may lose and regain its position a few times in a flight. That leaves impossible moves, and each looks like a jump:
 without it, the motion before and after continues as a vehicle can fly. A velocity that changes at once is no jump. Time was
-inserted there, a stretch was taken out, or two flights were joined, and nobody observed what was flown.
+inserted there, a stretch was taken out, or two flights were joined, and the real motion was not observed.
 """
 
 from collections.abc import Iterator
@@ -34,7 +34,7 @@ _MOST_LEGS = 8
 def motion_doubts(
     site: Site, track: Track, enu_m: FloatArray, motion: Motion, limits: MotionLimits, *, position_error_m: float
 ) -> list[str]:
-    """Why the motion proves nothing, one line each.
+    """List the reasons why the motion proves nothing, one line each.
 
     Args:
         site: the scenario on its ground.
@@ -64,7 +64,7 @@ def motion_doubts(
     if len(motion.moves) > MAX_IMPOSSIBLE_MOVES:
         first = motion.moves[0]
         doubts.append(
-            f"the vehicle cannot have moved like this in {len(motion.moves)} places, first {at(first)}: {first}"
+            f"the vehicle cannot have moved like this at {len(motion.moves)} positions, first {at(first)}: {first}"
         )
     elif not steps:
         shortest = Windows.of(
@@ -124,7 +124,7 @@ def _is_possible(time_s: FloatArray, enu_m: FloatArray, limits: MotionLimits, al
 
 
 def sampling_doubts(track: Track, motion: Motion, known: KnownAttitude) -> list[str]:
-    """Positions that no estimator gives, or that are too far apart to tell a flight from a line that was drawn."""
+    """Positions that no estimator gives, or that are too far apart to tell a flight from a drawn line."""
     doubts = []
     if motion.white_m > 0.0:
         doubts.append(

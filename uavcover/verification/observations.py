@@ -24,7 +24,7 @@ class Observations:
     Attributes:
         places_m: (k, 3) ENU positions.
         axes: (k, 3) ENU unit vectors along the camera's viewing direction.
-        tops: (k, 3) unit vectors perpendicular to them, towards the top of the picture.
+        tops: (k, 3) unit vectors perpendicular to them, towards the top of the photo.
         times_s: (k,) times.
         known: (k,) whether the attitude is known; otherwise level and nose ahead are assumed.
     """
@@ -88,7 +88,7 @@ def observations_of(
 
 
 def level_observations(site: Site, path_m: FloatArray, time_s: float) -> Observations:
-    """Possible observations along a path without samples, as if it had been flown level; pictures may be anywhere on it."""
+    """Possible observations along a path without samples, as if it had been flown level; photos may be anywhere on it."""
     sensor = site.scenario.sensor
     share = _between(np.arange(len(path_m)), path_m, sample_spacing_m(site.scenario))
     before, part = share
@@ -102,14 +102,14 @@ def level_observations(site: Site, path_m: FloatArray, time_s: float) -> Observa
 
 
 def _turns_deg(track: Track) -> FloatArray:
-    """(n - 1,) degrees by which the nose turns from sample to sample, the short way; 0 where that is not known."""
+    """(n - 1,) degrees of yaw from sample to sample, the short way; 0 where it is not known."""
     return np.nan_to_num(np.abs((np.diff(track.attitude_deg[:, 2]) + 180.0) % 360.0 - 180.0))
 
 
 def _between(
     run: NDArray[np.int64], enu_m: FloatArray, spacing_m: float, turns_deg: FloatArray | None = None
 ) -> tuple[NDArray[np.int64], FloatArray]:
-    """The sample before each observation of a run of samples, and the fraction of the way to the next one, 0..1."""
+    """The sample before each observation of a run of samples, and the fraction 0..1 of the way to the next."""
     legs = np.linalg.norm(np.diff(enu_m[run], axis=0), axis=1)
     pieces = np.maximum(1, np.ceil(legs / spacing_m - 1e-9).astype(np.int64))
     if turns_deg is not None:

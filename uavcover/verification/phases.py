@@ -1,4 +1,4 @@
-"""Which part of a track is the planned route, and which of its stretches were observed."""
+"""Find the part of a track that is the planned route, and its observed stretches."""
 
 from dataclasses import dataclass
 
@@ -35,7 +35,7 @@ def on_route(
     """(n,) whether each sample lies between the first and the last planned waypoint; one stretch.
 
     By ``current_waypoint`` where the track has it and it is credible: from the first sample heading for waypoint 1 or later to
-    the last such sample, whatever the numbers in between. A vehicle turns to the next waypoint within its acceptance radius,
+    the last such sample, with any numbers in between. A vehicle turns to the next waypoint within its acceptance radius,
     so the route begins and ends up to that far from its ends. Where the positions show that more of the plan was flown
     before or after, that belongs to the route too: a missing number must not relax the judgement. A track that never got
     beyond waypoint 0 has no sample on the route, except that a plan of one waypoint is passed once.
@@ -55,8 +55,8 @@ def on_route(
     numbers = track.current_waypoint
     single = planned is not None and len(planned.waypoints_m) == 1
     if (numbers >= 0).any() and not single and believed:
-        told = np.flatnonzero(numbers >= 1)
-        span = [int(told[0]), int(told[-1])] if told.size else []
+        numbered = np.flatnonzero(numbers >= 1)
+        span = [int(numbered[0]), int(numbered[-1])] if numbered.size else []
         for sample in _beyond(numbers, span, passed):
             span = [min([*span, sample]), max([*span, sample])]
         if span:

@@ -1,4 +1,4 @@
-"""What real pictures, or that there are none, mean for the verdict on a flight."""
+"""Derive findings from real photos, or from their absence, for the verdict on a flight."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,11 +10,11 @@ from uavcover.verification.flown_coverage import FlownCoverage
 
 @dataclass(frozen=True, slots=True)
 class GivenEvidence:
-    """What is left of a flight.
+    """Records of a flight that the user gave.
 
     Attributes:
         logs: flown tracks.
-        photos: pictures, folders and lists of them.
+        photos: photos, folders and lists of them.
         system: the vehicle of telemetry logs that have several; none: the only one.
     """
 
@@ -25,11 +25,11 @@ class GivenEvidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureEvidence:
-    """What is known of a flight's pictures beside its track.
+    """Evidence from a flight's photos beside its track.
 
     Attributes:
         shown: coverage by cell, on the cells that results are judged on; none where the track alone tells it.
-        counts: how many pictures show each cell; likewise.
+        counts: number of photos that show each cell; none as for ``shown``.
         findings: why they do not show enough, or nothing proves that they do, and what else is to be said of them.
         photos_required: whether a flight whose vehicle reported no photo is not proved.
     """
@@ -45,9 +45,9 @@ NO_PICTURES = PictureEvidence(
     findings=(
         unproved(
             "photos",
-            "nothing tells of a picture: what the camera would have seen is counted, and nobody knows whether it took any "
+            "no photo is reported: cells in view of the camera are counted, but no record shows that it took any "
             "(--photos)",
         ),
     )
 )
-"""Of a flight that nobody planned here: no mission of ours triggered its camera."""
+"""Evidence for a flight that was not planned here: no mission of ours triggered its camera."""

@@ -1,7 +1,7 @@
 """Physically possible motion: what a vehicle cannot have flown joins no samples and is no evidence.
 
 Speed is evaluated over windows of 0.2, 1 and 3 s, acceleration by divided differences of three samples 0.2 to 2 s apart. For a
-vehicle that accelerates by at most ``a``, no divided difference exceeds ``a``, whatever the spacing of the samples. A track at
+vehicle that accelerates by at most ``a``, no divided difference exceeds ``a``, at any spacing of the samples. A track at
 1 Hz is therefore judged as fairly as one at 50 Hz, and the rounding of a log at 50 Hz is no acceleration.
 
 Position noise adds to these figures, more so in short windows. It is measured on the track itself, by the median of its second
@@ -126,7 +126,7 @@ class Windows:
 
 
 def white_noise_m(time_s: FloatArray, enu_m: FloatArray, joined: BoolArray) -> float:
-    """By how much neighbouring samples are off independently of each other; 0 where that is no more than rounding.
+    """Independent position noise of neighbouring samples; 0 where it is no more than rounding.
 
     Second differences of independent errors do not depend on the length of the window, those of an estimator's error grow with
     its root, and those of motion with its square.
@@ -246,7 +246,7 @@ class ImpossibleMove:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Which part of a track's motion is possible.
+    """Possible part of a track's motion.
 
     Attributes:
         joined: (n - 1,) whether the straight line between two neighbours is evidence: close enough in time, and possible.
@@ -301,18 +301,18 @@ def judge_motion(
     fraction, contradiction = 0.0, None
     if velocity_m_s is not None:
         error = PositionError((position_error_m, UPWARD * position_error_m), ERROR_TIME_S)
-        told = _Found(joined & ~found.marked)
+        new = _Found(joined & ~found.marked)
         _mark_velocities(
-            told, contradictions(time_s, enu_m, velocity_m_s, error=error, acceleration_m_s2=limits.acceleration_m_s2)
+            new, contradictions(time_s, enu_m, velocity_m_s, error=error, acceleration_m_s2=limits.acceleration_m_s2)
         )
-        fraction = float(np.diff(time_s) @ told.marked) / max(float(time_s[-1] - time_s[0]), ROUNDING_S)
+        fraction = float(np.diff(time_s) @ new.marked) / max(float(time_s[-1] - time_s[0]), ROUNDING_S)
         if fraction > MAX_CONTRADICTED:
-            legs = np.flatnonzero(told.marked)
+            legs = np.flatnonzero(new.marked)
             first, last = int(legs[0]), int(legs[-1]) + 1
-            contradiction = ImpossibleMove(first, last, *told.worst(first, last))
+            contradiction = ImpossibleMove(first, last, *new.worst(first, last))
         else:
             fraction = 0.0
-            found.add(told)
+            found.add(new)
     joined = joined & ~found.marked
     evidence, unreachable = _reachable(time_s, enu_m, joined, limits)
     # A single sample with only impossible motion around it is no evidence.

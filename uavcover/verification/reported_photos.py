@@ -29,7 +29,7 @@ _SHOWN = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackPhotos:
-    """Where photos were taken, and where none was reported.
+    """Positions of photos, and stretches without a report.
 
     Attributes:
         source: whether the vehicle reported them, or the track predicts them.
@@ -49,7 +49,7 @@ class TrackPhotos:
 
     @property
     def findings(self) -> list[str]:
-        """What is to be said of them, one line each."""
+        """Findings on the photos, one line each."""
         if self.source == "predicted":
             return ["the vehicle reported no photo: every planned photo counts as taken (--require-photos: not proved)"]
         if not self.missing:
@@ -159,12 +159,12 @@ def photos_at_waypoints(
 
 
 def _gained(track: Track) -> FloatArray:
-    """(n - 1,) by how much the vehicle's count of photos rises from sample to sample; below 0 where it began anew."""
+    """(n - 1,) increase of the vehicle's photo count from sample to sample; below 0 where the count began anew."""
     taken = track.pictures_taken
     known = np.flatnonzero(np.isfinite(taken))
     if known.size == 0:
         return np.zeros(len(taken) - 1)
-    # Before the first report, one less than it tells; from then on what was told last.
+    # Before the first report, one less than it says; afterwards the last reported count.
     first, start = known[0], max(0.0, taken[known[0]] - (known[0] > 0))
     filled = taken[np.maximum.accumulate(np.where(np.isfinite(taken), np.arange(len(taken)), first))]
     filled[:first] = start
@@ -172,7 +172,7 @@ def _gained(track: Track) -> FloatArray:
 
 
 def _trigger_points(enu_m: FloatArray, run: NDArray[np.int64], trigger_m: float) -> tuple[IntArray, FloatArray]:
-    """Trigger points along a run of samples, the first at its start: the sample before each, and the share of the leg."""
+    """Trigger points along a run of samples, the first at its start: the sample before each, and the leg fraction."""
     legs, shares = picture_places(np.ascontiguousarray(enu_m[run]), trigger_m)
     # At the end of a leg it is the next sample: from there on another one may be far away or NaN.
     ends = shares == 1.0
@@ -251,7 +251,7 @@ class _Matching:
         self._between(at, last, from_photo=at != first or not is_first, gained=0)
 
     def _between(self, first: int, last: int, *, from_photo: bool, gained: int) -> None:
-        """Judge the samples from a photo, or the start of a run, to the next photo, or the end of the run (``gained`` 0)."""
+        """Judge the samples between two photos. The first may be the start of a run, the second its end (``gained`` 0)."""
         run = np.arange(first, last + 1)
         if len(run) < 2:
             return
@@ -276,7 +276,7 @@ class _Matching:
             self._perhaps_m.append(self._enu_m[first : last + 1])
 
     def _unmatched(self, before: IntArray, share: FloatArray, first: int, last: int) -> BoolArray:
-        """Which trigger points have no reported photo near them: neither the two between which they lie nor the next ones."""
+        """Trigger points without a reported photo near them: neither the two between which they lie nor the next ones."""
         if before.size == 0:
             return np.zeros(0, dtype=bool)
         after = np.minimum(before + 1, len(self._enu_m) - 1)

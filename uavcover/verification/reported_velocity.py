@@ -5,7 +5,7 @@ displacement, but for what is known from outside: the error of the positions wan
 error of its own, the two need not be of exactly the same moment, and times are rounded. None of these bounds is measured on the
 track, so no noise of the positions excuses a velocity that contradicts them. Wind does not matter: both are over ground.
 
-Reported velocities are also smooth: they change by no more than the vehicle can accelerate, whatever the noise of the positions.
+Reported velocities are also smooth: they change by no more than the vehicle can accelerate, even if the positions are noisy.
 """
 
 from collections.abc import Iterator
@@ -37,7 +37,7 @@ _ROUNDING_S = 1e-6
 
 @dataclass(frozen=True, slots=True)
 class PositionError:
-    """What is known from outside about the error of positions: a wandering one.
+    """Error of positions as known from outside: a wandering one.
 
     Attributes:
         deviation_m: standard deviation on each axis over ground, and vertically.

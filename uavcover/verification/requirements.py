@@ -14,7 +14,7 @@ from uavcover.model.verdict import LIMIT_OF, Unobserved, VerificationReport, per
 _OTHERS: Mapping[Requirement, str] = {
     "photos": "Photos that were taken",
     "detection": "Probability of detection",
-    "transit-observed": "Observed on the ways there and home",
+    "transit-observed": "Observed on outbound and return transit",
     "separation": "Separation of the vehicles",
     "evidence": "A record that can be believed",
 }
@@ -45,7 +45,7 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
     rows = [
         judge.share(
             "coverage",
-            "Seen, of what can be seen",
+            "Coverage of visible ground",
             requirements.min_coverage_of_coverable,
             report.coverage_of_coverable,
         )
@@ -54,7 +54,7 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
         rows.append(
             judge.share(
                 "sure-coverage",
-                "Surely seen, of what can be seen",
+                "Sure coverage of visible ground",
                 requirements.min_sure_coverage_of_coverable,
                 report.surely_covered_of_coverable,
             )
@@ -72,7 +72,7 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
     )
     rows.append(
         RequirementRow(
-            "Clearance on the ways there and home",
+            "Clearance on outbound and return transit",
             f"at least {limits.transit_clearance_m:g} m",
             _metres(report.min_transit_clearance_m),
             judge.limit("transit-clearance"),
@@ -80,7 +80,7 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
     )
     rows.append(
         RequirementRow(
-            "Height above ground on the ways there and home",
+            "Height above ground on outbound and return transit",
             f"at most {scenario.transit_ceiling_agl_m:g} m",
             _metres(report.max_transit_height_agl_m),
             judge.limit("transit-height"),
@@ -128,7 +128,7 @@ def _overlap_row(asked: float, report: VerificationReport, judge: "_Judge") -> R
     found = None if pictures is None else pictures.overlap_fraction
     number = "" if pictures is None or pictures.asked is None else f" {pictures.asked}"
     return RequirementRow(
-        f"Ground in at least{number} pictures, as the overlap asks",
+        f"Ground in at least{number} photos, as the overlap requires",
         f"at least {100.0 * asked:g} %",
         "not known" if found is None else percent_beside(found, asked),
         judge.holds("overlap"),
@@ -168,7 +168,7 @@ def _is_open_end(stretch: Unobserved) -> bool:
 
 
 class _Judge:
-    """What the findings say of each requirement."""
+    """Answers each requirement from the findings."""
 
     def __init__(self, report: VerificationReport) -> None:
         self._report = report
@@ -202,7 +202,7 @@ class _Judge:
         )
 
     def others(self) -> list[RequirementRow]:
-        """What decided the verdict and has no row yet: the table and the verdict say the same."""
+        """Findings that decided the verdict and have no row yet, so that the table and the verdict say the same."""
         findings = [finding for finding in self._report.judgement.findings if finding.effect != "noted"]
         concerned = dict.fromkeys(name for finding in findings for name in finding.concerns if name not in self._told)
         return [

@@ -50,7 +50,7 @@ def ground_speeds_m_s(track: Track, enu_m: FloatArray, joined: BoolArray) -> Flo
 
 
 def deviations_m(enu_m: FloatArray, route: BoolArray, planned: PlannedRoute | None) -> FloatArray | None:
-    """(n,) distance of each sample on the route from the planned route, NaN elsewhere; none without a plan or a route."""
+    """(n,) distance of each sample on the route from the planned one, NaN elsewhere. None without plan or route."""
     if planned is None or len(planned.waypoints_m) == 0 or not route.any():
         return None
     distances = np.full(len(enu_m), np.nan)
@@ -63,7 +63,7 @@ def deviations_m(enu_m: FloatArray, route: BoolArray, planned: PlannedRoute | No
 def commanded_pace_doubt(
     track: Track, enu_m: FloatArray, joined: BoolArray, vehicle: Vehicle, planned: PlannedRoute | None
 ) -> str | None:
-    """Why the pace of a track cannot be that of its mission; none when it can.
+    """Reason why the pace of a track cannot be that of its mission; None when it can.
 
     Windows of 5 s are evaluated. A vehicle that is persistently faster than its mission commands has a wrong clock or wrong
     positions, or was flown otherwise; so has one that never approaches the commanded speed on a leg long enough for it.
@@ -160,7 +160,7 @@ class Heights:
 
     Attributes:
         lowest: metres above ground; NaN where the ground there, or below such a leg, is unknown.
-        highest: likewise.
+        highest: as ``lowest``, but the greatest heights.
     """
 
     lowest: SampleValues
@@ -177,7 +177,7 @@ def track_heights(site: Site, enu_m: FloatArray, joined: BoolArray, phases: Phas
     of_leg = np.maximum(laxity[:-1], laxity[1:])
     for side in (slice(None, -1), slice(1, None)):
         counts = joined & (laxity[side] == of_leg)
-        # An unknown height on one leg makes the sample's height unknown, whatever the other leg says.
+        # An unknown height on one leg makes the sample's height unknown; the other leg does not matter.
         unknown = np.isnan(ranges[:, 0])
         lower = counts & (unknown | (ranges[:, 0] < lowest[side]))
         higher = counts & (unknown | (ranges[:, 2] > highest[side]))
@@ -318,7 +318,7 @@ def _lacking_clearance(site: Site, enu_m: FloatArray, joined: BoolArray) -> Samp
 def _zone_entries(
     site: Site, track: Track, enu_m: FloatArray, joined: BoolArray
 ) -> Iterator[tuple[Zone, ZoneBreach, tuple[int, ...], bool | None]]:
-    """Where a track is in a no-fly zone, at samples and on legs, by which samples, and whether that zone was in force then.
+    """Find the samples and legs of a track inside each no-fly zone, and whether the zone was in force then.
 
     Where the track does not tell the time of day, zones of the flight window are in force, and of others it is not known (None).
     """
@@ -335,7 +335,7 @@ def _zone_entries(
 
 
 def zones_at_unknown_time(site: Site, track: Track, enu_m: FloatArray, joined: BoolArray) -> list[str]:
-    """Names of zones outside of the flight window that a track enters where it does not tell the time of day."""
+    """Names of zones outside the flight window that a track without a time of day enters."""
     if not site.other_zones:
         return []
     entries = _zone_entries(site, track, enu_m, joined)
@@ -345,7 +345,7 @@ def zones_at_unknown_time(site: Site, track: Track, enu_m: FloatArray, joined: B
 def _inside_zones(
     site: Site, track: Track, enu_m: FloatArray, joined: BoolArray
 ) -> Iterator[tuple[Zone, SampleValues]]:
-    """For each no-fly zone that was entered, metres inside of its outline for each sample, there or on an adjacent leg."""
+    """For each no-fly zone that was entered: metres inside its outline, for each sample, there or on an adjacent leg."""
     numbers = np.arange(len(enu_m), dtype=float)
     entered: dict[int, tuple[Zone, SampleValues]] = {}
     for zone, breach, samples, in_force in _zone_entries(site, track, enu_m, joined):

@@ -1,4 +1,4 @@
-"""Two records of one flight are not two flights: their observations must not count twice, whatever their clocks and rates."""
+"""Recognise two records of one flight, with any clocks and rates, so that observations do not count twice."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -35,7 +35,7 @@ _NEAR_S = 1.0
 
 @dataclass(frozen=True, slots=True)
 class SameFlight:
-    """How two records of one flight agree.
+    """Agreement of two records of one flight.
 
     Attributes:
         duration_s: how long they agree while moving.
@@ -102,7 +102,7 @@ def same_flight(one: Track, one_m: FloatArray, other: Track, other_m: FloatArray
 
 @dataclass(frozen=True, slots=True)
 class CommonTime:
-    """How the times of two tracks stand to each other.
+    """Relation of the times of two tracks.
 
     Attributes:
         overlaps: whether both were recorded at the same time for a while.
@@ -187,7 +187,7 @@ def at_two_places(judged: Sequence[JudgedTrack], records: Sequence[Records]) -> 
             common = None if (first, second) in same else common_time(one.track, other.track)
             if common is not None and common.overlaps:
                 found.append(
-                    f"tracks {first + 1} and {second + 1} overlap in time at different places: one vehicle flew only one of "
+                    f"tracks {first + 1} and {second + 1} overlap in time at different positions: one vehicle flew only one of "
                     "them; give fleet.vehicles if there were several"
                 )
     return found
@@ -203,7 +203,7 @@ def has_near(times_s: FloatArray, asked_s: FloatArray) -> NDArray[np.bool_]:
 
 
 def _observed_at(time_s: FloatArray, times_s: FloatArray) -> NDArray[np.bool_]:
-    """Which of (k,) times lie between two of (n,) samples close to each other in time."""
+    """Select those of (k,) times that lie between two of (n,) samples close to each other in time."""
     after = np.clip(np.searchsorted(time_s, times_s), 1, len(time_s) - 1)
     inside = (times_s >= time_s[0]) & (times_s <= time_s[-1])
     return np.asarray(inside & (time_s[after] - time_s[after - 1] <= _MAX_GAP_S))

@@ -1,4 +1,4 @@
-"""How near the vehicles of a fleet came to each other, by their tracks; ``tests/naive/separation.py`` tries every moment."""
+"""Measure the distances between the vehicles of a fleet, from their tracks; ``tests/naive/separation.py`` tries every moment."""
 
 import itertools
 from collections.abc import Collection, Sequence
@@ -24,7 +24,7 @@ _LONGEST_S = 2.5
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """What the tracks say of the distances between the vehicles.
+    """Distances between the vehicles according to their tracks.
 
     Attributes:
         pairs: of tracks that overlap in time.
@@ -46,7 +46,7 @@ def judge_separation(
     """Judge the distances between all vehicles that were in the air at the same time.
 
     Args:
-        site: the scenario on its ground, with the separation that was asked for.
+        site: the scenario on its ground, with the required separation.
         tracks: what each flight recorded.
         same_flight: pairs of tracks, by number, that record one flight.
     """
@@ -58,7 +58,7 @@ def judge_separation(
     if without:
         listed = ", ".join(map(str, without))
         doubts.append(
-            f"the separation of the vehicles: track {listed} does not tell when its positions arrived, so nothing tells "
+            f"the separation of the vehicles: track {listed} has no arrival times of its positions, so it is not known "
             "where the others were at the time"
         )
     pairs: list[PairSeparation] = []
@@ -93,7 +93,7 @@ def judge_separation(
 def _judge_pair(
     site: Site, one: tuple[Track, SharedTimes], other: tuple[Track, SharedTimes]
 ) -> tuple[PairSeparation, list[Violation]] | None:
-    """One pair of tracks; none when they do not overlap in time, or one vehicle always stands while the other does."""
+    """Judge one pair of tracks. None when they do not overlap in time, or one vehicle always stands while the other does."""
     fleet = site.scenario.fleet
     (track, times), (second, second_times) = one, other
     pace = max(times.pace, second_times.pace)
@@ -154,7 +154,7 @@ def _stands(track: Track, times: SharedTimes, moments: FloatArray) -> BoolArray:
 
 
 def _nearest(a: FloatArray, b: FloatArray, moments: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """(n - 1,) least distances between two that move evenly between (n, 3) places at (n,) moments, and when these are."""
+    """(n - 1,) least distances between two bodies that move evenly between (n, 3) positions, and their moments."""
     begin, change = (a - b)[:-1], np.diff(a - b, axis=0)
     squared = np.einsum("ij,ij->i", change, change)
     share = np.clip(-np.einsum("ij,ij->i", begin, change) / np.where(squared > 0.0, squared, np.inf), 0.0, 1.0)
@@ -162,7 +162,7 @@ def _nearest(a: FloatArray, b: FloatArray, moments: FloatArray) -> tuple[FloatAr
 
 
 def _unknown_m(track: Track, times: SharedTimes, moments: FloatArray, limits: MotionLimits) -> FloatArray:
-    """(n - 1,) how far beside the straight line a vehicle may have been between moments, where its samples are rare."""
+    """(n - 1,) possible metres beside the straight line between moments, where a vehicle's samples are rare."""
     after = np.clip(np.searchsorted(times.taken_utc_s, moments, side="right"), 1, len(track) - 1)
     gaps_s = np.diff(track.time_s)[after - 1]
     reach_m = np.where(gaps_s > _LONGEST_S, 0.5 * gaps_s * np.hypot(limits.speed_m_s, limits.climb_m_s), 0.0)

@@ -1,4 +1,4 @@
-"""The clocks of a track: its date, and when its samples were taken on the clock of the ground station that received them.
+"""Check a track's clocks: its date, and the receive times on the clock of the ground station.
 
 A date counts only when it is plausible: not before the firmware that flew it, nor before the plan that was flown, not after
 the file that holds it, and in agreement with the ground station. Receivers count weeks modulo 1,024; when the count starts anew
@@ -75,7 +75,7 @@ def dated(track: Track, bounds: DateBounds) -> tuple[Track, tuple[str, ...]]:
 
 
 def clocks_apart(track: Track) -> str | None:
-    """Where one of two clocks that run alike goes further than the other: the record has more or less time than there was."""
+    """Find where one of two clocks that run alike advances more than the other: the record lost or gained time."""
     known = np.isfinite(track.unix_time_s)
     own_s, apart_s = track.time_s[known], track.unix_time_s[known] - track.time_s[known]
     if not own_s.size or np.ptp(apart_s) <= CLOCK_STEP_S:

@@ -67,7 +67,7 @@ class FlownTrack:
 
 
 _DRAWN_CELLS = 2000
-"""Of a gap in a notebook's map."""
+"""Cells of a gap in a notebook's map."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -79,7 +79,7 @@ class Verdict:
         report: decision and figures.
         flown: coverage by cell.
         gaps: the coverage gaps and their cells.
-        pictures: how many pictures show each cell; none for a sensor that takes no single pictures.
+        pictures: how many photos show each cell; none for a sensor that takes no single photos.
         observations: all observations of the flight, in order of time, each once.
         shifts_s: seconds added to the vehicle times of each track to put all on one clock, which ``flown`` and the report's
             ``coverage_by_time`` use.
@@ -97,7 +97,7 @@ class Verdict:
         r = self.report
         return (
             f"<Verdict: {r.verdict}; {100.0 * r.coverage_fraction:.2f} % of the area and "
-            f"{100.0 * r.coverage_of_coverable:.2f} % of what can be seen; {len(r.gaps)} gaps, {len(r.violations)} violations>"
+            f"{100.0 * r.coverage_of_coverable:.2f} % of the visible ground; {len(r.gaps)} gaps, {len(r.violations)} violations>"
         )
 
     def _repr_html_(self) -> str:
@@ -142,17 +142,17 @@ def verify_flight(
         site: the scenario on its ground.
         coverage: on the cells that results are judged on.
         tracks: at least one, the first with the plan whose coverage was promised.
-        evidence: of real pictures; where they tell no coverage, it follows from the tracks.
+        evidence: of real photos; where they tell no coverage, it follows from the tracks.
         count: who counts the observations.
 
     Raises:
         TrackError: a track is empty, or has a position that is not on Earth.
     """
     steps = [clocks_apart(flown.track) for flown in tracks]
-    told = [dated(flown.track, flown.dates) for flown in tracks]
-    tracks = [replace(flown, track=track) for flown, (track, _) in zip(tracks, told, strict=True)]
+    judged_dates = [dated(flown.track, flown.dates) for flown in tracks]
+    tracks = [replace(flown, track=track) for flown, (track, _) in zip(tracks, judged_dates, strict=True)]
     which = [f"track {k + 1}: " if len(tracks) > 1 else "" for k in range(len(tracks))]
-    dates = [f"{name}{text}" for name, (_, found) in zip(which, told, strict=True) for text in found]
+    dates = [f"{name}{text}" for name, (_, found) in zip(which, judged_dates, strict=True) for text in found]
     source: PhotoSource = "reported" if any(reports_photos(flown.track) for flown in tracks) else "predicted"
     judged = [judge_track(flown.site or site, flown.track, flown.planned, photo_source=source) for flown in tracks]
     records = records_of_one_flight(judged)
@@ -284,14 +284,14 @@ def _eyes(coverage: CoverageMap, tracks: Sequence[FlownTrack]) -> list[tuple[Cov
 
 
 def _time_findings(site: Site, window: Window | None) -> list[str]:
-    """What the time of day means for the no-fly zones with times."""
+    """Findings on the time of day for no-fly zones with times."""
     timed = sum(zone.entry.has_times for zone in (*site.zones, *site.other_zones))
     if not timed:
         return []
     planned = site.scenario.flight_window
     if window is None:
         judged = "as in force all the time" if planned is None else "as in flight_window_utc"
-        return [f"the track does not tell the time of day: {timed} no-fly zones with times are judged {judged}"]
+        return [f"the track has no time of day: {timed} no-fly zones with times are judged {judged}"]
     if planned is None or (planned[0] <= window[0] and window[1] <= planned[1]):
         return []
     return [
@@ -315,7 +315,7 @@ def _overlap_findings(site: Site, pictures: PictureStatistics | None) -> list[st
     if site.scenario.requirements.min_overlap_fraction is not None:
         return []
     return [
-        f"the overlap asked for, {pictures.asked} pictures of every point, holds on {100.0 * pictures.overlap_fraction:.2f} % of "
+        f"the required overlap, {pictures.asked} photos of every point, holds on {100.0 * pictures.overlap_fraction:.2f} % of "
         f"the area as drawn, less than {100.0 * OVERLAP_FRACTION:g} %"
     ]
 

@@ -19,7 +19,7 @@ _BLOCK_CELLS = 250_000
 
 @contextmanager
 def counter_of(scheduler: str | None) -> Iterator[CountObservations]:
-    """Who counts the observations; see :func:`uavcover.run.scheduling.workers_of`; none: threads of this process."""
+    """The workers that count the observations (:func:`uavcover.run.scheduling.workers_of`); None: threads of this process."""
     if scheduler is None:
         yield count_observations
         return
@@ -28,7 +28,7 @@ def counter_of(scheduler: str | None) -> Iterator[CountObservations]:
 
 
 def count_by(workers: Workers, *, block_cells: int = _BLOCK_CELLS) -> CountObservations:
-    """Count by workers, in blocks of about so many cells; the result does not depend on either."""
+    """Count by workers, in blocks of about ``block_cells`` cells; the result does not depend on either."""
 
     def count(coverage: CoverageMap, observations: Observations) -> FlownCoverage:
         # A copy of the site has nothing that can be computed again.
@@ -40,15 +40,15 @@ def count_by(workers: Workers, *, block_cells: int = _BLOCK_CELLS) -> CountObser
     return count
 
 
-# Coverage of a flown track by blocks of cells: each is a task of its own, for whoever does it.
+# Coverage of a flown track by blocks of cells: each is a task of its own, for any worker.
 #
-# A cell is seen or not whatever other cells there are, and it is the same cell in a block as among all. So there is no difference
+# Whether a cell is observed does not depend on other cells, and it is the same cell in a block as among all. No difference arises
 # along the edges of blocks, and a block needs no more of the flight than what was observed within the sensor's reach of it.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CountedFlight:
-    """What the tasks of a flight have in common.
+    """Data shared by the tasks of a flight.
 
     Attributes:
         site: the scenario on its ground.
@@ -66,7 +66,7 @@ def count_block(flight: CountedFlight, rows: tuple[int, int]) -> FlownCoverage:
 
 
 def near_block(block: CoverageMap, observations: Observations) -> Observations:
-    """Those from which some cell of a block may be seen, whatever the errors of the scenario's [uncertainty]."""
+    """Observations that may see some cell of a block under any error within the scenario's [uncertainty]."""
     centre_m = block.grid.cells.centre_m
     if len(centre_m) == 0:
         return observations.where(np.zeros(len(observations), dtype=bool))

@@ -1,4 +1,4 @@
-"""Which planned waypoints a track passed, by its positions, and whether its recorded waypoint numbers agree."""
+"""Find the planned waypoints that a track passed, by its positions, and compare its recorded waypoint numbers."""
 
 from bisect import bisect_right
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ _ORDER_OF = 4
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passing:
-    """How a track followed its plan.
+    """Record of a track following its plan.
 
     Attributes:
         samples: (m,) number of the sample at which each planned waypoint was passed, in the order of the plan; -1 where it
@@ -40,7 +40,9 @@ class Passing:
 
 
 def passing(enu_m: FloatArray, joined: BoolArray, waypoints_m: FloatArray, *, radius_m: float) -> Passing:
-    """Find when an (n, 3) track passed each of (m, 3) waypoints, maximising the number passed in the order of the plan.
+    """Find when an (n, 3) track passed each of (m, 3) waypoints.
+
+    The number passed in plan order is maximal.
 
     Each stretch of the track within the radius over ground passes the waypoint at its nearest point. Heights are ignored: a
     flight at a wrong height is on its route, and is judged there.
@@ -102,7 +104,7 @@ def _distances_m(enu_m: FloatArray, joined: BoolArray, point_m: FloatArray) -> F
 def contradiction(
     track: Track, enu_m: FloatArray, joined: BoolArray, waypoints_m: FloatArray, *, radius_m: float, speed_m_s: float
 ) -> str | None:
-    """How the waypoint numbers of a track contradict its positions; none when they agree, or when there are none.
+    """Contradiction between the waypoint numbers of a track and its positions; None when they agree, or without numbers.
 
     The numbers must increase from the first one, and where they change the track must be near that waypoint. Unobserved
     stretches contradict nothing.
@@ -120,15 +122,15 @@ def contradiction(
         return None
     if int(numbers.max()) >= len(waypoints_m):
         return f"current_waypoint goes up to {int(numbers.max())}, and the plan has {len(waypoints_m)} waypoints"
-    told = np.flatnonzero(numbers >= 0)
-    changes = told[1:][np.diff(numbers[told]) != 0]
-    before = told[:-1][np.diff(numbers[told]) != 0]
+    numbered = np.flatnonzero(numbers >= 0)
+    changes = numbered[1:][np.diff(numbers[numbered]) != 0]
+    before = numbered[:-1][np.diff(numbers[numbered]) != 0]
     gaps = np.concatenate([[0], np.cumsum(~joined)])
     # The first number, and the one after the last, count as changes too.
-    if numbers[told[0]] > 0 and told[0] > 0:
-        changes, before = np.append(told[0], changes), np.append(told[0] - 1, before)
-    if numbers[told[-1]] == len(waypoints_m) - 1 and told[-1] + 1 < len(numbers):
-        changes, before = np.append(changes, told[-1] + 1), np.append(before, told[-1])
+    if numbers[numbered[0]] > 0 and numbered[0] > 0:
+        changes, before = np.append(numbered[0], changes), np.append(numbered[0] - 1, before)
+    if numbers[numbered[-1]] == len(waypoints_m) - 1 and numbered[-1] + 1 < len(numbers):
+        changes, before = np.append(changes, numbered[-1] + 1), np.append(before, numbered[-1])
     for old, new in zip(before, changes, strict=True):
         # Recorded late: the vehicle was there within the last seconds.
         since = int(np.searchsorted(track.time_s, track.time_s[new] - LATENESS_S))
@@ -153,7 +155,7 @@ def contradiction(
 
 
 def plan_doubt(passed: Passing) -> str | None:
-    """Why a track cannot be a flight of its plan; none when it can."""
+    """Reason why a track cannot be a flight of its plan; None when it can."""
     count, near = len(passed.samples), int((passed.nearest_m <= passed.radius_m).sum())
     if near == 0:
         return (

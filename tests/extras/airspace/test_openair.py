@@ -106,7 +106,7 @@ def test_classes_open_to_all_are_left_out_and_told():
     ("text", "message"),
     [
         ("DP 46:00:00 N 007:00:00 E", "line 1: DP comes before the first AC"),
-        ("AC R\nAN x\nDP 46:00:00 N", "line 3, zone x: '46:00:00 N' is not a place"),
+        ("AC R\nAN x\nDP 46:00:00 N", "line 3, zone x: '46:00:00 N' is not a position"),
         ("AC R\nAN x\nDP 46:61:00 N 007:00:00 E", "46:61:0 is not an angle"),
         ("AC R\nAN x\nDP 91:00:00 N 007:00:00 E", "is not an angle"),
         ("AC R\nAN x\nAL high", "'high' is not a height"),

@@ -119,7 +119,7 @@ class TestRuns:
             assert here.file(run).read_bytes() == there.file(run).read_bytes()
 
     def test_processes_are_not_for_a_scheduler(self, tmp_path: Path) -> None:
-        with pytest.raises(InputError, match="--processes: goes with runs on this machine alone"):
+        with pytest.raises(InputError, match="--processes: requires runs on this machine alone"):
             list(make_runs(MmfFolder(tmp_path), [], SMALL, processes=2, scheduler="local:2"))
 
 

@@ -135,10 +135,10 @@ def test_what_items_themselves_show() -> None:
 @pytest.mark.parametrize(
     ("number", "first", "told"),
     [
-        (92, 1.0, "something else"),
+        (92, 1.0, "another controller"),
         (92, 0.0, None),
-        (42702, 1.0, "something else"),
-        (94, 0.0, "no place"),
+        (42702, 1.0, "another controller"),
+        (94, 0.0, "no position"),
         (80, 0.0, None),
     ],
 )

@@ -124,13 +124,13 @@ def test_an_aircraft_that_is_none(cli: Cli, planned: Path, tmp_path: Path, befor
         (["--format", "wpml", "-o", "x.kmz"], "needs the aircraft, such as --drone dji-m3e"),
         (["--format", "wpml", "--drone", "m3x", "-o", "x.kmz"], "'m3x' is not known; did you mean"),
         (["--format", "wpml", "--drone", "m3e", "-o", "x.zip"], "x.zip is not a .kmz file"),
-        (["--format", "gpx", "--drone", "m3e", "-o", "x.gpx"], "--drone: goes with --format wpml"),
+        (["--format", "gpx", "--drone", "m3e", "-o", "x.gpx"], "--drone: requires --format wpml"),
         (["--format", "litchi", "-o", "x.csv", "--max-waypoints-per-file", "100"], "Litchi takes 99 at most"),
         (["--format", "litchi", "-o", "x.csv", "--max-waypoints-per-file", "3"], "3 is too few"),
         (["--format", "litchi", "-o", "x.csv", "--max-waypoints-per-file", "-1"], "-1 is too few"),
         (["--format", "litchi", "-o", "x.csv", "--sortie", "1"], "has no sorties"),
         (["--format", "print", "-o", "x.pdf"], "-o: x.pdf: print is an HTML page; name it .html, and save it as PDF"),
-        (["--format", "gpx", "-o", "x.gpx", "--contact", "me"], "--contact: goes with --format print, not with gpx"),
+        (["--format", "gpx", "-o", "x.gpx", "--contact", "me"], "--contact: requires --format print, not gpx"),
         (["--format", "litchi"], "give a run folder, --format and -o"),
     ],
 )
@@ -146,7 +146,7 @@ def test_a_plan_without_a_place_has_no_flight(cli: Cli, nowhere_run: Path, tmp_p
     out = tmp_path / ("x.html" if file_format == "print" else "x.kmz")
     ended = cli("export", nowhere_run, "--format", file_format, "-o", out, *drone)
     assert ended.code == 2
-    assert "no place on Earth" in ended.error
+    assert "no position on Earth" in ended.error
     assert list(tmp_path.iterdir()) == []
 
 

@@ -182,7 +182,7 @@ def test_heights_above_the_ellipsoid_are_those_above_sea_level_and_the_geoid(mon
         ({"heights": "wgs84"}, "--heights: 'wgs84' is not known; give takeoff or ellipsoid"),
         (
             {"file_format": "litchi", "heights": "ellipsoid"},
-            "--heights ellipsoid: goes with --format wpml, not with litchi",
+            "--heights ellipsoid: requires --format wpml, not litchi",
         ),
     ],
 )
@@ -255,7 +255,7 @@ def test_too_few_points_for_any_leg() -> None:
 
 
 @pytest.mark.parametrize(
-    ("on_earth", "home", "match"), [(False, (0.0, 0.0), "no place on Earth"), (True, None, "no .home")]
+    ("on_earth", "home", "match"), [(False, (0.0, 0.0), "no position on Earth"), (True, None, "no .home")]
 )
 def test_without_a_place_or_a_home_there_is_no_flight(on_earth: bool, home: Any, match: str) -> None:
     site = make_site(flat, on_earth=on_earth, home=home)

@@ -175,9 +175,9 @@ def test_empty_notes_are_lines_to_fill_in() -> None:
     ("sensor", "match"),
     [
         (FrameCamera(kind="frame-camera", fov_across_deg=70.0, fov_along_deg=50.0, range_m=300.0, pitch_deg=-60.0,
-                     trigger_distance_m=17.0), "fixed, -60° .*, a picture every 17.0 m"),
+                     trigger_distance_m=17.0), "fixed, -60° .*, a photo every 17.0 m"),
         (FrameCamera(kind="frame-camera", fov_across_deg=70.0, fov_along_deg=50.0, range_m=300.0, heading_deg=5.0,
-                     mount="stabilised", sensing="at-waypoints"), "stabilised, -90° .*, a picture at each waypoint"),
+                     mount="stabilised", sensing="at-waypoints"), "stabilised, -90° .*, a photo at each waypoint"),
     ],
 )  # fmt: skip
 def test_the_camera_in_one_line(sensor: FrameCamera, match: str) -> None:

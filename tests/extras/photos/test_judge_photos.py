@@ -174,7 +174,7 @@ def test_photos_that_are_one_look_make_no_overlap(cli, tmp_path, flown, kind):
     told = ended.document
     assert (told["counted"], told["looks"]) == (len(few), len(flown[::4]))
     assert told["overlap_fraction"] < 0.1
-    assert "count as one look" in ended.err
+    assert "are one look" in ended.err
 
 
 def test_files_of_one_capture_are_one_look(cli, tmp_path, flown):
@@ -295,7 +295,7 @@ def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
         (("--area", AREA, "--dem", DEM, "--coverage", "98"), "--coverage: 98 is a share"),
         (("--area", AREA, "--dem", DEM, "--angle-error", "-1"), "--angle-error"),
         (("--area", AREA, "--dem", DEM, "--takeoff", "0,0"), "--takeoff: 0, 0 is outside"),
-        (("--area", AREA, "--dem", DEM, "--camera", "dji-m3m-multispectral"), "no picture is of the camera"),
+        (("--area", AREA, "--dem", DEM, "--camera", "dji-m3m-multispectral"), "no photo is of the camera"),
         (("--area", "46.0,8.0,60", "--dem", DEM), "46"),
         (("--area", AREA, "--dem", DEM, "--max-blur", "0"), "--max-blur: 0 is out of range"),
         (("--area", AREA, "--dem", DEM, "--pod", "0.8"), "--pod: needs --detection"),
@@ -332,7 +332,7 @@ def test_photos_without_places_say_what_to_give(cli, tmp_path):
     write_jpeg(tmp_path / "DCIM_0001.jpg")
     ended = cli("judge-photos", tmp_path, "--area", AREA, "--dem", DEM, "-o", tmp_path / "out")
     assert ended.code == 2
-    assert "no position; give a list of their places as well (geo.txt, .csv, .MRK or the flight's log)" in ended.err
+    assert "no position; give a list of their positions as well (geo.txt, .csv, .MRK or the flight's log)" in ended.err
 
 
 @pytest.mark.parametrize("gsd", [(), ("--gsd", "2.5cm")])

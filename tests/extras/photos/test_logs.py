@@ -36,7 +36,7 @@ def test_pictures_of_a_log_are_where_they_were_taken(tmp_path, name):
     # A picture is noted 0.05 s before its sample, and the vehicle climbs 2.5 m/s: its height is that of its time in the log.
     assert [p.alt_m for p in found.pictures] == pytest.approx(positions[SAMPLES, 3].tolist(), abs=0.55)
     assert [p.name for p in found.pictures] == [f"x-{k:04d}" for k in range(1, 6)]
-    assert f"5 pictures of {name}" in found.notes
+    assert f"5 photos of {name}" in found.notes
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -61,12 +61,12 @@ def test_pictures_outside_the_track_are_told(tmp_path):
     write_ulog(tmp_path / "x.ulg", pictures=[type(early)(1.0, early.lat_deg, early.lon_deg, early.number), *rest])
     found = read_pictures([tmp_path / "x.ulg"])
     assert len(found.pictures) == 4
-    assert any("1 pictures have a time outside its positions" in note for note in found.notes)
+    assert any("1 photos have a time outside its positions" in note for note in found.notes)
 
 
 def test_logs_without_pictures_or_with_pictures_elsewhere_in_time_are_one_line(tmp_path):
     write_tlog(tmp_path / "x.tlog")
-    with pytest.raises(TrackError, match="tells of no picture"):
+    with pytest.raises(TrackError, match="reports no photo"):
         read_pictures([tmp_path / "x.tlog"])
     positions, _ = flight()
     late = [type(p)(p.time_s + 900.0, p.lat_deg, p.lon_deg, p.number) for p in pictures_at(SAMPLES)]
@@ -75,5 +75,5 @@ def test_logs_without_pictures_or_with_pictures_elsewhere_in_time_are_one_line(t
     with pytest.raises(TrackError, match="outside its positions"):
         read_pictures([tmp_path / "x.ulg"])
     write_gpx(tmp_path / "x.gpx")
-    with pytest.raises(TrackError, match="no picture and no list"):
+    with pytest.raises(TrackError, match="no photo and no list"):
         read_pictures([tmp_path / "x.gpx"])

@@ -62,7 +62,7 @@ def test_pictures_without_a_place_or_a_direction_do_not_count_and_say_why():
         "turning": "angles of more than a turn",
         "relative": "only a height above take-off: give --takeoff",
     }
-    with pytest.raises(TrackError, match="none of 1 pictures can be placed; alone: no direction"):
+    with pytest.raises(TrackError, match="none of 1 photos can be placed; alone: no direction"):
         place_pictures([bad[-1]], FRAME, Assumptions())
 
 
@@ -74,7 +74,7 @@ def test_heights_above_take_off_count_when_its_place_is_given():
     )
     np.testing.assert_allclose(placed.eyes_m[:, 2], [85.0], atol=1e-6)
     assert placed.vertical_m.tolist() == [3.0]
-    assert placed.left_out == {"b": "no height above the place of take-off"}
+    assert placed.left_out == {"b": "no height above the take-off position"}
 
 
 def test_heights_above_the_ellipsoid_need_the_geoid(monkeypatch):
@@ -86,7 +86,7 @@ def test_heights_above_the_ellipsoid_need_the_geoid(monkeypatch):
         raise TerrainError("no grid")
 
     monkeypatch.setattr(placing, "Undulation", none)
-    with pytest.raises(TrackError, match=r"1 pictures have heights above the ellipsoid.*--geoid-height"):
+    with pytest.raises(TrackError, match=r"1 photos have heights above the ellipsoid.*--geoid-height"):
         place_pictures([above], FRAME, Assumptions())
 
 

@@ -144,7 +144,7 @@ def test_other_lists(tmp_path):
 
 
 BAD = {
-    "nothing": (None, "no pictures"),
+    "nothing": (None, "no photos"),
     "empty.txt": ("", "is empty"),
     "geo.txt": ("EPSG:99999999\na 1 2 3\n", "no projection"),
     "words.txt": ("EPSG:4326\na b c\n", "line 2"),
@@ -158,8 +158,8 @@ BAD = {
     "e.csv": ("name,lat,lon,alt\nx,8 deg 1' 1\" E,2,3\n", "line 2: lat_deg: "),
     "f.csv": ("name,lat,lon,alt\nx,1,5,2,5,3\n", "line 2: 6 cells, the header has 4 .*decimal points"),
     "g.csv": ("name;lat;lon;alt\nx;1,5;2.5;3\n", "numbers with commas .* and with points"),
-    "a.jpg": ("not a picture", "is not a picture"),
-    "a.raw": ("x", "no picture and no list"),
+    "a.jpg": ("not a picture", "is not a photo"),
+    "a.raw": ("x", "no photo and no list"),
 }
 
 
@@ -206,7 +206,7 @@ def test_copies_and_views_from_one_place_count_once_whatever_their_times(tmp_pat
     write_jpeg(tmp_path / "b2.jpg", place=(1.0, 3.0), alt_m=5.0, time="")
     found = read_pictures([tmp_path])
     assert [picture.name for picture in found.pictures] == ["a0.jpg", "a3.jpg", "b1.jpg"]
-    assert any("3 of 6 pictures tell the same place and direction" in note for note in found.notes)
+    assert any("3 of 6 photos have the same position and direction" in note for note in found.notes)
 
 
 def test_broken_files_in_a_folder_do_not_count_and_say_why(tmp_path):
@@ -221,19 +221,19 @@ def test_broken_files_in_a_folder_do_not_count_and_say_why(tmp_path):
     assert set(why) == {"0.jpg", "1.jpg", "2.jpg", "3.jpg", "padded.jpg"}
     assert (why["0.jpg"], why["3.jpg"], why["padded.jpg"]) == (None, None, None)
     assert why["1.jpg"] == "its file is cut off; copy it from the card again"
-    assert why["2.jpg"].startswith("is not a picture that can be read")
-    with pytest.raises(TrackError, match="is not a picture"):
+    assert why["2.jpg"].startswith("is not a photo that can be read")
+    with pytest.raises(TrackError, match="is not a photo"):
         read_pictures([tmp_path / "2.jpg"])
     for name in ("0.jpg", "1.jpg", "3.jpg", "padded.jpg"):
         (tmp_path / name).unlink()
-    with pytest.raises(TrackError, match=r"2\.jpg: is not a picture"):
+    with pytest.raises(TrackError, match=r"2\.jpg: is not a photo"):
         read_pictures([tmp_path])
 
 
 def test_a_digital_zoom_does_not_count():
     assert Picture(name="a", lat_deg=1.0, lon_deg=1.0, alt_m=1.0, digital_zoom=1.0).lacks() is None
     zoomed = Picture(name="a", lat_deg=1.0, lon_deg=1.0, alt_m=1.0, digital_zoom=2.0)
-    assert zoomed.lacks() == "digital zoom 2: how much it shows is not known; take pictures without it"
+    assert zoomed.lacks() == "digital zoom 2: its field of view is not known; take photos without it"
 
 
 def test_the_time_of_a_camera_without_a_zone_is_its_clocks_and_no_ones_else(tmp_path):

@@ -73,7 +73,7 @@ def test_a_quarter_of_the_pictures_is_judged_whatever_the_track_says(cli, tmp_pa
     whole = cli("verify", flight / "flight.csv", *ANY, "-o", tmp_path / "a", "--json").document
     assert whole["coverage_of_coverable"] == pytest.approx(1.0, abs=0.01)
     assert whole["verdict"] == "not proved", "nobody knows whether the camera took anything"
-    assert "nothing tells of a picture" in whole["doubts"][0]
+    assert "no photo is reported" in whole["doubts"][0]
     ended = cli("verify", flight / "flight.csv", "--photos", few, *ANY, "-o", tmp_path / "b", "--json")
     assert ended.code == 1
     assert ended.document["verdict"] == "failed"
@@ -102,7 +102,7 @@ def test_limits_that_the_user_gave_are_judged_and_others_are_told(cli, tmp_path,
     assert "not judged, because not given: --max-height, --no-fly" in told.out
     overlap = cli(*arguments, "--overlap", "90/90", "-o", tmp_path / "c", "--json")
     assert overlap.code == 1
-    assert any(reason.startswith("the overlap asked for, 100 pictures") for reason in overlap.document["reasons"])
+    assert any(reason.startswith("the required overlap, 100 photos") for reason in overlap.document["reasons"])
 
 
 def test_pictures_alone_are_judged_and_the_flight_is_not(cli, tmp_path, flight):

@@ -222,8 +222,8 @@ def test_auto_is_one_part_for_a_small_area_and_more_for_many_cells() -> None:
 @pytest.mark.parametrize(
     ("planner", "parts", "words"),
     [
-        ({"algorithm": "imodbo"}, 2, 'goes with algorithm = "memetic" or "local-search"'),
-        ({"algorithm": "memetic", "max_waypoints": 30}, 2, "goes with no max_waypoints"),
+        ({"algorithm": "imodbo"}, 2, 'requires algorithm = "memetic" or "local-search"'),
+        ({"algorithm": "memetic", "max_waypoints": 30}, 2, "requires no max_waypoints"),
         ({"algorithm": "memetic", "encoding": "waypoints"}, "auto", 'encoding = "swaths"'),
     ],
 )
@@ -240,9 +240,7 @@ def test_no_part_is_no_division(parts) -> None:
 
 
 def test_parts_smaller_than_what_the_sensor_sees_are_refused() -> None:
-    with pytest.raises(
-        InputError, match=r"planner.parts: 1000 parts of 0.35 square kilometres .* at most \d+, or auto"
-    ):
+    with pytest.raises(InputError, match=r"planner.parts: 1000 parts of 0.35 km² .* at most \d+, or auto"):
         plan(large(), SearchRequest(parts=1000))
 
 

@@ -249,7 +249,7 @@ def test_zones_can_be_mended(tmp_path):
     (zone,), notes = zones_of(tmp_path, "z.geojson", text, make_valid=True)
     assert len(zone.parts) == 2
     assert zone.make_valid is False
-    assert re.search(r"zone 1 \(bow\): mended with make_valid, .* ha as written, 170.6 ha now", notes[0])
+    assert re.search(r"zone 1 \(bow\): repaired with make_valid, .* ha as written, 170.6 ha now", notes[0])
 
 
 def test_a_mended_zone_keeps_its_holes_and_nothing_else_open(tmp_path):

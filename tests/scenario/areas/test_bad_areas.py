@@ -41,8 +41,8 @@ TEXTS = {
     "curves": ("a.wkt", "CURVEPOLYGON (CIRCULARSTRING (0 0, 1 1, 2 0, 1 -1, 0 0))", "has curves, which are not read; save it"),
     "osmosis cut off": ("a.poly", _SECTION.replace("a\n", "END\n", 1), "line 5: the last section has no END; fetch"),
     "osmosis of two places": ("a.poly", "a\n1\n 8.0 46.5\n 8.1 46.5\nEND\nEND", "line 5: a section of 2 places; an area has"),
-    "osmosis swapped": ("a.poly", _SECTION.replace("46.5\n", "146.5\n") + "END\nEND", "line 3: '8.0 146.5' is not a place; "),
-    "osmosis nan": ("a.poly", _SECTION + " nan 46.5\nEND\nEND", "line 6: 'nan 46.5' is not a place; write longitude"),
+    "osmosis swapped": ("a.poly", _SECTION.replace("46.5\n", "146.5\n") + "END\nEND", "line 3: '8.0 146.5' is not a position; "),
+    "osmosis nan": ("a.poly", _SECTION + " nan 46.5\nEND\nEND", "line 6: 'nan 46.5' is not a position; write longitude"),
     "osmosis hole outside": (
         "a.poly", _SECTION + "END\n!2\n 9 46\n 9 47\n 10 47\nEND\nEND", "line 7: a hole that lies in no polygon; remove it"),
     "osmosis of nothing": ("a.poly", "a\nEND\n", "has no polygon"),
@@ -138,7 +138,7 @@ def test_a_scenario_tells_the_same_with_its_key(tmp_path):
         ScenarioError, match=r"area\.file: .*a\.geojson, feature 1 \(north\): the outline crosses itself"
     ):
         parse_scenario(SCENARIO, source="s.toml", folder=tmp_path)
-    with pytest.raises(ScenarioError, match=r"area\.layer: goes with file"):
+    with pytest.raises(ScenarioError, match=r"area\.layer: requires file"):
         parse_scenario(
             SCENARIO.replace('file = "a.geojson"', 'geojson = "a.geojson"\nlayer = "b"'), source="s", folder=tmp_path
         )
@@ -179,7 +179,7 @@ def test_bad_text(tmp_path, source, words):
         ({"layer": "a"}, "nothing in it has a name"),
         ({"crs": "EPSG:none"}, "--crs: 'EPSG:none' is not a coordinate system; write it as EPSG:32632"),
         ({"crs": "EPSG:2056"}, "square metres; are its numbers in another coordinate system?"),
-        ({"crs": "EPSG:5773"}, "not a system of places on Earth"),
+        ({"crs": "EPSG:5773"}, "not a system of positions on Earth"),
     ],
 )
 def test_bad_choices(tmp_path, more, words):

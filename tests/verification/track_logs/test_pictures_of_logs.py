@@ -49,7 +49,7 @@ def test_every_picture_that_came_back_counts_where_it_was_taken(tmp_path: Path, 
     assert samples_of(loaded) == SAMPLES
     assert loaded.track.pictures_taken[-1] == len(SAMPLES)
     # A trigger is told of as what it is; CAMERA_IMAGE_CAPTURED is a picture as CAMERA_FEEDBACK is.
-    told = any("count as pictures" in warning for warning in loaded.warnings)
+    told = any("count as photos" in warning for warning in loaded.warnings)
     assert told == (kind == "other" and name != "x.tlog")
 
 
@@ -58,7 +58,7 @@ def test_triggers_beside_pictures_are_not_counted_again(tmp_path: Path, name: st
     triggers = [dataclasses.replace(each, kind="other") for each in pictures_at([4, 8, 11, 20])]
     loaded = read(tmp_path, name, pictures_at([4, 11]) + triggers)
     assert samples_of(loaded) == [4, 11]
-    assert not any("count as pictures" in warning for warning in loaded.warnings)
+    assert not any("count as photos" in warning for warning in loaded.warnings)
 
 
 @formats

@@ -188,7 +188,7 @@ def test_without_pyulog_the_way_to_get_it_is_said(tmp_path: Path, monkeypatch: p
         ('<trkpt lat="x" lon="2"><ele>3</ele><time>2026-01-01T00:00:00Z</time></trkpt>', "lat is 'x'"),
         ('<trkpt lat="1" lon="2"><ele>3</ele></trkpt>', "time is None"),
         ('<trkpt lat="1" lon="2"><ele>nan</ele><time>2026-01-01T00:00:00Z</time></trkpt>', "ele is 'nan'"),
-        ('<trkpt lat="99" lon="2"><ele>3</ele><time>{time}</time></trkpt>', "not a place on Earth"),
+        ('<trkpt lat="99" lon="2"><ele>3</ele><time>{time}</time></trkpt>', "not a position on Earth"),
         ("", "no track points"),
     ],
 )

@@ -28,7 +28,7 @@ _EVERY_DAY = "ANY"
 
 @dataclass(frozen=True, slots=True)
 class Applicability:
-    """When a zone is in force, by the keys of a scenario.
+    """Times in which a zone is in force, by the keys of a scenario.
 
     Attributes:
         from_utc: its begin, none where it is open.
@@ -263,7 +263,7 @@ def _shape(node: Node, circle: Node, unit: str) -> Rings | tuple[float, float, f
     if kind == "Circle" or (kind == "Point" and _text(circle, "subType").casefold() == "circle"):
         place = node.get("center" if kind == "Circle" else "coordinates").nodes()
         if len(place) < 2:
-            raise FormatError("a place is longitude and latitude", where=node.where, advice="correct it")
+            raise FormatError("a position is longitude and latitude", where=node.where, advice="correct it")
         radius_unit = (_text(circle, "uom") or unit).upper()
         if radius_unit not in METRES:
             raise FormatError(f"{radius_unit[:20]!r} is not a unit of lengths", where=node.where, advice="use m or ft")
@@ -275,5 +275,5 @@ def _shape(node: Node, circle: Node, unit: str) -> Rings | tuple[float, float, f
 def _ring(ring: Node) -> Ring:
     places = [place.nodes() for place in ring.nodes()]
     if any(len(place) < 2 for place in places):
-        raise FormatError("a place is longitude and latitude", where=ring.where, advice="correct it")
+        raise FormatError("a position is longitude and latitude", where=ring.where, advice="correct it")
     return tuple((place[0].number(), place[1].number()) for place in places)

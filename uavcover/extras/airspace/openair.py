@@ -16,7 +16,7 @@ from mission_io.errors import FormatError
 from uavcover.scenario.airspace.read_zone import ReadZone, ReadZones, ZoneReader, height_key, shown
 
 OPEN_TO_ALL = frozenset({"E", "F", "G"})
-"""Classes of airspace that nobody needs a clearance for."""
+"""Classes of airspace without clearance."""
 
 _NAUTICAL_MILE_M = 1852.0
 _ARC_STEP_DEG = 1.0
@@ -35,7 +35,7 @@ _NOT_GEOMETRY = frozenset({"AT", "AF", "AG", "AI", "AX", "AY", "SB", "SP", "TO",
 
 @dataclass(slots=True)
 class _Zone:
-    """What has been read of a zone so far."""
+    """Lines of a zone read so far."""
 
     line: int
     kind: str
@@ -175,13 +175,13 @@ def _assign(zone: _Zone, text: str, where: str) -> None:
     elif key.upper() == "D" and value in ("+", "-"):
         zone.clockwise = value == "+"
     elif key.upper() not in ("W", "Z", "T"):
-        raise FormatError(f"V {text[:20]!r} is not read", where=where, advice="give V X=place or V D=+ or V D=-")
+        raise FormatError(f"V {text[:20]!r} is not read", where=where, advice="give V X=position or V D=+ or V D=-")
 
 
 def _place(text: str, where: str) -> tuple[float, float]:
     match = _PLACE.fullmatch(text)
     if match is None:
-        raise FormatError(f"{text[:40]!r} is not a place", where=where, advice="write 46:30:15 N 007:24:00 E")
+        raise FormatError(f"{text[:40]!r} is not a position", where=where, advice="write 46:30:15 N 007:24:00 E")
     lat, lon = _angle(match.groups()[:4], 90.0, where), _angle(match.groups()[4:], 180.0, where)
     return lon, lat
 
@@ -191,14 +191,14 @@ def _angle(parts: tuple[str | None, ...], most: float, where: str) -> float:
     value = degrees + minutes / 60.0 + seconds / 3600.0
     if minutes >= 60.0 or seconds >= 60.0 or value > most:
         raise FormatError(
-            f"{degrees:g}:{minutes:g}:{seconds:g} is not an angle", where=where, advice="correct the place"
+            f"{degrees:g}:{minutes:g}:{seconds:g} is not an angle", where=where, advice="correct the position"
         )
     return -value if (parts[3] or "").upper() in ("S", "W") else value
 
 
 def _center(zone: _Zone, where: str) -> tuple[float, float]:
     if zone.center is None:
-        raise FormatError("an arc or a circle without a centre", where=where, advice="give V X=place before it")
+        raise FormatError("an arc or a circle without a centre", where=where, advice="give V X=position before it")
     return zone.center
 
 
@@ -220,7 +220,9 @@ def _arc_between(zone: _Zone, text: str, where: str) -> list[tuple[float, float]
     """The arc from one place to another around the centre; the ends are as they are written."""
     match = re.fullmatch(rf"({_PLACE.pattern}),?({_PLACE.pattern})", text, re.IGNORECASE)
     if match is None:
-        raise FormatError(f"{text[:60]!r} is not a pair of places", where=where, advice="write DB place, place")
+        raise FormatError(
+            f"{text[:60]!r} is not a pair of positions", where=where, advice="write DB position, position"
+        )
     ends = [_place(match[1], where), _place(match[10], where)]
     lon, lat = _center(zone, where)
     bearings, _, radii = _EARTH.inv([lon] * 2, [lat] * 2, [end[0] for end in ends], [end[1] for end in ends])

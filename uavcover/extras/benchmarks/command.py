@@ -26,7 +26,7 @@ Processes = Annotated[int | None, typer.Option(help="Runs at a time; default: on
 
 @dataclass(frozen=True, slots=True)
 class SeedsAndTimes:
-    """How often and for how long each planner runs."""
+    """Number and duration of runs for each planner."""
 
     seeds: Annotated[int, typer.Option(help="Runs of each planner; their numbers, from 1, are their seeds.", min=1)] = (
         10
@@ -147,9 +147,7 @@ def bench_link(
     losses: Annotated[
         str, typer.Option(help="Shares of the datagrams that get lost, each way.", metavar="X,Y")
     ] = "0,0.05,0.1,0.2,0.3,0.4",
-    delay_ms: Annotated[
-        float, typer.Option("--delay", help="How long each datagram is under way, in milliseconds.", min=0.0)
-    ] = 1.0,
+    delay_ms: Annotated[float, typer.Option("--delay", help="Delay of each datagram, in milliseconds.", min=0.0)] = 1.0,
     seeds: Annotated[int, typer.Option(help="Runs of each cell; their numbers, from 0, are their seeds.", min=1)] = 50,
     at_a_time: Annotated[
         int, typer.Option("--at-a-time", help="Transfers over UDP at once, where datagrams get lost.", min=1)
@@ -201,7 +199,7 @@ def bench_link(
 
 @dataclass(frozen=True, slots=True)
 class RunSize:
-    """How much each run does and returns."""
+    """Size of each run and of its result."""
 
     population: Annotated[int, typer.Option(help="Candidates of each iteration.", min=1)] = 200
     iterations: Annotated[int, typer.Option(help="Iterations of each run.", min=1)] = 500

@@ -1,4 +1,4 @@
-"""Which of several contenders is better, and how sure that is: rank-sum tests with Holm's correction, Friedman's ranks."""
+"""Compare contenders with confidence: rank-sum tests with Holm's correction, Friedman's ranks."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,8 +26,8 @@ def rank_sum_p(one: ArrayLike, other: ArrayLike) -> float:
     if different == 1:
         return 1.0  # all equal: no evidence, and the variance of the ranks is 0
     exact = different == len(a) + len(b) and max(len(a), len(b)) <= 30
-    told = stats.mannwhitneyu(a, b, alternative="two-sided", method="exact" if exact else "asymptotic")
-    return float(told.pvalue)
+    result = stats.mannwhitneyu(a, b, alternative="two-sided", method="exact" if exact else "asymptotic")
+    return float(result.pvalue)
 
 
 def holm(p_values: ArrayLike) -> FloatArray:
@@ -46,7 +46,7 @@ def holm(p_values: ArrayLike) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """How a contender stands to a rival.
+    """Comparison of a contender with a rival.
 
     Attributes:
         rival: its name.
@@ -75,7 +75,7 @@ def compared(
     p_values = [rank_sum_p(mine, values) for _, values in rivals]
     comparisons = []
     for (name, values), p, p_holm in zip(rivals, p_values, holm(p_values), strict=True):
-        # the test compares ranks, so the side is told by ranks too
+        # the test compares ranks, so the side is decided by ranks too
         ranks = stats.rankdata(np.concatenate([mine, values]))
         lower = ranks[: len(mine)].mean() < ranks[len(mine) :].mean()
         outcome: Outcome = "tie" if p_holm >= SIGNIFICANCE else "win" if lower == (better == "less") else "loss"

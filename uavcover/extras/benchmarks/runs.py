@@ -85,7 +85,7 @@ def completed_by(
     Args:
         scheduler: see :func:`uavcover.run.scheduling.workers_of`; none: processes.
         function: as :func:`completed` takes it; its result depends on its task alone.
-        tasks: likewise.
+        tasks: as :func:`completed` takes them.
         processes: how many at a time; none: one for each core.
 
     Raises:
@@ -96,7 +96,7 @@ def completed_by(
         yield from completed(function, tasks, processes=processes or available_cores())
         return
     if processes is not None:
-        raise InputError("--processes: goes with runs on this machine alone; leave it out with --scheduler")
+        raise InputError("--processes: requires runs on this machine alone; leave it out with --scheduler")
     with workers_of(scheduler) as workers:
         yield from workers.completed(_called, function, tasks)
 
@@ -166,7 +166,7 @@ _SETTINGS = "settings.json"
 
 
 class KeptRuns:
-    """Where the runs of a benchmark are kept: ``runs/KEY.json``; a key has slashes, as ``R2-ray/imodbo/1``.
+    """Folder of a benchmark's runs: ``runs/KEY.json``; a key has slashes, as ``R2-ray/imodbo/1``.
 
     Attributes:
         path: the folder.
@@ -191,7 +191,7 @@ class KeptRuns:
                 before = _document(file)
                 if before != self.settings:
                     raise InputError(
-                        f"{self.path}: its runs were made with {_told(before)}, not with {_told(self.settings)}; "
+                        f"{self.path}: its runs were made with {_words_of(before)}, not with {_words_of(self.settings)}; "
                         "use another folder"
                     )
             elif any(self.path.iterdir()):
@@ -202,7 +202,7 @@ class KeptRuns:
             yield
 
     def file(self, key: str) -> Path:
-        """Where a run is."""
+        """File of a run."""
         return self.path / "runs" / f"{key}.json"
 
     def has(self, key: str) -> bool:
@@ -251,5 +251,5 @@ def _by_parts(key: str) -> list[tuple[int, int, str]]:
     return [(0, int(part), "") if part.isdecimal() else (1, 0, part) for part in key.split("/")]
 
 
-def _told(settings: Mapping[str, object]) -> str:
+def _words_of(settings: Mapping[str, object]) -> str:
     return ", ".join(f"{name} {value}" for name, value in settings.items())

@@ -1,4 +1,4 @@
-"""Proved bounds on any plan: how few waypoints or how short a path there can be, how much coverage at most.
+"""Proved bounds on any plan: fewest waypoints, shortest path, most coverage.
 
 In: a site on its ground and a plan. Out: for each question what is proved and what was found (docs/explanation/bounds.md).
 Begin with ``proved``, the prover of the group ``uavcover.bounds``; ``bounds.py`` has the proofs.

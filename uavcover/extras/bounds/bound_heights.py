@@ -14,7 +14,7 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import whatever_heading
 
 _PARTS = 8
-"""Of a square's side, at which heights between its nodes are tried."""
+"""Parts of a square's side, at which heights between its nodes are tried."""
 _ROWS_AT_ONCE = 64
 _TILE = 16
 """Squares along the side of a tile, within which departures of the ground from its nodes are taken together: what is added to
@@ -29,7 +29,7 @@ def margin_cells(coverage: CoverageMap) -> int:
 
 
 def relief_over(coverage: CoverageMap, parts: int) -> Relief:
-    """Heights on a lattice of so many squares a cell's side; its first node is ``margin_cells`` south-west of the area."""
+    """Heights on a lattice of ``parts`` squares a cell's side. Its first node is ``margin_cells`` south-west of the area."""
     site, cells = coverage.site, coverage.grid.cells
     sight, limits = whatever_heading(coverage.sight), site.scenario.limits
     side, margin = cells.size_m / parts, margin_cells(coverage)
@@ -76,7 +76,7 @@ def _no_steeper(up: FloatArray, most_m: float) -> FloatArray:
 def _departures_m(
     coverage: CoverageMap, ground: FloatArray, east0: float, north0: float, side: float
 ) -> tuple[FloatArray, FloatArray]:
-    """At the nodes, numbers between which the ground rises above what lies between the nodes at most, and falls below it."""
+    """Limits, at the nodes, of the ground's rise above and fall below the interpolation between the nodes."""
     surface = coverage.site.ground.surface
     lean = surface.grid.lean if surface.kind == GRID else 0.0
     # Plumb lines lean: above its ground a place of the band may stand a little aside of it, and so a little higher.
@@ -111,7 +111,7 @@ def _largest_in_squares(values: FloatArray) -> FloatArray:
 
 
 def over_tiles(squares: FloatArray, tile: int = _TILE) -> FloatArray:
-    """(rows + 1, columns + 1) numbers at the nodes that are nowhere below those of the squares (rows, columns) around them.
+    """(rows + 1, columns + 1) numbers at the nodes, nowhere below those of the squares (rows, columns) around them.
 
     Bilinear over tiles of squares. Each corner of a tile has the largest number of the tiles that meet there.
     """
@@ -129,7 +129,7 @@ def over_tiles(squares: FloatArray, tile: int = _TILE) -> FloatArray:
 
 
 def _between(nodes: FloatArray, parts: int) -> FloatArray:
-    """Heights of the triangles at so many places along the sides of squares."""
+    """Heights of the triangles at ``parts`` positions along the sides of squares."""
     rows, columns = (count - 1 for count in nodes.shape)
     n, e = np.arange(rows * parts + 1), np.arange(columns * parts + 1)
     i, j = np.minimum(n // parts, rows - 1), np.minimum(e // parts, columns - 1)
@@ -145,7 +145,7 @@ def _between(nodes: FloatArray, parts: int) -> FloatArray:
 def _departures_by_squares(
     coverage: CoverageMap, ground: FloatArray, east0: float, north0: float, side: float, aside_m: float
 ) -> tuple[FloatArray, FloatArray]:
-    """The same where no steepest slope is known, on a grid: from the highest and lowest ground in parts of squares."""
+    """The same without a known steepest slope, on a grid: from the highest and lowest ground in parts of squares."""
     surface = coverage.site.ground.surface
     rows, columns = ((count - 1) * _PARTS for count in ground.shape)
     count, part = max(rows, columns), side / _PARTS

@@ -1,4 +1,4 @@
-"""Proved bounds of a plan: how few waypoints, how much coverage, how short a path there can be, beside what was found.
+"""Proved bounds of a plan, beside its figures: fewest waypoints, most coverage, shortest path.
 
 There are two lower bounds on path length. The tighter one prices the ground (``ground_prices.py``) and takes a while. The
 quick one: a curve of length L has at most the area 2 r L + pi r^2 within r of it. Every cell has a
@@ -28,7 +28,7 @@ _MOST_SQUARES_ACROSS = 4_000
 
 
 def least_path_length_m(coverage: CoverageMap, share: float) -> float:
-    """No path that sees a share of what can be covered is shorter, metres; 0 where that is all that can be said.
+    """Lower bound in metres on paths that cover a share of the visible ground; 0 without a proof.
 
     Args:
         coverage: on the cells by which routes are judged.
@@ -92,12 +92,12 @@ QUICK_PAIRS = 500_000
 
 _MET = 1e-9
 _ANYWHERE = "any path inside the height band"
-_OF_GROUND = "that sees this share of the ground itself (found: of the cells, one place in each)"
+_OF_GROUND = "that observes this share of the ground itself (found: of the cells, one point in each)"
 """A path may see the counted places of 98 % of the cells and less of the ground: prices say nothing about that one."""
 
 
 def path_bounds(coverage: CoverageMap, plan: Plan, *, time_s: float = 0.0) -> list[Bound]:
-    """The shortest path that sees what is asked; for sensors that look along the path.
+    """Lower bound on paths with the required coverage; for sensors that look along the path.
 
     The quick bound holds for what is counted: cells, each by one place in it. Prices hold for the ground itself.
 
@@ -160,7 +160,7 @@ def waypoint_bounds(coverage: CoverageMap, plan: Plan, effort: SolverEffort) -> 
 def _best_proof(
     tighter: Callable[..., tuple[float, str]], ask: Callable[[SolverEffort], float | None], effort: SolverEffort
 ) -> tuple[float, str] | None:
-    """The tighter of the relaxation's limit and that of branch and bound, with its name; none when neither came to an end."""
+    """The tighter limit of relaxation and branch and bound, with its name; None when neither finished."""
     proofs = [(ask(SolverEffort(time_s=effort.time_s, nodes=0)), "linear relaxation")]
     if effort.nodes != 0:
         proofs.append((ask(effort), "branch and bound"))

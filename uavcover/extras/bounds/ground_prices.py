@@ -1,4 +1,4 @@
-"""The lower bound on path length by prices on the ground: prices from a linear program, then proved whatever it returned.
+"""Lower bound on path length by prices on the ground: prices of a linear program, proved for any result of it.
 
 The proof looks at all places and all headings (:mod:`uavcover.kernels.ground_prices`) and divides the price of each cell by the
 largest rate of the places to whose gain it may add; prices that the program got wrong make the bound lower, never wrong.
@@ -23,19 +23,19 @@ from uavcover.sensing.sensors import whatever_heading
 _SQUARES_A_CELL = (8, 6, 4, 3, 2, 1)
 """Squares of the lattice along the side of a cell: the finer, the higher the bound, and the longer the proof takes."""
 _BINS_A_SECOND = 1.28e6
-"""Of directions, from all squares together: of the whole proof, on one core."""
+"""Direction bins a second of the whole proof, from all squares together, on one core."""
 _GROUP = 2
 _HEADINGS = 48
 _BINS_A_SIDE = 1.6
-"""Of directions, at the end of view."""
+"""Direction bins a square's side at the end of view."""
 _SLACK = 0.19
-"""Of a square's side: by so much distances may change without another look. With so many bins a window has three squares."""
+"""Share of a square's side by which distances may change without another look. With this number a window has three squares."""
 _SAMPLES_ACROSS = 120
 _LOOKS = 6
 _STRIDE_CELLS = 2
 """Between places that are looked at in passing."""
 _OFFSETS = ((0, 0), (1, 1), (0, 1), (1, 0))
-"""Of these places, in halves of their distance: other ones each time."""
+"""Offsets of these positions, in halves of their distance: other ones each time."""
 _NEARLY = 1.005
 """A rate that is not worth another look."""
 _TILES = (16, 4, 1, 0)
@@ -47,7 +47,7 @@ class PricedGround:
 
     Attributes:
         prices_m: (cells,) of what can be covered, metres, at least 0.
-        dearest_m: (cells,) what they would be if all of a cell were as dear as its dearest place.
+        dearest_m: (cells,) the price if all of a cell cost as much as its most expensive point.
         weight_m2: (cells,) ground in each of them.
         first_look_m: what is seen at any one place is worth at most this.
         rates: (rows, columns) what a metre gained at most in each square of the lattice before the prices were divided; near 1
@@ -63,7 +63,7 @@ class PricedGround:
     side_m: float
 
     def least_length_m(self, share: float) -> float:
-        """No path that sees a share of the ground is shorter, metres: what it sees is worth its length and one look.
+        """Lower bound in metres on paths that cover a share of the ground: the view is worth its length and one look.
 
         What may stay unseen is what saves most for its weight, part of a cell included.
         """
@@ -76,7 +76,7 @@ class PricedGround:
 
 
 def lattice_parts(coverage: CoverageMap, time_s: float) -> int | None:
-    """Squares a cell of the finest lattice on which a proof takes about so long; none where it takes longer on every one."""
+    """Squares a cell of the finest lattice whose proof takes about ``time_s``; None where every lattice takes longer."""
     size_m, reach = coverage.grid.size_m, horizontal_reach(whatever_heading(coverage.sight))
     west, south, east, north = coverage.site.area.bounds
     for parts in _SQUARES_A_CELL:
@@ -87,12 +87,12 @@ def lattice_parts(coverage: CoverageMap, time_s: float) -> int | None:
 
 
 def _bins(reach: float, side: float) -> int:
-    """Of directions: at the end of view somewhat narrower than a square."""
+    """Direction bins: at the end of view somewhat narrower than a square."""
     return 8 * max(8, math.ceil(2.0 * math.pi * reach * _BINS_A_SIDE / (8.0 * side)))
 
 
 def price_ground(coverage: CoverageMap, share: float, *, parts: int) -> PricedGround | None:
-    """Prices for paths that see a share of the ground of the cells that can be covered; none where nothing can be.
+    """Prices for paths that cover a share of the visible ground of the cells; None without visible ground.
 
     Args:
         coverage: on the cells by which routes are judged.
@@ -141,7 +141,7 @@ def coverable_weight_m2(coverage: CoverageMap) -> FloatArray:
 def _rates(
     relief: Relief, program: PriceProgram, stride: int, offset: tuple[int, int]
 ) -> tuple[FloatArray, FloatArray]:
-    """(rows, columns) bounds of rates, 0 where none is looked at; and the largest to which each cell adds, 0 where to none."""
+    """(rows, columns) bounds of rates, 0 where none is examined. Also the largest to which each cell adds, 0 where to none."""
     bins = _bins(relief.reach, relief.side)
     rows, columns = relief.allowed.shape
     rates, largest = np.zeros((rows, columns)), np.zeros((rows // program.parts, columns // program.parts))
@@ -153,7 +153,7 @@ def _rates(
 
 
 def _overhead(program: PriceProgram, where: IntArray, rates: FloatArray) -> FloatArray:
-    """What proved rates are to those of the program at the same places."""
+    """Ratio of proved rates to those of the program at the same positions."""
     sampled = program.rates_at(where)
     return np.clip(np.divide(rates, sampled, out=np.ones_like(rates), where=sampled > 0.0), 1.0, 1.5)
 
@@ -184,7 +184,7 @@ def _prices(relief: Relief, program: PriceProgram, bins: int) -> NodePrices:
 
 
 def _over_windows(values: FloatArray, squares: int, *, least: bool) -> FloatArray:
-    """The least or the largest of so many rows and columns from each square on towards north-east."""
+    """Least or largest of ``squares`` rows and columns from each square on towards north-east."""
     merge = np.minimum if least else np.maximum
     for axis in (0, 1):
         merged = values.copy()
@@ -198,7 +198,7 @@ def _over_windows(values: FloatArray, squares: int, *, least: bool) -> FloatArra
 
 
 def _first_look_m(relief: Relief, program: PriceProgram, by: FloatArray) -> float:
-    """What is seen at any one place is worth at most this, with the prices of cells times ``by``; closer where it may be most."""
+    """Bound on the worth of any position's view, with the prices of cells times ``by``. Closer where it may be largest."""
     mean = _corners(program.at_nodes()).mean(axis=0) * program.by_squares(by)
     # A look that is as good as the program's may well be there, so smaller ones need no closer look.
     enough = program.first_look_m

@@ -1,4 +1,4 @@
-"""The linear program that looks for prices of ground: most for what must be seen, with no sampled move that gains too much."""
+"""Linear program for prices of ground: most for the required ground, with no sampled move that gains too much."""
 
 import math
 from typing import Any, NamedTuple, TypeAlias
@@ -137,7 +137,7 @@ class PriceProgram:
         return field.repeat(self.parts, axis=0).repeat(self.parts, axis=1)
 
     def worth_m(self) -> tuple[FloatArray, FloatArray]:
-        """(cells,) price of each cell with a weight, and what it would be where all of it is as dear as its dearest corner."""
+        """(cells,) price of each cell with a weight, and its price if all of it cost as much as its most expensive corner."""
         flat, area_m2 = self.per_m2.ravel(), self._size_m**2
         corners = np.stack([self._basis(i, j) @ flat for i in (0.0, 1.0) for j in (0.0, 1.0)])
         return (self._basis(0.5, 0.5) @ flat) * area_m2, corners.max(axis=0) * area_m2
@@ -233,7 +233,7 @@ _EXACT = 1e-3
 
 
 class _Point(NamedTuple):
-    """Variables, what the rows leave of their limits, and the duals of rows and of variables; or changes of all four."""
+    """Variables, the slack of rows, and the duals of rows and of variables; or changes of all four."""
 
     x: FloatArray
     slack: FloatArray
@@ -301,7 +301,9 @@ class _Newton:
 
 
 def most_worth(worth: FloatArray, matrix: scipy.sparse.csr_array, limits: FloatArray, *, common: int) -> FloatArray:
-    """Nearly the x >= 0 of most worth @ x with matrix @ x <= limits, to about a thousandth; all numbers should be near 1.
+    """Nearly the x >= 0 of most worth @ x with matrix @ x <= limits, to about a thousandth.
+
+    All numbers should be near 1.
 
     Args:
         worth: (n,) of each variable.

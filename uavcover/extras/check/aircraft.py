@@ -1,4 +1,4 @@
-"""What a mission's file does not say: the aircraft that flies it, and what its autopilot does by default."""
+"""Aircraft of a mission, which its file does not name, and the defaults of its autopilot."""
 
 import math
 from collections.abc import Mapping

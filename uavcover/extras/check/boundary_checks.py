@@ -39,7 +39,7 @@ def fence_findings(path: FlownPath, world: World, fence: LocalFence) -> list[Che
 
 
 def beyond_fence(line: FloatArray, fence: LocalFence) -> tuple[float, tuple[float, float]] | None:
-    """How far a line (n, 2) is beyond a fence at most, and where."""
+    """Largest distance of a line (n, 2) beyond a fence, and its position."""
     worst: list[tuple[float, tuple[float, float]]] = []
     keep_in: list[tuple[float, tuple[float, float]]] = []
     for polygon in fence.inside:
@@ -62,7 +62,7 @@ def beyond_fence(line: FloatArray, fence: LocalFence) -> tuple[float, tuple[floa
 
 
 def _beyond_all(line: FloatArray, fence: LocalFence) -> tuple[float, tuple[float, float]]:
-    """How far a line is beyond the union of what it may be inside of (PX4)."""
+    """Largest distance of a line beyond the union of the areas it may be inside of (PX4)."""
     circles = [shapely.Point(e, n).buffer(r, quad_segs=256) for e, n, r, stays in fence.circles if stays]
     union = shapely.union_all([*fence.inside, *circles])
     return _farthest(shapely.LineString(line).difference(union), union)

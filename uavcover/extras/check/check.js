@@ -22,7 +22,7 @@
     item.append(drawing, words);
     legend.append(item);
   };
-  // Whatever comes from files goes in as text, never as markup.
+  // Text from files goes in as text, never as markup.
   const popup = (title, lines) => {
     const box = document.createElement("div"), head = document.createElement("b");
     head.textContent = title;

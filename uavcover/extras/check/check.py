@@ -44,21 +44,21 @@ Bounds = tuple[float, float, float, float]
 GroundReader = Callable[[LocalFrame, Bounds], Ground]
 """A height surface in a local frame, within west, south, east, north in metres."""
 SurfaceReader = Callable[[LocalFrame, Bounds, Ground], Ground]
-"""The surface model over a ground, likewise."""
+"""Reader of the surface model over a ground."""
 ZoneReader = Callable[[Bounds], Sequence[NoFly]]
 """No-fly zones near west, south, east, north in degrees."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckRequest:
-    """What is judged, and by what.
+    """Subject and limits of a check.
 
     Attributes:
         mission: as its file has it.
         aircraft: who flies it.
         limits: what it has to keep.
         fence: the fence, none for none.
-        home: latitude and longitude of the take-off place; none: the mission's.
+        home: latitude and longitude of the take-off position; none: the mission's.
         pilot: latitude and longitude of the pilot; none: at home.
         obstacles: in longitude and latitude.
         own_return: what is known of the autopilot's own returns.
@@ -81,7 +81,7 @@ class Checked:
     Attributes:
         findings: everything found; what breaks first.
         path: as it would be flown; none where home is unknown.
-        world: where it is; likewise.
+        world: its surroundings; none where home is unknown.
         time_s: of the whole flight; infinite where the wind stops it.
         around: fence, zones and obstacles; none where home is unknown.
     """
@@ -310,7 +310,7 @@ _CHANGES = {
     "its number fits a height above home: is the frame wrong?": _as_above_home,
     "its number fits feet: is the unit wrong?": _as_feet,
     "its number fits a height above the terrain: is the frame wrong?": _as_above_terrain,
-    "it fits if the number were metres that somebody took for feet": _as_metres,
+    "it fits if the number were metres taken for feet": _as_metres,
 }
 
 
@@ -326,7 +326,7 @@ def sight_findings(path: FlownPath, world: World, pilot_m: FloatArray) -> list[C
         return [
             CheckFinding(
                 kind="sight", weight="look", by=under_m, unit="m",
-                what=f"the pilot stands under trees or a roof {under_m:.0f} m above his eyes and sees nothing of the flight",
+                what=f"the pilot stands under trees or a roof {under_m:.0f} m above the eyes and cannot observe the flight",
                 do="stand in the open (--pilot)",
             ).at(world.geodetic(pilot_m))
         ]  # fmt: skip

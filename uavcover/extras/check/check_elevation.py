@@ -37,7 +37,7 @@ _AS_OPTIONS = (
 
 @dataclass(frozen=True, slots=True)
 class CheckElevation:
-    """Where heights come from.
+    """Sources of heights.
 
     Attributes:
         ground: the ground's files.
@@ -59,7 +59,7 @@ class CheckElevation:
         return np.where(is_suspect(self.suspects, lat_deg, lon_deg), np.nan, heights)
 
     def doubt(self, lat_deg: float, lon_deg: float) -> str:
-        """Why the height of a place is not believed; empty where it is."""
+        """Reason to distrust the height of a position; empty if there is none."""
         here = (one.words for one in self.suspects if is_suspect([one], np.array([lat_deg]), np.array([lon_deg]))[0])
         return next(here, "")
 
@@ -115,7 +115,7 @@ def open_check_elevation(
         data: the ground.
         surface: files, folders or patterns of a surface model; empty without one.
         mission: whose places say which tiles are needed.
-        home: latitude and longitude of the take-off place, where it is not the mission's.
+        home: latitude and longitude of the take-off position, where it is not the mission's.
         user: is asked.
         trusted: whether heights are taken as they are where they do not look like ground.
 

@@ -1,4 +1,4 @@
-"""The map of a checked mission as one HTML file: path with broken legs, fence, zones, profile and clearance of each leg."""
+"""Map of a checked mission as one HTML file: path with broken legs, fence, zones, profile and clearance of each leg."""
 
 from pathlib import Path
 from typing import Any
@@ -45,7 +45,9 @@ def render_check_page(query: CheckQuery, outcome: CheckOutcome) -> str:
     """
     checked = outcome.checked
     if checked.path is None or checked.world is None or not checked.path.segments:
-        raise InputError(f"--map: {query.file}: has no path to draw; name the map .geojson, or mend what is told first")
+        raise InputError(
+            f"--map: {query.file}: has no path to draw; name the map .geojson, or repair the findings first"
+        )
     legs = _legs(checked, checked.world)
     figures = {key: value for key, value in figures_of(checked).items() if value is not None}
     values = {
@@ -67,7 +69,7 @@ def _broken_items(findings: tuple[CheckFinding, ...]) -> list[tuple[int, int]]:
 
 
 def _is_broken(segment: Segment, broken: list[tuple[int, int]]) -> bool:
-    """Whether a finding names a segment's items: a finding of items 2 to 4 is about the legs 2-3 and 3-4."""
+    """Whether a finding names a segment's items. A finding of items 2 to 4 is about the legs 2-3 and 3-4."""
     begin, end = min(segment.items), max(segment.items)
     return any(low <= begin and end <= high for low, high in broken)
 

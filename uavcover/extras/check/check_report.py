@@ -1,4 +1,4 @@
-"""How ``uavcover check`` tells its outcome: for people, for programs, on a map."""
+"""Output of ``uavcover check``: text for people, JSON for programs, a map."""
 
 import hashlib
 import json
@@ -38,7 +38,7 @@ def worst_verdict(outcomes: Sequence[CheckOutcome]) -> VerdictName:
 
 
 def figures_of(checked: Checked) -> dict[str, float | None]:
-    """How long, how far, how high; None where it is not known."""
+    """Duration, distance and heights; None where they are not known."""
     path, world = checked.path, checked.world
     known: dict[str, float | None] = dict.fromkeys(
         ("length_m", "time_s", "min_height_agl_m", "max_height_agl_m", "max_above_home_m", "max_distance_m")
@@ -87,9 +87,9 @@ def say_findings(outcome: CheckOutcome, user: User) -> None:
         "max_height_agl_m": ("highest above ground", "m"), "max_above_home_m": ("highest above home", "m"),
         "max_distance_m": ("farthest from home", "m"),
     }  # fmt: skip
-    told = [f"{name} {figures[key]:.0f} {unit}" for key, (name, unit) in words.items() if figures[key] is not None]
-    if told:
-        user.say("; ".join(told))
+    texts = [f"{name} {figures[key]:.0f} {unit}" for key, (name, unit) in words.items() if figures[key] is not None]
+    if texts:
+        user.say("; ".join(texts))
     if figures["time_s"] is not None:
         user.say(
             f"the time is that of {outcome.aircraft.speeds_in_words}; where the mission sets a speed, that one holds"

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class AircraftOptions:
-    """Who flies it."""
+    """Options for the aircraft."""
 
     vehicle: Annotated[
         str | None,
@@ -63,7 +63,7 @@ class AircraftOptions:
 
 @dataclass(frozen=True, slots=True)
 class LimitOptions:
-    """What it has to keep."""
+    """Options for the limits."""
 
     min_height: Annotated[
         str,
@@ -86,7 +86,7 @@ class LimitOptions:
     ] = None
 
     def limits(self) -> "Limits":
-        """What was given."""
+        """The given limits."""
         from uavcover.errors import InputError
         from uavcover.extras.check.limits import Limits
         from uavcover.new.quantities import length_m, speed_m_s
@@ -109,7 +109,7 @@ class LimitOptions:
 
 @dataclass(frozen=True, slots=True)
 class AroundOptions:
-    """What is around it."""
+    """Options for the surroundings."""
 
     dsm: Dsm = None
     trust_dem: TrustDem = False
@@ -136,7 +136,7 @@ class AroundOptions:
         typer.Option("--obstacles", help="Polygons with height_m (.geojson) or heights (.kml, .kmz).", metavar="FILE"),
     ] = None
     home: Annotated[
-        str | None, typer.Option("--home", help="Take-off place; default: the file's.", metavar="LAT,LON")
+        str | None, typer.Option("--home", help="Take-off position; default: the file's.", metavar="LAT,LON")
     ] = None
     pilot: Annotated[
         str | None, typer.Option("--pilot", help="Where pilot and radio are; default: at home.", metavar="LAT,LON")
@@ -145,11 +145,13 @@ class AroundOptions:
 
 @dataclass(frozen=True, slots=True)
 class ViewOptions:
-    """What its pictures should show."""
+    """Options for the required photos."""
 
     area: Annotated[
         str | None,
-        typer.Option("--area", help="What should be seen, as new takes it: a file, or LAT,LON,RADIUS; needs --camera."),
+        typer.Option(
+            "--area", help="Ground to be covered, as new takes it: a file, or LAT,LON,RADIUS; needs --camera."
+        ),
     ] = None
     camera: Annotated[
         str | None,
@@ -161,9 +163,7 @@ class ViewOptions:
     overlap: Annotated[
         str | None, typer.Option("--overlap", help="Forward/side overlap in percent that has to hold.", metavar="F/S")
     ] = None
-    coverage: Annotated[
-        float | None, typer.Option("--coverage", help="Share of the area that has to be seen, 0 to 1.")
-    ] = None
+    coverage: Annotated[float | None, typer.Option("--coverage", help="Required coverage of the area, 0 to 1.")] = None
     camera_pitch: Annotated[
         float,
         typer.Option(
@@ -173,12 +173,14 @@ class ViewOptions:
     picture_every: Annotated[
         str | None,
         typer.Option(
-            "--picture-every", help="The camera takes pictures by itself, such as 10m or 2s.", metavar="LENGTH|TIME"
+            "--picture-every",
+            help="Interval of a camera that takes photos by itself, such as 10m or 2s.",
+            metavar="LENGTH|TIME",
         ),
     ] = None
 
     def query(self) -> "ViewQuery | None":
-        """What was given; none: nobody asks."""
+        """The given area and requirements; None without an area."""
         from uavcover.errors import InputError
         from uavcover.extras.check.planned_pictures import Series
         from uavcover.extras.check.planned_view import ViewQuery
@@ -188,10 +190,10 @@ class ViewOptions:
         if self.area is None:
             for name in ("camera", "gsd", "overlap", "coverage", "picture_every"):
                 if getattr(self, name) is not None:
-                    raise InputError(f"--{name.replace('_', '-')}: goes with --area, the ground that should be seen")
+                    raise InputError(f"--{name.replace('_', '-')}: requires --area, the ground to be covered")
             return None
         if self.camera is None:
-            raise InputError("--area: needs --camera, whose pictures show it (uavcover new --camera list)")
+            raise InputError("--area: needs --camera, whose photos cover it (uavcover new --camera list)")
         if self.coverage is not None and not 0.0 < self.coverage <= 1.0:
             raise InputError(f"--coverage: {self.coverage:g} is a share, above 0 and at most 1")
         if not -90.0 <= self.camera_pitch <= 0.0:
@@ -213,7 +215,7 @@ class ViewOptions:
 
 @dataclass(frozen=True, slots=True)
 class WrittenOptions:
-    """What is written besides the table."""
+    """Options for files besides the table."""
 
     map_file: Annotated[
         Path | None,
@@ -273,7 +275,7 @@ def check(
     if written.map_file is not None:
         refuse_map(written.map_file, force=written.force)
     if written.out is not None and not written.fix:
-        raise InputError("-o: goes with --fix")
+        raise InputError("-o: requires --fix")
     fixed = refuse_repair_into(file, written.out, force=written.force) if written.fix else None
     height, speed, battery = aircraft.return_height, aircraft.speed, aircraft.battery
     query = CheckQuery(

@@ -1,4 +1,4 @@
-"""How long a mission takes in the worst wind, and whether a fixed wing can climb and turn as it says."""
+"""Check the duration in the worst wind, and whether a fixed wing can climb and turn as its mission requires."""
 
 import itertools
 import math
@@ -35,7 +35,7 @@ def endurance_findings(path: FlownPath, aircraft: Aircraft, limits: Limits) -> t
             CheckFinding(
                 kind="wind",
                 weight="breaks",
-                what=f"the aircraft makes no way against {limits.wind_m_s:g} m/s of wind",
+                what=f"the aircraft makes no progress against {limits.wind_m_s:g} m/s of wind",
                 do="wait for less wind",
             ),
         ]
@@ -117,7 +117,7 @@ def _pace(segment: Segment, aircraft: Aircraft, wind: np.ndarray) -> Pace:
 
 
 def _speeds_m_s(directions: np.ndarray, segment: Segment, aircraft: Aircraft, wind: np.ndarray) -> np.ndarray:
-    """Speeds over ground along (n, 2) unit vectors: wings hold their airspeed, a multirotor its speed over ground if it can."""
+    """Speeds over ground along (n, 2) unit vectors. Wings hold their airspeed, a multirotor its ground speed if it can."""
     along = directions @ wind
     across = directions[:, 0] * wind[1] - directions[:, 1] * wind[0]
     airspeed = segment.speed_m_s if aircraft.has_wings else aircraft.max_airspeed_m_s
@@ -159,7 +159,7 @@ def speed_findings(path: FlownPath, aircraft: Aircraft) -> list[CheckFinding]:
     found = [
         CheckFinding(
             kind="speed", weight="breaks", items=segment.items, by=segment.speed_m_s - most, unit="m/s",
-            what=f"{segment.speed_m_s:g} m/s are asked for, the vehicle makes {most:g}", do="ask for less",
+            what=f"{segment.speed_m_s:g} m/s are commanded, the vehicle makes {most:g}", do="command less",
         )
         for segment in path.distinct
         if segment.speed_m_s > most + 1e-6

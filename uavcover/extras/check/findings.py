@@ -1,4 +1,4 @@
-"""What a check finds: one row for each thing that breaks a limit or deserves a look."""
+"""Findings of a check: one row for each item that breaks a limit or needs attention."""
 
 import itertools
 from collections.abc import Callable, Iterable
@@ -22,8 +22,8 @@ class CheckFinding:
         do: what to do about it.
         items: numbers of the first and the last item concerned, home being 0; none: the whole mission.
         lat_deg: where it is worst; none without a place.
-        lon_deg: likewise.
-        alt_amsl_m: likewise.
+        lon_deg: where it is worst; none without a position.
+        alt_amsl_m: where it is worst; none without a position.
         by: by how much, in the unit of ``unit``; 0 where there is no measure.
         unit: "m", "s", or empty.
     """
@@ -41,7 +41,7 @@ class CheckFinding:
 
     @property
     def decides(self) -> Finding:
-        """What it does to the verdict."""
+        """Effect on the verdict."""
         effects: dict[Weight, Effect] = {"breaks": "fails", "unknown": "not proved", "look": "noted"}
         return Finding(effects[self.weight], ("mission",), self.what)
 
@@ -60,7 +60,7 @@ class CheckFinding:
 
 
 def joined(findings: Iterable[CheckFinding], same: Callable[[CheckFinding], object]) -> list[CheckFinding]:
-    """Findings of legs that follow each other as one, which tells of the worst place.
+    """Join findings of consecutive legs; keep the worst position.
 
     Args:
         findings: in flying order, each with items.

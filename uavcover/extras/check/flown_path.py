@@ -106,16 +106,16 @@ class _Flight:
             self._then = then
             command(self, number, item)
         elif item.command in _FREE_FLIGHT or (item.command == _GUIDED_ENABLE and item.params[0] != 0.0):
-            self._look(number, "meaning", f"command {item.command} lets something else than the mission fly, nobody knows where",
+            self._look(number, "meaning", f"command {item.command} hands over to another controller, its path is not known",
                        "judge that part by itself", "unknown")  # fmt: skip
         elif item.command > _LAST_NAVIGATION or item.command in (_REGION_OF_INTEREST, _GUIDED_ENABLE):
             self.deeds.append(Deed(number, len(self.segments)))
         elif item.has_position and self._has_place(item):
-            self._look(number, "meaning", f"command {item.command} is judged as a straight way to its place",
+            self._look(number, "meaning", f"command {item.command} is judged as a straight path to its position",
                        "look at what the autopilot does there", "unknown")  # fmt: skip
             self._go(number, self._target(item), doubt=f"command {item.command}")
         else:
-            self._look(number, "meaning", f"command {item.command} has no place: where it flies is not known",
+            self._look(number, "meaning", f"command {item.command} has no position: its path is not known",
                        "look at what the autopilot does there", "unknown")  # fmt: skip
 
     def end(self, skipped: frozenset[int]) -> None:
@@ -209,7 +209,7 @@ class _Flight:
         self._circle(number, item, turns=1.0, radius_m=_number(item.params[2]), wait_s=wait_s)
 
     def _loiter_unlimited(self, number: int, item: MissionItem) -> None:
-        self._look(number, "endless", "it stays here until somebody commands otherwise; what follows was judged as if it went on",
+        self._look(number, "endless", "it stays here until a new command; the following items were judged as if it went on",
                    "give a time or a number of turns, or watch the battery", "look")  # fmt: skip
         if self._aircraft.has_wings:
             self._circle(number, item, turns=1.0, radius_m=_number(item.params[2]))
@@ -347,7 +347,7 @@ class _Flight:
         return finite and not (item.lat_deg == 0.0 and item.lon_deg == 0.0)
 
     def _target(self, item: MissionItem, *, after: _Place | None = None) -> _Place:
-        """Where an item is. Zeros and NaN mean what was there before (ArduPilot, ModeAuto::loc_from_cmd)."""
+        """Position of an item. Zeros and NaN mean what was there before (ArduPilot, ModeAuto::loc_from_cmd)."""
         before = self._at if after is None else after
         east, north = before.east_m, before.north_m
         if item.has_position and self._has_place(item):

@@ -33,25 +33,25 @@ _WAITS: Final = {
     int(Command.NAV_WAYPOINT): "waits", int(Command.NAV_SPLINE_WAYPOINT): "waits", int(Command.NAV_LOITER_TIME): "circles",
     int(Command.NAV_DELAY): "waits", int(Command.CONDITION_DELAY): "delays what follows",
 }  # fmt: skip
-_Told = tuple[Weight, str, str]
-"""How much it weighs, what is wrong, what to do."""
+_Problem = tuple[Weight, str, str]
+"""Weight, problem, remedy."""
 
 
 def impossible_numbers(mission: Mission) -> list[CheckFinding]:
     """Numbers that no aircraft flies; nothing else of such a mission is judged."""
     found = []
     for number, item in enumerate(mission.items, 1):
-        told = []
+        problems = []
         if item.has_position and abs(item.alt_m) > _HIGHEST_M:
-            told.append(f"a height of {item.alt_m:g} m")
+            problems.append(f"a height of {item.alt_m:g} m")
         if item.command in _CIRCLES and abs(item.params[2]) > _WIDEST_M:
-            told.append(f"a circle of {item.params[2]:g} m")
+            problems.append(f"a circle of {item.params[2]:g} m")
         if item.command == Command.NAV_LOITER_TURNS and abs(item.params[0]) > _MOST_TURNS:
-            told.append(f"{item.params[0]:g} turns")
+            problems.append(f"{item.params[0]:g} turns")
         if item.command == Command.DO_CHANGE_SPEED and item.params[1] > _FASTEST_M_S:
-            told.append(f"a speed of {item.params[1]:g} m/s")
+            problems.append(f"a speed of {item.params[1]:g} m/s")
         if item.command in _WAITS and math.isinf(item.params[0]):
-            told.append(f"{item.params[0]:g} s of waiting")
+            problems.append(f"{item.params[0]:g} s of waiting")
         found += [
             CheckFinding(
                 kind="number",
@@ -60,7 +60,7 @@ def impossible_numbers(mission: Mission) -> list[CheckFinding]:
                 what=what,
                 do="correct it; nothing else was judged",
             )
-            for what in told
+            for what in problems
         ]
     return found
 
@@ -71,45 +71,45 @@ def value_findings(mission: Mission, aircraft: Aircraft, home: GeoPoint | None) 
     Args:
         mission: whose items.
         aircraft: whose autopilot carries them out.
-        home: the take-off place; none where it is not known.
+        home: the take-off position; none where it is not known.
     """
     land_starts = 0
     found = []
     for number, item in enumerate(mission.items, 1):
-        told = [*_frames(item), *_waits(item, aircraft), *_circles(item, aircraft), *_taking_over(item)]
+        problems = [*_frames(item), *_waits(item, aircraft), *_circles(item, aircraft), *_taking_over(item)]
         if item.command == Command.DO_CHANGE_SPEED:
-            told += _speeds(item, aircraft)
+            problems += _speeds(item, aircraft)
         if item.command == _SET_HOME:
-            told += _homes(item, home)
+            problems += _homes(item, home)
         if item.command == Command.DO_LAND_START:
             land_starts += 1
             if land_starts > 1 and aircraft.autopilot == "px4":
-                told.append(("breaks", "a second land start, with which PX4 refuses the mission", "keep one"))
+                problems.append(("breaks", "a second land start, with which PX4 refuses the mission", "keep one"))
         if aircraft.autopilot == "px4" and not item.autocontinue and item.command in _PLACES:
-            told.append(
+            problems.append(
                 (
                     "look",
                     "it does not go on from here by itself (autocontinue 0)",
-                    "set it, or have somebody at the controls",
+                    "set it, or have a pilot at the controls",
                 )
             )
         found += [
             CheckFinding(kind="value", weight=weight, items=(number, number), what=what, do=do)
-            for weight, what, do in told
+            for weight, what, do in problems
         ]
     return found
 
 
-def _frames(item: MissionItem) -> Iterator[_Told]:
+def _frames(item: MissionItem) -> Iterator[_Problem]:
     """A place in the frame of items without a place."""
     if item.frame is not Frame.COMMAND or item.command not in _PLACES:
         return
     if (item.lat_deg, item.lon_deg) != (0.0, 0.0) or (item.command in _TAKEOFFS and item.alt_m != 0.0):
-        what = "its frame, 2, is that of items without a place; ArduPilot takes its height as above sea level"
+        what = "its frame, 2, is that of items without a position; ArduPilot takes its height as above sea level"
         yield "breaks", what, "give frame 3 (above home), 0 (above sea level) or 10 (above the terrain)"
 
 
-def _waits(item: MissionItem, aircraft: Aircraft) -> Iterator[_Told]:
+def _waits(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
     if item.command not in _WAITS:
         return
     time_s = item.params[0]
@@ -121,7 +121,7 @@ def _waits(item: MissionItem, aircraft: Aircraft) -> Iterator[_Told]:
         yield "breaks", what, "give less, or put in two items"
 
 
-def _circles(item: MissionItem, aircraft: Aircraft) -> Iterator[_Told]:
+def _circles(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
     if item.command != Command.NAV_LOITER_TURNS:
         return
     turns, radius_m = item.params[0], abs(item.params[2])
@@ -143,7 +143,7 @@ def _circles(item: MissionItem, aircraft: Aircraft) -> Iterator[_Told]:
         )
 
 
-def _speeds(item: MissionItem, aircraft: Aircraft) -> Iterator[_Told]:
+def _speeds(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
     kind, speed, throttle = item.params[:3]
     if not (math.isfinite(kind) and math.isfinite(speed)):
         yield "unknown", "a change of speed without a number", "give the speed in m/s"
@@ -160,7 +160,7 @@ def _speeds(item: MissionItem, aircraft: Aircraft) -> Iterator[_Told]:
     yield "look", f"a speed of {speed:g} m/s {does}", "give the speed in m/s; -2 takes the default"
 
 
-def _homes(item: MissionItem, home: GeoPoint | None) -> Iterator[_Told]:
+def _homes(item: MissionItem, home: GeoPoint | None) -> Iterator[_Problem]:
     """A home that is moved: heights above home and the return count from there on from another one."""
     moved = "moves home: heights above home and the return are then others; judged as if home stayed"
     if item.params[0] != 1.0 and home is not None and item.has_position:
@@ -171,7 +171,7 @@ def _homes(item: MissionItem, home: GeoPoint | None) -> Iterator[_Told]:
     yield "unknown", moved, "remove it, or judge the mission in two parts (--home)"
 
 
-def _taking_over(item: MissionItem) -> Iterator[_Told]:
+def _taking_over(item: MissionItem) -> Iterator[_Problem]:
     row = _TAKE_OVER.get(item.command)
     if row is not None:
         weight, what, applies = row
@@ -191,7 +191,7 @@ _TAKE_OVER: Final[Mapping[int, tuple[Weight, str, Callable[[tuple[float, float, 
         186: ("unknown", "changes the height; judged as if it did not", _always),
         191: ("unknown", "goes around: what is flown then is the autopilot's", _always),
         int(Command.DO_REPOSITION): ("unknown", "sends the vehicle elsewhere; judged as if it did not", _always),
-        int(Command.DO_PAUSE_CONTINUE): ("look", "stays until somebody lets it go on", lambda params: params[0] == 0.0),
+        int(Command.DO_PAUSE_CONTINUE): ("look", "stays until a command to continue", lambda params: params[0] == 0.0),
         194: ("unknown", "drives backwards; judged as if it did not", lambda params: params[0] == 1.0),
         207: ("look", "switches the fence off: nothing keeps the vehicle in", lambda params: params[0] == 0.0),
         208: ("breaks", "releases the parachute", lambda params: params[0] == 2.0),
@@ -202,7 +202,7 @@ _TAKE_OVER: Final[Mapping[int, tuple[Weight, str, Callable[[tuple[float, float, 
 
 
 ENDLESS_PASSES = 2
-"""How often a jump without an end is followed."""
+"""Number of times that a jump without an end is followed."""
 _JUMP_TAG, _DO_JUMP_TAG = 600, 601
 _LAST_NAVIGATION = 95
 MAX_STEPS = 20_000

@@ -1,4 +1,4 @@
-"""What a mission is judged by."""
+"""Limits by which a mission is judged."""
 
 from dataclasses import dataclass
 
@@ -49,7 +49,7 @@ class LocalFence:
 
 @dataclass(frozen=True, eq=False, slots=True, kw_only=True)
 class Surroundings:
-    """What is around a mission.
+    """Surroundings of a mission.
 
     Attributes:
         fence: its fence.

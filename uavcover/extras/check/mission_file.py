@@ -54,7 +54,7 @@ _FENCE_FILES = (".plan", ".waypoints", ".txt", ".fen")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckQuery:
-    """What the user asks for.
+    """Request of the user.
 
     Attributes:
         file: the mission.
@@ -68,7 +68,7 @@ class CheckQuery:
         vehicle: a vehicle by name; none: the autopilot's defaults.
         autopilot: "ardupilot" or "px4"; none: the file's, or ArduPilot.
         kind: how the aircraft moves; none: the file's, or what its commands suggest.
-        home: take-off place; none: the file's.
+        home: take-off position; none: the file's.
         pilot: where the pilot stands; none: at home.
         return_height_m: the autopilot's return altitude above home; none: its default.
         speed_m_s: none: the vehicle's.
@@ -76,7 +76,7 @@ class CheckQuery:
         endurance_s: none: the vehicle's.
         reserve_fraction: of the endurance.
         limits: of heights, distance and wind.
-        view: what should be seen; none: nobody asks.
+        view: the required coverage; none: not checked.
         obstacles: file of obstacles with heights.
         most_items: that the vehicle or its controller takes; none: not judged.
         trust_dem: whether heights are taken as they are where they do not look like ground.
@@ -109,12 +109,12 @@ class CheckQuery:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CheckOutcome:
-    """What came of it.
+    """Result of a check.
 
     Attributes:
         checked: the findings, also of what would be seen, and the path.
         aircraft: whose speeds and returns were counted on.
-        view: what would be seen; none where nobody asked, or nothing is flown.
+        view: the expected coverage; none where it is not checked, or nothing is flown.
     """
 
     checked: Checked
@@ -135,10 +135,10 @@ class ReadMission:
         mission: its mission.
         fence: its fence, none where it has none.
         autopilot: whom it was made for; none: it does not say.
-        kind: of aircraft, likewise.
+        kind: of aircraft; none: it does not say.
         repairs: what was repaired to read it.
         return_height_m: above home, where the file states it.
-        speed_m_s: likewise.
+        speed_m_s: cruise speed, where the file states it.
         points: of a route, the item that each of its points became.
         home: latitude and longitude of a home without a height, which is none to ``mission``.
         rally: its rally points.
@@ -157,7 +157,7 @@ class ReadMission:
 
 
 def check(query: CheckQuery, user: User) -> CheckOutcome:
-    """Read everything, judge the mission, and tell of repairs.
+    """Read the inputs, judge the mission, and propose repairs.
 
     Raises:
         UavcoverError: a file cannot be read or used.
@@ -227,7 +227,7 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
 
 
 def _too_many(query: CheckQuery, read: ReadMission) -> list[CheckFinding]:
-    """Whether the vehicle, or the controller that the file is for, takes so many items or points."""
+    """Whether the vehicle, or the controller that the file is for, accepts this number of items or points."""
     found = []
     controller = _MOST_POINTS.get(query.file.suffix.lower())
     if read.points and controller is not None and len(read.points) > controller[0]:
@@ -288,7 +288,7 @@ def read_mission_file(path: Path) -> ReadMission:
 
 
 def _home_without_height(document: plan.PlanFile) -> tuple[float, float] | None:
-    """Where a plan starts whose home has no height, as QGroundControl saves it without terrain data: the ground there counts."""
+    """Start of a plan whose home has no height, as QGroundControl saves it without terrain data: the ground there counts."""
     home = document.extras.get("mission", {}).get("plannedHomePosition")
     return (float(home[0]), float(home[1])) if document.mission.home is None and isinstance(home, list) else None
 
@@ -398,7 +398,7 @@ def _read_rally(path: Path) -> tuple[FramedPoint, ...]:
 
 
 def read_parameter_file(path: Path) -> dict[str, float]:
-    """The parameters of a file as ground stations save them: a name and a number a line, or QGroundControl's five columns.
+    """Read a parameter file of a ground station: a name and a number a line, or QGroundControl's five columns.
 
     Raises:
         InputError: there is no such file, or a line is neither.

@@ -89,7 +89,7 @@ def _of_which(found: CheckFinding) -> object:
 
 
 def nearest_obstacle(points_m: FloatArray, world: World, around: Surroundings) -> tuple[float, str, FloatArray] | None:
-    """Where lines (n, 3) lack most of the clearance: metres, the obstacle's name, and the place; none where they keep it.
+    """Largest clearance deficit of lines (n, 3): metres, the obstacle's name, and the position; None where they keep it.
 
     Rows of NaN are gaps.
     """

@@ -15,19 +15,19 @@ from uavcover.model.vehicle import AutopilotName
 Heights = Callable[[FloatArray, FloatArray], FloatArray]
 """Heights of the ground above sea level at latitudes and longitudes, NaN where there is none."""
 Doubt = Callable[[float, float], str]
-"""Why the height at a latitude and longitude is not believed; empty where it is."""
+"""Reason to distrust the height at a latitude and longitude; empty if there is none."""
 HOME_DIFFERENCE_M = 15.0
-"""A planned home whose height differs from the ground by more is told: elevation models differ by less."""
+"""A planned home whose height differs from the ground by more is reported: elevation models differ by less."""
 
 OTHER_DATA = "give other data, or mark its missing heights (gdal_edit.py -a_nodata); if it is right, --trust-dem"
-"""What to do about heights that do not look like ground."""
+"""Remedy for heights that do not look like ground."""
 
 _NEAR_DEG = 0.02
 
 
 @dataclass(frozen=True, slots=True)
 class MissionPlaces:
-    """Where a mission is.
+    """Positions of a mission.
 
     Attributes:
         home: on the ground; none where that is not known, and nothing can be judged.
@@ -59,7 +59,7 @@ def places_of(
         mission: whose places.
         heights: of the ground.
         autopilot: PX4 flies to 0, 0; ArduPilot stays where it is.
-        home: latitude and longitude of the take-off place; none: the mission's, or its first place.
+        home: latitude and longitude of the take-off position; none: the mission's, or its first place.
         doubt: why heights are missing that the elevation data has.
     """
     findings: list[CheckFinding] = []
@@ -72,7 +72,9 @@ def places_of(
     at = _home_place(mission, home, lat, lon, findings)
     if at is None:
         findings.append(
-            CheckFinding(kind="place", weight="unknown", what="no item has a place", do="give a mission with places")
+            CheckFinding(
+                kind="place", weight="unknown", what="no item has a position", do="give a mission with positions"
+            )
         )
         return MissionPlaces(None, frozenset(), tuple(findings))
     height = float(_heights(heights, np.array([at[0]]), np.array([at[1]]))[0])
@@ -127,7 +129,7 @@ def _home_place(
             items=(0, 0),
             lat_deg=float(lat[0]),
             lon_deg=float(lon[0]),
-            what="the mission has no home; judged as if it took off below its first place",
+            what="the mission has no home; judged as if it took off below its first position",
             do="give it with --home LAT,LON",
         ),
     )
@@ -141,10 +143,10 @@ def _home_elsewhere(at: tuple[float, float], heights: Heights, *, known: bool) -
     elif known:
         what, do = (
             "home is outside the elevation data, the route is inside",
-            "give the take-off place with --home LAT,LON",
+            "give the take-off position with --home LAT,LON",
         )
     else:
-        what, do = "the mission is elsewhere than the elevation data", "give the elevation data of its place"
+        what, do = "the mission is elsewhere than the elevation data", "give the elevation data of its location"
     return CheckFinding(kind="place", weight="breaks", items=(0, 0), lat_deg=at[0], lon_deg=at[1], what=what, do=do)
 
 
@@ -182,7 +184,7 @@ def _far_items(
         if math.isfinite(swapped_m):
             what, do = "latitude and longitude are swapped", "swap them"
         elif distance_m > FAR_FROM_HOME_M:
-            what, do = f"{distance_m / 1000.0:.0f} km from home", "correct its place"
+            what, do = f"{distance_m / 1000.0:.0f} km from home", "correct its position"
         else:
             continue  # near, over unknown ground: the legs tell
         skipped.append(number)
@@ -214,6 +216,6 @@ def _zeros(mission: Mission, autopilot: AutopilotName, findings: list[CheckFindi
                     lat_deg=0.0,
                     lon_deg=0.0,
                     what="a waypoint at latitude 0, longitude 0" + ("" if px4 else ": ArduPilot stays where it is"),
-                    do="give its place, or remove it",
+                    do="give its position, or remove it",
                 ),
             )

@@ -1,4 +1,4 @@
-"""Where a mission's camera commands take pictures on its path, and where the camera looks: for each autopilot as it does it.
+"""Trigger points of a mission's camera commands on its path, and the camera's direction, for each autopilot.
 
 The commands are listed in docs/reference/checked_missions.md. The vehicle is level and keeps its speed; ArduCopter and PX4
 turn along the leg unless an item says otherwise.
@@ -32,14 +32,14 @@ class _Also(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedPictures:
-    """The n pictures of a mission, in the order they are taken.
+    """The n photos of a mission, in the order they are taken.
 
     Attributes:
         places_m: (n, 3) ENU of the camera.
-        yaw_deg: (n,) direction of the picture's top when it looks straight down, clockwise from north.
+        yaw_deg: (n,) direction of the photo's top when it looks straight down, clockwise from north.
         pitch_deg: (n,) of the camera above the horizon: -90 looks straight down.
         items: (n,) number of the item on the way to which it is taken.
-        least_gap_s: shortest time between two pictures of a series; infinite where there is no series.
+        least_gap_s: shortest time between two photos of a series; infinite where there is no series.
         least_gap_item: where that is.
         notes: what was not understood or does not count, for people.
     """
@@ -63,7 +63,7 @@ class Series:
 
 @dataclass(slots=True)
 class _Stretch:
-    """A part of the path on which a series of pictures is taken."""
+    """A part of the path on which a series of photos is taken."""
 
     distance_m: float | None
     interval_s: float | None
@@ -74,7 +74,7 @@ class _Stretch:
 
 @dataclass(slots=True)
 class _Camera:
-    """How the camera and the vehicle's nose are held."""
+    """Pointing of the camera and yaw of the vehicle."""
 
     pitch_deg: float
     gimbal_yaw_deg: float = 0.0
@@ -92,7 +92,7 @@ _COLUMNS = 7
 def planned_pictures(
     mission: Mission, path: FlownPath, world: World, aircraft: Aircraft, *, pitch_deg: float = -90.0, always: Series | None = None
 ) -> PlannedPictures:  # fmt: skip
-    """The pictures of a mission.
+    """The photos of a mission.
 
     Args:
         mission: its items.
@@ -100,7 +100,7 @@ def planned_pictures(
         world: where it is.
         aircraft: whose autopilot gives the commands their meaning.
         pitch_deg: of the camera where no item says it.
-        always: pictures on the whole route beside those of the items; none: only the items' own.
+        always: photos on the whole route beside those of the items; none: only the items' own.
     """
     shooting = _Shooting(mission, world, aircraft, pitch_deg)
     deeds = list(path.deeds)
@@ -174,7 +174,7 @@ class _Shooting:
             case _Also.TRIGGER_CONTROL:
                 self._notes["a trigger that the camera's own settings pace (DO_TRIGGER_CONTROL) is not counted"] = None
             case Command.VIDEO_START_CAPTURE:
-                self._notes["video is not counted, only pictures"] = None
+                self._notes["video is not counted, only photos"] = None
             case _:
                 self._point(item)
 
@@ -208,7 +208,7 @@ class _Shooting:
         self._camera.nose_deg = None
 
     def end(self) -> PlannedPictures:
-        """All pictures by time."""
+        """All photos by time."""
         self.stop()
         rows = np.vstack([np.empty((0, _COLUMNS)), *self._taken])
         rows = rows[np.argsort(rows[:, 3], kind="stable")]
@@ -254,7 +254,7 @@ class _Shooting:
         return np.asarray(self._world.at_alts(en, alt + base)[0])
 
     def _nose_deg(self, segment: Segment) -> float | None:
-        """Where an item holds the nose on the way to it; none: along the way."""
+        """Yaw that an item holds on the leg to it; None: along the leg."""
         if self._aircraft.has_wings:
             return None
         if self._camera.nose_deg is not None:
@@ -280,7 +280,7 @@ class _Shooting:
             rows[:, 4] += camera.gimbal_yaw_deg
         return rows
 
-    # Pictures.
+    # Photos.
 
     def _take_here(self, number: int, *, times: int) -> None:
         row = self._at[None].copy()
@@ -298,7 +298,7 @@ class _Shooting:
         rows = np.vstack(stretch.points)
         over_ground = float(np.hypot(*np.diff(rows[:, :2], axis=0).T).sum()) if len(rows) > 1 else 0.0
         if over_ground / stretch.distance_m > _MOST_PICTURES:
-            self._notes[f"more than {_MOST_PICTURES} pictures by distance are not counted"] = None
+            self._notes[f"more than {_MOST_PICTURES} photos by distance are not counted"] = None
             return
         legs, shares = picture_places(np.ascontiguousarray(rows[:, :3]), stretch.distance_m)
         taken = _between(rows, legs, shares)
@@ -313,7 +313,7 @@ class _Shooting:
         if stretch.most is not None:
             count = min(count, stretch.most)
         if count > _MOST_PICTURES:
-            self._notes[f"more than {_MOST_PICTURES} pictures by time are not counted"] = None
+            self._notes[f"more than {_MOST_PICTURES} photos by time are not counted"] = None
             return
         times = rows[0, 3] + stretch.interval_s * np.arange(count)
         legs = np.clip(np.searchsorted(rows[:, 3], times, side="left") - 1, 0, max(len(rows) - 2, 0))
@@ -333,7 +333,7 @@ class _Shooting:
 
 
 def _between(rows: FloatArray, legs: IntArray, shares: FloatArray) -> FloatArray:
-    """Rows at shares 0..1 of the way from some rows to the next ones: angles and items are those at the end of the leg."""
+    """Rows at fractions 0..1 between some rows and the next ones. Angles and items are those at the end of the leg."""
     after = np.minimum(legs + 1, len(rows) - 1)
     out: FloatArray = rows[after].copy()
     out[:, :4] = rows[legs, :4] + shares[:, None] * (rows[after, :4] - rows[legs, :4])

@@ -1,4 +1,4 @@
-"""What a checked mission's pictures would show of an area, counted as the planner and the judge of flights count."""
+"""Coverage of an area by a checked mission's photos, counted as the planner and verification count."""
 
 import math
 from collections.abc import Callable
@@ -46,12 +46,12 @@ _CELLS, _FINEST_CELL_M = 25_000, 1.0
 _AROUND_M = 50.0
 _MOST_OBLIQUE_DEG = 75.0
 GroundReader = Callable[[LocalFrame, Bounds], tuple[Ground, Ground | None]]
-"""What hides, within west, south, east, north; and the bare ground where a surface model lies over it."""
+"""Reader of the occluding surface within west, south, east, north, and of the bare ground below a surface model."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewQuery:
-    """What should be seen.
+    """Required coverage.
 
     Attributes:
         area: the ground.
@@ -60,7 +60,7 @@ class ViewQuery:
         overlap: forward and side, as "75/70"; none: not judged.
         coverage: share of the area that has to be seen; none: not judged.
         pitch_deg: of the camera where the mission does not say it.
-        always: pictures that are taken beside those of the mission's items.
+        always: photos that are taken beside those of the mission's items.
     """
 
     area: AreaQuery
@@ -74,13 +74,13 @@ class ViewQuery:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionView:
-    """What would be seen.
+    """Expected coverage.
 
     Attributes:
         document: figures for programs.
         lines: the same for people.
         findings: what lacks.
-        unseen_m: (east, north) metres of what no picture shows.
+        unseen_m: (east, north) metres of what no photo shows.
         pictures: where they are taken.
     """
 
@@ -98,7 +98,7 @@ def planned_view(
     aircraft: Aircraft,
     read_ground: GroundReader,
 ) -> MissionView | None:
-    """Count what a checked mission's pictures show; none where the mission has no path.
+    """Count what a checked mission's photos show; none where the mission has no path.
 
     Raises:
         UavcoverError: area, camera or elevation data cannot be used.
@@ -128,7 +128,7 @@ def _map(
     pictures: PlannedPictures,
     read_ground: GroundReader,
 ) -> CoverageMap:
-    """The area's cells in the mission's frame, with the ground under area and pictures."""
+    """The area's cells in the mission's frame, with the ground under area and photos."""
 
     def ring(places: tuple[tuple[float, float], ...]) -> FloatArray:
         lon, lat = np.asarray(places, float).T
@@ -164,7 +164,7 @@ def _map(
 
 
 def _range_m(camera: CameraBody, pictures: PlannedPictures, ground: Ground) -> float:
-    """How far the farthest corner of any picture may be from the camera, over ground as low as any."""
+    """Largest distance of any photo's farthest corner from the camera, over ground as low as any."""
     if not len(pictures.places_m):
         return 100.0
     highest_m = float(pictures.places_m[:, 2].max() - np.nanmin(ground.surface.up_m))
@@ -209,44 +209,46 @@ def _view(
     return MissionView(document, _lines(document), tuple(findings), outline, pictures)
 
 
-def _lines(told: dict[str, Any]) -> tuple[str, ...]:
+def _lines(document: dict[str, Any]) -> tuple[str, ...]:
     lines = [
-        f"{told['pictures']} pictures would show {100.0 * told['coverage_fraction']:.1f} % of {told['area_m2'] / 1e4:.4g} ha"
+        f"{document['pictures']} photos would show {100.0 * document['coverage_fraction']:.1f} % "
+        f"of {document['area_m2'] / 1e4:.4g} ha"
     ]
-    if told["hidden_m2"] > 0.0:
+    if document["hidden_m2"] > 0.0:
         lines.append(
-            f"trees and roofs hide {100.0 * told['hidden_m2'] / told['area_m2']:.1f} %, which no picture shows"
+            f"trees and roofs hide {100.0 * document['hidden_m2'] / document['area_m2']:.1f} %, which no photo shows"
         )
-    if told["ground_sample_median_m"] is not None:
+    if document["ground_sample_median_m"] is not None:
         lines.append(
-            f"a point is in {told['pictures_median']:g} pictures (median), {told['pictures_fewest']} at least; ground "
-            f"sample distance {100.0 * told['ground_sample_median_m']:.2f} cm (median), 95 % below "
-            f"{100.0 * told['ground_sample_p95_m']:.2f} cm"
+            f"a point is in {document['pictures_median']:g} photos (median), {document['pictures_fewest']} at least; ground "
+            f"sample distance {100.0 * document['ground_sample_median_m']:.2f} cm (median), 95 % below "
+            f"{100.0 * document['ground_sample_p95_m']:.2f} cm"
         )
-    if told["overlap_fraction"] is not None:
-        holds = "holds" if told["overlap_holds"] else "does not hold"
+    if document["overlap_fraction"] is not None:
+        holds = "holds" if document["overlap_holds"] else "does not hold"
         lines.append(
-            f"the overlap {holds}: {100.0 * told['overlap_fraction']:.1f} % of the area is in {told['pictures_asked']} pictures "
+            f"the overlap {holds}: {100.0 * document['overlap_fraction']:.1f} % of the area "
+            f"is in {document['pictures_asked']} photos "
             "or more"
         )
-    return (*lines, *told["notes"])
+    return (*lines, *document["notes"])
 
 
 def _findings(
-    query: ViewQuery, camera: CameraBody, told: dict[str, Any], pictures: PlannedPictures, unseen: shapely.MultiPolygon,
+    query: ViewQuery, camera: CameraBody, document: dict[str, Any], pictures: PlannedPictures, unseen: shapely.MultiPolygon,
     frame: LocalFrame | None,
 ) -> list[CheckFinding]:  # fmt: skip
     found = []
-    if told["pictures"] == 0:
+    if document["pictures"] == 0:
         found.append(
             CheckFinding(
-                kind="pictures", weight="breaks", what="no item of the mission takes a picture",
-                do="put camera items in, or say with --picture-every what the camera does by itself",
+                kind="pictures", weight="breaks", what="no item of the mission takes a photo",
+                do="insert camera items, or give the camera's own interval with --picture-every",
             )
         )  # fmt: skip
-    if query.coverage is not None and told["coverage_fraction"] < query.coverage:
-        would = percent_beside(told["coverage_fraction"], query.coverage)
-        whole = f"{would} of the area would be seen, {100.0 * query.coverage:g} % are required"
+    if query.coverage is not None and document["coverage_fraction"] < query.coverage:
+        would = percent_beside(document["coverage_fraction"], query.coverage)
+        whole = f"{would} of the area would be covered, {100.0 * query.coverage:g} % are required"
         one = CheckFinding(
             kind="coverage", weight="breaks", what=whole, do="fly lines over what lacks (--map shows it)"
         )
@@ -255,12 +257,12 @@ def _findings(
             lat, lon, _ = frame.geodetic_from_enu(np.array([[widest.x, widest.y, 0.0]]))
             one = replace(one, lat_deg=float(lat[0]), lon_deg=float(lon[0]))
         found.append(one)
-    if told["overlap_holds"] is False:
+    if document["overlap_holds"] is False:
         found.append(
             CheckFinding(
-                kind="overlap", weight="breaks", do="fly lines nearer to each other, or take pictures more often",
-                what=f"{percent_beside(told['overlap_fraction'], OVERLAP_FRACTION)} of the area is in "
-                f"{told['pictures_asked']} pictures or more, "
+                kind="overlap", weight="breaks", do="fly swaths closer together, or take photos more often",
+                what=f"{percent_beside(document['overlap_fraction'], OVERLAP_FRACTION)} of the area is in "
+                f"{document['pictures_asked']} photos or more, "
                 f"{100.0 * OVERLAP_FRACTION:g} % are required for an overlap of {query.overlap}",
             )
         )  # fmt: skip
@@ -269,8 +271,8 @@ def _findings(
         found.append(
             CheckFinding(
                 kind="pictures", weight="breaks", items=(item, item), by=camera.min_interval_s - pictures.least_gap_s, unit="s",
-                what=f"a picture every {pictures.least_gap_s:.2f} s, {camera.name} takes {camera.min_interval_s:g} s between two",
-                do="fly slower, or take fewer pictures",
+                what=f"a photo every {pictures.least_gap_s:.2f} s, {camera.name} takes {camera.min_interval_s:g} s between two",
+                do="fly slower, or take fewer photos",
             )
         )  # fmt: skip
     return found

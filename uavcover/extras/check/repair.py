@@ -1,4 +1,4 @@
-"""Plain repairs of a mission: waypoints that are too low are raised, and legs that hit the ground get a waypoint over it."""
+"""Simple repairs of a mission: raise waypoints that are too low, and insert a waypoint where a leg hits the ground."""
 
 import dataclasses
 import itertools
@@ -60,7 +60,7 @@ class _Low:
 def repaired(mission: Mission, world: World, limits: Limits, fly: Fly) -> Repaired:
     """Lift straight legs between waypoints to the least height above ground.
 
-    Curves, circles, heights above the terrain, take-off and landing stay as they are; the check that follows tells of them.
+    Curves, circles, heights above the terrain, take-off and landing stay as they are; the check that follows reports them.
 
     Args:
         mission: as it is.
@@ -160,7 +160,7 @@ def _with_inserted(mission: Mission, number: int, item: MissionItem) -> Mission:
 
 
 def refuse_repair_into(file: Path, out: Path | None, *, force: bool) -> Path:
-    """Where repairs are written to.
+    """Check the output file of repairs.
 
     Raises:
         InputError: there is no name, or one of another format.
@@ -188,13 +188,13 @@ def repair_mission(
     With more items than ``query.most_items`` it is written in parts, ``OUT-1`` and so on.
 
     Raises:
-        InputError: places are wrong, which nobody but the user can repair, or it is to be split and is not plain.
+        InputError: positions are wrong, which only the user can repair, or it is to be split and is not plain.
         OutputError: a file cannot be written.
         FormatError: the format cannot hold the mission.
     """
     wrong = next((one for one in checked.findings if one.kind == "place" and one.weight == "breaks"), None)
     if wrong is not None or checked.world is None:
-        what = "its places are wrong" if wrong is None else wrong.what
+        what = "its positions are wrong" if wrong is None else wrong.what
         raise InputError(f"--fix: {query.file}: {what}; correct that first")
     world = checked.world
     read = read_mission_file(query.file)

@@ -1,4 +1,4 @@
-"""What an autopilot flies by itself from every part of the path, and the rally points: against all that limits the mission."""
+"""Judge an autopilot's own returns from every part of the path, and the rally points, against all limits of the mission."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -37,7 +37,7 @@ _HEIGHT_NAMES = {("ardupilot", False): "RTL_ALT", ("ardupilot", True): "RTL_ALTI
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OwnReturn:
-    """What is known of the autopilot's own returns.
+    """Known facts about the autopilot's own returns.
 
     Attributes:
         parameters: of the vehicle, by the autopilot's names; what is missing has its default.
@@ -51,7 +51,7 @@ class OwnReturn:
 def return_findings(
     mission: Mission, path: FlownPath, world: World, limits: Limits, aircraft: Aircraft, around: Surroundings, own: OwnReturn,
 ) -> list[CheckFinding]:  # fmt: skip
-    """Parts of the path from where a return of the autopilot's own hits or leaves something, and rally points that do."""
+    """Parts of the path from which the autopilot's own return breaks a limit, and rally points that do."""
     rally_m = _rally_places(own.rally, world, aircraft)
     fence = allowed_area(around.fence)
     found = rally_findings(own.rally, rally_m, world, limits, fence)
@@ -151,16 +151,16 @@ def _finding(
         f"set {name} to {math.ceil(enough_m)} m or more, and give it with --return-height" if enough_m < _FAR_M else ""
     )
     do = {
-        "terrain": height or "give elevation data of the ways home",
+        "terrain": height or "give elevation data below the returns",
         "descent": "set the rally point's height, or the height at which the return ends, above the ground there",
-        "unknown ground": "give elevation data of the ways home",
+        "unknown ground": "give elevation data below the returns",
         "obstacle": f"set a higher {name} and give it with --return-height, or take off elsewhere",
         "fence": "draw the fence wider, or end with legs home and let nothing but the pilot make it return",
         "zone": "take off elsewhere, choose another return altitude, or end with legs home",
         "battery": "plan a shorter mission, or add a rally point",
     }[one.danger]
     by = one.limit - one.value if one.danger in ("terrain", "descent") else one.value
-    # Over a house it lands on the house, whatever the mission is: for the pilot to know.
+    # Over a house it lands on the house, in any mission: for the pilot to know.
     weight: Weight = (
         "look" if one.destination == IN_PLACE else "unknown" if one.danger == "unknown ground" else "breaks"
     )

@@ -47,7 +47,7 @@ class Lines:
 
 
 def cut(pieces: IntArray) -> tuple[IntArray, FloatArray]:
-    """For lines of so many pieces (n,): the number of the line and the share 0..1 of each of their points, ends included."""
+    """For lines of ``pieces`` (n,) pieces: the line number and the fraction 0..1 of each of their points, ends included."""
     ends = np.repeat(pieces, pieces + 1)
     owner = np.repeat(np.arange(len(pieces)), pieces + 1)
     begins = np.cumsum(pieces + 1) - (pieces + 1)
@@ -62,7 +62,7 @@ def with_gaps(points_m: FloatArray, owner: IntArray) -> Lines:
 
 
 def lowest_of(world: World, lines: Lines) -> tuple[float, FloatArray, int]:
-    """The least height above ground of some lines, its place, and the number of the line; infinite where nothing is known."""
+    """Least height above ground of some lines, its position, and the line number; infinite if no height is known."""
     points = lines.points_m
     if len(points) < 2:
         return math.inf, np.zeros(3), 0

@@ -20,7 +20,7 @@ _READERS: Final[Mapping[str, Callable[[str], PointRoute]]] = MappingProxyType(
 
 
 def read_route_file(path: Path) -> PointRoute | None:
-    """Read a file of a route; None for one that is no such file by its name and, with ``.csv``, its header.
+    """Read a route file; None for any other file, by its name and, with ``.csv``, its header.
 
     Raises:
         InputError: it cannot be opened, or is too large.

@@ -31,7 +31,7 @@ def parts_of(
 
     Each part takes off at home, climbs to where the straight way to its first waypoint keeps the least height above ground, flies
     over that waypoint and down to it, and ends as the whole mission does: with a return, or with legs back over home and a
-    landing. Speed, gimbal, region of interest and pictures hold in a part as they held in the whole.
+    landing. Speed, gimbal, region of interest and photos hold in a part as they held in the whole.
 
     Args:
         mission: as it is.
@@ -52,7 +52,7 @@ def parts_of(
         held = _held(mission.items[: first + places[begin]])
         head = _way_there(mission, ways[places[begin]], held, world, limits)
         around = len(head) + len(_way_home(mission, ways[places[begin]], world, limits))
-        # What takes pictures is switched on again at the first waypoint, and off before the way home.
+        # What takes photos is switched on again at the first waypoint, and off before the way home.
         room = most_items - around - sum(one.command in _TRIGGERS for one in held) - len(_TRIGGERS)
         end = begin
         while end + 1 < len(places) and places[end + 1] - places[begin] + 1 <= room:
@@ -62,7 +62,7 @@ def parts_of(
         body = ways[places[begin] :] if is_last else ways[places[begin] : places[end] + 1]
         if len(body) > room or (end == begin and len(body) < rest):
             raise InputError(
-                f"--max-items: {most_items} items have no room for take-off, way there, a leg and way home"
+                f"--max-items: {most_items} items have no room for take-off, outbound transit, a leg and return transit"
             )
         tail = [_stop(one) for one in _held((*held, *body)) if one.command in _TRIGGERS]
         home = _way_home(mission, ways[places[end]], world, limits)
@@ -96,7 +96,7 @@ def _refuse_what_is_not_plain(mission: Mission, aircraft: Aircraft) -> tuple[int
                 0.0,
             )
             if number <= takeoffs[0] or not has_place or item.alt_m == 0.0:
-                raise refuse(number, "is a waypoint before the take-off, or without a place and a height of its own")
+                raise refuse(number, "is a waypoint before the take-off, or without a position and a height of its own")
         elif item.command not in (
             *_TRIGGERS,
             *_KEPT,
@@ -150,14 +150,14 @@ def _stop(trigger: MissionItem) -> MissionItem:
 
 
 def _over_m(point: MissionItem, world: World, limits: Limits) -> float:
-    """Height above home at which the straight way between home and a waypoint keeps the least height, and is not below it."""
+    """Height above home at which the straight path between home and a waypoint keeps the least height, not below the waypoint."""
     east, north = world.place(point.lat_deg, point.lon_deg)
     pieces = max(1, math.ceil(math.hypot(east, north) / PIECE_M))
     t = np.linspace(0.0, 1.0, pieces + 1)[:, None]
     line = world.at_alts(t * np.array([east, north]), world.home_alt_amsl_m)
     ranges = world.leg_height_ranges_m(line)
     if not np.isfinite(ranges[:, 0]).all():
-        raise InputError("--fix: the elevation data does not reach all of the way to a part; give more of it")
+        raise InputError("--fix: the elevation data ends before the path to a part does; give more of it")
     needed_m = limits.min_height_agl_m + _SPARE_M - float(ranges[:, 0].min())
     return math.ceil(max(needed_m, _above_home_m(point, world)))
 
@@ -174,7 +174,7 @@ def _above_home_m(point: MissionItem, world: World) -> float:
 def _way_there(
     mission: Mission, point: MissionItem, held: list[MissionItem], world: World, limits: Limits
 ) -> list[MissionItem]:
-    """Take-off, what holds at the first waypoint but pictures, and the place over it."""
+    """Take-off, what holds at the first waypoint but photos, and the place over it."""
     first = next(item for item in mission.items if item.command == Command.NAV_TAKEOFF)
     over_m = _over_m(point, world, limits)
     up = takeoff(first.lat_deg, first.lon_deg, over_m, frame=Frame.ABOVE_HOME)

@@ -17,13 +17,13 @@ _STEP_DEG = 5.0
 _BACK_DEG = 30.0
 """At which angle wings that have passed a corner come back to the next leg."""
 _CIRCLE_POINTS = 73
-"""Of one turn, as ``curves.circle`` has them."""
+"""Points of one turn, as ``curves.circle`` has them."""
 _SHARES = (0.0, 0.34, 0.67, 1.0)
 _STRAIGHT_DEG, _ABOUT_DEG = 3.0, 175.0
 
 
 def turns_of(path: FlownPath, mission: Mission, aircraft: Aircraft) -> FlownPath:
-    """What is flown beside the legs at corners, as a path of its own: both ways of passing each.
+    """Paths flown beside the legs at corners, one path for both ways of passing each.
 
     Wings lean into the turn before the waypoint, along an arc that touches both legs (ArduPlane from WP_RADIUS or its L1
     distance on, PX4 from its switch distance on); or they pass the waypoint first, turn as tightly as they can, and come
@@ -50,11 +50,11 @@ def in_turns(
         turns: what is flown at corners.
         legs: what the same check found of the legs.
     """
-    told = {(one.kind, number) for one in legs if one.weight == "breaks" for number in range(*_reach(one))}
+    broken = {(one.kind, number) for one in legs if one.weight == "breaks" for number in range(*_reach(one))}
     return [
         dataclasses.replace(one, what=f"in the turn there: {one.what}")
         for one in judge(turns)
-        if one.weight == "breaks" and not any((one.kind, number) in told for number in range(*_reach(one)))
+        if one.weight == "breaks" and not any((one.kind, number) in broken for number in range(*_reach(one)))
     ]
 
 
@@ -126,7 +126,7 @@ def _turns(one: Segment, two: Segment, mission: Mission, aircraft: Aircraft) -> 
 
 
 def _cut_m(turn_deg: float, radius_m: float, number: int, mission: Mission, aircraft: Aircraft) -> float:
-    """How far before the waypoint the next leg is taken."""
+    """Distance before the waypoint at which the next leg begins."""
     item = mission.items[number - 1] if 1 <= number <= len(mission.items) else None
     own_m = 0.0
     if item is not None and item.command == Command.NAV_WAYPOINT and math.isfinite(item.params[1]):
@@ -160,7 +160,7 @@ def _early(corner: FloatArray, u: FloatArray, turn_deg: float, cut_m: float, ris
 def _late(
     corner: FloatArray, u: FloatArray, v: FloatArray, turn_deg: float, radius_m: float, out_m: float, rise: float
 ) -> FloatArray:
-    """Over the waypoint, an arc as tight as it goes until the way leads back to the leg, and the way back."""
+    """Turn after the waypoint: an arc as tight as possible until the path leads back to the leg, and the path back."""
     left = math.copysign(1.0, turn_deg)
     center = corner[:2] + np.array([-u[1], u[0]]) * left * radius_m
     turned = np.radians(_steps_deg(min(abs(turn_deg) + _BACK_DEG, 355.0)))
@@ -189,7 +189,7 @@ def _steps_deg(turn_deg: float) -> FloatArray:
 
 
 SPLINE_FACTOR = 4.0
-"""Of ArduPilot: the vectors at both ends of a spline are together at most this many times its chord."""
+"""Factor of ArduPilot: the vectors at both ends of a spline are together at most this many times its chord."""
 
 
 def straight(begin_m: FloatArray, end_m: FloatArray, *, step_m: float) -> FloatArray:

@@ -1,4 +1,4 @@
-"""Where a mission is flown: its local frame around home, the ground, and what stands on it."""
+"""Surroundings of a mission: its local frame around home, the ground, and the obstacles on it."""
 
 from dataclasses import dataclass
 

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class ControllerOptions:
-    """What the flights of a controller are like."""
+    """Options of a controller's flights."""
 
     drone: Annotated[
         str | None,
@@ -33,7 +33,7 @@ class ControllerOptions:
         str,
         typer.Option(
             "--heights",
-            help="Of wpml: takeoff (above the place of take-off) or ellipsoid (WGS 84, for RTK; needs a geoid grid).",
+            help="Of wpml: takeoff (above the take-off position) or ellipsoid (WGS 84, for RTK; needs a geoid grid).",
             metavar="WHAT",
         ),
     ] = "takeoff"
@@ -41,7 +41,7 @@ class ControllerOptions:
         int | None,
         typer.Option(
             "--max-waypoints-per-file",
-            help="Split into files of so many waypoints, each a checked flight from home to home; default: wpml 200, litchi 99.",
+            help="Split into files of at most N waypoints, each a checked flight from home; default: wpml 200, litchi 99.",
             metavar="N",
         ),
     ] = None
@@ -55,7 +55,7 @@ class ControllerOptions:
 
 @dataclass(frozen=True, slots=True)
 class PrintOptions:
-    """What only the pilot knows, for a print-out."""
+    """Options of a print-out that only the pilot knows."""
 
     pilot: Annotated[str, typer.Option("--pilot", help="For print: who flies.", metavar="TEXT")] = ""
     contact: Annotated[str, typer.Option("--contact", help="For print: emergency contact.", metavar="TEXT")] = ""
@@ -115,7 +115,7 @@ def export(
         return _print(console, RunFolder(run), request, paper)
     for name, value in paper.given.items():
         if value is not None:
-            raise InputError(f"{name}: goes with --format print, not with {file_format}")
+            raise InputError(f"{name}: requires --format print, not {file_format}")
     written = export_mission(RunFolder(run), request)
     what = "points" if file_format in CONTROLLER_POINTS else "items"
     for file in written:
@@ -148,14 +148,14 @@ def _print(console: "Console", run: "RunFolder", request: "ExportRequest", paper
 
 
 def _say_how_it_flies(console: "Console", file_format: str, written: "tuple[ExportedFile, ...]") -> None:
-    """What a list of points cannot say by itself, and what the pilot has to do."""
-    console.say("heights are above the place of take-off: start it on the ground at the plan's home")
+    """Report what a list of points cannot contain, and what the pilot has to do."""
+    console.say("heights are above the take-off position: start it on the ground at the plan's home")
     console.say("it stops at each point; the last one is straight above home, and it lands there")
     console.say(
         f"its highest point is {max(file.flight.highest_m for file in written):.0f} m above home: the app must allow it"
     )
     if not any(file.flight.pictures for file in written):
-        console.say("the scenario has no distance of pictures, so the file takes none: start the camera by hand")
+        console.say("the scenario has no trigger distance, so the file takes no photos: start the camera by hand")
     heights_m = [file.flight.return_height_m for file in written if file.flight.return_height_m is not None]
     where = "in the file" if file_format == "wpml" else "to be set in the app"
     console.say(f"return height, {where}: {max(heights_m):g} m above home")

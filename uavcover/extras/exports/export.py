@@ -53,7 +53,7 @@ ELLIPSOID_HEIGHTS: Final = "ellipsoid"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportRequest:
-    """What to export.
+    """Request of an export.
 
     Attributes:
         file_format: one of `mission_formats`.
@@ -90,7 +90,7 @@ class FlightFile:
         items: mission items, or points for controllers that fly points.
         flight_time_s: from take-off to landing.
         highest_m: its highest point above home.
-        pictures: whether a controller's file takes pictures; none for missions, whose items say it.
+        pictures: whether a controller's file takes photos; none for missions, whose items say it.
         warnings: what a pilot has to know who lets a controller return by itself, one line each.
         return_height_m: height above home for a return by the controller itself; none for missions.
     """
@@ -113,7 +113,7 @@ class ExportedFile:
 
 
 def export_mission(run: RunFolder, request: ExportRequest) -> tuple[ExportedFile, ...]:
-    """Write the chosen route of a run to one file, or to one file for each flight: sorties, or what a limit of points asks for.
+    """Write the chosen route of a run to one file, or to one file for each flight.
 
     Each of them takes off and lands at home on legs that are checked like those of sorties. All files are written, or none.
 
@@ -162,7 +162,7 @@ def flight_files(site: Site, route: Route, request: ExportRequest, *, vehicles: 
 
 
 def flights_for(site: Site, route: Route, request: ExportRequest, *, vehicles: int = 1) -> Sequence[Sortie]:
-    """The flights of a route for the target of a request: the same ones for its files and for its page on paper.
+    """The flights of a route for the target of a request: the same for its files and for its page on paper.
 
     Raises:
         InfeasibleError: a leg breaks a limit, or no flight of so few points reaches a part of the route.
@@ -179,7 +179,7 @@ def write_exported(out: Path, contents: Mapping[str, bytes], *, force: bool, old
     """Write the files of an export beside each other, all or none.
 
     Args:
-        out: the file that was asked for.
+        out: the requested file.
         contents: the files by their names.
         force: whether files that are there are replaced.
         older: names of files that must be replaced, or they would be taken for parts of this export.
@@ -199,7 +199,9 @@ def write_exported(out: Path, contents: Mapping[str, bytes], *, force: bool, old
         try:
             folder.write_together(contents)
         finally:
-            settle(folder.path)  # an interrupted group is finished or undone here: nobody opens this folder as a run
+            settle(
+                folder.path
+            )  # an interrupted group is finished or undone here: no later command opens this folder as a run
 
 
 def _names_of_older_exports(out: Path) -> list[str]:
@@ -219,16 +221,16 @@ def _check(request: ExportRequest) -> None:
             "--format wpml: needs the aircraft, such as --drone dji-m3e (uavcover export --drone list shows all)"
         )
     if request.file_format != "wpml" and request.aircraft is not None:
-        raise InputError(f"--drone: goes with --format wpml, not with {request.file_format}")
+        raise InputError(f"--drone: requires --format wpml, not {request.file_format}")
     if request.heights not in (TAKEOFF_HEIGHTS, ELLIPSOID_HEIGHTS):
         raise InputError(f"--heights: {request.heights!r} is not known; give takeoff or ellipsoid")
     if request.heights == ELLIPSOID_HEIGHTS and request.file_format != "wpml":
-        raise InputError(f"--heights ellipsoid: goes with --format wpml, not with {request.file_format}")
+        raise InputError(f"--heights ellipsoid: requires --format wpml, not {request.file_format}")
     if request.file_format == "wpml" and request.out.suffix.lower() != ".kmz":
         raise InputError(f"-o: {request.out} is not a .kmz file, as DJI's apps want it; name it mission.kmz")
     most = request.most_points
     if most is not None and most < _FEWEST_POINTS:
-        raise InputError(f"--max-waypoints-per-file: {most} is too few for a leg with the ways there and home")
+        raise InputError(f"--max-waypoints-per-file: {most} is too few for a leg with its transits")
     if most is not None and request.file_format == "litchi" and most > MOST_WAYPOINTS:
         raise InputError(f"--max-waypoints-per-file: Litchi takes {MOST_WAYPOINTS} at most, not {most}")
 
@@ -281,7 +283,7 @@ def _absolute_heights(site: Site, flight: CameraFlight) -> AbsoluteHeights:
     except TerrainError as error:
         raise InputError(f"--heights ellipsoid: {str(error).removeprefix('terrain.vertical_datum: ')}") from error
     if home_m is None:
-        raise InputError("--heights ellipsoid: the plan has no place on Earth; export with --heights takeoff")
+        raise InputError("--heights ellipsoid: the plan has no position on Earth; export with --heights takeoff")
     amsl_m = [home_m + point.height_above_home_m for point in flight.points]
     ellipsoid_m = [height_m + float(more_m) for height_m, more_m in zip(amsl_m, above_m, strict=True)]
     return AbsoluteHeights([round(m, 3) for m in amsl_m], [round(m, 3) for m in ellipsoid_m])
@@ -289,13 +291,13 @@ def _absolute_heights(site: Site, flight: CameraFlight) -> AbsoluteHeights:
 
 def _home_lat_lon(site: Site) -> tuple[float, float]:
     if site.frame is None or site.home_m is None:
-        raise InputError("--heights ellipsoid: the plan has no place on Earth; export with --heights takeoff")
+        raise InputError("--heights ellipsoid: the plan has no position on Earth; export with --heights takeoff")
     lat, lon, _ = site.frame.geodetic_from_enu(site.home_m)
     return float(lat[0]), float(lon[0])
 
 
 def _warnings_of_return(advice: ReturnAdvice, height_m: float) -> tuple[str, ...]:
-    """Where a return by the controller itself, straight home at a height above home, is not safe."""
+    """Warn where a return by the controller itself, straight home at a height above home, is not safe."""
     found = []
     if not math.isfinite(advice.safe_return_height_m):
         found.append(

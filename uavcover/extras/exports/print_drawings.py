@@ -1,4 +1,4 @@
-"""Drawings of a print-out: a map and a height profile as SVG for paper, black on white, told apart without colour too."""
+"""Drawings of a print-out: a map and a height profile as SVG in black and white, legible without colour."""
 
 import math
 from collections.abc import Sequence
@@ -111,7 +111,7 @@ def _planned_rows(sortie: Sortie) -> list[int]:
 
 
 class _View:
-    """From east and north in metres to the map's units; north is up."""
+    """Transform from east and north in metres to the map's units; north is up."""
 
     def __init__(self, site: Site, flights: Sequence[Sortie]) -> None:
         shapes: list[shapely.geometry.base.BaseGeometry] = [
@@ -144,7 +144,7 @@ class _View:
         return Markup('<path class="{}" d="{}"/>').format(kind, " ".join(rings))
 
     def outline(self, shape: shapely.geometry.base.BaseGeometry, kind: str) -> Markup:
-        """The edge of an area where it is on the map; a polygon cut off at the map's edge would have one there too."""
+        """The edge of an area inside the map. A polygon cut off at the map's edge would have an edge there too."""
         lines = shapely.get_parts(shape.boundary.intersection(self._frame))
         paths = [_path([self.at(*place) for place in shapely.get_coordinates(line).tolist()]) for line in lines]
         return Markup('<path class="{}" d="{}"/>').format(kind, " ".join(paths))
@@ -233,7 +233,7 @@ def _path(places: Sequence[tuple[float, float]]) -> str:
 
 
 def _ticks(low: float, high: float, count: int) -> list[float]:
-    """Round numbers from low to high, about so many."""
+    """Round numbers from low to high, about ``count``."""
     raw = (high - low) / max(count, 1)
     if not raw > 0.0:
         return [low]

@@ -29,7 +29,9 @@ _PAGE = Path(__file__).parent
 
 @dataclass(frozen=True, slots=True)
 class PrintNotes:
-    """What only the pilot knows; what is left empty becomes a line to fill in by hand.
+    """Entries that only the pilot knows.
+
+    An empty one becomes a line to fill in by hand.
 
     Attributes:
         pilot: who flies.
@@ -43,7 +45,7 @@ class PrintNotes:
 
 
 def print_plan(run: RunFolder, request: ExportRequest, notes: PrintNotes) -> int:
-    """Write the print-out of a run: of all its flights, or of one sortie; split as the files that are flown.
+    """Write the print-out of a run, of all flights or of one sortie, split as the files that are flown.
 
     With an aircraft in the request these are the flights of its ``wpml`` files, with stops.
 
@@ -164,7 +166,7 @@ def _limits(site: Site, flights: Sequence[Sortie]) -> list[tuple[str, str]]:
     ]
     rows = [
         ("Height above ground", f"{limits.min_height_agl_m:g} to {limits.max_height_agl_m:g} m, on the survey"),
-        ("Clearance on the ways there and home", f"{limits.transit_clearance_m:g} m"),
+        ("Clearance on outbound and return transit", f"{limits.transit_clearance_m:g} m"),
         ("Height above sea level", " ".join(f"{word} {alt_m:g} m" for word, alt_m in sea)),
         ("Farthest from home", f"{reach_m:.0f} m"),
         ("Speed over ground", f"{vehicle.cruise_speed_m_s:g} m/s"),
@@ -187,9 +189,7 @@ def _camera(site: Site) -> str:
         return ""
     pitch_deg = sensor.pitch_deg if isinstance(sensor, FrameCamera) else -90.0
     distance_m = trigger_distance_m(site.scenario)
-    pictures = (
-        "pictures are not triggered by the mission" if distance_m is None else f"a picture every {distance_m:.1f} m"
-    )
+    pictures = "photos are not triggered by the mission" if distance_m is None else f"a photo every {distance_m:.1f} m"
     if sensor.sensing == "at-waypoints":
-        pictures = "a picture at each waypoint"
+        pictures = "a photo at each waypoint"
     return f"{sensor.mount}, {pitch_deg:g}° (-90° is straight down), {pictures}"

@@ -1,7 +1,7 @@
 """MAVSDK as a second client, ``--client mavsdk``: transfers and commands of another implementation.
 
 In: a link. Out: a client with the methods of ``mission_io.Client``. Begin with ``client.py``.
-Its library is large: everything is imported when it is asked for.
+Its library is large: everything is imported on demand.
 """
 
 from typing import TYPE_CHECKING, Any

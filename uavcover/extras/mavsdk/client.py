@@ -47,7 +47,7 @@ Heard = Callable[[Received], None]
 _log = logging.getLogger(__name__)
 
 TRIES = 10
-"""How often a transfer is begun: MAVSDK gives one up after five silences of half a second, and at 20 % loss most of them."""
+"""Number of tries of a transfer. MAVSDK gives one up after five silences of half a second, at 20 % loss most of them."""
 
 _SILENT_S = 8.0
 _ANSWER_S = 10.0
@@ -57,7 +57,7 @@ _LISTEN_S = 0.05
 _FINAL_FROM_TRY: Final = {
     "INVALID_ARGUMENT": 1, "UNSUPPORTED": 1, "CURRENT_INVALID": 1, "MISSION_TYPE_NOT_CONSISTENT": 1, "TOO_MANY_MISSION_ITEMS": 5,
 }  # fmt: skip
-"""From which try on a result is believed. ArduPilot has no space for anything in its first two seconds."""
+"""First try on which a result is believed. ArduPilot has no space for anything in its first two seconds."""
 _FINAL_AT_FIRST: Final = frozenset({"DENIED", "ERROR"})
 """Results that are believed at once, but not after a try of ours that may still keep the vehicle busy."""
 _NAMES: Final = {MissionType.MISSION: "mission", MissionType.FENCE: "fence", MissionType.RALLY: "rally points"}
@@ -65,14 +65,14 @@ _NAMES: Final = {MissionType.MISSION: "mission", MissionType.FENCE: "fence", Mis
 
 @dataclass(frozen=True, slots=True)
 class _Terms:
-    """What a transfer's error says of it."""
+    """Messages for a transfer's errors."""
 
     doing: str
     holds: VehicleHolds
     advice: str
 
 
-_UPLOAD = _Terms("upload", "unknown", "; download tells what it holds now")
+_UPLOAD = _Terms("upload", "unknown", "; download shows what it holds now")
 _DOWNLOAD = _Terms("download", "unchanged", "")
 
 
@@ -330,7 +330,7 @@ class _Across:
         self.total, self._done, self._progress = total, -1, progress
 
     def count(self, done: int) -> None:
-        """So many are across by now; a number that is not higher than before says nothing."""
+        """Report the number of items that arrived; a number that is not higher than before has no meaning."""
         if done > self._done:
             self._done = done
             if self._progress is not None:

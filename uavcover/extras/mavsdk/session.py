@@ -4,7 +4,7 @@ Mission items as MAVSDK's and as ours.
 
 MAVSDK without sockets: it is given what arrives, says what is to be sent, and its calls are answered later.
 
-A link that MAVSDK and our own ears share: nobody needs a second connection to the vehicle.
+A link that MAVSDK and our own listener share, so that the vehicle needs no second connection.
 """
 
 import json
@@ -83,7 +83,7 @@ _LEVELS = {0: logging.DEBUG, 1: logging.DEBUG, 2: logging.INFO, 3: logging.INFO}
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """How one call ended.
+    """Result of one call.
 
     Attributes:
         result: MAVSDK's name of the result, for instance ``SUCCESS`` or ``TIMEOUT``.
@@ -149,7 +149,7 @@ class MavsdkSession:
         self._mavsdk.pass_received_raw_bytes(data)
 
     def take_outgoing(self) -> Iterator[bytes]:
-        """What it wants to be sent by now."""
+        """Messages that MAVSDK wants to send by now."""
         while not self._outgoing.empty():
             data = self._outgoing.get()
             self._dropped = [call for call in self._dropped if not call.over]
@@ -252,7 +252,7 @@ def _log_line(level: Any, text: str, file: str | None, line: int) -> bool:
 
 
 _SLICE_S = 0.002
-"""How long what MAVSDK wants to be sent may wait."""
+"""Longest delay of a message that MAVSDK wants to send."""
 
 
 _OF_NO_CALL = frozenset({0, 111})
@@ -289,7 +289,7 @@ class TappedLink(WrappingLink):
         self._vehicle = (system_id, component_id)
 
     def let_go(self) -> None:
-        """Hear everybody again; MAVSDK hears nobody until the vehicle is chosen."""
+        """Hear all vehicles again; MAVSDK hears none until the vehicle is chosen."""
         super().let_go()
         self._vehicle = None
 

@@ -1,4 +1,4 @@
-"""Verifying any flight by whatever is left of it: its log, its pictures, or both, with or without a run folder."""
+"""Verify any flight by its log, its photos, or both, with or without a run folder."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -13,7 +13,7 @@ from uavcover.errors import InputError
 from uavcover.extras.photos.exif import ENDINGS as PICTURE_ENDINGS
 from uavcover.extras.photos.judge_photos import judge_photos
 from uavcover.extras.photos.logs import ENDINGS as LOGS_WITH_PICTURES
-from uavcover.extras.photos.logs import tells_of_pictures
+from uavcover.extras.photos.logs import reports_pictures
 from uavcover.extras.photos.photo_judgement import PhotoRequest
 from uavcover.extras.photos.photo_verdict import PhotoVerdict
 from uavcover.extras.photos.placing import Assumptions
@@ -46,16 +46,16 @@ __all__ = [
 ]
 
 PHOTOS = "photos"
-"""The folder inside a run folder where the verdict on pictures is kept."""
+"""The folder inside a run folder where the verdict on photos is kept."""
 _IN_FLIGHT_M = 5.0
 _NO_FLOOR_M = 0.01
 _ABOVE_HIGHEST_M = 10.0
-"""Where nobody limited the height, the band reaches from the ground to above the flight."""
+"""Without a height limit, the band reaches from the ground to this height above the flight."""
 _NO_FENCE_M = 30_000.0
 
 
 def evidence_of(logs: Sequence[Path], photos: Sequence[Path], *, system: int | None = None) -> GivenEvidence:
-    """Tell tracks from pictures among what was given as logs; what was given as pictures stays so."""
+    """Tell tracks from photos among what was given as logs; what was given as photos stays so."""
     seen = [path for path in logs if _is_of_pictures(path)]
     return GivenEvidence(tuple(path for path in logs if path not in seen), (*seen, *photos), system)
 
@@ -95,14 +95,14 @@ def verify_evidence(
     command: Sequence[str],
     accepted: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """The verdict on a flight of a run folder: the coverage by its pictures, everything else by its track.
+    """The verdict on a flight of a run folder: the coverage by its photos, everything else by its track.
 
     Args:
         run: with a scenario.
-        evidence: with pictures; without logs the run's own track counts, where there is one.
-        request: how pictures are judged; its sources and its scenario are those of the run.
-        user: is told the verdict.
-        command: how it was asked for.
+        evidence: with photos; without logs the run's own track counts, where there is one.
+        request: how photos are judged; its sources and its scenario are those of the run.
+        user: receives the verdict.
+        command: the command line, for ``run.json``.
         accepted: changes since planning that are accepted.
 
     Returns:
@@ -113,12 +113,12 @@ def verify_evidence(
     """
     run.existing("scenario.toml", made_by="uavcover plan")
     with run.reserved((), force=True):
-        run.remove(VERDICT_FILES)  # if the pictures cannot be read, no older verdict stands for them
+        run.remove(VERDICT_FILES)  # if the photos cannot be read, no older verdict stands for them
     asked = replace(request, photos=evidence.photos, area=None, scenario=run.path, refly=False, force=True)
     verdict, document = judge_photos(asked, RunFolder(run.file(PHOTOS)), user, command=command)
     if not evidence.logs and not was_flown(run):
         user.warn(
-            "there is no track of the flight: heights, limits and no-fly zones are not judged, only what the pictures show"
+            "there is no track of the flight: heights, limits and no-fly zones are not judged, only the coverage by photos"
         )
         return document
     pictures = JudgedPictures(evidence_for_flight(verdict), document)
@@ -129,20 +129,20 @@ def verify_evidence(
 
 
 def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:
-    """What a verdict on pictures means for the flight that took them."""
-    told, shown = verdict.document, verdict.shown
+    """Findings of a verdict on photos for the flight that took them."""
+    document, shown = verdict.document, verdict.shown
     found = (
-        f"coverage by the pictures alone is {percent(told['coverage_of_coverable'])} of what can be seen, surely "
-        f"{percent(told['surely'])}, "
-        f"possibly {percent(told['possibly'])}; required {percent(told['required'])}"
+        f"coverage by the photos alone is {percent(document['coverage_of_coverable'])} of the visible ground, surely "
+        f"{percent(document['surely'])}, "
+        f"possibly {percent(document['possibly'])}; required {percent(document['required'])}"
     )
     texts: dict[Requirement, str] = {
         "coverage": found,
-        "overlap": f"the overlap asked for, {told['pictures_asked']} pictures of every point, holds on "
-        f"{percent(told['overlap_fraction'] or 0.0)} of the area as drawn, below the required "
-        f"{percent(told['overlap_required'] or 0.0)}",
+        "overlap": f"the required overlap, {document['pictures_asked']} photos of every point, holds on "
+        f"{percent(document['overlap_fraction'] or 0.0)} of the area as drawn, below the required "
+        f"{percent(document['overlap_required'] or 0.0)}",
     }
-    if (searched := told["detection"]) is not None:
+    if (searched := document["detection"]) is not None:
         texts["detection"] = (
             f"the probability of detection is {percent(searched['pod'])} over the area, below the required "
             f"{percent(searched['asked'] or 0.0)}"
@@ -152,15 +152,17 @@ def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:
         for finding in verdict.judgement.findings
         if finding.effect != "noted"
     ]
-    counts = PictureCounts(shown.pictures, shown.coverage.ground_sample_m, told["counted"], shown.looks)
-    finding = f"coverage is that of {told['counted']} pictures, not what the track lets one expect"
+    counts = PictureCounts(shown.pictures, shown.coverage.ground_sample_m, document["counted"], shown.looks)
+    finding = f"coverage is that of {document['counted']} photos, not the coverage expected from the track"
     return PictureEvidence(shown.coverage, counts, (*missed, noted(finding)))
 
 
 def run_of_flight(
     area: NewRequest, evidence: GivenEvidence, user: User, *, out: RunFolder, command: Sequence[str], force: bool
 ) -> GivenEvidence:
-    """Write the scenario of a flight that nobody planned here; its logs' own pictures join the evidence.
+    """Write the scenario of a flight that was not planned here.
+
+    The photos in its logs join the evidence.
 
     The scenario asks for what the user asked for: without ``--overlap`` no overlap, without ``--gsd`` no sample distance, without
     ``--max-height`` no ceiling, and no fence.
@@ -168,9 +170,9 @@ def run_of_flight(
     Args:
         area: what should be seen, with elevation data and camera.
         evidence: with at least one log.
-        user: is told what is not judged.
+        user: receives notes on what is not judged.
         out: where ``scenario.toml`` is written.
-        command: how it was asked for.
+        command: the command line, for ``run.json``.
         force: whether it may be replaced.
 
     Raises:
@@ -182,13 +184,13 @@ def run_of_flight(
         )
     for log in evidence.logs:
         if not log.is_file():
-            raise InputError(f"{log}: no such file; give a flight log ({', '.join(LOG_ENDINGS)}), or pictures")
+            raise InputError(f"{log}: no such file; give a flight log ({', '.join(LOG_ENDINGS)}), or photos")
         if log.with_name("plan.json").exists():
             raise InputError(
                 f"{log}: lies in the folder of its plan; leave --area out: "
                 f"{to_paste('verify', log.parent, '--log', log)}, or copy it"
             )
-    own = tuple(log for log in evidence.logs if log.suffix.lower() in LOGS_WITH_PICTURES and tells_of_pictures(log))
+    own = tuple(log for log in evidence.logs if log.suffix.lower() in LOGS_WITH_PICTURES and reports_pictures(log))
     photos = evidence.photos or own
     overlaps = area.overlap is not None and bool(photos)
     found = read_pictures(evidence.photos).pictures if evidence.photos else ()
@@ -243,7 +245,7 @@ def run_of_flight(
         out.write_text("scenario.toml", text)
         _record(out, evidence.logs, command)
     if area.overlap is not None and not overlaps:
-        user.warn(f"--overlap is not judged: {evidence.logs[0].name} tells of no picture, and no --photos are given")
+        user.warn(f"--overlap is not judged: {evidence.logs[0].name} reports no photo, and no --photos are given")
     untold = [name for name, given in (("--max-height", area.max_height), ("--no-fly", area.no_fly)) if not given]
     user.say(f"{'scenario':18}{out.file('scenario.toml')}; no plan and no fence are known, so none is judged")
     if untold:

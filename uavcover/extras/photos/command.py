@@ -1,4 +1,4 @@
-"""``uavcover judge-photos``: what pictures show of an area, whoever took them."""
+"""``uavcover judge-photos``: coverage of an area by photos of any origin."""
 
 import sys
 from pathlib import Path
@@ -15,12 +15,12 @@ def judge_photos(
     photos: Annotated[
         list[Path] | None,
         typer.Argument(
-            help="Folders of pictures (.jpg, .tif, .dng); geo.txt, images.json, .MRK, .csv; logs: .bin, .tlog, .ulg."
+            help="Folders of photos (.jpg, .tif, .dng); geo.txt, images.json, .MRK, .csv; logs: .bin, .tlog, .ulg."
         ),
     ] = None,
     *,
     area: Annotated[
-        str | None, typer.Option("--area", help="What should be seen, as new takes it: a file, or LAT,LON,RADIUS.")
+        str | None, typer.Option("--area", help="Ground to be covered, as new takes it: a file, or LAT,LON,RADIUS.")
     ] = None,
     scenario: Annotated[
         Path | None,
@@ -36,7 +36,7 @@ def judge_photos(
         float | None,
         typer.Option(
             "--coverage",
-            help="Share of what can be seen that some picture has to show. Default: the scenario's, or 0.98.",
+            help="Required coverage of the visible ground by photos. Default: the scenario's, or 0.98.",
         ),
     ] = None,
     refly: Annotated[bool, typer.Option("--refly/--no-refly", help="Plan the flight for what is missing.")] = True,
@@ -49,14 +49,14 @@ def judge_photos(
     ] = None,
     gpkg: Annotated[
         Path | None,
-        typer.Option("--gpkg", help="Also write footprints, places and gaps as a GeoPackage.", metavar="FILE.gpkg"),
+        typer.Option("--gpkg", help="Also write footprints, positions and gaps as a GeoPackage.", metavar="FILE.gpkg"),
     ] = None,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Count in how many pictures each point is, hidden ground left out, and plan the flight for what is missing.
+    """Count in how many photos each point is, hidden ground left out, and plan the flight for what is missing.
 
-    The camera is the pictures' own, unless --camera names one. Exit 1 when too little is shown.
+    The camera is the photos' own, unless --camera names one. Exit 1 when too little is shown.
     """
     from uavcover.errors import InputError
     from uavcover.extras.photos.judge_photos import judge_photos
@@ -68,7 +68,7 @@ def judge_photos(
     if search.detection == "list":
         return list_curves(console)
     if not photos:
-        raise InputError("judge-photos: give folders of pictures, lists of them or logs, such as DCIM/")
+        raise InputError("judge-photos: give folders of photos, lists of them or logs, such as DCIM/")
     if (area is None) == (scenario is None):
         raise InputError("judge-photos: give either --area (with --dem), or --scenario")
     if scenario is not None and survey.given():

@@ -1,4 +1,4 @@
-"""How probably pictures find what is searched for, by cell and over an area."""
+"""Probability that photos find the object, by cell and over an area."""
 
 from dataclasses import dataclass
 from typing import Any
@@ -15,13 +15,13 @@ _FAR_FINER = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detection:
-    """Probability that the pictures find a target, in each of n cells, if it is there.
+    """Probability that the photos find a target, in each of n cells, if it is there.
 
     Attributes:
         curve: of one look.
-        best_look: (n,) by the best picture alone.
-        by_sides: (n,) by the best picture from each side, each an independent chance.
-        by_pictures: (n,) by every picture, each an independent chance.
+        best_look: (n,) by the best photo alone.
+        by_sides: (n,) by the best photo from each side, each an independent chance.
+        by_pictures: (n,) by every photo, each an independent chance.
     """
 
     curve: DetectionCurve
@@ -41,7 +41,7 @@ class Detection:
 
 
 def detection_of(curve: DetectionCurve, looks: Looks) -> Detection:
-    """What looks come to: 1 - product of (1 - p) over those that are independent (Koopman, Search and Screening, 1946)."""
+    """Joint probability of looks: 1 - product of (1 - p) over the independent ones (Koopman, Search and Screening, 1946)."""
     return Detection(
         curve,
         best_look=looks.best.max(axis=1),
@@ -53,7 +53,7 @@ def detection_of(curve: DetectionCurve, looks: Looks) -> Detection:
 def detection_document(
     detection: Detection, drawn: BoolArray, weight_m2: FloatArray, asked: float | None
 ) -> dict[str, Any]:
-    """What ``photos.json`` says of it, over the cells of the area as drawn, those that nothing can see among them.
+    """The entry of ``photos.json``, over the cells of the area as drawn, including those not visible from anywhere.
 
     Args:
         detection: of each cell.
@@ -84,7 +84,7 @@ def detection_document(
 
 
 def detection_doubts(detection: Detection, sample_m: FloatArray) -> list[str]:
-    """What the user should ask of a curve that is for other pictures.
+    """Questions to the user about a curve that is for other photos.
 
     Args:
         detection: with the curve.
@@ -96,26 +96,26 @@ def detection_doubts(detection: Detection, sample_m: FloatArray) -> list[str]:
         return []
     if detection.curve.is_example:
         return [
-            f"the curve {name} is an example, a rule of thumb that nobody measured with this camera, observer and ground; give "
-            "one of your own (--detection FILE.toml) before anybody relies on the probability"
+            f"the curve {name} is an example, a rule of thumb that was not measured with this camera, observer and ground; give "
+            "one of your own (--detection FILE.toml) before relying on the probability"
         ]
     first_cm, last_cm = 100.0 * table.sample_m[[0, -1]]
     median_cm = 100.0 * float(np.median(known))
     if _FAR_FINER * median_cm < first_cm:
         return [
-            f"the curve {name} begins at {first_cm:g} cm a pixel, pictures have {median_cm:.2g} cm: finer ones count as that; "
+            f"the curve {name} begins at {first_cm:g} cm a pixel, photos have {median_cm:.2g} cm: finer ones count as that; "
             "are its ground_sample_m in metres?"
         ]
     if median_cm > last_cm:
         return [
-            f"the curve {name} ends at {last_cm:.3g} cm a pixel, pictures have {median_cm:.2g} cm: coarser ones find nothing; "
+            f"the curve {name} ends at {last_cm:.3g} cm a pixel, photos have {median_cm:.2g} cm: coarser ones find nothing; "
             "are its ground_sample_m in metres?"
         ]
     return []
 
 
 def _percentiles(values: FloatArray, weight: FloatArray) -> dict[int, float]:
-    """Values that so many percent of the weight do not exceed."""
+    """Values that these percentages of the weight do not exceed."""
     order = np.argsort(values, kind="stable")
     reached = np.cumsum(weight[order]) / weight.sum()
     places = np.minimum(np.searchsorted(reached, np.array(PERCENTILES) / 100.0), values.size - 1)

@@ -1,4 +1,4 @@
-"""What the user should ask of the heights and angles that pictures tell: nothing here is corrected."""
+"""Questions to the user about the heights and angles of photos; nothing is corrected here."""
 
 import itertools
 import math
@@ -117,13 +117,13 @@ def height_doubts(
     error_m: float,
     home_en_m: FloatArray | None = None,
 ) -> list[str]:
-    """What heights do not fit: the elevation data, or each other.
+    """Contradictions between heights and the elevation data, or among heights.
 
     Many aircraft tell two heights: above sea level by satellites, and above the place of take-off by pressure. Their
     difference is the height of that place, the same in the whole flight, and somewhere near has to be ground at that height.
 
     Args:
-        placed: the pictures.
+        placed: the photos.
         frame: of their places.
         ground: of the elevation data.
         by_takeoff: whether heights above take-off count, from the ground there, or those above sea level.
@@ -135,12 +135,12 @@ def height_doubts(
     under = int((above_m <= 0.0).sum())
     if under:
         doubts.append(
-            f"{under} of {above_m.size} pictures lie under the ground (lowest {np.nanmin(above_m):.0f} m): their heights do "
+            f"{under} of {above_m.size} photos lie under the ground (lowest {np.nanmin(above_m):.0f} m): their heights do "
             "not fit the elevation data; heights above take-off are taken with --takeoff LAT,LON"
         )
     outside = int(np.isnan(above_m).sum())
     if outside:
-        doubts.append(f"{outside} of {above_m.size} pictures were taken outside the elevation data")
+        doubts.append(f"{outside} of {above_m.size} photos were taken outside the elevation data")
     takeoff_m, ground_m = _takeoff_heights_m(placed, frame, by_takeoff=by_takeoff)
     if takeoff_m.size < _FEW_HEIGHTS:
         return doubts
@@ -148,14 +148,14 @@ def height_doubts(
     if high_m - low_m > error_m:
         doubts.append(
             f"heights above sea level and those above take-off drift apart by {high_m - low_m:.0f} m during the flight: one of "
-            "both is wrong by that, or the pictures are of several take-offs"
+            "both is wrong by that, or the photos are of several take-offs"
         )
     elif ground_m is not None:
         off_m = middle_m - ground_m
         if abs(off_m) > error_m:
             doubts.append(
                 f"heights above sea level put the take-off {abs(off_m):.0f} m {'above' if off_m > 0.0 else 'below'} the ground "
-                "at --takeoff: they are wrong by that (a receiver's error, or another datum), or the place is; heights above "
+                "at --takeoff: they are wrong by that (a receiver's error, or another datum), or the position is; heights above "
                 "take-off are taken"
             )
     elif home_en_m is not None and math.isfinite(home_m := _alt_amsl_m(home_en_m, ground, frame)):
@@ -174,7 +174,7 @@ def height_doubts(
 def _takeoff_heights_m(
     placed: PlacedPictures, frame: LocalFrame, *, by_takeoff: bool
 ) -> tuple[FloatArray, float | None]:
-    """Height above sea level of the place of take-off by each picture with two heights; and of its ground, where it is known."""
+    """Height above sea level of the take-off position, from each photo with two heights. Also of its ground, if known."""
     _, _, alt_amsl_m = frame.geodetic_from_enu(placed.eyes_m)
     by_pictures, grounds = [], []
     for picture, alt in zip(placed.pictures, alt_amsl_m, strict=True):
@@ -212,7 +212,7 @@ def _no_ground_there(
     if off_m <= error_m:
         return []
     return [
-        f"heights above sea level put the take-off at {takeoff_m:.0f} m, and the ground within {_AROUND_M:g} m of the pictures "
+        f"heights above sea level put the take-off at {takeoff_m:.0f} m, and the ground within {_AROUND_M:g} m of the photos "
         f"lies between {lowest_m:.0f} and {highest_m:.0f} m: they are at least {off_m:.0f} m too "
         f"{'high' if takeoff_m > highest_m else 'low'} (a receiver's error, or another datum); --takeoff LAT,LON takes the "
         "heights above take-off instead"
@@ -220,25 +220,25 @@ def _no_ground_there(
 
 
 def direction_doubts(placed: PlacedPictures) -> list[str]:
-    """What the user should ask of the angles that pictures tell."""
+    """Questions to the user about the angles of photos."""
     doubts = []
     up = placed.axes[:, 2] >= 0.0
     if up.any():
         names = [picture.name for picture, looks in zip(placed.pictures, up, strict=True) if looks]
         doubts.append(
-            f"{len(names)} of {len(up)} cameras look at the horizon or above it, first {names[0]}: their angles refer to "
-            "something else, or the gimbal was not turned down"
+            f"{len(names)} of {len(up)} cameras look at the horizon or above it, first {names[0]}: their angles have "
+            "another reference, or the gimbal was not turned down"
         )
     course = courses_deg(placed.eyes_m)
     yaw = np.degrees(np.arctan2(placed.tops[:, 0], placed.tops[:, 1]))
-    told = (
+    is_judged = (
         placed.direction_known & np.isfinite(course) & (-placed.axes[:, 2] >= math.cos(math.radians(_DOWN_WITHIN_DEG)))
     )
     # A landscape sensor lies across the line, whichever way the vehicle flies along it.
-    off = np.abs((yaw - course + 90.0) % 180.0 - 90.0)[told]
+    off = np.abs((yaw - course + 90.0) % 180.0 - 90.0)[is_judged]
     if off.size >= _FEW and np.median(off) > _TURNED_DEG:
         doubts.append(
-            f"the tops of the pictures lie {np.median(off):.0f} degrees (median) off the line on which they were taken: the "
+            f"the tops of the photos lie {np.median(off):.0f} degrees (median) off the line on which they were taken: the "
             "camera was turned, or their yaw is not the camera's"
         )
     return doubts

@@ -25,20 +25,20 @@ _JPEG = (".jpg", ".jpeg")
 _TAIL, _LONG_TAIL = 65_536, 16_000_000
 _CUT_OFF = "its file is cut off; copy it from the card again"
 _CAPTURE_IDS = ("CaptureUUID", "CaptureId", "CaptureID", "CaptureGUID")
-"""Of one exposure of a multispectral camera or a rig: DJI, Parrot and MicaSense."""
+"""Tags that identify one exposure of a multispectral camera or a rig: DJI, Parrot and MicaSense."""
 _OFF_NADIR_NAMES = {"Camera:Pitch", "Camera:Roll", "Camera:Yaw"}
-"""Of Pix4D, senseFly and MicaSense: their pitch is 0 straight down."""
+"""Tags of Pix4D, senseFly and MicaSense: their pitch is 0 straight down."""
 
 
 def read_picture(path: Path) -> Picture:
-    """What a picture tells of itself.
+    """Read a photo's metadata.
 
     Raises:
-        TrackError: it is no picture, or its metadata is damaged.
+        TrackError: it is no photo, or its metadata is damaged.
     """
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # Pillow warns of damaged tags that nobody asks for, and of large pictures
+            warnings.simplefilter("ignore")  # Pillow warns of damaged tags that are not used, and of large photos
             with Image.open(path) as image:
                 exif = image.getexif()
                 gps = dict(exif.get_ifd(ExifTags.IFD.GPSInfo))
@@ -46,40 +46,40 @@ def read_picture(path: Path) -> Picture:
                 size = image.size
                 xmp = image.info.get("xmp") or exif.get(ExifTags.Base.XMLPacket)
     except (UnidentifiedImageError, Image.DecompressionBombError) as error:
-        raise TrackError(f"{path}: is not a picture that can be read ({error})") from error
+        raise TrackError(f"{path}: is not a photo that can be read ({error})") from error
     except (OSError, ValueError, SyntaxError, TypeError, KeyError, ZeroDivisionError) as error:
         raise TrackError(f"{path}: its metadata is damaged ({type(error).__name__}: {error})") from error
-    told = _xmp(xmp)
-    yaw, pitch, roll = _angles(told)
-    alt_m, datum = _height(gps, told)
+    tags = _xmp(xmp)
+    yaw, pitch, roll = _angles(tags)
+    alt_m, datum = _height(gps, tags)
     sides = _sides(size, details)
     model = _model(exif)
     time_s, zone_known = _time_s(exif.get(ExifTags.Base.DateTime), details)
-    serial = told.get("DroneSerialNumber") or str(details.get(ExifTags.Base.BodySerialNumber, "")).strip("\x00 ")
+    serial = tags.get("DroneSerialNumber") or str(details.get(ExifTags.Base.BodySerialNumber, "")).strip("\x00 ")
     owner = " ".join(filter(None, (model or "a camera", serial)))
     return Picture(
         name=path.name,
-        lat_deg=_place(_first(told, "GpsLatitude"), _degrees(gps, 2, 1, "S")),
-        lon_deg=_place(_first(told, "GpsLongitude", "GpsLongtitude"), _degrees(gps, 4, 3, "W")),
+        lat_deg=_place(_first(tags, "GpsLatitude"), _degrees(gps, 2, 1, "S")),
+        lon_deg=_place(_first(tags, "GpsLongitude", "GpsLongtitude"), _degrees(gps, 4, 3, "W")),
         alt_m=alt_m,
         datum=datum,
-        height_above_takeoff_m=_first(told, "RelativeAltitude"),
+        height_above_takeoff_m=_first(tags, "RelativeAltitude"),
         time_s=time_s,
         clock=None if time_s is None else "UTC" if zone_known else f"the clock of {owner}",
         utc_s=time_s if zone_known else _satellites_time_s(gps),
         yaw_deg=yaw,
         pitch_deg=pitch,
         roll_deg=roll,
-        vehicle_yaw_deg=_first(told, "FlightYawDegree", "DroneYawDegree"),
-        horizontal_error_m=_horizontal_error_m(gps, told),
-        vertical_error_m=_first(told, "RtkStdHgt", "GPSZAccuracy") if _is_fixed(told) else _first(told, "GPSZAccuracy"),
-        speed_m_s=_speed_m_s(told),
+        vehicle_yaw_deg=_first(tags, "FlightYawDegree", "DroneYawDegree"),
+        horizontal_error_m=_horizontal_error_m(gps, tags),
+        vertical_error_m=_first(tags, "RtkStdHgt", "GPSZAccuracy") if _is_fixed(tags) else _first(tags, "GPSZAccuracy"),
+        speed_m_s=_speed_m_s(tags),
         exposure_s=finite(details.get(ExifTags.Base.ExposureTime)),
         camera=model,
         pixels=sides,
         focal_length_mm=finite(details.get(ExifTags.Base.FocalLength)) or None,
         focal_length_35mm=finite(details.get(ExifTags.Base.FocalLengthIn35mmFilm)) or None,
-        capture_id=next((told[name] for name in _CAPTURE_IDS if told.get(name)), None),
+        capture_id=next((tags[name] for name in _CAPTURE_IDS if tags.get(name)), None),
         digital_zoom=finite(details.get(ExifTags.Base.DigitalZoomRatio)) or None,
         fault=_CUT_OFF if path.suffix.lower() in _JPEG and not _ends(path) else None,
     )
@@ -126,10 +126,10 @@ def _xmp(packet: object) -> dict[str, str]:
     return found
 
 
-def _first(told: Mapping[str, str], *names: str) -> float | None:
+def _first(tags: Mapping[str, str], *names: str) -> float | None:
     for name in names:
-        if name in told:
-            return finite(told[name])
+        if name in tags:
+            return finite(tags[name])
     return None
 
 
@@ -138,21 +138,21 @@ def _place(of_xmp: float | None, of_exif: float | None) -> float | None:
     return of_xmp or of_exif
 
 
-def _angles(told: Mapping[str, str]) -> tuple[float | None, float | None, float | None]:
+def _angles(tags: Mapping[str, str]) -> tuple[float | None, float | None, float | None]:
     """Yaw, pitch and roll of the camera."""
     for prefix in ("Gimbal", "Camera"):
-        yaw, pitch = _first(told, f"{prefix}YawDegree"), _first(told, f"{prefix}PitchDegree")
+        yaw, pitch = _first(tags, f"{prefix}YawDegree"), _first(tags, f"{prefix}PitchDegree")
         if yaw is not None and pitch is not None:
-            return yaw, pitch, _first(told, f"{prefix}RollDegree") or 0.0
-    if all(name in told for name in _OFF_NADIR_NAMES):
-        off_nadir = _first(told, "Camera:Pitch")
-        yaw, roll = _first(told, "Camera:Yaw"), _first(told, "Camera:Roll")
+            return yaw, pitch, _first(tags, f"{prefix}RollDegree") or 0.0
+    if all(name in tags for name in _OFF_NADIR_NAMES):
+        off_nadir = _first(tags, "Camera:Pitch")
+        yaw, roll = _first(tags, "Camera:Yaw"), _first(tags, "Camera:Roll")
         if off_nadir is not None and yaw is not None:
             return yaw, off_nadir - 90.0, roll or 0.0
     return None, None, None
 
 
-def _height(gps: Mapping[int, Any], told: Mapping[str, str]) -> tuple[float | None, HeightDatum]:
+def _height(gps: Mapping[int, Any], tags: Mapping[str, str]) -> tuple[float | None, HeightDatum]:
     reference = gps.get(5, 0)
     reference = reference[0] if isinstance(reference, bytes) and reference else reference
     alt_m = finite(gps.get(6))
@@ -160,28 +160,28 @@ def _height(gps: Mapping[int, Any], told: Mapping[str, str]) -> tuple[float | No
     if alt_m is not None and reference in (1, 3):
         alt_m = -abs(alt_m)
     datum = HeightDatum.ELLIPSOID if reference in (2, 3) else HeightDatum.SEA_LEVEL
-    absolute = _first(told, "AbsoluteAltitude")
+    absolute = _first(tags, "AbsoluteAltitude")
     if absolute is None:
         return alt_m, datum
-    by_rtk = told.get("AltitudeType", "").lower() == "rtkalt" or _is_fixed(told)
+    by_rtk = tags.get("AltitudeType", "").lower() == "rtkalt" or _is_fixed(tags)
     return absolute, HeightDatum.ELLIPSOID if by_rtk else datum
 
 
-def _is_fixed(told: Mapping[str, str]) -> bool:
-    return _first(told, "RtkFlag") == RTK_FIXED
+def _is_fixed(tags: Mapping[str, str]) -> bool:
+    return _first(tags, "RtkFlag") == RTK_FIXED
 
 
-def _horizontal_error_m(gps: Mapping[int, Any], told: Mapping[str, str]) -> float | None:
-    if _is_fixed(told):
-        north, east = _first(told, "RtkStdLat"), _first(told, "RtkStdLon")
+def _horizontal_error_m(gps: Mapping[int, Any], tags: Mapping[str, str]) -> float | None:
+    if _is_fixed(tags):
+        north, east = _first(tags, "RtkStdLat"), _first(tags, "RtkStdLon")
         if north is not None and east is not None:
             return max(north, east)
-    accuracy = _first(told, "GPSXYAccuracy")
+    accuracy = _first(tags, "GPSXYAccuracy")
     return accuracy if accuracy is not None else finite(gps.get(31))
 
 
-def _speed_m_s(told: Mapping[str, str]) -> float | None:
-    north, east = _first(told, "FlightXSpeed"), _first(told, "FlightYSpeed")
+def _speed_m_s(tags: Mapping[str, str]) -> float | None:
+    north, east = _first(tags, "FlightXSpeed"), _first(tags, "FlightYSpeed")
     return None if north is None or east is None else (north**2 + east**2) ** 0.5
 
 
@@ -197,7 +197,7 @@ def _degrees(gps: Mapping[int, Any], value: int, reference: int, negative: str) 
 
 
 def _time_s(modified: object, details: Mapping[int, Any]) -> tuple[float | None, bool]:
-    """When it was taken by the camera's clock, and whether that is Unix time: EXIF 2.31 has a zone (OffsetTimeOriginal)."""
+    """Time by the camera's clock, and whether that is Unix time: EXIF 2.31 has a zone (OffsetTimeOriginal)."""
     original = details.get(ExifTags.Base.DateTimeOriginal)
     zone = details.get(ExifTags.Base.OffsetTimeOriginal if original else ExifTags.Base.OffsetTime)
     fraction = str(details.get(ExifTags.Base.SubsecTimeOriginal, "")).strip("\x00 ")

@@ -1,4 +1,4 @@
-"""Judging pictures that were taken, and planning the flight for what is missing, as ``judge-photos`` does it."""
+"""Judging photos that were taken, and planning the flight for what is missing, as ``judge-photos`` does it."""
 
 from collections import Counter
 from collections.abc import Sequence
@@ -37,17 +37,17 @@ _SHOWN_NAMES = 3
 def judge_photos(
     request: PhotoRequest, out: RunFolder, user: User, *, command: Sequence[str]
 ) -> tuple[PhotoVerdict, dict[str, Any]]:
-    """Judge pictures, write the files of the verdict, plan the flight for what is missing, and say it.
+    """Judge photos, write the files of the verdict, plan the flight for what is missing, and say it.
 
     Raises:
-        InputError: an area, a picture, a list or an option cannot be used.
+        InputError: an area, a photo, a list or an option cannot be used.
     """
     if request.coverage is not None and not 0.0 < request.coverage <= 1.0:
         raise InputError(f"--coverage: {request.coverage:g} is a share, above 0 and at most 1")
-    with user.progress("reading pictures") as bar:
+    with user.progress("reading photos") as bar:
         found = read_pictures(request.photos, progress=bar.count)
     for note in found.notes:
-        user.say(f"{'pictures read':18}{note}")
+        user.say(f"{'photos read':18}{note}")
     with out.reserved((*FILES, CAMERA_FILE, f"{REFLY}/plan.json"), force=request.force):
         site, text = _site(request, found, out, user)
         verdict = judged(request, found, site, user)
@@ -72,9 +72,12 @@ def _gaps(verdict: PhotoVerdict) -> dict[str, Any]:
     """The gaps as polygons, and the stretches without photos as lines."""
     collection = gaps_geojson(verdict.coverage, verdict.gaps)
     for stretch in verdict.document["missing_photos"]:
-        told = {"reason": "photos-missing", **{key: stretch[key] for key in ("after", "before", "photos", "length_m")}}
+        properties = {
+            "reason": "photos-missing",
+            **{key: stretch[key] for key in ("after", "before", "photos", "length_m")},
+        }
         line = {"type": "LineString", "coordinates": stretch["lon_lat_deg"]}
-        feature = {"type": "Feature", "id": len(collection["features"]), "geometry": line, "properties": told}
+        feature = {"type": "Feature", "id": len(collection["features"]), "geometry": line, "properties": properties}
         collection["features"].append(feature)
     return collection
 
@@ -85,7 +88,7 @@ def _site(request: PhotoRequest, found: PictureSet, out: RunFolder, user: User) 
         path = request.scenario / "scenario.toml" if request.scenario.is_dir() else request.scenario
         site = load_site(path)
         if not isinstance(site.scenario.sensor, FrameCamera):
-            raise InputError(f"{path}: its sensor is a {site.scenario.sensor.kind}; pictures need a frame-camera")
+            raise InputError(f"{path}: its sensor is a {site.scenario.sensor.kind}; photos need a frame-camera")
         return site, dump_scenario(site.scenario)
     if request.area is None:
         raise InputError("judge-photos: give --area with --dem, or --scenario with the survey's file or run folder")
@@ -95,8 +98,8 @@ def _site(request: PhotoRequest, found: PictureSet, out: RunFolder, user: User) 
         height_m = float(np.nanmedian(site.ground.heights_agl_m(placed.eyes_m)))
         if not height_m > 0.0:
             raise InputError(
-                f"half of the pictures lie {-height_m:.0f} m or more under the ground: their heights do not fit the elevation "
-                "data; give --takeoff LAT,LON if they tell heights above take-off, or --geoid-height"
+                f"half of the photos lie {-height_m:.0f} m or more under the ground: their heights do not fit the elevation "
+                "data; give --takeoff LAT,LON if their heights are above take-off, or --geoid-height"
             )
         return height_m
 
@@ -107,10 +110,10 @@ def _site(request: PhotoRequest, found: PictureSet, out: RunFolder, user: User) 
 def _refly(
     verdict: PhotoVerdict, out: RunFolder, request: PhotoRequest, user: User, *, command: Sequence[str]
 ) -> dict[str, Any] | None:
-    """The flight for what is missing, planned as a survey of its own; none where there is none inside the limits."""
+    """Plan the flight for the gaps as a survey of its own. None if no flight inside the limits closes them."""
     site = missing_site(verdict)
     missing_m2 = float(verdict.coverage.grid.weight_m2[verdict.lacking].sum())
-    user.say(f"{'missing':18}{missing_m2:.0f} square metres that could be seen")
+    user.say(f"{'missing':18}{missing_m2:.0f} square metres of visible ground")
     try:
         outcome = plan_into(
             PlanRequest(
@@ -126,7 +129,7 @@ def _refly(
 
 
 def missing_site(verdict: PhotoVerdict) -> Site:
-    """The survey again, its area only what could be seen and is in too few pictures; its margin is that of the survey."""
+    """The survey for the gaps. Its area is the visible ground in too few photos; its margin is that of the survey."""
     site = verdict.site
     frame, own = frame_of(site), site.scenario.area
     stairs = cells_outline(verdict.coverage, np.flatnonzero(verdict.lacking))
@@ -144,86 +147,88 @@ def missing_site(verdict: PhotoVerdict) -> Site:
         cell_size_m=own.cell_size_m, fewest_places=own.fewest_places, polygons_lon_lat_deg=parts, margin_m=own.margin_m
     )
     name = f"{site.scenario.name}-missing"
-    return load_site(replace(site.scenario, name=name, description="what pictures do not show", area=area))
+    return load_site(replace(site.scenario, name=name, description="gaps of the photos", area=area))
 
 
 def _say(verdict: PhotoVerdict, user: User) -> None:
-    told = verdict.document
+    document = verdict.document
     user.say(
-        f"{'pictures':18}{told['pictures']}, {told['counted']} count; the camera's angles are told by {told['direction_known']}"
+        f"{'photos':18}{document['pictures']}, {document['counted']} count; {document['direction_known']} have camera angles"
     )
-    if told["looks"] < told["counted"]:
+    if document["looks"] < document["counted"]:
         user.say(
-            f"{'looks':18}{told['looks']}: photos from one place in a like direction, and of one capture, count as one look"
+            f"{'looks':18}{document['looks']}: photos of one capture, or from one position in a similar direction, are one look"
         )
     for name, why in list(verdict.placed.left_out.items())[:_SHOWN_NAMES]:
         user.warn(f"{name}: {why}; it does not count")
     if len(verdict.placed.left_out) > _SHOWN_NAMES:
-        user.warn(f"and {len(verdict.placed.left_out) - _SHOWN_NAMES} more do not count: pictures.csv says why")
-    heights = told["height_agl_m"]
+        user.warn(f"and {len(verdict.placed.left_out) - _SHOWN_NAMES} more do not count: pictures.csv has the reasons")
+    heights = document["height_agl_m"]
     user.say(
         f"{'height':18}{heights['lowest']:.0f} to {heights['highest']:.0f} m above ground, {heights['median']:.0f} m (median)"
     )
     user.say(
-        f"{'shown':18}{percent(told['coverage_of_coverable'])} of what can be seen; surely {percent(told['surely'])}, possibly "
-        f"{percent(told['possibly'])}; required {percent(told['required'])}: {told['coverage_holds']}"
+        f"{'shown':18}{percent(document['coverage_of_coverable'])} of the visible ground; "
+        f"surely {percent(document['surely'])}, possibly "
+        f"{percent(document['possibly'])}; required {percent(document['required'])}: {document['coverage_holds']}"
     )
-    if told["pictures_asked"] is not None:
+    if document["pictures_asked"] is not None:
         rule = overlap_rule(verdict.site.scenario.sensor)
         user.say(
-            f"{'overlap':18}{percent(told['overlap_fraction'])} of the area is in at least {told['pictures_asked']} pictures: "
-            f"{'holds' if told['overlap_holds'] else 'DOES NOT HOLD'}" + ("" if rule is None else f" ({rule})")
+            f"{'overlap':18}{percent(document['overlap_fraction'])} of the area "
+            f"is in at least {document['pictures_asked']} photos: "
+            f"{'holds' if document['overlap_holds'] else 'DOES NOT HOLD'}" + ("" if rule is None else f" ({rule})")
         )
     user.say(
-        f"{'a point':18}is in {told['pictures_median']:g} pictures from {told['directions_median']:g} "
-        f"direction{'' if told['directions_median'] == 1 else 's'} (median)"
+        f"{'a point':18}is in {document['pictures_median']:g} photos from {document['directions_median']:g} "
+        f"direction{'' if document['directions_median'] == 1 else 's'} (median)"
     )
-    if told["detection"] is not None:
-        for line in _detection_lines(told["detection"]):
+    if document["detection"] is not None:
+        for line in _detection_lines(document["detection"]):
             user.say(line)
-    if told["ground_sample_median_m"] is not None:
+    if document["ground_sample_median_m"] is not None:
         user.say(
-            f"{'ground sample':18}{100.0 * told['ground_sample_median_m']:.2f} cm (median), 95 % below "
-            f"{100.0 * told['ground_sample_p95_m']:.2f} cm"
+            f"{'ground sample':18}{100.0 * document['ground_sample_median_m']:.2f} cm (median), 95 % below "
+            f"{100.0 * document['ground_sample_p95_m']:.2f} cm"
         )
-    if told["blur_median_px"] is not None:
+    if document["blur_median_px"] is not None:
         user.say(
-            f"{'blur':18}{told['blur_median_px']:.2f} pixels (median), {told['blur_largest_px']:.2f} at most; "
-            f"{len(told['blurred'])} pictures above {BLUR_PX:g}"
+            f"{'blur':18}{document['blur_median_px']:.2f} pixels (median), {document['blur_largest_px']:.2f} at most; "
+            f"{len(document['blurred'])} photos above {BLUR_PX:g}"
         )
-    if told["max_blur_px"] is not None:
+    if document["max_blur_px"] is not None:
         too_blurred = sum(why.startswith("blurred by") for why in verdict.placed.left_out.values())
         user.say(
-            f"{'blur limit':18}{told['max_blur_px']:g} pixels: {too_blurred} pictures are above it, "
-            f"{told['blur_not_known']} do not tell theirs"
+            f"{'blur limit':18}{document['max_blur_px']:g} pixels: {too_blurred} photos are above it, "
+            f"{document['blur_not_known']} have no known blur"
         )
-    if told["missing_photos"]:
-        longest = max(told["missing_photos"], key=lambda stretch: stretch["length_m"])
+    if document["missing_photos"]:
+        longest = max(document["missing_photos"], key=lambda stretch: stretch["length_m"])
         user.say(
-            f"{'missing photos':18}{sum(stretch['photos'] for stretch in told['missing_photos'])} on "
-            f"{len(told['missing_photos'])} stretches; the longest is {longest['length_m']:.0f} m (usual: "
+            f"{'missing photos':18}{sum(stretch['photos'] for stretch in document['missing_photos'])} on "
+            f"{len(document['missing_photos'])} stretches; the longest is {longest['length_m']:.0f} m (usual: "
             f"{longest['usual_m']:.0f} m), from {longest['after']} to {longest['before']}"
         )
     areas: Counter[str] = Counter()
-    for gap in told["gaps"]:
+    for gap in document["gaps"]:
         areas[gap["reason"]] += gap["area_m2"]
-    user.say(f"{'gaps':18}{len(told['gaps'])}, {sum(areas.values()):.0f} square metres in all")
+    user.say(f"{'gaps':18}{len(document['gaps'])}, {sum(areas.values()):.0f} square metres in all")
     for reason, area_m2 in areas.most_common():
         user.say(f"{'':18}{reason}: {area_m2:.0f} square metres")
-    user.say(f"{'verdict':18}{told['verdict'].upper() if not told['passed'] else told['verdict']}")
+    user.say(f"{'verdict':18}{document['verdict'].upper() if not document['passed'] else document['verdict']}")
 
 
-def _detection_lines(told: dict[str, Any]) -> list[str]:
-    shares = told["pod_percentiles"]
-    asked, words = told["asked"], ""
+def _detection_lines(document: dict[str, Any]) -> list[str]:
+    shares = document["pod_percentiles"]
+    asked, words = document["asked"], ""
     if asked is not None:
-        words = f"; asked {percent(asked)}: {'holds' if told['holds'] else 'DOES NOT HOLD'}"
+        words = f"; required {percent(asked)}: {'holds' if document['holds'] else 'DOES NOT HOLD'}"
     lines = [
-        f"{'detection':18}{percent(told['pod'])} over the area ({told['title']}){words}",
-        f"{'':18}best picture alone {percent(told['pod_best_look'])}, every picture a chance of its own "
-        f"{percent(told['pod_every_picture'])}",
+        f"{'detection':18}{percent(document['pod'])} over the area ({document['title']}){words}",
+        f"{'':18}best photo alone {percent(document['pod_best_look'])}, all photos independent "
+        f"{percent(document['pod_every_picture'])}",
         f"{'':18}on 5 % of the area {percent(shares['5'])} or less, on half of it {percent(shares['50'])} or less",
     ]
     if asked is not None:
-        lines.append(f"{'':18}{told['area_below_m2']:.0f} square metres below {percent(asked)}")
+        lines.append(f"{'':18}{document['area_below_m2']:.0f} square metres below {percent(asked)}")
     return lines

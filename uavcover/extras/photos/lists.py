@@ -1,4 +1,4 @@
-"""Lists of pictures: ODM's ``geo.txt`` and ``images.json``, DJI's ``.MRK``, and tables (``.csv``) with a row for each picture.
+"""Lists of pictures: ODM's ``geo.txt`` and ``images.json``, DJI's ``.MRK``, and tables (``.csv``) with a row for each photo.
 
 Facts: the geolocation file in OpenDroneMap's documentation (projection, then name, x, y, z, three angles, two accuracies); the
 image log in DJI's manuals of Zenmuse P1 and Matrice 4 (latitude, longitude and ellipsoid height are those of the camera, already
@@ -26,7 +26,9 @@ _DEGREES = CRS.from_epsg(4326)
 
 
 def read_geo_txt(path: Path) -> list[Picture]:
-    """Of ODM's geolocation file; its angles are left out, which ODM does not use for places either.
+    """Read ODM's geolocation file.
+
+    Its angles are left out, which ODM does not use for positions either.
 
     Raises:
         TrackError: it is none.
@@ -37,7 +39,7 @@ def read_geo_txt(path: Path) -> list[Picture]:
     head = " ".join(lines[0][1])
     crs = _projection(head, path)
     if not (crs.is_geographic or crs.is_projected):
-        raise TrackError(f"{path}: line 1: {head[:60]!r} has no places on a map; name a projection such as EPSG:4326")
+        raise TrackError(f"{path}: line 1: {head[:60]!r} has no map coordinates; name a projection such as EPSG:4326")
     to_degrees = None if crs.is_geographic else Transformer.from_crs(crs, _DEGREES, always_xy=True)
     pictures = []
     for number, words in lines[1:]:
@@ -68,7 +70,7 @@ def _projection(text: str, path: Path) -> CRS:
 
 
 def read_images_json(path: Path) -> list[Picture]:
-    """Of the list of pictures that ODM writes.
+    """Read the list of photos that ODM writes.
 
     Raises:
         TrackError: it is none.
@@ -78,7 +80,7 @@ def read_images_json(path: Path) -> list[Picture]:
     except (ValueError, RecursionError) as error:  # ValueError also of numbers with thousands of digits
         raise TrackError(f"{path}: is not JSON ({str(error)[:100]})") from error
     if not isinstance(rows, list) or not all(isinstance(row, dict) and "filename" in row for row in rows):
-        raise TrackError(f"{path}: is not ODM's list of pictures: rows with filename, latitude, longitude, altitude")
+        raise TrackError(f"{path}: is not ODM's list of photos: rows with filename, latitude, longitude, altitude")
     pictures = []
     for row in rows:
         off_nadir = finite(row.get("pitch"))
@@ -116,7 +118,7 @@ _LONGEST_ROW = 500
 
 
 def read_mrk(path: Path) -> list[Picture]:
-    """Of DJI's image log; pictures are named by their number.
+    """Read DJI's image log; photos are named by their number.
 
     Raises:
         TrackError: it is none.
@@ -189,11 +191,11 @@ _SIXTY = 60.0
 _NEGATIVE = {"lat_deg": ("s",), "lon_deg": ("w",), "alt_m": ("below", "negative", "1", "3")}
 _ABOVE_ELLIPSOID = ("2", "3", "positive ellipsoid", "negative ellipsoid")
 _MAY_BE_ODD = {"exposure_s", "focal_length_mm", "focal_length_35mm", "digital_zoom"}
-"""Where ExifTool prints words such as "undef", too."""
+"""Columns where ExifTool prints words such as "undef", too."""
 
 
 def read_table(path: Path) -> list[Picture]:
-    """Of a table with names of columns in its first row: at least a name, latitude, longitude and a height.
+    """Read a table with column names in its first row: at least a name, latitude, longitude and a height.
 
     Tables of ExifTool (``-csv``) have these, as it prints them (``8 deg 27' 55.22" N``, ``390.7 m Above Sea Level``), or as
     numbers (``-n``).
@@ -258,8 +260,8 @@ def _of_row(
     if numbers.get("alt_m") is None:
         numbers["alt_m"] = above_ellipsoid_m
         by_ellipsoid = by_ellipsoid or above_ellipsoid_m is not None
-    told = cells.get("time_s", "")
-    time_s, zone_known = (finite(told), False) if finite(told) is not None else moment(told)
+    taken = cells.get("time_s", "")
+    time_s, zone_known = (finite(taken), False) if finite(taken) is not None else moment(taken)
     camera = f"{texts.get('make', '')} {texts.get('model', '')}".strip() or None
     clock = " ".join(filter(None, (path.name, camera, texts.get("serial"))))
     return Picture(
@@ -298,7 +300,7 @@ def _degrees(cell: str, hemispheres: str) -> float | None:
 
 def _text(path: Path) -> str:
     if path.stat().st_size > _LARGEST:
-        raise TrackError(f"{path}: {path.stat().st_size} bytes are too many for a list of pictures")
+        raise TrackError(f"{path}: {path.stat().st_size} bytes are too many for a list of photos")
     try:
         return text_from_bytes(path.read_bytes()).text
     except FormatError as error:

@@ -1,4 +1,4 @@
-"""A verdict on pictures as a GeoPackage, by pyogrio, which is the extra ``gis``."""
+"""A verdict on photos as a GeoPackage, by pyogrio, which is the extra ``gis``."""
 
 import os
 import tempfile
@@ -19,7 +19,7 @@ LAYERS = ("footprints", "pictures", "gaps")
 
 
 def check_geopackage(path: Path, *, force: bool) -> None:
-    """See before pictures are judged that the file can be written.
+    """See before photos are judged that the file can be written.
 
     Raises:
         InputError: pyogrio is not installed, or the name has another ending.
@@ -39,7 +39,7 @@ def check_geopackage(path: Path, *, force: bool) -> None:
 
 
 def write_geopackage(verdict: PhotoVerdict, path: Path, user: User, *, force: bool) -> None:
-    """Write footprints, places of pictures and gaps as layers in longitude and latitude (EPSG:4326), whole or not at all.
+    """Write footprints, places of photos and gaps as layers in longitude and latitude (EPSG:4326), whole or not at all.
 
     Raises:
         InputError: pyogrio is not installed.
@@ -102,10 +102,10 @@ def _pictures(verdict: PhotoVerdict) -> Layer:
 
 def _gaps(verdict: PhotoVerdict) -> Layer:
     features = gaps_geojson(verdict.coverage, verdict.gaps)["features"]
-    told = [feature["properties"] for feature in features]
+    rows = [feature["properties"] for feature in features]
     return [shapely.geometry.shape(feature["geometry"]) for feature in features], {
-        "reason": np.array([properties["reason"] for properties in told], dtype=object),
-        "area_m2": np.array([properties["area_m2"] for properties in told], dtype=float),
-        "cells": np.array([properties["cells"] for properties in told], dtype=np.int64),
-        "coverable": np.array([properties["coverable"] for properties in told], dtype=bool),
+        "reason": np.array([properties["reason"] for properties in rows], dtype=object),
+        "area_m2": np.array([properties["area_m2"] for properties in rows], dtype=float),
+        "cells": np.array([properties["cells"] for properties in rows], dtype=np.int64),
+        "coverable": np.array([properties["coverable"] for properties in rows], dtype=bool),
     }

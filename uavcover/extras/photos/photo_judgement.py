@@ -33,25 +33,25 @@ from uavcover.verification.gaps import find_gaps
 USUAL_COVERAGE = 0.98
 _SAME_SHAPE = 0.03
 BLUR_PX = 1.0
-"""Pictures in which the ground moves farther are told."""
+"""Photos in which the ground moves farther are reported."""
 _FARTHEST_M = 5000.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PhotoRequest:
-    """What is asked.
+    """Requirements on photos.
 
     Attributes:
-        photos: folders, picture files, lists.
+        photos: folders, photo files, lists.
         area: what should be seen, with elevation data and camera; none with ``scenario``.
         scenario: of the survey, instead.
-        assumed: what is taken where pictures do not tell it; the height of take-off is filled in from ``takeoff``.
+        assumed: what is taken where photos do not tell it; the height of take-off is filled in from ``takeoff``.
         takeoff: latitude and longitude: heights above it count, not those above the sea.
-        coverage: share of what can be seen that some picture has to show; none: what the scenario requires, or 0.98.
-        detection: how probably one look finds what is searched for; none: nobody searches.
-        pod: least mean probability, over the area, that the pictures find it; none: it is only told.
-        max_blur_px: pictures in which the ground moves farther do not count, and none whose blur is not known; none: any count.
-        mount_known: whether the camera hangs on its vehicle as the sensor says, where pictures tell only the vehicle's attitude.
+        coverage: share of what can be seen that some photo has to show; none: what the scenario requires, or 0.98.
+        detection: probability that one look finds the object; none: there is no search.
+        pod: least mean probability, over the area, that the photos find it; none: it is only reported.
+        max_blur_px: photos in which the ground moves farther do not count, and none whose blur is not known; none: any count.
+        mount_known: whether the camera hangs on its vehicle as the sensor says, where photos tell only the vehicle's attitude.
         refly: whether to plan the flight for what is missing.
         budget_s: time for its search; none: the scenario's number of evaluations.
         force: whether files may be replaced.
@@ -73,7 +73,7 @@ class PhotoRequest:
 
 
 def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: LocalFrame) -> PlacedPictures:
-    """The pictures of the site's camera in its frame.
+    """The photos of the site's camera in its frame.
 
     Raises:
         InputError: none is of that camera or can be placed, or the place of take-off has no ground.
@@ -96,20 +96,20 @@ def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: Local
     if not same:
         name, why = next(iter(others.items()))
         raise InputError(
-            f"no picture is of the camera; {name}: {why}; give another --camera, or none to take the pictures' own"
+            f"no photo is of the camera; {name}: {why}; give another --camera, or leave it out to use the photos' own"
         )
     placed = place_pictures(same, frame, assumed)
     if np.isnan(site.ground.heights_agl_m(placed.eyes_m)).all():
         away = shapely.distance(site.area, shapely.points(placed.eyes_m[:, :2])) / 1000.0
         raise InputError(
-            f"all {len(placed.pictures)} pictures were taken outside the elevation data, {float(away.min()):.0f} km or more from "
+            f"all {len(placed.pictures)} photos were taken outside the elevation data, {float(away.min()):.0f} km or more from "
             "the area; are latitude and longitude swapped, or is it another area?"
         )
     return replace(placed, left_out=others | placed.left_out)
 
 
 def _of_other_cameras(pictures: Sequence[Picture], sensor: Sensor) -> dict[str, str]:
-    """Why pictures are not of a camera, by their names: other pixels, another shape, another lens or zoom."""
+    """Reasons why photos are not of a camera, by their names: other pixels, another shape, another lens or zoom."""
     if not isinstance(sensor, FrameCamera):
         return {}
     across, along = (math.tan(math.radians(0.5 * fov)) for fov in (sensor.fov_across_deg, sensor.fov_along_deg))
@@ -129,16 +129,16 @@ def _of_other_cameras(pictures: Sequence[Picture], sensor: Sensor) -> dict[str, 
         if lens_mm is not None and not abs(lens_mm / film_mm - 1.0) <= LENS_DIFFERS:
             found.setdefault(
                 picture.name,
-                f"sees as {lens_mm:.0f} mm do on 35 mm film, the camera as {film_mm:.0f} mm: another lens or zoom",
+                f"has the view of {lens_mm:.0f} mm on 35 mm film, the camera as {film_mm:.0f} mm: another lens or zoom",
             )
     return found
 
 
 def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> PhotoVerdict:
-    """The verdict on pictures of a site.
+    """The verdict on photos of a site.
 
     Raises:
-        InputError: none can be placed, or the site's sensor takes no pictures.
+        InputError: none can be placed, or the site's sensor takes no photos.
         InfeasibleError: nothing of the area can be seen.
     """
     frame = frame_of(site)
@@ -148,25 +148,25 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
         placed, frame, site.ground, by_takeoff=request.takeoff is not None, error_m=request.assumed.vertical_m,
         home_en_m=None if request.scenario is None or site.home_m is None else np.asarray(site.home_m, dtype=float)[:2],
     )  # fmt: skip
-    doubts = _told([*of_heights, *direction_doubts(placed)], user)
+    doubts = _warned([*of_heights, *direction_doubts(placed)], user)
     sensor = site.scenario.sensor
     if not isinstance(sensor, FrameCamera):
-        raise InputError(f"scenario {site.scenario.name}: its sensor is a {sensor.kind}; pictures need a frame-camera")
+        raise InputError(f"scenario {site.scenario.name}: its sensor is a {sensor.kind}; photos need a frame-camera")
     if request.detection is not None and sensor.pixels_across is None:
         raise InputError(
-            "--detection: the scenario's sensor has no pixels_across, so nobody knows how fine pictures are; add it"
+            "--detection: the scenario's sensor has no pixels_across, so the resolution of photos is not known; add it"
         )
     seeing = _whole(request, site, sensor, placed)
     coverage = judging_map(replace(site, scenario=replace(site.scenario, sensor=seeing)))
     blur = blur_px(placed, sensor, heights_m)
     blurred, unknown = _too_blurred(request, placed, blur)
-    with user.progress("counting what the pictures show"):
+    with user.progress("counting photos of each cell"):
         verdict = _counted(request, coverage, site, placed, blur, blurred | unknown)
     missing = {"missing_photos": [asdict(stretch) for stretch in missing_stretches(placed)]}
     document = _document(request, found, verdict, heights_m, len(unknown)) | missing
     judgement = _judgement(document)
     if unknown and judgement.verdict == "failed":
-        # Pictures whose blur nobody tells may be sharp enough.
+        # Photos of unknown blur may be sharp enough.
         with_them = _counted(request, coverage, site, placed, blur, blurred)
         of_all = _document(request, found, with_them, heights_m, len(unknown))
         if _judgement(of_all).verdict != "failed":
@@ -179,13 +179,13 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
             shown = replace(verdict.shown, coverage=replace(seen, possibly_seen=seen.possibly_seen | perhaps))
             verdict = replace(verdict, shown=shown)
     if verdict.shown.detection is not None:
-        doubts += _told(detection_doubts(verdict.shown.detection, verdict.shown.coverage.ground_sample_m), user)
+        doubts += _warned(detection_doubts(verdict.shown.detection, verdict.shown.coverage.ground_sample_m), user)
     decided = {"passed": judgement.verdict == "passed", "verdict": judgement.verdict}
     return replace(verdict, judgement=judgement, document=document | decided | {"doubts": doubts})
 
 
 def _judgement(document: Mapping[str, Any]) -> Judgement:
-    """The decision on pictures by their figures."""
+    """The decision on photos by their figures."""
     findings: list[Finding] = []
     effects: dict[Holds, Effect] = {"no": "fails", "not proved": "not proved", "yes": "noted"}
     searched = document["detection"]
@@ -202,11 +202,11 @@ def _judgement(document: Mapping[str, Any]) -> Judgement:
 def _too_blurred(
     request: PhotoRequest, placed: PlacedPictures, blur: FloatArray
 ) -> tuple[dict[str, str], dict[str, str]]:
-    """Why pictures do not count that are too blurred, and those whose blur is not known, by their names."""
+    """Reasons against photos that are too blurred or whose blur is not known, by their names."""
     limit = request.max_blur_px
     if limit is None:
         return {}, {}
-    unknown = f"its blur is not known (no exposure, or no speed), and --max-blur asks for {limit:g} pixels"
+    unknown = f"its blur is not known (no exposure, or no speed), and --max-blur requires {limit:g} pixels"
     return (
         {
             p.name: f"blurred by {b:.2f} pixels, above {limit:g}"
@@ -225,7 +225,7 @@ def _counted(
     blur: FloatArray,
     left_out: Mapping[str, str],
 ) -> PhotoVerdict:
-    """What pictures show, some of them left out; the document is still to be written."""
+    """Coverage by photos, without some of them; the document is not written yet."""
     kept = np.array([picture.name not in left_out for picture in placed.pictures])
     placed = placed.without(left_out)
     shown = shown_cells(coverage, placed, request.detection)
@@ -234,7 +234,7 @@ def _counted(
     return replace(verdict, gaps=find_gaps(coverage, verdict.asked_coverage))
 
 
-def _told(doubts: list[str], user: User) -> list[str]:
+def _warned(doubts: list[str], user: User) -> list[str]:
     for doubt in doubts:
         user.warn(doubt)
     return doubts
@@ -245,7 +245,7 @@ def _asks_overlap(request: PhotoRequest) -> bool:
 
 
 def _whole(request: PhotoRequest, site: Site, sensor: FrameCamera, placed: PlacedPictures) -> FrameCamera:
-    """The camera with its whole picture, however far: only what the user asked for limits it."""
+    """The camera with its whole photo, however far: only what the user asked for limits it."""
     grid = judging_map(site).grid
     highest = float(placed.eyes_m[:, 2].max() - grid.cells.centre_m[:, 2].min())
     reach_m = min(
@@ -258,7 +258,7 @@ def _whole(request: PhotoRequest, site: Site, sensor: FrameCamera, placed: Place
 
 
 def _required(request: PhotoRequest, site: Site) -> tuple[float, float]:
-    """The share of what can be seen that has to be shown, and that of the area in which the overlap has to hold."""
+    """The required fraction of the visible ground, and that of the area in which the overlap has to hold."""
     if request.area is not None:
         return request.coverage or USUAL_COVERAGE, OVERLAP_FRACTION
     asked = site.scenario.requirements
@@ -277,7 +277,7 @@ def _document(
     weight = coverage.grid.weight_m2
     can_be = drawn & (coverage.coverable | shown.coverage.seen)
     if not can_be.any():
-        raise InfeasibleError("no part of the area can be seen by this camera within the limits")
+        raise InfeasibleError("this camera can observe no part of the area within the limits")
 
     def share(cells: BoolArray) -> float:
         return float(weight[cells & can_be].sum() / weight[can_be].sum())

@@ -1,4 +1,4 @@
-"""The report of a verdict on pictures, as ``judge-photos --report`` writes it: one HTML file that needs no network."""
+"""The report of a verdict on photos, as ``judge-photos --report`` writes it: one HTML file that needs no network."""
 
 import math
 from pathlib import Path
@@ -32,7 +32,7 @@ _HOLDS = {"yes": "yes", "no": "NO", "not proved": "not proved"}
 
 def render_photo_report(verdict: PhotoVerdict) -> str:
     """The page; names of files are escaped."""
-    told = verdict.document
+    document = verdict.document
     return rendered_page(
         Path(__file__).parent / "photos.html",
         own_script=map_script(),
@@ -40,47 +40,47 @@ def render_photo_report(verdict: PhotoVerdict) -> str:
         facts={
             "site": verdict.site,
             "scenario": verdict.site.scenario,
-            "told": told,
+            "document": document,
             "rows": _requirements(verdict),
             "gaps": [region.gap for region in verdict.gaps],
             "reason_words": REASON_WORDS,
             "drawn_every": footprints_drawn_every(verdict),
-            "left_out": list(told["left_out"].items()),
+            "left_out": list(document["left_out"].items()),
             "max_rows": _MAX_ROWS,
         },
     )
 
 
 def _requirements(verdict: PhotoVerdict) -> list[dict[str, Any]]:
-    told = verdict.document
+    document = verdict.document
     rows = [
         {
-            "name": "Surely shown, of what can be seen",
-            "asked": f"at least {percent(told['required'])}",
-            "found": f"{percent(told['surely'])}; possibly {percent(told['possibly'])}",
-            "holds": _HOLDS[told["coverage_holds"]],
+            "name": "Sure coverage of visible ground",
+            "asked": f"at least {percent(document['required'])}",
+            "found": f"{percent(document['surely'])}; possibly {percent(document['possibly'])}",
+            "holds": _HOLDS[document["coverage_holds"]],
         }
     ]
-    if told["pictures_asked"] is not None:
+    if document["pictures_asked"] is not None:
         rule = overlap_rule(verdict.site.scenario.sensor)
         rows.append(
             {
-                "name": f"Ground in at least {told['pictures_asked']} pictures"
+                "name": f"Ground in at least {document['pictures_asked']} photos"
                 + ("" if rule is None else f" ({rule})"),
-                "asked": f"at least {percent(told['overlap_required'])}",
-                "found": percent(told["overlap_fraction"]),
-                "holds": "yes" if told["overlap_holds"] else "NO",
+                "asked": f"at least {percent(document['overlap_required'])}",
+                "found": percent(document["overlap_fraction"]),
+                "holds": "yes" if document["overlap_holds"] else "NO",
             }
         )
-    searched = told["detection"]
+    searched = document["detection"]
     if searched is not None:
         rows.append(
             {
                 "name": f"Probability of detection, mean of the area ({searched['title']})",
                 "asked": "" if searched["asked"] is None else f"at least {percent(searched['asked'])}",
-                "found": f"{percent(searched['pod'])}; best picture alone {percent(searched['pod_best_look'])}, every picture a "
-                f"chance of its own {percent(searched['pod_every_picture'])}",
-                "holds": {None: "not asked", True: "yes", False: "NO"}[searched["holds"]],
+                "found": f"{percent(searched['pod'])}; best photo alone {percent(searched['pod_best_look'])}, all photos "
+                f"independent {percent(searched['pod_every_picture'])}",
+                "holds": {None: "not required", True: "yes", False: "NO"}[searched["holds"]],
             }
         )
     return rows
@@ -100,7 +100,7 @@ def save_photo_report(verdict: PhotoVerdict, path: Path, user: User, *, force: b
 
 
 def refuse_to_replace(path: Path, *, force: bool) -> None:
-    """See before pictures are judged that their report can be written.
+    """See before photos are judged that their report can be written.
 
     Raises:
         OutputError: it is there already and ``force`` was not said.
@@ -114,7 +114,7 @@ _NEAR_M = 500.0
 
 
 def photo_map_data(verdict: PhotoVerdict) -> dict[str, Any]:
-    """The drawing data of a verdict on pictures: the area, cells, where pictures were taken, footprints of some, and gaps."""
+    """The drawing data of a verdict on pictures: the area, cells, where photos were taken, footprints of some, and gaps."""
     site = verdict.site
     west, south, east, north = site.area.bounds
     eyes = verdict.placed.eyes_m
@@ -143,12 +143,12 @@ def photo_map_data(verdict: PhotoVerdict) -> dict[str, Any]:
 
 
 def footprints_drawn_every(verdict: PhotoVerdict) -> int:
-    """Every how many pictures a footprint is drawn."""
+    """Every how many photos a footprint is drawn."""
     return max(1, math.ceil(len(verdict.placed.pictures) / MAX_FOOTPRINTS))
 
 
 def photo_layers(verdict: PhotoVerdict) -> list[CellLayer]:
-    """The cell layers of a verdict on pictures; layers without any known value are omitted."""
+    """The cell layers of a verdict on photos; layers without any known value are omitted."""
     coverage, flown = verdict.coverage, verdict.shown.coverage
     counts = PictureCounts(
         verdict.shown.pictures, flown.ground_sample_m, len(verdict.placed.pictures), verdict.shown.looks

@@ -1,4 +1,4 @@
-"""What pictures show of an area, and the files that say it."""
+"""Coverage of an area by photos, and its files."""
 
 import csv
 import io
@@ -34,16 +34,16 @@ _LONGEST_STEP_S = 10.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoVerdict:
-    """What the pictures show.
+    """Verdict on photos.
 
     Attributes:
         site: whose area it is, as a flight for it is planned.
-        coverage: its cells with the whole picture in view.
-        placed: the pictures that count.
+        coverage: its cells with the whole photo in view.
+        placed: the photos that count.
         shown: what they show.
         drawn: (cells,) of the area without its margin.
-        asked: pictures in which the overlap asked for puts each point; none where none is.
-        blur_px: (n,) of each picture that counts, NaN where it is not known.
+        asked: photos in which the overlap asked for puts each point; none where none is.
+        blur_px: (n,) of each photo that counts, NaN where it is not known.
         gaps: where too few show it.
         judgement: the decision, and what it comes from.
         document: what ``photos.json`` says.
@@ -67,12 +67,12 @@ class PhotoVerdict:
 
     @property
     def asked_coverage(self) -> FlownCoverage:
-        """The coverage, with those cells as seen that are in as many pictures as they have to be, and the margin."""
+        """The coverage in which a cell counts as observed when it is in the required number of photos, and the margin."""
         return replace(self.shown.coverage, seen=self.shown.enough(self.needed) | ~self.drawn)
 
     @property
     def lacking(self) -> BoolArray:
-        """(cells,) of the drawn area that could be seen and are in too few pictures."""
+        """(cells,) of the drawn area that could be seen and are in too few photos."""
         return self.drawn & self.coverage.coverable & ~self.shown.enough(self.needed)
 
 
@@ -80,15 +80,15 @@ def frame_of(site: Site) -> LocalFrame:
     """The local frame of a site on Earth.
 
     Raises:
-        InputError: it has no place on Earth.
+        InputError: it has no position on Earth.
     """
     if site.frame is None:
-        raise InputError(f"scenario {site.scenario.name}: has no place on Earth, so pictures have no place in it")
+        raise InputError(f"scenario {site.scenario.name}: has no position on Earth, so photos have no position in it")
     return site.frame
 
 
 def blur_px(placed: PlacedPictures, sensor: Sensor, heights_m: FloatArray) -> FloatArray:
-    """(n,) how many pixels the ground below moves while the shutter is open; NaN where it is not told."""
+    """(n,) pixels by which the ground below moves while the shutter is open; NaN where it is not known."""
     focal = focal_px(sensor)
     speeds = _speeds_m_s(placed)
     exposures = np.array([np.nan if p.exposure_s is None else p.exposure_s for p in placed.pictures])
@@ -97,31 +97,31 @@ def blur_px(placed: PlacedPictures, sensor: Sensor, heights_m: FloatArray) -> Fl
 
 
 def _speeds_m_s(placed: PlacedPictures) -> FloatArray:
-    told = np.array([np.nan if p.speed_m_s is None else p.speed_m_s for p in placed.pictures])
+    reported = np.array([np.nan if p.speed_m_s is None else p.speed_m_s for p in placed.pictures])
     times = np.array([np.nan if p.time_s is None else p.time_s for p in placed.pictures])
-    if len(told) < 2:
-        return told
+    if len(reported) < 2:
+        return reported
     step_s, step_m = np.diff(times), np.linalg.norm(np.diff(placed.eyes_m, axis=0), axis=1)
     clocks = [p.clock for p in placed.pictures]
     same = np.array([one == other for one, other in itertools.pairwise(clocks)])
     with np.errstate(divide="ignore", invalid="ignore"):
         speed = np.where(same & (step_s > 0.0) & (step_s <= _LONGEST_STEP_S), step_m / step_s, np.nan)
     onwards, before = np.append(speed, np.nan), np.append(np.nan, speed)
-    return np.where(np.isfinite(told), told, np.where(np.isfinite(onwards), onwards, before))
+    return np.where(np.isfinite(reported), reported, np.where(np.isfinite(onwards), onwards, before))
 
 
 def clocks_of(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
-    """Each clock of some pictures: how many, from when to when, and how far it is from UTC where that is told.
+    """Each clock of some photos: their number, first and last time, and the offset to UTC where it is known.
 
     A camera's clock without a zone shows local time, or what somebody set: its times are written without one.
     """
-    told = []
+    clocks = []
     for clock in sorted({p.clock for p in pictures if p.clock is not None}):
         times = [p.time_s for p in pictures if p.clock == clock and p.time_s is not None]
         ahead = [
             p.utc_s - p.time_s for p in pictures if p.clock == clock and p.utc_s is not None and p.time_s is not None
         ]
-        told.append(
+        clocks.append(
             {
                 "clock": clock,
                 "pictures": len(times),
@@ -130,11 +130,11 @@ def clocks_of(pictures: Sequence[Picture]) -> list[dict[str, Any]]:
                 "utc_minus_clock_s": float(np.median(ahead)) if ahead else None,
             }
         )
-    return told
+    return clocks
 
 
 def picture_table(verdict: PhotoVerdict, site: Site) -> str:
-    """A row for each picture that counts, then those that do not."""
+    """A row for each photo that counts, then those that do not."""
     heights_m = site.ground.heights_agl_m(verdict.placed.eyes_m)
     blur = verdict.blur_px
     lat, lon, alt = frame_of(site).geodetic_from_enu(verdict.placed.eyes_m)
@@ -153,7 +153,7 @@ def picture_table(verdict: PhotoVerdict, site: Site) -> str:
 
 
 def footprints_m(verdict: PhotoVerdict, *, every: int = 1) -> Iterator[tuple[int, FloatArray]]:
-    """The number of each picture that counts, or of one in ``every``, and (k, 3) ENU, the places of its edge on the ground."""
+    """Number of each photo that counts, or of one in ``every``, and (k, 3) ENU, its footprint's edge on the ground."""
     sensor = verdict.coverage.site.scenario.sensor
     if not isinstance(sensor, FrameCamera):
         return
@@ -164,7 +164,7 @@ def footprints_m(verdict: PhotoVerdict, *, every: int = 1) -> Iterator[tuple[int
 
 
 def footprint_polygons(verdict: PhotoVerdict) -> Iterator[tuple[int, shapely.Polygon]]:
-    """The number of each picture that counts, and its footprint in longitude and latitude."""
+    """The number of each photo that counts, and its footprint in longitude and latitude."""
     frame = frame_of(verdict.site)
     for number, edge in footprints_m(verdict):
         lat, lon, _ = frame.geodetic_from_enu(np.vstack([edge, edge[:1]]))
@@ -172,7 +172,7 @@ def footprint_polygons(verdict: PhotoVerdict) -> Iterator[tuple[int, shapely.Pol
 
 
 def footprints_geojson(verdict: PhotoVerdict) -> dict[str, Any]:
-    """A polygon on the ground for each picture that counts (RFC 7946)."""
+    """A polygon on the ground for each photo that counts (RFC 7946)."""
     features = [
         {
             "type": "Feature",
@@ -185,13 +185,13 @@ def footprints_geojson(verdict: PhotoVerdict) -> dict[str, Any]:
 
 
 def photo_raster(verdict: PhotoVerdict) -> bytes:
-    """What the pictures show of each cell as a GeoTIFF."""
+    """Photos of each cell as a GeoTIFF."""
     coverage, shown = verdict.coverage, verdict.shown
     flown = shown.coverage
     enough = replace(flown, seen=shown.enough(verdict.needed))
     sureness = flown.seen.astype(float) + flown.possibly_seen + flown.surely_seen
     layers: list[tuple[str, str, NDArray[Any]]] = [
-        ("pictures", "pictures that show the cell", shown.pictures),
+        ("pictures", "photos that show the cell", shown.pictures),
         ("directions", "directions of nine: down, or one of eight points of the compass", shown.directions),
         ("ground_sample_m", "smallest ground sample distance in metres", flown.ground_sample_m),
         ("incidence_deg", "smallest incidence angle in degrees", flown.incidence_deg),
@@ -212,7 +212,7 @@ _HALVINGS = 20
 def footprint_m(
     placed: PlacedPictures, number: int, sensor: FrameCamera, ground: Ground, *, reach_m: float
 ) -> FloatArray:
-    """(k, 3) ENU, the places where the edge of a picture first meets the ground, in order around it.
+    """(k, 3) ENU, the places where the edge of a photo first meets the ground, in order around it.
 
     Rays that meet no ground within ``reach_m`` are left out; fewer than three places are no footprint.
     """

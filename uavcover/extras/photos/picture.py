@@ -1,4 +1,4 @@
-"""A picture as its file, or a list beside it, tells of it."""
+"""Metadata of a photo, from its file or a list beside it."""
 
 import datetime
 import math
@@ -16,7 +16,7 @@ _MOMENT = re.compile(
 
 
 class HeightDatum(StrEnum):
-    """What a picture's height refers to."""
+    """Datums of a photo's height."""
 
     SEA_LEVEL = "sea level"
     ELLIPSOID = "ellipsoid"
@@ -24,19 +24,19 @@ class HeightDatum(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """A picture; what is not told is None.
+    """Metadata of a photo; unknown values are None.
 
     Attributes:
         name: of its file, or of its row.
         lat_deg: geodetic, WGS 84.
-        lon_deg: likewise.
+        lon_deg: geodetic, WGS 84.
         alt_m: height of the camera above ``datum``.
         datum: what that refers to.
         height_above_takeoff_m: the same above the place of take-off, as barometers tell it.
         time_s: when it was taken, in seconds on ``clock``.
-        clock: whose time that is; seconds of two clocks have nothing in common. ``UTC`` only where the zone is told.
-        utc_s: when it was taken in Unix time, where the zone or the satellites' time is told.
-        yaw_deg: of the camera, clockwise from north; the direction of the picture's top when it looks straight down.
+        clock: whose time that is; seconds of two clocks have nothing in common. ``UTC`` only where the zone is known.
+        utc_s: when it was taken in Unix time, where the zone or the satellites' time is known.
+        yaw_deg: of the camera, clockwise from north; the direction of the photo's top when it looks straight down.
         pitch_deg: of the camera above the horizon: -90 looks straight down.
         roll_deg: of the camera, clockwise as it looks.
         vehicle_yaw_deg: of the vehicle's nose.
@@ -88,11 +88,11 @@ class Picture:
         return self.pitch_deg is not None and self.yaw_deg is not None
 
     def lacks(self) -> str | None:
-        """Why it shows nothing that is known; none where it does."""
+        """Reason why it shows nothing known; None if it does."""
         if self.fault is not None:
             return self.fault
         if self.digital_zoom is not None and self.digital_zoom > _NO_ZOOM:
-            return f"digital zoom {self.digital_zoom:g}: how much it shows is not known; take pictures without it"
+            return f"digital zoom {self.digital_zoom:g}: its field of view is not known; take photos without it"
         if self.lat_deg is None or self.lon_deg is None:
             return "no position"
         if not (abs(self.lat_deg) <= 90.0 and abs(self.lon_deg) <= 180.0) or (self.lat_deg == self.lon_deg == 0.0):
@@ -109,7 +109,7 @@ class Picture:
 
 
 def finite(value: object) -> float | None:
-    """A number as files hold it, also as text or as a fraction like 1/200; none where it is not a finite one."""
+    """A finite number from a file, also as text or as a fraction like 1/200; None for anything else."""
     try:
         if isinstance(value, str) and value.count("/") == 1:
             above, below = value.split("/")
@@ -122,7 +122,9 @@ def finite(value: object) -> float | None:
 
 
 def moment(text: str) -> tuple[float | None, bool]:
-    """Seconds of a date and time as EXIF and ISO 8601 write them, and whether that is Unix time, because its zone is told.
+    """Seconds of a date and time as EXIF and ISO 8601 write them.
+
+    Also whether they are Unix time, because the zone is known.
 
     >>> moment("2026:05:04 10:11:12.5"), moment("2026-05-04T12:11:12+02:00"), moment("0000:00:00 00:00:00")
     ((1777889472.5, False), (1777889472.0, True), (None, False))

@@ -1,4 +1,4 @@
-"""Where pictures were taken and how their cameras were turned, in the local frame, and how well that is known."""
+"""Positions and camera directions of photos in the local frame, with their uncertainty."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -16,23 +16,23 @@ from uavcover.terrain.vertical import Undulation
 
 _NO_COURSE_M = 0.5
 _ROUGHLY_M = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)
-"""Errors are rounded up to these, so that pictures of like errors are counted together."""
+"""Errors are rounded up to these, so that photos of like errors are counted together."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumptions:
-    """What is taken where pictures do not tell it.
+    """Defaults for values that photos do not have.
 
     Attributes:
         horizontal_m: error of places.
         vertical_m: error of heights above sea level or the ellipsoid.
         vertical_by_barometer_m: error of heights above the place of take-off.
-        attitude_deg: error of the camera's angles where they are told.
-        unknown_attitude_deg: how far a camera may lean where nothing is told.
-        pitch_deg: of the camera where it is not told.
+        attitude_deg: error of the camera's angles where they are known.
+        unknown_attitude_deg: largest lean of a camera without known angles.
+        pitch_deg: of the camera where it is not known.
         takeoff_alt_amsl_m: of the place of take-off: heights above it count, if given.
         geoid_height_m: of the sea level above the ellipsoid; default: by PROJ's grid.
-        mounted: a camera whose mount says how it hangs on the vehicle, for pictures that tell the vehicle's attitude only; none:
+        mounted: a camera whose mount says how it hangs on the vehicle, for photos that tell the vehicle's attitude only; none:
             that is not known.
     """
 
@@ -49,14 +49,14 @@ class Assumptions:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedPictures:
-    """The n pictures that have a place and a direction.
+    """The n photos that have a place and a direction.
 
     Attributes:
         pictures: themselves.
         eyes_m: (n, 3) ENU.
         axes: (n, 3) unit vectors along their views.
         tops: (n, 3) unit vectors towards their tops.
-        direction_known: (n,) whether the camera's angles were told.
+        direction_known: (n,) whether the camera's angles were known.
         horizontal_m: (n,) errors of places.
         vertical_m: (n,) errors of heights.
         turn_deg: (n,) errors of directions.
@@ -84,10 +84,10 @@ class PlacedPictures:
 
 
 def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assumptions) -> PlacedPictures:
-    """Place pictures in the local frame.
+    """Place photos in the local frame.
 
-    A camera whose angles are not told hangs on its vehicle as ``assumed.mounted`` does. Where that is not known either, it looks
-    along ``assumed.pitch_deg``, its picture's top along the vehicle's nose, or else along the line on which the pictures lie.
+    A camera without known angles hangs on its vehicle as ``assumed.mounted`` does. Where that is not known either, it looks
+    along ``assumed.pitch_deg``, its photo's top along the vehicle's nose, or else along the line on which the photos lie.
 
     Raises:
         TrackError: none can be placed, or heights above the ellipsoid cannot be brought to sea level.
@@ -100,7 +100,7 @@ def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assu
         height = picture.height_above_takeoff_m if by_takeoff else picture.alt_m
         if height is None:
             left_out[picture.name] = (
-                "no height above the place of take-off"
+                "no height above the take-off position"
                 if by_takeoff
                 else "only a height above take-off: give --takeoff"
             )
@@ -118,10 +118,10 @@ def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assu
     eyes = frame.enu_from_geodetic(lat, lon, alt_amsl_m)
     known = np.array([picture.has_direction for picture in placed])
     yaw, found = _yaws_deg(placed, eyes)
-    for picture, told, some in zip(placed, known, found, strict=True):
-        if not told and not some:
+    for picture, has_angles, some in zip(placed, known, found, strict=True):
+        if not has_angles and not some:
             left_out[picture.name] = (
-                "no direction: neither angles of the camera, nor a heading, nor other pictures in line"
+                "no direction: neither angles of the camera, nor a heading, nor other photos in line"
             )
     keep = known | found
     if not keep.any():
@@ -147,7 +147,7 @@ def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assu
 
 
 def _vehicle_attitudes_deg(pictures: Sequence[Picture]) -> FloatArray:
-    """(n, 3) roll, pitch and yaw of the vehicle; NaN where they are not told."""
+    """(n, 3) roll, pitch and yaw of the vehicle; NaN where they are not known."""
     angles = [(p.vehicle_roll_deg, p.vehicle_pitch_deg, p.vehicle_yaw_deg) for p in pictures]
     return np.array([[np.nan if angle is None else angle for angle in row] for row in angles])
 
@@ -156,8 +156,8 @@ def _none_placed(left_out: dict[str, str]) -> str:
     name, why = next(iter(left_out.items()))
     advice = ""
     if why == "no position":
-        advice = "; give a list of their places as well (geo.txt, .csv, .MRK or the flight's log), or geotag them"
-    return f"none of {len(left_out)} pictures can be placed; {name}: {why}{advice}"
+        advice = "; give a list of their positions as well (geo.txt, .csv, .MRK or the flight's log), or geotag them"
+    return f"none of {len(left_out)} photos can be placed; {name}: {why}{advice}"
 
 
 def _or(error_m: float | None, otherwise_m: float) -> float:
@@ -186,13 +186,13 @@ def _geoid_m(lat: FloatArray, lon: FloatArray, wanted: BoolArray, assumed: Assum
         return Undulation().heights_m(lat, lon)
     except TerrainError as error:
         raise TrackError(
-            f"{int(wanted.sum())} pictures have heights above the ellipsoid, and PROJ has no geoid grid for them: fetch it "
+            f"{int(wanted.sum())} photos have heights above the ellipsoid, and PROJ has no geoid grid for them: fetch it "
             "(projsync --file us_nga_egm96_15.tif), or give --geoid-height, the height of sea level above the ellipsoid there"
         ) from error
 
 
 def _yaws_deg(pictures: Sequence[Picture], eyes_m: FloatArray) -> tuple[FloatArray, BoolArray]:
-    """Headings of the pictures' tops, and whether there is one."""
+    """Headings of the photos' tops, and whether there is one."""
     yaw = np.array(
         [np.nan if (a := p.yaw_deg if p.has_direction else p.vehicle_yaw_deg) is None else a for p in pictures]
     )

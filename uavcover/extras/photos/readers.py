@@ -1,4 +1,4 @@
-"""Pictures from what people have: folders of pictures, lists of pictures, flight logs."""
+"""Pictures from what people have: folders of photos, lists of photos, flight logs."""
 
 import hashlib
 import itertools
@@ -25,7 +25,7 @@ _SHOWN_CLOCKS = 4
 
 @dataclass(frozen=True, slots=True)
 class PictureSet:
-    """All pictures of a flight.
+    """All photos of a flight.
 
     Attributes:
         pictures: in order of time, clock by clock, where all tell it, otherwise of name.
@@ -37,19 +37,19 @@ class PictureSet:
 
     @property
     def sha256(self) -> str:
-        """Of all that was read of the pictures: what a verdict on them rests on."""
+        """Hash of all that was read of the photos: the basis of a verdict on them."""
         return hashlib.sha256("\n".join(map(repr, self.pictures)).encode()).hexdigest()
 
 
 def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], None] = lambda _d, _t: None) -> PictureSet:
-    """All pictures of folders, picture files, lists and flight logs.
+    """All photos of folders, photo files, lists and flight logs.
 
-    Where a list names a picture that is there as a file, or a folder holds a ``geo.txt``, the list's place counts, and what the
+    Where a list names a photo that is there as a file, or a folder holds a ``geo.txt``, the list's place counts, and what the
     list does not tell is taken from the file.
 
     Args:
         sources: what the user gave.
-        progress: told how many of how many picture files were read.
+        progress: receives the number of photo files that were read, and of all.
 
     Raises:
         TrackError: nothing is there, or it cannot be read; names the file.
@@ -68,7 +68,7 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
     files_by_name = dict(found)
     for path in lists:
         listed = LISTS[path.suffix.lower()](path)
-        notes.append(f"{len(listed)} pictures of {path.name}")
+        notes.append(f"{len(listed)} photos of {path.name}")
         for row in listed:
             # ExifTool's SourceFile is a path.
             file = files_by_name.pop(row.name, None) or files_by_name.pop(PurePath(row.name).name, None)
@@ -76,7 +76,7 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
             found[name] = replace(_joined(row, file), name=name)
     for path in logs:
         of_log, warnings = read_log(path)
-        notes += [f"{len(of_log)} pictures of {path.name}", *warnings]
+        notes += [f"{len(of_log)} photos of {path.name}", *warnings]
         for picture in of_log:
             name = _new_name(picture.name, path, found)
             found[name] = replace(picture, name=name)
@@ -104,7 +104,7 @@ def _by_kind(sources: Sequence[Path]) -> tuple[list[Path], set[Path], list[Path]
             of_folders.update(files)
             lists += [path for path in inside if path.name.lower() == GEO_TXT]
         elif not source.is_file():
-            raise TrackError(f"{source}: no such file or folder; give a folder of pictures, or a list of them")
+            raise TrackError(f"{source}: no such file or folder; give a folder of photos, or a list of them")
         elif source.suffix.lower() in ENDINGS:
             files.append(source)
         elif source.suffix.lower() in LISTS:
@@ -113,16 +113,14 @@ def _by_kind(sources: Sequence[Path]) -> tuple[list[Path], set[Path], list[Path]
             logs.append(source)
         else:
             known = ", ".join((*ENDINGS, *LISTS, *LOGS))
-            raise TrackError(
-                f"{source}: {source.suffix or 'no ending'} is no picture and no list of pictures; use {known}"
-            )
+            raise TrackError(f"{source}: {source.suffix or 'no ending'} is no photo and no list of photos; use {known}")
     if not files and not lists and not logs:
-        raise TrackError(f"{', '.join(map(str, sources))}: no pictures ({', '.join(ENDINGS)}) and no {GEO_TXT} in it")
+        raise TrackError(f"{', '.join(map(str, sources))}: no photos ({', '.join(ENDINGS)}) and no {GEO_TXT} in it")
     return files, of_folders, lists, logs
 
 
 def _read(path: Path) -> Picture:
-    """A picture of a folder, which may hold broken ones: these do not count, and are told."""
+    """A photo of a folder, which may hold broken ones: these do not count, and are reported."""
     try:
         return read_picture(path)
     except TrackError as error:
@@ -130,7 +128,7 @@ def _read(path: Path) -> Picture:
 
 
 def _new_name(name: str, source: Path, taken: Mapping[str, Picture]) -> str:
-    """A name that no other picture has: cards, lists and logs all begin to count at one."""
+    """A name that no other photo has: cards, lists and logs all begin to count at one."""
     names = itertools.chain(
         (name, f"{source.name}: {name}"), (f"{source.name}: {name} ({k})" for k in itertools.count(2))
     )
@@ -138,7 +136,7 @@ def _new_name(name: str, source: Path, taken: Mapping[str, Picture]) -> str:
 
 
 def _joined(row: Picture, file: Picture | None) -> Picture:
-    """A row of a list, with what only the picture's file tells."""
+    """A row of a list, with what only the photo's file tells."""
     if file is None:
         return row
     missing = {
@@ -146,7 +144,7 @@ def _joined(row: Picture, file: Picture | None) -> Picture:
         for name in Picture.__slots__
         if getattr(row, name) is None and getattr(file, name) is not None
     }
-    # A list that places a picture anew does not move its height above take-off; one height is enough.
+    # A list that places a photo anew does not move its height above take-off; one height is enough.
     missing.pop("height_above_takeoff_m", None)
     if row.alt_m is None and file.alt_m is not None:
         missing["datum"] = file.datum
@@ -154,9 +152,9 @@ def _joined(row: Picture, file: Picture | None) -> Picture:
 
 
 def _once(pictures: list[Picture], notes: list[str]) -> list[Picture]:
-    """Without further files of one moment, the bands of a multispectral camera, and further ones of one view from one place.
+    """Leave out further files of one moment, other bands of a multispectral camera, and repeated views from one position.
 
-    Copies of a picture, and what a vehicle takes that hangs in one place or whose receiver stands still, show no more than the
+    Copies of a photo, and what a vehicle takes that hangs in one place or whose receiver stands still, show no more than the
     first one of them.
     """
     moments: set[tuple[object, ...]] = set()
@@ -178,12 +176,12 @@ def _once(pictures: list[Picture], notes: list[str]) -> list[Picture]:
             kept.append(picture)
     if bands:
         notes.append(
-            f"{bands} of {len(pictures)} files tell the same place and time as another one (bands of one picture): they count "
+            f"{bands} of {len(pictures)} files have the same position and time as another one (bands of one photo): they count "
             "once"
         )
     if copies:
         notes.append(
-            f"{copies} of {len(pictures)} pictures tell the same place and direction as another one (copies, or a receiver that "
+            f"{copies} of {len(pictures)} photos have the same position and direction as another one (copies, or a receiver that "
             "stood still): they count once"
         )
     return kept

@@ -1,4 +1,4 @@
-"""What placed pictures show of an area: how often, from how many sides, how finely, how surely, and why not."""
+"""Evaluate placed photos on an area: how often, from how many sides, how finely, how surely, and why not."""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
@@ -25,18 +25,20 @@ _DOWN_WITHIN_DEG = 20.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownCells:
-    """What pictures show of each of the n cells of a map; the whole picture counts, hidden ground does not.
+    """Photos of each of the n cells of a map.
 
-    How coarse a picture is does not matter for how many there are, as :mod:`uavcover.sensing.pictures` counts them.
+    The whole photo counts, hidden ground does not.
+
+    How coarse a photo is does not matter for how many there are, as :mod:`uavcover.sensing.pictures` counts them.
 
     Attributes:
         pictures: (n,) how many looks show it, measurements taken as exact, however coarse; photos from one place are one look.
         looks: how many looks the photos are.
         directions: (n,) into how many of ``DIRECTIONS`` their cameras looked.
-        coverage: (n,) each: seen by a picture as finely as the sensor has to, surely, possibly, how closely, and the best
-            outcome of any picture.
-        detection: how probably they find what is searched for, by the pictures that are as fine as the sensor has to be; none
-            where nobody searches.
+        coverage: (n,) each: seen by a photo as finely as the sensor has to, surely, possibly, how closely, and the best
+            outcome of any photo.
+        detection: how probably they find what is searched for, by the photos that are as fine as the sensor has to be; none
+            where there is no search.
     """
 
     pictures: NDArray[np.int32]
@@ -46,14 +48,14 @@ class ShownCells:
     detection: Detection | None = None
 
     def enough(self, needed: int) -> BoolArray:
-        """(n,) which cells are seen, and shown by so many pictures."""
+        """(n,) cells that are observed, and in the required number of photos."""
         return self.coverage.seen & (self.pictures >= needed)
 
 
 def shown_cells(coverage: CoverageMap, placed: PlacedPictures, curve: DetectionCurve | None = None) -> ShownCells:
-    """Count pictures by cell, and with a curve how probably they find what is searched for.
+    """Count photos by cell, and with a curve how probably they find what is searched for.
 
-    A cell is surely seen when some picture shows it wherever within its errors the camera was and however within them it looked.
+    A cell is surely seen when some photo shows it wherever within its errors the camera was and however within them it looked.
     How finely it is shown, and what looks find, is taken as measured.
     """
     slopes = local_slopes(coverage.site.ground.surface)
@@ -68,7 +70,7 @@ def shown_cells(coverage: CoverageMap, placed: PlacedPictures, curve: DetectionC
     taken = 0
     exact = Camera(
         focal_px=focal_px(coverage.site.scenario.sensor),
-        pass_gap_s=-1.0,  # every picture counts
+        pass_gap_s=-1.0,  # every photo counts
         offset_m=0.0,
         horizontal_m=0.0,
         lift_m=0.0,

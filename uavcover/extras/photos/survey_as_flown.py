@@ -1,4 +1,4 @@
-"""The scenario of a survey that somebody flew already: its area, its pictures' camera, the height it was flown at."""
+"""The scenario of a survey that somebody flew already: its area, its photos' camera, the height it was flown at."""
 
 import json
 import math
@@ -21,7 +21,7 @@ from uavcover.scenario.site import Site
 CAMERA_FILE = "camera.toml"
 FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 LENS_DIFFERS = 0.1
-"""Share by which the focal lengths of one lens may differ, as pictures round them."""
+"""Share by which the focal lengths of one lens may differ, as photos round them."""
 _FIRST_HEIGHT_M = 80.0
 _LOWEST_M = 1.02 * LOWEST_TOP_M
 """A flight for what is missing is planned no lower."""
@@ -43,13 +43,13 @@ def survey_as_flown(
     out: RunFolder,
     take_off: Callable[[Site], str] | None = None,
 ) -> NewScenario:
-    """The survey, by the camera that pictures tell unless one was named, and as fine as it was flown unless that was.
+    """The survey with the camera named in the photos and the flown ground sample distance, unless the user gave others.
 
     Args:
-        area: what should be seen, and whatever else the user gave.
+        area: the required coverage, and other options of the user.
         pictures: of the flight; may be none where a camera was named.
         height_agl_m: the height above ground at which a site's flight was flown.
-        user: is told what was taken.
+        user: receives notes on the survey.
         out: where a camera file is written.
         take_off: the place of take-off in a site's flight, "LAT,LON", as a home that the user did not give; none: not known.
 
@@ -59,7 +59,7 @@ def survey_as_flown(
     if area.camera is None:
         body, name, others = _camera_of(pictures, out)
         area = replace(area, camera=name)
-        user.say(f"{'camera':18}{body}, by what the pictures tell; kept in {name}")
+        user.say(f"{'camera':18}{body}, from the photos' metadata; kept in {name}")
         if others:
             user.warn(
                 f"{sum(others.values())} photos are of other cameras ({', '.join(sorted(others))}) and do not count: judge "
@@ -89,30 +89,30 @@ def _gsd_text(gsd_m: float) -> str:
 
 
 def _camera_of(pictures: Sequence[Picture], out: RunFolder) -> tuple[str, str, Counter[str]]:
-    """A camera file by what the pictures tell; its title, its path, and how many pictures other cameras took."""
+    """A camera file by what the photos tell; its title, its path, and how many photos other cameras took."""
     telling = [p for p in pictures if p.focal_length_mm and p.focal_length_35mm and p.pixels]
     if not telling:
         raise InputError(
-            "the pictures do not tell their camera (focal length, the same for 35 mm film, pixels): give --camera NAME or a "
+            "the photos do not name their camera (focal length, the same for 35 mm film, pixels): give --camera NAME or a "
             "camera file (uavcover new --camera list)"
         )
     kinds = Counter((p.focal_length_mm, p.focal_length_35mm, p.pixels, p.camera) for p in telling)
     (focal_mm, film_mm, pixels, title), _ = kinds.most_common(1)[0]
     others = Counter(p.camera for p in pictures if p.camera not in (None, title))
     if focal_mm is None or film_mm is None or pixels is None:
-        raise InputError("the pictures do not tell their camera: give --camera")
+        raise InputError("the photos do not name their camera: give --camera")
     diagonal_mm = FILM_DIAGONAL_MM * focal_mm / film_mm
     pitch_mm = diagonal_mm / math.hypot(*pixels)
     lines = [
-        f"title = {_quoted(title or 'camera of the pictures')}",
+        f"title = {_quoted(title or 'camera of the photos')}",
         f"sensor_mm = [{pitch_mm * pixels[0]:.4f}, {pitch_mm * pixels[1]:.4f}]",
         f"pixels = [{pixels[0]}, {pixels[1]}]",
         f"focal_length_mm = {focal_mm:g}",
-        f'source = "the pictures\' own words: {focal_mm:g} mm, as {film_mm:g} mm on 35 mm film"',
+        f'source = "the photos\' metadata: {focal_mm:g} mm, as {film_mm:g} mm on 35 mm film"',
     ]
     out.write_text(CAMERA_FILE, "\n".join(lines) + "\n")
     return (
-        title or "camera of the pictures",
+        title or "camera of the photos",
         str(out.file(CAMERA_FILE)),
         Counter({str(k): n for k, n in others.items()}),
     )
@@ -124,7 +124,7 @@ def _quoted(text: str) -> str:
 
 
 def _compare_lens(camera: CameraBody, pictures: Sequence[Picture], user: User) -> None:
-    """Warn of a camera whose field of view is not that which the pictures tell."""
+    """Warn of a camera whose field of view is not that which the photos tell."""
     films_mm = [p.focal_length_35mm for p in pictures if p.focal_length_35mm]
     if not films_mm:
         return
@@ -132,6 +132,6 @@ def _compare_lens(camera: CameraBody, pictures: Sequence[Picture], user: User) -
     own_mm = FILM_DIAGONAL_MM * camera.focal_length_mm / math.hypot(camera.sensor_across_mm, camera.sensor_along_mm)
     if abs(own_mm / film_mm - 1.0) > LENS_DIFFERS:
         user.warn(
-            f"--camera: {camera.name} sees as {own_mm:.0f} mm do on 35 mm film, the pictures say {film_mm:.0f} mm: another "
+            f"--camera: {camera.name} has the view of {own_mm:.0f} mm on 35 mm film, the photos say {film_mm:.0f} mm: another "
             "camera or zoom? Without --camera theirs is taken"
         )

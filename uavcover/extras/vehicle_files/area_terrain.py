@@ -27,7 +27,7 @@ _SHOWN = 12
 
 @dataclass(frozen=True, slots=True)
 class AreaTerrain:
-    """What an area needs.
+    """Data that an area needs.
 
     Attributes:
         needed: the tiles of each free set.
@@ -110,7 +110,7 @@ def files_in(names: Sequence[str]) -> list[Path]:
 
 
 def say_needed(area: AreaTerrain, there: Sequence[Path] | None, user: User) -> list[dict[str, object]]:
-    """Tell what is needed of each set, and what of it is missing where files are given; the same for programs."""
+    """Report the needed tiles of each set, and the missing ones where files are given; as JSON too."""
     documents: list[dict[str, object]] = []
     for needed in area.needed:
         one, names = needed.of, needed.names

@@ -24,7 +24,7 @@ def get_file(
     window: Annotated[
         int,
         typer.Option(
-            "--window", help="Single reads on the way at once; ArduPilot queues 5.", metavar="N", min=1, max=1000
+            "--window", help="Single reads in flight at once; ArduPilot queues 5.", metavar="N", min=1, max=1000
         ),
     ] = 5,
     vehicle: options.VehicleOptions,
@@ -78,7 +78,7 @@ def get_file(
 
 
 def _list_of(path: str) -> "MissionType | None":
-    """Which of ArduPilot's lists a path is the file of; none for any other file."""
+    """Name of ArduPilot's list that a path is the file of; None for any other file."""
     from mission_io.formats.mission_dat import dat_path
     from mission_io.model.items import MissionType
 

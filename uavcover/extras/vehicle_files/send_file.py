@@ -13,16 +13,16 @@ def send_file(
     to: options.To,
     *,
     folder: Annotated[
-        str, typer.Option("--folder", help="Folder on the vehicle; it has to be there.", metavar="PATH")
+        str, typer.Option("--folder", help="Existing folder on the vehicle.", metavar="PATH")
     ] = "/APM/TERRAIN",
     window: Annotated[
         int,
-        typer.Option("--window", help="Requests on the way at once; ArduPilot queues 5.", metavar="N", min=1, max=1000),
+        typer.Option("--window", help="Requests in flight at once; ArduPilot queues 5.", metavar="N", min=1, max=1000),
     ] = 5,
     vehicle: options.VehicleOptions,
     output: options.Output,
 ) -> int:
-    """Send files to a vehicle by MAVLink FTP and compare their CRC; a file of the same name there is replaced."""
+    """Send files to a vehicle by MAVLink FTP and compare their CRC. A file of the same name there is replaced."""
     from mission_io.client.files import FileUploads
     from uavcover.errors import InputError
     from uavcover.flight.connect import connect

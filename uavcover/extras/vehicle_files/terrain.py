@@ -12,7 +12,7 @@ from uavcover.cli.survey_options import DemOptions
 
 @dataclass(frozen=True, slots=True)
 class AreaOptions:
-    """How the area's file is read, and how far around it the ground matters."""
+    """Options for reading the area's file, and for the ground around it."""
 
     around: Annotated[
         str, typer.Option("--around", help="How far around the area the ground matters.", metavar="LENGTH")
@@ -23,7 +23,7 @@ class AreaOptions:
         str | None,
         typer.Option("--crs", help="Coordinate system of the area's file, where it does not say.", metavar="EPSG:N"),
     ] = None
-    make_valid: Annotated[bool, typer.Option("--make-valid", help="Mend outlines that cross themselves.")] = False
+    make_valid: Annotated[bool, typer.Option("--make-valid", help="Repair outlines that cross themselves.")] = False
     swap_axes: Annotated[bool, typer.Option("--swap-axes", help="The area's file has latitude first.")] = False
 
 

@@ -137,14 +137,14 @@ class PymooOptimizer(AskTellOptimizer):
         x: FloatArray = np.array(offered.get("X"), dtype=np.float64)
         return x
 
-    def _learn(self, told: Solutions) -> None:
+    def _learn(self, evaluated: Solutions) -> None:
         pending = self._pending
-        pending.set("X", told.x.copy())  # a known start may stand in the place of a sample
-        pending.set("F", told.objectives.copy())
+        pending.set("X", evaluated.x.copy())  # a known start may stand in the place of a sample
+        pending.set("F", evaluated.objectives.copy())
         if self.knows_constraints:
-            pending.set("G", told.violations.copy())
+            pending.set("G", evaluated.violations.copy())
         else:
-            pending.set("total_violation", told.total_violation.copy())
+            pending.set("total_violation", evaluated.total_violation.copy())
         for individual in pending:
             individual.evaluated.update(("F", "G", "H"))
         self._algorithm.random_state = self._rngs["moves"]
@@ -199,7 +199,7 @@ class NSGA2(PymooOptimizer):
             return super().pareto_set()
         alive = Solutions(*self._algorithm.pop.get("X", "F", "G"))
         nothing = Solutions.none(self._box.n_variables, self._n_objectives, self._n_constraints)
-        return Archive(nothing, self._archive.capacity).with_told(alive).pareto_set()
+        return Archive(nothing, self._archive.capacity).with_evaluated(alive).pareto_set()
 
 
 class MOEAD(PymooOptimizer):
@@ -234,7 +234,7 @@ class MOEAD(PymooOptimizer):
 
 
 def pymoo_algorithm(name: str) -> type:
-    """A multi-objective algorithm of pymoo by the name of its class, as NSGA3 or SMSEMOA; upper and lower case are the same.
+    """A multi-objective algorithm of pymoo by the name of its class, as NSGA3 or SMSEMOA, in any case.
 
     Raises:
         OptimizerError: pymoo is not installed, or has no algorithm of this name.

@@ -41,7 +41,7 @@ class UavcoverAlgorithm(Algorithm):  # type: ignore[misc]
         **settings: those of pymoo's `Algorithm`.
 
     Raises:
-        OptimizerError: no such name, or the rounds cannot be told from the termination.
+        OptimizerError: no such name, or the termination does not give the rounds.
     """
 
     seed: int | None

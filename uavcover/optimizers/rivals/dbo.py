@@ -31,8 +31,8 @@ class DBO(AskTellOptimizer):
 
     _own_best: Solutions  # of each beetle
     _previous: FloatArray  # (n, d): where that was one round earlier, x(t-1)
-    _current_best: FloatArray  # (d,): X*, of the round told last
-    _current_worst: FloatArray  # (d,): X^w, of the round told last
+    _current_best: FloatArray  # (d,): X*, of the last evaluated round
+    _current_worst: FloatArray  # (d,): X^w, of the last evaluated round
 
     def _sample(self, rng: np.random.Generator) -> FloatArray:
         return self._box.uniform(self._population_size, rng)
@@ -61,20 +61,20 @@ class DBO(AskTellOptimizer):
     def _area_around(self, centre: FloatArray) -> Region:
         return area_around(centre, self._box.lower, self._box.upper, t=self._iteration, t_max=self._max_iterations)
 
-    def _learn(self, told: Solutions) -> None:
-        order = np.lexsort((told.objectives[:, 0], told.total_violation))  # feasibility rules
-        self._current_best, self._current_worst = told.x[order[0]], told.x[order[-1]]
+    def _learn(self, evaluated: Solutions) -> None:
+        order = np.lexsort((evaluated.objectives[:, 0], evaluated.total_violation))  # feasibility rules
+        self._current_best, self._current_worst = evaluated.x[order[0]], evaluated.x[order[-1]]
         if self._iteration == 0:
-            self._own_best, self._previous = told, told.x
+            self._own_best, self._previous = evaluated, evaluated.x
             return
         old = self._own_best
-        same = told.total_violation == old.total_violation
+        same = evaluated.total_violation == old.total_violation
         better = np.where(
-            same, told.objectives[:, 0] < old.objectives[:, 0], told.total_violation < old.total_violation
+            same, evaluated.objectives[:, 0] < old.objectives[:, 0], evaluated.total_violation < old.total_violation
         )
         self._previous = old.x
         n = self._population_size
-        self._own_best = old.followed_by(told).rows(np.where(better, n + np.arange(n), np.arange(n)))
+        self._own_best = old.followed_by(evaluated).rows(np.where(better, n + np.arange(n), np.arange(n)))
 
     def _memory(self) -> dict[str, npt.NDArray[Any]]:
         if self._iteration == 0:

@@ -20,7 +20,7 @@ from uavcover.optimizers.interface import Solutions
 
 
 def cells(objectives: FloatArray, *, n_grid: int, inflation: float) -> IntArray:
-    """Which cell each solution lies in; cells that hold something are numbered from 0.
+    """Cell of each solution; cells that hold something are numbered from 0.
 
     Along each objective the range, made wider by ``inflation`` times itself at both ends, gets ``n_grid - 1`` evenly spaced
     borders; so there are ``n_grid`` intervals, the first and last of which have no outer end.
@@ -139,7 +139,9 @@ class LeaderChoice:
 
 
 def encircle(x: FloatArray, leader: FloatArray, *, a: float, rng: np.random.Generator) -> FloatArray:
-    """Where one leader would have its wolves go. Draws ``random((n, d))`` for r1, then for r2.
+    """Positions to which one leader draws its wolves.
+
+    Draws ``random((n, d))`` for r1, then for r2.
 
     Args:
         x: ``(n, d)`` positions X(t).
@@ -188,13 +190,13 @@ class MOGWO(AskTellOptimizer):
     def _cells(self, solutions: Solutions) -> IntArray:
         return cells(solutions.objectives, n_grid=self.n_grid, inflation=self.grid_inflation)
 
-    def _archive_with(self, told: Solutions) -> Archive:
-        merged = self._archive.non_dominated_with(told)
+    def _archive_with(self, evaluated: Solutions) -> Archive:
+        merged = self._archive.non_dominated_with(evaluated)
         kept = thinned(self._cells(merged), self._archive.capacity, rng=self._rngs["moves"])
         return Archive(merged.rows(kept), self._archive.capacity)
 
-    def _learn(self, told: Solutions) -> None:
-        self._wolves = told.x
+    def _learn(self, evaluated: Solutions) -> None:
+        self._wolves = evaluated.x
 
     def _memory(self) -> dict[str, npt.NDArray[Any]]:
         return {} if self._iteration == 0 else {"wolves": self._wolves}

@@ -143,8 +143,8 @@ class MOSSA(AskTellOptimizer):
             crowding[front] = crowding_distance(self._flock.objectives[front])
         return np.lexsort((-crowding, self._ranks))
 
-    def _learn(self, told: Solutions) -> None:
-        alive = told if self._iteration == 0 else self._flock.followed_by(told)
+    def _learn(self, evaluated: Solutions) -> None:
+        alive = evaluated if self._iteration == 0 else self._flock.followed_by(evaluated)
         chosen, self._ranks = survivors(alive, self._population_size)
         self._flock = alive.rows(chosen)
 

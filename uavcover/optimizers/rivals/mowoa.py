@@ -17,7 +17,7 @@ from uavcover.optimizers.interface import Solutions
 def swim(
     x: FloatArray, best: FloatArray, other: FloatArray, *, a: float, spiral: float, rng: np.random.Generator
 ) -> FloatArray:
-    """Where whales swim: around X*, towards or away from another whale, or along a spiral to X*.
+    """New positions of whales: around X*, towards or away from another whale, or along a spiral to X*.
 
     Draws ``random((n, 1))`` four times: for A, for C, for l, for p; one number for all variables of a whale, because
     ``|A| < 1`` and ``p < 0.5`` decide for the whole whale.
@@ -65,8 +65,8 @@ class MOWOA(AskTellOptimizer):
         other = self._whales[rng.integers(0, n, n)]
         return swim(self._whales, best, other, a=a, spiral=self.spiral, rng=rng)
 
-    def _learn(self, told: Solutions) -> None:
-        self._whales = told.x
+    def _learn(self, evaluated: Solutions) -> None:
+        self._whales = evaluated.x
 
     def _memory(self) -> dict[str, npt.NDArray[Any]]:
         return {} if self._iteration == 0 else {"whales": self._whales}

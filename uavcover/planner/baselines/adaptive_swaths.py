@@ -42,12 +42,15 @@ from uavcover.sensing.sensors import reach_at_height_m, sight_of
 _STATION_SHARE = 0.5
 """Distance of stations along the lines, as a share of the sensor's reach."""
 _ROUNDS = 4
-"""Of the balancing. With 16 and stations half as far apart it took 8 times as long: lines on 25 km² saw 0.1 points more and had
-10 % more waypoints, on jacksboro they were the same (docs/results/large.md)."""
+"""Rounds of the balancing.
+
+With 16 and stations half as far apart it took 8 times as long: lines on 25 km² saw 0.1 points more and had 10 % more waypoints,
+on jacksboro they were the same (docs/results/large.md).
+"""
 _SMOOTHING = 10
 _INSETS = (0.8, 0.9, 0.96, 1.0)
 _TOLERANCE_SHARE = 0.0025
-"""How far legs may leave the best height, as a share of the band: a strip is as wide as its sensor is high."""
+"""Tolerance of legs to the best height, as a share of the band: a strip is as wide as its sensor is high."""
 _STRAIGHT_SHARE = 0.01
 """A line may be laid straight where it leaves its bends by no more than this share of the reach."""
 
@@ -64,7 +67,7 @@ def adaptive_swaths(
     executor: Executor | None = None,
     should_stop: Callable[[], bool] = lambda: False,
 ) -> list[Route]:
-    """Routes of balanced lines in a direction and across it, with the numbers of lines around what the area has room for.
+    """Routes of balanced lines in a direction and across it, for line counts around those that fit the area.
 
     The number of lines that just fits comes first: on every bundled terrain it is the best beginning for a search.
 
@@ -191,11 +194,13 @@ def fly_bent(site: Site, layout: SwathLayout, bent: BentLines, *, straight_m: fl
 BENT = (1 / 16, 1 / 8, 3 / 16)
 _FIRST_BENT = 1 / 8
 STRAIGHT = (3 / 16, 1 / 4, 3 / 8, 1 / 2)
-"""How far legs may leave their height, as shares of the band: of lines that bend, of the first of those that are sure to see
-enough among them, and of straight lines."""
+"""Tolerances of legs to their height, as shares of the band.
+
+In order: lines that bend, the first of those with sure coverage, straight lines.
+"""
 
 _BEND = 0.8
-"""How far bent lines may be laid straight on the map, as a share of how far they may leave their height."""
+"""Tolerance of bent lines laid straight on the map, as a share of their height tolerance."""
 
 _LINES = {True: (1.0, 1.08), False: (1.0, 1.08, 1.2)}
 """Numbers of lines that bend, or that do not, as shares of the width of the area over that of a swath of flat ground."""
@@ -220,7 +225,7 @@ def tight_lines(site: Site, angle_rad: float) -> list[Route]:
 
 
 def tight_layouts(site: Site, angle_rad: float, *, share: float, more: int) -> list[SwathLayout]:
-    """Of bent lines side by side in one direction, by their inset.
+    """Layouts of bent lines side by side in one direction, by their inset.
 
     Args:
         site: with a sensor for which :func:`can_be_adapted` holds.
@@ -238,7 +243,7 @@ def fly_tight(site: Site, layout: SwathLayout, bent: BentLines) -> Route:
 
 
 def ample_lines(site: Site, angle_rad: float, *, shortest: bool) -> list[Route]:
-    """Bent lines in one direction, one more than fit beside each other: as many as fit leave gaps where nearly all is asked for.
+    """Bent lines in one direction, one more than fit: as many as fit leave gaps where nearly full coverage is required.
 
     On 25 km² 29 lines that fit see 99.17 to 99.44 % in 149 km, 30 lines 99.60 to 99.85 % in 154 km.
 
@@ -298,8 +303,8 @@ def _regular(
         angle_rad: their direction, counter-clockwise from east.
         share: of the band.
         inset: of their ends, as a share of the sensor's reach.
-        widths: at least so many times as many as fit beside each other.
-        fewer: or so many fewer than fit.
+        widths: at least this multiple of the number that fits beside each other.
+        fewer: or this many fewer than fit.
     """
     limits = site.scenario.limits
     tolerance_m = share * (limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m)

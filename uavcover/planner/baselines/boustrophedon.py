@@ -76,7 +76,10 @@ def plain_rows(site: Site) -> NodeRows:
 
 
 def scanned_rows(site: Site, *, most_nodes: int) -> Iterator[NodeRows]:
-    """Every rectangular and triangular lattice up to a number of nodes, at five heights; cells at most twice as long as wide."""
+    """Every rectangular and triangular lattice up to a number of nodes, at five heights.
+
+    Cells are at most twice as long as wide.
+    """
     west, south, east, north = site.area.bounds
     aspect = (east - west) / (north - south)
     for rows in range(1, most_nodes + 1):
@@ -95,8 +98,10 @@ _TUNED_EDGES = 4
 """Directions of edges that are tried besides, those with the most metres of border: lines along it leave no wedge beside it."""
 _TUNED_INSETS = (0.0, 0.5)
 _NEAR_GOAL = 0.03
-"""Lines that lack no more of what is asked for are worth a search: in a canyon, with 98 % asked for, the first ones saw 70 % and
-the best 92 %."""
+"""Lines within this distance of the required coverage are worth a search.
+
+In a canyon with 98 % required, the first ones had 70 % and the best 92 %.
+"""
 _TUNED_LINES = (0.8, 0.9, 1.0, 1.1, 1.2, 1.35, 1.5, 1.75)
 
 
@@ -134,7 +139,7 @@ def best_height_agl_m(site: Site, *, tolerance_m: float = PLAIN_TOLERANCE_M) -> 
 
 
 def plain_boustrophedon(site: Site, *, angle_rad: float | None = None) -> SwathLayout:
-    """Lines along the long side, or in a direction, at the height with the widest strip, without overlap on flat ground."""
+    """Lines along the long side, or in a direction, at the height of the widest strip. On flat ground they do not overlap."""
     angle = long_side_angle_rad(site.area) if angle_rad is None else angle_rad
     height = best_height_agl_m(site)
     return regular_layout(
@@ -172,7 +177,7 @@ def boustrophedons(
 
 
 def taken(tuned: Iterator[Baseline], should_stop: Callable[[], bool]) -> list[Baseline]:
-    """What comes until it is time to stop, which is asked before each."""
+    """Routes until it is time to stop; asked before each."""
     found: list[Baseline] = []
     while not should_stop() and (each := next(tuned, None)) is not None:
         found.append(each)
@@ -182,7 +187,7 @@ def taken(tuned: Iterator[Baseline], should_stop: Callable[[], bool]) -> list[Ba
 def taken_until_near(
     tuned: Iterator[Baseline], known: Sequence[Baseline], goal: float, should_stop: Callable[[], bool]
 ) -> list[Baseline]:
-    """What comes until something that keeps the limits sees nearly as much as is asked for, or it is time to stop.
+    """Routes until a feasible one nearly reaches the required coverage, or it is time to stop.
 
     Args:
         tuned: to be taken from.
@@ -254,7 +259,7 @@ def _ways(site: Site, most: int) -> Iterator[tuple[float, float, float]]:
 
 
 def _directions_rad(site: Site) -> list[float]:
-    """Of tuned lines: along the long side and across it first, then along edges, then the turns between."""
+    """Directions of tuned lines: along the long side and across it first, then along edges, then the turns between."""
     base, half = long_side_angle_rad(site.area), _TUNED_ANGLES // 2
     along, across, *between = (
         base + k * math.pi / _TUNED_ANGLES for first in range(half) for k in (first, first + half)
@@ -268,7 +273,7 @@ def _directions_rad(site: Site) -> list[float]:
 
 
 def _tuned_heights(site: Site) -> list[float]:
-    """Heights above ground of tuned lines, the one with the widest strip and one between it and the middle of the band."""
+    """Heights above ground of tuned lines: the one of the widest strip and one between it and the middle of the band."""
     limits = site.scenario.limits
     best = best_height_agl_m(site)
     middle = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)

@@ -37,7 +37,7 @@ TUNED = "contour-lines-tuned"
 _STEP_REACHES = 0.25
 _MOST_NODES = 250_000
 _MARGIN_REACHES = 2.0
-"""Of the lattice of heights: its step, and how far it reaches beyond the area, in reaches of the sensor."""
+"""Step of the height lattice, and its reach beyond the area, in reaches of the sensor."""
 
 _FLATTEST = 1e-3
 """Ground whose root mean square slope is less has no contours to follow."""
@@ -74,7 +74,7 @@ class LineField:
 
 @dataclass(frozen=True, slots=True)
 class ContourLayout:
-    """How contour-aligned lines are laid out.
+    """Layout of contour-aligned lines.
 
     Attributes:
         smoothing: over how many reaches of the sensor the ground is smoothed before its contours are followed.
@@ -186,7 +186,7 @@ def nearest_potential(across_e: FloatArray, across_n: FloatArray, step_m: float)
 def fly_contours(site: Site, layout: ContourLayout) -> Route:
     """The route of a layout: its lines in a short order, the cheaper way round, laid over the terrain.
 
-    A sensor that looks from the waypoints has so many on each line that the squares it sees whole touch.
+    A sensor that looks from the waypoints has enough on each line that the squares it covers whole touch.
     """
     reach_m = _reach_m(site, layout.height_agl_m)
     key = "contour lines", reach_m, layout.smoothing, layout.straightening

@@ -40,13 +40,13 @@ from uavcover.sensing.sensors import reach_at_height_m
 
 _SPACING_CELLS = 0.25
 _MOST_PLACES = 60_000
-"""Of the lattice where sensing is at waypoints: the finer, the fewer waypoints see all (docs/results/coverage.md)."""
+"""Lattice points for sensing at waypoints: a finer lattice needs fewer waypoints for full coverage (docs/results/coverage.md)."""
 
 _MOST_PAIRS = 30e6
 """Places by the cells in their reach: about 20 s of processor time. Where that is more there are no more places than cells."""
 
 _SPACING_REACHES = 0.4
-"""Of the lattice where sensing is along the path, which sees more than its waypoints do."""
+"""Lattice spacing for sensing along the path, which covers more than its waypoints do."""
 
 _STEPS = 20_000
 _ROWS_AT_ONCE = 50
@@ -112,7 +112,7 @@ def _rows(
 def initial_names(coverage: CoverageMap, settings: PlannerSettings) -> Sequence[InitialRoute]:
     """The names in ``settings.initial``, or the defaults.
 
-    Lines for swaths. A local search begins with lines too where it senses along the path (where energy is made small, with lines
+    Lines for swaths. A local search begins with lines too where it senses along the path (where energy is minimised, with lines
     along contours as well), and with a set cover where it senses at waypoints. A plain optimizer of waypoints samples all of its
     first population, as the paper's does.
     """

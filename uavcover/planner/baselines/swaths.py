@@ -132,7 +132,7 @@ def fly_layout(site: Site, layout: SwathLayout) -> Route:
 
 
 def to_lines_frame(angle_rad: float) -> FloatArray:
-    """(2, 2) matrix M: M p is a place p along and across a direction; q M is a place q along and across it on the map."""
+    """(2, 2) matrix M: M p is a point p along and across a direction, q M is a point q on the map."""
     c, s = math.cos(angle_rad), math.sin(angle_rad)
     return np.array([[c, s], [-s, c]])
 
@@ -145,7 +145,7 @@ def area_edges(site: Site, angle_rad: float) -> FloatArray:
 
 
 def line_extents(site: Site, layout: SwathLayout) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Extents of lines: (k,) across, and (k,) first and last place of the area along each strip; inf, -inf for an empty one."""
+    """Extents of lines: (k,) across, and (k,) first and last point of the area along each strip. Inf, -inf if empty."""
     edges = area_edges(site, layout.angle_rad)
     first, last = edges[:, 1].min(), edges[:, 1].max()
     borders = first + (last - first) * np.cumsum(layout.gaps)[:-1] / layout.gaps.sum()
@@ -155,7 +155,7 @@ def line_extents(site: Site, layout: SwathLayout) -> tuple[FloatArray, FloatArra
 
 
 def extents_between(edges: FloatArray, strips: FloatArray) -> FloatArray:
-    """Smallest and largest x (k, 2) of what (n, 4) edges x1 y1 x2 y2 have between (k + 1,) rising y; inf, -inf for nothing."""
+    """Smallest and largest x (k, 2) of (n, 4) edges x1 y1 x2 y2 between (k + 1,) rising y. Inf, -inf for nothing."""
     x1, y1, x2, y2 = edges.T
     low, high = strips[:-1, None], strips[1:, None]
     dy = y2 - y1

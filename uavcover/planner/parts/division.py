@@ -1,4 +1,4 @@
-"""Division of an area into parts of equal work, so that a flight from home to each of them is short.
+"""Division of an area into parts of equal work, each with a short flight from home.
 
 One straight cut after the other: a piece that is to become n parts is cut into two, of n / 2 parts each, so that each side has
 its share of the work. Of cuts in twelve directions, and of those that pass through home, the one is taken that costs least: its
@@ -21,23 +21,23 @@ _BISECTIONS = 14
 _CUT_PRICE = 1.0
 """Metres of flight for a metre of cut: half a swath that is seen twice along it, or two turns a swath across it."""
 _WEDGES = 4
-"""So many wedges around home are tried where a piece lies all around it."""
+"""This number of wedges around home is tried where a piece lies all around it."""
 
 
 @dataclass(frozen=True, slots=True)
 class FlightWork:
-    """What a part costs to fly.
+    """Flight work of a part.
 
     Attributes:
         swath_m: width of ground that one line sees.
-        home_en: (east, north) of the take-off place, none without one.
+        home_en: (east, north) of the take-off position, none without one.
     """
 
     swath_m: float
     home_en: tuple[float, float] | None = None
 
     def way_m(self, piece: Piece) -> float:
-        """From home to a piece and back: to where it is as wide as a swath, 0 without a home."""
+        """Distance from home to a piece and back, to where it is as wide as a swath. 0 without a home."""
         if self.home_en is None:
             return 0.0
         room = piece.buffer(-0.5 * self.swath_m)
@@ -46,7 +46,7 @@ class FlightWork:
         return 2.0 * max(0.0, away_m - 0.5 * self.swath_m)
 
     def of(self, piece: Piece, parts: int) -> float:
-        """Metres of flight to see a piece in so many flights."""
+        """Metres of flight to cover a piece in ``parts`` flights."""
         return float(piece.area) / self.swath_m + parts * self.way_m(piece)
 
 
@@ -115,7 +115,7 @@ def _cuts(
 
 
 def _begin_rad(piece: Piece, home: FloatArray) -> float:
-    """Where to begin to turn a ray around home: in the widest gap between the piece's corners, or at its first corner."""
+    """First direction of a ray that turns around home: in the widest gap between corners, or at the first corner."""
     corners = shapely.get_coordinates(piece) - home
     corners = corners[np.hypot(*corners.T) > 1e-6]
     angles = np.sort(np.arctan2(corners[:, 1], corners[:, 0]))

@@ -1,7 +1,9 @@
-"""The search for the route of one part: a function of its task alone, so that any worker gives the same answer, again and again.
+"""Search for the route of one part.
+
+It is a function of its task alone: any worker gives the same answer.
 
 A cell belongs to one part: to its own, or, once there are routes, to one of those that see it. So parts can be improved side by
-side, and no cell is asked for twice or forgotten.
+side, and no cell is required twice or forgotten.
 """
 
 import dataclasses
@@ -42,7 +44,7 @@ from uavcover.sensing.sensors import sight_of
 _LATER_STAGES = (0.4, 0.7, 0.85, 1.0)
 """After the first round, in place of the stages of ``TUNED``: what begins is good already."""
 _STRAIGHT = 6
-"""So many straight layouts are tried as beginnings."""
+"""This number of straight layouts is tried as initial solutions."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -60,16 +62,16 @@ class Neighbour:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartTask:
-    """What to search for in one part.
+    """Search task of one part.
 
     Attributes:
         number: of the part, from 0.
         round: of the search, from 0.
         area_wkb: the part, as well-known binary.
-        goal: share of the coverable ground that is asked for.
+        goal: required share of the coverable ground.
         seed: of the whole search.
         evaluations: of the local search, PROPOSALS_PER_EVALUATION proposals each.
-        budget_s: or so long.
+        budget_s: or a time budget.
         route_m: (n, 3) the route so far; none in the first round where lines are to be laid out for the part.
         neighbours: the routes that see some of the part.
     """
@@ -227,5 +229,5 @@ def _straight(part: Site, goal: float) -> list[Route]:
 
 
 def _merit(baseline: Baseline, asked: float) -> float:
-    """Its cost, dearer for what it misses."""
+    """Cost, with a penalty for missing coverage."""
     return TUNED.goal.start_cost(float(baseline.objectives[2]), asked + float(baseline.objectives[0]))

@@ -46,7 +46,7 @@ RunTasks = Callable[[Site, Sequence[PartTask]], Iterator[tuple[PartTask, FloatAr
 _ROUNDS = SHARES.part_rounds
 
 _MORE_ROUNDS = 2
-"""So many rounds more, as long as the last one, while the joined route sees less than is asked for."""
+"""This number of further rounds, as long as the last one, while the joined route lacks the required coverage."""
 
 _FLOWN = 0.98
 """The coverage that is searched for when the rule asks for none."""
@@ -57,7 +57,7 @@ _PART_CELLS = 260_000
 ``scripts/bench/large.py`` (docs/results/large.md): many seams cost more than they save."""
 
 _MOST_COMPARED_CELLS = 300_000
-"""The tuned boustrophedon of a larger area is found on a sample of so many larger cells: no worker shares that work."""
+"""For a larger area the tuned boustrophedon is found on this number of larger cells: no worker shares that work."""
 
 _WORTH = 0.99
 """A flight for each part is worth it where they begin with so much of what the tuned boustrophedon costs: a search in few large
@@ -65,17 +65,17 @@ parts ends with 0.88 of it on 25 km², 0.92 on 49 and 0.92 on 100 km², and one 
 
 _LARGEST_CORRECTION = 0.01
 _SAFETY = 0.0003
-"""Of the goal of the parts: what the joined route was judged to see less than asked for, or more, and a little more than that."""
+"""Safety share of the parts' goal, added to the shortfall of the joined route against the required coverage."""
 
 
 def part_count(site: Site) -> int:
-    """How many parts "auto" means: by the number of cells; 1 where the area is small."""
+    """Number of parts for "auto", by the number of cells; 1 where the area is small."""
     cells = site.area.area / site.scenario.area.cell_size_m**2
     return 1 if cells <= _ONE_SEARCH_CELLS else max(2, math.ceil(cells / _PART_CELLS))
 
 
 def flight_work(site: Site) -> FlightWork:
-    """What it takes to fly over a site, for its division."""
+    """Flight work over a site, for its division."""
     scenario = site.scenario
     reach_m = reach_at_height_m(scenario.sensor, best_height_agl_m(site))
     return FlightWork(
@@ -85,7 +85,7 @@ def flight_work(site: Site) -> FlightWork:
 
 
 def most_parts(site: Site) -> int:
-    """How many parts there can be: none is smaller than what the sensor sees at once."""
+    """Largest number of parts: none is smaller than the sensor's footprint."""
     return max(1, int(site.area.area / flight_work(site).swath_m ** 2))
 
 
@@ -103,7 +103,7 @@ def require_parts(settings: PlannerSettings, site: Site) -> None:
     elif settings.max_waypoints is not None:
         what = "no max_waypoints"
     if what is not None:
-        raise InputError(f"planner.parts: more than one part goes with {what}; leave parts out, or set it to 1")
+        raise InputError(f"planner.parts: more than one part requires {what}; leave parts out, or set it to 1")
 
 
 def plan_by_parts(
@@ -127,7 +127,7 @@ def plan_by_parts(
         parts: how many, 2 at least.
         settings: of the search.
         select_rule: see :mod:`uavcover.planner.selection_rule`.
-        run: evaluations of all parts together, or a time budget; who evaluates whole routes side by side, and who is told.
+        run: evaluations of all parts together, or a time budget; the executor for whole routes, and the progress callback.
         run_tasks: who searches in the parts.
         run_blocks: who judges a large area, block by block.
         workers: how many search at the same time: what a time budget is shared by.
@@ -144,8 +144,8 @@ def plan_by_parts(
     most = most_parts(site)
     if parts > most:
         raise InputError(
-            f"planner.parts: {parts} parts of {site.area.area / 1e6:.3g} square kilometres are smaller than what the sensor sees "
-            f"at once; at most {most}, or auto"
+            f"planner.parts: {parts} parts of {site.area.area / 1e6:.3g} km² are smaller than the sensor's footprint; "
+            f"give at most {most}, or auto"
         )
     judge_by_blocks(site)
     fine = judging_map(site)

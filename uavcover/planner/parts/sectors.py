@@ -1,4 +1,4 @@
-"""A sector: what of an area two rays from home enclose, and the flights that see it, one for each of its layers.
+"""Sectors: parts of an area between two rays from home, and their flights, one for each layer.
 
 Every flight to a distant layer passes over nearer ground twice. Here it sees something on both ways: it goes out in a strip along
 one side of the sector, sees its layer in lines across, the nearest one first, and comes home in a strip along the other side,
@@ -25,12 +25,12 @@ _NEAREST = 0.6
 _GRID_M = 1e-4
 """Corners of pieces lie on so fine a grid: between those anywhere rounding makes slivers, and these break what follows."""
 _ROUNDED = 0.3
-"""Of a line across: one more is flown when more than this is left over."""
+"""Share of a line across: above this remainder one more is flown."""
 
 
 @dataclass(frozen=True, slots=True)
 class Swath:
-    """What a flight sees beside it.
+    """Strip that a flight covers beside it.
 
     Attributes:
         width_m: of the ground that one line sees.
@@ -107,7 +107,7 @@ class Sector:
         return np.array([nearest - 1.0, *np.interp(wanted[:-1], below, distances), farthest + 1.0])
 
     def pieces(self, bounds_m: FloatArray) -> list[Piece]:
-        """What of the area each layer's flight is to see: the layer and its strips; together the sector, none twice."""
+        """Part of the area of each layer's flight: the layer and its strips; together the sector, none twice."""
         inside = self._band(-self._far_m, self._strips_from_m)
         near, left = _common(self._own, inside), _rest(self._own, inside)
         found: list[Piece] = []
@@ -129,7 +129,7 @@ class Sector:
         Args:
             layer: from 1, the one farthest from home.
             bounds_m: of the layers.
-            more: so many lines across more than fit.
+            more: number of lines across beyond those that fit.
             other_end: whether the first line across is begun at the side of the way back.
         """
         inner, outer = bounds_m[self._layers - layer], bounds_m[self._layers - layer + 1]
@@ -148,7 +148,7 @@ class Sector:
         return np.asarray(whole @ self._axes + self._home)
 
     def _lines_across(self, layer: int, inner_m: float, outer_m: float, more: int) -> list[FloatArray]:
-        """(2, 2) or (1, 2) each, from the side of the way back to that of the way out; the nearest first."""
+        """(2, 2) or (1, 2) each, from the side of the return to that of the outbound path. The nearest first."""
         ground = _common(self._own, self._band(max(inner_m, self._strips_from_m), outer_m))
         ground = _rest(ground, self._side(1.0, layer))
         if layer > 1:
@@ -168,7 +168,7 @@ class Sector:
         return found
 
     def _spoke(self, sign: float, strip: int, near_m: float, far_m: float) -> FloatArray:
-        """(2, 2) or (0, 2): the near and the far end of the middle of a strip, from 1 at the side, between two distances."""
+        """(2, 2) or (0, 2): near and far end of the middle of a strip, from 1 at the side, between two distances."""
         if far_m <= near_m:
             return np.empty((0, 2))
         ray, inward = self._ray(sign)
@@ -181,7 +181,7 @@ class Sector:
         return ends[[int(np.argmin(ends[:, 0])), int(np.argmax(ends[:, 0]))]]
 
     def _near_home(self, corner: FloatArray) -> FloatArray:
-        """Where a straight way between home and a corner passes near home inside the area; nothing where it does not."""
+        """Passage of a straight path between home and a corner near home inside the area; nothing without one."""
         away_m = float(np.hypot(*corner))
         place = corner * min(0.5, _NEAREST * self._swath.width_m / max(away_m, 1e-9))
         return place[None] if self._own.intersects(shapely.Point(place)) else np.empty((0, 2))

@@ -33,10 +33,12 @@ from uavcover.scenario.vehicle_parts import Piece, polygons_of
 from uavcover.sensing.coverage_map import CoverageMap
 
 _SHARES = (1 / 32, *TIGHT)
-"""How far legs may leave their height, as shares of the band. On 10,000 km² with relief of 900 m the least is best: 119 lines in
-11,875 km, where 1/16 takes 121 in 12,075."""
+"""Tolerances of legs to their height, as shares of the band.
+
+On 10,000 km² with relief of 900 m the least is best: 119 lines in 11,875 km, where 1/16 takes 121 in 12,075.
+"""
 _FEWEST_LINES = 2
-"""Of a slice: the search moves lines, and those of other slices stay."""
+"""Fewest lines of a slice: the search moves lines, and those of other slices stay."""
 _OVER_AREA = 0.8
 """Lines over the whole area cross what is between its parts; where they see less of the area than so much of what they could,
 parts with lines of their own are better."""
@@ -61,11 +63,11 @@ def sliced(site: Site, coarse: CoverageMap, goal: float, count: int) -> list[Sli
     Args:
         site: the scenario on its ground.
         coarse: cells to find out what the routes see.
-        goal: share of what can be covered that is asked for.
+        goal: required share of the coverable ground.
         count: how many.
 
     Returns:
-        ``count`` slices; none where no lines keep the limits, or are enough for so many, or are over the area.
+        ``count`` slices; none where no lines keep the limits, or are enough for ``count``, or are over the area.
     """
     if not can_be_adapted(site):
         return []
@@ -87,7 +89,7 @@ def sliced(site: Site, coarse: CoverageMap, goal: float, count: int) -> list[Sli
 
 
 def _best_lines(site: Site, coarse: CoverageMap, goal: float) -> tuple[SwathLayout, BentLines] | None:
-    """Of least cost among lines that keep the limits, with what they miss at its price; none where none does."""
+    """Feasible lines of least cost, with their missing coverage at its price; None where none is feasible."""
     along_rad = long_side_angle_rad(site.area)
     found: list[_Lines] = []
     for angle_rad, share in itertools.product((along_rad, along_rad + 0.5 * math.pi), _SHARES):
@@ -100,7 +102,7 @@ def _best_lines(site: Site, coarse: CoverageMap, goal: float) -> tuple[SwathLayo
 
 
 class _Lines(NamedTuple):
-    """Lines over the whole area, the share of what can be covered that they see, and what they cost; infinite outside limits."""
+    """Lines over the whole area, their coverage of the visible ground, and their cost; infinite outside limits."""
 
     layout: SwathLayout
     bent: BentLines
@@ -109,7 +111,7 @@ class _Lines(NamedTuple):
 
 
 def _lines(site: Site, coarse: CoverageMap, goal: float, layouts: Sequence[SwathLayout]) -> list[_Lines]:
-    """Of layouts that differ by their inset."""
+    """Lines of layouts that differ by their inset."""
     way, surface, margin_m = way_cost_of(site), site.ground.surface, site.scenario.limits.height_margin_m
     bent = bend_lines(site, layouts[0])
     found = []
@@ -123,7 +125,7 @@ def _lines(site: Site, coarse: CoverageMap, goal: float, layouts: Sequence[Swath
 
 
 def _cuts(long_m: FloatArray, count: int) -> IntArray:
-    """(count + 1,) numbers of the lines with which slices begin, and the end: as many metres in each, and enough lines.
+    """(count + 1,) numbers of the lines at which slices begin, and the end: equal metres in each, and enough lines.
 
     Args:
         long_m: (n,) of each line, in their order.

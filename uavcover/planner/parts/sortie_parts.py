@@ -27,26 +27,26 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import reach_at_height_m
 
 FEWEST = 4
-"""Of fewer flights sectors are wide, and the ways are little beside the rest."""
+"""With fewer flights sectors are wide, and the transits are short beside the rest."""
 _MOST = 400
 _MOST_LAYERS = 4
 _WIDEST_RAD = 0.5 * math.pi
-"""Of a sector."""
+"""Widest sector."""
 _TOLERANCE = 1 / 8
-"""How far legs may leave their height, as a share of the band: as lines with nothing to spare may."""
+"""Tolerance of legs to their height, as a share of the band: as of tight lines."""
 _INSET = 0.9
-"""Of the sensor's reach, at the ends of lines."""
+"""Inset at the ends of lines, as a share of the sensor's reach."""
 _SPACINGS = (1.09, 1.06, 1.03, 1.0, 0.97, 0.94, 0.9, 0.85)
 """Between lines across, in widths of a swath: the widest that sees enough is taken."""
 _ENOUGH = 0.002
-"""So much less than is asked for is enough to begin with."""
+"""Shortfall against the required coverage that is accepted in an initial solution."""
 _BALANCINGS, _FINAL_BALANCINGS = 2, 5
 _DAMPED = 0.8
 """Sides move so that loads become equal, by a power of what they differ by: numbers of lines change in steps."""
 _COUNTS = 4
-"""So many numbers of sectors are tried for each number of layers."""
+"""This number of sector counts is tried for each number of layers."""
 _FULL = 1.03
-"""How full the fullest battery may be to begin with; the search makes flights shorter by 5 to 8 %."""
+"""Largest battery use of an initial solution, as a share; the search makes flights shorter by 5 to 8 %."""
 _WELL_FILLED = 0.5
 """At least: fewer flights would do else."""
 _WAY_ITEMS = 4
@@ -77,12 +77,12 @@ def may_have_sorties(site: Site) -> bool:
 
 
 def sortie_parts(site: Site, coarse: CoverageMap, goal: float) -> list[SortiePart]:
-    """The parts of least cost; none where there are few flights, or where flights around home keep no limits or see too little.
+    """Parts of least cost; None with few flights, or where flights around home are infeasible or lack coverage.
 
     Args:
         site: for which :func:`may_have_sorties` holds.
         coarse: cells to find out what the flights see.
-        goal: share of what can be covered that is asked for.
+        goal: required share of the coverable ground.
     """
     best: tuple[float, int, int] | None = None
     plans = _Sorties(site)
@@ -140,7 +140,7 @@ class _Sorties:
         return max(self.fewest_sectors, math.ceil(1.2 * flights / layers))
 
     def divided(self, sectors: int, layers: int, spacing: float, *, balancings: int) -> list[SortiePart]:
-        """Parts that use batteries alike; none where a part has nothing to see, or more than a flight may take by far."""
+        """Parts with equal battery use. None where a part has no visible ground, or far more than a flight may take."""
         swath = Swath(2.0 * self._reach_m, spacing * 2.0 * self._reach_m, _INSET * self._reach_m)
         ground, shares = np.diff(self._ground_m2), np.ones((sectors, layers))
         best: list[SortiePart] = []
@@ -169,7 +169,7 @@ class _Sorties:
         return best
 
     def _flight(self, sector: Sector, layer: int, bounds_m: FloatArray) -> FloatArray:
-        """(n, 3) over the terrain: of lines one more or fewer, begun at either end, what is done soonest over flat ground."""
+        """(n, 3) over the terrain: of lines one more or fewer, begun at either end, the quickest over flat ground."""
         site = self._site
         ways = [sector.lines(layer, bounds_m, more=more, other_end=end) for more in (0, 1) for end in (False, True)]
         level = self._way._replace(deviation_price=0.0)

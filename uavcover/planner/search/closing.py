@@ -33,10 +33,10 @@ _MOST_MISSING = 10_000
 """Cells; to close the gaps of more takes seconds."""
 
 _NEARLY_CLOSED = 0.1
-"""Where so much of what was lacking is left, the rest is closed behind what closed it."""
+"""At this share of the missing ground, the rest is repaired after the main repair."""
 
 _CLOSE_SAMPLES_M = 1.0
-"""Of the ground, where routes are laid over it that break a limit when they are joined."""
+"""Sample spacing over the ground, for joined routes that break a limit."""
 
 
 def closed_end(
@@ -48,9 +48,9 @@ def closed_end(
     until: float,
     least_short: int = 0,
 ) -> SearchStart | None:
-    """What a search ended with, its gaps closed, where it ends short of its goal and some of the work is left for it.
+    """Repair the end of a search that misses its goal, with the work that is left for it.
 
-    Where nearly everything is to be seen, gaps are dear: then the ends of all its stages are tried, and the cheapest counts.
+    Where nearly full coverage is required, gaps are expensive: then the ends of all stages are tried, and the cheapest counts.
 
     Args:
         work: what is looked at, and how much may be done.
@@ -58,7 +58,7 @@ def closed_end(
         goal: share of what can be covered.
         judge: judges the ends, and closes their gaps.
         until: share of all the work, 0..1, after which no more are tried.
-        least_short: so many ends that lack least are tried in any case.
+        least_short: number of ends with the least shortfall that are always tried.
 
     Returns:
         None where an end reaches the goal, or none could be closed.
@@ -97,7 +97,7 @@ def closed_beginning(
 ) -> SearchStart | None:
     """A beginning that sees enough, or the cheapest of those that see most, their gaps closed.
 
-    On ground whose last part is dear, such as the walls of a canyon, a search from a short beginning loses what it sees there,
+    On ground whose last part is expensive, such as the walls of a canyon, a search from a short start loses its coverage there,
     and long lines are the better beginning.
 
     Args:
@@ -107,7 +107,7 @@ def closed_beginning(
         goal: share of what can be covered.
         judge: judges beginnings, and closes their gaps.
         until: share of all the work, 0..1, after which no more are tried, ...
-        at_last: ... and the same while none is closed: a search that is far from its goal hardly reaches it otherwise.
+        at_last: ... and the same while none is closed: a search that is far from its goal rarely reaches it otherwise.
 
     Returns:
         None where the search did not end far from its goal, or none could be closed.
@@ -144,7 +144,7 @@ def closed_beginning(
 
 
 def price_between(problem: RouteProblem, less: SearchStart, more: SearchStart) -> float:
-    """What all coverage costs at the rate between two routes, in lengths of the one that sees more."""
+    """Cost of full coverage at the rate between two routes, in lengths of the one with more coverage."""
     cost = problem.cost(more.route)
     return max(0.0, cost - problem.cost(less.route)) / (max(cost, 1e-12) * max(more.seen - less.seen, 1e-3))
 
@@ -158,13 +158,13 @@ def with_gaps_closed(
     *,
     most_trials: int,
 ) -> Route | None:
-    """The route, and behind it what sees enough of the ground that it misses, or viewpoints in it where a sensor looks from them.
+    """The route, followed by a repair for enough of its missing ground, or with added viewpoints.
 
     Args:
         judging: the cells by which routes are judged.
         route: keeps the limits.
         goal: share of what can be covered.
-        more_ground: so many times the ground that is lacking is looked at, one after the other, until the goal is reached.
+        more_ground: multiples of the missing ground that are tried, one after the other, until the goal is reached.
         is_over: whether there is no time left for it.
         most_trials: to make each of those routes shorter.
 
@@ -188,7 +188,7 @@ def with_gaps_closed(
         whole = _with_closing(judging, route, missing, more * lacking * whole_m2, useful_m2, over)
         if whole is None:
             return None
-        # Pictures by distance fall elsewhere behind a route than behind home: it may take more.
+        # Photos by distance fall elsewhere behind a route than behind home: it may take more.
         still_lacking = goal - share_seen(whole, judging)
         if still_lacking <= 0.0:
             return whole
@@ -202,7 +202,7 @@ def with_gaps_closed(
 
 
 def _over_after(trials: int, is_over: Callable[[], bool]) -> Callable[[], bool]:
-    """The same question, answered with yes also after so many trials."""
+    """The same test, true also after ``trials`` trials."""
     asked = itertools.count()
     return lambda: is_over() or next(asked) >= trials
 
@@ -215,7 +215,7 @@ def _with_closing(
     useful_m2: float,
     is_over: Callable[[], bool],
 ) -> Route | None:
-    """The route, and behind it one for so much of the missing ground; none where that is of no use, or breaks a limit."""
+    """The route, followed by a repair for part of the missing ground; None without use, or beyond a limit."""
     site, points = judging.site, route.waypoints_m
     end_m = points[-1] if site.home_m is None else site.home_m
     try:
@@ -245,10 +245,10 @@ def _breaks_a_limit(site: Site, points_m: FloatArray) -> bool:
 
 _MOST_INSERTED = 40
 _MOST_TRIED = 200
-"""So many viewpoints are put in, and so many are tried for each, the best for their detour first."""
+"""This number of viewpoints is inserted, and of candidates tried for each, the best for their detour first."""
 
 _LEGS_TRIED = 4
-"""Of the legs with the shortest detours."""
+"""Number of legs with the shortest detours that are tried."""
 
 _LEAST_DETOUR_M = 5.0
 
@@ -314,7 +314,7 @@ def _one_more(
 
 
 def _detours_m(site: Site, points_m: FloatArray, places_m: FloatArray) -> FloatArray:
-    """(k, n + 1) by how much longer (n, 3) points are with each of (k, 3) places first, between two of them, and last.
+    """(k, n + 1) added length of (n, 3) points with each of (k, 3) points first, between two of them, and last.
 
     Infinite where a leg would be too steep.
     """

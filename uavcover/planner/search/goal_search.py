@@ -17,7 +17,7 @@ from uavcover.planner.search.route_problem import state_of
 from uavcover.planner.search.starts import SearchStart, best_starts
 
 LADDER = (0.8, 0.9, 0.95, 0.98, 0.99, 0.995, 1.0)
-"""Goals that are searched for besides the one that is asked for, so that there is something to choose from."""
+"""Goals besides the required coverage, so that there is a choice."""
 
 _ROUNDING = 1e-9
 
@@ -60,7 +60,7 @@ def search_goals(
         if closed is None:
             with_closing += (tuned.closing_share_far - tuned.closing_share) * (until - begin)
             closed = closed_beginning(work, starts, found, asked, judge, until=with_closing, at_last=until)
-        # At the price by which it ended short, the search would open the gaps again; beyond ``nearly_all`` it is dear anyway.
+        # At the price by which it ended short, the search would open the gaps again; beyond ``nearly_all`` it is high anyway.
         price = None
         if closed is not None and (from_beginning or asked <= tuned.nearly_all):
             price = tuned.dear_ground * price_between(work.problem, found[-1], closed)
@@ -111,7 +111,9 @@ def search_goal(
     most_short: float = 1.0,
     later: float = 0.0,
 ) -> list[SearchStart]:
-    """Search for one goal in stages; each corrects the goal, and after the first both chains continue from the better route.
+    """Search for one goal in stages.
+
+    Each corrects the goal, and after the first both chains continue from the better route.
 
     Args:
         work: what is looked at, and how much may be done.
@@ -124,7 +126,7 @@ def search_goal(
         waypoint_price: in radii of the sensor; beginnings are ranked by it too. By default next to nothing.
         closed: the beginning is a route whose gaps were closed, because a search ended short of the goal: it is to get shorter,
             and where nearly everything is to be seen, not to open them again.
-        coverage_price: of all coverage, in lengths of the route, where it is dearer than by default.
+        coverage_price: of all coverage, in lengths of the route, where it is higher than by default.
         most_short: by so much the first stage may miss the goal; by more, and the search ends there.
         later: share of all the work until which further, short stages may follow while they get nearer to the goal.
 
@@ -134,15 +136,17 @@ def search_goal(
     begin, end = share
     tuned, free_order = work.tuning.goal, work.tuning.free_order
     aim = min(1.0, goal + SAFETY)
-    dear = tuned.nearly_all_price if goal > tuned.nearly_all else tuned.coverage_price
-    dear = max(dear, 0.0 if coverage_price is None else coverage_price)
+    price_of_goal = tuned.nearly_all_price if goal > tuned.nearly_all else tuned.coverage_price
+    price_of_goal = max(price_of_goal, 0.0 if coverage_price is None else coverage_price)
     waypoint_m = (tuned.waypoint_price if waypoint_price is None else waypoint_price) * work.problem.reach_m
     ranked_by_m = 0.0 if waypoint_price is None else waypoint_m
     ranked = best_starts(work.problem, starts, goal, ranked_by_m, tuned)
     if work.stopped or work.pace.fraction >= end:
         return []
     before = work.pace.fraction
-    chains = [_chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m, dear) for k in range(CHAINS)]
+    chains = [
+        _chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m, price_of_goal) for k in range(CHAINS)
+    ]
     for chain in chains:
         if closed and goal > tuned.nearly_all and not work.problem.free_order:
             chain.hottest *= tuned.closed_heat
@@ -195,9 +199,9 @@ def search_goal(
             break
         aim = _corrected(goal, best.seen, judged)
         if warm == 0.0:
-            chains = [_chain(work, best.route, aim, capacity, waypoint_m, dear) for _ in chains]
-        # Where coverage is dearer than its price, the price rises until the goal is worth reaching.
-        price *= 1.0 if judged >= goal else tuned.dearer**steps
+            chains = [_chain(work, best.route, aim, capacity, waypoint_m, price_of_goal) for _ in chains]
+        # Where coverage costs more than its price, the price rises until the goal is worth reaching.
+        price *= 1.0 if judged >= goal else tuned.price_step**steps
         for chain in chains:
             chain.prices = chain.prices._replace(coverage=price, goal=aim)
         warm = stage
@@ -205,19 +209,21 @@ def search_goal(
 
 
 def _most_goals(work: Work, share: float) -> int:
-    """How many goals there is time for in a share of all the work: each judges routes, and that should be the least of it."""
+    """Number of goals that fit a share of all work. Each judges routes, which should be the smallest part of it."""
     return int(share / max(work.tuning.goal.goal_per_correction * work.correction, 1e-9))
 
 
 def _thinned(goals: Sequence[float], most: int) -> Sequence[float]:
-    """At most so many of the goals, one at least, evenly from the lowest to the highest."""
+    """At most ``most`` of the goals, one at least, evenly from the lowest to the highest."""
     if len(goals) <= most:
         return goals
     return [goals[k] for k in np.unique(np.linspace(0, len(goals) - 1, max(most, 1)).round().astype(int))]
 
 
 def _next_stage(stages: Sequence[float], begun: float, least: float) -> tuple[float, int]:
-    """The next of the stages that takes at least so much, a share of all of them, and leaves as much; the last one, 1, otherwise.
+    """The next of the stages that takes at least ``least``, a share of all, and leaves as much.
+
+    Otherwise the last one, 1.
 
     With it, how many of the stages end with it.
     """

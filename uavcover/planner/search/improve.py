@@ -101,7 +101,7 @@ def improve(
     kept: list[Route] = []
 
     def as_chosen(route: Route) -> Route:
-        """With sure pictures and sound corners, for that is what can be chosen: on long routes they take some of the coverage."""
+        """The route with sure photos and sound corners, which can be chosen. On long routes they cost some coverage."""
         return with_sound_corners(site, surely(site, route))
 
     def found(route: Route) -> None:
@@ -168,7 +168,7 @@ def improve(
 def _fewer_waypoints(
     problem: RouteProblem, starts: Sequence[SearchStart], goal: float, tuned: GoalTuning
 ) -> SearchStart:
-    """The best beginning without the waypoints that it can do without: of two chains, one begins with it and one as it was."""
+    """The best initial solution without spare waypoints. Of two chains, one begins with it and one with the original."""
     best = best_starts(problem, starts, goal, tuned=tuned)[0]
     return SearchStart(thinned_out(problem, best.route, goal=goal + SAFETY), min(best.seen, goal))
 
@@ -198,7 +198,7 @@ def _capacity(
 
 
 def _shortened(problem: RouteProblem, route: Route) -> Route:
-    """Where the order is free: as a short tour, begun at the end that is nearer to the origin."""
+    """Where the order is free: a short tour, begun at the end that is nearer to the origin."""
     if not problem.free_order or len(route) < 2:
         return route
     points = route.waypoints_m
@@ -238,17 +238,17 @@ def _progress(
     return show
 
 
-# Lines that turn just before a picture by distance is due: where it shows enough for its way, the turn waits for it.
+# Lines that turn just before a photo by distance is due: where it shows enough for its way, the turn waits for it.
 #
-# The local search counts half of a picture's distance beyond the end of each leg as shown, as it is on average. A
-# search makes its lines as short as that allows, and where a line turns back the last picture is missing more often
+# The local search counts half of a photo's distance beyond the end of each leg as shown, as it is on average. A
+# search makes its lines as short as that allows, and where a line turns back the last photo is missing more often
 # than not.
 
 _TURNS_RAD = math.radians(50.0)
-"""By less the line goes on, and so do its pictures."""
+"""Below this turn the line goes on, and its photos too."""
 
 _MOST_WAY = 0.75
-"""Of the distance between two pictures: a turn does not wait longer."""
+"""Share of the distance between two photos: a turn does not wait longer."""
 
 _MORE_M = (1.5, 6.0)
 """A turn waits by so much longer than the line is too short: it is passed on the inside."""
@@ -263,7 +263,7 @@ def with_waiting_turns(
     price: float,
     is_over: Callable[[], bool],
 ) -> Route:
-    """The route with turns that wait for their next picture, one after the other until the goal is reached.
+    """The route with turns that wait for their next photo, one after the other until the goal is reached.
 
     Args:
         judging: the cells by which routes are judged.
@@ -274,7 +274,7 @@ def with_waiting_turns(
         is_over: whether there is no time left for it.
 
     Returns:
-        The route itself where no turn should wait, and where pictures are not taken by distance.
+        The route itself where no turn should wait, and where photos are not taken by distance.
     """
     site = judging.site
     if trigger_distance_m(site.scenario) is None:
@@ -298,7 +298,7 @@ def with_waiting_turns(
 
 
 def _waiting_at(site: Site, route: Route, number: int) -> Iterator[Route]:
-    """The route with a waypoint further along the way to it, to where the next picture is taken; none where it need not be."""
+    """The route with a waypoint moved further along, to the next photo; None where that is not needed."""
     points = route.waypoints_m
     onward = points[number, :2] - points[number - 1, :2]
     if number + 1 < len(points) and _turn_rad(onward, points[number + 1, :2] - points[number, :2]) < _TURNS_RAD:

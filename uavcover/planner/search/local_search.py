@@ -15,10 +15,10 @@ from uavcover.planner.search.route_problem import RouteProblem
 from uavcover.planner.search.tuning import TUNED, SearchTuning
 
 CHAINS = 2
-"""Chains that run side by side, whatever the number of threads: the result must not depend on it."""
+"""Chains that run side by side, for any number of threads: the result must not depend on it."""
 
 PROPOSALS_PER_EVALUATION = 50
-"""So many proposals count as one evaluation: about what they cost in time (docs/results/coverage.md)."""
+"""This number of proposals counts as one evaluation: about what they cost in time (docs/results/coverage.md)."""
 
 _BATCHES = 400
 _LARGEST_BATCH = 5000
@@ -148,7 +148,7 @@ class Work:
         rngs: one random generator for each chain.
         executor: runs the chains side by side; the result does not depend on it.
         should_stop: asked between batches.
-        on_batch: told after every batch, with the chains.
+        on_batch: called after every batch, with the chains.
         proposals: done so far, by all chains.
         stopped: whether ``should_stop`` ended the work.
         tuning: of the search.
@@ -168,7 +168,7 @@ class Work:
     correction: float = 0.0
 
     def run(self, chains: Sequence[Chain], *, until: float) -> bool:
-        """Anneal CHAINS chains until a share ``until`` of all the work is done, cooling all the way; False: there is no more.
+        """Anneal CHAINS chains until a share ``until`` of all work is done, cooling throughout; False: no work is left.
 
         Args:
             chains: are changed.

@@ -1,4 +1,4 @@
-"""Search by an optimizer: it asks, routes are decoded and evaluated, it is told."""
+"""Search by an optimizer: it asks, routes are decoded and evaluated, and it receives their values."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -58,7 +58,7 @@ class Searched:
 
     Attributes:
         interrupted: whether the user ended it.
-        scale: (3,) by which the objectives were divided before the optimizer was told; None: it was told nothing.
+        scale: (3,) by which the objectives were divided for the optimizer; None: it received no values.
     """
 
     interrupted: bool
@@ -67,7 +67,7 @@ class Searched:
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How long to search: a number of evaluations, or a time budget in seconds measured by ``now``.
+    """Effort of a search: a number of evaluations, or a time budget in seconds measured by ``now``.
 
     The baselines get at most half of the budget, a tenth or less where a local search follows; the optimizer at least one round.
     Where a local search follows, all of planning is inside (:class:`uavcover.planner.front.Finish`); of a plain optimizer
@@ -92,7 +92,7 @@ class SearchRun:
         started: when planning began, by the effort's clock.
         executor: works on routes side by side; the result does not depend on it.
         should_stop: the user's stop, asked before every round or batch.
-        on_progress: told after every round or batch.
+        on_progress: called after every round or batch.
     """
 
     effort: Effort
@@ -111,7 +111,9 @@ def rounds_of(
     population_size: int,
     executor: Executor | None,
 ) -> int:
-    """How many rounds the optimizer should plan for; its steps shrink with the rounds that are left (Eq. 12, 20, 21).
+    """Number of rounds that the optimizer should plan for.
+
+    Its steps shrink with the rounds that are left (Eq. 12, 20, 21).
 
     Under a time budget a few routes from all over the encoding are timed, after one that warms up the compiled code, and
     what is left of the budget is divided by that. The clock ends the search all the same.
@@ -148,7 +150,7 @@ def search(
         encoding: of the routes.
         coverage: on the planner's cells.
         at_least_one_round: whether the user's stop waits for the first round, because there is no other route yet.
-        goal: share of the planner's cells that is asked for, if one is.
+        goal: required share of the planner's cells, if one is required.
         look: may look at the Pareto set, before each round is added to it.
     """
     best, shortest = 0.0, math.inf
@@ -179,7 +181,7 @@ def search(
 
 
 def _spread(objectives: FloatArray) -> FloatArray:
-    """(m,) powers of two next to the spread of (n, m) objectives: divided by them, the objectives are of comparable size.
+    """(m,) powers of two next to the spread of (n, m) objectives, to make the objectives of comparable size.
 
     What sums objectives up (MOEA/D) needs that. Powers of two round nothing, so all others propose exactly the same.
     """

@@ -1,4 +1,4 @@
-"""Who judges the routes of a search: what a route sees on the cells by which it is judged."""
+"""Judges of a search's routes: coverage on the evaluation grid."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,14 +12,14 @@ SAFETY = 0.0003
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RouteJudge:
-    """Who judges the routes of a search.
+    """Judge of a search's routes.
 
     Attributes:
         coverage: share of what can be covered that a route sees, on the cells it is judged on; exact where it may reach the goal,
             which it is given.
-        found: told every route worth judging.
+        found: called with every route worth judging.
         closed: a route and what else has to be flown to reach a goal on those cells; none where that is too much to find out.
-            It is told how to ask whether there is no time left for it.
+            It receives the test whether there is no time left for it.
     """
 
     coverage: Callable[[Route, float], float]
@@ -33,7 +33,9 @@ def share_seen(route: Route, cells: CoverageMap) -> float:
 
 
 class OneAfterTheOther:
-    """The least coverage of a route on several maps, the first one first; what misses its goal there is not looked at on others.
+    """Least coverage of a route on several maps, the first one first.
+
+    A route that misses its goal there skips the others.
 
     On those as much less is taken to be seen of it as was of the last route that reached its goal.
     """

@@ -26,7 +26,7 @@ _MOST_WAYPOINTS = 60_000
 _LIKELY = 0.5
 
 _RUNS_OF_A_ROW = 3
-"""Of cells that a leg sees, on average over the rows that it passes: there is room for so many on a leg across the whole area."""
+"""Average runs of cells that a leg observes in the rows it passes. There is room for them on a leg across the whole area."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -65,10 +65,10 @@ class RouteProblem:
         return route.length_m / cost if cost > 0.0 and route.length_m > 0.0 else 1.0
 
     def with_likely_pictures(self) -> "RouteProblem":
-        """The problem where what is in view along half of the way between two pictures counts as seen, and not along all of it.
+        """The problem in which ground in view along half of the distance between two photos counts, instead of all of it.
 
-        That is shown by every second picture or more. On cliffs hardly any ground is in view all the way: on terraces, with a
-        picture every 40 m, lines that see 98 % were counted as 79 %.
+        That is shown by every second photo or more. On cliffs little ground is in view all the way: on terraces, with a
+        photo every 40 m, lines that see 98 % were counted as 79 %.
         """
         return replace(self, numbers=self.numbers._replace(trigger_m=_LIKELY * self.numbers.trigger_m))
 
@@ -125,9 +125,11 @@ def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> 
 
 
 def narrowed(sight: Sight, *, margin_m: float, reach_m: float) -> Sight:
-    """The sensor with its range on the map reduced by ``margin_m``; for a camera, at the height where it reaches ``reach_m``.
+    """The sensor with its range on the map reduced by ``margin_m``.
 
-    A picture loses the same angle at its bottom and its top as at its sides: the ground there is as near, or farther away.
+    For a camera, at the height where it reaches ``reach_m``.
+
+    A photo loses the same angle at its bottom and its top as at its sides: the ground there is as near, or farther away.
     """
     share = max(0.1, 1.0 - margin_m / max(reach_m, 1e-9))
     if sight.kind == FRUSTUM:
@@ -213,7 +215,7 @@ def _apart(points: FloatArray, apart_m: float) -> FloatArray:
 
 
 def _halved(points: FloatArray) -> FloatArray:
-    """(m, 3) points: the given ones, and the midpoints of the legs that are more than half as long as the longest."""
+    """(m, 3) points: the given ones, and the midpoints of the legs longer than half the longest."""
     lengths = np.linalg.norm(np.diff(points, axis=0), axis=1)
     split = np.flatnonzero(lengths > 0.5 * lengths.max())
     return np.insert(points, split + 1, 0.5 * (points[split] + points[split + 1]), axis=0)

@@ -1,4 +1,4 @@
-"""On which cells the local search counts what routes see, and how much narrower than it is the sensor is taken there.
+"""Cells on which the local search counts coverage, and the margin by which it narrows the sensor there.
 
 They are other cells than routes are judged on, so that a route is not laid out for the places of single centres.
 """
@@ -19,10 +19,10 @@ MARGIN_CELLS = 0.45
 """Reduction of the planner's sensor range, in planning cells, where other cells judge."""
 
 SCATTERED_MARGIN_CELLS = 0.1
-"""Likewise on scattered cells, which a route passes at all distances, so that it can hardly live off their centres."""
+"""The same on scattered cells. A route passes them at all distances, so that it barely profits from their centres."""
 
 _FAR_LESS = 0.04
-"""A share of coverage: of scripts/bench/kinds.py, pictures every 40 m over cliffs are counted 0.05 to 0.2 less than they are
+"""A share of coverage: of scripts/bench/kinds.py, photos every 40 m over cliffs are counted 0.05 to 0.2 less than they are
 judged, others up to 0.025."""
 
 
@@ -30,7 +30,7 @@ def search_problem(coverage: CoverageMap, judging: CoverageMap) -> RouteProblem:
     """The problem of a search: on scattered cells, or at waypoints on the planner's.
 
     Where routes are judged on smaller cells, these see other ground than the planner's do: on the walls of a canyon a search saw
-    98.6 % where 93.7 % were judged, and its goal, corrected up to 100 %, told it no more.
+    98.6 % where 93.7 % were judged, and its goal, corrected up to 100 %, had no effect any more.
     """
     site = coverage.site
     if site.scenario.sensor.sensing == "along-path" or is_judged_on_smaller_cells(site):
@@ -41,7 +41,7 @@ def search_problem(coverage: CoverageMap, judging: CoverageMap) -> RouteProblem:
 
 
 def counted_as_judged(problem: RouteProblem, judging: CoverageMap, starts: Sequence[SearchStart]) -> RouteProblem:
-    """The problem; where it counts far less of what pictures by distance show than is judged, with likely pictures."""
+    """The problem; where it counts far less of what photos by distance show than is judged, with likely photos."""
     if problem.numbers.trigger_m == 0.0:
         return problem
     most = max(starts, key=lambda start: start.seen).route

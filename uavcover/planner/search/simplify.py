@@ -13,7 +13,7 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import reach_at_height_m
 
 _SHARES = (0.0, 0.001, 0.004, 0.016, 0.063, 0.25, 1.0)
-"""Of the coverage that may go, what one waypoint may take with it, sweep by sweep: first those go that nothing is lost with."""
+"""Share of the spare coverage that one waypoint may cost, sweep by sweep. Waypoints that cost nothing go first."""
 
 _ATTEMPTS = 5
 """Each keeps twice as much more coverage as the one before it lacked on the exact count, or on finer cells."""
@@ -66,7 +66,7 @@ def simplified(
             simpler = surely(judge.site, Route(snapshot(state)))
             if len(simpler) >= len(route):
                 return None
-            # Kernels count pictures by distance as if every leg had them everywhere.
+            # Kernels count photos by distance as if every leg had them everywhere.
             lacks = max(needed - _seen(each, simpler) for each, needed in zip(judges, least, strict=True))
             if lacks <= _ROUNDING:
                 return simpler
@@ -95,7 +95,7 @@ def _seen(judge: CoverageMap, route: Route) -> float:
 
 
 def least_seen(seen: float, asked: float | None, *, finer: bool) -> float:
-    """What a changed route must see, as a share of what can be covered.
+    """Least coverage of a changed route, as a share of the visible ground.
 
     Args:
         seen: by the route as it is.

@@ -30,7 +30,7 @@ def starts_worth_looking_at(
     share_seen: Callable[[Route], float],
     tuned: GoalTuning = TUNED.goal,
 ) -> list[SearchStart]:
-    """Routes as beginnings for a goal, without those that are too dear for :func:`best_starts` whatever they see.
+    """Routes as initial solutions for a goal, without those too expensive for :func:`best_starts`.
 
     Finding out what a route sees takes long on many cells. Missing coverage only adds to its cost: routes are looked at from the
     cheapest on, until the next one costs more than the best come to, as many as there are chains.
@@ -78,7 +78,7 @@ def best_starts(
 def _merit(
     problem: RouteProblem, start: SearchStart, goal: float, waypoint_m: float, tuned: GoalTuning
 ) -> tuple[bool, float]:
-    """Smallest for the best start; where the order is free, any route that reaches the goal ranks before those that do not."""
+    """Smallest for the best initial solution. Where the order is free, any route that reaches the goal ranks first."""
     with_waypoints = 1.0 + waypoint_m * len(start.route) / max(start.route.length_m, problem.reach_m)
     cost = problem.cost(start.route) * with_waypoints
     return problem.free_order and start.seen < goal, tuned.start_cost(cost, goal - start.seen)

@@ -23,12 +23,12 @@ FULL = 1.0 - 1e-9
 """Share of what can be seen from which on all is."""
 
 _MOST_THINNED = 100
-"""So many routes are kept at most while one is thinned: every one is laid out as a short tour."""
+"""This number of routes is kept at most while one is thinned: every one is laid out as a short tour."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Stage:
-    """How chains anneal: heats of the chains, prices of a waypoint and of a radius of way in cells."""
+    """Annealing stage of chains: heats of the chains, prices of a waypoint and of a radius of path in cells."""
 
     heats: tuple[float, float]
     waypoint: float
@@ -68,7 +68,7 @@ def spread(
         starts: one at least.
         capacity: most waypoints.
         until: share of all the work, 0..1, after which this ends.
-        found: told every route worth judging.
+        found: called with every route worth judging.
     """
     tuned = work.tuning.free_order
     stage = _Stage(tuned.spread_heats, tuned.waypoint_price_cells, (tuned.way_price_cells, tuned.way_price_cells))
@@ -88,7 +88,7 @@ def squeeze(work: Work, fewest: Fewest, *, capacity: int, until: float, found: C
         fewest: how far it has come.
         capacity: most waypoints.
         until: share of all the work, 0..1, after which this ends.
-        found: told every route worth judging.
+        found: called with every route worth judging.
     """
     best, whole, full = fewest.best, fewest.whole, fewest.full
     tuned = work.tuning.free_order
@@ -111,13 +111,13 @@ def squeeze(work: Work, fewest: Fewest, *, capacity: int, until: float, found: C
 
 
 def sweep(work: Work, fewest: Fewest, *, until: float, found: Callable[[Route], None]) -> None:
-    """Down to one waypoint: without annealing from what sees all, then annealed, for coverage alone and with the way in mind.
+    """Thin to one waypoint: without annealing from full coverage, then annealed, for coverage alone and with path length.
 
     Args:
         work: as of :func:`spread`.
         fewest: what the search for few waypoints has found.
         until: share of all the work, 0..1, after which this ends.
-        found: told every route worth judging.
+        found: called with every route worth judging.
     """
     thin(work, fewest.whole.route, found)
     chains = [fewest.best] * CHAINS
@@ -131,7 +131,7 @@ def sweep(work: Work, fewest: Fewest, *, until: float, found: Callable[[Route], 
 
 
 def thin(work: Work, route: Route, found: Callable[[Route], None]) -> None:
-    """Down to one waypoint without annealing: where there is no time for the sweep yet, this is what has most coverage."""
+    """Thin to one waypoint without annealing: the most coverage where there is no time for the sweep yet."""
     apart = math.ceil(len(route) / _MOST_THINNED)
     while len(route) > 1:
         chain, _ = _chains(work, [route] * CHAINS, _sweep(work.tuning.free_order))
@@ -147,7 +147,7 @@ def _better(chains: Sequence[Chain], found: Callable[[Route], None]) -> Chain:
 
 
 def _chains(work: Work, routes: Sequence[Route], stage: _Stage, *, capacity: int | None = None) -> list[Chain]:
-    """A chain for each route, set up for a stage; it keeps its number of waypoints unless a capacity is given."""
+    """A chain for each route, set up for a stage. It keeps its number of waypoints unless a capacity is given."""
     # Energies in units of one cell's share of the coverage.
     cells = max(1, int(np.count_nonzero(work.problem.numbers.weight)))
     return [
@@ -183,7 +183,7 @@ def search_free_order(
     capacity: int,
     judge: RouteJudge,
 ) -> None:
-    """Shortest tours for what is asked for, or all, and the most coverage with every number of waypoints.
+    """Shortest tours with the required coverage, or full coverage, and the most coverage with every number of waypoints.
 
     A tour of the fewest waypoints is not the shortest: with more of them it cuts corners and turns back earlier (the travelling
     salesman who need only come close). Tours come first when something sees enough already, so that a search which is stopped

@@ -1,4 +1,4 @@
-"""The tuned numbers of the local search, in one place: what each one is, and why it is what it is.
+"""Tuned numbers of the local search, in one place, with their meaning and reason.
 
 They were set by hand and by trials on the scenarios of the package. What is no matter of tuning (the number of chains, the
 ladder of goals, the margin of a goal) stands where it is used.
@@ -17,7 +17,7 @@ _MOVES = Moves(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GoalTuning:
-    """How a route for one coverage is searched for, and how the work is shared out among coverages.
+    """Search of a route for one coverage, and the allocation of the work among coverages.
 
     Lengths and temperatures are in radii of the sensor, so that a bend costs the same on a short route and on a long one.
 
@@ -28,7 +28,7 @@ class GoalTuning:
             more than this of what the one before it lacked. Over large areas closing gaps one by one takes half of the way again
             (ridge-25km2, 150 to 231 km for 0.02 points), and these stages close most (10 s: 150.0 to 150.6 km, was 153.5).
         most_short: that little, as a share of the coverage.
-        closed: the gaps are closed of so many times the ground that is lacking, one after the other: pictures by distance fall
+        closed: multiples of the missing ground whose gaps are repaired, one after the other: photos by distance fall
             elsewhere behind a route than behind home, so it may take more.
         most_trials: to make each route that closes them shorter. The search makes it shorter, too: with 4,000 trials that took
             2 to 4 of 20 s in a canyon, and with 300 the search began too far away (scripts/bench/kinds.py, ``canyon:sparse``).
@@ -43,21 +43,21 @@ class GoalTuning:
             with the gaps closed: in a canyon it was 0.09 to 0.1 short, in six cases on other ground (scripts/bench/kinds.py) at
             most 0.047 (terraces, tilted).
         most_short_beginning: such lines lack no more than this, ...
-        most_beginnings: ... so many of those that see most on the planner's cells are judged, ...
-        most_closed: ... and the gaps of so many are closed, of more until one succeeds.
-        most_closed_after: a search from there may end short of its goal again: the gaps of so many of its stages are closed.
-        dear_ground: after closing gaps the price of coverage is so many times what it costs between what the search ended with
+        most_beginnings: ... this number with the most coverage on the planner's cells are judged, ...
+        most_closed: ... and the gaps of this number are repaired, of more until one succeeds.
+        most_closed_after: a search from there may miss its goal again: the gaps of this number of its stages are repaired.
+        dear_ground: after repairing gaps the price of coverage is this multiple of its cost between what the search ended with
             and the route with its gaps closed: at that rate itself both would be worth as much.
         coverage_price: of all coverage, in lengths of the route. Along a path a share more costs one to two such shares of the
             length; at a price far above that no single change may lose a cell, and nothing can be traded.
         nearly_all_price: the same for more than ``nearly_all``, where the last of the ground is the dearest: at 2 triangle and
             pentagon often end short of 99.9 % and up to 17 % later, at 12 the square does (scripts/bench_fields.py of b33804a).
-        dearer: factor of that price when a stage ends below its goal.
+        price_step: factor of that price when a stage ends below its goal.
         start_price: the same price when beginnings are compared: lower missing coverage is cheap in a beginning, for fewer
             lines are hard to come by, and gaps between lines are closed.
-        stage_per_correction: under a time budget a stage takes at least so many times as long as a correction, which judges a
+        stage_per_correction: under a time budget a stage takes at least this multiple of the time of a correction, which judges a
             route and prepares the chains, so that most of the time is search.
-        goal_per_correction: likewise a coverage of the ladder, and a price of waypoints.
+        goal_per_correction: the same for a coverage of the ladder, and a price of waypoints.
         waypoint_price: of a waypoint where few are not asked for: one more holds a leg nearer to the height that sees widest.
         waypoint_prices: where few are searched for, one after the other.
         dear_waypoints: lengths that the price of all waypoints counts as in the price of coverage: else coverage would be given
@@ -72,8 +72,8 @@ class GoalTuning:
         hottest_of_waypoint: of the price of a waypoint, beside it.
         coldest: temperature at the end.
         second_chain: heat of the second of two chains that go on from the same route: from a good one heat only leads away.
-        path_capacity: a route may have so many times the waypoints of the longest beginning, ...
-        spare_waypoints: ... and so many more.
+        path_capacity: a route may have this multiple of the waypoints of the longest beginning, ...
+        spare_waypoints: ... and this number more.
     """
 
     main_share: float = SHARES.goal_main
@@ -97,7 +97,7 @@ class GoalTuning:
     dear_ground: float = 1.6
     coverage_price: float = 2.0
     nearly_all_price: float = 6.0
-    dearer: float = 1.6
+    price_step: float = 1.6
     start_price: float = 3.0
     stage_per_correction: float = 4.0
     goal_per_correction: float = 12.0
@@ -121,7 +121,7 @@ class GoalTuning:
 
         Args:
             cost: of its route.
-            missing: coverage that is asked for and not seen, as a share; less than 0 where it sees more.
+            missing: required coverage less its own, as a share; less than 0 where it has more.
         """
         return cost * (1.0 + self.start_price * max(0.0, missing))
 
@@ -136,7 +136,7 @@ class GoalTuning:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FreeOrderTuning:
-    """How waypoints are searched for that may be visited in any order.
+    """Search of waypoints that may be visited in any order.
 
     Temperatures and prices "in cells" are in units of the coverage of one cell of average weight.
 
@@ -149,7 +149,7 @@ class FreeOrderTuning:
         hottest_cells, coldest_cells: temperatures.
         spread_heats, squeeze_heats, sweep_heats: of the two chains, as shares of the hottest.
         way_price_cells: of a radius of way, where coverage is all that counts.
-        sweep_way_price_cells: likewise for the second chain of a sweep, where the way counts too.
+        sweep_way_price_cells: the same for the second chain of a sweep, where the way counts too.
         waypoint_price_cells: of a waypoint while they spread.
     """
 
@@ -190,4 +190,4 @@ class SearchTuning:
 
 
 TUNED = SearchTuning()
-"""What the planner uses."""
+"""Numbers that the planner uses."""

@@ -1,4 +1,4 @@
-"""Places of a lattice inside the limits, and the cells that each of them sees; reduced to what an optimal choice needs.
+"""Lattice points inside the limits, and the cells that each observes, reduced to those of an optimal choice.
 
 The reduction removes dominated places and cells that do not affect the answer.
 """
@@ -58,7 +58,7 @@ class Candidates:
 
 
 def lattice_candidates(coverage: CoverageMap, *, spacing_m: float) -> Candidates:
-    """The places of a cubic lattice, counted from the south-west corner of the area and from up = 0, inside the limits."""
+    """Points of a cubic lattice, counted from the south-west corner of the area and from up = 0, inside the limits."""
     return candidates_at(coverage, _lattice(coverage, spacing_m), spacing_m=spacing_m)
 
 
@@ -96,7 +96,7 @@ def candidates_at(coverage: CoverageMap, places_m: FloatArray, *, spacing_m: flo
 def seen_from_each(
     coverage: CoverageMap, places_m: FloatArray, among: IntArray, sight: Sight
 ) -> tuple[IntArray, NDArray[np.int32]]:
-    """What is seen from each of several places.
+    """Cells that each of several points observes.
 
     Args:
         coverage: the map.
@@ -154,7 +154,7 @@ def _lattice_2d(site: Site, reach_m: float, spacing_m: float) -> FloatArray:
 
 
 def _around(site: Site, reach_m: float) -> shapely.Geometry:
-    """Where a place may be that sees some of the area."""
+    """Positions that may observe some of the area."""
     return flyable_area(site).polygon.intersection(site.area.buffer(reach_m))
 
 

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 _INTEGRAL = 1e-6
-"""How far a bound may be below a whole number that it means: the tolerance of HiGHS."""
+"""Tolerance of HiGHS: a bound may be below the whole number that it means by this."""
 _COVERED = 1e-9
 
 
@@ -73,7 +73,7 @@ class CoverProgram:
         return self._reduced.reachable
 
     def fewest_places(self, coverage: float, effort: SolverEffort) -> CoverSolution:
-        """The fewest places that see a share of the coverable area; with all of ``reachable`` this is the set cover problem.
+        """The fewest points that observe a share of the coverable area; with all of ``reachable`` this is set cover.
 
         Args:
             coverage: 0..reachable.
@@ -119,7 +119,7 @@ class CoverProgram:
     def _solve(
         self, cost: FloatArray, matrix: object, lower: FloatArray, binaries: int, effort: SolverEffort
     ) -> tuple[NDArray[np.int64] | None, float | None]:
-        """Places and proved bound of: least cost with matrix x >= lower, 0 <= x <= 1, the first ``binaries`` whole."""
+        """Points and proved bound of: least cost with matrix x >= lower, 0 <= x <= 1, the first ``binaries`` whole."""
         from scipy.optimize import Bounds, LinearConstraint, milp
 
         constraints = LinearConstraint(matrix, lb=lower)  # type: ignore[arg-type]
@@ -172,7 +172,7 @@ def _greedy(reduced: Reduced, coverage: float) -> NDArray[np.int64]:
 
 
 def tour_route(site: Site, places_m: FloatArray, *, tolerance_m: float) -> Route:
-    """A short route through all of (k, 3) places, begun at the end that is nearer to home, or to the origin without one.
+    """A short route through all of (k, 3) points, begun at the end nearer to home, or to the origin without one.
 
     Args:
         site: the scenario on its ground.

@@ -1,4 +1,4 @@
-"""What an order of stretches costs: the least time of all sorties that it can be cut into.
+"""Cost of an order of stretches: the least time of all sorties that it can be split into.
 
 What a stretch and a link behind another take is found once, by the cost that missions are counted with; an order then costs one
 look at these tables and one split (``kernels/way_cost.py``).
@@ -19,7 +19,7 @@ from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 
 NO_LINK_S = 1e7
-"""What a link that does not exist takes."""
+"""Time of a link that does not exist."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +46,7 @@ class Tables:
 class OrderCosts:
     """The costs of orders of stretches.
 
-    A flight begins at the end of the stretch before it, so that nobody leaves out the link between two sorties: nodes of the
+    A flight begins at the end of the stretch before it, so that no flight leaves out the link between two sorties: nodes of the
     split are the place where the first stretch begins, and the end of every stretch.
 
     Attributes:
@@ -178,7 +178,7 @@ class _Paths:
 
 
 def _tables(paths: _Paths, legs: FloatArray, turns: FloatArray, there: FloatArray, back: FloatArray) -> Tables:
-    """Tables of (w, p - 1) legs and (w, p) turns of all paths, and of (w, q) ways from and to home of the pairs."""
+    """Tables of (w, p - 1) legs and (w, p) turns of all paths, and of (w, q) transits of the pairs."""
     w, m = len(legs), len(paths.exists)
     begins = paths.begins
     # Sums up to a waypoint, of legs behind it and of turns at it.

@@ -1,4 +1,4 @@
-"""The same stretches in an order, and each in a direction, in which all sorties of a route are done sooner."""
+"""Reorder the stretches of a route, and choose their directions, so that all its sorties finish sooner."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -29,10 +29,10 @@ _MOST_LEGS = 120
 """Longer routes keep their order: tables of all links, and splits at all waypoints, would take more than they give."""
 
 _LEAST_GAIN = 0.001
-"""Of the mission time: less is not worth another order."""
+"""Share of the mission time: a smaller gain is not worth another order."""
 
 _STREAM = 2
-"""Of random numbers, apart from those of the local search."""
+"""Stream of random numbers, apart from those of the local search."""
 
 _WAY_ITEMS = 2
 """Mission items of a way between home and the route: two waypoints, as over open ground."""
@@ -40,7 +40,7 @@ _WAY_ITEMS = 2
 
 @dataclass(frozen=True, slots=True)
 class OrderEffort:
-    """How long to search for an order.
+    """Effort of the search for an order.
 
     Attributes:
         tries: orders that are tried, where no time counts.
@@ -55,14 +55,14 @@ class OrderEffort:
     should_stop: Callable[[], bool] = lambda: False
 
     def done(self, tried: int) -> float:
-        """Share of the work that is done after so many orders, 1 at its end."""
+        """Share of the work that is done after ``tried`` orders, 1 at its end."""
         if self.should_stop():
             return 1.0
         return tried / max(self.tries, 1) if self.used is None else self.used()
 
 
 def tries_of(evaluations: int) -> int:
-    """Orders that are tried behind a search of so many evaluations."""
+    """Number of orders that are tried after a search of ``evaluations`` evaluations."""
     return min(_TRIES_PER_EVALUATION * evaluations, _MOST_TRIES)
 
 
@@ -76,8 +76,8 @@ def reordered(
 ) -> Route | None:
     """A route of the same stretches whose mission is shorter, as planned and as compiled; none where none was found.
 
-    It sees as much as is asked for, or as the route did: stretches that are flown the other way, or behind another one, may show
-    something else to a sensor that looks ahead or takes pictures by distance.
+    It has the required coverage, or that of the route: stretches that are flown the other way, or behind another one, may show
+    something else to a sensor that looks ahead or takes photos by distance.
 
     Args:
         site: the scenario on its ground.
@@ -127,7 +127,7 @@ def _seen(judge: CoverageMap, route: Route) -> float:
 
 
 def _done_s(site: Site, route: Route) -> tuple[float, float]:
-    """When all vehicles are done, and how long they fly together, as compiled; infinite where the compiler refuses a flight."""
+    """Finish of all vehicles, and their total flight time, as compiled; infinite where the compiler refuses a flight."""
     scenario = site.scenario
     if site.frame is None:
         time_s = mission_cost(site, route).time_s
@@ -167,11 +167,11 @@ _NOISE = (0.1, 0.6)
 _HOME = 0.36
 """Largest share of the way home and back that a link costs."""
 _ANEW = 0.2
-"""Of the tours begin from any order."""
+"""Share of the tours that begin from any order."""
 _KICKS, _NEAR = 20, 8
-"""Of one tour."""
+"""Numbers of kicks and of neighbours of one tour."""
 _HEAT = 0.003
-"""Of the time of all sorties: an order that takes as much more is gone on with, at first, with a probability of 1 / e."""
+"""Share of the sorties' total time: at first, an order worse by this is accepted with a probability of 1 / e."""
 
 _LEAST_GAIN_S = 1e-6
 
@@ -184,7 +184,7 @@ def better_order(
     Args:
         costs: of orders of n stretches.
         start: (n,) numbers of stretches in their directions: the first order, which can be flown.
-        done: share of the work that is done after so many tours, which ends at 1.
+        done: share of the work that is done after a number of tours, which ends at 1.
         rng: draws them.
     """
     now = best = start
@@ -231,7 +231,7 @@ class _Tours:
         return np.asarray(np.roll(tour, -at)[1::2])
 
     def _metric(self) -> FloatArray:
-        """(m + 1, m + 1) symmetric: what ends apart cost, with errors; the last place is where the tour is open."""
+        """(m + 1, m + 1) symmetric costs between ends, with errors; at the last index the tour is open."""
         rng, free = self._rng, len(self._link_s)
         error = rng.uniform(*_NOISE)
         factor = np.triu(rng.uniform(1.0 - error, 1.0 + error, (free, free)))

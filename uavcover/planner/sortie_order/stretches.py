@@ -1,4 +1,4 @@
-"""The legs of a route as stretches that may be flown in any order and direction, and the legal links between their ends."""
+"""Legs of a route as stretches in any order and direction, and the legal links between their ends."""
 
 import itertools
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site
 
 _MOST_LAID = 800
-"""Where the straight leg between two places breaks a limit, a link is laid over the terrain: so many of the shortest ones."""
+"""Where the straight leg between two points breaks a limit, a link over the terrain is laid, for this number of the shortest."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,7 +31,7 @@ class Stretches:
 
     @property
     def count(self) -> int:
-        """How many stretches there are."""
+        """Number of stretches."""
         return len(self.places_m) - 1
 
     def waypoints_m(self, number: int) -> FloatArray:
@@ -49,12 +49,12 @@ class Stretches:
 
 
 def first_place(number: int) -> int:
-    """Where a stretch begins in its direction."""
+    """Begin of a stretch in its direction."""
     return number // 2 + number % 2
 
 
 def last_place(number: int) -> int:
-    """Where it ends."""
+    """End of a stretch in its direction."""
     return number // 2 + 1 - number % 2
 
 
@@ -69,7 +69,7 @@ def stretches_of(site: Site, route: Route) -> Stretches:
 
 
 def _links(site: Site, places_m: FloatArray) -> dict[tuple[int, int], FloatArray]:
-    """By two places, what lies between them on a link: a straight leg where it keeps the limits, else one over the terrain."""
+    """Points of a link, by two points: a straight leg where it keeps the limits, else one over the terrain."""
     margin_m = site.scenario.limits.height_margin_m
     apart_m = np.linalg.norm(places_m[:, None] - places_m[None], axis=2)
     pairs = np.argwhere(np.triu(apart_m > 0.0))

@@ -26,7 +26,7 @@ report.trackLook = ({ style }) => {
   L.control.scale({ imperial: false }).addTo(map);
   L.imageOverlay(data.relief, corners(data.bounds), { zIndex: 1 }).addTo(map);
 
-  // Whatever comes from files goes in as text, never as markup.
+  // Text from files goes in as text, never as markup.
   const popup = (title, rows) => {
     const table = document.createElement("table");
     table.createCaption().textContent = title;
@@ -93,7 +93,7 @@ report.trackLook = ({ style }) => {
   if (data.obstacles.length) {
     overlays[`Obstacles (${data.obstacles.length})`] = L.layerGroup(data.obstacles.map((obstacle) =>
       L.polygon(obstacle.rings.map((ring) => ring.map(at)), { color: "#3b2b52", weight: 1.5, fillColor: "#8e6fc1", fillOpacity: 0.55 })
-        .bindPopup(() => popup(obstacle.name, [["height", `${obstacle.height} m`], ["place", placeWords(obstacle.rings[0][0][0], obstacle.rings[0][0][1])]]))));
+        .bindPopup(() => popup(obstacle.name, [["height", `${obstacle.height} m`], ["position", placeWords(obstacle.rings[0][0][0], obstacle.rings[0][0][1])]]))));
   }
   // Of places too close together on the screen only the first ones of an order are drawn.
   const thinned = (places, order, apart) => {
@@ -133,7 +133,7 @@ report.trackLook = ({ style }) => {
     L.circleMarker(at(data.plan[i]), { radius: 3.5, color: dark, weight: 1.5, fillColor: "#ffffff", fillOpacity: 1, className: "waypoint" })
       .bindPopup(() => popup(`waypoint ${i}`, [
         ["above ground", `${data.planHeights[i] === null ? "?" : data.planHeights[i].toFixed(1)} m`],
-        ["place", placeWords(data.plan[i][0], data.plan[i][1])],
+        ["position", placeWords(data.plan[i][0], data.plan[i][1])],
       ])))]);
   if (data.plan.length) overlays["Waypoint numbers"] = thinnedLayer(data.plan, endsFirst(data.plan), 26, (i) => {
     const text = document.createElement("span");
@@ -165,20 +165,20 @@ report.trackLook = ({ style }) => {
     ["flown", { radius: 2.2, color: "#000000", weight: 0.8, fillColor: "#ffd400", fillOpacity: 1 }]]) {
     const places = data.pictures[name];
     if (!places.length) continue;
-    overlays[`Pictures, ${name} (${places.length})`] = thinnedLayer(places, endsFirst(places), 5, (i) =>
+    overlays[`Photos, ${name} (${places.length})`] = thinnedLayer(places, endsFirst(places), 5, (i) =>
       L.circleMarker(at(places[i]), { ...look, className: `picture ${name}` })
-        .bindPopup(() => popup(`picture ${i + 1}, ${name}`, [["place", placeWords(places[i][0], places[i][1])]])));
-    key(`picture, ${name}`, { r: look.radius + 1, fill: look.fillColor, stroke: look.color, "stroke-width": look.weight });
+        .bindPopup(() => popup(`photo ${i + 1}, ${name}`, [["position", placeWords(places[i][0], places[i][1])]])));
+    key(`photo, ${name}`, { r: look.radius + 1, fill: look.fillColor, stroke: look.color, "stroke-width": look.weight });
   }
   if (data.footprints && data.footprints.length) {
     overlays[`Footprints (${data.footprints.length})`] = L.layerGroup(data.footprints.map((print) =>
       L.polygon(print.ring.map(at), { color: "#ffd400", weight: 0.8, opacity: 0.7, fillOpacity: 0, className: "footprint" })
-        .bindPopup(() => popup(print.name, [["what", "what the picture shows of the ground"]]))));
-    key("edge of a picture on the ground", { stroke: "#ffd400", "stroke-width": 1.2 });
+        .bindPopup(() => popup(print.name, [["what", "footprint of the photo"]]))));
+    key("footprint of a photo", { stroke: "#ffd400", "stroke-width": 1.2 });
   }
   if (data.home) {
     const home = L.circleMarker(at(data.home), { pane: "above", radius: 6, color: "#fff", weight: 2, fillColor: "#d6248f", fillOpacity: 1 });
-    home.bindPopup(() => popup("home", [["place", placeWords(data.home[0], data.home[1])]]));
+    home.bindPopup(() => popup("home", [["position", placeWords(data.home[0], data.home[1])]]));
     overlays["Home"] = L.layerGroup([home]);
     key("home", { r: 5, fill: "#d6248f", stroke: "#ffffff", "stroke-width": 1.5 });
   }
@@ -187,14 +187,14 @@ report.trackLook = ({ style }) => {
     overlays[`Gaps (${data.gaps.length})`] = thinnedLayer(middles, [...middles.keys()], 22, (i) => {
       const gap = data.gaps[i];
       return L.circleMarker(at(middles[i]), { radius: gap.area < 100 ? 5 : gap.area < 1000 ? 7 : 9, color: "#ffb000", weight: 2.5, dashArray: "3 3", fillOpacity: 0, className: "gap" })
-        .bindPopup(() => popup(`${gap.area} m² not seen`, [["why", gap.reason], ["cells", gap.cells], ["place", placeWords(gap.east, gap.north)]]));
+        .bindPopup(() => popup(`${gap.area} m² not observed`, [["why", gap.reason], ["cells", gap.cells], ["position", placeWords(gap.east, gap.north)]]));
     });
     key("middle of a gap", { r: 4.5, fill: "none", stroke: "#ffb000", "stroke-width": 2, "stroke-dasharray": "2.5 2" });
   }
   if (data.violations.length) {
     overlays[`Violations (${data.violations.length})`] = L.layerGroup(data.violations.map((v) =>
       L.circleMarker([v.north, v.east], { pane: "above", radius: 9, color: "#fff", weight: 2, fillColor: "#b3261e", fillOpacity: 1 })
-        .bindPopup(() => popup(v.kind, [["reached", v.worst], ["limit", v.limit], ["from", `${v.from} s`], ["to", `${v.to} s`], ["place", placeWords(v.east, v.north)]]))));
+        .bindPopup(() => popup(v.kind, [["reached", v.worst], ["limit", v.limit], ["from", `${v.from} s`], ["to", `${v.to} s`], ["position", placeWords(v.east, v.north)]]))));
     key("violation", { r: 5, fill: "#b3261e", stroke: "#ffffff", "stroke-width": 1.5 });
   }
 
@@ -244,7 +244,7 @@ report.trackLook = ({ style }) => {
   (cellLayers[0] || bare).addTo(map);
   for (const [name, layer] of Object.entries(overlays)) {
     const buries = data.pictures.flown.length || data.pictures.planned.length > 100;  // the route below them
-    if (!(name.startsWith("Pictures, planned") && buries)) layer.addTo(map);
+    if (!(name.startsWith("Photos, planned") && buries)) layer.addTo(map);
   }
   const control = L.control.layers(grounds, overlays, { collapsed: false, autoZIndex: false }).addTo(map);
   const box = control.getContainer();

@@ -1,5 +1,5 @@
 // The 3D view: squares of ground drawn from the farthest to the nearest, in parallel projection; no graphics card needed.
-// A piece of a route is drawn right after the square it is above: whatever could hide it is nearer, and drawn later.
+// A piece of a route is drawn right after the square it is above: all that could hide it is nearer, and drawn later.
 (function () {
   const canvas = document.getElementById("view3d"), pen = canvas.getContext("2d");
   const { columns, rows, up } = data.surface, [west, south, east, north] = data.bounds;

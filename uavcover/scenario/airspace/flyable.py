@@ -1,4 +1,4 @@
-"""Where on the map planned legs may be: the fence without the no-fly zones that meet a range of heights.
+"""Permitted ground for planned legs: the fence without the no-fly zones that meet a range of heights.
 
 Where steps of the ground part what is left (:mod:`uavcover.scenario.ground_steps`), they may be in one part of it.
 
@@ -30,7 +30,7 @@ _BETWEEN_SAMPLES_M = 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlyableArea:
-    """Where the planned route may be.
+    """Permitted ground for the planned route.
 
     Attributes:
         polygon: one piece of the fence, zones with their margins cut out.
@@ -49,7 +49,7 @@ class FlyableArea:
 
 
 def flyable_area(site: Site) -> FlyableArea:
-    """Where the planned route may be; without no-fly zones, and steps that part the ground, the whole fence."""
+    """Permitted ground for the planned route; the whole fence without no-fly zones and steps that divide the ground."""
     found = site.derived.get("flyable area")
     if not isinstance(found, FlyableArea):
         found = _flyable_area(site)
@@ -58,12 +58,12 @@ def flyable_area(site: Site) -> FlyableArea:
 
 
 def share_flyable_area(whole: Site, part: Site) -> None:
-    """Let the route of a part of the area be where that of the whole area may be: the two are flown as one."""
+    """Give a part of the area the permitted ground of the whole area: their routes are flown as one."""
     part.derived["flyable area"] = flyable_area(whole)
 
 
 def transit_area(site: Site) -> Polygons:
-    """Where transits may be at any of their heights: the fence without the zones that meet one of them."""
+    """Permitted ground for transits at all of their heights: the fence without the zones that meet one of them."""
     found = site.derived.get("transit area")
     if not isinstance(found, Polygons):
         low, high = _transit_heights_m(site)
@@ -74,7 +74,7 @@ def transit_area(site: Site) -> Polygons:
 
 
 def transit_area_between_walls(site: Site) -> Polygons:
-    """Where transits may be at one of their heights at least: zones that they may pass under or over are not cut out."""
+    """Permitted ground for transits at one of their heights. Zones that they may pass under or over are not cut out."""
     heights = _transit_heights_m(site)
     return _without(site, [zone for zone in site.zones if _fills(site, zone, *heights)])
 
@@ -106,7 +106,7 @@ def _flyable_area(site: Site) -> FlyableArea:
 
 
 def _between_steps(site: Site, area: FlyableArea) -> FlyableArea:
-    """One of the parts of an area that steps of the ground part: that with most of what is to be seen that can be reached."""
+    """Of the parts of an area between ground steps, the one with most of the reachable visible ground."""
     limits = site.scenario.limits
     if limits.applies_to == "waypoints":
         return area
@@ -142,7 +142,7 @@ def _without(site: Site, zones: list[Zone] | tuple[Zone, ...]) -> Polygons:
 
 
 def _with_few_corners(zone: Zone) -> shapely.Geometry:
-    """A zone with its margin; with fewer corners, and up to 4 m more room, where it has many: each is a corner of ways around."""
+    """A zone with its margin. If it has many corners: fewer, and up to 4 m more room, because each is a corner of detours."""
     reach_m = zone.entry.margin_m + _ROUNDING_M
     if zone.circle is not None or shapely.get_num_coordinates(zone.outline) <= _MANY_CORNERS:
         return zone.grown(reach_m)
@@ -182,7 +182,7 @@ def _ground_amsl_m(site: Site, zone: Zone) -> tuple[float, float] | None:
         return None
     entry = zone.entry
     if entry.floor_amsl_m is None and entry.ceiling_amsl_m is None:
-        return -math.inf, math.inf  # nobody asks
+        return -math.inf, math.inf  # no altitude limit depends on it
     places = _places_in(under, site.ground.surface.step_m)
     ups = site.ground.heights_m(places)
     known = np.isfinite(ups)

@@ -11,7 +11,7 @@ from uavcover.model.area import Rings
 from uavcover.scenario.areas.features import WGS84
 
 METRES: Final = {"M": 1.0, "FT": 0.3048, "F": 0.3048, "KM": 1000.0, "NM": 1852.0, "FL": 30.48}
-"""Of the units of heights and lengths."""
+"""Units of heights and lengths."""
 
 _LOWEST_PRESSURE_M = 550.0
 """A flight level is a pressure: where 950 hPa reduced to sea level is measured, it lies so much lower than in the standard

@@ -1,4 +1,4 @@
-"""Shortest ways on the map between two places inside a polygon with holes: around no-fly zones and the bays of a fence."""
+"""Shortest paths on the map between two positions inside a polygon with holes, around no-fly zones and bays."""
 
 import heapq
 import math
@@ -75,7 +75,7 @@ class WayRound:
         return None
 
     def along(self, a_m: FloatArray, b_m: FloatArray) -> FloatArray | None:
-        """(k, 2) corners of a way that keeps to the straight line wherever that is inside, and is shortest in between.
+        """(k, 2) corners of a path that follows the straight line wherever that is inside, and is shortest in between.
 
         A flight line is to see the ground beside it: the shortest way around what is in its middle would leave it at its end.
         """

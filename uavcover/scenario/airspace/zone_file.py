@@ -36,7 +36,9 @@ Bounds = tuple[float, float, float, float]
 def read_zones(
     entry: NoFly, *, folder: Path = Path(), near: Bounds | None = None
 ) -> tuple[tuple[NoFly, ...], tuple[str, ...]]:
-    """The zones of an entry that names a file, each with its own outline, and what was left out, one line each.
+    """Read the zones of an entry that names a file, each with its own outline.
+
+    Also return what was left out, one line each.
 
     Args:
         entry: names the file; its floors, ceilings and times are those of zones whose file has none.
@@ -67,13 +69,13 @@ def read_zones(
     if len(close) < len(wanted):
         notes.append(
             f"{path.name}: {len(wanted) - len(close)} of {len(wanted)} zones left out, more than {NEAR_KM:g} km away"
-            + ("" if close else "; are longitude and latitude swapped, or is it the file of another place?")
+            + ("" if close else "; are longitude and latitude swapped, or is it the file of another location?")
         )
     return tuple(found), tuple(notes)
 
 
 def zone_suffixes() -> tuple[str, ...]:
-    """Of files of zones: those of areas, and those of the installed readers."""
+    """Suffixes of zone files: those of areas, and those of the installed readers."""
     own = dict.fromkeys(suffix for reader in _readers() for suffix in reader.suffixes)
     return (*SUFFIXES, *(suffix for suffix in own if suffix not in SUFFIXES))
 
@@ -189,7 +191,9 @@ def _periods(properties: Mapping[str, Any], where: str) -> tuple[str, ...]:
 
 
 def _entry_of(entry: NoFly, zone: ReadZone, where: str) -> tuple[NoFly, list[str]]:
-    """A zone of a file as an entry, with its own heights and times, or else those of the entry; and what was mended.
+    """A zone of a file as an entry, with its own heights and times or those of the entry.
+
+    Also return what was repaired.
 
     Raises:
         InputError: one line that begins with ``where``.

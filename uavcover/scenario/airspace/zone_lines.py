@@ -1,4 +1,4 @@
-"""No-fly zones as lines in space, for whoever draws them."""
+"""Lines of no-fly zones in space, for displays."""
 
 import numpy as np
 import shapely
@@ -8,11 +8,11 @@ from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.site import Site
 
 _PIECES_PER_SIDE = 60
-"""Lines follow the ground in pieces, so many to the longer side of the display."""
+"""Lines follow the ground in pieces: this number along the longer side of the display."""
 
 
 def zone_lines_m(site: Site, zone: Zone, bounds_m: tuple[float, float, float, float]) -> list[FloatArray]:
-    """(m, 3) lines of a no-fly zone inside of the displayed bounds: its rings at floor and ceiling, and its corners upright.
+    """(m, 3) lines of a no-fly zone inside the displayed bounds: rings at floor and ceiling, and vertical lines at its corners.
 
     Without a floor it begins at the ground; without a ceiling it is drawn up to the highest height of transits.
 

@@ -20,7 +20,7 @@ from uavcover.terrain.ground import Ground
 Polygons = shapely.Polygon | shapely.MultiPolygon
 
 CIRCLE_CORNERS = 64
-"""Of the polygon around a circle, where one is needed: it is 0.12 % wider."""
+"""Corners of the polygon around a circle, where one is needed: it is 0.12 % wider."""
 _CORNER_REACH_M = 3.0
 """Corners of ways around circles lie this far outside of them."""
 _TOUCHING_M = 1e-6
@@ -56,7 +56,7 @@ class Zone:
         return self.outline.buffer(margin_m, join_style="mitre", mitre_limit=2.0)
 
     def depth_m(self, east_m: float, north_m: float) -> float:
-        """How far inside of its outline a place is, at whatever height; 0 outside."""
+        """Distance of a position to the outline from inside, at any height; 0 outside."""
         if self.circle is not None:
             return max(0.0, self.circle[2] - math.hypot(east_m - self.circle[0], north_m - self.circle[1]))
         place = shapely.Point(east_m, north_m)
@@ -97,7 +97,7 @@ def around_circle(east_m: float, north_m: float, radius_m: float, *, corners: in
 
 
 def _corners_around(radius_m: float) -> int:
-    """Corners of a polygon that is nowhere much farther from a circle than it has to be: each is a turn on a way around."""
+    """Corners of a polygon close around a circle. It has few, because each is a turn of a detour."""
     return min(max(8, math.ceil(math.pi / math.acos(radius_m / (radius_m + _CORNER_REACH_M)))), 180)
 
 
@@ -154,7 +154,9 @@ class ZoneCheck:
     margins: bool = False
 
     def leg_breaches(self, route_m: FloatArray, legs: BoolArray | None = None) -> list[ZoneBreach]:
-        """Every entry of a leg of an (n, 3) ENU route into a zone, by legs; for one place, of the place.
+        """Every entry of a leg of an (n, 3) ENU route into a zone, by legs.
+
+        A single position is one leg.
 
         Args:
             route_m: the places.
@@ -229,7 +231,7 @@ def _solid(zone: Zone, margin_m: float) -> Polygons:
 def _parts_inside(
     zone: Zone, solid: Polygons, margin_m: float, p: FloatArray, q: FloatArray
 ) -> list[tuple[float, float]]:
-    """Where in 0..1 the line p-q on the map is inside a zone; touching its edge is outside."""
+    """Intervals 0..1 of the line p-q on the map inside a zone. Touching its edge is outside."""
     length = math.hypot(*(q - p))
     if zone.circle is not None:
         return _parts_in_circle((*zone.circle[:2], zone.circle[2] + margin_m), p, q, length)
@@ -264,7 +266,7 @@ def _parts_in_circle(
 def _deepest(
     zone: Zone, solid: Polygons, margin_m: float, p: FloatArray, q: FloatArray, part: tuple[float, float]
 ) -> tuple[float, float]:
-    """Largest distance to the edge on a part of the line p-q, and where; at least a hair, because it is inside."""
+    """Largest distance to the edge on a part of the line p-q, and its position. It is above 0, because the part is inside."""
     at = np.linspace(part[0], part[1], _SAMPLES + 1)
     places = p[:2] + at[:, None] * (q[:2] - p[:2])
     if zone.circle is not None:

@@ -40,7 +40,7 @@ _WKT = re.compile(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AreaQuery:
-    """What to read.
+    """Selection of features to read.
 
     Attributes:
         source: a file; or ``WEST,SOUTH,EAST,NORTH`` in degrees; or ``LAT,LON,RADIUS`` in degrees and metres; or well-known text.
@@ -138,7 +138,9 @@ def _on_earth(crs: CRS, where: str) -> CRS:
     """The horizontal part of a system."""
     crs = crs.sub_crs_list[0] if crs.is_compound else crs
     if not (crs.is_geographic or crs.is_projected):
-        raise InputError(f"{where}: {crs.name!r} is not a system of places on Earth; name one with --crs EPSG:NUMBER")
+        raise InputError(
+            f"{where}: {crs.name!r} is not a system of positions on Earth; name one with --crs EPSG:NUMBER"
+        )
     return crs
 
 
@@ -197,7 +199,7 @@ def _circle(source: str, numbers: list[float], metres: float) -> AreaDocument:
     lat, lon, radius = numbers[0], numbers[1], numbers[2] * metres
     if not (abs(lat) <= 90.0 and abs(lon) <= 180.0):
         raise InputError(
-            f"{source}: latitude {lat:g}, longitude {lon:g} is not a place; write LAT,LON,RADIUS, latitude first"
+            f"{source}: latitude {lat:g}, longitude {lon:g} is not a position; write LAT,LON,RADIUS, latitude first"
         )
     if not 1.0 <= radius <= 50_000.0:
         raise InputError(f"{source}: a radius of {radius:g} m is outside 1..50,000 m; the third number is in metres")

@@ -55,7 +55,7 @@ class AreaDocument:
 
 
 def chosen(document: AreaDocument, layer: str | None, feature: str | None) -> tuple[tuple[str, AreaFeature], ...]:
-    """The features that were asked for, each with the words that name it in errors.
+    """The selected features, each with its name for error messages.
 
     Args:
         document: the file.
@@ -93,7 +93,7 @@ def _words(number: int, feature: AreaFeature) -> str:
 
 
 def _known(wanted: str, names: Sequence[str], missing: str) -> str:
-    """One of the names, whatever its case."""
+    """One of the names, in any case."""
     if wanted in names:
         return wanted
     alike = {name.casefold(): name for name in names if name}

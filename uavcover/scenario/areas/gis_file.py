@@ -69,7 +69,7 @@ def read_gis_file(path: Path, layer: str | None) -> AreaDocument:
 
 
 def _inside_zip(path: Path) -> str:
-    """What GDAL opens of a zip: the only file of a known format in it; within the limits of KMZ files."""
+    """Path of a zip's only file of a known format, for GDAL; within the limits of KMZ files."""
     try:
         with zipfile.ZipFile(path) as archive:
             entries = archive.infolist()

@@ -11,12 +11,12 @@ from uavcover.errors import InputError
 MAX_ENTRIES = 2000
 MAX_KML_BYTES = 64 * 1024 * 1024
 MAX_RATIO = 200.0
-"""Of unpacked to packed size; text packs to about a twentieth, a bomb to a thousandth."""
+"""Ratio of unpacked to packed size; text packs to about a twentieth, a bomb to a thousandth."""
 _ARCHIVES = (".kmz", ".zip", ".7z", ".gz", ".rar", ".tar", ".bz2", ".xz")
 
 
 def kml_of(path: Path) -> bytes:
-    """The KML document of a KMZ file: ``doc.kml``, or the only one there is. Pictures and the rest are not unpacked.
+    """The KML document of a KMZ file: ``doc.kml``, or the only one there is. Photos and the rest are not unpacked.
 
     Raises:
         InputError: no zip, a damaged or encrypted one, none or several documents, or one beyond the limits.

@@ -59,7 +59,7 @@ def _section(lines: list[tuple[int, str]], at: int) -> tuple[Ring, int]:
             lon = lat = math.nan
         if not (abs(lon) <= 180.0 and abs(lat) <= 90.0):
             raise FormatError(
-                f"{line[:40]!r} is not a place", where=f"line {number}", advice="write longitude, then latitude"
+                f"{line[:40]!r} is not a position", where=f"line {number}", advice="write longitude, then latitude"
             )
         places.append((lon, lat))
     raise FormatError("the last section has no END", where=f"line {lines[-1][0]}", advice="fetch the file again")

@@ -1,4 +1,4 @@
-"""From rings as a file has them to valid polygons in longitude and latitude; errors say where and what to do."""
+"""From rings of a file to valid polygons in longitude and latitude. Errors say where and what to do."""
 
 import math
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ _EARTH = Geod(ellps="WGS84")
 
 @dataclass(frozen=True, slots=True)
 class RingReading:
-    """How rings are read.
+    """Settings for reading rings.
 
     Attributes:
         crs: their coordinate system.
@@ -38,7 +38,9 @@ class RingReading:
 
 
 def read_polygons(rings: Rings, reading: RingReading, where: str) -> tuple[list[shapely.Polygon], tuple[str, ...]]:
-    """A polygon of a file in longitude and latitude, in several parts where mending gives several; a note if it was mended.
+    """Read a polygon of a file in longitude and latitude, in several parts where repair gives several.
+
+    Also return a note on repair.
 
     Longitudes of one polygon are continuous: across 180 degrees they go beyond it.
 
@@ -71,12 +73,12 @@ def read_polygons(rings: Rings, reading: RingReading, where: str) -> tuple[list[
         return found, ()
     written_m2 = _area_m2(_geographic(polygon, reading, where))
     return found, (
-        f"{where}: mended with make_valid, {written_m2 / 1e4:,.4g} ha as written, {size_m2 / 1e4:,.4g} ha now",
+        f"{where}: repaired with make_valid, {written_m2 / 1e4:,.4g} ha as written, {size_m2 / 1e4:,.4g} ha now",
     )
 
 
 def _area_m2(polygon: shapely.Polygon) -> float:
-    """Of the outline minus its holes, each as it is drawn."""
+    """Area of the outline minus its holes, each as it is drawn."""
     outer, *holes = (abs(_EARTH.geometry_area_perimeter(ring)[0]) for ring in (polygon.exterior, *polygon.interiors))
     return float(outer - sum(holes))
 
@@ -112,7 +114,7 @@ def _continuous(outlines: Sequence[FloatArray], reading: RingReading, where: str
             swapped = np.abs(lons).max() <= 0.25 * turn and np.abs(lats).max() <= 0.5 * turn
             worst = worst if abs(lats[worst]) > 0.25 * turn else int(np.argmax(np.abs(lons)))
             raise InputError(
-                f"{where}: longitude {lons[worst]:.10g}, latitude {lats[worst]:.10g} is not a place on Earth; "
+                f"{where}: longitude {lons[worst]:.10g}, latitude {lats[worst]:.10g} is not a position on Earth; "
                 + (
                     "the axes look swapped: longitude comes first (or use --swap-axes)"
                     if swapped
@@ -184,7 +186,7 @@ def _lon_lat(corners: FloatArray, reading: RingReading, where: str) -> FloatArra
 
 
 def _place(numbers: list[float], reading: RingReading) -> str:
-    """A place of the file, as longitude and latitude where it can be told."""
+    """A position of the file, as longitude and latitude where possible."""
     try:
         lon, lat = (
             numbers

@@ -13,16 +13,19 @@ from uavcover.terrain.frames import LocalFrame
 from uavcover.verification.shared_clock import JUMP_S
 
 PICTURE_PLACE_ERROR_M = 10.0
-"""A picture that names a place farther than this from where the vehicle was then is no picture."""
+"""A photo that names a place farther than this from where the vehicle was then is no photo."""
 
 PICTURE_TIME_ERROR_S = 0.5
-"""So much earlier or later it may have been there: autopilots note a picture when the camera answers."""
+"""So much earlier or later it may have been there: autopilots note a photo when the camera answers."""
 
 _CLOCK_SPREAD_S = 5.0
 """Clocks of one flight run together; of a simulator that is faster than real time they do not."""
 
 _MOST_LEAN_COS = 0.94
-"""Of a vehicle whose rangefinder counts: 20 degrees. A wide beam hits what is nearest, which then is not on its axis."""
+"""Largest lean of a vehicle whose rangefinder counts: 20 degrees.
+
+A wide beam hits what is nearest, which then is not on its axis.
+"""
 
 MAX_ATTITUDE_GAP_S = 1.0
 """Largest time between the two rows around a position from which its attitude is interpolated."""
@@ -37,12 +40,12 @@ class LoggedRows:
     Attributes:
         positions: (n, 4) time in seconds, latitude and longitude in degrees, height above sea level in metres.
         attitudes: (k, 4) time in seconds, roll, pitch and yaw in degrees; may be empty.
-        pictures: (p, 3) time in seconds, latitude and longitude in degrees of every picture that was taken, NaN or 0 where its
-            place is not told; none in a log that tells nothing of a camera.
+        pictures: (p, 3) time in seconds, latitude and longitude in degrees of every photo that was taken, NaN or 0 where its
+            position is not reported; none in a log without camera messages.
         warnings: what was dropped or assumed so far.
         ranges: (r, 2) time in seconds and distance in metres of every valid reading of a rangefinder that looks down.
         stored: (s, 3) latitude, longitude and height above sea level of the ground in the vehicle's own terrain data.
-        lost: (p,) number of photos before each picture that the camera counted and whose message is missing; empty: none.
+        lost: (p,) number of photos before each photo that the camera counted and whose message is missing; empty: none.
         clock: (c, 2) times in seconds and the same moments in seconds since 1970 (UTC), where the log tells them.
         velocities: (v, 4) time in seconds, reported velocity over ground north, east and down in m/s; empty: not reported.
     """
@@ -65,7 +68,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
     know the plan's waypoints: ``current_waypoint`` is -1 throughout.
 
     Raises:
-        TrackError: no position, one that is not a place on Earth, or time that goes back.
+        TrackError: no position, one that is not a position on Earth, or time that goes back.
     """
     warnings = list(rows.warnings)
     positions = rows.positions.reshape(-1, 4)
@@ -93,7 +96,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
         at = int(np.argmax(bad))
         raise TrackError(
             f"{path}: position {at}, at {positions[at, 0]:.3f} s: {positions[at, 1]}, {positions[at, 2]}, "
-            f"{positions[at, 3]} m is not a place on Earth"
+            f"{positions[at, 3]} m is not a position on Earth"
         )
     attitude = attitudes_at(positions[:, 0], rows.attitudes.reshape(-1, 4))
     unknown = int(np.isnan(attitude[:, 0]).sum())
@@ -124,7 +127,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
 
 
 def _ranged(frame: LocalFrame, positions: FloatArray, attitudes: FloatArray, ranges: FloatArray) -> FloatArray:
-    """(r, 3) places of the ground that a rangefinder hit along the vehicle's down axis, where position and attitude are known."""
+    """(r, 3) ground positions that a rangefinder hit along the vehicle's down axis, where position and attitude are known."""
     times = ranges[:, 0]
     after = np.clip(np.searchsorted(positions[:, 0], times), 1, max(len(positions) - 1, 1))
     if len(positions) < 2 or not len(ranges):
@@ -146,16 +149,18 @@ def _ranged(frame: LocalFrame, positions: FloatArray, attitudes: FloatArray, ran
 
 
 def _unix_offsets_s(clock: FloatArray, time_s: FloatArray) -> FloatArray:
-    """(n,) what brings the log's times to seconds since 1970; NaN where that is not told, or drifts in the course of the log.
+    """(n,) offsets from the log's times to seconds since 1970.
+
+    NaN where unknown, or drifting in the course of the log.
 
     A clock that jumps by hours is kept as it is: verification reports it.
     """
-    told = clock[[is_flight_time(float(unix_s)) for _, unix_s in clock]] if len(clock) else clock
-    offsets = told[:, 1] - told[:, 0]
+    plausible = clock[[is_flight_time(float(unix_s)) for _, unix_s in clock]] if len(clock) else clock
+    offsets = plausible[:, 1] - plausible[:, 0]
     if offsets.size == 0:
         return np.full(len(time_s), np.nan)
     if np.abs(np.diff(offsets)).max(initial=0.0) > JUMP_S:
-        return np.asarray(offsets[np.maximum(np.searchsorted(told[:, 0], time_s, side="right") - 1, 0)])
+        return np.asarray(offsets[np.maximum(np.searchsorted(plausible[:, 0], time_s, side="right") - 1, 0)])
     if np.ptp(np.percentile(offsets, (5.0, 95.0))) > _CLOCK_SPREAD_S:
         return np.full(len(time_s), np.nan)
     return np.full(len(time_s), float(np.median(offsets)))
@@ -164,32 +169,32 @@ def _unix_offsets_s(clock: FloatArray, time_s: FloatArray) -> FloatArray:
 def _pictures_taken(
     frame: LocalFrame, positions: FloatArray, pictures: FloatArray, lost: IntArray
 ) -> tuple[FloatArray, list[str]]:
-    """How many pictures were taken up to each of (n, 4) positions, and which of (p, 3) pictures the positions contradict.
+    """Photos taken up to each of (n, 4) positions, and which of (p, 3) photos the positions contradict.
 
-    A picture that was taken when nothing was recorded, or that names a place where the vehicle was not, is no picture. Every
-    picture has a row of its own, so of several between two positions one counts: what they would show is the same.
+    A photo that was taken when nothing was recorded, or that names a place where the vehicle was not, is no photo. Every
+    photo has a row of its own, so of several between two positions one counts: what they would show is the same.
     """
     times, doubted = positions[:, 0], []
     inside = (pictures[:, 0] > times[0]) & (pictures[:, 0] <= times[-1])
     if not inside.all():
         doubted.append(
-            f"{int((~inside).sum())} of {len(pictures)} pictures have a time outside the track: they are no evidence"
+            f"{int((~inside).sum())} of {len(pictures)} photos have a time outside the track: they are no evidence"
         )
     lost = lost[inside] if lost.size else np.zeros(int(inside.sum()), dtype=np.int64)
     pictures = pictures[inside]
     placed = np.isfinite(pictures[:, 1:]).all(axis=1) & (pictures[:, 1:] != 0.0).any(axis=1)
     enu = frame.enu_from_geodetic(*positions[:, 1:].T)
     heights = np.interp(pictures[placed, 0], times, positions[:, 3])
-    told = frame.enu_from_geodetic(pictures[placed, 1], pictures[placed, 2], heights)
+    reported_m = frame.enu_from_geodetic(pictures[placed, 1], pictures[placed, 2], heights)
     off_m = np.full(int(placed.sum()), np.inf)
     for shift_s in (-PICTURE_TIME_ERROR_S, 0.0, PICTURE_TIME_ERROR_S):
         flown = np.column_stack([np.interp(pictures[placed, 0] + shift_s, times, enu[:, axis]) for axis in range(2)])
-        off_m = np.minimum(off_m, np.hypot(*(told[:, :2] - flown).T))
+        off_m = np.minimum(off_m, np.hypot(*(reported_m[:, :2] - flown).T))
     elsewhere = np.zeros(len(pictures), dtype=bool)
     elsewhere[placed] = ~(off_m <= PICTURE_PLACE_ERROR_M)
     if elsewhere.any():
         doubted.append(
-            f"{int(elsewhere.sum())} of {len(pictures)} pictures name a place where the vehicle was not (up to "
+            f"{int(elsewhere.sum())} of {len(pictures)} photos name a position where the vehicle was not (up to "
             f"{float(off_m.max()):.0f} m away): they are no evidence"
         )
     at = np.searchsorted(times, pictures[~elsewhere, 0])
@@ -222,7 +227,9 @@ def attitudes_at(time_s: FloatArray, attitudes: FloatArray) -> FloatArray:
 
 
 def _velocities_at(time_s: FloatArray, velocities: FloatArray) -> FloatArray:
-    """(n, 3) velocity north, east, down at (n,) times, of (v, 4) rows; NaN where none are near, or all are exactly 0.
+    """(n, 3) velocity north, east, down at (n,) times from (v, 4) rows.
+
+    NaN without a near row, or if all are 0.
 
     Zeros throughout are what messages hold whose sender reports no velocity.
     """

@@ -24,13 +24,13 @@ _GPS_EPOCH_UNIX_S, _WEEK_S, _LEAP_S = 315_964_800.0, 604_800.0, 18.0
 
 
 def read_dataflash(path: Path) -> LoggedRows:
-    """Read positions (POS of the estimator, otherwise the first GPS), attitudes (ATT) and pictures (CAM, otherwise TRIG).
+    """Read positions (POS of the estimator, otherwise the first GPS), attitudes (ATT) and photos (CAM, otherwise TRIG).
 
     Velocities are those of the estimator's primary core (XKF1, otherwise NKF1), or of the first GPS where positions are its own
     or no core is logged.
 
-    CAM is a picture that the camera took, or was told to take where no feedback is wired; TRIG is the trigger alone, of a
-    camera with feedback, whose pictures are its CAM messages.
+    CAM is a photo that the camera took, or was commanded to take where no feedback is wired; TRIG is the trigger alone, of a
+    camera with feedback, whose photos are its CAM messages.
 
     Raises:
         TrackError: not such a log, or without positions.
@@ -87,7 +87,7 @@ def read_dataflash(path: Path) -> LoggedRows:
     pictures = cameras["CAM"] or cameras["TRIG"]
     if pictures and not cameras["CAM"]:
         warnings.append(
-            f"{path}: has no CAM messages; the triggers (TRIG) count as pictures, whether or not any was taken"
+            f"{path}: has no CAM messages; the triggers (TRIG) count as photos, whether or not any was taken"
         )
     return LoggedRows(
         np.array(positions),
@@ -129,7 +129,7 @@ def _gps_velocity(message: Any) -> list[tuple[float, ...]]:
 
 
 def _down(message: Any) -> list[tuple[float, float]]:
-    """Time and distance of a reading that looks down and is in range; logs of before 4.0 have two sensors in a message."""
+    """Time and distance of a reading that looks down and is in range. Logs before version 4.0 have two sensors in a message."""
     if hasattr(message, "Dist"):
         good = getattr(message, "Stat", _RANGE_GOOD) == _RANGE_GOOD and getattr(message, "Orient", _DOWN) == _DOWN
         return [(message.TimeUS * 1e-6, float(message.Dist))] if good and message.Dist > 0.0 else []
@@ -152,7 +152,7 @@ def _opened(kind: Any, path: Path) -> Iterator[Any]:
 
 
 def _bytes_left_out(reader: Any, content: bytes) -> int:
-    """How many bytes belong to no message that the reader has indexed, without zeros at the end of a file."""
+    """Number of bytes that belong to no message that the reader has indexed, without zeros at the end of a file."""
     indexed = sum(int(reader.counts[number]) * one.len for number, one in reader.formats.items())
     return len(content.rstrip(b"\0")) - int(indexed)
 

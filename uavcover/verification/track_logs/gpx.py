@@ -13,7 +13,9 @@ from uavcover.verification.track_logs.assembly import LoggedRows
 
 
 def read_gpx(path: Path) -> LoggedRows:
-    """Read the points of all tracks and segments of a GPX 1.0 or 1.1 file; time counts from the first one.
+    """Read the points of all tracks and segments of a GPX 1.0 or 1.1 file.
+
+    Time counts from the first one.
 
     ``ele`` is a height above sea level by the standard; a warning says that this is assumed.
 

@@ -41,7 +41,9 @@ READERS: dict[str, Callable[[Path], LoggedRows]] = {
 
 
 def read_foreign_log(path: Path, frame: LocalFrame, *, system: int | None = None) -> ReadTrack:
-    """Read the track of a log in the local frame; the suffix, in upper or lower case, is one of READERS.
+    """Read the track of a log in the local frame.
+
+    The suffix, in upper or lower case, is one of READERS.
 
     Args:
         path: the log.

@@ -21,7 +21,7 @@ _TRACKERS = (5,)
 _LOOKS_DOWN = 25
 """MAV_SENSOR_ROTATION_PITCH_270."""
 _Pictures = dict[tuple[int, int, int], tuple[float, ...] | None]
-"""Time, latitude and longitude of a picture, none of one that failed; by system, camera and number."""
+"""Time, latitude and longitude of a photo, none of one that failed; by system, camera and number."""
 _NOT_PICTURES = (1, 2)
 """CAMERA_FEEDBACK_VIDEO and CAMERA_FEEDBACK_BADEXPOSURE."""
 
@@ -29,11 +29,11 @@ _Rows = dict[_Source, list[tuple[float, ...]]]
 
 
 def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
-    """Read positions and velocities (GLOBAL_POSITION_INT), attitudes (ATTITUDE) and pictures of one vehicle, on its own clock.
+    """Read positions and velocities (GLOBAL_POSITION_INT), attitudes (ATTITUDE) and photos of one vehicle, on its own clock.
 
     Where any autopilot sends heartbeats, only autopilots are vehicles: ground stations and trackers send positions of their own.
-    Ranges are DISTANCE_SENSOR, otherwise RANGEFINDER, of sensors that look down. Pictures are CAMERA_FEEDBACK, otherwise
-    CAMERA_IMAGE_CAPTURED; each number counts once. A feedback's own time may be of the GPS, so a picture has the time of the
+    Ranges are DISTANCE_SENSOR, otherwise RANGEFINDER, of sensors that look down. Photos are CAMERA_FEEDBACK, otherwise
+    CAMERA_IMAGE_CAPTURED; each number counts once. A feedback's own time may be of the GPS, so a photo has the time of the
     position that came before it, and so has a range.
 
     Args:
@@ -62,7 +62,7 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
             source = (message.get_srcSystem(), message.get_srcComponent())
             kind = message.get_type()
             if kind in cameras:
-                # A picture before the first position has no place in the track.
+                # A photo before the first position has no place in the track.
                 _note_picture(cameras[kind], message, source, now_s.get(source[0], 0.0))
                 continue
             if kind == "HEARTBEAT":
@@ -107,11 +107,11 @@ def read_telemetry(path: Path, *, system: int | None = None) -> LoggedRows:
     source = Counter(speaking).most_common(1)[0][0]
     of_vehicle = [{key: row for key, row in found.items() if key[0] == source[0]} for found in cameras.values()]
     counted = of_vehicle[0] or of_vehicle[1]
-    told = list(counted.values())
-    pictures = np.array([row for row in told if row is not None]).reshape(-1, 3) if told else None
+    reports = list(counted.values())
+    pictures = np.array([row for row in reports if row is not None]).reshape(-1, 3) if reports else None
     warnings: tuple[str, ...] = ()
-    if failed := sum(row is None for row in told):
-        warnings = (f"{path}: the camera failed to take {failed} of {len(told)} pictures",)
+    if failed := sum(row is None for row in reports):
+        warnings = (f"{path}: the camera failed to take {failed} of {len(reports)} photos",)
     measured = ranges["DISTANCE_SENSOR"][source] or ranges["RANGEFINDER"][source]
     return LoggedRows(
         np.array(positions[source]), np.array(attitudes[source]).reshape(-1, 4), pictures, warnings,
@@ -133,7 +133,7 @@ def _range(message: Any, now_s: float | None) -> list[tuple[float, ...]]:
 
 
 def _lost(counted: _Pictures) -> NDArray[np.int64]:
-    """The number of pictures that each camera counted since the message before, and that no message reports."""
+    """The number of photos that each camera counted since the message before, and that no message reports."""
     lost: list[int] = []
     before: dict[int, int] = {}
     for (_, camera, number), row in counted.items():
@@ -145,7 +145,7 @@ def _lost(counted: _Pictures) -> NDArray[np.int64]:
 
 
 def _note_picture(found: _Pictures, message: Any, source: _Source, now_s: float) -> None:
-    """Note what a camera tells of a picture, unless it has told it before."""
+    """Note a photo that a camera reports, unless it was noted before."""
     if message.get_type() == "CAMERA_FEEDBACK":
         camera, number, good = message.cam_idx, message.img_idx, message.flags not in _NOT_PICTURES
         place = (message.lat * 1e-7, message.lng * 1e-7)

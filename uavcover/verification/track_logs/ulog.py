@@ -27,13 +27,13 @@ _VELOCITIES: tuple[_Velocity, ...] = (
 _LOOKS_DOWN = 25
 _FIX_3D = 3
 _FAILED = 0
-"""``camera_capture.result`` of a picture that was not taken; -1 is a camera that does not answer."""
+"""``camera_capture.result`` of a photo that was not taken; -1 is a camera that does not answer."""
 
 _MAGIC = b"ULog\x01\x12\x35"
 
 
 def read_ulog(path: Path) -> LoggedRows:
-    """Read positions, velocities, attitudes (vehicle_attitude) and pictures (camera_capture, or camera_trigger).
+    """Read positions, velocities, attitudes (vehicle_attitude) and photos (camera_capture, or camera_trigger).
 
     Positions are the estimator's (vehicle_global_position), otherwise the receiver's (vehicle_gps_position, sensor_gps).
     Velocities are those of the same source.
@@ -139,22 +139,20 @@ def _clock(datasets: dict[str, dict[str, Any]]) -> FloatArray:
 
 
 def _pictures(path: Path, datasets: dict[str, dict[str, Any]]) -> tuple[FloatArray | None, list[str]]:
-    """(p, 3) time, latitude and longitude of the pictures, none where the log has no camera; and what to tell of them."""
+    """(p, 3) time, latitude and longitude of the photos, none in a log without a camera; and warnings about them."""
     if capture := datasets.get("camera_capture"):
         if lacking := {"timestamp", "seq", "lat", "lon", "result"} - set(capture):
             raise TrackError(f"{path}: its camera_capture messages have no {', '.join(sorted(lacking))}")
         taken = np.asarray(capture["result"]) != _FAILED
         rows = np.column_stack([np.asarray(capture["timestamp"], float) * 1e-6, capture["lat"], capture["lon"]])
-        # One capture may be told of twice.
+        # A log may report one capture twice.
         _, first = np.unique(np.asarray(capture["seq"])[taken], return_index=True)
         failed = int((~taken).sum())
-        words = [f"{path}: the camera failed to take {failed} of {len(taken)} pictures"] if failed else []
+        words = [f"{path}: the camera failed to take {failed} of {len(taken)} photos"] if failed else []
         return rows[taken][first], words
     if trigger := datasets.get("camera_trigger"):
         times = np.asarray(trigger["timestamp"], float) * 1e-6
-        words = [
-            f"{path}: has no camera_capture messages; the triggers count as pictures, whether or not any was taken"
-        ]
+        words = [f"{path}: has no camera_capture messages; the triggers count as photos, whether or not any was taken"]
         return np.column_stack([times, np.full((len(times), 2), np.nan)]), words
     return None, []
 

@@ -1,4 +1,4 @@
-"""Who takes part: planners, which get a budget and a seed, and constructions, which need neither.
+"""Contenders: planners, which get a budget and a seed, and constructions, which need neither.
 
 Among the constructions is the exhaustive line scan, a boustrophedon tuned for as long as it takes: many directions, heights,
 insets, tolerances, and every number of lines.
@@ -37,7 +37,7 @@ from uavcover.sensing.sensors import reach_at_height_m
 _ANGLES = 12
 _INSETS = (0.0, 0.5, 0.8, 1.0)
 _CLOSER_M = (5.0, 2.0, 1.0)
-"""How closely the legs follow the terrain beside PLAIN_TOLERANCE_M, tried for the shortest families only."""
+"""Tolerances to the terrain besides PLAIN_TOLERANCE_M, tried for the shortest families only."""
 _FEWEST_LINES, _MOST_LINES = 0.8, 1.45
 _MOST_NODES = 120
 
@@ -54,7 +54,7 @@ class Tried:
         family: all that does not change with the number of lines, as text.
         lines: how many lines, or rows of nodes.
         coverage: share of what is coverable, on the cells of the area.
-        hold_out: likewise on cells that no planner has seen.
+        hold_out: the same on cells that no planner has used.
         waypoints: how many.
         length_m: of the open path.
         violation: 0 when all limits are kept.
@@ -88,10 +88,10 @@ _Laid = tuple[str, int, Route]
 
 
 def scan(judge: Judge) -> tuple[list[Tried], list[NamedRoute]]:
-    """What was worth judging of everything that was tried, and the routes.
+    """The tried routes that were worth judging.
 
     All are tried on the planner's cells first. Families that are more than 5 % longer there than the best, at every one of a few
-    coverages about the one that is asked for, are not judged on the finer cells; lines of those within 1 % are flown closer to
+    coverages about the required one, are not judged on the finer cells; lines of those within 1 % are flown closer to
     the terrain as well.
     """
     site = judge.site
@@ -156,7 +156,7 @@ def _families(site: Site) -> list[_Family]:
 
 
 def _closer(site: Site, families: Sequence[_Family]) -> list[_Family]:
-    """The same lines with legs that keep closer to the height that sees widest, which is nearer to the end of the band then."""
+    """The same swaths with legs closer to the height of the widest view, which is nearer to the end of the band then."""
     found = [
         replace(family, height_agl_m=best_height_agl_m(site, tolerance_m=tolerance_m), tolerance_m=tolerance_m)
         for family in families
@@ -187,7 +187,7 @@ def length_at(tried: Sequence[Tried], hold_out: float) -> float:
     """Length of the shortest boustrophedon with a hold-out coverage, or NaN where none has it.
 
     Within a family the length between two numbers of lines that follow each other is interpolated by their coverage: a
-    number of lines is a coarse step, and whoever needs a little less than 31 lines give should not be compared with all 31.
+    number of lines is a coarse step, and a route that needs a little less than 31 lines give should not be compared with all 31.
     """
     found = []
     for _, members in groupby(sorted(tried, key=lambda t: (t.family, t.lines)), key=lambda t: t.family):
@@ -208,7 +208,7 @@ OURS = PLANNERS[0]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """What a contender found.
+    """Result of a contender.
 
     Attributes:
         moments: the routes worth judging, by processor time; under the key of the last moment what it ended with.
@@ -226,7 +226,9 @@ class Found:
 def plan_for(
     site: Site, case: Case, algorithm: PlannerAlgorithm, *, seed: int, evaluations: int, moments_s: Sequence[float]
 ) -> Found:
-    """A planner's run on one core; the clock is the process's own processor time, so that other work does not count.
+    """A planner's run on one core.
+
+    The clock is the process's own processor time, so that other work does not count.
 
     Args:
         site: the scenario on its ground.

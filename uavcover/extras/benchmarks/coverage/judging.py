@@ -1,4 +1,4 @@
-"""The scenarios of the benchmark, what is asked for on each, and what a set of routes is worth.
+"""Scenarios of the benchmark, the required coverage of each, and the value of a set of routes.
 
 Sets are judged on the cells of the area, with the hypervolume measured from a point of each scenario; chosen routes are
 judged on hold-out cells, which no planner has seen.
@@ -35,7 +35,7 @@ class Case:
         rule: by which the planners choose.
         asked: share of the coverable area at which routes are compared.
         most_waypoints: reference point of the hypervolume; its coverage is 0.
-        longest_m: likewise.
+        longest_m: reference point of the hypervolume, its length.
     """
 
     scenario: str
@@ -68,7 +68,7 @@ class HoldOut:
     """Coverage on cells of half the area's cell size, the whole lattice shifted by half of such a cell.
 
     A cell whose centre is also the centre of a cell of the area or of the planner does not count: a route may have been
-    made to see just that place. Lines of sight are exact rays, whatever the scenario plans with.
+    made to observe just that point. Lines of sight are exact rays, independent of the scenario's planning model.
 
     Attributes:
         coverage: the map on these cells.
@@ -113,7 +113,7 @@ def _is_centre(places_m: FloatArray, cell_m: float) -> BoolArray:
 
 
 CHOICES = ("rule", "asked", "max-coverage")
-"""How one route of a set is chosen: by the scenario's rule, the shortest with the coverage asked for, by most coverage."""
+"""Ways to choose one route of a set: the scenario's rule, the shortest with the required coverage, the most coverage."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,9 +130,9 @@ class Chosen:
     """The route that was chosen from a set.
 
     Attributes:
-        met: whether it has the coverage that was asked for.
+        met: whether it has the required coverage.
         coverage: share of what is coverable, on the cells of the area.
-        hold_out: likewise on cells that no planner has seen.
+        hold_out: the same on cells that no planner has used.
         waypoints: how many.
         length_m: of the open path.
         violation: sum over the limits of the scenario, at full length; 0 when all are kept.
@@ -167,7 +167,7 @@ class Judge:
     """Judges sets of routes of one case.
 
     Attributes:
-        case: what is asked for.
+        case: the scenario and its required coverage.
         site: its scenario on its ground.
     """
 
@@ -208,9 +208,11 @@ class Judge:
         return self._hold_out.coverage_of_coverable(member.route.waypoints_m)
 
     def judged(self, routes: Sequence[NamedRoute]) -> list[RouteMember]:
-        """Routes on the cells of the area, whether they keep the limits or not; corners that break one are mended first.
+        """Routes on the cells of the area, whether they keep the limits or not.
 
-        So they are before the planner chooses: over 25 km² there are hundreds of such corners in whatever lines.
+        Corners that break one are repaired first.
+
+        So they are before the planner chooses: over 25 km² any set of lines has hundreds of such corners.
         """
         return judge_members(self._cells, [(with_sound_corners(self.site, route), origin) for route, origin in routes])
 
@@ -246,7 +248,9 @@ def read_moment(document: dict[str, Any]) -> JudgedMoment:
 
 
 def hypervolume_share(case: Case, front: Sequence[Point], *, from_coverage: float = 0.0) -> float:
-    """Share 0..1 of the box between the reference point and the ideal one (all seen, no waypoint, no way) that is dominated.
+    """Share 0..1 of the box between the reference point and the ideal one that is dominated.
+
+    Ideal: all covered, no waypoint, length 0.
 
     Args:
         case: its reference point has the waypoints and the length.

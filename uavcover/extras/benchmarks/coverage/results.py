@@ -48,7 +48,7 @@ def draw(outcomes: Outcomes, path: Path) -> Path:
             axes[0, column].set_title(scenario, fontsize=9)
             axes[1, column].set_xlabel("processor time, s", fontsize=8)
         axes[0, 0].set_ylabel("hypervolume (more is better)", fontsize=8)
-        axes[1, 0].set_ylabel("length at the coverage asked for\n(less is better; missing: not reached)", fontsize=8)
+        axes[1, 0].set_ylabel("length at the required coverage\n(less is better; missing: not reached)", fontsize=8)
         entries = {
             label: line for axis in axes.flat for line, label in zip(*axis.get_legend_handles_labels(), strict=True)
         }
@@ -88,7 +88,7 @@ def _panel(axis: Any, outcomes: Outcomes, scenario: str, value: Callable[[Sample
 
 
 def mean_between(values: Sequence[float]) -> float:
-    """The mean, never beside the smallest and the largest: that of equal values may round to there, and has no whiskers then."""
+    """The mean, kept within the smallest and the largest: the mean of equal values may round beyond them."""
     return min(max(float(np.mean(values)), min(values)), max(values))
 
 
@@ -138,10 +138,10 @@ def tables_markdown(outcomes: Outcomes, *, version: str, command: str, date: str
     for scenario in outcomes.scenarios:
         case = CASES[scenario]
         best = outcomes.best_baseline_m(scenario)
-        told = "no baseline has it" if math.isnan(best) else f"the best baseline has it with {best:,.1f}"
+        text = "no baseline has it" if math.isnan(best) else f"the best baseline has it with {best:,.1f}"
         parts += [
             f"## {scenario}\n",
-            f"Asked for: {100 * case.asked:g} % of what can be seen; {told}. Rule of the planners: `{case.rule}`. Reference "
+            f"Required: {100 * case.asked:g} % of the visible ground; {text}. Rule of the planners: `{case.rule}`. Reference "
             f"point: no coverage, {case.most_waypoints:g} waypoints, length {case.longest_m:,.0f}.\n",
             _scenario(outcomes, scenario),
         ]
@@ -157,7 +157,7 @@ _EXPLANATION = (
     "Hold-out: cells of "
     "half the size, shifted by half of one, none of them a cell that a planner counted on; exact rays. Lengths in metres (in "
     "the paper's units on its scenarios). Ours is `memetic`; of the others only what they found themselves counts, from the "
-    "same constructed beginnings. *asked*: the shortest route with the coverage asked for, on the area's cells, and in how "
+    "same constructed beginnings. *asked*: the shortest route with the required coverage, on the area's cells, and in how "
     "many of the runs there is one; *no worse*: in how many of the runs it is no longer than the best baseline. *less*: how "
     "much shorter than a tuned boustrophedon of the same hold-out coverage, interpolated between numbers of lines, the route "
     "is that the rule chooses. HV: share of the box between reference point and ideal that is dominated; HV80: the same above "
@@ -220,7 +220,9 @@ def _counts(outcomes: Outcomes, scenario: str) -> str:
             forty = known([100 * sample.most_with(_FORTY) for sample in samples])
             seen = f"{_mean(full, 1, worst=max)} ({len(full)}/{len(samples)})" if full else f"none (0/{len(samples)})"
             lines.append([name, effort, seen, _mean(forty, 2, worst=min)])
-    return markdown(["contender", "effort", "fewest that see all", f"most coverage with {_FORTY}, %"], lines) + "\n"
+    return (
+        markdown(["contender", "effort", "fewest for full coverage", f"most coverage with {_FORTY}, %"], lines) + "\n"
+    )
 
 
 def _mean(
@@ -228,12 +230,12 @@ def _mean(
 ) -> str:
     if not values:
         return "-"
-    told = f"{statistics.mean(values):.{digits}f}{unit}"
-    return told if worst is None or len(values) == 1 else f"{told} ({worst(values):.{digits}f})"
+    text = f"{statistics.mean(values):.{digits}f}{unit}"
+    return text if worst is None or len(values) == 1 else f"{text} ({worst(values):.{digits}f})"
 
 
 def write_results(folder: KeptRuns, *, command: str) -> list[Path]:
-    """Write runs.csv, table.md and coverage.png about all runs in the folder, whoever asked for them; returns the files.
+    """Write runs.csv, table.md and coverage.png about all runs in the folder; return the files.
 
     Raises:
         InputError: the file of a run cannot be read.

@@ -43,7 +43,7 @@ class CoverageRun:
 
     @property
     def key(self) -> str:
-        """Where it is kept."""
+        """Key of its file."""
         return f"{self.scenario}/{self.algorithm}/{self.effort}/{self.number}"
 
     @property
@@ -53,7 +53,7 @@ class CoverageRun:
 
     @property
     def guessed_s(self) -> float:
-        """About how long it takes."""
+        """Approximate duration."""
         return _GUESSED_S if self.budget_s is None else self.budget_s
 
 

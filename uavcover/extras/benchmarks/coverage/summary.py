@@ -53,14 +53,14 @@ class CoverageOutcome:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """What a run had at a moment."""
+    """State of a run at a moment."""
 
     outcome: CoverageOutcome
     moment: JudgedMoment
 
     @property
     def case(self) -> Case:
-        """What was asked for."""
+        """The case with its required coverage."""
         return CASES[self.outcome.run.scenario]
 
     def hypervolume(self, *, from_coverage: float = 0.0) -> float:
@@ -83,7 +83,7 @@ class Sample:
         return min((p.waypoints for p in self.moment.front if p.coverage >= _FULL), default=math.nan)
 
     def most_with(self, waypoints: int) -> float:
-        """Most coverage with at most so many waypoints; NaN when there is no such route."""
+        """Most coverage with at most ``waypoints`` waypoints; NaN when there is no such route."""
         return max((p.coverage for p in self.moment.front if p.waypoints <= waypoints), default=math.nan)
 
 
@@ -99,7 +99,7 @@ class Outcomes:
         return [name for name in CASES if any(o.run.scenario == name for o in self._all)]
 
     def contenders(self, scenario: str) -> list[str]:
-        """Who has runs there, in our order."""
+        """Contenders with runs there, in our order."""
         return [
             name for name in CONTENDERS if any(o.run.algorithm == name for o in self._all if o.run.scenario == scenario)
         ]
@@ -109,7 +109,7 @@ class Outcomes:
         return [Sample(outcome, moment) for outcome in self._all for moment in outcome.moments]
 
     def at(self, scenario: str, algorithm: str, at_s: float) -> list[Sample]:
-        """A contender's runs at a processor time, a seed each: of a run with that budget, else of one with a longer."""
+        """A contender's runs at a processor time, one for each seed: with that budget, else with a longer one."""
         best: dict[int, Sample] = {}
         for outcome in self._of(scenario, algorithm):
             budget = outcome.run.budget_s
@@ -183,9 +183,9 @@ def ranks_markdown(outcomes: Outcomes) -> str:
     parts = []
     for at_s in outcomes.times_s():
         for label, from_coverage in (("HV", 0.0), ("HV80", HIGH_COVERAGE)):
-            told = _at(outcomes, at_s, label, from_coverage)
-            if told:
-                parts.append(told)
+            outcome = _at(outcomes, at_s, label, from_coverage)
+            if outcome:
+                parts.append(outcome)
     return "\n".join(parts)
 
 
@@ -197,8 +197,10 @@ def _at(outcomes: Outcomes, at_s: float, label: str, from_coverage: float) -> st
         rivals = [(name, volumes) for name, volumes in values.items() if name != OURS]
         if OURS not in values or not rivals:
             continue
-        told = {one.rival: one for one in compared(values[OURS], rivals, better="more")}
-        cells = [f"{told[name].outcome} ({told[name].p_holm:.2g})" if name in told else "" for name in PLANNERS[1:]]
+        outcome = {one.rival: one for one in compared(values[OURS], rivals, better="more")}
+        cells = [
+            f"{outcome[name].outcome} ({outcome[name].p_holm:.2g})" if name in outcome else "" for name in PLANNERS[1:]
+        ]
         lines.append([scenario, *cells])
         if len(values) == len(PLANNERS):
             table.append([statistics.mean(values[name].tolist()) for name in PLANNERS])

@@ -58,7 +58,7 @@ class MissionVehicle:
             self._server.receive(received, now)
 
     def datagrams_to_send(self, now: float) -> list[bytes]:
-        """What it wants to send by now."""
+        """Datagrams to send by now."""
         messages = list(self._server.messages_to_send(now))
         if now >= self._beat_at:
             self._beat_at = now + _HEARTBEAT_S
@@ -66,7 +66,7 @@ class MissionVehicle:
         return [self._codec.encode(message) for message in messages]
 
     def next_timer(self) -> float:
-        """When it wants to send something although nothing arrives."""
+        """Time of the next datagram without an incoming one."""
         timer = self._server.next_timer()
         return self._beat_at if timer is None else min(timer, self._beat_at)
 
@@ -78,7 +78,7 @@ def vehicle_for(trial: Trial, *, now: float) -> MissionVehicle:
 
 
 def conditions_of(trial: Trial) -> Conditions:
-    """What a trial's link does to datagrams, each way."""
+    """Link conditions of a trial, each way."""
     return Conditions(loss=trial.loss, delay_s=trial.delay_s)
 
 
@@ -106,7 +106,7 @@ class _LossyPort:
         self._put(data, self._coming)
 
     def run_until_now(self) -> None:
-        """Everything that is due: what has come in by now, what the vehicle sends, what has to go out by now."""
+        """Process everything due: incoming datagrams, the vehicle's, and outgoing ones."""
         now = time.monotonic()
         while self._coming and self._coming[0][0] <= now:
             self.vehicle.receive_datagram(self._coming.popleft()[1], now)
@@ -119,7 +119,7 @@ class _LossyPort:
                 self.socket.sendto(self._going.popleft()[1], self._ground)
 
     def next_timer(self) -> float:
-        """When something is due."""
+        """Time of the next event."""
         queues = [queue[0][0] for queue in (self._coming, self._going) if queue]
         return min([self.vehicle.next_timer(), *queues])
 
@@ -221,7 +221,7 @@ def run_mavsdk(trial: Trial, port: int) -> Transferred:
 
 
 def outcome_of(trial: Trial, transferred: Transferred, held: tuple[MissionItem, ...]) -> TransferOutcome:
-    """What came of a transfer, given what the vehicle holds at the end."""
+    """Outcome of a transfer, from the final content of the vehicle."""
     there = held if trial.direction == "upload" else transferred.received
     return TransferOutcome(
         trial,

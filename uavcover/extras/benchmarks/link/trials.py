@@ -1,4 +1,4 @@
-"""What one measurement is, its outcome, and the tables of all outcomes: one row a cell of the grid, and as Markdown."""
+"""A measurement, its outcome, and the tables of all outcomes: one row for each cell of the grid, and as Markdown."""
 
 import math
 import statistics
@@ -46,11 +46,11 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class TransferOutcome:
-    """What came of a trial.
+    """Outcome of a trial.
 
     Attributes:
         claimed: Whether the client says that it worked.
-        correct: Whether the list at the receiving end is the one that was sent, whatever the client says.
+        correct: Whether the list at the receiving end is the one that was sent, independent of the client's claim.
         time_s: How long the client took, from being asked to its answer.
         error: What it said when it failed.
     """
@@ -69,7 +69,7 @@ class TransferOutcome:
 
     @classmethod
     def of_row(cls, row: dict[str, str]) -> "TransferOutcome":
-        """From a line of a CSV file.
+        """Read a trial from a line of a CSV file.
 
         Raises:
             KeyError: a column is missing.

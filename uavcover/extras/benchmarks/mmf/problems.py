@@ -44,7 +44,7 @@ class MmfProblem:
 
     @property
     def n_variables(self) -> int:
-        """How many variables the problem has."""
+        """Number of variables of the problem."""
         return int(self.lower.size)
 
     def evaluate(self, x: FloatArray) -> FloatArray:

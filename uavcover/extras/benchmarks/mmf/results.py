@@ -1,4 +1,4 @@
-"""Everything that is written about the runs in the folder of an MMF benchmark: tables, and the paper's Figures 3 to 6.
+"""Everything written about the runs in the folder of an MMF benchmark: tables, and the paper's Figures 3 to 6.
 
 A figure shows what each algorithm found on a function, beside the reference.
 """
@@ -98,7 +98,7 @@ def _panel(axis: Any, name: str, true: Any, found: Any) -> None:
 def write_results(folder: MmfFolder, budget: Budget) -> list[Path]:
     """Write summary.csv, runs.csv, comparisons.csv, tables.md and the figures of the functions that were run.
 
-    All runs in the folder count, whoever asked for them.
+    All runs in the folder count, also those of earlier commands.
 
     Returns:
         The files.

@@ -29,7 +29,7 @@ from uavcover.run.folder import RunFolder, json_text, write_text
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """What every contender may spend, and how much it may return.
+    """Budget of every contender, and size of its result.
 
     Attributes:
         population: candidates of each round.
@@ -81,7 +81,9 @@ def contender_names(asked: Iterable[str] = ()) -> list[str]:
 
 
 def try_each(algorithms: Iterable[str], budget: "Budget") -> None:
-    """Run each contender for one iteration, so that none fails after hours: a missing package, a budget too small for it.
+    """Run each contender for one iteration, so that none fails after hours.
+
+    Causes: a missing package, too small a budget.
 
     Raises:
         OptimizerError: one cannot be run.
@@ -177,7 +179,7 @@ class RunId:
 
 
 class MmfFolder:
-    """Where the runs of a benchmark are kept: ``sets/FUNCTION/ALGORITHM/RUN.csv``, columns x1.., f1...
+    """Folder of a benchmark's runs: ``sets/FUNCTION/ALGORITHM/RUN.csv``, columns x1.., f1...
 
     Attributes:
         path: the folder.
@@ -212,11 +214,11 @@ class MmfFolder:
             raise InputError(f"{settings}: cannot be read ({error}); use another folder") from error
         if before != budget:
             raise InputError(
-                f"{self.path}: its runs were made with {_told(before)}, not with {_told(budget)}; use another folder"
+                f"{self.path}: its runs were made with {_words_of(before)}, not with {_words_of(budget)}; use another folder"
             )
 
     def file(self, run: RunId) -> Path:
-        """Where the returned solutions of a run are."""
+        """File of a run's solutions."""
         return self.path / "sets" / run.function / _folder_name(run.algorithm) / f"{run.number}.csv"
 
     def runs(self) -> list[RunId]:
@@ -281,7 +283,7 @@ def _header(n: int, m: int) -> list[str]:
     return [f"x{i + 1}" for i in range(n)] + [f"f{i + 1}" for i in range(m)]
 
 
-def _told(budget: Budget) -> str:
+def _words_of(budget: Budget) -> str:
     return f"population {budget.population}, {budget.iterations} iterations, archive {budget.archive}"
 
 
@@ -297,7 +299,7 @@ class _MmfTask:
 def missing_runs(
     folder: MmfFolder, *, functions: Collection[str], algorithms: Collection[str], runs: int
 ) -> list[RunId]:
-    """What is still to be done, first runs first, so that a benchmark that is stopped early has seen everything once."""
+    """Missing runs, first runs first, so that a benchmark that is stopped early has run everything once."""
     done = set(folder.runs())
     wanted = (
         RunId(number, function, algorithm)
@@ -316,7 +318,9 @@ def make_runs(
     processes: int | None,
     scheduler: str | None = None,
 ) -> Iterator[RunId]:
-    """Make the runs and yield each once it is in the folder; the result does not depend on who makes them.
+    """Make the runs and yield each once it is in the folder.
+
+    The result does not depend on the workers.
 
     Raises:
         UavcoverError: a process was killed, or a run failed; what is done is kept.

@@ -144,8 +144,10 @@ def summary_csv(samples: Samples) -> str:
     writer.writerow(["function", "algorithm", "metric", "mean", "std", "median", "runs"])
     for (function, algorithm), columns in samples.items():
         for metric, values in columns.items():
-            told = figure(values)
-            writer.writerow([function, algorithm, metric, told.mean, told.std, told.median, told.runs])
+            statistic = figure(values)
+            writer.writerow(
+                [function, algorithm, metric, statistic.mean, statistic.std, statistic.median, statistic.runs]
+            )
     return text.getvalue()
 
 

@@ -1,4 +1,4 @@
-"""The tables of the MMF benchmark as Markdown and CSV: the paper's Tables 3 and 4, wins and losses, ranks, fidelity, ablation.
+"""Tables of the MMF benchmark as Markdown and CSV: the paper's Tables 3 and 4, wins, ranks, fidelity, ablation.
 
 Beside our figures stand those that the paper reports, and the highest PSP that was found for a set of 200 points.
 """
@@ -75,10 +75,10 @@ def contestants(samples: Samples) -> list[str]:
 def tables_markdown(samples: Samples, budget: Budget, *, version: str) -> str:
     """``tables.md``: everything that can be said of the runs that are there."""
     runs = sorted({len(columns["IGD"]) for columns in samples.values()})
-    told = str(runs[0]) if len(runs) == 1 else f"{runs[0]} to {runs[-1]}"
+    result = str(runs[0]) if len(runs) == 1 else f"{runs[0]} to {runs[-1]}"
     parts = [
         "# The MMF functions\n",
-        f"uavcover {version}; {told} run(s) of each; population {budget.population}, {budget.iterations} iterations "
+        f"uavcover {version}; {result} run(s) of each; population {budget.population}, {budget.iterations} iterations "
         f"({budget.population * budget.iterations:,} evaluations), at most {budget.archive} solutions returned. Mean ± standard "
         f"deviation of the runs. `{FLOOR}` is {budget.archive} uniform random points: the floor, no algorithm. PSP says nothing "
         "without IGD beside it: random points have a higher PSP than the paper's IMODBO on nine functions.\n",
@@ -145,8 +145,8 @@ def short(value: float) -> str:
 def _mean_and_std(samples: Samples, function: str, algorithm: str, metric: str) -> str:
     if (function, algorithm) not in samples:
         return "-"
-    told = figure(samples[function, algorithm][metric])
-    return short(told.mean) if math.isnan(told.std) else f"{short(told.mean)} ± {told.std:.1e}"
+    result = figure(samples[function, algorithm][metric])
+    return short(result.mean) if math.isnan(result.std) else f"{short(result.mean)} ± {result.std:.1e}"
 
 
 def _means(samples: Samples, metric: str, title: str) -> str:
@@ -214,13 +214,13 @@ def _limits(samples: Samples, name: str) -> str:
     shared = complete(samples, [name])
     rows, ratios = [], []
     for function in shared:
-        told = {metric: samples[function, name][metric].mean() for metric in ("PSP", "IGD")}
-        psp = told["PSP"] / figures["PSP", function, "imodbo"].mean
-        ceiling = told["PSP"] / figures["PSP", function, "ceiling"].mean
-        igd = told["IGD"] / figures["IGD", function, "imodbo"].mean
+        result = {metric: samples[function, name][metric].mean() for metric in ("PSP", "IGD")}
+        psp = result["PSP"] / figures["PSP", function, "imodbo"].mean
+        ceiling = result["PSP"] / figures["PSP", function, "ceiling"].mean
+        igd = result["IGD"] / figures["IGD", function, "imodbo"].mean
         ratios.append((psp, ceiling, igd))
         both = "yes" if psp > 1 and igd <= 1 else "**no**"
-        rows.append([function, short(told["PSP"]), f"{psp:.2f}", f"{ceiling:.2f}", f"{igd:.2f}", both])
+        rows.append([function, short(result["PSP"]), f"{psp:.2f}", f"{ceiling:.2f}", f"{igd:.2f}", both])
     table = np.array(ratios)
     kept = table[:, 2] <= 1
     return (
@@ -238,13 +238,13 @@ def _wins(samples: Samples, pivot: str) -> str:
     rivals = [name for name in contestants(samples) if name not in (pivot, FLOOR)]
     rows = []
     for metric in METRICS:
-        told = comparisons(samples, pivot, metric)
+        result = comparisons(samples, pivot, metric)
         cells = []
         for rival in rivals:
-            outcomes = [one.outcome for per_function in told.values() for one in per_function if one.rival == rival]
+            outcomes = [one.outcome for per_function in result.values() for one in per_function if one.rival == rival]
             cells.append("/".join(str(outcomes.count(kind)) for kind in ("win", "tie", "loss")))
-        all_won = sum(bool(per) and all(one.outcome == "win" for one in per) for per in told.values())
-        rows.append([metric, *cells, f"{all_won} of {len(told)}"])
+        all_won = sum(bool(per) and all(one.outcome == "win" for one in per) for per in result.values())
+        rows.append([metric, *cells, f"{all_won} of {len(result)}"])
     return (
         f"## {pivot} against the others: win/tie/loss\n\nWilcoxon's rank-sum test, two-sided at 5 %, Holm's correction over the "
         f"rivals on each function. Last column: functions on which it wins against every other.\n\n"
@@ -265,8 +265,8 @@ def _ranks(samples: Samples) -> str:
     rows = []
     for metric in METRICS:
         means = np.array([[samples[function, name][metric].mean() for name in names] for function in shared])
-        told = friedman(means, better=METRICS[metric])
-        rows.append([metric, *(f"{rank:.2f}" for rank in told.ranks), short(told.p)])
+        result = friedman(means, better=METRICS[metric])
+        rows.append([metric, *(f"{rank:.2f}" for rank in result.ranks), short(result.p)])
     return f"## Friedman's mean ranks over {len(shared)} functions (1 is best)\n\n{markdown(['', *names, 'p'], rows)}\n"
 
 

@@ -71,7 +71,7 @@ def by_nodes(results: Sequence[PaperResult]) -> Scheme:
 CHOICES: Final = MappingProxyType[str, Callable[[Sequence[PaperResult]], Scheme]](
     {"weights": by_weights, "nodes": by_nodes}
 )
-"""How one scheme is chosen: by the paper's weights, or by its number of nodes."""
+"""Ways to choose one scheme: by the paper's weights, or by its number of nodes."""
 
 
 def _all(results: Sequence[PaperResult]) -> list[Scheme]:
@@ -98,7 +98,7 @@ def row(results: Sequence[PaperResult], choice: str) -> TableRow:
 
 
 def misfit(rows: Mapping[str, TableRow]) -> float:
-    """How far the rows of both algorithms are from Table 5: root mean square of the six means' relative deviations."""
+    """Distance of both algorithms' rows from Table 5: root mean square of the six means' relative deviations."""
     deviations = [
         getattr(rows[algorithm].mean, name) / getattr(mean, name) - 1.0
         for algorithm, (mean, _) in TABLE_5.items()
@@ -136,19 +136,19 @@ def runs_csv(results: Results) -> str:
 def tables_markdown(results: Results, *, population: int, iterations: int, version: str) -> str:
     """``tables.md``: both tables for both choices, and the readings by how well they fit."""
     runs = sorted({len(found) for found in results.values()})
-    told = str(runs[0]) if len(runs) == 1 else f"{runs[0]} to {runs[-1]}"
+    text = str(runs[0]) if len(runs) == 1 else f"{runs[0]} to {runs[-1]}"
     parts = [
         "# The paper's simulation under five readings\n",
-        f"uavcover {version}; population {population}, {iterations} iterations, {told} run(s) of each, seeds from 1. Mean ± "
+        f"uavcover {version}; population {population}, {iterations} iterations, {text} run(s) of each, seeds from 1. Mean ± "
         "standard deviation. Lengths in the paper's units.\n",
         "| reading | meaning |\n|---|---|\n"
         + "\n".join(f"| {name} | {READINGS[name].meaning} |" for name in readings_done(results))
         + "\n",
     ]
-    for choice, told in _CHOSEN.items():
-        parts += [f"## Table 5, {told}\n", _table_5(results, choice)]
-    for choice, told in _CHOSEN.items():
-        parts += [f"## Table 6: of all runs one scheme, {told}\n", _table_6(results, choice)]
+    for choice, text in _CHOSEN.items():
+        parts += [f"## Table 5, {text}\n", _table_5(results, choice)]
+    for choice, text in _CHOSEN.items():
+        parts += [f"## Table 6: of all runs one scheme, {text}\n", _table_6(results, choice)]
     parts += [
         "## Which reading fits\n",
         "Root mean square of the relative deviations of the six means of Table 5 (coverage, nodes and length of both "
@@ -192,8 +192,8 @@ def _fits(results: Results) -> str:
     return markdown(header, [cells for _, cells in sorted(found, key=lambda item: item[0])]) + "\n"
 
 
-def _spread(told: TableRow) -> Sequence[str]:
-    mean, std = told.mean, told.std
+def _spread(row: TableRow) -> Sequence[str]:
+    mean, std = row.mean, row.std
     return (
         f"{100 * mean.coverage:.2f} ± {100 * std.coverage:.2f}",
         f"{mean.length:.2f} ± {std.length:.2f}",
@@ -237,10 +237,10 @@ def draw_schemes(path: Path, reading: Reading, schemes: dict[str, Scheme]) -> Pa
             scheme = schemes[algorithm]
             figures = scheme.figures
             side, top = _FIGURES[algorithm]
-            told = f"{100 * figures.coverage:.1f} %, {figures.nodes:.0f} nodes, length {figures.length:.1f}"
+            text = f"{100 * figures.coverage:.1f} %, {figures.nodes:.0f} nodes, length {figures.length:.1f}"
             axis = page.add_subplot(2, 2, 1 + column, projection="3d")
             _side_view(axis, reading, scheme.route)
-            axis.set_title(f"As Figure {side}: {algorithm}, {told}", fontsize=9)
+            axis.set_title(f"As Figure {side}: {algorithm}, {text}", fontsize=9)
             axis = page.add_subplot(2, 2, 3 + column)
             _top_view(axis, reading, scheme.route)
             axis.set_title(f"As Figure {top}: {algorithm}", fontsize=9)
@@ -293,7 +293,7 @@ _MOST_RUNS = 1000
 
 
 def read_results(folder: KeptRuns) -> Results:
-    """Every run that is done, whoever asked for it.
+    """All finished runs.
 
     Raises:
         InputError: the file of a run cannot be read.
@@ -315,8 +315,8 @@ def write_results(folder: KeptRuns) -> list[Path]:
     """
     results = read_results(folder)
     population, iterations = int(folder.settings["population"]), int(folder.settings["iterations"])
-    told = tables_markdown(results, population=population, iterations=iterations, version=version("uavcover"))
-    texts = {"runs.csv": runs_csv(results), "tables.md": told}
+    text = tables_markdown(results, population=population, iterations=iterations, version=version("uavcover"))
+    texts = {"runs.csv": runs_csv(results), "tables.md": text}
     drawn: dict[str, dict[str, Scheme]] = {}
     for reading in readings_done(results):
         for choice, choose in CHOICES.items():

@@ -102,13 +102,13 @@ class PaperRun:
 
     @property
     def key(self) -> str:
-        """Where it is kept."""
+        """Key of its file."""
         return f"{self.reading}/{self.algorithm}/{self.number}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PaperResult:
-    """What a run found.
+    """Result of a run.
 
     Attributes:
         front: the Pareto set, by coverage.
@@ -148,7 +148,9 @@ class _PaperTask:
 def make_runs(
     folder: KeptRuns, runs: Sequence[PaperRun], *, population: int, iterations: int, processes: int
 ) -> Iterator[PaperRun]:
-    """Make the runs and yield each once it is in the folder; the result does not depend on the number of processes.
+    """Make the runs and yield each once it is in the folder.
+
+    The result does not depend on the number of processes.
 
     Raises:
         UavcoverError: a process was killed, or a run failed; what is done is kept.
