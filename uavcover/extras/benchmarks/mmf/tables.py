@@ -96,7 +96,7 @@ def tables_markdown(samples: Samples, budget: Budget, *, version: str) -> str:
 
 
 def pivots(samples: Samples) -> list[str]:
-    """Whom the others are compared with: IMODBO and its better variants, where they were run."""
+    """The algorithms that the others are compared with: IMODBO and its better variants, where they were run."""
     return [name for name in contestants(samples) if name.startswith("imodbo")]
 
 
