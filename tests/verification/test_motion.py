@@ -93,6 +93,15 @@ def test_ways_across_a_gap_and_shorter_ones_than_5_s_are_not_looked_at() -> None
     assert doubt(*steady((16.0, 0.0, 0.0), seconds=5.5)) is not None
 
 
+def test_a_leg_that_was_not_flown_has_no_pace() -> None:
+    """A flight that turns home before its first long leg ends flies as slowly as its climb."""
+    time_s, enu_m = steady((3.0, 0.0, 0.0))
+    joined = np.ones(len(time_s) - 1, dtype=bool)
+    for passed, slow in (([True, True], True), ([True, False], False), ([False, False], False)):
+        said = commanded_pace_doubt(track(time_s, enu_m), enu_m, joined, VEHICLE, LONG_LEG, passed=np.array(passed))
+        assert (said is not None) == slow
+
+
 @pytest.mark.parametrize(("speed_m_s", "slow"), [(3.9, True), (4.1, False)])
 def test_one_that_never_comes_near_the_planned_pace(speed_m_s: float, slow: bool) -> None:
     said = doubt(*steady((0.0, speed_m_s, 0.0)), LONG_LEG)

@@ -147,7 +147,14 @@ def judge_track(
         *sampling_doubts(whole, motion, known),
         known.contradiction,
         # A flight that ended before its route has no place and no pace of the plan to keep.
-        commanded_pace_doubt(track, enu, joined, scenario.vehicle, planned if route.any() else None),
+        commanded_pace_doubt(
+            track,
+            enu,
+            joined,
+            scenario.vehicle,
+            planned if route.any() else None,
+            passed=None if passed is None else passed.passed,
+        ),
         None if passed is None or not route.any() else plan_doubt(passed),
         None if misnumbered is None else f"{misnumbered}: its numbers are ignored, the positions decide",
     ]

@@ -61,12 +61,26 @@ def deviations_m(enu_m: FloatArray, route: BoolArray, planned: PlannedRoute | No
 
 
 def commanded_pace_doubt(
-    track: Track, enu_m: FloatArray, joined: BoolArray, vehicle: Vehicle, planned: PlannedRoute | None
+    track: Track,
+    enu_m: FloatArray,
+    joined: BoolArray,
+    vehicle: Vehicle,
+    planned: PlannedRoute | None,
+    *,
+    passed: BoolArray | None = None,
 ) -> str | None:
     """Reason why the pace of a track cannot be that of its mission; None when it can.
 
     Windows of 5 s are evaluated. A vehicle that is persistently faster than its mission commands has a wrong clock or wrong
     positions, or was flown otherwise; so has one that never approaches the commanded speed on a leg long enough for it.
+
+    Args:
+        track: the samples that are evidence.
+        enu_m: (n, 3) their positions.
+        joined: (n - 1,) whether nothing is missing between a sample and the next.
+        vehicle: whose speeds are commanded.
+        planned: the planned route; none: no speed is expected of it.
+        passed: (k,) the planned waypoints that the vehicle passed: a leg between others was not flown; none: all were.
     """
     time = track.time_s
     last = np.searchsorted(time, time + _SUSTAINED_S)
@@ -100,6 +114,8 @@ def commanded_pace_doubt(
     steep = np.maximum(legs[:, 2] / vehicle.max_climb_m_s, -legs[:, 2] / vehicle.max_descent_m_s)
     pace = ways / np.maximum(np.maximum(ways / cruise, steep), 1e-9)
     long_enough = ways >= 2.0 * _SUSTAINED_S * cruise
+    if passed is not None:
+        long_enough &= passed[:-1] & passed[1:]
     if not long_enough.any():
         return None
     expected, fastest = float(pace[long_enough].max()), float(level.max())
