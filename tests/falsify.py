@@ -244,7 +244,7 @@ def write_csv(path: Path, rows: Sequence[Judged]) -> None:
 def commit() -> str:
     """The commit that judges."""
     told = subprocess.run(
-        ["git", "describe", "--always", "--dirty"],
+        ["git", "describe", "--always", "--dirty", "--abbrev=12"],
         cwd=Path(__file__).parent,
         capture_output=True,
         text=True,

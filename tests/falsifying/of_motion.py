@@ -23,7 +23,17 @@ def along(f: Flown, path_m: FloatArray, number: np.ndarray, *, speed_m_s: float,
         f.placed(enu), time_s=f.time_s[0] + flown / speed_m_s,
         attitude_deg=np.column_stack([0.1 * np.sin(flown), -5.0 + 0.1 * np.cos(flown), yaw]),
         waypoint=number[np.searchsorted(way, flown, side="left")], attitude_age_s=_fresh(f, len(flown)),
+        **_counted(f, len(flown)),
     )  # fmt: skip
+
+
+def _counted(f: Flown, count: int) -> dict[str, FloatArray | None]:
+    """Photos and times of day of a drawn record, evenly over its samples, where the honest one has them."""
+    ends = {name: getattr(f, name) for name in ("photos_taken", "unix_time_s")}
+    return {
+        name: None if values is None else np.linspace(*np.nanquantile(values, (0.0, 1.0)), count)
+        for name, values in ends.items()
+    }
 
 
 def _fresh(f: Flown, count: int) -> FloatArray | None:
@@ -63,6 +73,7 @@ def drawn(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
         return replace(
             f.placed(path), time_s=f.time_s[0] + np.cumsum(step_s + 1e-3), waypoint=number,
             attitude_deg=np.tile(f.attitude_deg[len(f) // 2], (len(path), 1)), attitude_age_s=_fresh(f, len(path)),
+            **_counted(f, len(path)),
         )  # fmt: skip
 
     yield Way("its waypoints only", "nothing was observed in between", corners_only)
