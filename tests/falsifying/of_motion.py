@@ -31,7 +31,7 @@ def _counted(f: Flown, count: int) -> dict[str, FloatArray | None]:
     """Photos and times of day of a drawn record, evenly over its samples, where the honest one has them."""
     ends = {name: getattr(f, name) for name in ("photos_taken", "unix_time_s")}
     return {
-        name: None if values is None else np.linspace(*np.nanquantile(values, (0.0, 1.0)), count)
+        name: None if values is None else np.floor(np.linspace(*np.nanquantile(values, (0.0, 1.0)), count))
         for name, values in ends.items()
     }
 
