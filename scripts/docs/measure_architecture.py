@@ -7,8 +7,6 @@ when it holds code. Layers and rings come from the imports themselves, not from 
 import argparse
 import ast
 import json
-import subprocess
-import sys
 from collections import defaultdict
 from collections.abc import Iterator
 from pathlib import Path
@@ -69,35 +67,6 @@ def rings(graph: dict[str, set[str]]) -> list[list[str]]:
     return found
 
 
-def depth(graph: dict[str, set[str]]) -> int:
-    """Length of the longest chain of imports in a graph; the members of a ring count as one."""
-    ring_of = {member: ring[0] for ring in rings(graph) for member in ring}
-    merged: dict[str, set[str]] = defaultdict(set)
-    for node, others in graph.items():
-        one = ring_of.get(node, node)
-        merged[one] |= {ring_of.get(other, other) for other in others} - {one}
-    known: dict[str, int] = {}
-
-    def height(node: str) -> int:
-        if node not in known:
-            known[node] = 1 + max((height(other) for other in merged.get(node, ())), default=0)
-        return known[node]
-
-    return max(map(height, list(merged)), default=0)
-
-
-def found_by_ruff(root: Path, rule: str, setting: str) -> int:
-    """How many findings one rule of ruff has in the product."""
-    command = [sys.executable, "-m", "ruff", "check", "--isolated", "--select", rule, "--config", setting]
-    done = subprocess.run(
-        [*command, "--output-format", "json", *(str(root / package) for package in PACKAGES)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    return len(json.loads(done.stdout))
-
-
 def measured(root: Path) -> dict[str, object]:
     """Every figure by its name."""
     files = modules_in(root)
@@ -142,10 +111,8 @@ def measured(root: Path) -> dict[str, object]:
         ),
         "test lines": sum(len(p.read_text(encoding="utf-8").splitlines()) for p in (root / "tests").rglob("*.py")),
         "files over 450 lines": sum(count > 450 for count in lines.values()),
-        "longest chain of imports between packages of uavcover": depth(parts("uavcover", 1)),
         "rings of packages": len(rings(parts("uavcover", 1)) + rings(parts("mission_io", 1))),
         "rings of modules": len(rings(graph)),
-        "functions of cyclomatic complexity over 15": found_by_ruff(root, "C901", "lint.mccabe.max-complexity=15"),
     }
 
 

@@ -49,7 +49,7 @@ from uavcover.sensing.coverage_map import judging_map, path_lengths_m
 from uavcover.sensing.pictures import FLOWN_OVERLAP_FRACTION, pictures_asked, planned_pictures
 from uavcover.sensing.sensors import trigger_distance_m
 from uavcover.terrain.elevation_file import read_height_amsl_m
-from uavcover.terrain.suspect_heights import trust_asked_for
+from uavcover.terrain.elevation_trust import trust_asked_for
 from uavcover.terrain.terrain_source import TerrainSource
 from uavcover.terrain.vertical import datum_named
 

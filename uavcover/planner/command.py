@@ -48,7 +48,7 @@ from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.block_map import is_large
 from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
-from uavcover.terrain.suspect_heights import trust_asked_for
+from uavcover.terrain.elevation_trust import trust_asked_for
 
 _FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
 

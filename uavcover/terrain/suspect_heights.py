@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 import shapely
@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from rasterio.windows import Window
 from shapely.geometry.base import BaseGeometry
 
-from uavcover.errors import InputError
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.terrain.elevation_file import open_raster
 from uavcover.terrain.frames import LocalFrame
@@ -26,7 +25,6 @@ from uavcover.terrain.terrain_source import TerrainSource
 
 Kind = Literal["block", "spike", "step"]
 
-_MOST_SUSPECTS = 5
 _AROUND = np.ones((3, 3), dtype=int)
 _TIP_PIXELS = 40
 """Pixels of a block that reach beyond it, narrower than two pixels."""
@@ -430,57 +428,3 @@ def is_suspect(places: Iterable[SuspectPlace], lat_deg: FloatArray, lon_deg: Flo
         lon = middle + np.mod(lon_deg - middle + 180.0, 360.0) - 180.0
         found |= shapely.intersects_xy(place.shape, lon, lat_deg)
     return found
-
-
-class Asked(Protocol):
-    """Receiver of warnings and questions, as :class:`uavcover.run.user.User`."""
-
-    def warn(self, line: str) -> None:
-        """Show a warning."""
-
-    def agrees(self, question: str) -> bool:
-        """Ask a question that is answered by yes or no."""
-
-
-def trust_asked_for(
-    source: TerrainSource,
-    datum: str,
-    region: shapely.Polygon | shapely.MultiPolygon,
-    frame: LocalFrame,
-    user: Asked,
-    *,
-    trusted: bool,
-) -> bool:
-    """Whether heights that do not look like ground are taken as they are; asks where there are any.
-
-    Args:
-        source: the elevation data of the ground.
-        datum: of its heights.
-        region: where flights may go, (east, north) metres.
-        frame: of the region.
-        user: is asked.
-        trusted: whether the answer was given: then nothing is looked at.
-
-    Raises:
-        InputError: there are such heights, and the user does not want them, or was not there to be asked.
-    """
-    if trusted:
-        return True
-    on_earth = shapely.transform(region, lambda p: _lon_lat_deg(p, frame))
-    found = suspect_places(source, datum, on_earth.bounds, on_earth)
-    if not found:
-        return False
-    for one in found[:_MOST_SUSPECTS]:
-        user.warn(f"{source.name} has {one.words}")
-    if user.agrees("is the ground really like that?"):
-        return True
-    more = f" and {len(found) - 1} more like it" if len(found) > 1 else ""
-    raise InputError(
-        f"{source}: has {found[0].words}{more}; give other data, or mark its missing heights (gdal_edit.py -a_nodata); if the "
-        "ground is like that, give --trust-dem (terrain.trust_heights = true)"
-    )
-
-
-def _lon_lat_deg(east_north_m: FloatArray, frame: LocalFrame) -> FloatArray:
-    lat, lon, _ = frame.geodetic_from_enu(np.column_stack([east_north_m, np.zeros(len(east_north_m))]))
-    return np.column_stack([frame.lon_deg + np.mod(lon - frame.lon_deg + 180.0, 360.0) - 180.0, lat])

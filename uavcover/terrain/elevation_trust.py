@@ -1,0 +1,68 @@
+"""Asking whether heights that do not look like ground are taken as they are."""
+
+from typing import Protocol
+
+import numpy as np
+import shapely
+
+from uavcover.errors import InputError
+from uavcover.kernels.arrays import FloatArray
+from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.suspect_heights import suspect_places
+from uavcover.terrain.terrain_source import TerrainSource
+
+_MOST_SUSPECTS = 5
+
+
+class Asked(Protocol):
+    """Receiver of warnings and questions, as :class:`uavcover.run.user.User`."""
+
+    def warn(self, line: str) -> None:
+        """Show a warning."""
+
+    def agrees(self, question: str) -> bool:
+        """Ask a question that is answered by yes or no."""
+
+
+def trust_asked_for(
+    source: TerrainSource,
+    datum: str,
+    region: shapely.Polygon | shapely.MultiPolygon,
+    frame: LocalFrame,
+    user: Asked,
+    *,
+    trusted: bool,
+) -> bool:
+    """Whether heights that do not look like ground are taken as they are; asks where there are any.
+
+    Args:
+        source: the elevation data of the ground.
+        datum: of its heights.
+        region: where flights may go, (east, north) metres.
+        frame: of the region.
+        user: is asked.
+        trusted: whether the answer was given: then nothing is looked at.
+
+    Raises:
+        InputError: there are such heights, and the user does not want them, or was not there to be asked.
+    """
+    if trusted:
+        return True
+    on_earth = shapely.transform(region, lambda p: _lon_lat_deg(p, frame))
+    found = suspect_places(source, datum, on_earth.bounds, on_earth)
+    if not found:
+        return False
+    for one in found[:_MOST_SUSPECTS]:
+        user.warn(f"{source.name} has {one.words}")
+    if user.agrees("is the ground really like that?"):
+        return True
+    more = f" and {len(found) - 1} more like it" if len(found) > 1 else ""
+    raise InputError(
+        f"{source}: has {found[0].words}{more}; give other data, or mark its missing heights (gdal_edit.py -a_nodata); if the "
+        "ground is like that, give --trust-dem (terrain.trust_heights = true)"
+    )
+
+
+def _lon_lat_deg(east_north_m: FloatArray, frame: LocalFrame) -> FloatArray:
+    lat, lon, _ = frame.geodetic_from_enu(np.column_stack([east_north_m, np.zeros(len(east_north_m))]))
+    return np.column_stack([frame.lon_deg + np.mod(lon - frame.lon_deg + 180.0, 360.0) - 180.0, lat])
