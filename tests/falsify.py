@@ -341,7 +341,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
                 f"Command: `.venv/bin/python tests/falsify.py RUN ... --seed {chosen.seed}{ways}`, "
                 f"{datetime.date.today().isoformat()}, uavcover {metadata.version('uavcover')}, {os.cpu_count()} cores, "
                 f"commit {commit()}. "
-                "What is done is said at the top of the command, what each way is in `tests/falsifying`."
+                "What is done is said at the top of the command, what each way is in `tests/falsifying`. "
+                "Every way: [falsified.csv](falsified.csv)."
             )
             put_section(chosen.out, "Falsified flights", table(rows, words))
         write_csv(chosen.out if chosen.out.suffix == ".csv" else chosen.out.with_name("falsified.csv"), rows)
