@@ -89,7 +89,7 @@ def _flight_costs(
         there_items=items[0],
         back_items=items[1],
         each_items=items_per_waypoint(site.scenario.sensor),
-        shared=1 if site.scenario.sensor.sensing == "along-path" else 0,
+        shared=1 if site.scenario.sensor.looks_along_path else 0,
         endurance_s=limits[0],
         item_limit=limits[1],
         barred=np.empty((0, 2), dtype=np.int64),

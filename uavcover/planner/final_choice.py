@@ -345,7 +345,7 @@ def with_legs_that_fit(site: Site, route: Route) -> Route:
         route: keeps the limits.
     """
     vehicle = site.scenario.vehicle
-    looks_along = site.scenario.sensor.sensing == "along-path"
+    looks_along = site.scenario.sensor.looks_along_path
     if vehicle.endurance_s is None or site.home_m is None or site.frame is None or not looks_along:
         return route
     if site.scenario.vehicles or route.begins or len(route) < 2:

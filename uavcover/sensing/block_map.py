@@ -19,7 +19,6 @@ from uavcover.sensing.cells import MAX_CELLS, CellGrid, lattice_shape
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, judging_block, keep_judging_map, row_blocks
 from uavcover.sensing.judged_cells import judged_cell_size_m
 from uavcover.sensing.recently_seen import RecentlySeen
-from uavcover.sensing.sensors import farthest_m, sight_of
 
 _MOST_AT_ONCE = 2_000_000
 """With more places of the lattice a map is made of blocks. Below, all cells take less than the program itself."""
@@ -81,7 +80,7 @@ def seen_nearby(block: CoverageMap, route_m: FloatArray) -> BoolArray:
     looks = block.flown_observations(route_m)
     near = np.zeros(len(looks), dtype=bool)
     if block.grid.count:
-        centre_m, halo_m = block.grid.cells.centre_m, farthest_m(block.site.scenario.sensor) + 1.0
+        centre_m, halo_m = block.grid.cells.centre_m, block.site.scenario.sensor.reach_m + 1.0
         near = np.all(
             (looks.places_m[:, :2] >= centre_m[:, :2].min(axis=0) - halo_m)
             & (looks.places_m[:, :2] <= centre_m[:, :2].max(axis=0) + halo_m),
@@ -122,7 +121,7 @@ class BlockMap(CoverageMap):
 
     def __init__(self, site: Site) -> None:
         self.site = site
-        self.sight = sight_of(site.scenario.sensor)
+        self.sight = site.scenario.sensor.sight
         self._recent = RecentlySeen()
         self._counts: list[int] = []
         self._rows = [(rows.start, rows.stop) for rows in row_blocks(site, cells=_BLOCK_CELLS)]
@@ -205,7 +204,7 @@ class BlockMap(CoverageMap):
     def _may_see(self, route_m: FloatArray, rows: tuple[int, int]) -> bool:
         """Whether a route comes within sensor range of a block. A row of cells is as wide as the area."""
         south, side_m = self.site.area.bounds[1], judged_cell_size_m(self.site)
-        halo_m = farthest_m(self.site.scenario.sensor) + self.site.scenario.vehicle.motion().corner_radius_m + 1.0
+        halo_m = self.site.scenario.sensor.reach_m + self.site.scenario.vehicle.motion().corner_radius_m + 1.0
         norths = np.asarray(route_m, dtype=float).reshape(-1, 3)[:, 1]
         return bool(
             norths.max() >= south + rows[0] * side_m - halo_m and norths.min() <= south + rows[1] * side_m + halo_m

@@ -16,7 +16,6 @@ from uavcover.kernels.sight import RAY, widest_tangent
 from uavcover.kernels.skyline import NO_SKYLINES, skylines
 from uavcover.model.terrain import RasterTerrain
 from uavcover.scenario.site import Site
-from uavcover.sensing.sensors import farthest_m, sight_of
 from uavcover.terrain.ground import Ground
 
 MAX_CELLS = 16_000_000
@@ -175,9 +174,9 @@ def _cut(
     normal = np.column_stack([-slopes, np.ones(len(places))]) / steepness[:, None]
     weight = cell_size_m**2 * steepness
     scatter_m = 0.0 if steps is None else cell_size_m * math.sqrt(0.5)
-    obstacles, reach_m = site.ground.surface.obstacles, farthest_m(site.scenario.sensor) + scatter_m
+    obstacles, reach_m = site.ground.surface.obstacles, site.scenario.sensor.reach_m + scatter_m
     horizon = horizons(obstacles, index, centre, east0_m, north0_m, float(cell_size_m), reach_m)
-    sight, skyline = sight_of(site.scenario.sensor), NO_SKYLINES
+    sight, skyline = site.scenario.sensor.sight, NO_SKYLINES
     if sight.line_of_sight == RAY:
         skyline = skylines(obstacles, centre, horizon, reach_m=reach_m, flattest=1.0 / widest_tangent(sight))
     rise = _rises(site, centre, scatter_m)
@@ -222,10 +221,10 @@ def _hides_m(site: Site) -> float:
 
 def _rises(site: Site, centre: FloatArray, scatter_m: float) -> FloatArray:
     """Cells at which rays of the sensor may be less steep than the ground somewhere."""
-    sight, surface = sight_of(site.scenario.sensor), site.ground.surface
+    sight, surface = site.scenario.sensor.sight, site.ground.surface
     if len(centre) > _MOST_RISES or sight.line_of_sight != RAY or surface.steepest * widest_tangent(sight) <= 1.0:
         return NO_RISE
-    return rises(surface, centre, reach_m=farthest_m(site.scenario.sensor) + scatter_m)
+    return rises(surface, centre, reach_m=site.scenario.sensor.reach_m + scatter_m)
 
 
 def _spread(count: int, step: float) -> NDArray[np.float64]:

@@ -8,7 +8,7 @@ import copy
 import functools
 import itertools
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -20,7 +20,7 @@ from uavcover.kernels import coverage as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.sight import Sight
 from uavcover.model.scenario import Scenario
-from uavcover.model.sensor import FrameCamera
+from uavcover.model.sensor_base import FlatPicture
 from uavcover.model.terrain import SineCosineTerrain
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.obstacles import waypoint_breaches
@@ -29,14 +29,7 @@ from uavcover.sensing.cells import CellGrid, lattice_shape, make_cells, make_oth
 from uavcover.sensing.flown_line import corners_matter, heading_there, line_flown, pictures_on, places_passed_m
 from uavcover.sensing.judged_cells import is_judged_on_smaller_cells, judged_cell_size_m
 from uavcover.sensing.recently_seen import RecentlySeen
-from uavcover.sensing.sensors import (
-    flat_picture,
-    reach_at_height_m,
-    sample_spacing_m,
-    sight_of,
-    trigger_distance_m,
-    turns_with_legs,
-)
+from uavcover.sensing.sensors import sample_spacing_m, trigger_distance_m, turns_with_legs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -125,20 +118,19 @@ def trial_places(scenario: Scenario) -> Iterator[TrialPlace]:
     """
     limits, sensor = scenario.limits, scenario.sensor
     low, high = limits.min_height_agl_m, limits.max_height_agl_m
-    if isinstance(sensor, FrameCamera):
-        yield from _by_picture(sensor, low, high)
+    pictures = [(share, sensor.flat_picture(low + share * (high - low))) for share in _BAND_SHARES]
+    if sensor.turns_with_vehicle or sensor.heading_deg is not None:
+        yield from _by_picture(sensor.heading_deg, pictures)
         return
-    reach = max(reach_at_height_m(sensor, low + share * (high - low)) for share in _BAND_SHARES)
+    reach = max(sensor.half_width_m(low + share * (high - low)) for share in _BAND_SHARES)
     offsets = [(0.0, 0.0)] + [(reach * r * math.cos(a), reach * r * math.sin(a)) for r in _RADII for a in _angles_rad()]
     for (east, north), share in itertools.product(offsets, _BAND_SHARES):
         yield TrialPlace(east, north, share, 0.0, 1.0)
 
 
-def _by_picture(sensor: FrameCamera, low_m: float, high_m: float) -> Iterator[TrialPlace]:
-    stated = sensor.heading_deg
+def _by_picture(stated: float | None, pictures: Sequence[tuple[float, FlatPicture | None]]) -> Iterator[TrialPlace]:
     headings = _angles_rad() if stated is None else [math.radians(90.0 - stated)]
-    for ahead, across, share in itertools.product(_AHEAD, _ACROSS, _BAND_SHARES):
-        picture = flat_picture(sensor, low_m + share * (high_m - low_m))
+    for ahead, across, (share, picture) in itertools.product(_AHEAD, _ACROSS, pictures):
         if picture is None:
             continue
         forward = picture.near_m + ahead * (picture.far_m - picture.near_m)
@@ -165,7 +157,7 @@ class CoverageMap:
     def __init__(self, site: Site, *, cell_size_m: float, cut: Callable[[Site, float], CellGrid] = make_cells) -> None:
         self.site = site
         self.grid: CellGrid = cut(site, cell_size_m)
-        self.sight: Sight = sight_of(site.scenario.sensor)
+        self.sight: Sight = site.scenario.sensor.sight
         self._recent = RecentlySeen()
 
     def less_certain(self, *, position_m: float, height_m: float) -> "CoverageMap":
@@ -187,7 +179,7 @@ class CoverageMap:
 
     def _observations(self, route: FloatArray, ways: FloatArray) -> LevelObservations:
         """Observations on an (n, 3) ENU route; the vehicle points along (n - 1, 2) ways on its legs."""
-        if self.site.scenario.sensor.sensing == "at-waypoints":
+        if not self.site.scenario.sensor.looks_along_path:
             return LevelObservations.towards_north(route)
         trigger_m = trigger_distance_m(self.site.scenario)
         if trigger_m is not None:
@@ -210,7 +202,7 @@ class CoverageMap:
     def flown_observations(self, route_m: FloatArray) -> LevelObservations:
         """As :meth:`observations`, where corners are flown as the autopilot flies them, if what is seen depends on that."""
         route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
-        if self.site.scenario.sensor.sensing == "at-waypoints":
+        if not self.site.scenario.sensor.looks_along_path:
             return self.observations(places_passed_m(self.site, route))
         if not corners_matter(self.site):
             return self.observations(route)
@@ -372,7 +364,7 @@ def judging_maps(site: Site) -> list[CoverageMap]:
 
     These only for a sensor that looks along the path, and where memory allows. Built once for a site.
     """
-    if site.scenario.sensor.sensing != "along-path" or is_judged_on_smaller_cells(site):
+    if not site.scenario.sensor.looks_along_path or is_judged_on_smaller_cells(site):
         return [judging_map(site)]
     finer = finer_map(site)
     return [judging_map(site)] if finer is None else [judging_map(site), finer]

@@ -32,6 +32,7 @@ from uavcover.run.user import User, metres, percent
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap, judging_map
 from uavcover.sensing.fleet_map import fleet_map
+from uavcover.sensing.sensors import looks_singly
 from uavcover.verification.elevation_bias import elevation_biases, widened, with_measured_ground
 from uavcover.verification.firmware import firmware_of
 from uavcover.verification.flown_coverage import FlownCoverage, count_observations
@@ -39,7 +40,6 @@ from uavcover.verification.gaps import REASONS, reason_codes
 from uavcover.verification.geotiff import cells_geotiff
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.photo_evidence import NOTHING_KNOWN, PictureEvidence
-from uavcover.verification.reported_photos import looks_singly
 from uavcover.verification.requirements import requirement_rows
 from uavcover.verification.shared_clock import UNKNOWN_DATES, DateBounds
 from uavcover.verification.track_logs.readers import READERS, read_foreign_log

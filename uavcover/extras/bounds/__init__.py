@@ -28,7 +28,7 @@ def least_length_m(site: Site, rule: str) -> float | None:
         InputError: the rule cannot be understood.
     """
     share = parse_rule(rule).required_coverage
-    in_metres = site.scenario.objective == "length" and site.scenario.sensor.sensing == "along-path"
+    in_metres = site.scenario.objective == "length" and site.scenario.sensor.looks_along_path
     return least_path_length_m(judging_map(site), share) if in_metres and share is not None else None
 
 

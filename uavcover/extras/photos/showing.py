@@ -15,7 +15,6 @@ from uavcover.kernels.sight import SEEN, TOO_COARSE, LocalSlopes, Sight, local_s
 from uavcover.model.detection import DetectionCurve
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.looks import look_distance_m, looks_of
-from uavcover.sensing.sensors import focal_px
 from uavcover.verification.flown_coverage import WORKERS, FlownCoverage
 
 DIRECTIONS = ("down", "north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
@@ -69,7 +68,7 @@ def shown_cells(coverage: CoverageMap, placed: PlacedPictures, curve: DetectionC
     direction = looking_towards(placed.axes)
     taken = 0
     exact = Camera(
-        focal_px=focal_px(coverage.site.scenario.sensor),
+        focal_px=coverage.site.scenario.sensor.focal_px,
         pass_gap_s=-1.0,  # every photo counts
         offset_m=0.0,
         horizontal_m=0.0,

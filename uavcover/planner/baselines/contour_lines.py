@@ -29,7 +29,6 @@ from uavcover.planner.joining import in_good_order
 from uavcover.planner.terrain_following import finite_heights, lay_over_terrain
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import reach_at_height_m
 
 NAME = "contour-lines"
 TUNED = "contour-lines-tuned"
@@ -195,7 +194,7 @@ def fly_contours(site: Site, layout: ContourLayout) -> Route:
             site, reach_m=reach_m, smoothing=layout.smoothing, straightening=layout.straightening
         )
     lines = _pieces(site, layout, site.derived[key], reach_m)
-    if site.scenario.sensor.sensing == "at-waypoints":
+    if not site.scenario.sensor.looks_along_path:
         lines = [_with_places(line, _AT_WAYPOINTS * reach_m) for line in lines]
     polyline = np.vstack(in_good_order([np.column_stack([line, np.zeros(len(line))]) for line in lines], None))[:, :2]
     way, surface = way_cost_of(site), site.ground.surface
@@ -221,7 +220,7 @@ def _laid(site: Site, polyline_m: FloatArray, layout: ContourLayout) -> FloatArr
 
 
 def _reach_m(site: Site, height_agl_m: float) -> float:
-    return max(reach_at_height_m(site.scenario.sensor, height_agl_m), site.scenario.area.cell_size_m)
+    return max(site.scenario.sensor.half_width_m(height_agl_m), site.scenario.area.cell_size_m)
 
 
 def _pieces(site: Site, layout: ContourLayout, field: LineField, reach_m: float) -> list[FloatArray]:
@@ -230,7 +229,7 @@ def _pieces(site: Site, layout: ContourLayout, field: LineField, reach_m: float)
     inner = area.buffer(-layout.inset * reach_m)
     flown = area if inner.is_empty else inner
     low, high = _extent_m(field, area)
-    strip_m = (_AT_WAYPOINTS if site.scenario.sensor.sensing == "at-waypoints" else 2.0) * reach_m
+    strip_m = (_AT_WAYPOINTS if not site.scenario.sensor.looks_along_path else 2.0) * reach_m
     count = max(1, math.ceil(layout.lines * (high - low) / strip_m - 1e-9))
     generator = contourpy.contour_generator(field.east_m, field.north_m, field.across_m)
     shortest_m = _SHORTEST_REACHES * reach_m

@@ -39,7 +39,6 @@ from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import Piece, polygons_of
 from uavcover.sensing.cells import make_scattered_cells
 from uavcover.sensing.coverage_map import CoverageMap, judging_maps, planning_map
-from uavcover.sensing.sensors import sight_of
 
 _LATER_STAGES = (0.4, 0.7, 0.85, 1.0)
 """After the first round, in place of the stages of ``TUNED``: what begins is good already."""
@@ -182,7 +181,7 @@ def _looked_at(site: Site, task: PartTask) -> Piece:
     """The part; later what its route sees beside it, too."""
     if task.route_m is None:
         return task.area
-    reach_m = horizontal_reach(sight_of(site.scenario.sensor)) + site.scenario.area.cell_size_m
+    reach_m = horizontal_reach(site.scenario.sensor.sight) + site.scenario.area.cell_size_m
     seen = shapely.union(task.area, shapely.LineString(task.route_m[:, :2]).buffer(reach_m))
     return polygons_of(shapely.intersection(seen, site.area))
 

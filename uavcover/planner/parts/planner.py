@@ -38,7 +38,6 @@ from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import Piece
 from uavcover.sensing.block_map import RunBlocks, judge_by_blocks, look_at_all, one_after_the_other
 from uavcover.sensing.coverage_map import CoverageMap, judging_map, sampling_map
-from uavcover.sensing.sensors import reach_at_height_m, sight_of
 
 RunTasks = Callable[[Site, Sequence[PartTask]], Iterator[tuple[PartTask, FloatArray]]]
 """Search in parts of a site: each task with the waypoints of its route, in any order."""
@@ -77,7 +76,7 @@ def part_count(site: Site) -> int:
 def flight_work(site: Site) -> FlightWork:
     """Flight work over a site, for its division."""
     scenario = site.scenario
-    reach_m = reach_at_height_m(scenario.sensor, best_height_agl_m(site))
+    reach_m = scenario.sensor.half_width_m(best_height_agl_m(site))
     return FlightWork(
         swath_m=2.0 * max(reach_m, scenario.area.cell_size_m),
         home_en=None if site.home_m is None else (float(site.home_m[0]), float(site.home_m[1])),
@@ -96,7 +95,7 @@ def require_parts(settings: PlannerSettings, site: Site) -> None:
         InputError: says what, and what to do.
     """
     what = None
-    if settings.encoding != "swaths" or site.scenario.sensor.sensing != "along-path":
+    if settings.encoding != "swaths" or not site.scenario.sensor.looks_along_path:
         what = 'a sensor that looks along the path and encoding = "swaths"'
     elif settings.algorithm not in ("memetic", "local-search"):
         what = 'algorithm = "memetic" or "local-search"'
@@ -254,7 +253,7 @@ def tasks_of(
     ]
     if routes is None:
         return tasks
-    reach_m = horizontal_reach(sight_of(site.scenario.sensor)) + site.scenario.area.cell_size_m
+    reach_m = horizontal_reach(site.scenario.sensor.sight) + site.scenario.area.cell_size_m
     ways = [shapely.LineString(route[:, :2]) for route in routes]
     tree = shapely.STRtree([way.buffer(reach_m) for way in ways])
     with_routes = []

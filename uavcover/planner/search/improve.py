@@ -92,7 +92,7 @@ def improve(
     if not starts or left == 0 or effort.is_over(run.started):
         return Improved((), 0, interrupted=False)
     problem = counted_as_judged(search_problem(coverage, judging), judging, starts)
-    judges = judging_maps(site) if site.scenario.sensor.sensing == "along-path" else [judging]
+    judges = judging_maps(site) if site.scenario.sensor.looks_along_path else [judging]
     pace: SearchPace
     if effort.budget_s is None:
         pace = PaceByNumber(left * PROPOSALS_PER_EVALUATION)
