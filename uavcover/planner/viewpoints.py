@@ -19,6 +19,7 @@ from uavcover.planner.set_cover.candidates import seen_from_each
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
+from uavcover.sensing.observing import seen_often
 from uavcover.sensing.sensors import turns_with_legs, whatever_heading
 
 _SPACING_REACHES = 0.4
@@ -67,8 +68,10 @@ class MissingCells:
 
     def seen_by(self, looks: LevelObservations, sight: Sight) -> BoolArray:
         """(m,) whether any observation sees each cell."""
-        surface = self.coverage.site.ground.surface
-        return kernels.seen_from_points(surface, sight, self.cells, looks.places_m, looks.headings)
+        site = self.coverage.site
+        if sight is self.coverage.sight and site.scenario.sensor.has_own_view:
+            return seen_often(site, self.cells, looks.places_m, looks.headings) >= 0
+        return kernels.seen_from_points(site.ground.surface, sight, self.cells, looks.places_m, looks.headings)
 
     def seen_on(self, route_m: FloatArray, sights: Sequence[Sight]) -> BoolArray:
         """(k, m) whether an (n, 3) ENU route observes each cell by each of k sensors, by the scenario's sensing rule.

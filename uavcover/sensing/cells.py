@@ -16,6 +16,7 @@ from uavcover.kernels.sight import RAY, widest_tangent
 from uavcover.kernels.skyline import NO_SKYLINES, skylines
 from uavcover.model.terrain import RasterTerrain
 from uavcover.scenario.site import Site
+from uavcover.sensing.observing import sight_for_cells
 from uavcover.terrain.ground import Ground
 
 MAX_CELLS = 16_000_000
@@ -176,7 +177,7 @@ def _cut(
     scatter_m = 0.0 if steps is None else cell_size_m * math.sqrt(0.5)
     obstacles, reach_m = site.ground.surface.obstacles, site.scenario.sensor.reach_m + scatter_m
     horizon = horizons(obstacles, index, centre, east0_m, north0_m, float(cell_size_m), reach_m)
-    sight, skyline = site.scenario.sensor.sight, NO_SKYLINES
+    sight, skyline = sight_for_cells(site.scenario.sensor), NO_SKYLINES
     if sight.line_of_sight == RAY:
         skyline = skylines(obstacles, centre, horizon, reach_m=reach_m, flattest=1.0 / widest_tangent(sight))
     rise = _rises(site, centre, scatter_m)
@@ -221,7 +222,7 @@ def _hides_m(site: Site) -> float:
 
 def _rises(site: Site, centre: FloatArray, scatter_m: float) -> FloatArray:
     """Cells at which rays of the sensor may be less steep than the ground somewhere."""
-    sight, surface = site.scenario.sensor.sight, site.ground.surface
+    sight, surface = sight_for_cells(site.scenario.sensor), site.ground.surface
     if len(centre) > _MOST_RISES or sight.line_of_sight != RAY or surface.steepest * widest_tangent(sight) <= 1.0:
         return NO_RISE
     return rises(surface, centre, reach_m=site.scenario.sensor.reach_m + scatter_m)

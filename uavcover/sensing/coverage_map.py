@@ -25,6 +25,7 @@ from uavcover.model.terrain import SineCosineTerrain
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.obstacles import waypoint_breaches
 from uavcover.scenario.site import Site
+from uavcover.sensing import observing
 from uavcover.sensing.cells import CellGrid, lattice_shape, make_cells, make_other_cells, make_sampled_cells
 from uavcover.sensing.flown_line import corners_matter, heading_there, line_flown, pictures_on, places_passed_m
 from uavcover.sensing.judged_cells import is_judged_on_smaller_cells, judged_cell_size_m
@@ -243,6 +244,9 @@ class CoverageMap:
     def first_seen(self, observations: LevelObservations) -> NDArray[np.int64]:
         """(cells,) number of the observation that completes what the scenario wants of each cell, -1 where none does."""
         surface, wanted = self.site.ground.surface, self.site.scenario.requirements
+        if self.site.scenario.sensor.has_own_view:
+            looks = wanted.looks, wanted.look_distance_m or 0.0
+            return observing.seen_often(self.site, self.grid.cells, observations.places_m, observations.headings, looks)
         if wanted.look_distance_m is not None:
             return kernels.seen_often(
                 surface,
@@ -340,11 +344,12 @@ def sees_each(
     coverage: CoverageMap, observations: LevelObservations, cell_numbers: NDArray[np.int64], sight: Sight
 ) -> BoolArray:
     """(k,) whether each of k observations sees the cell of the same row; False where a position is NaN."""
-    cells = coverage.grid.cells
-    return kernels.sees_each(
-        coverage.site.ground.surface, sight, np.ascontiguousarray(observations.places_m), observations.headings,
-        cells.centre_m[cell_numbers], cells.normal[cell_numbers],
-    )  # fmt: skip
+    cells, site = coverage.grid.cells, coverage.site
+    places_m = np.ascontiguousarray(observations.places_m)
+    centre_m, normal = cells.centre_m[cell_numbers], cells.normal[cell_numbers]
+    if sight is coverage.sight and site.scenario.sensor.has_own_view:
+        return observing.sees_each(site, places_m, observations.headings, centre_m, normal)
+    return kernels.sees_each(site.ground.surface, sight, places_m, observations.headings, centre_m, normal)
 
 
 def judging_map(site: Site) -> CoverageMap:

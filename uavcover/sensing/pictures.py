@@ -7,7 +7,6 @@ for the count; the best ground sample distance is reported beside it.
 
 import math
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,10 +22,8 @@ from uavcover.model.sensor import Sensor
 from uavcover.model.verdict import PictureStatistics, percent_beside
 from uavcover.scenario.site import area_as_drawn
 from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.observing import add_observations
 from uavcover.sensing.sensors import looks_singly
-
-WORKERS = 2
-"""Threads that share the rows of the lattice; the result does not depend on their number."""
 
 OVERLAP_FRACTION = 0.99
 """Share of the drawn area that has to be in as many photos as the overlap asks for, for the overlap to hold."""
@@ -134,14 +131,7 @@ def count_pictures(coverage: CoverageMap, poses: SensorPoses, looks: IntArray | 
         np.ascontiguousarray(poses.tops[order]), numbers[order].astype(float),
     )  # fmt: skip
     counts = kernels.no_observations(coverage.grid.count)
-
-    def add(first_row: int) -> None:
-        kernels.count_rows(
-            site.ground.surface, slopes, sight, camera, coverage.grid.cells, numbered, (first_row, WORKERS), counts
-        )
-
-    with ThreadPoolExecutor(WORKERS) as executor:
-        list(executor.map(add, range(WORKERS)))
+    add_observations(coverage.site, slopes, sight, camera, coverage.grid.cells, numbered, counts)
     sample_m = np.where(np.isfinite(counts.ground_sample_m), counts.ground_sample_m, np.nan)
     return PictureCounts(counts.passes, sample_m, len(poses.eyes), len(np.unique(numbers)))
 

@@ -1,7 +1,6 @@
 """Coverage of a flown track. For each cell: when, how often, how closely and how surely it was observed, or why not."""
 
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,11 +11,9 @@ from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import Camera, ObservationCounts, SensorPoses
 from uavcover.kernels.sight import LocalSlopes, local_slopes
 from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.observing import add_observations
 from uavcover.verification.observations import Observations
 from uavcover.verification.possible_motion import MAX_LEAN_DEG
-
-WORKERS = 2
-"""Threads that share the rows of the lattice; the result does not depend on their number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,17 +160,8 @@ def _counted(
     coverage: CoverageMap, observations: Observations, slopes: LocalSlopes, camera: Camera
 ) -> ObservationCounts:
     counts: ObservationCounts = kernels.no_observations(coverage.grid.count, camera.needed)
-
     poses = SensorPoses(observations.places_m, observations.axes, observations.tops, observations.times_s)
-
-    def add(first_row: int) -> None:
-        kernels.count_rows(
-            coverage.site.ground.surface, slopes, coverage.sight, camera, coverage.grid.cells,
-            poses, (first_row, WORKERS), counts,
-        )  # fmt: skip
-
-    with ThreadPoolExecutor(WORKERS) as executor:
-        list(executor.map(add, range(WORKERS)))
+    add_observations(coverage.site, slopes, coverage.sight, camera, coverage.grid.cells, poses, counts)
     return counts
 
 

@@ -28,12 +28,13 @@ def least_length_m(site: Site, rule: str) -> float | None:
         InputError: the rule cannot be understood.
     """
     share = parse_rule(rule).required_coverage
-    in_metres = site.scenario.objective == "length" and site.scenario.sensor.looks_along_path
+    sensor = site.scenario.sensor
+    in_metres = site.scenario.objective == "length" and sensor.looks_along_path and not sensor.has_own_view
     return least_path_length_m(judging_map(site), share) if in_metres and share is not None else None
 
 
 def proved(site: Site, result: Plan, *, time_s: float | None) -> dict[str, Any]:
-    """Proved limits with what a plan has, by question: as ``bounds`` of ``plan.json`` has them.
+    """Proved limits with what a plan has, by question: as ``bounds`` of ``plan.json`` has them; none for a view of its own.
 
     Args:
         site: the scenario on its ground.
@@ -42,6 +43,8 @@ def proved(site: Site, result: Plan, *, time_s: float | None) -> dict[str, Any]:
             alone; none: linear relaxations too, where they are quick.
     """
     coverage = fleet_map(site)
+    if site.scenario.sensor.has_own_view:
+        return {}
     found = path_bounds(coverage, result, time_s=time_s or 0.0)
     if time_s is not None and time_s > 0.0:
         found += waypoint_bounds(coverage, result, SolverEffort(time_s=0.5 * time_s))
