@@ -21,7 +21,8 @@ import numpy as np
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
 from uavcover.verification.lean_fit import MOST_LATE_S, SMALLEST_SIGNAL, lean_fits, mean_over, thrust_m_s2
-from uavcover.verification.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG, Windows
+from uavcover.verification.motion_windows import Windows
+from uavcover.verification.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG
 
 MOST_UNEXPLAINED_M_S2 = 2.0
 """Root mean square over a flight. Simulated autopilots reach 0.8, mock flights in gusts with errors of metres 1.1."""
