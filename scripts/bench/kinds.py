@@ -50,7 +50,7 @@ from uavcover.planner.baselines.boustrophedon import evaluated, fly_rows, scanne
 from uavcover.planner.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout, width_across_m
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import finer_map, judging_map
+from uavcover.sensing.site_maps import finer_map, judging_map
 
 _LEG_STEP_M = 2.0
 _EQUAL = 0.0005

@@ -34,7 +34,7 @@ from uavcover.run.track_file import SpaceReserve, TrackWriter
 from uavcover.run.user import ProgressBar, User
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 TELEMETRY_LOG = "flight.tlog"
 _GROWING = ".flight.rrd.growing"

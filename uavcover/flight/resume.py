@@ -16,7 +16,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.provenance import note_in_run, read_record
 from uavcover.run.track_file import read_track
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 
 @dataclass(frozen=True, slots=True, eq=False)

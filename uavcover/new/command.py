@@ -45,9 +45,10 @@ from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.areas.area_file import read_area
 from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import judging_map, path_lengths_m
+from uavcover.sensing.coverage_map import path_lengths_m
 from uavcover.sensing.pictures import FLOWN_OVERLAP_FRACTION, pictures_asked, planned_pictures
 from uavcover.sensing.sensors import trigger_distance_m
+from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.elevation_file import read_height_amsl_m
 from uavcover.terrain.elevation_trust import trust_asked_for
 from uavcover.terrain.terrain_source import TerrainSource

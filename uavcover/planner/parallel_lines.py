@@ -33,7 +33,8 @@ from uavcover.planner.front import NamedRoute, judge_members
 from uavcover.planner.search.optimizer_search import Effort
 from uavcover.planner.selection_rule import parse_rule
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import judging_map
 
 NAME = "parallel-lines"
 _CLOSEST, _FARTHEST = 0.7, 2.5

@@ -6,7 +6,7 @@ from uavcover.model.route import Plan
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
 from uavcover.plugins import loaded
 from uavcover.scenario.site import Site
-from uavcover.sensing.fleet_map import fleet_map
+from uavcover.sensing.site_maps import fleet_map
 
 
 def least_length_m(site: Site, rule: str) -> float | None:

@@ -19,8 +19,8 @@ from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import own_sensors
-from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import planned_poses, takes_pictures
+from uavcover.sensing.site_maps import judging_map
 
 _TELLING_GAP = 0.5
 """A bound that is farther below the route says of the bound that it is weak, and nothing of the route."""

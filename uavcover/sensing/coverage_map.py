@@ -4,8 +4,6 @@ Observations are those of a level vehicle: position and heading. Whether a cell 
 around it.
 """
 
-import copy
-import functools
 import itertools
 import math
 from collections.abc import Callable, Iterator, Sequence
@@ -21,14 +19,12 @@ from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.sight import Sight
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor_base import FlatPicture
-from uavcover.model.terrain import SineCosineTerrain
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.obstacles import waypoint_breaches
 from uavcover.scenario.site import Site
 from uavcover.sensing import observing
-from uavcover.sensing.cells import CellGrid, lattice_shape, make_cells, make_other_cells, make_sampled_cells
+from uavcover.sensing.cells import CellGrid, make_cells
 from uavcover.sensing.flown_line import corners_matter, heading_there, line_flown, pictures_on, places_passed_m
-from uavcover.sensing.judged_cells import is_judged_on_smaller_cells, judged_cell_size_m
 from uavcover.sensing.recently_seen import RecentlySeen
 from uavcover.sensing.sensors import sample_spacing_m, trigger_distance_m, turns_with_legs
 
@@ -165,9 +161,7 @@ class CoverageMap:
         """The same cells, of flights whose positions are at least so uncertain."""
         known = self.site.scenario.uncertainty
         wider = replace(known, position_m=max(known.position_m, position_m), height_m=max(known.height_m, height_m))
-        other = copy.copy(self)
-        other.site = replace(self.site, scenario=replace(self.site.scenario, uncertainty=wider))
-        return other
+        return SameCells(self, replace(self.site, scenario=replace(self.site.scenario, uncertainty=wider)))
 
     def observations(self, route_m: FloatArray) -> LevelObservations:
         """Observations of a sensor on an (n, 3) ENU route: at its waypoints, along its legs, or at trigger points.
@@ -306,15 +300,16 @@ class CoverageMap:
 
     def asking(self, only: BoolArray) -> "CoverageMap":
         """This map with fewer coverable cells: of the (cells,) marked ones, those that are."""
-        fewer = copy.copy(self)
-        fewer.coverable = self.coverable & only
-        return fewer
+        return SameCells(self, self.site, coverable=self.coverable & only)
 
-    def flown_from(self, site: Site) -> "CoverageMap":
-        """This map for another vehicle of a fleet: the same cells and sensor, with its home and settings."""
-        other = copy.copy(self)
-        other.site, other._recent = site, RecentlySeen()
-        return other
+    def flown_from(self, site: Site, coverable: BoolArray | None = None) -> "CoverageMap":
+        """This map for another vehicle of a fleet: the same cells and sensor, with its home and settings.
+
+        Args:
+            site: of the vehicle.
+            coverable: (cells,) cells that can be covered; none: the same.
+        """
+        return SameCells(self, site, coverable=coverable)
 
     def _allowed_places(self, east_north_m: FloatArray, share: float) -> FloatArray:
         """(k, 3) positions at a fraction 0..1 of the allowed band above (k, 2) points; NaN where nothing is allowed."""
@@ -335,6 +330,38 @@ class CoverageMap:
         return places
 
 
+class SameCells(CoverageMap):
+    """The cells of another map, with the same sensor, for other settings of their site."""
+
+    def __init__(self, other: CoverageMap, site: Site, coverable: BoolArray | None = None) -> None:
+        self.site, self.sight = site, other.sight
+        self._other, self._coverable = other, coverable
+        # The way that a vehicle flies a route may be its own.
+        self._recent = other._recent if site is other.site else RecentlySeen()
+
+    @property
+    def grid(self) -> CellGrid:  # type: ignore[override]
+        """Its cells."""
+        return self._other.grid
+
+    @property
+    def coverable(self) -> BoolArray:
+        """See :class:`CoverageMap`."""
+        return self._other.coverable if self._coverable is None else self._coverable
+
+    def blocks(self) -> Iterator[CoverageMap]:
+        """See :class:`CoverageMap`."""
+        yield from self._other.blocks()
+
+    def seen_by(self, observations: LevelObservations) -> BoolArray:
+        """See :class:`CoverageMap`."""
+        return self._other.seen_by(observations)
+
+    def first_seen(self, observations: LevelObservations) -> NDArray[np.int64]:
+        """See :class:`CoverageMap`."""
+        return self._other.first_seen(observations)
+
+
 def path_lengths_m(points: FloatArray) -> FloatArray:
     """(n,) length of the path through (n, 3) points up to each of them."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
@@ -350,93 +377,3 @@ def sees_each(
     if sight is coverage.sight and site.scenario.sensor.has_own_view:
         return observing.sees_each(site, places_m, observations.headings, centre_m, normal)
     return kernels.sees_each(site.ground.surface, sight, places_m, observations.headings, centre_m, normal)
-
-
-def judging_map(site: Site) -> CoverageMap:
-    """The cells that results are judged on; built once for a site."""
-    return _map_of(site, judged_cell_size_m(site))
-
-
-def keep_judging_map(site: Site, make: Callable[[], CoverageMap]) -> None:
-    """Have another map stand for :func:`judging_map`, unless it was built already."""
-    key = (CoverageMap, judged_cell_size_m(site))
-    if key not in site.derived:
-        site.derived[key] = make()
-
-
-def judging_maps(site: Site) -> list[CoverageMap]:
-    """Maps on which a search rates a route: :func:`judging_map`, and finer ones for cells of the scenario's size.
-
-    These only for a sensor that looks along the path, and where memory allows. Built once for a site.
-    """
-    if not site.scenario.sensor.looks_along_path or is_judged_on_smaller_cells(site):
-        return [judging_map(site)]
-    finer = finer_map(site)
-    return [judging_map(site)] if finer is None else [judging_map(site), finer]
-
-
-def planning_map(site: Site) -> CoverageMap:
-    """The cells that a planner uses, the area's own if they are of the same size. Built once for a site."""
-    return _map_of(site, site.scenario.planning_cell_size_m)
-
-
-def sampling_map(site: Site, *, most_cells: int) -> CoverageMap:
-    """:func:`planning_map`, or one of larger cells where it has more than ``most_cells``; the latter is not kept.
-
-    Each cell is looked at in one place, so larger ones are a thinner sample of the ground.
-    """
-    cell_size_m = (site.area.area / most_cells) ** 0.5
-    if cell_size_m <= site.scenario.planning_cell_size_m:
-        return planning_map(site)
-    return CoverageMap(site, cell_size_m=cell_size_m, cut=_cut_for(site))
-
-
-_MOST_FINER_CELLS = 600_000
-"""Above this number, the own cells are many enough against overfitting.
-
-On 25 km² finer ones took 4 s before a search could begin.
-"""
-
-
-def finer_map(site: Site) -> CoverageMap | None:
-    """Other places, on which what is found is tried once more; none where memory, or limits of waypoints, forbid.
-
-    Cells of half the size; or other places in cells that are smaller than the scenario's already.
-    """
-    if site.scenario.limits.applies_to == "waypoints":
-        return None
-    size_m = judged_cell_size_m(site)
-    if is_judged_on_smaller_cells(site):
-        key = "other places"
-        if key not in site.derived:
-            site.derived[key] = CoverageMap(site, cell_size_m=size_m, cut=make_other_cells)
-        made: CoverageMap = site.derived[key]
-        return made
-    if judging_map(site).grid.count * 4 > _MOST_FINER_CELLS:
-        return None
-    return _map_of(site, 0.5 * size_m)
-
-
-def judging_block(site: Site, rows: range) -> CoverageMap:
-    """Some rows of the lattice of :func:`judging_map`, which each see the same as among all; not kept."""
-    return CoverageMap(site, cell_size_m=judged_cell_size_m(site), cut=functools.partial(_cut_for(site), rows=rows))
-
-
-def row_blocks(site: Site, *, cells: int) -> list[range]:
-    """The rows of the lattice of :func:`judging_map`, in blocks of at most ``cells`` points, or of one row."""
-    rows, columns = lattice_shape(site, judged_cell_size_m(site))
-    step = max(1, cells // columns)
-    return [range(first, min(first + step, rows)) for first in range(0, rows, step)]
-
-
-def _map_of(site: Site, cell_size_m: float) -> CoverageMap:
-    key = (CoverageMap, cell_size_m)
-    if key not in site.derived:
-        site.derived[key] = CoverageMap(site, cell_size_m=cell_size_m, cut=_cut_for(site))
-    made: CoverageMap = site.derived[key]
-    return made
-
-
-def _cut_for(site: Site) -> Callable[..., CellGrid]:
-    """The paper's surface has no pixels, and its cells are their centres."""
-    return make_cells if isinstance(site.scenario.terrain, SineCosineTerrain) else make_sampled_cells

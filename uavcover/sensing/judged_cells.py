@@ -8,7 +8,7 @@ as that of many, as on cliffs, it is half a point. So an area of few cells is ju
 import math
 
 from uavcover.model.terrain import SineCosineTerrain
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, once
 from uavcover.sensing.cells import make_sampled_cells
 
 MOST_PLACES = 160_000
@@ -17,17 +17,17 @@ MOST_PLACES = 160_000
 _PROBED = 10_000
 
 
+@once
 def judged_cell_size_m(site: Site) -> float:
     """Side of the cells that results are judged on: ``area.cell_size_m``, or less, so that there are ``area.fewest_places``.
 
     What counts is how many places of equal weight would be as good a sample: (sum of w)^2 / (sum of w^2). The paper's cells are
     their centres, and stay as they are.
     """
-    key = "judged_cell_size_m"
-    if key not in site.derived:
-        site.derived[key] = _size_m(site)
-    size_m: float = site.derived[key]
-    return size_m
+    area = site.scenario.area
+    if isinstance(site.scenario.terrain, SineCosineTerrain):
+        return area.cell_size_m
+    return cell_size_for(site, fewest=area.fewest_places, most=MOST_PLACES, largest_m=area.cell_size_m)
 
 
 def is_judged_on_smaller_cells(site: Site) -> bool:
@@ -52,19 +52,9 @@ def cell_size_for(site: Site, *, fewest: int, most: int, largest_m: float) -> fl
     return largest_m if cells >= wanted else math.sqrt(area_m2 / wanted)
 
 
+@once
 def evenness(site: Site) -> float:
-    """Share 0..1 of a site's cells: equal cells of this share are as good a sample. Computed once."""
-    key = "evenness of cells"
-    if key not in site.derived:
-        size_m = max(site.scenario.area.cell_size_m, math.sqrt(site.area.area / _PROBED))
-        weight = make_sampled_cells(site, size_m).weight_m2
-        site.derived[key] = float(weight.sum() ** 2 / (weight**2).sum() / weight.size)
-    share: float = site.derived[key]
-    return share
-
-
-def _size_m(site: Site) -> float:
-    area = site.scenario.area
-    if isinstance(site.scenario.terrain, SineCosineTerrain):
-        return area.cell_size_m
-    return cell_size_for(site, fewest=area.fewest_places, most=MOST_PLACES, largest_m=area.cell_size_m)
+    """Share 0..1 of a site's cells: equal cells of this share are as good a sample."""
+    size_m = max(site.scenario.area.cell_size_m, math.sqrt(site.area.area / _PROBED))
+    weight = make_sampled_cells(site, size_m).weight_m2
+    return float(weight.sum() ** 2 / (weight**2).sum() / weight.size)

@@ -27,9 +27,9 @@ from uavcover.run.judged_inputs import (
 from uavcover.run.provenance import note_files
 from uavcover.run.user import User, metres, percent
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
-from uavcover.sensing.fleet_map import fleet_map
+from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import looks_singly
+from uavcover.sensing.site_maps import fleet_map, judging_map
 from uavcover.verification.elevation_bias import elevation_biases, widened, with_measured_ground
 from uavcover.verification.flown_coverage import CountObservations, FlownCoverage, count_observations, counter_of
 from uavcover.verification.gaps import REASONS, reason_codes

@@ -14,7 +14,8 @@ from uavcover.kernels.observation_counting import Camera, ObservationCounts, Sen
 from uavcover.kernels.sight import LocalSlopes, local_slopes
 from uavcover.run.scheduling import Workers, workers_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, judging_block, row_blocks
+from uavcover.sensing.block_map import judging_block, row_blocks
+from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.observing import add_observations
 from uavcover.verification.observations import Observations
 from uavcover.verification.possible_motion import MAX_LEAN_DEG

@@ -14,7 +14,7 @@ from uavcover.model.outline import svg_map
 from uavcover.model.track import Track
 from uavcover.model.verdict import PhotoSource, PictureStatistics, VerificationReport
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.looks import look_distance_m, looks_of
 from uavcover.sensing.pictures import (
     OVERLAP_FRACTION,
@@ -25,6 +25,7 @@ from uavcover.sensing.pictures import (
     picture_statistics,
     takes_pictures,
 )
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.decision import cell_statistics, coverage_by_time, decide, judged_requirements
 from uavcover.verification.flown_coverage import (
     CountObservations,

@@ -12,8 +12,7 @@ from uavcover.planner.selection_rule import parse_rule
 from uavcover.planner.set_cover.solvers import SolverEffort
 from uavcover.run.documents import bound_document
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
-from uavcover.sensing.fleet_map import fleet_map
+from uavcover.sensing.site_maps import fleet_map, judging_map
 
 
 def least_length_m(site: Site, rule: str) -> float | None:

@@ -35,8 +35,9 @@ from uavcover.planner.search.optimizer_search import SearchProgress, SearchRun
 from uavcover.planner.selection_rule import parse_rule
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import Piece
-from uavcover.sensing.block_map import RunBlocks, judge_by_blocks, look_at_all, one_after_the_other
-from uavcover.sensing.coverage_map import CoverageMap, judging_map, sampling_map
+from uavcover.sensing.block_map import RunBlocks, look_at_all, one_after_the_other
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import judging_map, sampling_map
 
 RunTasks = Callable[[Site, Sequence[PartTask]], Iterator[tuple[PartTask, FloatArray]]]
 """Search in parts of a site: each task with the waypoints of its route, in any order."""
@@ -135,7 +136,6 @@ def plan_by_parts(
             f"planner.parts: {parts} parts of {site.area.area / 1e6:.3g} km² are smaller than the sensor's footprint; "
             f"give at most {most}, or auto"
         )
-    judge_by_blocks(site)
     fine = judging_map(site)
     areas, routes, comparison = _divided(site, parts, goal, executor, or_sorties=or_sorties)
     found: list[Route] = []

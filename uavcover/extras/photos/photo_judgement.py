@@ -25,9 +25,10 @@ from uavcover.model.sensor import FrameCamera
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import OVERLAP_FRACTION, drawn_cells, pictures_asked
 from uavcover.sensing.sensors import frame_camera
+from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.frames import LocalFrame
 from uavcover.verification.gaps import find_gaps
 

@@ -27,7 +27,7 @@ from uavcover.planner.baselines.swaths import long_side_angle_rad
 from uavcover.planner.encodings import allowed_band_m
 from uavcover.planner.joining import in_good_order
 from uavcover.planner.terrain_following import finite_heights, lay_over_terrain
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, once
 from uavcover.sensing.coverage_map import CoverageMap
 
 NAME = "contour-lines"
@@ -182,18 +182,22 @@ def nearest_potential(across_e: FloatArray, across_n: FloatArray, step_m: float)
     return np.asarray(idctn(transformed, type=2, norm="ortho"))
 
 
+@once
+def _fields(_site: Site) -> dict[tuple[float, float, float], LineField]:
+    """Fields that were computed before, by reach, smoothing and straightening."""
+    return {}
+
+
 def fly_contours(site: Site, layout: ContourLayout) -> Route:
     """The route of a layout: its lines in a short order, the cheaper way round, laid over the terrain.
 
     A sensor that looks from the waypoints has enough on each line that the squares it covers whole touch.
     """
     reach_m = _reach_m(site, layout.height_agl_m)
-    key = "contour lines", reach_m, layout.smoothing, layout.straightening
-    if key not in site.derived:
-        site.derived[key] = line_field(
-            site, reach_m=reach_m, smoothing=layout.smoothing, straightening=layout.straightening
-        )
-    lines = _pieces(site, layout, site.derived[key], reach_m)
+    fields, key = _fields(site), (reach_m, layout.smoothing, layout.straightening)
+    if key not in fields:
+        fields[key] = line_field(site, reach_m=reach_m, smoothing=layout.smoothing, straightening=layout.straightening)
+    lines = _pieces(site, layout, fields[key], reach_m)
     if not site.scenario.sensor.looks_along_path:
         lines = [_with_places(line, _AT_WAYPOINTS * reach_m) for line in lines]
     polyline = np.vstack(in_good_order([np.column_stack([line, np.zeros(len(line))]) for line in lines], None))[:, :2]

@@ -36,9 +36,10 @@ from uavcover.planner.selection_rule import Rule
 from uavcover.planner.sound_corners import with_sound_corners
 from uavcover.planner.sure_pictures import surely
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
+from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.flown_line import line_flown, pictures_on
 from uavcover.sensing.sensors import trigger_distance_m
+from uavcover.sensing.site_maps import finer_map, judging_maps
 
 _FLOWN = 0.98
 """The coverage that it goes for when the rule asks for none."""
