@@ -11,7 +11,7 @@ from uavcover.model.scenario import Scenario
 from uavcover.planner.baselines.swaths import fly_layout, regular_layout
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.block_map import judging_block, row_blocks
-from uavcover.sensing.judged_cells import MOST_PLACES, evenness, is_judged_on_smaller_cells, judged_cell_size_m
+from uavcover.sensing.cells import MOST_PLACES, evenness, is_judged_on_smaller_cells, judged_cell_size_m
 from uavcover.sensing.site_maps import finer_map, judging_map, judging_maps
 
 

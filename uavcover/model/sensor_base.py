@@ -87,12 +87,20 @@ class SensorBase(ABC):
         kind: name of this sensor in a scenario.
         sensing: whether it observes only at the waypoints or along the path.
         sample_spacing_m: distance between observations along the path; none: by its footprint.
+        mount: how its axis is mounted; none without an axis.
+        heading_deg: heading at which a gimbal holds the top of its photo; none: that of the vehicle, or of no effect.
+        forward_overlap: fraction of a photo's length that the next one shows again; none where it is not required.
+        side_overlap: fraction of a photo's width that the next swath shows again.
     """
 
     __slots__ = ()
     kind: str
     sensing: Sensing
     sample_spacing_m: float | None
+    mount: Mount | None = None
+    heading_deg: float | None = None
+    forward_overlap: float | None = None
+    side_overlap: float = 0.0
 
     @property
     @abstractmethod
@@ -144,18 +152,8 @@ class SensorBase(ABC):
         return self.mount is not None
 
     @property
-    def mount(self) -> Mount | None:
-        """How its axis is mounted; none without an axis."""
-        return None
-
-    @property
     def pitch_deg(self) -> float | None:
         """Angle of its axis to the horizon; none without an axis."""
-        return None
-
-    @property
-    def heading_deg(self) -> float | None:
-        """Heading at which a gimbal holds the top of its photo; none: that of the vehicle, or of no effect."""
         return None
 
     @property
@@ -167,16 +165,6 @@ class SensorBase(ABC):
     def focal_px(self) -> float:
         """Focal length in pixels; NaN where it is not known."""
         return math.nan
-
-    @property
-    def forward_overlap(self) -> float | None:
-        """Fraction of a photo's length that the next one shows again; none where it is not required."""
-        return None
-
-    @property
-    def side_overlap(self) -> float:
-        """Fraction of a photo's width that the next swath shows again."""
-        return 0.0
 
     @property
     def asks_overlap(self) -> bool:

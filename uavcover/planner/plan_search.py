@@ -130,22 +130,10 @@ def plan_and_site(
     kept: Path | None,
 ) -> tuple[Plan, Site]:
     """As :func:`plan`; and the site as it was judged: in blocks, where a large area was planned in parts."""
-    found, judged = _search(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)
     autopilot = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
-    return with_sizes(judged, found, autopilot=autopilot), judged
-
-
-def _search(
-    site: Site,
-    request: SearchRequest,
-    *,
-    should_stop: Callable[[], bool],
-    on_progress: Callable[[SearchProgress], None],
-    kept: Path | None,
-) -> tuple[Plan, Site]:
-    """The Pareto set and the choice, and the site as it was judged."""
     if not groups_of(site.scenario):
-        return _plan_one(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)
+        found, judged = _plan_one(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)
+        return with_sizes(judged, found, autopilot=autopilot), judged
     settings = site.scenario.planner
     total, done = request.evaluations or settings.evaluations, 0
 
@@ -164,7 +152,7 @@ def _search(
         return plan
 
     rule = request.select if request.select is not None else site.scenario.select
-    return plan_parts(site, select_rule=rule, search=search), site
+    return with_sizes(site, plan_parts(site, select_rule=rule, search=search), autopilot=autopilot), site
 
 
 def _plan_one(

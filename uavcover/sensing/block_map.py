@@ -16,10 +16,8 @@ import numpy as np
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.cells import Cells
 from uavcover.scenario.site import Site
-from uavcover.sensing.cells import MAX_CELLS, CellGrid, cut_for, lattice_shape
-from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
-from uavcover.sensing.judged_cells import judged_cell_size_m
-from uavcover.sensing.recently_seen import RecentlySeen
+from uavcover.sensing.cells import MAX_CELLS, CellGrid, cut_for, judged_cell_size_m, lattice_shape
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, RecentlySeen
 
 _MOST_AT_ONCE = 2_000_000
 """With more places of the lattice a map is made of blocks. Below, all cells take less than the program itself."""

@@ -4,11 +4,12 @@ Observations are those of a level vehicle: position and heading. Whether a cell 
 around it.
 """
 
-import itertools
-import math
-from collections.abc import Callable, Iterator, Sequence
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 import shapely
@@ -17,16 +18,13 @@ from numpy.typing import NDArray
 from uavcover.kernels import coverage as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.sight import Sight
-from uavcover.model.scenario import Scenario
-from uavcover.model.sensor_base import FlatPicture
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.obstacles import waypoint_breaches
 from uavcover.scenario.site import Site
 from uavcover.sensing import observing
 from uavcover.sensing.cells import CellGrid, make_cells
 from uavcover.sensing.flown_line import corners_matter, heading_there, line_flown, pictures_on, places_passed_m
-from uavcover.sensing.recently_seen import RecentlySeen
-from uavcover.sensing.sensors import sample_spacing_m, trigger_distance_m, turns_with_legs
+from uavcover.sensing.sensors import sample_spacing_m, trial_places, trigger_distance_m, turns_with_legs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,68 +76,52 @@ _FIRST_STRIDE = 64
 
 
 _AT_A_TIME = 100_000
+_MOST_CELLS = 16_000_000
+"""Cells of all kept routes together: as many bytes."""
+Found = TypeVar("Found", bound=NDArray[Any])
 _SAME_PLACE_M = 1e-6
 
-_DIRECTIONS = 12
-_RADII = (0.35, 0.7, 0.95)
-_BAND_SHARES = (0.5, 0.0, 1.0)
-_AHEAD = (0.5, 0.05, 0.95)
-_ACROSS = (0.0, -0.9, 0.9)
+
+class RecentlySeen:
+    """The cells that the latest routes see, by route; the oldest go first. A search rates the same route several times."""
+
+    def __init__(self, *, most_cells: int = _MOST_CELLS) -> None:
+        self._most_cells = most_cells
+        self._seen: OrderedDict[bytes, Any] = OrderedDict()
+        self._cells = 0
+        # Routes are judged side by side.
+        self._lock = threading.Lock()
+
+    def knows(self, route_m: FloatArray) -> bool:
+        """Whether it is known what an (n, 3) route sees."""
+        with self._lock:
+            return _key(route_m) in self._seen
+
+    def get(self, route_m: FloatArray, find: Callable[[], Found]) -> Found:
+        """(cells,) what an (n, 3) route sees, or (bytes,) of it, read-only; ``find`` is called where that is not known."""
+        key = _key(route_m)
+        with self._lock:
+            known: Found | None = self._seen.get(key)
+        if known is not None:
+            return known
+        found = find()
+        self.keep(route_m, found)
+        return found
+
+    def keep(self, route_m: FloatArray, found: NDArray[Any]) -> None:
+        """Keep what an (n, 3) route sees."""
+        key = _key(route_m)
+        found.flags.writeable = False
+        with self._lock:
+            if key not in self._seen:
+                self._seen[key] = found
+                self._cells += found.size
+            while self._cells > self._most_cells:
+                self._cells -= self._seen.popitem(last=False)[1].size
 
 
-@dataclass(frozen=True, slots=True)
-class TrialPlace:
-    """A position relative to a cell, with the heading of a level vehicle there.
-
-    Attributes:
-        east_m: from the cell.
-        north_m: from the cell.
-        band_share: share 0..1 of the allowed heights above that spot.
-        heading_e: east part of the heading.
-        heading_n: north part.
-    """
-
-    east_m: float
-    north_m: float
-    band_share: float
-    heading_e: float
-    heading_n: float
-
-
-def trial_places(scenario: Scenario) -> Iterator[TrialPlace]:
-    """The positions tried for every cell, the most promising first.
-
-    Directly above and 36 positions around, each at three heights of the band. For a frame camera instead the positions from
-    which flat ground at the cell would lie at the centre, near the corners and near the edges of the photo, for twelve
-    headings or the one that the scenario sets.
-    """
-    limits, sensor = scenario.limits, scenario.sensor
-    low, high = limits.min_height_agl_m, limits.max_height_agl_m
-    pictures = [(share, sensor.flat_picture(low + share * (high - low))) for share in _BAND_SHARES]
-    if sensor.turns_with_vehicle or sensor.heading_deg is not None:
-        yield from _by_picture(sensor.heading_deg, pictures)
-        return
-    reach = max(sensor.half_width_m(low + share * (high - low)) for share in _BAND_SHARES)
-    offsets = [(0.0, 0.0)] + [(reach * r * math.cos(a), reach * r * math.sin(a)) for r in _RADII for a in _angles_rad()]
-    for (east, north), share in itertools.product(offsets, _BAND_SHARES):
-        yield TrialPlace(east, north, share, 0.0, 1.0)
-
-
-def _by_picture(stated: float | None, pictures: Sequence[tuple[float, FlatPicture | None]]) -> Iterator[TrialPlace]:
-    headings = _angles_rad() if stated is None else [math.radians(90.0 - stated)]
-    for ahead, across, (share, picture) in itertools.product(_AHEAD, _ACROSS, pictures):
-        if picture is None:
-            continue
-        forward = picture.near_m + ahead * (picture.far_m - picture.near_m)
-        for angle in headings:
-            he, hn = math.cos(angle), math.sin(angle)
-            # The cell is ``forward`` ahead of the place and ``across`` to the right of it.
-            right = across * picture.half_width_m
-            yield TrialPlace(-forward * he - right * hn, -forward * hn + right * he, share, he, hn)
-
-
-def _angles_rad() -> list[float]:
-    return [float(a) for a in np.arange(_DIRECTIONS) * (2.0 * math.pi / _DIRECTIONS)]
+def _key(route_m: FloatArray) -> bytes:
+    return np.ascontiguousarray(route_m, dtype=float).tobytes()
 
 
 class CoverageMap:

@@ -1,14 +1,25 @@
 """Observations that a scenario asks of its sensor: how far apart they are, and views that contain or keep inside its own."""
 
+import itertools
 import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
 
 from uavcover.errors import InputError, ScenarioError
 from uavcover.kernels.sight import CONE, FRUSTUM, SPHERE, Sight, horizontal_reach
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import FrameCamera, Sensor
+from uavcover.model.sensor_base import FlatPicture
 
 _LEVEL = 1e-9
 """Cosine of the pitch of a camera that looks straight down."""
+_DIRECTIONS = 12
+_RADII = (0.35, 0.7, 0.95)
+_BAND_SHARES = (0.5, 0.0, 1.0)
+_AHEAD = (0.5, 0.05, 0.95)
+_ACROSS = (0.0, -0.9, 0.9)
 LONGEST_SPACING_M = 10.0
 """Spacing of observations along the path without a spacing in the scenario."""
 
@@ -128,3 +139,58 @@ def frame_camera(sensor: Sensor, *, source: str) -> FrameCamera:
     if isinstance(sensor, FrameCamera):
         return sensor
     raise InputError(f"{source}: its sensor is a {sensor.kind}; photos need a frame-camera")
+
+
+@dataclass(frozen=True, slots=True)
+class TrialPlace:
+    """A position relative to a cell, with the heading of a level vehicle there.
+
+    Attributes:
+        east_m: from the cell.
+        north_m: from the cell.
+        band_share: share 0..1 of the allowed heights above that spot.
+        heading_e: east part of the heading.
+        heading_n: north part.
+    """
+
+    east_m: float
+    north_m: float
+    band_share: float
+    heading_e: float
+    heading_n: float
+
+
+def trial_places(scenario: Scenario) -> Iterator[TrialPlace]:
+    """The positions tried for every cell, the most promising first.
+
+    Directly above and 36 positions around, each at three heights of the band. For a frame camera instead the positions from
+    which flat ground at the cell would lie at the centre, near the corners and near the edges of the photo, for twelve
+    headings or the one that the scenario sets.
+    """
+    limits, sensor = scenario.limits, scenario.sensor
+    low, high = limits.min_height_agl_m, limits.max_height_agl_m
+    pictures = [(share, sensor.flat_picture(low + share * (high - low))) for share in _BAND_SHARES]
+    if sensor.turns_with_vehicle or sensor.heading_deg is not None:
+        yield from _by_picture(sensor.heading_deg, pictures)
+        return
+    reach = max(sensor.half_width_m(low + share * (high - low)) for share in _BAND_SHARES)
+    offsets = [(0.0, 0.0)] + [(reach * r * math.cos(a), reach * r * math.sin(a)) for r in _RADII for a in _angles_rad()]
+    for (east, north), share in itertools.product(offsets, _BAND_SHARES):
+        yield TrialPlace(east, north, share, 0.0, 1.0)
+
+
+def _by_picture(stated: float | None, pictures: Sequence[tuple[float, FlatPicture | None]]) -> Iterator[TrialPlace]:
+    headings = _angles_rad() if stated is None else [math.radians(90.0 - stated)]
+    for ahead, across, (share, picture) in itertools.product(_AHEAD, _ACROSS, pictures):
+        if picture is None:
+            continue
+        forward = picture.near_m + ahead * (picture.far_m - picture.near_m)
+        for angle in headings:
+            he, hn = math.cos(angle), math.sin(angle)
+            # The cell is ``forward`` ahead of the place and ``across`` to the right of it.
+            right = across * picture.half_width_m
+            yield TrialPlace(-forward * he - right * hn, -forward * hn + right * he, share, he, hn)
+
+
+def _angles_rad() -> list[float]:
+    return [float(a) for a in np.arange(_DIRECTIONS) * (2.0 * math.pi / _DIRECTIONS)]

@@ -10,9 +10,8 @@ from uavcover.planner.search.route_judge import share_seen
 from uavcover.planner.search.route_problem import RouteProblem, route_problem, state_of
 from uavcover.planner.search.starts import SearchStart
 from uavcover.scenario.site import Site
-from uavcover.sensing.cells import make_scattered_cells
+from uavcover.sensing.cells import is_judged_on_smaller_cells, make_scattered_cells
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.judged_cells import is_judged_on_smaller_cells
 
 MARGIN_CELLS = 0.45
 """Reduction of the planner's sensor range, in planning cells, where other cells judge."""
