@@ -5,7 +5,7 @@ Each is a data URI with one pixel a cell; row 0 is the north.
 
 import base64
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -169,11 +169,16 @@ def _picture_classes(asked: int) -> list[tuple[Rgb, int, int | None]]:
 
 def _classes_layer(coverage: CoverageMap, key: str, title: str, classes: list[tuple[Rgb, str, BoolArray]]) -> CellLayer:
     """Cells in the colour of their class; of a cell in several, the last."""
-    colors = np.zeros((coverage.grid.count, 4), dtype=np.uint8)
-    for rgb, _, where in classes:
-        colors[where] = (*rgb, 150)
     legend = tuple(LegendEntry(_hex(rgb), label) for rgb, label, where in reversed(classes) if where.any())
-    return CellLayer(key, title, _cells_image(coverage, colors), legend)
+    return CellLayer(key, title, classes_image(coverage, [(rgb, where) for rgb, _, where in classes]), legend)
+
+
+def classes_image(coverage: CoverageMap, classes: Sequence[tuple[Rgb, BoolArray]]) -> str:
+    """An image of the cells in the colour of their class; of a cell in several, the last."""
+    colors = np.zeros((coverage.grid.count, 4), dtype=np.uint8)
+    for rgb, where in classes:
+        colors[where] = (*rgb, 150)
+    return _cells_image(coverage, colors)
 
 
 def label(template: str) -> Callable[[float], str]:
