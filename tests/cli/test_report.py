@@ -75,7 +75,7 @@ def test_a_map_of_the_users_own(cli: Cli, flown: Path, tmp_path: Path) -> None:
     behind = write_mbtiles(tmp_path / "map.mbtiles", extent_of(site), zooms=(14,))
     page = tmp_path / "with.html"
     assert cli("report", flown, "-o", page, "--background", behind).code == 0
-    assert "Background: map.mbtiles (the file names no source)" in page.read_text(encoding="utf-8")
+    assert "Background: map.mbtiles (the file states no source)" in page.read_text(encoding="utf-8")
     ended = cli("report", flown, "-o", tmp_path / "other.html", "--background", tmp_path / "no.tif")
     assert ended.code == 2
     assert "no.tif: no such file" in ended.error
