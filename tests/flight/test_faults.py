@@ -65,7 +65,13 @@ def ended(scene: Scene, **options) -> tuple[FlightOutcome, str]:
             "no failsafe is reported: a pilot or another ground station changed the mode",
             "disarmed, in land mode",
         ),
-        (PX4, "reboot@30s", "RESTARTED", "restarted: its clock began anew", "on the ground, disarmed, in manual mode"),
+        (
+            PX4,
+            "reboot@30s",
+            "RESTARTED",
+            "restarted: its clock started again",
+            "on the ground, disarmed, in manual mode",
+        ),
         (
             ARDUPILOT,
             "link-outage:40@20s",
@@ -225,7 +231,7 @@ def test_a_pause_holds_the_vehicle_and_then_it_goes_on(autopilot):
     assert max(s.east_m for s in held) - min(s.east_m for s in held) < 1.0
     assert [text.split(":")[0] for text in scene.told(EventKind.STOP)] == [
         "paused",
-        "the vehicle goes on with its mission",
+        "the vehicle continues its mission",
     ]
 
 

@@ -101,7 +101,7 @@ WEDNESDAY_NOON = 1_780_488_000.0  # 2026-06-03 12:00 UTC
         ("WED 14:00-15:00Z", ("2026-06-03T14:00Z", "2026-06-03T15:00Z"), WEDNESDAY_NOON, "free", "flown from 2026-06-03 12:0"),
         ("WED 11:00-13:00Z", None, WEDNESDAY_NOON, "entered", None),
         ("THU", None, WEDNESDAY_NOON, "free", None),
-        ("THU", None, None, "entered", "judged as in force all the time"),
+        ("THU", None, None, "entered", "judged as always in force"),
         ("THU", ("2026-06-04T14:00Z", "2026-06-04T15:00Z"), None, "entered", "judged as in flight_window_utc"),
         ("WED", ("2026-06-04T14:00Z", "2026-06-04T15:00Z"), None, "unknown", "judged as in flight_window_utc"),
     ],

@@ -61,7 +61,9 @@ class Imitated:
         site = load_site(self.scenario)
         place, vehicle = home_of(site), site.scenario.vehicle
         if place is None:
-            raise InputError(f"scenario {self.scenario}: has no position on Earth or no home: add --home LAT,LON,ALT_AMSL")
+            raise InputError(
+                f"scenario {self.scenario}: has no position on Earth or no home: add --home LAT,LON,ALT_AMSL"
+            )
         name = autopilot_name(self.autopilot, vehicle.autopilot)
         settings = Settings.for_vehicle(vehicle, name)
         return name, place, replace(config, settings=settings, battery=BatteryData.for_vehicle(vehicle))
@@ -148,8 +150,8 @@ def mock_vehicle(
 ) -> int:
     """Simulate a MAVLink vehicle on a port until Ctrl-C, and print the port.
 
-    A fault is NAME[:ARGUMENT][@MOMENT]. Faults: heartbeat-loss[:S], gps-loss[:S], battery-failsafe[:return|land], pilot-mode[:MODE], reboot[:S],
-    link-outage[:S], stuck[:S], arming-refused[:S], strong-wind[:M_S], mission-changed,
+    A fault is NAME[:ARGUMENT][@MOMENT]. Faults: heartbeat-loss[:S], gps-loss[:S], battery-failsafe[:return|land],
+    pilot-mode[:MODE], reboot[:S], link-outage[:S], stuck[:S], arming-refused[:S], strong-wind[:M_S], mission-changed,
     mission-lowered[:M], force-disarm, motor-failure, gps-glitch[:M], speed-changed[:M_S], item-set-back,
     camera-stops[:N], camera-skips[:N], camera-silent.
 

@@ -297,7 +297,7 @@ class Scenario:
     def __post_init__(self) -> None:
         require(
             self.requirements.min_overlap_fraction is None or all(v.sensor is None for v in self.vehicles),
-            "requirements.min_overlap_fraction: is that of one camera; leave it out where vehicles have sensors of their own",
+            "requirements.min_overlap_fraction: is that of one camera; leave it out where vehicles have their own sensors",
         )
         for number, vehicle in enumerate(self.vehicles):
             link, system_id = vehicle.link, vehicle.system_id
@@ -306,7 +306,7 @@ class Scenario:
             for other, before in enumerate(self.vehicles[:number]):
                 require(
                     before.link != link or None not in (system_id, before.system_id),
-                    f"vehicle.{number}.link: {link} is that of vehicle.{other}; each vehicle needs a link of its own, or a "
+                    f"vehicle.{number}.link: {link} is that of vehicle.{other}; each vehicle needs its own link, or a "
                     "system_id",
                 )
                 require(

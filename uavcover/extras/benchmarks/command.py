@@ -108,7 +108,9 @@ def bench_coverage(
                     bar.update(done, note=f"{done} of {len(missing)}, about {left_min:.0f} min left, last {run.key}")
         except KeyboardInterrupt:
             write_results(folder, command=_command(scenarios, algorithms, each))
-            console.warn(f"stopped; the runs that are done are in {out}, with their table: the same command goes on")
+            console.warn(
+                f"stopped; the runs that are done are in {out}, with their table: repeat the command to continue"
+            )
             raise
         files = write_results(folder, command=_command(scenarios, algorithms, each))
     for file in files:
@@ -187,7 +189,7 @@ def bench_link(
             for number, outcome in enumerate(run_missing(out, wanted, at_a_time=at_a_time), start=1):
                 bar.update(number, note=f"{number} of {missing}, last {outcome.trial.client} {outcome.trial.loss:.0%}")
     except KeyboardInterrupt:
-        console.warn(f"stopped; the transfers that are done are in {out}: the same command goes on")
+        console.warn(f"stopped; the transfers that are done are in {out}: repeat the command to continue")
         raise
     cells = cells_of(read_outcomes(out))
     write_text(out / "link.csv", "\n".join(csv_lines(cells)) + "\n")
@@ -270,7 +272,7 @@ def bench_mmf(
                 for done, run in enumerate(made, start=1):
                     bar.update(done, note=f"{done} of {len(missing)}, last {run}")
         except KeyboardInterrupt:
-            console.warn(f"stopped; the runs that are done are in {out}: the same command goes on")
+            console.warn(f"stopped; the runs that are done are in {out}: repeat the command to continue")
             raise
         files = write_results(folder, budget)
     for file in files:
@@ -325,7 +327,7 @@ def bench_paper(
                 for done, run in enumerate(made, start=1):
                     bar.update(done, note=f"{done} of {len(missing)}, last {run.key}")
         except KeyboardInterrupt:
-            console.warn(f"stopped; the runs that are done are in {out}: the same command goes on")
+            console.warn(f"stopped; the runs that are done are in {out}: repeat the command to continue")
             raise
         files = write_results(folder)
     for file in files:
