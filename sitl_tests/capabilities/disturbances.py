@@ -241,7 +241,7 @@ def _disturbed(case: Case, disturbance: Disturbance) -> Finding:
 
         def listen(event: FlightEvent) -> None:
             begin(event)
-            if event.alarm and over and "the wind is above" in event.text:
+            if event.alarm and over and "the wind is too strong" in event.text:
                 act(*over.pop())
 
         outcome, path = fly_mission(case, first, route_mission(case.vehicle.home, disturbance.route_m), on_event=listen)

@@ -104,7 +104,7 @@ def test_return_flies_home_along_checked_legs(autopilot, kind):
     scene = scene_of(autopilot)
     outcome, text = failed(scene, BREACHES[kind], OnBreach.RETURN)
     assert outcome.ending is kind
-    assert "flown home along checked legs, and landed" in text
+    assert "returned along checked legs and landed" in text
     assert not scene.vehicle.armed
     assert outcome.waypoints_reached < 4
 

@@ -110,7 +110,7 @@ def test_home_moved_twice_is_made_up_for_twice():
 
         def listen(now: float) -> None:
             go_on(now)
-            if any(e.text.startswith("flying home") for e in scene.events[again:]):
+            if any(e.text.startswith("returning") for e in scene.events[again:]):
                 scene.vehicle.control.mission.go_on = go_on
                 second_station(scene, home_at(up=10.0))
 

@@ -162,7 +162,7 @@ def test_a_jump_by_another_ground_station_passes_no_waypoints():
         if event.waypoint == 1:
             scene.vehicle.control.set_current(7)
 
-    with pytest.raises(FlightFailedError, match="leaves out waypoint 1: another station set the item") as caught:
+    with pytest.raises(FlightFailedError, match="skips waypoint 1: another station set the item") as caught:
         scene.fly(on_event=jump)
     assert caught.value.outcome.ending is Ending.MISSION_CHANGED
     assert caught.value.outcome.waypoints_reached == 1
@@ -191,7 +191,7 @@ def test_a_stop_does_not_fight_the_pilot():
     outcome, text = ended(scene, stop=lambda: sum((scene.monitor.time_s or 0.0) > at_s for at_s in (32.0, 40.0)))
     assert outcome.ending is Ending.PILOT_TOOK_OVER
     assert 40.0 <= scene.samples[-1].time_s < 42.0, "the first stop does not end the record"
-    assert any("the record goes on until it is on the ground" in said for said in scene.told(EventKind.STOP))
+    assert any("recording continues until it is on the ground" in said for said in scene.told(EventKind.STOP))
     assert "stopped following: the vehicle is left to the pilot or station that controls it" in text
     assert scene.vehicle.armed
     assert outcome.vehicle_now.startswith("in the air, armed, in guided mode")
@@ -240,7 +240,7 @@ def test_an_empty_battery_on_the_way_home_is_no_return():
 
     def drain(event) -> None:
         scene.events.append(event)
-        if "flying home" in event.text:
+        if "returning along" in event.text:
             scene.vehicle.body.battery.drop_to(0.00001)
 
     outcome, text = ended(scene, stop=lambda: int((scene.monitor.time_s or 0.0) > 35.0), on_event=drain)

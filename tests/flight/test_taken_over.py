@@ -326,7 +326,7 @@ def test_px4_climbs_first_when_its_mission_is_continued_and_that_is_judged(monke
     monkeypatch.setattr(MissionProgress, "place_m", np.array([*FRAME.enu_from_geodetic(*_point())[0]]))
     monkeypatch.setattr(MissionProgress, "_index", 4)
     progress.heading_for = 1
-    assert "climbs where it is before it flies to waypoint 1: up to 90 m" in (progress.line_problem() or "")
+    assert "climbs in place before it flies to waypoint 1: up to 90 m" in (progress.line_problem() or "")
 
 
 def _point() -> tuple[float, float, float]:
