@@ -135,7 +135,7 @@ class FlightLog:
     def take_sample(self, sample: TrackSample) -> None:
         """Write a sample: into the track first."""
         if self._writer is None:
-            raise OutputError(f"{self._run}: the record has not begun")
+            raise OutputError(f"{self._run}: the recording has not started")
         if self.error is None:
             room = self._reserve.held
             try:
@@ -143,9 +143,9 @@ class FlightLog:
                 self.sample_count += 1
             except OutputError as error:
                 self.error = error
-                self._user.warn(f"{error}; the flight goes on without a record")
+                self._user.warn(f"{error}; the flight continues without a recording")
             if room and not self._reserve.held:
-                self._user.warn(f"{self._run}: the disk is full; the track goes on in the room that was kept for it")
+                self._user.warn(f"{self._run}: the disk is full; the track continues in the reserved space")
         if self._live is not None:
             self._live.take_sample(sample)
         if not self.states or sample.time_s - self.states[-1].time_s >= _STATE_EVERY_S:

@@ -203,7 +203,7 @@ def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
         hidden = f"hide {100.0 * surface.hidden_share:.0f} % of the ground, which no flight can observe"
         user.say(f"{'trees and roofs':18}up to {surface.tallest_m:.0f} m above the ground; they {hidden}")
     low, high = design.min_height_agl_m, design.max_height_agl_m
-    gsd = f"{100.0 * design.gsd_at_m(low):.2f} to {100.0 * design.gsd_at_m(high):.2f} cm a pixel"
+    gsd = f"{100.0 * design.gsd_at_m(low):.2f} to {100.0 * design.gsd_at_m(high):.2f} cm per pixel"
     above = "ground" if scenario.surface is None else "ground, trees and roofs"
     user.say(f"{'height band':18}{low:g} to {high:g} m above {above}, {gsd}")
     if design.is_capped:

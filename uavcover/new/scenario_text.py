@@ -120,12 +120,12 @@ def _head(scenario: SurveyScenario) -> list[str]:
         f"{100.0 * wish.side_overlap:g} % side overlap, {wish.camera.title}"
     )
     window = scenario.flight_window_utc
-    reason = "first take-off, last landing: no-fly zones that are not in force then do not count"
+    reason = "first take-off and last landing; other no-fly zones do not count"
     return [
         f"# A survey, written by `uavcover new`: {asked}.",
-        "# Change what you like; `uavcover plan` with this file plans it. Every key: docs/reference/scenario.md.",
-        _line("name", scenario.name, "in files and reports"),
-        _line("select", f"coverage>={_COVERAGE}", "the quickest mission with this coverage of the visible ground"),
+        "# You can edit this file. Plan it with `uavcover plan`. Every key: docs/reference/scenario.md.",
+        _line("name", scenario.name, "name in files and reports"),
+        _line("select", f"coverage>={_COVERAGE}", "the fastest mission with this coverage of the visible ground"),
         *([] if window is None else [_line("flight_window_utc", list(window), reason)]),
     ]
 
@@ -143,8 +143,8 @@ def _area(scenario: SurveyScenario, folder: Path) -> list[str]:
         lines.append(f"# {' '.join(query.source.split())}")
         lines.append(_rings("polygons_lon_lat_deg", scenario.area.parts))
     side = "overlap holds up to its edge" if design.margin_m > 0.0 else "photos at the edge overlap less"
-    lines.append(_line("margin_m", float(design.margin_m), f"the area is grown by this, so that {side}"))
-    lines.append(_line("cell_size_m", float(design.cell_size_m), "coverage is judged on cells of this size"))
+    lines.append(_line("margin_m", float(design.margin_m), f"the area is extended by this distance, so that {side}"))
+    lines.append(_line("cell_size_m", float(design.cell_size_m), "cell size for coverage"))
     return lines
 
 
@@ -167,7 +167,7 @@ def _relative(path: Path, folder: Path) -> str:
 
 def _terrain(scenario: SurveyScenario, folder: Path) -> list[str]:
     names = _files(scenario.terrain_files, folder)
-    stated = "as the file says" if scenario.datum_is_stated else "above sea level; the file does not say more: check it"
+    stated = "as stated in the file" if scenario.datum_is_stated else "assumed; the file does not state it"
     source = scenario.terrain
     lines = [
         "[terrain]",
@@ -182,13 +182,11 @@ def _terrain(scenario: SurveyScenario, folder: Path) -> list[str]:
     if source.height_unit is not None:
         lines.append(_line("height_unit", source.height_unit, "as given on the command line"))
     if source.fill_no_data_m > 0.0:
-        lines.append(
-            _line("fill_no_data_m", source.fill_no_data_m, "gaps up to this long are interpolated from their rim")
-        )
+        lines.append(_line("fill_no_data_m", source.fill_no_data_m, "gaps up to this length are interpolated"))
     if source.water_height_m is not None:
-        lines.append(_line("water_height_m", source.water_height_m, "open water wherever the files have no height"))
+        lines.append(_line("water_height_m", source.water_height_m, "altitude of open water where data is missing"))
     if scenario.trust_heights:
-        lines.append(_line("trust_heights", True, "heights that do not look like ground were confirmed"))
+        lines.append(_line("trust_heights", True, "you confirmed suspicious heights"))
     if scenario.surface is not None:
         lines += _surface(scenario.surface, _files(scenario.surface_files, folder))
     return lines
@@ -200,14 +198,14 @@ def _files(names: tuple[str, ...], folder: Path) -> str | list[str]:
 
 
 def _surface(surface: SurfaceLook, names: str | list[str]) -> list[str]:
-    lines = [_line("surface_file", names, "trees and roofs: heights are kept above them, and they hide the ground")]
+    lines = [_line("surface_file", names, "surface model with trees and roofs, which can hide the ground")]
     given = (
-        ("surface_vertical_datum", surface.vertical_datum, "as the file says"),
+        ("surface_vertical_datum", surface.vertical_datum, "as stated in the file"),
         ("surface_crs", surface.source.crs, "as given on the command line"),
         ("surface_height_unit", surface.source.height_unit, "as given on the command line"),
     )
     lines += [_line(key, value, reason) for key, value, reason in given if value is not None]
-    lines.append(_line("surface_hides_m", HIDES_M, "ground farther than this under them cannot be observed"))
+    lines.append(_line("surface_hides_m", HIDES_M, "ground that is further below the surface is hidden"))
     return lines
 
 
@@ -215,7 +213,7 @@ def _home(scenario: SurveyScenario) -> list[str]:
     why = (
         "as given"
         if scenario.home_is_given
-        else "the lowest level ground at the edge of the area: check that you can stand there"
+        else "the lowest level ground at the edge of the area: make sure that you can take off there"
     )
     lat, lon = scenario.home
     return [
@@ -230,7 +228,7 @@ def _sensor(scenario: SurveyScenario) -> list[str]:
     wish = design.wish
     camera = wish.camera
     interval = (
-        f"at least {camera.min_interval_s:g} s apart" if camera.min_interval_s else "its shortest interval is not known"
+        f"at least {camera.min_interval_s:g} s apart" if camera.min_interval_s else "its shortest interval is unknown"
     )
     every_s = design.picture_distance_m / design.speed_m_s
     view = scenario.view
@@ -242,14 +240,14 @@ def _sensor(scenario: SurveyScenario) -> list[str]:
         overlap = "of the tilted photo, from the lower end of the band"
         tilt = [_line("pitch_deg", view.pitch_deg, "tilted, for walls")]
     else:
-        sample = _line("max_ground_sample_m", wish.gsd_m, "a cell counts only where a pixel covers at most this")
+        sample = _line("max_ground_sample_m", wish.gsd_m, "largest ground sample distance of an observed cell")
         overlap = f"a photo every {design.picture_distance_m:.1f} m, {every_s:.1f} s; {interval}"
         tilt = []
     if view.heading_deg is not None:
-        tilt.append(_line("heading_deg", view.heading_deg, "the camera keeps it on every swath, in both directions"))
+        tilt.append(_line("heading_deg", view.heading_deg, "heading of the camera on every swath"))
     return [
         f"[sensor] # {camera.title}, {camera.focal_length_mm:g} mm; source: {camera.source or 'not stated'}",
-        _line("kind", "frame-camera", "photos with straight sides, taken by distance"),
+        _line("kind", "frame-camera", "rectangular photos, triggered by distance"),
         _line("fov_across_deg", camera.fov_across_deg, f"sensor {camera.sensor_across_mm:g} mm wide, landscape"),
         _line("fov_along_deg", camera.fov_along_deg, f"sensor {camera.sensor_along_mm:g} mm high"),
         _line("pixels_across", camera.pixels_across, "for the ground sample distance"),
@@ -257,7 +255,7 @@ def _sensor(scenario: SurveyScenario) -> list[str]:
         *tilt,
         _line("forward_overlap", wish.forward_overlap, overlap),
         _line("side_overlap", wish.side_overlap, f"lines about {design.line_distance_m:.0f} m apart"),
-        _line("range_m", _range_m(scenario), "beyond the corners of a photo on slopes; the sample distance limits it"),
+        _line("range_m", _range_m(scenario), "far enough for the corners of a photo on slopes"),
         _line(
             "mount",
             scenario.mount,
@@ -278,7 +276,7 @@ def _lines(scenario: SurveyScenario) -> list[list[str]]:
     return [
         [
             "[planner]",
-            _line("algorithm", "lines", "parallel lines, as this flight is one of several over the area"),
+            _line("algorithm", "lines", "parallel lines, because there are several flights over the area"),
             _line("line_heading_deg", heading_deg, "clockwise from north"),
         ]
     ]
@@ -287,7 +285,7 @@ def _lines(scenario: SurveyScenario) -> list[list[str]]:
 def _limits(scenario: SurveyScenario) -> list[str]:
     design = scenario.design
     ceiling = design.wish.ceiling_agl_m
-    top = f"{100.0 * design.gsd_at_m(design.max_height_agl_m):.2g} cm a pixel straight below"
+    top = f"{100.0 * design.gsd_at_m(design.max_height_agl_m):.2g} cm per pixel at nadir"
     if design.is_capped:
         limit = "--max-height" if ceiling is not None else f"the usual legal limit of {USUAL_CEILING_M:g} m"
         top += f"; {limit}, where {design.gsd_height_m:.0f} m would do"
@@ -296,11 +294,11 @@ def _limits(scenario: SurveyScenario) -> list[str]:
         _line("max_height_agl_m", float(design.max_height_agl_m), top),
         _line(
             "min_height_agl_m", float(design.min_height_agl_m),
-            f"room for straight legs over ground of up to {scenario.slope_deg:.0f} degrees; sets the photo distance",
+            f"leaves room for straight legs over ground of up to {scenario.slope_deg:.0f} degrees; sets the photo distance",
         ),
-        _line("height_margin_m", design.height_margin_m, "the planner stays this far inside the band: no vehicle flies exactly"),
-        _line("max_climb_angle_deg", design.max_climb_angle_deg, "steepest leg; steeper than the ground, which lines follow"),
-        _line("transit_clearance_m", _TRANSIT_CLEARANCE_M, "above ground on outbound and return transit"),
+        _line("height_margin_m", design.height_margin_m, "distance that planned routes keep from both limits"),
+        _line("max_climb_angle_deg", design.max_climb_angle_deg, "steepest permitted leg"),
+        _line("transit_clearance_m", _TRANSIT_CLEARANCE_M, "height above ground on transit legs"),
     ]  # fmt: skip
 
 
@@ -318,31 +316,35 @@ def _vehicle(scenario: SurveyScenario) -> list[str]:
         )
         lines += [_line(key, value, reason) for key, value, reason in known if value is not None]
     if design.endurance_s is not None:
-        lines.append(_line("endurance_s", design.endurance_s, "a full battery; longer missions become several flights"))
-        lines.append(_line("reserve_fraction", 0.2, "of it, left by every flight"))
+        lines.append(
+            _line("endurance_s", design.endurance_s, "hover time of a full battery; longer missions are split")
+        )
+        lines.append(_line("reserve_fraction", 0.2, "fraction that every flight keeps in reserve"))
     else:
         lines.append(
-            "# endurance_s = 1500.0                      # a full battery; without it everything is one flight"
+            "# endurance_s = 1500.0                      # hover time of a full battery; without it, the mission is one flight"
         )
     lines.append(
-        _line("return_height_m", scenario.return_height_m, "above home: clears all ground around on a straight return")
+        _line(
+            "return_height_m", scenario.return_height_m, "height above home that clears all ground on a straight return"
+        )
     )
-    lines.append(_line("autopilot", scenario.autopilot, "whose conventions the mission files follow"))
+    lines.append(_line("autopilot", scenario.autopilot, "autopilot of the mission files"))
     return lines
 
 
 def _zone_file(name: str, folder: Path) -> list[str]:
     return [
         "[[no_fly]]",
-        _line("file", _relative(Path(name), folder), "zones that no leg enters; relative to this file"),
-        _line("margin_m", NO_FLY_MARGIN_M, "planned legs stay this far outside of them"),
+        _line("file", _relative(Path(name), folder), "no-fly zones; relative to this file"),
+        _line("margin_m", NO_FLY_MARGIN_M, "distance that planned legs keep from the zones"),
     ]
 
 
 def _goal(scenario: SurveyScenario) -> list[str]:
     lines = [
         "[requirements]",
-        _line("min_coverage_of_coverable", _COVERAGE, "verify requires of the flight what the plan promises"),
+        _line("min_coverage_of_coverable", _COVERAGE, "verify requires the planned coverage"),
     ]
     if scenario.keeps_overlap is not None:
         reason = "of the ground is in as many photos as the overlap requires; verify requires it of the flight"

@@ -183,7 +183,7 @@ def _plan_one(
     if division.parts > 1 and not known:
         raise InputError(f"parts: {settings.parts} requires the planner's own local search, not another optimizer")
     if request.scheduler is not None and settings.parts == 1 and division.parts == 1:
-        raise InputError("--scheduler: shares out the parts of a large area; give --parts N or --parts auto with it")
+        raise InputError("--scheduler: distributes the parts of a large area; give --parts N or --parts auto with it")
     if division.parts > 1:
         site = in_blocks(site)
         result = _large_areas("planner.parts").plan_divided(

@@ -154,7 +154,7 @@ def pace_home_m_s(site: Site) -> tuple[float, float]:
 def places_m(mission: Mission, site: Site) -> FloatArray:
     """(k, 3) ENU, the positions of a mission home; at least two."""
     if site.frame is None or mission.home is None:
-        raise InputError(f"scenario {site.scenario.name}: has no place on Earth")
+        raise InputError(f"scenario {site.scenario.name}: has no position on Earth")
     places = [
         site.frame.enu_from_geodetic(
             item.lat_deg,
