@@ -31,14 +31,11 @@ from uavcover.flight.readiness import (
 from uavcover.flight.recorder import Recorder
 from uavcover.flight.return_home import PlanReturn, return_home
 from uavcover.flight.session import Session, Stopped, TakenOverError
+from uavcover.flight.tuning import PREPARATION
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError, FlightFaultError, FlightOutcome
 from uavcover.model.track import TrackSample
 
 __all__ = ["Ending", "FlightOutcome", "Orders", "fly"]
-
-
-_AFTER_RESTART_S = 3.0
-"""Time to listen to a vehicle that restarted, to report what it does now."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -286,7 +283,7 @@ class FlightRun:
         else:
             ending = Ending.FAILED if self.touched else Ending.NOT_ARMED
         if ending is Ending.RESTARTED:
-            session.listen(_AFTER_RESTART_S)
+            session.listen(PREPARATION.after_restart_s)
         text = str(error)
         if isinstance(error, MissionIoError):
             text += session.recent_warnings

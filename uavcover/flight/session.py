@@ -14,15 +14,13 @@ from uavcover.flight.flight_plan import FlightTimeouts
 from uavcover.flight.modes import Mode, custom_mode, mode_from_custom
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.precautions import OnBreach
+from uavcover.flight.tuning import FOLLOWING
 from uavcover.flight.watch import Watch
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFaultError
 
 ResultT = TypeVar("ResultT")
 
-_POLL_S = 0.1
 _WARNING_SEVERITY = 4
-_UNKNOWN_S = 10.0
-"""Time for which a heard vehicle's state may be unknown before the alarm; evidence takes about 3 s."""
 
 
 class Stopped(Exception):  # noqa: N818 - the user's wish is no error
@@ -150,7 +148,7 @@ class Session:
         Raises:
             FlightFaultError: it is gone, or it restarted.
         """
-        self.client.poll(_POLL_S)
+        self.client.poll(FOLLOWING.poll_s)
         self.attend()
 
     def attend(self) -> None:
@@ -177,7 +175,7 @@ class Session:
     def _look_at_evidence(self) -> None:
         """Report a vehicle in flight that is heard with an unknown state; a lost heartbeat has its own report."""
         unknown_s, lost = self.evidence.unknown_s, self.watch.is_open(Ending.HEARTBEAT_LOST)
-        if unknown_s > _UNKNOWN_S and not lost and self.client.vehicle.armed:
+        if unknown_s > FOLLOWING.unknown_s and not lost and self.client.vehicle.armed:
             self.watch.open(Ending.STATE_UNKNOWN, self._unknown_text, unknown_s)
         else:
             self.watch.measure(Ending.STATE_UNKNOWN, None, "", "the vehicle's state is known again")
@@ -193,7 +191,7 @@ class Session:
         """Listen for some seconds on the link's clock, through all errors."""
         until_s = self.client.clock.now() + seconds
         while self.client.clock.now() < until_s:
-            self.client.poll(_POLL_S)
+            self.client.poll(FOLLOWING.poll_s)
 
     def obeys(self, modes: Collection[Mode]) -> bool:
         """Whether evidence that is newer than the last gap shows the vehicle armed, and in one of these modes."""
@@ -255,7 +253,7 @@ class Session:
 
         while True:
             while not self.evidence.current:
-                if self.evidence.unknown_s > _UNKNOWN_S:
+                if self.evidence.unknown_s > FOLLOWING.unknown_s:
                     raise TakenOverError(Ending.STATE_UNKNOWN, f"nothing was commanded: {self._unknown_text}")
                 self.pump()
             if not may():

@@ -7,7 +7,8 @@ from uavcover.errors import UavcoverError
 from uavcover.extras.fleet.jobs import Job
 from uavcover.extras.fleet.traffic import Traffic
 from uavcover.flight.connect import Connected
-from uavcover.flight.reserve import TO_TURN_S, BatteryAllows, BatteryUse
+from uavcover.flight.reserve import BatteryAllows, BatteryUse
+from uavcover.flight.tuning import RESERVE
 from uavcover.missions.flight_costs import way_home
 
 _LOOK_EVERY_S = 2.0
@@ -57,7 +58,7 @@ class ReserveWatch:
             return None
         if use.allows(rest_s=rest_s, home_s=home_s) is BatteryAllows.GO_ON:
             return None
-        if not self._traffic.give_way_home(self._job.name, now, way_m, within_s=home_s + TO_TURN_S):
+        if not self._traffic.give_way_home(self._job.name, now, way_m, within_s=home_s + RESERVE.to_turn_s):
             return None
         reserve = 100.0 * use.vehicle.reserve_fraction
         return (
