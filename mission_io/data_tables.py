@@ -3,7 +3,8 @@
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
+from enum import EnumType
 from functools import cache
 from importlib import resources
 from typing import Any, TypeVar, get_args
@@ -22,7 +23,7 @@ def data_table(kind: type[TableT], path: str, section: str) -> TableT:
     """One section of a file; each key is a field of the dataclass and each field is a key.
 
     Raises:
-        ValueError: the section or a key is missing, or a value is unknown, of another type, not finite, or a share outside 0 to 1.
+        ValueError: a section or key is missing or unknown, or a value is of another type, not finite, or a share outside 0 to 1.
     """
     try:
         return table_of(kind, read_document(path)[section], where=f"{path}: {section}")
@@ -40,12 +41,16 @@ def table_of(kind: type[TableT], row: Mapping[str, Any], *, where: str) -> Table
 
 
 def _checked(value: object, kind: Any, where: str) -> object:
-    """A value of a field's type: float, int, str, bool, or a tuple of one of them."""
+    """A value of a field's type: float, int, str, bool, the name of an enum's member, a dataclass, or a tuple of these."""
     if parts := get_args(kind):
         inner = parts[:1] * len(value) if parts[-1] is ... and isinstance(value, list) else parts
         if not isinstance(value, list) or len(value) != len(inner):
             raise ValueError(f"{where}: {value!r} is not a list of the expected length")
         return tuple(_checked(part, part_kind, where) for part, part_kind in zip(value, inner, strict=True))
+    if isinstance(kind, type) and is_dataclass(kind) and isinstance(value, dict):
+        return table_of(kind, value, where=where)
+    if isinstance(kind, EnumType) and isinstance(value, str) and value in kind.__members__:
+        return kind[value]
     if not isinstance(value, (int, float) if kind is float else kind) or isinstance(value, bool) is not (kind is bool):
         raise ValueError(f"{where}: {value!r} is not of type {kind.__name__}")
     if isinstance(value, int | float) and not math.isfinite(value):

@@ -7,9 +7,18 @@ from pathlib import Path
 
 import pytest
 
-from mission_io.data_tables import read_document, data_table, table_of
+from mission_io.data_tables import data_table, read_document, table_of
+from mission_io.model.enums import Severity
 
 ROOT = Path(__file__).parents[2]
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """A table inside of a table."""
+
+    severity: Severity
+    text: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -23,17 +32,20 @@ class Kind:
     quick: bool
     box_m: tuple[float, float]
     steps_s: tuple[float, ...]
+    lines: tuple[Line, ...]
 
 
 GOOD = {
     "wait_s": 2, "tries": 3, "late_share": 0.5, "title": "slow", "quick": True, "box_m": [1.0, 2], "steps_s": [0.1, 0.2, 0.3],
+    "lines": [{"severity": "INFO", "text": "ready"}],
 }  # fmt: skip
 
 
 def test_a_table_is_read_with_the_types_of_its_fields() -> None:
     assert table_of(Kind, GOOD, where="x.toml: link") == Kind(
-        wait_s=2.0, tries=3, late_share=0.5, title="slow", quick=True, box_m=(1.0, 2.0), steps_s=(0.1, 0.2, 0.3)
-    )
+        wait_s=2.0, tries=3, late_share=0.5, title="slow", quick=True, box_m=(1.0, 2.0), steps_s=(0.1, 0.2, 0.3),
+        lines=(Line(Severity.INFO, "ready"),),
+    )  # fmt: skip
     assert isinstance(table_of(Kind, GOOD, where="x").wait_s, float)
 
 
@@ -52,12 +64,26 @@ def test_a_table_is_read_with_the_types_of_its_fields() -> None:
         ("box_m", 1.0, "1.0 is not a list of the expected length"),
         ("steps_s", [0.1, float("inf")], "inf is not finite"),
         ("steps_s", ["a"], "'a' is not of type float"),
+        ("lines", ["ready"], "'ready' is not of type Line"),
         ("wiat_s", 2.0, "unknown key"),
     ],
 )
 def test_a_wrong_value_names_file_and_key(key: str, value: object, says: str) -> None:
     with pytest.raises(ValueError, match=re.escape(f"x.toml: link.{key}: {says}")):
         table_of(Kind, {**GOOD, key: value}, where="x.toml: link")
+
+
+@pytest.mark.parametrize(
+    ("line", "says"),
+    [
+        ({"severity": "LOUD", "text": "ready"}, "lines.severity: 'LOUD' is not of type Severity"),
+        ({"severity": 6, "text": "ready"}, "lines.severity: 6 is not of type Severity"),
+        ({"severity": "INFO"}, "lines.text: missing key"),
+    ],
+)
+def test_a_wrong_value_in_a_table_inside_names_its_key(line: dict[str, object], says: str) -> None:
+    with pytest.raises(ValueError, match=re.escape(f"x.toml: link.{says}")):
+        table_of(Kind, {**GOOD, "lines": [line]}, where="x.toml: link")
 
 
 @pytest.mark.parametrize("key", GOOD)
@@ -77,10 +103,11 @@ def read_sections() -> dict[str, set[str]]:
     for path in (*(ROOT / "uavcover").rglob("*.py"), *(ROOT / "mission_io").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id == "data_table":
-                file, section = (argument.value for argument in node.args[1:] if isinstance(argument, ast.Constant))
-                assert isinstance(file, str)
-                assert isinstance(section, str)
-                found.setdefault(file, set()).add(section)
+                file, section = node.args[1:]
+                assert isinstance(file, ast.Constant)
+                assert isinstance(file.value, str)
+                if isinstance(section, ast.Constant):  # else by the names of an enum
+                    found.setdefault(file.value, set()).add(str(section.value))
     return found
 
 

@@ -11,15 +11,12 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from mission_io.model.enums import AutopilotId, EkfFlag
+from mission_io.model.enums import AutopilotId, EkfFlag, Severity
 from mission_io.wire import messages as m
 from uavcover.flight.client import VehicleClient
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.tuning import WATCH
 from uavcover.model.outcome import Ending
-
-_WARNING_SEVERITY = 4
-_SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
 
 _WORDS: tuple[tuple[Ending, tuple[str, ...]], ...] = (
     (Ending.CRASHED, ("crash",)),
@@ -104,10 +101,10 @@ class Cause:
     evidence: tuple[str, ...] = ()
 
 
-def cause_in(text: str, *, severity: int = _WARNING_SEVERITY) -> Ending | None:
+def cause_in(text: str, *, severity: int = Severity.WARNING) -> Ending | None:
     """The cause that a text of the vehicle names; None for unknown words, or an end that it reports."""
     words = text.lower()
-    if _OVER.search(words) or (severity > _WARNING_SEVERITY and not _SURE.search(words)):
+    if _OVER.search(words) or (severity > Severity.WARNING and not _SURE.search(words)):
         return None
     return next((cause for cause, known in _WORDS if any(word in words for word in known)), None)
 
@@ -131,7 +128,7 @@ class Causes:
         """Take note of a text of the vehicle."""
         cause = cause_in(said.text, severity=said.severity)
         if cause is not None:
-            name = _SEVERITIES[said.severity] if said.severity < len(_SEVERITIES) else str(said.severity)
+            name = Severity(said.severity).name.lower() if said.severity < len(Severity) else str(said.severity)
             self._note(cause, f'it says ({name}): "{said.text}"')
         elif _OVER.search(said.text.lower()) and (over := _named(said.text)) is not None:
             self._signs = deque((sign for sign in self._signs if sign.cause is not over), maxlen=WATCH.most_signs)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.errors import CommandRefusedError
-from mission_io.model.enums import AutopilotId, CommandResult
+from mission_io.model.enums import AutopilotId, CommandResult, GpsFix
 from mission_io.model.items import GeoPoint, MissionType
 from mission_io.wire import messages as m
 from uavcover.errors import VehicleError
@@ -43,7 +43,6 @@ _STREAMS: dict[type[m.Message], _Stream] = {
 _OF_ARDUPILOT: dict[type[m.Message], _Stream] = {m.EkfStatusReport: _Stream(1.0, 0.2)}
 _UNASKED_OF_PX4 = frozenset({m.MissionCurrent})
 """PX4 sends these by itself, and answers FAILED when it is asked."""
-_FIX_3D = 3
 _PREARM_CHECKS = 401
 
 
@@ -162,7 +161,7 @@ def missing(session: Session) -> list[str]:
     monitor = session.monitor
     lacks: list[str] = []
     gps = monitor.latest(m.GpsRawInt)
-    if gps is None or gps.fix_type < _FIX_3D:
+    if gps is None or gps.fix_type < GpsFix.FIX_3D:
         lacks.append("satellite fix")
     if session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT:
         ekf = monitor.latest(m.EkfStatusReport)

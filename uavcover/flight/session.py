@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledError
-from mission_io.model.enums import MissionState
+from mission_io.model.enums import MissionState, Severity
 from mission_io.wire import messages as m
 from uavcover.flight.client import VehicleClient
 from uavcover.flight.evidence import Evidence
@@ -19,8 +19,6 @@ from uavcover.flight.watch import Watch
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFaultError
 
 ResultT = TypeVar("ResultT")
-
-_WARNING_SEVERITY = 4
 
 
 class Stopped(Exception):  # noqa: N818 - the user's wish is no error
@@ -159,7 +157,7 @@ class Session:
         """
         while self.monitor.texts:
             said = self.monitor.texts.popleft()
-            if said.severity <= _WARNING_SEVERITY:
+            if said.severity <= Severity.WARNING:
                 self._recent_warnings.append(said.text)
             self.watch.take_text(said)
             self.tell(EventKind.TEXT, said.text)

@@ -234,8 +234,8 @@ def _blocks_in(around: Bounds, spacing_m: int) -> list[TerrainBlock]:
     rows, columns = _with_edges(rows), _with_edges(columns)
     if len(rows) * len(columns) > TERRAIN.max_blocks:
         raise InputError(
-            f"the area takes about {len(rows) * len(columns)} blocks of terrain, more than {TERRAIN.max_blocks}; give a part of it, or "
-            "a larger --spacing"
+            f"the area takes about {len(rows) * len(columns)} blocks of terrain, more than {TERRAIN.max_blocks}; "
+            "give a part of it, or a larger --spacing"
         )
     found = {place_in_block(float(lat), wrapped_deg(float(lon)), spacing_m).block for lat in rows for lon in columns}
     return sorted(found, key=lambda block: (block.south_deg, block.west_deg, block.north, block.east))

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from mission_io.model.enums import AutopilotId, EkfFlag
+from mission_io.model.enums import AutopilotId, EkfFlag, GpsFix
 from mission_io.wire import messages as m
 from uavcover.flight.causes import Cause, Causes
 from uavcover.flight.client import VehicleClient
@@ -80,7 +80,6 @@ class Alarm:
         return reason
 
 
-_FIX_3D = 3
 _OTHER_MISSION = ("changed", "received", "updated", "uploaded", "new")
 """Words beside "mission" or "flight plan" that speak of another one."""
 
@@ -322,7 +321,7 @@ class Watch:
     def _look_at_fix(self) -> None:
         gps = self._monitor.latest(m.GpsRawInt)
         lacks = []
-        if gps is not None and gps.fix_type < _FIX_3D:
+        if gps is not None and gps.fix_type < GpsFix.FIX_3D:
             lacks.append(f"satellite fix (GPS fix type {gps.fix_type})")
         ekf = self._monitor.latest(m.EkfStatusReport)
         if self._client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT and ekf is not None and not has_position(ekf):

@@ -16,9 +16,7 @@ from mission_io.protocol.server import ListChanged, MissionServer
 from mission_io.protocol.tables import ServerState
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import message_from_item
-
-_STALE_S = 0.1
-"""For this long after an upload, a stale read-back returns the previous list."""
+from uavcover.mock.tuning import LINK
 
 
 class MissionStore:
@@ -117,7 +115,7 @@ class MissionStore:
         for event in events:
             stale = event.reason == "uploaded" and self._rng.random() < self._stale_read_back
             if self._stale_read_back and stale:
-                self._held_back.append((vehicle_s + _STALE_S, event.mission_type, event.items))
+                self._held_back.append((vehicle_s + LINK.stale_s, event.mission_type, event.items))
                 self._server.set_items(event.mission_type, self._before[event.mission_type])
         return events
 
