@@ -13,10 +13,9 @@ import shapely
 
 from uavcover.errors import InputError
 from uavcover.model.area import Rings
+from uavcover.new.tuning import TERRAIN
 
-MAX_TILES = 2000
 _M_PER_DEG = 111_195.0
-_LEAST_SCALE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,12 +162,14 @@ def _touched(
 ) -> Iterator[tuple[int, int]]:
     """South-west corners of the tiles that an outline with so much around it touches."""
     lon, lat = _unwrapped(ring)
-    scale = max(_LEAST_SCALE, math.cos(math.radians(min(90.0, float(np.abs(lat).max()) + around_m / _M_PER_DEG))))
+    scale = max(
+        TERRAIN.least_scale, math.cos(math.radians(min(90.0, float(np.abs(lat).max()) + around_m / _M_PER_DEG)))
+    )
     grown = shapely.Polygon(np.column_stack([lon * scale, lat])).buffer(around_m / _M_PER_DEG)
     west, south, east, north = grown.bounds
     rows = range(math.floor(max(south, -90.0) / side), math.ceil(min(north, 90.0) / side))
     columns = range(math.floor(west / scale / side), math.ceil(east / scale / side))
-    if len(rows) * len(columns) > MAX_TILES:
+    if len(rows) * len(columns) > TERRAIN.max_tiles:
         raise InputError(f"{where}: spans {len(rows) * len(columns)} tiles of {side} degrees; give a part of it")
     for row in rows:
         for column in columns:

@@ -8,18 +8,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from uavcover.model.area import Rings
-from uavcover.new.patterns import OBLIQUE_SAMPLE, SINGLE, View
-from uavcover.new.surface_look import HIDES_M, SurfaceLook
-from uavcover.new.survey import USUAL_CEILING_M, SurveyDesign
+from uavcover.new.patterns import SINGLE, View
+from uavcover.new.surface_look import SurfaceLook
+from uavcover.new.survey import SurveyDesign
+from uavcover.new.tuning import SURVEY, TERRAIN, TEXT
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
 from uavcover.terrain.terrain_source import TerrainSource
 
 _COMMENT_AT = 44
-_TRANSIT_CLEARANCE_M = 25.0
-_STEP_M = 5.0
-NO_FLY_MARGIN_M = 10.0
-"""Margin of zones that are given by ``--no-fly``."""
-_COVERAGE = 0.98
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +72,9 @@ class SurveyScenario:
 
 def return_height_m(highest_amsl_m: float, home_amsl_m: float) -> float:
     """Height above home from which a straight way home clears all ground around, in steps of 5 m."""
-    return _STEP_M * math.ceil(max(highest_amsl_m - home_amsl_m + _TRANSIT_CLEARANCE_M + 10.0, 60.0) / _STEP_M)
+    return TEXT.step_m * math.ceil(
+        max(highest_amsl_m - home_amsl_m + TEXT.transit_clearance_m + 10.0, 60.0) / TEXT.step_m
+    )
 
 
 def scenario_text(scenario: SurveyScenario, *, folder: Path) -> str:
@@ -125,7 +123,7 @@ def _head(scenario: SurveyScenario) -> list[str]:
         f"# A survey, written by `uavcover new`: {asked}.",
         "# Change what you like; `uavcover plan` with this file plans it. Every key: docs/reference/scenario.md.",
         _line("name", scenario.name, "in files and reports"),
-        _line("select", f"coverage>={_COVERAGE}", "the quickest mission with this coverage of the visible ground"),
+        _line("select", f"coverage>={TEXT.coverage}", "the quickest mission with this coverage of the visible ground"),
         *([] if window is None else [_line("flight_window_utc", list(window), reason)]),
     ]
 
@@ -207,7 +205,7 @@ def _surface(surface: SurfaceLook, names: str | list[str]) -> list[str]:
         ("surface_height_unit", surface.source.height_unit, "as given on the command line"),
     )
     lines += [_line(key, value, reason) for key, value, reason in given if value is not None]
-    lines.append(_line("surface_hides_m", HIDES_M, "ground farther than this under them cannot be observed"))
+    lines.append(_line("surface_hides_m", TERRAIN.hides_m, "ground farther than this under them cannot be observed"))
     return lines
 
 
@@ -236,8 +234,8 @@ def _sensor(scenario: SurveyScenario) -> list[str]:
     view = scenario.view
     if view.is_tilted:
         sample = _line(
-            "max_ground_sample_m", round(OBLIQUE_SAMPLE * wish.gsd_m, 6),
-            f"{OBLIQUE_SAMPLE:g} times the required one straight below: the middle of a tilted photo is farther away",
+            "max_ground_sample_m", round(SURVEY.oblique_sample * wish.gsd_m, 6),
+            f"{SURVEY.oblique_sample:g} times the required one straight below: the middle of a tilted photo is farther away",
         )  # fmt: skip
         overlap = "of the tilted photo, from the lower end of the band"
         tilt = [_line("pitch_deg", view.pitch_deg, "tilted, for walls")]
@@ -289,7 +287,7 @@ def _limits(scenario: SurveyScenario) -> list[str]:
     ceiling = design.wish.ceiling_agl_m
     top = f"{100.0 * design.gsd_at_m(design.max_height_agl_m):.2g} cm a pixel straight below"
     if design.is_capped:
-        limit = "--max-height" if ceiling is not None else f"the usual legal limit of {USUAL_CEILING_M:g} m"
+        limit = "--max-height" if ceiling is not None else f"the usual legal limit of {SURVEY.usual_ceiling_m:g} m"
         top += f"; {limit}, where {design.gsd_height_m:.0f} m would do"
     return [
         "[limits]",
@@ -300,7 +298,7 @@ def _limits(scenario: SurveyScenario) -> list[str]:
         ),
         _line("height_margin_m", design.height_margin_m, "the planner stays this far inside the band: no vehicle flies exactly"),
         _line("max_climb_angle_deg", design.max_climb_angle_deg, "steepest leg; steeper than the ground, which lines follow"),
-        _line("transit_clearance_m", _TRANSIT_CLEARANCE_M, "above ground on outbound and return transit"),
+        _line("transit_clearance_m", TEXT.transit_clearance_m, "above ground on outbound and return transit"),
     ]  # fmt: skip
 
 
@@ -335,14 +333,14 @@ def _zone_file(name: str, folder: Path) -> list[str]:
     return [
         "[[no_fly]]",
         _line("file", _relative(Path(name), folder), "zones that no leg enters; relative to this file"),
-        _line("margin_m", NO_FLY_MARGIN_M, "planned legs stay this far outside of them"),
+        _line("margin_m", TEXT.no_fly_margin_m, "planned legs stay this far outside of them"),
     ]
 
 
 def _goal(scenario: SurveyScenario) -> list[str]:
     lines = [
         "[requirements]",
-        _line("min_coverage_of_coverable", _COVERAGE, "verify requires of the flight what the plan promises"),
+        _line("min_coverage_of_coverable", TEXT.coverage, "verify requires of the flight what the plan promises"),
     ]
     if scenario.keeps_overlap is not None:
         reason = "of the ground is in as many photos as the overlap requires; verify requires it of the flight"

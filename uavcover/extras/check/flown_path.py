@@ -16,14 +16,11 @@ from uavcover.extras.check.aircraft import Aircraft, return_height_m
 from uavcover.extras.check.findings import CheckFinding
 from uavcover.extras.check.item_values import order_of
 from uavcover.extras.check.segments import Deed, FlownPath, Phase, Segment
+from uavcover.extras.check.tuning import PATH
 from uavcover.extras.check.turns import circle, spline, straight
 from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import FloatArray
 
-_LEG_STEP_M = 400.0
-"""A leg keeps its height above the sea, which a straight line in space does not: 3 mm in pieces this long."""
-_TERRAIN_STEP_M = 10.0
-_SPLINE_STEP_M = 2.0
 _LAST_NAVIGATION = 95
 """MAV_CMD_NAV_LAST: commands up to here fly somewhere."""
 _REGION_OF_INTEREST, _GUIDED_ENABLE = 80, 92
@@ -175,7 +172,7 @@ class _Flight:
             if onward.over_terrain == target.over_terrain:
                 is_spline = next_item.command == Command.NAV_SPLINE_WAYPOINT
                 end_vector = onward.array - (begin.array if is_spline else target.array)
-        points = spline(begin.array, target.array, begin_vector, end_vector, step_m=_SPLINE_STEP_M)
+        points = spline(begin.array, target.array, begin_vector, end_vector, step_m=PATH.spline_step_m)
         self._add(number, self._enu(points, target.over_terrain), wait_s=_number(item.params[0]), is_straight=False)
         self._at = target
         self._vector_m = end_vector if np.any(end_vector) else None
@@ -304,7 +301,7 @@ class _Flight:
 
     def _go(self, number: int, to: _Place, *, phase: Phase = "route", wait_s: float = 0.0, doubt: str = "") -> None:
         begin = self._in_kind(self._at, over_terrain=to.over_terrain)
-        step_m = _TERRAIN_STEP_M if to.over_terrain else _LEG_STEP_M
+        step_m = PATH.terrain_step_m if to.over_terrain else PATH.leg_step_m
         points = straight(begin.array, to.array, step_m=step_m)
         self._add(
             number, self._enu(points, to.over_terrain), phase=phase, wait_s=wait_s, doubt=doubt,

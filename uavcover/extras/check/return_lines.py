@@ -6,23 +6,19 @@ from dataclasses import dataclass
 import numpy as np
 
 from uavcover.extras.check.segments import Segment
+from uavcover.extras.check.tuning import CHECKS
 from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import FloatArray, IntArray
 
-STEP_M = 20.0
-"""Lines begin at least this often along the path, and at every item."""
-PIECE_M = 400.0
-"""Longer lines are cut into such pieces, because the Earth is not flat."""
-
 
 def places_along(segment: Segment) -> FloatArray:
-    """(n, 3) places of a segment, ``STEP_M`` apart or nearer."""
+    """(n, 3) places of a segment, ``CHECKS.return_line_step_m`` apart or nearer."""
     line = segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)]
     if len(line) < 2:
         return line
     steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
     reached = np.concatenate([[0.0], np.cumsum(steps)])
-    count = max(1, math.ceil(reached[-1] / STEP_M))
+    count = max(1, math.ceil(reached[-1] / CHECKS.return_line_step_m))
     at = np.union1d(np.linspace(0.0, reached[-1], count + 1), reached if len(line) <= 3 else reached[[0, -1]])
     return np.column_stack([np.interp(at, reached, line[:, axis]) for axis in range(3)])
 
