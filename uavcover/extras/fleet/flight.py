@@ -29,6 +29,7 @@ from uavcover.extras.fleet.sortie import (
     whose_home,
 )
 from uavcover.extras.fleet.traffic import Traffic
+from uavcover.extras.fleet.tuning import FLEET
 from uavcover.extras.fleet.work import FleetWork
 from uavcover.flight.clearance import Clearance
 from uavcover.flight.command import FlightOptions, record_flight
@@ -42,10 +43,6 @@ from uavcover.run.flight_folders import TRACK
 from uavcover.run.folder import FLIGHT_FILES, RunFolder
 from uavcover.run.provenance import note_files
 
-_READY_BEFORE_S = 60.0
-"""Time before its take-off at which a vehicle is looked for and gets its next sortie."""
-_NEW_BATTERY_S = 300.0
-"""Time for which a vehicle whose battery lasts for little of its sortie keeps the next ones waiting."""
 _LOOK_EVERY_S, _PLACE_EVERY_S = 1.0, 0.5
 _IN_ORDER = "give --to in the order of the vehicles, vehicle 1 first"
 
@@ -123,7 +120,7 @@ class FleetFlight:
         due_s = self.work.free_s.get(vehicle)
         while due_s is not None:
             now = clock.now()
-            due_s = max(due_s, now + job.planned_s - self.traffic.since_first_s(now) - _READY_BEFORE_S)
+            due_s = max(due_s, now + job.planned_s - self.traffic.since_first_s(now) - FLEET.ready_before_s)
             if now >= due_s:
                 break
             if self._stopped:
@@ -263,8 +260,8 @@ class FleetFlight:
                 if lacks_since_s is None:
                     lacks_since_s = clock.now()
                     self.board.warn(f"vehicle {vehicle}: {lacks} for sortie {job.sortie}: change its battery")
-                elif clock.now() - lacks_since_s > _NEW_BATTERY_S:
-                    raise VehicleError(f"{lacks} for {_NEW_BATTERY_S:.0f} s; not armed")
+                elif clock.now() - lacks_since_s > FLEET.new_battery_s:
+                    raise VehicleError(f"{lacks} for {FLEET.new_battery_s:.0f} s; not armed")
                 return False
             if not self.traffic.start(job.name, clock.now()):
                 return False

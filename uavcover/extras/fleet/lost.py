@@ -7,9 +7,9 @@ from uavcover.extras.fleet.clock import FleetClock
 from uavcover.extras.fleet.jobs import Job
 from uavcover.extras.fleet.sortie import is_down
 from uavcover.extras.fleet.traffic import Traffic
+from uavcover.extras.fleet.tuning import FLEET
 from uavcover.flight.connect import Connected
 
-_LATELY_S = 5.0
 _STAYS_OUT = (
     "it gets no more sorties: what it did unheard, and its battery, are not known, and what it had left is given away already; "
     "look at it, and fly what is left at the end"
@@ -39,7 +39,7 @@ class LostVehicle:
         client.poll(seconds)
         now = clock.now()
         here = monitor.latest(GlobalPositionInt)
-        if here is None or site.frame is None or monitor.silence_s(client.clock.now()) > _LATELY_S:
+        if here is None or site.frame is None or monitor.silence_s(client.clock.now()) > FLEET.lately_s:
             return None
         place_m = site.frame.enu_from_geodetic(here.lat_deg, here.lon_deg, here.alt_amsl_m)[0]
         where = f"at {here.lat_deg:.6f}, {here.lon_deg:.6f}"

@@ -6,12 +6,11 @@ from mission_io.wire.messages import SysStatus
 from uavcover.errors import UavcoverError
 from uavcover.extras.fleet.jobs import Job
 from uavcover.extras.fleet.traffic import Traffic
+from uavcover.extras.fleet.tuning import FLEET
 from uavcover.flight.connect import Connected
 from uavcover.flight.reserve import BatteryAllows, BatteryUse
 from uavcover.flight.tuning import RESERVE
 from uavcover.missions.flight_costs import way_home
-
-_LOOK_EVERY_S = 2.0
 
 
 class ReserveWatch:
@@ -47,7 +46,7 @@ class ReserveWatch:
         percent = None if status is None else status.battery_remaining_percent
         if percent is None or self._use.vehicle.endurance_s is None or now < self._next_s:
             return None
-        self._next_s = now + _LOOK_EVERY_S
+        self._next_s = now + FLEET.reserve_every_s
         use, rest_s = self._use, self._traffic.lands_s(self._job.name) - now
         use.take(percent, aloft_s=aloft_s)
         if use.lasts_home(rest_s) or use.lasts_on(rest_s):  # the return is shorter than that

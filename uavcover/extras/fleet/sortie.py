@@ -14,18 +14,12 @@ from mission_io.wire.messages import HomePosition, SysStatus
 from uavcover.errors import InputError, VehicleError
 from uavcover.extras.fleet.clock import FleetClock
 from uavcover.extras.fleet.jobs import Job
+from uavcover.extras.fleet.tuning import FLEET
 from uavcover.flight.connect import Connected, check_home
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission
 from uavcover.model.outcome import Ending, FlightOutcome
 from uavcover.scenario.site import Site
-
-_LESS_AT_START = 5.0
-"""Percent by which a battery may tell less than the whole sortie needs: whole numbers, and a while of standing ready. What it
-lacks in the end is left to another sortie: a vehicle in flight goes home before it uses its reserve."""
-_LATELY_S = 5.0
-_KNOWS_HOME_S = 120.0
-"""Time that a vehicle may take after power-up until it knows its position."""
 
 
 @dataclass(slots=True)
@@ -71,7 +65,7 @@ def is_down(connected: Connected) -> bool:
     """Whether a vehicle is known to be on the ground, by its last messages, if they are recent."""
     client, monitor = connected.client, connected.monitor
     try:
-        fresh = client.heartbeat_age_s < _LATELY_S and monitor.silence_s(client.clock.now()) < _LATELY_S
+        fresh = client.heartbeat_age_s < FLEET.lately_s and monitor.silence_s(client.clock.now()) < FLEET.lately_s
         return fresh and (not client.vehicle.armed or monitor.on_ground is True)
     except MissionIoError:
         return False
@@ -86,7 +80,7 @@ def wait_for_home(
         VehicleSilentError: it does not tell it.
         VehicleError: it is not the planned one.
     """
-    until_s = clock.now() + _KNOWS_HOME_S
+    until_s = clock.now() + FLEET.knows_home_s
     while True:
         try:
             return check_home(connected, site, compiled)
@@ -142,7 +136,7 @@ def lacking_battery(job: Job, connected: Connected) -> str | None:
     if job.battery_used is None or percent is None:
         return None
     needed = 100.0 * (job.battery_used + vehicle.reserve_fraction)
-    return None if percent + _LESS_AT_START >= min(needed, 100.0) else f"battery {percent:.0f} of {needed:.0f} %"
+    return None if percent + FLEET.less_at_start >= min(needed, 100.0) else f"battery {percent:.0f} of {needed:.0f} %"
 
 
 def pace_home_m_s(site: Site) -> tuple[float, float]:
