@@ -14,7 +14,7 @@ from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledErro
 from mission_io.links.opening import Link, PeerLink, StreamLink
 from mission_io.model.enums import AutopilotId, VehicleClass
 from mission_io.protocol.exchange import Address
-from mission_io.protocol.rate_limit import RateLimit
+from mission_io.protocol.timing import RateLimit
 from mission_io.wire.codec import Codec, LinkStatistics
 from mission_io.wire.messages import Heartbeat, Message, Received, TimeSync, is_for
 from mission_io.wire.signing import Signing, SigningKey, TimestampFile, TimestampStore, UnsavedTimestamps

@@ -15,7 +15,7 @@ from mission_io.formats.point_route import (
     route_from_stops,
     xml_root,
 )
-from mission_io.formats.text import degrees_text, place_problem, plain_decimal, xml_text
+from mission_io.formats.text import check_place, degrees_text, plain_decimal, xml_text
 from mission_io.model.items import Command, Frame, GeoPoint, Mission
 
 _HEAD = """<?xml version="1.0" encoding="UTF-8"?>
@@ -45,9 +45,7 @@ def write_mission(mission: Mission, *, name: str = "mission") -> str:
 
 def _point(tag: str, place: GeoPoint, name: str, kind: str) -> str:
     where = "home" if name == "home" else f"item {name}"
-    problem = place_problem(place.lat_deg, place.lon_deg)
-    if problem is not None:
-        raise FormatError(problem.what, where=where, advice=problem.advice)
+    check_place(place.lat_deg, place.lon_deg, where)
     lat, lon = degrees_text(place.lat_deg, where), degrees_text(place.lon_deg, where)
     if float(lon) >= 180.0:
         lon = degrees_text(-180.0, where)  # the same meridian

@@ -110,12 +110,21 @@ def finite_number(text: str, where: str) -> float:
     return value
 
 
-def place_problem(lat_deg: float, lon_deg: float) -> FormatError | None:
-    """The error for an invalid latitude or longitude, without a location in the file; None for valid ones."""
-    if -90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0:
-        return None
-    advice = "latitude comes first" if abs(lon_deg) <= 90.0 and abs(lat_deg) <= 180.0 else ""
-    return FormatError(f"latitude {lat_deg:g}, longitude {lon_deg:g} is not a position", advice=advice)
+def is_place(lat_deg: float, lon_deg: float) -> bool:
+    """Whether these are a latitude and a longitude."""
+    return -90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0
+
+
+def check_place(lat_deg: float, lon_deg: float, where: str) -> None:
+    """Refuse an invalid latitude or longitude.
+
+    Raises:
+        FormatError: with ``where``.
+    """
+    if not is_place(lat_deg, lon_deg):
+        advice = "latitude comes first" if abs(lon_deg) <= 90.0 and abs(lat_deg) <= 180.0 else ""
+        what = f"latitude {lat_deg:g}, longitude {lon_deg:g} is not a position"
+        raise FormatError(what, where=where, advice=advice)
 
 
 _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")

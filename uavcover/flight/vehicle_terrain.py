@@ -16,6 +16,8 @@ from mission_io.autopilots.terrain_grid import (
     Part,
     Place,
     TerrainBlock,
+    dat_bytes,
+    dat_name,
     parts_of_block,
     place_in_block,
     places_of_block,
@@ -23,7 +25,6 @@ from mission_io.autopilots.terrain_grid import (
 )
 from mission_io.client.client import Client
 from mission_io.client.terrain import answer_terrain_requests
-from mission_io.formats.terrain_dat import dat_bytes, dat_name
 from mission_io.protocol.terrain import TerrainAnswers, TerrainCounts
 from uavcover.errors import InputError, OutputError, TerrainError
 from uavcover.flight.tuning import TERRAIN
