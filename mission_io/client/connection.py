@@ -4,13 +4,13 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.client.peers import Peers, VehicleChoice, VehicleInfo, two_in_one, vehicle_of
 from mission_io.clock import Clock, SystemClock, UnixClock
 from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledError
+from mission_io.links.base import Closing
 from mission_io.links.opening import Link, PeerLink, StreamLink
 from mission_io.model.enums import AutopilotId, VehicleClass
 from mission_io.protocol.exchange import Address
@@ -47,7 +47,7 @@ class Service(Protocol):
         ...
 
 
-class Connection:
+class Connection(Closing):
     """A connection to one vehicle: sends a heartbeat each second while it waits, and keeps the vehicle's latest one.
 
     Args:
@@ -90,14 +90,6 @@ class Connection:
         self._time_answers = RateLimit(per_s=_TIME_ANSWERS_PER_S)
         self._heartbeat_at = -math.inf
         self._heard_at = -math.inf
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the link."""

@@ -7,15 +7,14 @@ nothing was lost, and on a link so short that beginning anew costs little.
 
 from collections.abc import Callable, Mapping
 from enum import Enum
-from typing import ClassVar
+from typing import ClassVar, Unpack
 
 from mission_io.autopilots.checks import refuse_impossible
 from mission_io.model.enums import MissionResult
-from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.exchange import OPENING, Address, Exchange
-from mission_io.protocol.round_trip import Patience
+from mission_io.model.items import MissionItem
+from mission_io.protocol.exchange import OPENING, Exchange, ExchangeOptions
 from mission_io.protocol.tables import Row, Table, staying
-from mission_io.protocol.timing import RESTARTS, Timing
+from mission_io.protocol.timing import RESTARTS
 from mission_io.wire.messages import (
     Message,
     MissionAck,
@@ -140,24 +139,11 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     def __init__(
         self,
         *,
-        mission_type: MissionType,
-        local: Address,
-        vehicle: Address,
-        now: float,
-        timing: Timing | None = None,
-        patience: Patience | None = None,
         any_order: bool = False,
         in_order: bool = False,
+        **options: Unpack[ExchangeOptions],
     ) -> None:
-        super().__init__(
-            DownloadState.LISTING,
-            mission_type=mission_type,
-            local=local,
-            vehicle=vehicle,
-            timing=timing,
-            patience=patience,
-            now=now,
-        )
+        super().__init__(DownloadState.LISTING, **options)
         self._any_order, self._in_order = any_order, in_order
         self._retry_s = self.timing.busy_retry_s
         self._count: int | None = None
@@ -166,11 +152,11 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         self._latest: MissionItemInt | MissionItemFloat | None = None
         self._missing = 0  # the first missing item
         self._asked_to = 0  # the items before this one were requested
-        self._list_sent_at = now
+        self._list_sent_at = options["now"]
         self._count_changes = 0
         self._error_at = -1  # the item that an error came instead of
         self._errors_there = 0
-        self._send_list(now)
+        self._send_list(options["now"])
 
     @property
     def finished(self) -> bool:

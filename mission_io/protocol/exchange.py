@@ -5,7 +5,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from operator import itemgetter
-from typing import ClassVar, Generic, TypeVar
+from typing import ClassVar, Generic, Required, TypedDict, TypeVar
 
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionType
@@ -38,6 +38,17 @@ _CLEAN_ANSWERS = 8
 _CANCELS_ON_A_BAD_LINK = 3
 
 
+class ExchangeOptions(TypedDict, total=False):
+    """Arguments of every exchange: its list, both ends, when it begins, and what is known of the link."""
+
+    mission_type: Required[MissionType]
+    local: Required[Address]
+    vehicle: Required[Address]
+    now: Required[float]
+    timing: Timing | None
+    patience: Patience | None
+
+
 class Exchange(ABC, Generic[StateT, EventT]):
     """One exchange with one vehicle about one list.
 
@@ -61,9 +72,9 @@ class Exchange(ABC, Generic[StateT, EventT]):
         mission_type: MissionType,
         local: Address,
         vehicle: Address,
-        timing: Timing | None,
-        patience: Patience | None,
         now: float,
+        timing: Timing | None = None,
+        patience: Patience | None = None,
     ) -> None:
         self.state: StateT = start
         self.mission_type, self.local, self.vehicle = mission_type, local, vehicle

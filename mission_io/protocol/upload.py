@@ -7,15 +7,14 @@ table.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import ClassVar
+from typing import ClassVar, Unpack
 
 from mission_io.errors import MisuseError
 from mission_io.model.enums import MissionResult
-from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.exchange import OPENING, Address, Exchange
-from mission_io.protocol.round_trip import Patience
+from mission_io.model.items import MissionItem
+from mission_io.protocol.exchange import OPENING, Exchange, ExchangeOptions
 from mission_io.protocol.tables import UPLOAD_ENDS, UPLOAD_TABLE, UploadEvent, UploadState
-from mission_io.protocol.timing import RESTARTS, Timing
+from mission_io.protocol.timing import RESTARTS
 from mission_io.wire.messages import (
     Message,
     MissionAck,
@@ -69,23 +68,10 @@ class Upload(Exchange[UploadState, UploadEvent]):
         self,
         items: Sequence[MissionItem],
         *,
-        mission_type: MissionType,
-        local: Address,
-        vehicle: Address,
-        now: float,
-        timing: Timing | None = None,
-        patience: Patience | None = None,
         first: int | None = None,
+        **options: Unpack[ExchangeOptions],
     ) -> None:
-        super().__init__(
-            UploadState.ANNOUNCED,
-            mission_type=mission_type,
-            local=local,
-            vehicle=vehicle,
-            timing=timing,
-            patience=patience,
-            now=now,
-        )
+        super().__init__(UploadState.ANNOUNCED, **options)
         if len(items) > 65535:
             raise MisuseError(f"{len(items)} items; MAVLink counts them in 16 bits")
         if first is not None and (first < 0 or not items or first + len(items) > _LARGEST_PART):
@@ -97,9 +83,9 @@ class Upload(Exchange[UploadState, UploadEvent]):
             message_to_send(
                 item,
                 seq,
-                mission_type=mission_type,
-                target_system=vehicle.system_id,
-                target_component=vehicle.component_id,
+                mission_type=self.mission_type,
+                target_system=self.vehicle.system_id,
+                target_component=self.vehicle.component_id,
             )
             for seq, item in enumerate(items, self._first)
         ]
@@ -111,7 +97,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
         self._repeats = self._cancels = 0
         self._acked_early_at: float | None = None
         self.sent_count = 0
-        self._send_count(now)
+        self._send_count(options["now"])
 
     @property
     def finished(self) -> bool:
