@@ -7,6 +7,7 @@ from mission_io.client.connection import Connection, VehicleInfo
 from mission_io.errors import CommandRefusedError, MisuseError
 from mission_io.model.enums import AutopilotId, CommandResult
 from mission_io.model.items import Command
+from mission_io.protocol.tuning import CALLS
 from mission_io.wire.codec import message_id
 from mission_io.wire.messages import (
     CommandAck,
@@ -22,8 +23,6 @@ from mission_io.wire.messages import (
 from mission_io.wire.mission_items import float32
 
 MessageT = TypeVar("MessageT", bound=Message)
-
-_RESEND_S = 0.5
 
 
 def send_command(connection: Connection, command: int, params: tuple[float, ...], *, timeout_s: float) -> CommandAck:
@@ -71,7 +70,7 @@ def _await_answer(connection: Connection, command: int, send: Callable[[int], No
             send(attempt)
 
     what = f"an answer to command {name_of(command)}"
-    ack = connection.wait_until(answers, timeout_s=timeout_s, what=what, again=ask, again_s=_RESEND_S).message
+    ack = connection.wait_until(answers, timeout_s=timeout_s, what=what, again=ask, again_s=CALLS.resend_s).message
     if not isinstance(ack, CommandAck):
         raise MisuseError(f"{ack} is not an answer to a command")
     if ack.result != CommandResult.ACCEPTED:
@@ -149,7 +148,7 @@ def request_message(connection: Connection, kind: type[MessageT], *, timeout_s: 
             found.append(received.message)
         return bool(found)
 
-    connection.wait_until(is_it, timeout_s=timeout_s, what=f"a {kind.__name__}", again=ask, again_s=_RESEND_S)
+    connection.wait_until(is_it, timeout_s=timeout_s, what=f"a {kind.__name__}", again=ask, again_s=CALLS.resend_s)
     return found[0]
 
 
@@ -198,7 +197,11 @@ def _await_parameter(
         return bool(found)
 
     connection.wait_until(
-        is_it, timeout_s=timeout_s, what=f"parameter {name}", again=lambda _: connection.send(ask), again_s=_RESEND_S
+        is_it,
+        timeout_s=timeout_s,
+        what=f"parameter {name}",
+        again=lambda _: connection.send(ask),
+        again_s=CALLS.resend_s,
     )
     return found[0]
 

@@ -6,12 +6,10 @@ from mission_io.client.client import Client
 from mission_io.errors import CommandRefusedError, VehicleSilentError
 from mission_io.model.enums import AutopilotId
 from mission_io.protocol.terrain import TerrainAnswers
+from mission_io.protocol.tuning import CALLS
 from mission_io.wire.messages import TerrainRequest
 
 _log = logging.getLogger(__name__)
-
-_REQUEST_EVERY_S = 0.5
-_ANSWER_S = 3.0
 
 
 def answer_terrain_requests(client: Client, answers: TerrainAnswers) -> None:
@@ -25,6 +23,6 @@ def answer_terrain_requests(client: Client, answers: TerrainAnswers) -> None:
     if client.vehicle.mav_autopilot != AutopilotId.ARDUPILOT:
         return
     try:
-        client.request_message_interval(TerrainRequest, _REQUEST_EVERY_S, timeout_s=_ANSWER_S)
+        client.request_message_interval(TerrainRequest, CALLS.terrain_every_s, timeout_s=CALLS.terrain_answer_s)
     except (CommandRefusedError, VehicleSilentError) as error:
         _log.info("the vehicle may not ask for terrain heights: %s", error)

@@ -14,7 +14,7 @@ from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem
 from mission_io.protocol.exchange import OPENING, Exchange, ExchangeOptions
 from mission_io.protocol.tables import Row, Table, staying
-from mission_io.protocol.timing import RESTARTS
+from mission_io.protocol.tuning import TRANSFERS
 from mission_io.wire.messages import (
     Message,
     MissionAck,
@@ -105,16 +105,6 @@ DOWNLOAD_TABLE: Table[DownloadState, DownloadEvent] = Table(
 
 DOWNLOAD_ENDS = frozenset({_S.DONE, _S.REFUSED, _S.VEHICLE_CANCELLED, _S.CANCELLED, _S.SILENT, _S.CHANGING, _S.STUCK})
 
-_THANKS_ON_A_BAD_LINK = 3
-_COUNT_CHANGES = 8
-_PROVEN_ITEMS = 8
-"""Items without a silence after which a link counts as lossless, until it loses one."""
-_CHEAP_RESTART_S = 2.0
-_ERRORS_AT_AN_ITEM = 3
-"""Number of consecutive errors in place of the same item that end a download.
-
-A single one does not count: PX4 answers ERROR to a late duplicate out of turn, and that hits a different item each time.
-"""
 
 _ACK_EVENTS: dict[int, DownloadEvent] = {
     MissionResult.ACCEPTED: _E.ACK_ACCEPTED,
@@ -210,7 +200,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
             if count == self._count:
                 return DownloadEvent.COUNT
             self._count_changes += 1
-            last = self._count_changes > _COUNT_CHANGES or self.restarts >= RESTARTS
+            last = self._count_changes > TRANSFERS.count_changes or self.restarts >= TRANSFERS.restarts
             return DownloadEvent.COUNT_UNSTABLE if last else DownloadEvent.COUNT_CHANGED
         self._announced = count
         return DownloadEvent.COUNT if count else DownloadEvent.COUNT_ZERO
@@ -219,7 +209,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         """Whether an error in place of the first missing item ends the download; counts those in a row."""
         self._errors_there = self._errors_there + 1 if self._missing == self._error_at else 1
         self._error_at = self._missing
-        return self._errors_there >= _ERRORS_AT_AN_ITEM or self.restarts >= RESTARTS
+        return self._errors_there >= TRANSFERS.errors_at_an_item or self.restarts >= TRANSFERS.restarts
 
     def _deadlines(self) -> list[tuple[float, DownloadEvent]]:
         stuck = (self._stuck_at(), DownloadEvent.NO_PROGRESS)
@@ -243,7 +233,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     def _event_when_due(self, event: DownloadEvent) -> DownloadEvent:
         if event is DownloadEvent.RESEND and self.state is DownloadState.FETCHING and self._asked_early():
             event = DownloadEvent.STALL  # after any loss the vehicle aborts at the next request
-        too_often = event is DownloadEvent.STALL and self.restarts >= RESTARTS
+        too_often = event is DownloadEvent.STALL and self.restarts >= TRANSFERS.restarts
         return DownloadEvent.NO_PROGRESS if too_often else event
 
     def _actions(self) -> Mapping[str, Callable[[float], None]]:
@@ -325,9 +315,9 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     def _loses_nothing(self) -> bool:
         """Whether nothing was lost so far, and beginning anew would be cheap."""
         round_trip = self.patience.round_trip
-        if self.silences or self.restarts or self._missing < _PROVEN_ITEMS or round_trip is None:
+        if self.silences or self.restarts or self._missing < TRANSFERS.proven_items or round_trip is None:
             return False
-        return (self._count or 0) * round_trip.smoothed_s <= _CHEAP_RESTART_S
+        return (self._count or 0) * round_trip.smoothed_s <= TRANSFERS.cheap_restart_s
 
     def _ask_ahead(self, now: float) -> None:
         """Request the first missing item and those ahead of their turn, unless requested already."""
@@ -353,5 +343,5 @@ class Download(Exchange[DownloadState, DownloadEvent]):
 
     def _send_thanks(self, now: float) -> None:
         """Send the final ACK: PX4 answers none, and refuses uploads for 5 s without it. A lossy link gets three."""
-        for _ in range(_THANKS_ON_A_BAD_LINK if self.silences else 1):
+        for _ in range(TRANSFERS.thanks_on_a_bad_link if self.silences else 1):
             self._send_result(MissionResult.ACCEPTED, now)

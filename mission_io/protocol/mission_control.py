@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from mission_io.model.enums import CommandResult, MissionState
 from mission_io.model.items import Command
 from mission_io.protocol.exchange import Address
+from mission_io.protocol.tuning import TRANSFERS
 from mission_io.wire.messages import (
     CommandAck,
     CommandLong,
@@ -14,11 +15,6 @@ from mission_io.wire.messages import (
     MissionSetCurrent,
     Received,
 )
-
-_DEAF_TRIES = 3
-"""Unanswered commands after which the older message is sent too: PX4 up to 1.14 and others know only that."""
-_STALE_TRIES = 4
-"""Reports of another item after an accepted command that prove its failure."""
 
 
 class SetCurrent:
@@ -106,7 +102,7 @@ class SetCurrent:
             self.done = True
         elif self.accepted:
             self._stale += 1
-            self._over = self._stale >= _STALE_TRIES
+            self._over = self._stale >= TRANSFERS.stale_tries
 
     def messages_to_send(self, now: float) -> list[Message]:
         """Messages due at ``now``."""
@@ -124,7 +120,7 @@ class SetCurrent:
                 CommandLong(*to, Command.DO_SET_MISSION_CURRENT, params, confirmation=min(self._tries, 255))
             )
         self._tries += 1
-        if self._older or self._tries > _DEAF_TRIES:
+        if self._older or self._tries > TRANSFERS.deaf_tries:
             self._older = True
             messages += [MissionSetCurrent(*to, self._seq), self._question]
         return messages

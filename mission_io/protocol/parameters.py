@@ -11,12 +11,10 @@ from typing import Generic, TypeVar
 
 from mission_io.protocol.parameter_messages import ParameterMessages
 from mission_io.protocol.parameter_values import Parameter, same_value
+from mission_io.protocol.tuning import VALUES
 from mission_io.wire import messages as m
 
 KeyT = TypeVar("KeyT", int, str)
-
-_REFUSALS = 3
-"""Answers with another value that end a setting: the first may have been on its way before it."""
 
 
 class _Asking(Generic[KeyT]):
@@ -293,7 +291,7 @@ class ParameterWrites(_ParameterRequests):
             self.confirmed[heard.name] = heard.parameter
         else:
             self._differing[heard.name] += 1
-            if self._differing[heard.name] < _REFUSALS:
+            if self._differing[heard.name] < VALUES.most_refusals:
                 return
             self.refused[heard.name] = f"stays {heard.parameter.value!r}"
         self._asking.answered(heard.name)

@@ -14,7 +14,7 @@ from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem
 from mission_io.protocol.exchange import OPENING, Exchange, ExchangeOptions
 from mission_io.protocol.tables import UPLOAD_ENDS, UPLOAD_TABLE, UploadEvent, UploadState
-from mission_io.protocol.timing import RESTARTS
+from mission_io.protocol.tuning import TRANSFERS
 from mission_io.wire.messages import (
     Message,
     MissionAck,
@@ -25,12 +25,8 @@ from mission_io.wire.messages import (
 )
 from mission_io.wire.mission_items import message_to_send
 
-_FRESH_STARTS = 2
-"""Number of restarts of an upload after the vehicle gave up or answered ERROR."""
-_DOUBTFUL_ITEMS = 8
 REPEATS, REPEATS_PER_ITEM = 64, 4
 """Number of repeated requests answered at once; further ones wait for the next silence."""
-_CANCELS = 16
 _LARGEST_PART = 2**15
 """MISSION_WRITE_PARTIAL_LIST has signed numbers of 16 bits."""
 _BEGUN = (
@@ -122,7 +118,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
                 self.list_id = message.opaque_id
                 return self._accepted_event(now)
             event = _ACK_EVENTS.get(message.result, UploadEvent.ACK_REFUSED)
-            begun = self.state in _BEGUN and self._fresh_starts < _FRESH_STARTS
+            begun = self.state in _BEGUN and self._fresh_starts < TRANSFERS.fresh_starts
             return UploadEvent.ACK_GAVE_UP if event is UploadEvent.ACK_CANCELLED and begun else event
         return None
 
@@ -140,7 +136,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
     def _request_event(self, seq: int, now: float) -> UploadEvent:
         if self.state is UploadState.CANCELLING:
             self._cancels += 1
-            if self._cancels > _CANCELS:
+            if self._cancels > TRANSFERS.cancels:
                 return UploadEvent.REQUEST_CROSSED
         if not 0 <= seq < len(self._items):
             return UploadEvent.REQUEST_UNKNOWN
@@ -180,7 +176,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
         candidates: set[int] = set()
         for first in (self._asked, self._furthest):
             end = max(self._sent_to, first + 1) + 1
-            candidates.update(range(first, min(end, first + _DOUBTFUL_ITEMS, len(self._items))))
+            candidates.update(range(first, min(end, first + TRANSFERS.doubtful_items, len(self._items))))
         return sorted(candidates)
 
     def _deadlines(self) -> list[tuple[float, UploadEvent]]:
@@ -201,7 +197,9 @@ class Upload(Exchange[UploadState, UploadEvent]):
         if self.state is UploadState.ACKED_EARLY:
             return [(self._waiting_since + timing.recheck_s, UploadEvent.DOUBT_OVER), resend]
         if self.state is UploadState.DOUBTING:
-            over = UploadEvent.DOUBT_OVER if self._fresh_starts < _FRESH_STARTS else UploadEvent.DOUBT_CONFIRMED
+            over = (
+                UploadEvent.DOUBT_OVER if self._fresh_starts < TRANSFERS.fresh_starts else UploadEvent.DOUBT_CONFIRMED
+            )
             return [(self._waiting_since + timing.doubt_s, over), resend]
         if self.state is UploadState.RECHECKING:
             return [(self._waiting_since + timing.recheck_s, UploadEvent.DOUBT_OVER)]
@@ -213,7 +211,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
         return [(self._waiting_since + timing.linger_s, UploadEvent.LINGER_OVER)]
 
     def _event_when_due(self, event: UploadEvent) -> UploadEvent:
-        if event is UploadEvent.STALL and self.state is UploadState.SERVING and self.restarts >= RESTARTS:
+        if event is UploadEvent.STALL and self.state is UploadState.SERVING and self.restarts >= TRANSFERS.restarts:
             return UploadEvent.NO_PROGRESS
         items_follow = event is UploadEvent.RESEND and self.state is not UploadState.ANNOUNCED
         last = items_follow and self._doubtful()[-1] == len(self._items) - 1

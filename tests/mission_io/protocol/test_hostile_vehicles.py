@@ -5,7 +5,8 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.errors import TransferError, TransferSilentError
 from mission_io.model.items import MissionType
-from mission_io.protocol.timing import RESTARTS, Timing, longest_times
+from mission_io.protocol.timing import Timing, longest_times
+from mission_io.protocol.tuning import TRANSFERS
 from mission_io.wire.messages import (
     MissionAck,
     MissionCount,
@@ -99,7 +100,7 @@ def test_a_download_that_cannot_end_ends_at_once_and_asks_seldom(
     with pytest.raises(TransferError, match=says):
         client.download(MissionType.MISSION)
     assert client.clock.now() - began_at < 5.0
-    assert len([r for r in peer.heard if isinstance(r.message, MissionRequestList)]) <= RESTARTS
+    assert len([r for r in peer.heard if isinstance(r.message, MissionRequestList)]) <= TRANSFERS.restarts
 
 
 class LoopsOverThree(VehiclePeer):
@@ -165,7 +166,7 @@ def test_a_vehicle_that_only_beats_is_silent_after_its_time() -> None:
 
 
 def test_longest_times_grow_with_the_list() -> None:
-    assert longest_times(Timing(), 0).stuck_s == pytest.approx(60.0 + RESTARTS * 0.5 + 2.5)
+    assert longest_times(Timing(), 0).stuck_s == pytest.approx(60.0 + TRANSFERS.restarts * 0.5 + 2.5)
     short, long = longest_times(Timing(), 10), longest_times(Timing(), 100)
     assert short.stuck_s < short.clear_s < short.verified_upload_s < long.upload_s < long.verified_upload_s
     assert longest_times(Timing(no_progress_s=5.0), 10).download_s < short.download_s / 4.0
