@@ -13,9 +13,9 @@ from typing import Final
 from mission_io.autopilots.autopilot import PX4
 from mission_io.conformance.case import CaseResult
 from mission_io.conformance.evidence import ClientCase, HeardMessage, Operation, StationEvidence
-from mission_io.conformance.guide import ITEM_RESEND_S
 from mission_io.conformance.samples import sample
 from mission_io.conformance.tricks import Said, Trick
+from mission_io.conformance.tuning import STATION
 from mission_io.model.enums import AutopilotId, CommandResult, MissionResult
 from mission_io.model.items import Command, Frame, MissionType
 from mission_io.protocol.exchange import Address
@@ -48,7 +48,7 @@ BY_THE_GUIDE: Final = replace(
     frames=frozenset(Frame),
     position_free_frames=frozenset(Frame),
     storage={},
-    rerequest_s=ITEM_RESEND_S,
+    rerequest_s=STATION.item_resend_s,
     give_up_s=12.0,
     count_restarts=True,
     acks_repeated_last_item=False,
@@ -58,10 +58,6 @@ BY_THE_GUIDE: Final = replace(
 )
 """The vehicle as the guide describes it, where no trick is played."""
 
-QUIET_S: Final = 5.0
-"""Silence after which a ground station is done."""
-LONGEST_S: Final = 120.0
-"""One that has not come to an end after this time never does."""
 
 CAPABILITIES: Final = (1 << 2) | (1 << 13) | (1 << 14) | (1 << 15)
 """It takes integers, MAVLink 2, fences and rally points."""
@@ -99,7 +95,7 @@ class FakeVehicle:
         *,
         autopilot: AutopilotId = AutopilotId.PX4,
         judged: Callable[[CaseResult], None] | None = None,
-        quiet_s: float = QUIET_S,
+        quiet_s: float = STATION.quiet_s,
         system_id: int = 1,
     ) -> None:
         self.address = Address(system_id, 1)
@@ -167,14 +163,14 @@ class FakeVehicle:
 
     def _over_at(self, evidence: StationEvidence) -> float:
         last_s = evidence.heard[-1].at_s
-        return min(last_s + self._quiet_s, evidence.began_s + LONGEST_S)
+        return min(last_s + self._quiet_s, evidence.began_s + STATION.longest_s)
 
     def _judge_if_over(self, now: float) -> None:
         evidence, case = self._evidence, self._case
         if evidence is None or case is None or now < self._over_at(evidence):
             return
         evidence.held = self.server.items(evidence.mission_type)
-        evidence.unending = now >= evidence.began_s + LONGEST_S
+        evidence.unending = now >= evidence.began_s + STATION.longest_s
         verdict, seen = case.answered_by(evidence)
         result = CaseResult(case.name, verdict, seen, evidence.lasted_s)
         self.results.append(result)

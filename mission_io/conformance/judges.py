@@ -7,6 +7,7 @@ from mission_io.conformance.case import FailedError, LackingError, check
 from mission_io.conformance.evidence import HeardMessage, Operation, StationEvidence
 from mission_io.conformance.probe import result_name
 from mission_io.conformance.samples import difference
+from mission_io.conformance.tuning import STATION
 from mission_io.model.enums import MissionResult
 from mission_io.wire.messages import (
     Message,
@@ -25,8 +26,6 @@ Judge = Callable[[StationEvidence], str]
 
 _ITEMS: Final = (MissionItemInt, MissionItemFloat)
 _REQUESTS: Final = (MissionRequest, MissionRequestInt)
-_CROSSING_S: Final = 1.0
-"""What was sent so shortly after a message may have crossed it."""
 
 
 def judged_by(*judges: Judge) -> Judge:
@@ -78,7 +77,7 @@ def completes(e: StationEvidence) -> str:
     good = [h for h in e.answered(MissionAck) if getattr(h.message, "result", None) == MissionResult.ACCEPTED]
     check(not wrong, f"the vehicle never had every item: {wrong}")
     check(e.reported_success is not False, "the vehicle took the list, and the ground station said that it failed")
-    late = [h for h in e.of(*_ITEMS) if good and h.at_s > good[-1].at_s + _CROSSING_S]
+    late = [h for h in e.of(*_ITEMS) if good and h.at_s > good[-1].at_s + STATION.crossing_s]
     check(not late, f"item {_seq(late[0].message) if late else 0} came after the ACK")
     return f"{len(e.held)} items in {e.lasted_s:.1f} s"
 
@@ -189,7 +188,7 @@ def stops_at(result: MissionResult) -> Judge:
             raise LackingError("it did not come so far")
         counts = [h.at_s for h in e.of(MissionCount if e.operation is Operation.UPLOAD else MissionRequestList)]
         for h in e.of(*_steps(e)):
-            error = max((at for at in errors if at + _CROSSING_S < h.at_s), default=None)
+            error = max((at for at in errors if at + STATION.crossing_s < h.at_s), default=None)
             begun_anew = error is not None and any(error < at <= h.at_s for at in counts)
             check(
                 error is None or begun_anew,
@@ -232,7 +231,7 @@ def cancels(e: StationEvidence) -> str:
         if done or (e.operation is Operation.CANCEL_DOWNLOAD and _acks(e, MissionResult.ACCEPTED)):
             raise LackingError("it was not cancelled")
         raise FailedError("it stopped without ACK OPERATION_CANCELLED")
-    late = [h for h in e.of(*_steps(e)) if h.at_s > said[0].at_s + _CROSSING_S]
+    late = [h for h in e.of(*_steps(e)) if h.at_s > said[0].at_s + STATION.crossing_s]
     check(not late, "it went on after its ACK OPERATION_CANCELLED")
     check(e.reported_success is not True, "the ground station said that it succeeded")
     return "ACK OPERATION_CANCELLED, then nothing"

@@ -4,8 +4,9 @@ from typing import Final
 
 from mission_io.conformance.case import FailedError, LackingError, ProtocolCase, RefusedError, check, for_each_list
 from mission_io.conformance.guide import Section
-from mission_io.conformance.probe import ANSWER_S, Probe, described
+from mission_io.conformance.probe import Probe, described
 from mission_io.conformance.samples import LIST_NAMES, sample
+from mission_io.conformance.tuning import PROBE
 from mission_io.conformance.upload_cases import accepted
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import ALL_MISSION_TYPES, Command, MissionType
@@ -23,7 +24,6 @@ from mission_io.wire.messages import (
 )
 
 _MISSION: Final = MissionType.MISSION
-_CURRENT_S: Final = 5.0
 _CAN_INT: Final = 1 << 2
 _CAN: Final = {MissionType.FENCE: 1 << 14, MissionType.RALLY: 1 << 15}
 
@@ -71,7 +71,7 @@ def cleared_all(p: Probe) -> str:
         p.hold(t, sample(t, 4))
     p.forget()
     p.send(MissionClearAll(*p.to, ALL_MISSION_TYPES))
-    answer = p.hear(lambda m: isinstance(m, MissionAck), 2.0 * ANSWER_S)
+    answer = p.hear(lambda m: isinstance(m, MissionAck), 2.0 * PROBE.answer_s)
     if not isinstance(answer, MissionAck):
         raise FailedError("CLEAR_ALL of all lists was not answered")
     if answer.result != MissionResult.ACCEPTED:
@@ -82,7 +82,7 @@ def cleared_all(p: Probe) -> str:
     return f"{', '.join(LIST_NAMES[t] for t in kept)} empty"
 
 
-def _current(p: Probe, within_s: float = _CURRENT_S, seq: int | None = None) -> MissionCurrent | None:
+def _current(p: Probe, within_s: float = PROBE.current_s, seq: int | None = None) -> MissionCurrent | None:
     found = p.hear(lambda m: isinstance(m, MissionCurrent) and seq in (None, m.seq), within_s)
     return found if isinstance(found, MissionCurrent) else None
 
@@ -115,7 +115,7 @@ def current_beyond(p: Probe) -> str:
     p.forget()
     p.send(MissionSetCurrent(*p.to, 900))
     texts: list[str] = []
-    until = p.now() + _CURRENT_S
+    until = p.now() + PROBE.current_s
     while p.now() < until:
         message = p.hear(lambda m: isinstance(m, StatusText | MissionCurrent), max(0.0, until - p.now()))
         if isinstance(message, StatusText):
@@ -178,7 +178,7 @@ def capabilities(p: Probe) -> str:
     for _ in range(3):
         p.forget()
         p.send(CommandLong(*p.to, Command.REQUEST_MESSAGE, asked))
-        version = p.hear(lambda m: isinstance(m, AutopilotVersion), ANSWER_S)
+        version = p.hear(lambda m: isinstance(m, AutopilotVersion), PROBE.answer_s)
         if version is not None:
             break
     if not isinstance(version, AutopilotVersion):

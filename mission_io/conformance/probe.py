@@ -8,6 +8,7 @@ from mission_io.client.client import Client
 from mission_io.client.connection import VehicleInfo
 from mission_io.conformance.case import FailedError, LackingError, RefusedError, check
 from mission_io.conformance.samples import LIST_NAMES, difference
+from mission_io.conformance.tuning import PROBE
 from mission_io.errors import FormatError, TransferError, TransferSilentError
 from mission_io.links.opening import Link
 from mission_io.model.enums import MissionResult
@@ -34,18 +35,6 @@ ITEMS: Final = (MissionItemInt, MissionItemFloat)
 PROTOCOL: Final = (MissionCount, *REQUESTS, *ITEMS, MissionAck)
 """What a vehicle says in the mission protocol."""
 
-OTHER_SYSTEM: Final = 254
-ABSENT_SYSTEM: Final = 77
-"""A system that is not there."""
-
-ANSWER_S: Final = 3.0
-"""How long an answer may take: twice the guide's time-out."""
-_TRIES = 5
-_IDLE_S: Final = 1.5
-_LONGEST_REST_S: Final = 30.0
-_UNMEASURED_S: Final = 0.3
-_LONGEST_LATE_S: Final = 2.0
-
 
 class Probe:
     """Speaks to one vehicle as a ground station, and where a case wants it as a second one.
@@ -60,7 +49,7 @@ class Probe:
 
     def __init__(self, link: Link, *, system_id: int = 255) -> None:
         self.client = Client(link, system_id=system_id, listener=self._note, timing=Timing(items_ahead=0))
-        self._other = Codec(system_id=OTHER_SYSTEM if system_id != OTHER_SYSTEM else 253, component_id=190)
+        self._other = Codec(system_id=PROBE.other_system if system_id != PROBE.other_system else 253, component_id=190)
         self._inbox: deque[Received] = deque()
         self._served: tuple[int, int] | None = None
         self._served_at = self._late_s = 0.0
@@ -110,8 +99,8 @@ class Probe:
         """The longest delay of an answer on this link, by the slowest transfer so far."""
         round_trip = self.client.patience.round_trip
         if round_trip is not None:
-            self._late_s = max(self._late_s, min(_LONGEST_LATE_S, round_trip.time_out_s))
-        return self._late_s or _UNMEASURED_S
+            self._late_s = max(self._late_s, min(PROBE.longest_late_s, round_trip.time_out_s))
+        return self._late_s or PROBE.unmeasured_s
 
     def count(self, count: int, mission_type: int = MissionType.MISSION) -> MissionCount:
         """Announces an upload."""
@@ -137,7 +126,7 @@ class Probe:
         self._served = None
 
     def hear(
-        self, accept: Callable[[Message], bool], within_s: float = ANSWER_S, *, any_target: bool = False
+        self, accept: Callable[[Message], bool], within_s: float = PROBE.answer_s, *, any_target: bool = False
     ) -> Message | None:
         """The vehicle's next message that ``accept`` takes; None when there is none within ``within_s`` seconds.
 
@@ -161,7 +150,7 @@ class Probe:
         return target[0] in (0, local.system_id) and target[1] in (0, local.component_id)
 
     def answer(
-        self, mission_type: int, within_s: float = ANSWER_S, kinds: tuple[type[Message], ...] = PROTOCOL
+        self, mission_type: int, within_s: float = PROBE.answer_s, kinds: tuple[type[Message], ...] = PROTOCOL
     ) -> Message | None:
         """The next message of the mission protocol to this station about a list.
 
@@ -181,12 +170,12 @@ class Probe:
         return self.hear(accept, within_s)
 
     def ask(
-        self, message: Message, mission_type: int, kinds: tuple[type[Message], ...] = PROTOCOL, tries: int = _TRIES
+        self, message: Message, mission_type: int, kinds: tuple[type[Message], ...] = PROTOCOL, tries: int = PROBE.tries
     ) -> Message | None:
         """Send, again after each silence, and return the answer; None after the last try."""
         for _ in range(tries):
             self.send(message)
-            answer = self.answer(mission_type, ANSWER_S / 2.0, kinds)
+            answer = self.answer(mission_type, PROBE.answer_s / 2.0, kinds)
             if answer is not None:
                 return answer
         return None
@@ -207,7 +196,7 @@ class Probe:
         check(seq_of(answer) == 0, f"asked for item {seq_of(answer)} first")
 
     def finish_upload(
-        self, items: Sequence[MissionItem], mission_type: MissionType, *, first: int = 0, wait_s: float = ANSWER_S
+        self, items: Sequence[MissionItem], mission_type: MissionType, *, first: int = 0, wait_s: float = PROBE.answer_s
     ) -> MissionAck:
         """Serve the vehicle's requests, from item ``first`` which it has just requested, until it acknowledges.
 
@@ -293,8 +282,8 @@ class Probe:
     def rest(self) -> float:
         """Bring the vehicle back to idle: end its transfers, and wait until it is silent. Returns the seconds taken."""
         began = self.now()
-        while self.now() - began < _LONGEST_REST_S:
-            said = self.quiet(_IDLE_S)
+        while self.now() - began < PROBE.longest_rest_s:
+            said = self.quiet(PROBE.idle_s)
             if not said:
                 break
             asked = [message for message in said if isinstance(message, REQUESTS)]
