@@ -1,6 +1,7 @@
 """The vehicle's side of the mission protocol: accepts uploads, serves downloads, clears; behaves as one autopilot does."""
 
-from collections.abc import Iterable
+import zlib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -10,7 +11,6 @@ from mission_io.model.enums import MissionResult
 from mission_io.model.items import ALL_MISSION_TYPES, GeoPoint, MissionItem, MissionType
 from mission_io.protocol.admission import Incoming, list_is_whole, refusal_in_list, refusal_of
 from mission_io.protocol.exchange import Address
-from mission_io.protocol.list_ids import id_of_items
 from mission_io.protocol.tables import SERVER_TABLE, MissingRowError, ServerEvent, ServerState
 from mission_io.wire.messages import (
     Message,
@@ -421,3 +421,8 @@ class MissionServer:
         if self._incoming is None:
             raise MissingRowError("an upload's action while none is going on")
         return self._incoming
+
+
+def id_of_items(items: Sequence[MissionItem]) -> int:
+    """An id for a list: a checksum of its content, as PX4 has it; 0 for an empty list."""
+    return zlib.crc32(repr(tuple(items)).encode()) if items else 0

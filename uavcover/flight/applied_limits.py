@@ -16,7 +16,10 @@ from uavcover.flight.limit_table import Limit, Weight, limit_table, parameter_gr
 from uavcover.flight.precautions import Precautions
 from uavcover.flight.session import Session
 from uavcover.flight.tuning import PREPARATION
+from uavcover.missions.failsafe_parameters import failsafe_parameter_groups
+from uavcover.missions.return_advice import OwnReturns, ReturnAdvice
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
+from uavcover.model.vehicle import AutopilotName
 
 
 def read_parameters(session: Session, groups: Iterable[Collection[str]]) -> dict[str, ParamValue]:
@@ -196,3 +199,41 @@ class AppliedLimits:
             except MissionIoError as error:
                 session.tell(EventKind.WARNING, f"{name} could not be set: {error}")
         session.tell(EventKind.STAGE, f"set for this flight: {text}")
+
+
+_MOST_SAID = 6
+
+
+def tell_own_returns(session: Session, returns: OwnReturns | None) -> ReturnAdvice | None:
+    """Read the parameters that failsafes and returns depend on, and warn of every unsafe interval; nothing is refused.
+
+    The advice can be asked for again with other parameters: :func:`tell_returns_by`.
+    """
+    if returns is None:
+        return None
+    return tell_returns_by(session, returns, read_return_parameters(session))
+
+
+def tell_returns_by(session: Session, returns: OwnReturns, parameters: Mapping[str, float]) -> ReturnAdvice:
+    """Warn of every unsafe interval of the vehicle's own returns by these parameters, as when they change in flight."""
+    advice = returns.advice(parameters)
+    for words in return_warnings(advice):
+        session.tell(EventKind.WARNING, words)
+    return advice
+
+
+def return_warnings(advice: ReturnAdvice) -> list[str]:
+    """Unsafe returns, one line for each interval, then the remedy."""
+    found = [f"the vehicle's own return is not safe {words}" for words in advice.sentences[:_MOST_SAID]]
+    if len(advice.sentences) > _MOST_SAID:
+        found.append(f"{len(advice.sentences) - _MOST_SAID} more parts of the flight have an unsafe return")
+    if found:
+        found.append(advice.remedy)
+    return found
+
+
+def read_return_parameters(session: Session) -> Mapping[str, float]:
+    """The vehicle's values of the parameters that its returns depend on, in their own units."""
+    px4 = session.client.vehicle.mav_autopilot == AutopilotId.PX4
+    name: AutopilotName = "px4" if px4 else "ardupilot"
+    return numbers(read_parameters(session, failsafe_parameter_groups(name)), px4=px4)

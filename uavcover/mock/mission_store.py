@@ -11,8 +11,7 @@ from mission_io.model.enums import AutopilotId, MissionResult
 from mission_io.model.items import GeoPoint, MissionItem, MissionType
 from mission_io.protocol.admission import list_is_whole, refusal_of
 from mission_io.protocol.exchange import Address
-from mission_io.protocol.list_ids import id_of_items
-from mission_io.protocol.server import ListChanged, MissionServer
+from mission_io.protocol.server import ListChanged, MissionServer, id_of_items
 from mission_io.protocol.tables import ServerState
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import message_from_item

@@ -11,9 +11,8 @@ import numpy as np
 from uavcover.errors import InputError, UavcoverError, VehicleError
 from uavcover.extras.fleet.board import Board
 from uavcover.extras.fleet.clock import FleetClock, RealClock
-from uavcover.extras.fleet.flight import FleetFlight
+from uavcover.extras.fleet.flight import FleetFlight, FleetOrders, Opening
 from uavcover.extras.fleet.jobs import OnLoss, planned_jobs
-from uavcover.extras.fleet.orders import FleetOrders, Opening
 from uavcover.extras.fleet.tuning import FLEET
 from uavcover.flight.command import ENDED_BY_USER, FlightOptions, refuse_older_flight
 from uavcover.flight.connect import VehicleLink, connect
