@@ -27,23 +27,9 @@ from mission_io.formats.point_route import (
     route_from_stops,
     xml_root,
 )
-from mission_io.formats.text import clean_text, degrees_text, finite_number, plain_decimal, xml_text
+from mission_io.formats.text import clean_text, degrees_text, finite_number, plain_decimal, rendered
 from mission_io.model.areas import LatLon
 from mission_io.model.items import Frame, Mission
-
-_HEAD = """<?xml version="1.0" encoding="UTF-8"?>
-<kml xmlns="http://www.opengis.net/kml/2.2">
-<Document>
-<name>{name}</name>
-"""
-_LINE = """<Placemark><name>route</name><LineString><altitudeMode>absolute</altitudeMode><coordinates>
-{coordinates}
-</coordinates></LineString></Placemark>
-"""
-_POINT = """<Placemark><name>{number}</name><Point><altitudeMode>absolute</altitudeMode>\
-<coordinates>{coordinates}</coordinates></Point></Placemark>
-"""
-_TAIL = "</Document>\n</kml>\n"
 
 
 def write_mission(mission: Mission, *, name: str = "mission") -> str:
@@ -59,9 +45,7 @@ def write_mission(mission: Mission, *, name: str = "mission") -> str:
         return f"{lon},{lat},{plain_decimal(alt_amsl_m(point, mission), where)}"
 
     points = [(point.number, coordinates(point)) for point in route_of(mission)]
-    line = _LINE.format(coordinates="\n".join(text for _, text in points)) if len(points) > 1 else ""
-    marks = "".join(_POINT.format(number=number, coordinates=text) for number, text in points)
-    return _HEAD.format(name=xml_text(name)) + line + marks + _TAIL
+    return rendered("route.kml.jinja", name=name, points=points)
 
 
 def read_drawing(text: str) -> Drawing:
