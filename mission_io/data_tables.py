@@ -31,13 +31,23 @@ def data_table(kind: type[TableT], path: str, section: str) -> TableT:
         raise ValueError(f"{path}: {section}: no such section") from None
 
 
+def data_rows(kind: type[TableT], path: str, section: str) -> dict[str, TableT]:
+    """Each table of a section, by its name; errors as ``data_table``."""
+    rows = read_document(path)[section]
+    return {name: table_of(kind, row, where=f"{path}: {section}.{name}") for name, row in rows.items()}
+
+
 def table_of(kind: type[TableT], row: Mapping[str, Any], *, where: str) -> TableT:
     """As ``data_table``, of a table that has been read."""
     wanted: dict[str, Any] = {field.name: field.type for field in fields(kind)}  # type: ignore[arg-type]
     for key in (*row, *wanted):
         if key not in wanted or key not in row:
             raise ValueError(f"{where}.{key}: {'missing key' if key in wanted else 'unknown key'}")
-    return kind(**{key: _checked(row[key], wanted[key], f"{where}.{key}") for key in wanted})
+    values = {key: _checked(row[key], wanted[key], f"{where}.{key}") for key in wanted}
+    try:
+        return kind(**values)
+    except ValueError as error:  # of the dataclass's own checks
+        raise ValueError(f"{where}: {error}") from None
 
 
 def _checked(value: object, kind: Any, where: str) -> object:

@@ -92,6 +92,22 @@ def test_a_missing_key_is_named(key: str) -> None:
         table_of(Kind, {name: value for name, value in GOOD.items() if name != key}, where="x.toml: link")
 
 
+@dataclass(frozen=True, slots=True)
+class Positive:
+    """Checks itself."""
+
+    wait_s: float
+
+    def __post_init__(self) -> None:
+        if self.wait_s <= 0.0:
+            raise ValueError(f"wait_s {self.wait_s} is not above 0")
+
+
+def test_a_check_of_the_dataclass_names_file_and_section() -> None:
+    with pytest.raises(ValueError, match=re.escape("x.toml: link: wait_s 0.0 is not above 0")):
+        table_of(Positive, {"wait_s": 0.0}, where="x.toml: link")
+
+
 def test_a_missing_section_is_named() -> None:
     with pytest.raises(ValueError, match=r"^uavcover/data/flight\.toml: nowhere: no such section$"):
         data_table(Kind, "uavcover/data/flight.toml", "nowhere")
