@@ -121,6 +121,10 @@ class MissionItemReached(Message):
     seq: int
 
 
+TEXT_LETTERS = 50
+"""Letters of one StatusText; a longer line comes in pieces."""
+
+
 @dataclass(frozen=True, slots=True)
 class StatusText(Message):
     """A line for the pilot; severity 0 is an emergency and 7 is debug.

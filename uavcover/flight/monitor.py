@@ -21,8 +21,6 @@ from mission_io.wire.messages import StatusText
 from uavcover.flight.ground_contact import GroundContact
 from uavcover.flight.tuning import MONITOR
 
-_PIECE_LETTERS = 50
-
 
 class TextAssembler:
     """Puts pieces of text together; a line of which a piece was lost is given as far as it came."""
@@ -40,7 +38,7 @@ class TextAssembler:
             self._open = None
         begun = "" if self._open is None else self._open.text
         line = StatusText(piece.severity, begun + piece.text, piece.text_id)
-        if piece.text_id == 0 or len(piece.text) < _PIECE_LETTERS:
+        if piece.text_id == 0 or len(piece.text) < m.TEXT_LETTERS:
             self._open = None
             return [*whole, _tidy(line)]
         self._open, self._next_chunk = line, piece.chunk + 1

@@ -25,6 +25,7 @@ from mission_io.autopilots.terrain_grid import (
 )
 from mission_io.client.client import Client
 from mission_io.client.terrain import answer_terrain_requests
+from mission_io.model.places import EQUATOR_M_PER_DEG
 from mission_io.protocol.terrain import TerrainAnswers, TerrainCounts
 from uavcover.errors import InputError, OutputError, TerrainError
 from uavcover.flight.tuning import TERRAIN
@@ -40,8 +41,6 @@ from uavcover.terrain.terrain_source import Bounds, TerrainSource, find_tiles
 from uavcover.terrain.vertical import ELLIPSOID, datum_named
 
 _log = logging.getLogger(__name__)
-
-_M_PER_DEG = 111_319.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -228,7 +227,7 @@ def _blocks_in(around: Bounds, spacing_m: int) -> list[TerrainBlock]:
     if not 10 <= spacing_m <= 1000:
         raise InputError(f"--spacing: {spacing_m} m is not from 10 to 1000; give the vehicle's TERRAIN_SPACING")
     west, south, east, north = around
-    step_deg = 0.9 * STEP_NORTH * spacing_m / _M_PER_DEG
+    step_deg = 0.9 * STEP_NORTH * spacing_m / EQUATOR_M_PER_DEG
     scale = max(0.01, math.cos(math.radians(max(abs(south), abs(north)))))
     rows = np.append(np.arange(south, north, step_deg), north)
     columns = np.append(np.arange(west, east, step_deg / scale), east)

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from mission_io.model.enums import MissionState, Severity
-from mission_io.model.items import Command, Frame
+from mission_io.model.items import LAST_NAVIGATION, Command, Frame
 from mission_io.wire import messages as m
 from uavcover.mock.faults import FaultKind
 from uavcover.mock.itinerary import Step, StepKind, mission_steps
@@ -12,7 +12,6 @@ from uavcover.mock.telemetry import tell
 from uavcover.mock.tuning import FLIGHT
 from uavcover.mock.way_home import mission_places, return_steps
 
-_NAV_LAST = 95
 _TAKEOFFS = (Command.NAV_TAKEOFF, 24, 84)
 """MAV_CMD_NAV_TAKEOFF, NAV_TAKEOFF_LOCAL and NAV_VTOL_TAKEOFF."""
 
@@ -44,7 +43,9 @@ class MissionFlight:
     def starts_with_takeoff(self) -> bool:
         """Whether the next item of ArduPilot's kind "nav" that is no delay is a take-off (AP_Mission::is_takeoff_next)."""
         items = self._state.mission_items[max(self.first_seq, self._state.current_seq) :]
-        navigates = (item.command for item in items if item.command < _NAV_LAST and item.command != Command.NAV_DELAY)
+        navigates = (
+            item.command for item in items if item.command < LAST_NAVIGATION and item.command != Command.NAV_DELAY
+        )
         return next(navigates, None) in _TAKEOFFS
 
     @property

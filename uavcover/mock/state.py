@@ -32,8 +32,6 @@ from uavcover.mock.terrain_feed import TerrainFeed
 from uavcover.mock.tuning import BODY, FLIGHT
 from uavcover.model.vehicle import MOTIONS
 
-_PIECE_LETTERS = 50
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MockConfig:
@@ -243,12 +241,12 @@ class MockState:
 
     def say(self, severity: int, text: str) -> None:
         """Send a STATUSTEXT, in pieces where it is long."""
-        if len(text) <= _PIECE_LETTERS:
+        if len(text) <= m.TEXT_LETTERS:
             self.send(m.StatusText(severity, text))
             return
         self._texts_in_pieces += 1
-        for chunk, begin in enumerate(range(0, len(text) + 1, _PIECE_LETTERS)):
-            self.send(m.StatusText(severity, text[begin : begin + _PIECE_LETTERS], self._texts_in_pieces, chunk))
+        for chunk, begin in enumerate(range(0, len(text) + 1, m.TEXT_LETTERS)):
+            self.send(m.StatusText(severity, text[begin : begin + m.TEXT_LETTERS], self._texts_in_pieces, chunk))
 
     def set_interval(self, kind: type[m.Message], interval_s: float | None) -> None:
         """Send a kind of message every ``interval_s`` seconds; 0 is its default, None is never."""

@@ -17,10 +17,9 @@ from mission_io.autopilots.terrain_grid import (
     wrapped_deg,
 )
 from mission_io.model.items import Command, GeoPoint, MissionItem
+from mission_io.model.places import EQUATOR_M_PER_DEG
 from mission_io.wire.messages import TerrainData, TerrainReport, TerrainRequest
 from uavcover.mock.tuning import LINK
-
-_M_PER_DEG = 111_319.0
 
 
 class TerrainFeed:
@@ -40,7 +39,7 @@ class TerrainFeed:
     def want_for(self, home: GeoPoint, items: Iterable[MissionItem]) -> None:
         """Request the blocks of home, of every waypoint, and of four positions around it."""
         self.want([(home.lat_deg, home.lon_deg)])
-        step_deg = LINK.terrain_around_spacings * self.spacing_m / _M_PER_DEG
+        step_deg = LINK.terrain_around_spacings * self.spacing_m / EQUATOR_M_PER_DEG
         for item in items:
             if item.command == Command.NAV_WAYPOINT and item.has_position:
                 lat, lon = item.lat_deg, item.lon_deg

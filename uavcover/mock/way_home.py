@@ -15,7 +15,6 @@ from uavcover.mock.smart_return import SMART_RTL
 from uavcover.mock.state import MockState
 from uavcover.mock.tuning import FLIGHT
 
-_DO_LAND_START = 189
 _PATTERN = (16, 17, 19, 21, 22, 31, 84, 85)
 """Commands whose items have a position for PX4: waypoint, loiter, land, take-off (MissionBlock::item_contains_position)."""
 _LANDINGS, _TAKEOFFS = (21, 85), (22, 84)
@@ -190,7 +189,7 @@ def _land_start(state: MockState) -> int | None:
     landing = next((n for n, command in enumerate(commands) if command in _LANDINGS), None)
     if landing is None:
         return None
-    return commands.index(_DO_LAND_START) if _DO_LAND_START in commands else landing
+    return commands.index(Command.DO_LAND_START) if Command.DO_LAND_START in commands else landing
 
 
 def _cone_m(state: MockState, here: Vector, there: Vector) -> float:

@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from mission_io.model.places import M_PER_DEG
 from uavcover.errors import InputError
 from uavcover.model.area import Rings
 from uavcover.new.tuning import TERRAIN
-
-_M_PER_DEG = 111_195.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,10 +161,8 @@ def _touched(
 ) -> Iterator[tuple[int, int]]:
     """South-west corners of the tiles that an outline with so much around it touches."""
     lon, lat = _unwrapped(ring)
-    scale = max(
-        TERRAIN.least_scale, math.cos(math.radians(min(90.0, float(np.abs(lat).max()) + around_m / _M_PER_DEG)))
-    )
-    grown = shapely.Polygon(np.column_stack([lon * scale, lat])).buffer(around_m / _M_PER_DEG)
+    scale = max(TERRAIN.least_scale, math.cos(math.radians(min(90.0, float(np.abs(lat).max()) + around_m / M_PER_DEG))))
+    grown = shapely.Polygon(np.column_stack([lon * scale, lat])).buffer(around_m / M_PER_DEG)
     west, south, east, north = grown.bounds
     rows = range(math.floor(max(south, -90.0) / side), math.ceil(min(north, 90.0) / side))
     columns = range(math.floor(west / scale / side), math.ceil(east / scale / side))

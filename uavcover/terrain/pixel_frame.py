@@ -6,6 +6,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.polynomial.chebyshev import chebpts1, chebvander
 
+from mission_io.model.places import MEAN_RADIUS_M
 from uavcover.errors import TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.grid import GridFrame, growth_on_grid, places_on_grid, steepest_of_finite
@@ -19,9 +20,6 @@ ToPixels = Callable[[FloatArray, FloatArray], FloatArray]
 
 FromPixels = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Latitudes (n,) and longitudes (n,) of (n, 2) columns and rows."""
-
-
-_EARTH_RADIUS_M = 6_371_000.0
 
 
 def fit_frame(to_pixels: ToPixels, frame: LocalFrame, bounds_m: Bounds, *, level_up_m: float) -> GridFrame:
@@ -49,7 +47,7 @@ def fit_frame(to_pixels: ToPixels, frame: LocalFrame, bounds_m: Bounds, *, level
         raise TerrainError("its coordinate system does not reach all of the scenario's area")
     terms = np.ascontiguousarray(np.linalg.lstsq(_cubic(unit), pixels, rcond=None)[0].T)
     terms.flags.writeable = False
-    lean_per_m = 1.0 / (_EARTH_RADIUS_M + frame.alt_amsl_m)
+    lean_per_m = 1.0 / (MEAN_RADIUS_M + frame.alt_amsl_m)
     lean = lean_per_m * float(np.hypot(*(np.abs(middle) + scale)))
     return GridFrame(
         float(middle[0]), float(middle[1]), scale, terms, level_up_m, lean_per_m, lean, 0.0, 0.0, 0.0, math.inf, 0.0

@@ -17,11 +17,11 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 from rasterio.warp import transform_bounds
 
+from mission_io.model.places import M_PER_DEG
 from uavcover.errors import TerrainError
 from uavcover.terrain.packed_raster import RASTERS, gdal_name, is_tile
 from uavcover.terrain.tuning import FILES
 
-_DEGREE_M = 111_195.0
 _CACHE_BYTES = 128 * 2**20
 _HEIGHTS = re.compile(r"elev|height|altitude|h(ö|oe)he|(?<![a-z])(dem|dtm|dsm|dgm|mnt|mdt|z)(?![a-z])", re.IGNORECASE)
 """In the name of a band."""
@@ -322,7 +322,7 @@ def _full_turn(wkt: str) -> tuple[float, float]:
     """360 degrees in the unit of a system's longitudes, 0 where it has none. Also the approximate metres of its unit."""
     crs = CRS.from_wkt(wkt)
     unit = crs.axis_info[0].unit_conversion_factor
-    return (2.0 * math.pi / unit, math.degrees(unit) * _DEGREE_M) if crs.is_geographic else (0.0, unit)
+    return (2.0 * math.pi / unit, math.degrees(unit) * M_PER_DEG) if crs.is_geographic else (0.0, unit)
 
 
 def unreadable(named: object, file: Path, reason: str) -> str:

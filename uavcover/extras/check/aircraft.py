@@ -7,13 +7,13 @@ from types import MappingProxyType
 from typing import Final, Literal
 
 from uavcover.extras.check.tuning import CHECKS
+from uavcover.model.power import GRAVITY_M_S2
 from uavcover.model.vehicle import MOTIONS, AutopilotName
 
 Kind = Literal["multirotor", "fixed-wing", "vtol"]
 KINDS: Final[tuple[Kind, ...]] = ("multirotor", "fixed-wing", "vtol")
 BANK_DEG: Final[Mapping[AutopilotName, float]] = MappingProxyType({"ardupilot": 45.0, "px4": 50.0})
 """LIM_ROLL_CD (ROLL_LIMIT_DEG) and FW_R_LIM."""
-_GRAVITY_M_S2 = 9.80665
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -97,7 +97,7 @@ def default_aircraft(autopilot: AutopilotName, kind: Kind) -> Aircraft:
 
 def radius_of_bank_m(speed_m_s: float, bank_deg: float) -> float:
     """Radius of a level turn at a bank: v^2 / (g tan bank)."""
-    return speed_m_s**2 / (_GRAVITY_M_S2 * math.tan(math.radians(bank_deg)))
+    return speed_m_s**2 / (GRAVITY_M_S2 * math.tan(math.radians(bank_deg)))
 
 
 def return_height_m(height_above_home_m: float, distance_m: float, aircraft: Aircraft) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 import shapely
 
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
-from mission_io.model.places import FAR_FROM_HOME_M, ground_distance_m
+from mission_io.model.places import FAR_FROM_HOME_M, MEAN_RADIUS_M, ground_distance_m
 from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.boundary_checks import distance_findings, fence_findings, zone_findings
 from uavcover.extras.check.endurance_checks import endurance_findings, speed_findings, wing_findings
@@ -312,7 +312,6 @@ _CHANGES = {
 }
 
 
-_EARTH_RADIUS_M = 6_371_000.0
 _BENDING = 1.0 - 1.0 / (4.0 / 3.0)
 """Radio waves bend with the Earth as if it were 4/3 as large (ITU-R P.834)."""
 
@@ -356,5 +355,5 @@ def _bent_lines(pilot_m: FloatArray, places_m: FloatArray) -> Lines:
     distances_m = np.hypot(away[:, 0], away[:, 1])
     owner, t = cut(np.maximum(2, np.ceil(distances_m / CHECKS.return_line_piece_m)).astype(np.int64))
     lines = pilot_m + t[:, None] * away[owner]
-    lines[:, 2] += t * (1.0 - t) * distances_m[owner] ** 2 / (2.0 * _EARTH_RADIUS_M) * _BENDING
+    lines[:, 2] += t * (1.0 - t) * distances_m[owner] ** 2 / (2.0 * MEAN_RADIUS_M) * _BENDING
     return with_gaps(lines, owner)

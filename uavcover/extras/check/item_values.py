@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem, SpeedType
+from mission_io.model.items import LAST_NAVIGATION, Command, Frame, GeoPoint, Mission, MissionItem, SpeedType
 from mission_io.model.places import ground_distance_m
 from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.findings import CheckFinding, Weight
@@ -26,7 +26,6 @@ _PLACES: Final = (
     *_CIRCLES, *_TAKEOFFS, Command.NAV_WAYPOINT, Command.NAV_SPLINE_WAYPOINT, Command.NAV_LOITER_TO_ALT, Command.NAV_LAND,
     Command.NAV_VTOL_LAND,
 )  # fmt: skip
-_SET_HOME = 179
 _WAITS: Final = {
     int(Command.NAV_WAYPOINT): "waits", int(Command.NAV_SPLINE_WAYPOINT): "waits", int(Command.NAV_LOITER_TIME): "circles",
     int(Command.NAV_DELAY): "waits", int(Command.CONDITION_DELAY): "delays what follows",
@@ -77,7 +76,7 @@ def value_findings(mission: Mission, aircraft: Aircraft, home: GeoPoint | None) 
         problems = [*_frames(item), *_waits(item, aircraft), *_circles(item, aircraft), *_taking_over(item)]
         if item.command == Command.DO_CHANGE_SPEED:
             problems += _speeds(item, aircraft)
-        if item.command == _SET_HOME:
+        if item.command == Command.DO_SET_HOME:
             problems += _homes(item, home)
         if item.command == Command.DO_LAND_START:
             land_starts += 1
@@ -200,7 +199,6 @@ _TAKE_OVER: Final[Mapping[int, tuple[Weight, str, Callable[[tuple[float, float, 
 
 
 _JUMP_TAG, _DO_JUMP_TAG = 600, 601
-_LAST_NAVIGATION = 95
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +251,7 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
                 at += 1
                 continue
             round_only = (
-                [] if target > at else [n for n in range(int(target), at) if items[n - 1].command <= _LAST_NAVIGATION]
+                [] if target > at else [n for n in range(int(target), at) if items[n - 1].command <= LAST_NAVIGATION]
             )
             if target <= at and not round_only and times != 0:
                 findings.append(
