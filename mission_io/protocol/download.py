@@ -15,15 +15,7 @@ from mission_io.model.items import MissionItem
 from mission_io.protocol.exchange import OPENING, Exchange, ExchangeOptions
 from mission_io.protocol.tables import Row, Table, staying
 from mission_io.protocol.tuning import TRANSFERS
-from mission_io.wire.messages import (
-    Message,
-    MissionAck,
-    MissionCount,
-    MissionItemFloat,
-    MissionItemInt,
-    MissionRequestInt,
-    MissionRequestList,
-)
+from mission_io.wire import messages as m
 from mission_io.wire.mission_items import item_from_message
 
 
@@ -138,8 +130,8 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         self._retry_s = self.timing.busy_retry_s
         self._count: int | None = None
         self._announced = 0
-        self._arrived: dict[int, MissionItemInt | MissionItemFloat] = {}
-        self._latest: MissionItemInt | MissionItemFloat | None = None
+        self._arrived: dict[int, m.MissionItemInt | m.MissionItemFloat] = {}
+        self._latest: m.MissionItemInt | m.MissionItemFloat | None = None
         self._missing = 0  # the first missing item
         self._asked_to = 0  # the items before this one were requested
         self._list_sent_at = options["now"]
@@ -178,18 +170,18 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         if not self.finished:
             self._step(DownloadEvent.CANCEL, now)
 
-    def _event_of(self, message: Message, now: float) -> DownloadEvent | None:
+    def _event_of(self, message: m.Message, now: float) -> DownloadEvent | None:
         del now
-        if isinstance(message, MissionCount):
+        if isinstance(message, m.MissionCount):
             self.list_id = message.opaque_id
             return self._count_event(message.count)
-        if isinstance(message, MissionItemInt | MissionItemFloat):
+        if isinstance(message, m.MissionItemInt | m.MissionItemFloat):
             fetching = self.state is DownloadState.FETCHING
             if not fetching or message.seq in self._arrived or message.seq >= self._asked_to:
                 return DownloadEvent.ITEM_STRAY
             self._latest = message
             return DownloadEvent.ITEM_LAST if len(self._arrived) + 1 == self._count else DownloadEvent.ITEM
-        if isinstance(message, MissionAck):
+        if isinstance(message, m.MissionAck):
             event = _ACK_EVENTS.get(message.result, DownloadEvent.ACK_REFUSED)
             breaks_off = event is DownloadEvent.ACK_BUSY and self.state is DownloadState.FETCHING
             return DownloadEvent.ACK_REFUSED if breaks_off and self._is_last_error() else event
@@ -254,7 +246,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     def _send_list(self, now: float) -> None:
         to = self.vehicle
         self._list_sent_at = now
-        self._send(MissionRequestList(to.system_id, to.component_id, self.mission_type), now, question=OPENING)
+        self._send(m.MissionRequestList(to.system_id, to.component_id, self.mission_type), now, question=OPENING)
 
     def _resend_list(self, now: float) -> None:
         self._count_silence()
@@ -327,7 +319,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     def _ask(self, seq: int, now: float) -> None:
         self._asked_to = max(self._asked_to, seq + 1)
         to = self.vehicle
-        self._send(MissionRequestInt(to.system_id, to.component_id, seq, self.mission_type), now, question=seq)
+        self._send(m.MissionRequestInt(to.system_id, to.component_id, seq, self.mission_type), now, question=seq)
 
     def _resend_requests(self, now: float) -> None:
         self._count_silence()

@@ -15,14 +15,7 @@ from mission_io.model.items import MissionItem
 from mission_io.protocol.exchange import OPENING, Exchange, ExchangeOptions
 from mission_io.protocol.tables import UPLOAD_ENDS, UPLOAD_TABLE, UploadEvent, UploadState
 from mission_io.protocol.tuning import TRANSFERS
-from mission_io.wire.messages import (
-    Message,
-    MissionAck,
-    MissionCount,
-    MissionRequest,
-    MissionRequestInt,
-    MissionWritePartialList,
-)
+from mission_io.wire import messages as m
 from mission_io.wire.mission_items import message_to_send
 
 REPEATS, REPEATS_PER_ITEM = 64, 4
@@ -110,10 +103,10 @@ class Upload(Exchange[UploadState, UploadEvent]):
         if not self.finished:
             self._step(UploadEvent.CANCEL, now)
 
-    def _event_of(self, message: Message, now: float) -> UploadEvent | None:
-        if isinstance(message, MissionRequest | MissionRequestInt):
+    def _event_of(self, message: m.Message, now: float) -> UploadEvent | None:
+        if isinstance(message, m.MissionRequest | m.MissionRequestInt):
             return self._request_event(message.seq - self._first, now)
-        if isinstance(message, MissionAck):
+        if isinstance(message, m.MissionAck):
             if message.result == MissionResult.ACCEPTED:
                 self.list_id = message.opaque_id
                 return self._accepted_event(now)
@@ -231,9 +224,9 @@ class Upload(Exchange[UploadState, UploadEvent]):
 
     def _send_count(self, now: float) -> None:
         to, end = (self.vehicle.system_id, self.vehicle.component_id), self._first + len(self._items)
-        opening: Message = MissionCount(*to, end, self.mission_type)
+        opening: m.Message = m.MissionCount(*to, end, self.mission_type)
         if self._is_part:
-            opening = MissionWritePartialList(*to, self._first, end - 1, self.mission_type)
+            opening = m.MissionWritePartialList(*to, self._first, end - 1, self.mission_type)
         self._send(opening, now, question=OPENING)
 
     def _resend_count(self, now: float) -> None:
