@@ -18,6 +18,7 @@ GROUPS: Final[Mapping[str, str]] = MappingProxyType(
         "uavcover.bounds": "provers of bounds: a module with proved(site, plan, time_s=...) and least_length_m(site, rule)",
         "uavcover.evidence": "other evidence of flights than tracks, for verify: the module uavcover.extras.photos.any_flight",
         "uavcover.fleets": "several vehicles at the same time: the module uavcover.extras.fleet",
+        "uavcover.large_areas": "planning by parts (uavcover.planner.plan_search.LargeAreas)",
         "uavcover.exporters": "formats for export: a function of uavcover.missions.mission_files.Exporter's form",
         "uavcover.sensors": "sensors: a function from a table of the scenario to that of a built-in sensor",
         "uavcover.area_readers": "formats of areas by suffix, without its dot: a function of text and name (AreaDocument)",

@@ -84,7 +84,7 @@ CALLS: dict[str, Callable[[Client], object]] = {
 }
 
 
-@pytest.mark.parametrize("seed", [*range(20), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(20, 40))])
+@pytest.mark.parametrize("seed", [*range(20), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(20, 40))])
 @pytest.mark.no_cover
 def test_each_call_ends_in_time_with_an_answer_or_a_named_error(seed: int) -> None:
     for call in CALLS.values():

@@ -32,7 +32,8 @@ from uavcover.run.planned import read_planned
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import judging_map
-from uavcover.verification.command import judge_tracks, planned_for
+from uavcover.verification.command import judge_tracks
+from uavcover.verification.run_logs import planned_for
 
 SPHERE = SphereSensor(kind="sphere", range_m=150.0, sensing="at-waypoints")
 

@@ -43,7 +43,7 @@ def flown(folder, autopilot, range_m=130.0, **options):
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "loss"), [pytest.param("ardupilot", 0.0, marks=pytest.mark.slow), ("px4", 0.0), ("ardupilot", 0.25)]
+    ("autopilot", "loss"), [pytest.param("ardupilot", 0.0, marks=pytest.mark.long), ("px4", 0.0), ("ardupilot", 0.25)]
 )
 def test_every_planned_waypoint_has_its_picture_in_the_record(tmp_path, autopilot, loss):
     site, planned, track = flown(tmp_path, autopilot, loss=loss)

@@ -23,8 +23,9 @@ from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.fleet_map import fleet_map, map_for
 from uavcover.sensing.pictures import PictureCounts, count_pictures, picture_statistics, planned_poses, takes_pictures
-from uavcover.verification.command import date_bounds, judge_tracks, planned_for, read_log
+from uavcover.verification.command import judge_tracks
 from uavcover.verification.phases import PlannedRoute
+from uavcover.verification.run_logs import date_bounds, planned_for, read_log
 from uavcover.verification.verify import Verdict, track_positions_m
 
 

@@ -13,9 +13,10 @@ from uavcover.scenario.site import Site
 from uavcover.verification.attitude import known_attitude
 from uavcover.verification.ends import TrackEnd, ground_tolerance_m, track_ends
 from uavcover.verification.motion_doubts import motion_doubts, sampling_doubts
+from uavcover.verification.motion_windows import POSITION_ERROR_M
 from uavcover.verification.observations import Observations, observations_of
 from uavcover.verification.phases import PlannedRoute, on_route
-from uavcover.verification.possible_motion import POSITION_ERROR_M, judge_motion, motion_limits
+from uavcover.verification.possible_motion import judge_motion, motion_limits
 from uavcover.verification.reported_photos import REACHED_RADII, TrackPhotos, photos_of, reports_photos
 from uavcover.verification.safety import (
     Heights,

@@ -12,7 +12,8 @@ from typing import Self
 import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.verification.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG, NOISE_MEDIANS, Windows
+from uavcover.verification.motion_windows import NOISE_MEDIANS, Windows
+from uavcover.verification.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG
 from uavcover.verification.tuning import LEAN
 
 LEAST_ACCELERATION_OF_LEAN, MOST_ACCELERATION_OF_LEAN = 0.5, 1.4

@@ -13,14 +13,8 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import Track
 from uavcover.scenario.site import Site
 from uavcover.verification.attitude import KnownAttitude
-from uavcover.verification.possible_motion import (
-    ACCELERATION_WINDOWS_S,
-    COARSE_STEP_S,
-    ImpossibleMove,
-    Motion,
-    MotionLimits,
-    Windows,
-)
+from uavcover.verification.motion_windows import COARSE_STEP_S, Windows
+from uavcover.verification.possible_motion import ACCELERATION_WINDOWS_S, ImpossibleMove, Motion, MotionLimits
 from uavcover.verification.tuning import TRACK
 from uavcover.verification.unobserved import place_of
 

@@ -1,6 +1,6 @@
 """The verdict on a flight: one track, or several that count together."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +27,7 @@ from uavcover.sensing.pictures import (
 )
 from uavcover.verification.decision import cell_statistics, coverage_by_time, decide, judged_requirements
 from uavcover.verification.flown_coverage import (
+    CountObservations,
     FlownCoverage,
     count_observations,
     joined_observations,
@@ -42,9 +43,6 @@ from uavcover.verification.reported_photos import reports_photos
 from uavcover.verification.same_flight import Records, at_two_places, has_near, records_of_one_flight
 from uavcover.verification.separation import judge_separation
 from uavcover.verification.shared_clock import UNKNOWN_DATES, DateBounds, clocks_apart, dated
-
-CountObservations = Callable[[CoverageMap, Observations], FlownCoverage]
-"""Counts every observation of every cell of the area."""
 
 __all__ = ["FlownTrack", "Verdict", "flown_coverage", "track_positions_m", "verify_flight", "verify_track"]
 

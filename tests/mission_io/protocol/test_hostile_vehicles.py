@@ -24,7 +24,7 @@ SEEDS = 100
 
 
 @pytest.mark.parametrize(
-    "seed", [*range(30), *(pytest.param(seed, marks=pytest.mark.slow) for seed in range(30, SEEDS))]
+    "seed", [*range(30), *(pytest.param(seed, marks=pytest.mark.long) for seed in range(30, SEEDS))]
 )
 @pytest.mark.no_cover
 def test_every_call_ends_in_time(seed: int) -> None:

@@ -31,8 +31,9 @@ from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
 from uavcover.sensing.pictures import PictureCounts
-from uavcover.verification.command import LOG_ENDINGS, JudgedPictures, read_log, verify_run
+from uavcover.verification.command import JudgedPictures, verify_run
 from uavcover.verification.photo_evidence import GivenEvidence, PictureEvidence
+from uavcover.verification.run_logs import LOG_ENDINGS, read_log
 from uavcover.verification.verify import track_positions_m
 
 __all__ = [

@@ -1,6 +1,6 @@
 """Reads a log of other software, chosen by file suffix: a format is one module and one row of ``READERS``.
 
-Our own ``.csv`` and ``.rrd`` are read by :func:`uavcover.verification.command.read_log`.
+Our own ``.csv`` and ``.rrd`` are read by :func:`uavcover.verification.run_logs.read_log`.
 """
 
 import datetime

@@ -8,16 +8,15 @@ import dataclasses
 import hashlib
 import io
 import json
-import shutil
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from uavcover.extras.large_areas.part_search import PartTask
+from uavcover.extras.large_areas.planner import RunTasks
 from uavcover.kernels.arrays import FloatArray
-from uavcover.planner.parts.part_search import PartTask
-from uavcover.planner.parts.planner import RunTasks
 from uavcover.run.file_group import remove_half_written, write_file
 from uavcover.run.program import program
 from uavcover.scenario.scenario_file import dump_scenario
@@ -61,10 +60,6 @@ class KeptParts:
                 yield task, route_m
 
         return run
-
-    def forget(self) -> None:
-        """Remove them all."""
-        shutil.rmtree(self.path, ignore_errors=True)
 
 
 def _name(task: PartTask, of_site: str) -> str:

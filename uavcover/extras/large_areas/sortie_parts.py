@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 
+from uavcover.extras.large_areas.sectors import Sector, Swath, rays_rad
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import leg_time
 from uavcover.kernels.way_cost import battery_s, flight_s, route_cost
@@ -18,7 +19,6 @@ from uavcover.missions.flight_costs import straight_flight_costs
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.missions.way_cost import way_cost_of
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
-from uavcover.planner.parts.sectors import Sector, Swath, rays_rad
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site

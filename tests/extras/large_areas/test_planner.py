@@ -10,17 +10,17 @@ import shapely
 
 from tests.planner.sites import hills, make_site
 from uavcover.errors import InputError
-from uavcover.model.route import Plan, Route
-from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
-from uavcover.planner.baselines.swaths import fly_layout
-from uavcover.planner.parts.part_search import PartCells, search_part
-from uavcover.planner.parts.planner import (
+from uavcover.extras.large_areas.part_search import PartCells, search_part
+from uavcover.extras.large_areas.planner import (
     RunTasks,
     part_count,
     plan_by_parts,
     search_parts_with,
     tasks_of,
 )
+from uavcover.model.route import Plan, Route
+from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
+from uavcover.planner.baselines.swaths import fly_layout
 from uavcover.planner.plan_search import SearchRequest, plan
 from uavcover.planner.search.optimizer_search import Effort, SearchRun
 from uavcover.planner.search.starts import best_starts
@@ -104,7 +104,7 @@ def test_a_large_area_that_is_judged_block_by_block_gives_the_same_plan(monkeypa
 
 
 def test_the_tuned_boustrophedon_of_a_larger_area_is_found_on_a_sample(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("uavcover.planner.parts.planner._MOST_COMPARED_CELLS", 400)
+    monkeypatch.setattr("uavcover.extras.large_areas.planner._MOST_COMPARED_CELLS", 400)
     site = large()
     plain, tuned = planned(site, plain_lines).baselines
     assert (plain.origin, tuned.origin) == ("boustrophedon", "boustrophedon-tuned")
@@ -138,7 +138,7 @@ def test_a_short_search_in_a_part_is_never_worse_than_its_beginning(monkeypatch:
         begun.append(start)
         others[-1].found(there_and_back)
 
-    monkeypatch.setattr("uavcover.planner.parts.part_search.search_goal", makes_it_longer)
+    monkeypatch.setattr("uavcover.extras.large_areas.part_search.search_goal", makes_it_longer)
     site = large()
     task = tasks_of(site, [site.area], None, 0.5, round_number=0, seed=1, evaluations=1, budget_s=None)[0]
     found = search_part(site, task, now=lambda: 0.0, should_stop=lambda: False)

@@ -6,15 +6,15 @@ import pytest
 import shapely
 
 from tests.planner.sites import flat, hills, make_site
+from uavcover.extras.large_areas import planner
+from uavcover.extras.large_areas.part_search import PartTask, search_part
+from uavcover.extras.large_areas.planner import plan_by_parts
+from uavcover.extras.large_areas.sortie_parts import FEWEST, may_have_sorties, sortie_parts
 from uavcover.missions.flight_costs import mission_cost
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planner.baselines.swaths import fly_layout
-from uavcover.planner.parts import planner
-from uavcover.planner.parts.part_search import PartTask, search_part
-from uavcover.planner.parts.planner import plan_by_parts
-from uavcover.planner.parts.sortie_parts import FEWEST, may_have_sorties, sortie_parts
 from uavcover.planner.search.optimizer_search import Effort, SearchRun
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, sampling_map

@@ -9,6 +9,9 @@ import numpy as np
 import shapely
 
 from uavcover.errors import InputError
+from uavcover.extras.large_areas.part_search import Neighbour, PartTask, search_part
+from uavcover.extras.large_areas.slices import Slice, sliced
+from uavcover.extras.large_areas.sortie_parts import SortiePart, may_have_sorties, sortie_parts
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.sight import horizontal_reach
 from uavcover.kernels.way_cost import ENERGY
@@ -19,26 +22,22 @@ from uavcover.model.scenario import PlannerSettings
 from uavcover.planner.baselines.boustrophedon import (
     BOUSTROPHEDON,
     Baseline,
-    best_height_agl_m,
     fewest_lines,
     plain_boustrophedon,
 )
 from uavcover.planner.baselines.swaths import fly_layout
 from uavcover.planner.budget import SHARES
+from uavcover.planner.division import divide, flight_work
 from uavcover.planner.final_choice import choose
 from uavcover.planner.front import NamedRoute, judge_members
 from uavcover.planner.joining import in_good_order, joined
-from uavcover.planner.parts.division import FlightWork, divide
-from uavcover.planner.parts.part_search import Neighbour, PartTask, search_part
-from uavcover.planner.parts.slices import Slice, sliced
-from uavcover.planner.parts.sortie_parts import SortiePart, may_have_sorties, sortie_parts
 from uavcover.planner.search.optimizer_search import SearchProgress, SearchRun
 from uavcover.planner.selection_rule import parse_rule
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import Piece
 from uavcover.sensing.block_map import RunBlocks, judge_by_blocks, look_at_all, one_after_the_other
 from uavcover.sensing.coverage_map import CoverageMap, judging_map, sampling_map
-from uavcover.sensing.sensors import reach_at_height_m, sight_of
+from uavcover.sensing.sensors import sight_of
 
 RunTasks = Callable[[Site, Sequence[PartTask]], Iterator[tuple[PartTask, FloatArray]]]
 """Search in parts of a site: each task with the waypoints of its route, in any order."""
@@ -72,16 +71,6 @@ def part_count(site: Site) -> int:
     """Number of parts for "auto", by the number of cells; 1 where the area is small."""
     cells = site.area.area / site.scenario.area.cell_size_m**2
     return 1 if cells <= _ONE_SEARCH_CELLS else max(2, math.ceil(cells / _PART_CELLS))
-
-
-def flight_work(site: Site) -> FlightWork:
-    """Flight work over a site, for its division."""
-    scenario = site.scenario
-    reach_m = reach_at_height_m(scenario.sensor, best_height_agl_m(site))
-    return FlightWork(
-        swath_m=2.0 * max(reach_m, scenario.area.cell_size_m),
-        home_en=None if site.home_m is None else (float(site.home_m[0]), float(site.home_m[1])),
-    )
 
 
 def most_parts(site: Site) -> int:

@@ -6,12 +6,12 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 import pytest
 
-from tests.planner.parts.test_planner import large, planned
+from tests.extras.large_areas.test_planner import large, planned
 from uavcover.errors import UavcoverError
-from uavcover.planner.kept_parts import KeptParts
-from uavcover.planner.part_workers import search_parts_on
-from uavcover.planner.parts.part_search import PartTask
-from uavcover.planner.parts.planner import RunTasks
+from uavcover.extras.large_areas.divided_plan import search_parts_on
+from uavcover.extras.large_areas.kept_parts import KeptParts
+from uavcover.extras.large_areas.part_search import PartTask
+from uavcover.extras.large_areas.planner import RunTasks
 from uavcover.scenario.site import Site
 
 
@@ -160,8 +160,6 @@ def test_the_plan_of_workers_that_lose_tasks_is_that_of_one_process(tmp_path) ->
     assert np.array_equal(resumed.chosen.route.waypoints_m, alone.chosen.route.waypoints_m)
     assert resumed.chosen.metrics == alone.chosen.metrics
     assert [member.metrics for member in resumed.members] == [member.metrics for member in alone.members]
-    kept.forget()
-    assert not (tmp_path / "parts").exists()
 
 
 def test_parts_that_the_user_did_not_wait_for_have_a_route(site) -> None:

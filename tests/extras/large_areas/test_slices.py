@@ -7,12 +7,12 @@ import pytest
 import shapely
 
 from tests.planner.sites import hills, make_site
+from uavcover.extras.large_areas.planner import tasks_of
+from uavcover.extras.large_areas.slices import Slice, sliced
 from uavcover.kernels.route import path_length
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.planner.baselines.adaptive_swaths import TIGHT, bend_lines, fly_tight, tight_layouts
 from uavcover.planner.baselines.swaths import long_side_angle_rad
-from uavcover.planner.parts.planner import tasks_of
-from uavcover.planner.parts.slices import Slice, sliced
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 

@@ -3,7 +3,7 @@ import itertools
 import pytest
 import shapely
 
-from uavcover.planner.parts.division import FlightWork, divide
+from uavcover.planner.division import FlightWork, divide
 
 SQUARE = shapely.box(0, 0, 3000, 3000)
 L_WITH_HOLE = shapely.Polygon(
