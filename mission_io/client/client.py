@@ -23,6 +23,7 @@ from mission_io.client.transfer_outcome import (
 )
 from mission_io.clock import Clock
 from mission_io.errors import (
+    CommandRefusedError,
     FormatError,
     MisuseError,
     TransferCancelledError,
@@ -30,8 +31,10 @@ from mission_io.errors import (
     TransferInterrupted,
     TransferSilentError,
     VehicleHolds,
+    VehicleSilentError,
 )
 from mission_io.links.opening import Link
+from mission_io.model.enums import AutopilotId
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.clear import Clear, ClearState
 from mission_io.protocol.download import Download, DownloadState
@@ -39,10 +42,11 @@ from mission_io.protocol.exchange import Address
 from mission_io.protocol.mission_control import ItemProgress
 from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.tables import UploadState
+from mission_io.protocol.terrain import TerrainAnswers
 from mission_io.protocol.timing import Timing
 from mission_io.protocol.tuning import CALLS, TRANSFERS
 from mission_io.protocol.upload import Upload
-from mission_io.wire.messages import CommandAck, Message, MissionCurrent, ParamValue, Received
+from mission_io.wire.messages import CommandAck, Message, MissionCurrent, ParamValue, Received, TerrainRequest
 
 MessageT = TypeVar("MessageT", bound=Message)
 _log = logging.getLogger(__name__)
@@ -397,3 +401,19 @@ class Client(Connection):
             raise MisuseError(f"{two_in_one(self.vehicle, self.impostor)}; nothing was sent")
         if self.vehicle.armed and not in_flight:
             raise MisuseError(f"vehicle {self.vehicle.system_id} is armed; {what} only when in_flight is said")
+
+
+def answer_terrain_requests(client: Client, answers: TerrainAnswers) -> None:
+    """Answer the vehicle's requests from now on, and have it send them.
+
+    ArduPilot sends TERRAIN_REQUEST only on links that have asked for that message, or for the stream it belongs to. A vehicle
+    without terrain refuses, which is no error: it has no requests either.
+    """
+    if answers not in client.services:
+        client.services.append(answers)
+    if client.vehicle.mav_autopilot != AutopilotId.ARDUPILOT:
+        return
+    try:
+        client.request_message_interval(TerrainRequest, CALLS.terrain_every_s, timeout_s=CALLS.terrain_answer_s)
+    except (CommandRefusedError, VehicleSilentError) as error:
+        _log.info("the vehicle may not ask for terrain heights: %s", error)

@@ -23,8 +23,7 @@ from mission_io.autopilots.terrain_grid import (
     places_of_block,
     wrapped_deg,
 )
-from mission_io.client.client import Client
-from mission_io.client.terrain import answer_terrain_requests
+from mission_io.client.client import Client, answer_terrain_requests
 from mission_io.model.places import EQUATOR_M_PER_DEG
 from mission_io.protocol.terrain import TerrainAnswers, TerrainCounts
 from uavcover.errors import InputError, OutputError, TerrainError

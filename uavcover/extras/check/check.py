@@ -20,8 +20,15 @@ from uavcover.extras.check.item_values import impossible_numbers, value_findings
 from uavcover.extras.check.limits import FenceSource, Limits, Surroundings, local_fence
 from uavcover.extras.check.obstacle_checks import obstacle_findings, with_obstacles
 from uavcover.extras.check.places import Doubt, Heights, believed, places_of
-from uavcover.extras.check.return_checks import OwnReturn, return_findings
-from uavcover.extras.check.return_lines import Lines, cut, lowest_of, places_along, with_gaps
+from uavcover.extras.check.return_checks import (
+    Lines,
+    OwnReturn,
+    cut,
+    lowest_of,
+    places_along,
+    return_findings,
+    with_gaps,
+)
 from uavcover.extras.check.segments import FlownPath
 from uavcover.extras.check.tuning import CHECKS, WORLD
 from uavcover.extras.check.turns import in_turns, turns_of
