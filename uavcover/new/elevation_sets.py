@@ -1,16 +1,15 @@
 """Free elevation data: which tiles of which sets an area needs, by name, and which of them a folder has. Nothing is fetched."""
 
 import math
-import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import shapely
 
+from mission_io.data_tables import read_document
 from mission_io.model.places import M_PER_DEG
 from uavcover.errors import InputError
 from uavcover.model.area import Rings
@@ -109,8 +108,7 @@ class NeededTiles:
 
 @cache
 def _table() -> tuple[tuple[ElevationSet, ...], tuple[NationalSource, ...]]:
-    text = (resources.files("uavcover") / "data" / "elevation_data.toml").read_text(encoding="utf-8")
-    table = tomllib.loads(text)
+    table = read_document("uavcover/data/elevation_data.toml")
     sets = tuple(ElevationSet(**{**row, "files": tuple(row["files"])}) for row in table["set"])
     return sets, tuple(NationalSource(row["title"], tuple(row["box"]), row["address"]) for row in table["national"])
 

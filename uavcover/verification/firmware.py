@@ -5,14 +5,11 @@ AUTOPILOT_VERSION that a ground station received. A track of ours has its teleme
 """
 
 import re
-import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import UTC, date, datetime, time
-from functools import cache
-from importlib import resources
+from datetime import UTC, datetime, time
 from pathlib import Path
 
+from mission_io.data_tables import read_document
 from uavcover.verification.tuning import CLOCK
 
 _ARDUPILOT = re.compile(rb"Ardu(?:Copter|Plane|Rover|Sub) V(\d+)\.(\d+)\.\d+(-?[a-z]*)")
@@ -48,14 +45,8 @@ class Firmware:
     def released_s(self) -> float | None:
         """Release date of the firmware in seconds since 1970: no earlier flight is possible. None where it is not known."""
         minor = self.minor if self.official else self.minor - CLOCK.unreleased_versions
-        released = _releases()[self.autopilot].get(f"{self.major}.{minor}")
+        released = read_document("uavcover/data/firmware_releases.toml")[self.autopilot].get(f"{self.major}.{minor}")
         return None if released is None else datetime.combine(released, time(), UTC).timestamp()
-
-
-@cache
-def _releases() -> Mapping[str, Mapping[str, date]]:
-    text = (resources.files("uavcover") / "data" / "firmware_releases.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
 
 
 def firmware_of(log: Path) -> Firmware | None:
