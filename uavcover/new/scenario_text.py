@@ -114,7 +114,7 @@ def name_of(text: str) -> str:
 
 
 def _line(key: str, value: object, reason: str) -> str:
-    """One line of the file; ``_NOTHING``, which goes with its line, for no value."""
+    """One line of the file; for no value ``_NOTHING``, whose line is removed."""
     if value is None:
         return _NOTHING[:-1]
     return f"{f'{key} = {_toml(value)}':{_COMMENT_AT}} # {plain_text(reason)}"

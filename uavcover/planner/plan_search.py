@@ -73,7 +73,7 @@ class Division:
 
 
 class LargeAreas(Protocol):
-    """What an entry of the group ``uavcover.large_areas`` provides."""
+    """Interface of an entry of the group ``uavcover.large_areas``."""
 
     def divided(self, site: Site, settings: PlannerSettings, request: SearchRequest) -> Division:
         """The requested division, within the memory limit."""

@@ -1,4 +1,4 @@
-"""What the map shows of a scenario or a run folder: shapes in longitude and latitude, layers of cells as images.
+"""Content of the map for a scenario or a run folder: shapes in longitude and latitude, layers of cells as images.
 
 A scenario without a position on Earth is drawn around latitude 0, longitude 0; the page says so.
 """
@@ -35,7 +35,8 @@ from uavcover.report.map_data import gap_data, layer_data, rings_of, zone_data
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import Site, area_as_drawn, load_site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.terrain_source import TerrainSource
 
 _DEGREE_M = 111_319.49
@@ -261,7 +262,7 @@ def verdict_document(scene: Scene, content: ReportContent) -> dict[str, Any]:
 
 
 def route_check(scene: Scene, waypoints: Sequence[Sequence[float]]) -> dict[str, Any]:
-    """Which legs of an edited route break which limit, by the same checks as the plan's; its height profile.
+    """The legs of an edited route that break a limit, by the same checks as for a plan, and its height profile.
 
     Raises:
         InputError: the waypoints cannot be read.
@@ -280,7 +281,7 @@ def route_check(scene: Scene, waypoints: Sequence[Sequence[float]]) -> dict[str,
 
 
 def route_coverage(scene: Scene, waypoints: Sequence[Sequence[float]]) -> dict[str, Any]:
-    """What an edited route sees, as a share and as an image."""
+    """Coverage of an edited route, as a share and as an image."""
     seen = scene.coverage.seen(scene.enu(waypoints))
     return {
         "coverage": scene.coverage.share_of_coverable(seen),
