@@ -27,7 +27,7 @@ async function attempt(call) { try { return await call(); } catch (error) { fail
 // ---------------------------------------------------------------- server
 async function refresh() {
   state.server = await api("/api/state");
-  for (const job of state.server.jobs) { const known = state.jobs.get(job.id); state.jobs.set(job.id, { ...job, events: known?.events ?? [], end: known?.end ?? 0 }); }
+  for (const job of state.server.jobs) { const known = state.jobs.get(job.id); if (!known) state.jobs.set(job.id, { ...job, events: [], end: 0 }); } // news of known ones come by the socket
 }
 
 let socket = null, wait = 500;
@@ -463,7 +463,7 @@ map.ready.then(() => {
   const up = () => { if (!dragged) return; if (state.edit) { state.edit.past.push(dragged.before); state.edit.future = []; drawPanel(); checkEdit(); } dragged = null; };
   canvas.on("mousedown", "waypoints", down); canvas.on("touchstart", "waypoints", down);
   canvas.on("mousemove", move); canvas.on("touchmove", move);
-  canvas.on("mouseup", up); canvas.on("touchend", up);
+  for (const end of ["mouseup", "touchend", "touchcancel"]) window.addEventListener(end, up); // also outside of the map
   for (const layer of ["zones-fill", "unsafe"]) canvas.on("click", layer, (event) => say(Object.values(event.features[0].properties).join(": ")));
 });
 document.addEventListener("keydown", (event) => {
