@@ -9,7 +9,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Self, TextIO
@@ -25,7 +25,7 @@ from uavcover.errors import OutputError
 from uavcover.run.folder import json_line
 
 _SHOW_AFTER_S = 2.0
-_STATUS_EVERY_S, _LINE_EVERY_S, _EVENT_EVERY_S = 30.0, 60.0, 0.2
+_STATUS_EVERY_S, _LINE_EVERY_S, _EVENT_EVERY_S, _DRAWN_EVERY_S = 30.0, 60.0, 0.2, 1.0
 _BAR_WIDTH = 24
 """So that a note of 36 characters fits beside it into 80."""
 
@@ -145,9 +145,9 @@ class Console:
 
 
 class EventConsole(Console):
-    """Writes messages and progress as JSON lines to stderr: objects with ``say``, ``warn``, ``next``, ``progress`` or ``status``.
+    """Writes messages and progress as JSON lines to stderr.
 
-    Progress is written five times a second at most. Docs: docs/reference/commands.md, ``--events``.
+    Each is an object with ``say``, ``warn``, ``next`` (commands), ``progress``, ``route`` (places) or ``status``.
     """
 
     def say(self, line: str = "") -> None:
@@ -212,6 +212,9 @@ class Bar:
         """Show ``done`` of ``total``."""
         self.update(done, total=total)
 
+    def draw(self, lon_lat_deg: Callable[[], Sequence[Sequence[float]]]) -> None:
+        """Draw nothing: there is no map."""
+
     def status(self, line: str, *, at_s: float) -> None:
         """Show this line, or the bar when it is empty; piped output gets one every 30 s."""
         if self._progress is not None and self._task is not None:
@@ -229,7 +232,7 @@ class _EventBar(Bar):
     ) -> None:
         super().__init__(None, None, console, what=what, total=total, clock=clock)
         self._events = console
-        self._written_s = -math.inf
+        self._written_s = self._drawn_s = -math.inf
         self.update(0.0)
 
     def update(self, done: float, *, total: float | None = None, note: str = "") -> None:
@@ -239,6 +242,12 @@ class _EventBar(Bar):
             self._written_s = self._clock()
             progress = {"what": self._what, "done": done, "total": self._total, "note": note}
             self._events.write_event({"progress": progress})
+
+    def draw(self, lon_lat_deg: Callable[[], Sequence[Sequence[float]]]) -> None:
+        """Write the places of a route, once a second at most."""
+        if self._clock() >= self._drawn_s + _DRAWN_EVERY_S:
+            self._drawn_s = self._clock()
+            self._events.write_event({"route": [[round(value, 7) for value in place] for place in lon_lat_deg()]})
 
     def status(self, line: str, *, at_s: float) -> None:
         """Write the vehicle's status."""

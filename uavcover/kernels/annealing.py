@@ -162,9 +162,9 @@ def _exchange(
     de, dn = step * rng.standard_normal(), step * rng.standard_normal()
     du = 0.5 * step * rng.standard_normal()
     if kind < moved:
-        _put(problem, state, 0, first, de, dn, du if kind < moves.move_and_height else 0.0)
+        _put(problem, state, first, first, de, dn, du if kind < moves.move_and_height else 0.0)
     elif kind < lifted:
-        _put(problem, state, 0, first, 0.0, 0.0, du)
+        _put(problem, state, first, first, 0.0, 0.0, du)
     elif kind < shifted:  # a stretch sideways, up or down
         fresh = min(n - first, 1 + int(rng.random() * WIDEST))
         last = first + fresh
@@ -173,7 +173,7 @@ def _exchange(
         else:
             de, dn = 0.0, 0.0
         for k in range(fresh):
-            _put(problem, state, k, first + k, de, dn, du)
+            _put(problem, state, first, first + k, de, dn, du)
     elif kind < shifted + moves.insert:
         if n >= schedule.most:
             return False
@@ -209,8 +209,9 @@ def _settle(
 
 
 @kernel
-def _put(problem: SearchProblem, state: RouteState, k: int, waypoint: int, de: float, dn: float, du: float) -> None:
-    """Write into fresh[k] a waypoint moved on the map at the same height above ground, raised by ``du``."""
+def _put(problem: SearchProblem, state: RouteState, first: int, waypoint: int, de: float, dn: float, du: float) -> None:
+    """Write a waypoint, moved on the map at the same height above ground and raised by ``du``, into fresh[waypoint - first]."""
+    k = waypoint - first
     e, n, u = place(state.route, waypoint)
     if de != 0.0 or dn != 0.0:
         u = up_above(problem.surface, e + de, n + dn, height_above(problem.surface, e, n, u))
@@ -286,12 +287,14 @@ def _transfer(
     if n < 3:
         return False
     at = int(rng.random() * n)
+    after = at + 1
+    one = after - at  # computed: numba compiles a version of all that it calls for each number that it reads
     if step > 0.0:
         if not _near_a_gap(problem, state, step * rng.standard_normal(), step * rng.standard_normal(), rng):
             return False
         if not allowed_place(problem, place(state.fresh, 0)):
             return False
-        if problem.apart_m > 0.0 and not keep_apart(problem, state, at, at + 1, 1):
+        if problem.apart_m > 0.0 and not keep_apart(problem, state, at, after, one):
             return False
     else:
         state.fresh[0, 0], state.fresh[0, 1], state.fresh[0, 2] = place(state.route, at)
@@ -299,12 +302,12 @@ def _transfer(
     change = prices.way * transfer_cost(problem, state, at, to)
     if step > 0.0:
         share = energy_of_share(prices, state.seen[0])
-        gained, new = try_exchange(problem, state, at, at + 1, 1)
+        gained, new = try_exchange(problem, state, at, after, one)
         if new < 0:
             return False
         if change + energy_of_share(prices, state.seen[0] + gained) - share > allowance:
             return False
-        keep_exchange(problem, state, at, at + 1, 1, new, gained)
+        keep_exchange(problem, state, at, after, one, new, gained)
     elif to in (at, at + 1) or change > allowance:
         return False
     transfer(state, at, to - 1 if to > at else to)

@@ -27,7 +27,7 @@ def take_out(problem: SearchProblem, state: RouteState, fewest: int, least_seen:
     before = state.size[0]
     for k in range(before - 1, -1, -1):
         if state.size[0] > fewest:
-            _exchange(problem, state, k, k + 1, 0, least_seen, most_lost)
+            _exchange(problem, state, k, k + 1, least_seen, most_lost)
     return int(before - state.size[0])
 
 
@@ -40,15 +40,19 @@ def merge(problem: SearchProblem, state: RouteState, fewest: int, least_seen: fl
             pe, pn, pu = place(state.route, k)
             qe, qn, qu = place(state.route, k + 1)
             state.fresh[0, 0], state.fresh[0, 1], state.fresh[0, 2] = 0.5 * (pe + qe), 0.5 * (pn + qn), 0.5 * (pu + qu)
-            _exchange(problem, state, k, k + 2, 1, least_seen, most_lost)
+            _exchange(problem, state, k, k + 2, least_seen, most_lost)
     return int(before - state.size[0])
 
 
 @kernel
 def _exchange(
-    problem: SearchProblem, state: RouteState, first: int, last: int, fresh: int, least_seen: float, most_lost: float
+    problem: SearchProblem, state: RouteState, first: int, last: int, least_seen: float, most_lost: float
 ) -> bool:
-    """Replace waypoints first..last - 1 by the first ``fresh`` of state.fresh; whether it was worth it."""
+    """Replace waypoints first..last - 1 by one fewer of state.fresh; whether it was worth it.
+
+    Their number is computed, because numba compiles a version of all that it calls for each number that it reads.
+    """
+    fresh = last - first - 1
     if exchange_cost(problem, state, first, last, fresh) > 0.0 or not exchange_allowed(
         problem, state, first, last, fresh
     ):

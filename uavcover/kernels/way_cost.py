@@ -152,7 +152,8 @@ def stretch_cost(surface: Surface, way: WayCost, stretch: NDArray[np.float64], b
 @kernel
 def route_cost(surface: Surface, way: WayCost, route: NDArray[np.float64]) -> float:
     """Of a whole (n, 3) route; of the mission that flies it, where the cost is that of the mission."""
-    return stretch_cost(surface, way, route, True, True)
+    whole = route.shape[0] >= 0  # true: numba compiles a version of its own for a value that it reads
+    return stretch_cost(surface, way, route, whole, whole)
 
 
 class FlightEnergies(NamedTuple):

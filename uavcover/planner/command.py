@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+import numpy as np
+
 from uavcover.errors import INTERRUPTED, InfeasibleError, InputError
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.mission_compiler import CompiledMission
@@ -240,6 +242,9 @@ def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Progress
         furthest = max(furthest, done)  # one bar from the start to the end, across all stages of the search
         total = progress.total if budget_s is None else budget_s
         bar.update(furthest, total=total, note=progress_in_words(progress, unit, least_m))
+        if site.frame is not None and (route := progress.incumbent) is not None:
+            frame = site.frame
+            bar.draw(lambda: np.column_stack(frame.geodetic_from_enu(route.waypoints_m)[1::-1]).tolist())
 
     return plan_and_site(site, request, should_stop=stops.any, on_progress=show, kept=kept)
 

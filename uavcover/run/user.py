@@ -6,7 +6,7 @@ The workflows of :mod:`uavcover.run` talk to a :class:`User`. On the command lin
 
 import logging
 import shlex
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from typing import Protocol
 
@@ -25,6 +25,10 @@ class ProgressBar(Protocol):
 
     def count(self, done: int, total: int) -> None:
         """Show ``done`` of ``total``."""
+        ...
+
+    def draw(self, lon_lat_deg: Callable[[], Sequence[Sequence[float]]]) -> None:
+        """Draw a route on a map, where there is one; its (n, 2) places are computed only then."""
         ...
 
     def status(self, line: str, *, at_s: float) -> None:
@@ -133,6 +137,9 @@ class _NoBar:
 
     def count(self, done: int, total: int) -> None:
         """Show nothing."""
+
+    def draw(self, lon_lat_deg: Callable[[], Sequence[Sequence[float]]]) -> None:
+        """Draw nothing."""
 
     def status(self, line: str, *, at_s: float) -> None:
         """Show nothing."""

@@ -19,7 +19,7 @@ from uavcover.extras.app.server import Server
 from uavcover.extras.app.workspace import Workspace
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
-WATCHDOG_S = 60.0
+WATCHDOG_S = 300.0
 
 
 @dataclass

@@ -188,3 +188,16 @@ def test_browsers_get_what_they_lack(served: Client, flown: Path) -> None:
                 pass
             assert message["from"] == begin
             assert len(message["samples"]) > 200
+
+
+def test_the_incumbent_is_drawn_while_it_is_searched_for(capfd: pytest.CaptureFixture[str]) -> None:
+    from uavcover.cli.console import EventConsole
+
+    with EventConsole().progress("planning", 4) as bar:
+        bar.draw(lambda: [[8.123456789, 47.0], [8.2, 47.1]])
+        bar.draw(lambda: pytest.fail("once a second is enough"))
+        bar.update(1.0)
+        bar.update(4.0, note="done")
+    events = [json.loads(line) for line in capfd.readouterr().err.splitlines()]
+    assert {"route": [[8.1234568, 47.0], [8.2, 47.1]]} in events
+    assert events[-1] == {"progress": {"what": "planning", "done": 4.0, "total": 4, "note": "done"}}

@@ -1,7 +1,7 @@
 """One table of what all vehicles of a fleet do, and the user as each of them sees it."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 
@@ -159,6 +159,9 @@ class _Cells:
     def count(self, done: int, total: int) -> None:
         """Show ``done`` of ``total``."""
         self.update(done, total=total)
+
+    def draw(self, lon_lat_deg: Callable[[], Sequence[Sequence[float]]]) -> None:
+        """Nothing: there is no map."""
 
     def status(self, line: str, *, at_s: float) -> None:
         """Nothing: the table of all vehicles shows it."""

@@ -253,7 +253,10 @@ class _Progress:
         total = self._effort.evaluations
         if self._effort.budget_s is not None:
             total = max(evaluations, round(evaluations / max(self._pace.fraction, 1e-3)))
-        self._on_progress(SearchProgress(evaluations, total, self._best, self._shortest))
+        enough = [chain for chain in chains if self._asked is not None and chain.seen >= self._asked]
+        best = min(enough, key=lambda chain: chain.problem.cost_of_way(chain.route), default=None)
+        incumbent = (best or max(chains, key=lambda chain: chain.seen)).route
+        self._on_progress(SearchProgress(evaluations, total, self._best, self._shortest, incumbent))
 
 
 # Lines that turn just before a photo by distance is due: where it shows enough for its way, the turn waits for it.

@@ -44,12 +44,14 @@ class SearchProgress:
         best_coverage: largest share of the planner's cells that a feasible route sees.
         least_cost: of the feasible routes that reach the required coverage, in the unit of the objective; none yet or none
             required.
+        incumbent: the best route so far; none where it is not known.
     """
 
     evaluations: int
     total: int
     best_coverage: float
     least_cost: float | None
+    incumbent: Route | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
