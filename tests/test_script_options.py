@@ -37,7 +37,7 @@ BAD = {
     "docs/measure_architecture --root {empty}": "--root {empty}: no pyproject.toml in it; name a checkout",
     "attack/mutate_judgement --module zz.py": "--module zz.py: no such file, or none whose tests TESTS at the top of the script",
     "attack/mutate_judgement --survivors": "--survivors needs -o PAGE with its .csv beside it: that has the survivors",
-    "docs/make_pictures {empty}/none.html {empty}": "argument REPORT.html: {empty}/none.html: no such file; name one",
+    "docs/make_pictures {empty} x={empty}/none.html": "argument NAME=FILE: {empty}/none.html: no such file; name one",
     "bench/real_photos {empty}/none": "argument folder: {empty}/none: no such folder; name one that is there",
     "bench/real_photos {empty} -o page.md": "argument folder: {empty}: none of drone_dataset_brighton_beach, dataset_banana, ",
     "bench/real_photos {empty} -o {empty}/x/page.md": "argument -o/--out: {empty}/x/page.md: its folder is not there; make it",

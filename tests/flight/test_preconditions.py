@@ -261,6 +261,4 @@ def test_a_vehicle_that_does_not_listen_any_more_is_told():
         scene.vehicle.parameters.put("MAV_OPTIONS", 1)
 
     flown(scene, turn_away, at=0)
-    assert (
-        len([text for text in scene.told(EventKind.WARNING) if "did not answer 8 consecutive requests" in text]) == 1
-    )
+    assert len([text for text in scene.told(EventKind.WARNING) if "did not answer 8 consecutive requests" in text]) == 1

@@ -77,7 +77,7 @@ def obstacle_findings(path: FlownPath, world: World, around: Surroundings) -> li
         found.append(
             CheckFinding(
                 kind="obstacle", weight="breaks", items=segment.items, by=short_m,
-                unit="m", what=f"{words}, the least is {clearance_m:g} m",
+                unit="m", what=f"{words}, the limit is {clearance_m:g} m",
                 do="fly round it or over it, or allow less with --obstacle-clearance",
             ).at(world.geodetic(place))
         )  # fmt: skip
