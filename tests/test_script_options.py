@@ -31,7 +31,7 @@ BAD = {
     "bench/kinds -o page.md --recompute": "--recompute needs --runs DIR, the folder in which --runs kept the plans",
     "bench/kinds -o docs/results/data/kinds.csv --recompute --runs {empty}": "/plan.json in it; keep the plans with --runs first",
     "bench/kinds --only zz:nadir": "argument --only: zz: not known; choose from ",
-    "bench/kinds -o {empty}/none/page.md": "argument -o/--out: {empty}/none/page.md: its folder is not there; make it first",
+    "bench/kinds -o {empty}/none/page.md": "argument -o/--out: {empty}/none/page.md: its folder is not there; create it first",
     "bench/large --only 1000:zz": "argument --only: 1000:zz: not known; choose from 1000, 1000:1, ",
     "attack/fuzz_formats --engine atheris": "--engine atheris: the package is not here; pip install atheris, or take --engine",
     "docs/measure_architecture --root {empty}": "--root {empty}: no pyproject.toml in it; name a checkout",

@@ -295,7 +295,7 @@ def test_a_coordinate_system_that_the_file_does_not_name(whole, tmp_path, tiles)
         ground_of(TerrainSource(files))
     with pytest.raises(TerrainError, match=r"terrain\.crs: 'EPSG:1' is not a coordinate system; .*--dem-crs"):
         ground_of(TerrainSource(files, crs="EPSG:1"))
-    with pytest.raises(TerrainError, match=r"names its coordinate system itself \(EPSG:32632\); leave terrain\.crs"):
+    with pytest.raises(TerrainError, match=r"names its coordinate system itself \(EPSG:32632\); remove terrain\.crs"):
         ground_of(TerrainSource((whole,), crs="EPSG:32632"))
 
 

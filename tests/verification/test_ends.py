@@ -121,7 +121,7 @@ def test_without_a_limit_of_its_own_the_ceiling_leaves_room_above_the_band() -> 
 def test_positions_under_the_ground_are_named(flight: Flight) -> None:
     enu = flight.track.enu_m - [0.0, 0.0, 14.0]
     report = together(flight, falsified.moved_to(flight.site, flight.track, enu))
-    assert any("under the ground, by up to 14.0 m" in doubt for doubt in report.doubts)
+    assert any("below the ground by up to 14.0 m" in doubt for doubt in report.doubts)
     assert any("begins 14.0 m under the ground" in doubt for doubt in report.doubts)
     assert not report.passed
 

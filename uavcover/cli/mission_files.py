@@ -96,7 +96,7 @@ def text_of(client: Client, lists: Mapping[MissionType, MissionList], out: Path,
     """The text of a file with the downloaded lists, and how many items it has."""
     mission = lists[MissionType.MISSION]
     if not isinstance(mission, Mission):
-        raise InputError("the vehicle's mission is not one")
+        raise InputError("the vehicle's mission is not valid")
     home = mission.home
     if home is None:
         place = client.request_message(HomePosition)
@@ -104,7 +104,7 @@ def text_of(client: Client, lists: Mapping[MissionType, MissionList], out: Path,
     mission = Mission(home, mission.items)
     fence, rally = lists.get(MissionType.FENCE, Fence()), lists.get(MissionType.RALLY, RallyPoints())
     if not isinstance(fence, Fence) or not isinstance(rally, RallyPoints):
-        raise InputError("the vehicle's fence or rally points are not what they should be")
+        raise InputError("the vehicle's fence or rally points differ from the uploaded lists")
     if out.suffix == ".plan":
         kept = mission if kind in {"mission", "all"} else Mission(home, ())
         items = len(kept.items) + len(items_from_fence(fence)) + len(items_from_rally(rally))

@@ -88,10 +88,10 @@ def _say_end(console: Console, run: RunFolder, plan: dict[str, Any], verdict: di
     console.say(
         f"{verdict['verdict'] if verdict['passed'] else verdict['verdict'].upper()} in {wall_s:.0f} s. Open next:"
     )
-    console.say(f"  {run.file(REPORT_FILE)}           map, 3D view, heights, coverage; opens in any browser")
+    console.say(f"  {run.file(REPORT_FILE)}           map, 3D view, heights and coverage, for any browser")
     console.say(f"  {to_paste('inspect', run)}              the flight in 3D ({run.file('flight.rrd')})")
     console.say(f"  {run.file('mission.waypoints')}     for Mission Planner; mission.plan for QGroundControl")
-    console.say(f"  {run.file('verification.json')}     coverage, clearance and gaps of what was flown")
+    console.say(f"  {run.file('verification.json')}     coverage, clearance and gaps of the flight")
 
 
 @contextmanager

@@ -327,14 +327,14 @@ class Follower:
                 self._told_to_wait = True
                 session.tell(
                     EventKind.STOP,
-                    f"{why}: it is commanded to return as soon as it reports its mission; once more ends the record",
+                    f"{why}: it is commanded to return as soon as it reports its mission; repeat to end the record",
                 )
             return
         self._record_goes_on, self._stops_before = True, stops
         session.tell(
             EventKind.STOP,
-            "another party controls the vehicle, so no command is sent; recording continues until it is on the ground; once "
-            "more ends the record",
+            "another party controls the vehicle, so no command is sent; recording continues until it is on "
+            "the ground; repeat to end the record",
         )
 
     def _pause_or_go_on(self) -> None:

@@ -98,7 +98,7 @@ def open_elevation_data(data: ElevationData, *, around: Bounds | None = None) ->
         return source, fitting[0]
     wanted = datum_named(data.vertical_datum)
     if wanted not in fitting and not (wanted == ELLIPSOID and len(fitting) > 1):
-        raise InputError(f"--vertical-datum: {wanted}, but {source} says {fitting[0]}; leave the option out")
+        raise InputError(f"--vertical-datum: {wanted}, but {source} says {fitting[0]}; omit the option")
     return source, wanted
 
 

@@ -170,7 +170,7 @@ class FrameCamera:
         )
         require(
             self.heading_deg is not None or self.sensing == "along-path",
-            'heading_deg: is needed with sensing = "at-waypoints", where no leg gives the photo its heading',
+            'heading_deg: is needed with sensing = "at-waypoints", because no leg defines the heading of the photo',
         )
         self._require_overlaps()
 

@@ -172,7 +172,7 @@ def commands_after_gaps(run: RunFolder, request: GapRequest) -> list[str]:
         upload = to_paste("upload", run.file("gap_mission.waypoints"), "--to", "URL", "--in-flight")
         commands = [
             f"{resume}  # from wherever the vehicle holds in the air",
-            f"{upload}  # or by a ground station, started at its first item: begins where the last log ends",
+            f"{upload}  # or with a ground station, from its first item: starts where the last log ends",
             f"{commands[0]}  # or from home, if the vehicle has landed",
             commands[1],
         ]

@@ -119,7 +119,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         planner = dataclasses.replace(site.scenario.planner, rally=request.rally)
         site = dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, planner=planner))
     if request.autopilot is not None and site.scenario.vehicles:
-        raise InputError("--autopilot: each [[vehicle]] has its own; leave it out")
+        raise InputError("--autopilot: each [[vehicle]] has its own; omit it")
     for own in part_sites(site) if groups_of(site.scenario) else vehicle_sites(site):
         check_site(own)
     check_site(site)

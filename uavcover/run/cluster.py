@@ -124,7 +124,7 @@ class DaskWorkers:
                 f"memory?); {_GOES_ON}"
             ) from error
         except (CancelledError, asyncio.CancelledError, CommClosedError, OSError) as error:
-            raise UavcoverError(f"{self._where}: the scheduler is gone; {_GOES_ON}") from error
+            raise UavcoverError(f"{self._where}: the scheduler stopped; {_GOES_ON}") from error
         finally:
             if pending and self._client.status == "running":
                 self._client.cancel(list(pending), force=True)

@@ -220,7 +220,7 @@ def refuse_misfit(ground: Ground, surface: Ground, *, bounds_m: Bounds, alt_amsl
     """
     if ground.sha256 and ground.sha256 == surface.sha256:
         raise TerrainError(
-            "terrain.surface_file: is the file of terrain.file again; give the one with trees and roofs, or leave it out"
+            "terrain.surface_file: is the same file as terrain.file; give the one with trees and roofs, or omit it"
         )
     places = _scattered(bounds_m)
     ground_m, surface_m = ground.heights_m(places), surface.heights_m(places)

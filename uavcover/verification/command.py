@@ -89,7 +89,7 @@ def _of_its_standing(path: Path) -> list[str]:
         return []
     match provenance.settled_ending(RunFolder(path.parent)):
         case provenance.FLYING:
-            return [f"{path}: this flight still goes on; later observations are not in the track yet"]
+            return [f"{path}: this flight is still in progress; later observations are not in the track yet"]
         case provenance.INTERRUPTED:
             return [
                 f"{path}: this flight was interrupted: the program that followed it ended first; continue with fly --resume"
@@ -320,7 +320,7 @@ def judge_run(
     sites = [site_for(path, run, site) for path in paths]
     if evidence.photos_required and not any(looks_singly(each.scenario) for each in sites):
         raise InputError(
-            f"--require-photos: the sensor of {run} takes no single photos (sensing {site.scenario.sensor.sensing}); leave it out"
+            f"--require-photos: the sensor of {run} does not take single photos (sensing {site.scenario.sensor.sensing}); omit it"
         )
     if any(provenance.photos_required(RunFolder(folder)) for folder in {run.path, *(path.parent for path in paths)}):
         evidence = replace(evidence, photos_required=True)

@@ -176,7 +176,7 @@ def test_bad_text(tmp_path, source, words):
         ({"feature": "nort"}, "did you mean 'north'?"),
         ({"feature": "zzz"}, "there are: north"),
         ({"feature": "2"}, "has no feature 2; there are 1"),
-        ({"layer": "a"}, "nothing in it has a name"),
+        ({"layer": "a"}, "no feature has a name"),
         ({"crs": "EPSG:none"}, "--crs: 'EPSG:none' is not a coordinate system; write it as EPSG:32632"),
         ({"crs": "EPSG:2056"}, "square metres; are its numbers in another coordinate system?"),
         ({"crs": "EPSG:5773"}, "not a system of positions on Earth"),

@@ -138,7 +138,8 @@ class AroundOptions:
         typer.Option("--rally", help="Rally points (.plan, .waypoints); default: those in the .plan.", metavar="FILE"),
     ] = None
     no_fly: Annotated[
-        list[str] | None, typer.Option("--no-fly", help="No-fly zones, as for new. Can be repeated.", metavar="FILE")
+        list[str] | None,
+        typer.Option("--no-fly", help="No-fly zones (same formats as uavcover new). Can be repeated.", metavar="FILE"),
     ] = None
     at: At = None
     obstacles: Annotated[
@@ -161,7 +162,7 @@ class ViewOptions:
 
     area: Annotated[
         str | None,
-        typer.Option("--area", help="Area to cover, as for new. Requires --camera."),
+        typer.Option("--area", help="Area to cover (same formats as uavcover new). Requires --camera."),
     ] = None
     camera: Annotated[
         str | None,

@@ -52,7 +52,7 @@ def with_obstacles(
         ]
         polygon = shapely.Polygon(rings[0], rings[1:])
         if not polygon.is_valid:
-            raise InputError(f"--obstacles: {name}: {shapely.is_valid_reason(polygon)}; draw it anew")
+            raise InputError(f"--obstacles: {name}: {shapely.is_valid_reason(polygon)}; draw it again")
         if box.intersects(polygon):
             footprints.append(Footprint(name, polygon, one.height_m))
     if not footprints:

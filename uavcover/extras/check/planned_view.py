@@ -138,7 +138,7 @@ def _map(
         [shapely.Polygon(ring(outer), [ring(hole) for hole in holes]) for outer, *holes in parts]
     )
     if not isinstance(outline, shapely.Polygon | shapely.MultiPolygon) or outline.is_empty:
-        raise InputError("--area: has no ground to look at; give polygons")
+        raise InputError("--area: contains no ground; provide polygons")
     away_m = float(shapely.distance(outline, shapely.Point(0.0, 0.0)))
     if away_m > 50_000.0:
         raise InputError(f"--area: lies {away_m / 1000.0:.0f} km from home; are latitude and longitude swapped?")

@@ -34,8 +34,8 @@ from uavcover.verification.verify import flown_coverage
 _LOOK_S = 0.2
 _TABLE_EVERY_S = 60.0
 _FIRST_STOP = (
-    "stopping: all hold, then home along checked legs, one after the other; once more: all hold and are left there; "
-    "a third time: abort at once"
+    "stopping: all vehicles hold, then return along checked legs, one after the other; repeat to "
+    "keep all holding; a third time aborts immediately"
 )
 
 
@@ -126,7 +126,7 @@ def fly_fleet(
                 for line in board.lines(since_s):
                     board.say(line)
         if flight.aborted:
-            user.warn("aborted: the vehicles were left as they are, maybe armed and in the air; take over from here")
+            user.warn("aborted: the vehicles may be armed and in the air; take over now")
         recorded = _record(run, flight, user, command)
     gaps = _close_gaps(run, flight, user, command)
     return _result(run, flight, user, {"recording": recorded, "gaps": gaps})
@@ -163,7 +163,7 @@ def _close_gaps(run: RunFolder, flight: FleetFlight, user: User, command: Sequen
     """The mission of the unobserved cells, where some are left."""
     if not flight.work.left or flight.called_off or flight.aborted:
         return None
-    user.say("what the lost vehicle left is planned as a mission of its own:")
+    user.say("planning a separate mission for the rest of the lost vehicle:")
     try:
         _, document = close_gaps(run, user, GapRequest(force=True), command=command)
     except UavcoverError as error:

@@ -11,8 +11,8 @@ from uavcover.flight.connect import Connected
 
 _LATELY_S = 5.0
 _STAYS_OUT = (
-    "it gets no more sorties: what it did unheard, and its battery, are unknown, and what it had left is given away already; "
-    "look at it, and fly what is left at the end"
+    "it gets no more sorties, because its state is unknown and its sorties are reassigned; check "
+    "it, and fly the rest at the end"
 )
 
 

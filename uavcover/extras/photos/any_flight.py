@@ -187,7 +187,7 @@ def run_of_flight(
             raise InputError(f"{log}: no such file; give a flight log ({', '.join(LOG_ENDINGS)}), or photos")
         if log.with_name("plan.json").exists():
             raise InputError(
-                f"{log}: lies in the folder of its plan; leave --area out: "
+                f"{log}: lies in the folder of its plan; omit --area: "
                 f"{to_paste('verify', log.parent, '--log', log)}, or copy it"
             )
     own = tuple(log for log in evidence.logs if log.suffix.lower() in LOGS_WITH_PICTURES and reports_pictures(log))

@@ -96,8 +96,8 @@ def detection_doubts(detection: Detection, sample_m: FloatArray) -> list[str]:
         return []
     if detection.curve.is_example:
         return [
-            f"the curve {name} is an example, a rule of thumb that was not measured with this camera, observer and ground; give "
-            "one of your own (--detection FILE.toml) before relying on the probability"
+            f"the curve {name} is an example, a rule of thumb that was not measured with this camera, observer "
+            "and ground; provide your own (--detection FILE.toml) before relying on the probability"
         ]
     first_cm, last_cm = 100.0 * table.sample_m[[0, -1]]
     median_cm = 100.0 * float(np.median(known))

@@ -123,7 +123,7 @@ def _refly(
             check_site=lambda _: None,
         )
     except InfeasibleError as error:
-        user.warn(f"no flight for what is missing: {error}")
+        user.warn(f"no flight for the missing photos: {error}")
         return None
     return {"missing_m2": missing_m2, **outcome.document}
 

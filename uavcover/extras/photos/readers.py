@@ -113,7 +113,9 @@ def _by_kind(sources: Sequence[Path]) -> tuple[list[Path], set[Path], list[Path]
             logs.append(source)
         else:
             known = ", ".join((*ENDINGS, *LISTS, *LOGS))
-            raise TrackError(f"{source}: {source.suffix or 'no ending'} is no photo and no list of photos; use {known}")
+            raise TrackError(
+                f"{source}: {source.suffix or 'no ending'} is neither a photo nor a list of photos; use {known}"
+            )
     if not files and not lists and not logs:
         raise TrackError(f"{', '.join(map(str, sources))}: no photos ({', '.join(ENDINGS)}) and no {GEO_TXT} in it")
     return files, of_folders, lists, logs

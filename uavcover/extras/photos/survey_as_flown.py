@@ -78,7 +78,7 @@ def survey_as_flown(
         if area.gsd is None:
             area = replace(area, gsd=_gsd_text(max(height_m, _LOWEST_M) / camera.focal_px))
             user.say(
-                f"{'ground sample':18}no limit given; a flight for what is missing is planned for {area.gsd}, as this one was "
+                f"{'ground sample':18}no limit given; a flight for the missing photos is planned for {area.gsd}, as this one was "
                 f"flown {height_m:.0f} m above ground (median)"
             )
     return new_scenario(area, user, folder=out.path)

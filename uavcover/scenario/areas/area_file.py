@@ -128,7 +128,8 @@ def _system(document: AreaDocument, query: AreaQuery) -> CRS:
             raise InputError(f"--crs: {query.crs!r} is not a coordinate system; write it as EPSG:32632") from error
     if document.crs is None:
         raise InputError(
-            f"{document.source}: does not say its coordinate system (a Shapefile has it in a .prj file beside it); name it with "
+            f"{document.source}: does not state its coordinate system (a Shapefile has it in a .prj file "
+            "beside it); name it with "
             "--crs EPSG:NUMBER"
         )
     return _on_earth(document.crs, document.source)
