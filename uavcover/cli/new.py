@@ -51,7 +51,7 @@ def new(
     if path.suffix.lower() != ".toml":
         raise InputError(f"-o: {path} is not a .toml file; name the scenario, such as survey.toml")
     if not path.parent.is_dir():
-        raise OutputError(f"{path}: there is not a folder {path.parent}; create it first")
+        raise OutputError(f"{path}: there is no folder {path.parent}; create it first")
     _refuse_to_replace([path], force=force)
     scenarios = new_scenarios(survey.request(area, autopilot=autopilot), console, folder=path.parent)
     paths = [path.with_stem("-".join(part for part in (path.stem, each.view.name) if part)) for each in scenarios]

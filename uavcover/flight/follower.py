@@ -239,7 +239,7 @@ class Follower:
         again = self._holds_for[breach] < _MOST_HOLDS and self._progress is not None
         self._hold = HoldWatch(session, breach, may_go_on=again)
         self._upside_down = not self._pause()
-        then = "flies home: p continues, Ctrl-C flies it home now"
+        then = "returns: press p to continue the mission, or Ctrl-C to return now"
         if self._progress is None:
             then = "the return is planned again: Ctrl-C leaves it holding"
         session.tell(
@@ -366,7 +366,7 @@ class Follower:
         problem = None if self._progress is None else self._progress.line_problem()
         if problem is not None:
             self._declined = pressed
-            session.tell(EventKind.WARNING, f"the mission is not continued: {problem}; Ctrl-C flies home", alarm=True)
+            session.tell(EventKind.WARNING, f"the mission is not continued: {problem}; press Ctrl-C to return", alarm=True)
             return
         if not self._goes_on("the vehicle continues its mission"):
             self._declined = pressed

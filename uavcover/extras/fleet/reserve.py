@@ -63,5 +63,5 @@ class ReserveWatch:
         return (
             f"the battery has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the return takes "
             f"{home_s:.0f} s and the rest of the sortie {rest_s:.0f} s, which would use the reserve of {reserve:.0f} %; it "
-            "flies home, and another sortie goes on here"
+            "returns, and another sortie continues here"
         )
