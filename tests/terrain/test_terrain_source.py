@@ -144,7 +144,7 @@ def test_heights_in_a_system_of_feet_are_asked_about(tmp_path):
     )
     place = {"lat_deg": 36.48, "lon_deg": -84.22}
     with pytest.raises(
-        TerrainError, match=r"is in feet, and it does not say .*; set terrain\.height_unit \(--height-unit\)"
+        TerrainError, match=r"is in feet, and it does not state .*; set terrain\.height_unit \(--height-unit\)"
     ):
         read_height_amsl_m(path, "EGM96", **place)
     metres, feet = (

@@ -45,7 +45,7 @@ def read_contents(file: Path, kind: str | None) -> tuple[list[MissionList], tupl
     except MissionIoError as error:
         raise InputError(str(error)) from error
     if kind == "all" and suffix != ".plan":
-        raise InputError(f"{file}: a .waypoints file holds one list; name it with --type mission, fence or rally")
+        raise InputError(f"{file}: a .waypoints file is met one list; name it with --type mission, fence or rally")
     if not contents:
         raise InputError(
             f"{file}: holds no mission, fence or rally points; use --type all to empty the vehicle's lists"
@@ -76,7 +76,7 @@ def warn_of_home(client: Client, home: GeoPoint | None, console: Console) -> Non
     if max(abs(east), abs(north), abs(up)) > _HOME_WARNING_M:
         console.warn(
             f"the vehicle's home is {math.hypot(east, north):.0f} m from the file's, {abs(up):.0f} m "
-            f"{'above' if up > 0 else 'below'} it; heights above home differ from what the file was made for"
+            f"{'above' if up > 0 else 'below'} it; heights above home then differ from those of the file"
         )
 
 
@@ -87,7 +87,7 @@ def check_output(out: Path, kind: str, *, force: bool) -> None:
     if out.suffix not in EVERY_LIST:
         raise InputError(f"{out}: name it {' or '.join(EVERY_LIST)}")
     if kind == "all" and out.suffix != ".plan":
-        raise InputError(f"{out}: a .waypoints file holds one list; use a .plan file for --type all")
+        raise InputError(f"{out}: a .waypoints file is met one list; use a .plan file for --type all")
     if out.exists() and not force:
         raise OutputError(f"{out}: would be overwritten; use --force, or another name")
 

@@ -104,7 +104,7 @@ def verify(
     if not evidence.photos:
         for option, asked in (("--detection", search.detection), ("--max-blur", belief.max_blur)):
             if asked is not None:
-                raise InputError(f"{option}: applies to photos, and a track has none: add --photos")
+                raise InputError(f"{option}: applies only to photos: add --photos")
     if evidence.photos and scheduler is not None:
         raise InputError(
             "--scheduler: distributes the coverage of a track; omit it where photos (--photos) give the coverage"

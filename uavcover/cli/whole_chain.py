@@ -48,7 +48,7 @@ def demonstrate(request: PlanRequest, scenario: str, console: Console, *, speed:
         return INTERRUPTED
     site, route = outcome.site, outcome.plan.chosen.route
     with mock_process(scenario, request.autopilot or site.scenario.vehicle.autopilot, speed, request.seed) as url:
-        console.say("2 of 4  upload to a mock vehicle in another process, read back, compare")
+        console.say("2 of 4  upload to a mock vehicle in another process and read back")
         at = time.monotonic()
         uploaded = upload_run(run, site, route, VehicleLink(url=url), console)
         _stage(run, "upload", at)
@@ -115,7 +115,7 @@ def mock_process(scenario: str, autopilot: str, speed: float, seed: int | None) 
             raise VehicleError(f"the mock vehicle did not start within {_MOCK_START_S:g} s")
         line = process.stdout.readline()
         if not line:
-            raise VehicleError(f"the mock vehicle ended at once, exit code {process.wait()}")
+            raise VehicleError(f"the mock vehicle ended immediately with exit code {process.wait()}")
         yield f"udpout://127.0.0.1:{json.loads(line)['port']}"
     finally:
         process.terminate()

@@ -366,7 +366,9 @@ class Follower:
         problem = None if self._progress is None else self._progress.line_problem()
         if problem is not None:
             self._declined = pressed
-            session.tell(EventKind.WARNING, f"the mission is not continued: {problem}; press Ctrl-C to return", alarm=True)
+            session.tell(
+                EventKind.WARNING, f"the mission is not continued: {problem}; press Ctrl-C to return", alarm=True
+            )
             return
         if not self._goes_on("the vehicle continues its mission"):
             self._declined = pressed

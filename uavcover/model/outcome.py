@@ -12,7 +12,7 @@ class EventKind(Enum):
 
     STAGE = "the flight continues with its next stage"
     WAYPOINT = "the vehicle flies to the next planned waypoint"
-    TEXT = "the vehicle says something"
+    TEXT = "a message from the vehicle"
     WARNING = "a problem that does not stop the flight"
     STOP = "the user wants to end the flight"
 

@@ -243,12 +243,12 @@ def plan_gap_mission(
     eyes = map_for(coverage.site, site) if own_eyes else coverage
     missing &= eyes.coverable
     if not missing.any():
-        raise InfeasibleError("there are no gaps to close: none is visible ground and large enough")
+        raise InfeasibleError("there are no gaps to close: no gap is visible and large enough")
     needed_m2 = None
     if target is not None:
         lacking = target - coverage.share_of_coverable(seen)
         if lacking <= 0.0:
-            raise InfeasibleError(f"there is nothing to close: the flight has reached {100 * target:g} % already")
+            raise InfeasibleError(f"nothing to close: the flight has reached {100 * target:g} % already")
         needed_m2 = lacking * float(coverage.grid.weight_m2[coverage.coverable].sum())
     start_m = site.home_m if in_the_air is None else _last_place_m(site, in_the_air)
     closing = plan_closing_route(eyes, missing, start_m=start_m, end_m=site.home_m, needed_m2=needed_m2)

@@ -230,7 +230,7 @@ def coverage_raster(coverage: CoverageMap, flown: FlownCoverage) -> bytes | None
         ("ground_sample_m", "smallest ground sample distance in metres", flown.ground_sample_m),
         ("incidence_deg", "smallest incidence angle in degrees", flown.incidence_deg),
         ("distance_m", "shortest distance in metres", flown.nearest_m),
-        ("sureness", "0 not seen, 1 possibly, 2 seen if measurements are exact, 3 surely", sureness),
+        ("sureness", "0 not observed, 1 possibly, 2 observed if measurements are exact, 3 surely", sureness),
         ("reason", LAYER_REASONS, reason_codes(coverage, flown)),
     ]
     return cells_geotiff(coverage, site.frame, layers)

@@ -91,9 +91,7 @@ def say_findings(outcome: CheckOutcome, user: User) -> None:
     if texts:
         user.say("; ".join(texts))
     if figures["time_s"] is not None:
-        user.say(
-            f"the time is that of {outcome.aircraft.speeds_in_words}; where the mission sets a speed, that one holds"
-        )
+        user.say(f"the time is that of {outcome.aircraft.speeds_in_words}; speeds in the mission have priority")
     for line in () if outcome.view is None else outcome.view.lines:
         user.say(line)
     user.say(f"verdict: {checked.verdict}")

@@ -208,7 +208,7 @@ class ViewOptions:
         if self.camera is None:
             raise InputError("--area: needs --camera, whose photos cover it (uavcover new --camera list)")
         if self.coverage is not None and not 0.0 < self.coverage <= 1.0:
-            raise InputError(f"--coverage: {self.coverage:g} is a share, above 0 and at most 1")
+            raise InputError(f"--coverage: {self.coverage:g} must be above 0 and at most 1")
         if not -90.0 <= self.camera_pitch <= 0.0:
             raise InputError(f"--camera-pitch: {self.camera_pitch:g} is outside -90 (straight down) to 0 (ahead)")
         every, always = self.picture_every, None

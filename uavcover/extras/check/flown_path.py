@@ -140,7 +140,7 @@ class _Flight:
                 CheckFinding(
                     kind="empty",
                     weight="unknown",
-                    what="no item of the mission flies anywhere",
+                    what="the mission contains no item with a position",
                     do="give a mission that does",
                 )
             )
@@ -274,9 +274,7 @@ class _Flight:
     def _check_is_up(self, number: int) -> None:
         if not self._is_up:
             self._is_up = True
-            self._look(
-                number, "take-off", "the first item flies off without a take-off", "put a take-off first", "look"
-            )
+            self._look(number, "take-off", "the mission starts without a take-off", "put a take-off first", "look")
 
     def _circle(
         self,

@@ -154,7 +154,7 @@ def _speeds(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
         return  # -1 leaves the speed alone, -2 takes the default
     does = "sets the speed back to its default" if aircraft.autopilot == "px4" else "changes nothing"
     if aircraft.autopilot == "ardupilot" and aircraft.has_wings and kind == SpeedType.GROUND.value:
-        does = "is taken as the least speed over ground, which is then none"
+        does = "is interpreted as the lowest ground speed, which is then zero"
     if speed == -1.0 and does == "changes nothing":
         return
     yield "look", f"a speed of {speed:g} m/s {does}", "give the speed in m/s; -2 takes the default"
@@ -176,7 +176,7 @@ def _taking_over(item: MissionItem) -> Iterator[_Problem]:
     if row is not None:
         weight, what, applies = row
         if applies(item.params):
-            yield weight, what, "remove it, or judge without what follows"
+            yield weight, what, "remove it, or ignore the rest"
 
 
 def _always(_: tuple[float, float, float, float]) -> bool:
@@ -265,7 +265,7 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
                 findings.append(
                     CheckFinding(
                         kind="jump", weight="breaks", items=(int(target), at),
-                        what=f"{leads}: round and round, and no item in between flies anywhere",
+                        what=f"{leads}: an endless loop without a position",
                         do="jump to an item that flies, or remove it",
                     )
                 )  # fmt: skip

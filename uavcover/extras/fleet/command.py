@@ -221,7 +221,7 @@ def write_fleet_recording(run: RunFolder, folders: Sequence[RunFolder]) -> Path 
         times = shared_times(track)
         if times is None:
             raise InputError(
-                f"{folder.file(TRACK)}: has no arrival times of its positions, so {FLEET_RECORDING} is left out"
+                f"{folder.file(TRACK)}: has no arrival times of its positions, so {FLEET_RECORDING} is omitted"
             )
         own, flown_plan = read_planned(folder)
         eyes = coverage if own.scenario.sensor == site.scenario.sensor else judging_map(own)

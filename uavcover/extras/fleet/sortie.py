@@ -130,7 +130,7 @@ def require_own_mission(connected: Connected, compiled: CompiledMission, urls: S
     fault = fault_text(compare_items(wire_items(compiled.mission, autopilot), held, autopilot))
     if fault is not None:
         raise VehicleError(
-            f"system {connected.client.vehicle.system_id} at {connected.url} holds another sortie than it was given ({fault}): "
+            f"system {connected.client.vehicle.system_id} at {connected.url} has another sortie than the assigned one ({fault}): "
             f"--to {', '.join(sorted(urls))} may lead to the same vehicle; nothing was armed"
         )
 

@@ -103,7 +103,7 @@ def detection_doubts(detection: Detection, sample_m: FloatArray) -> list[str]:
     median_cm = 100.0 * float(np.median(known))
     if _FAR_FINER * median_cm < first_cm:
         return [
-            f"the curve {name} begins at {first_cm:g} cm per pixel, photos have {median_cm:.2g} cm: finer ones count as that; "
+            f"the curve {name} begins at {first_cm:g} cm per pixel, photos have {median_cm:.2g} cm: finer photos use this value; "
             "are its ground_sample_m in metres?"
         ]
     if median_cm > last_cm:

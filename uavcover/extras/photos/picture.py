@@ -101,7 +101,7 @@ class Picture:
         if not heights:
             return "no height"
         if any(abs(height) > _HIGHEST_M for height in heights):
-            return f"height {max(heights, key=abs):g} m is none that anything flies at"
+            return f"height {max(heights, key=abs):g} m is impossible for a flight"
         angles = (self.yaw_deg, self.pitch_deg, self.roll_deg, self.vehicle_yaw_deg)
         if any(angle is not None and abs(angle) > 360.0 for angle in angles):
             return "angles of more than a turn"

@@ -183,7 +183,7 @@ def _once(pictures: list[Picture], notes: list[str]) -> list[Picture]:
         )
     if copies:
         notes.append(
-            f"{copies} of {len(pictures)} photos have the same position and direction as another one (copies, or a receiver that "
-            "stood still): they count once"
+            f"{copies} of {len(pictures)} photos have the same position and direction as another one (copies, "
+            "or a receiver that did not update): they count once"
         )
     return kept
