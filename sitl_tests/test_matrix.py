@@ -12,14 +12,19 @@ _WATCHDOG_S = 600
 _LONG_WATCHDOG_S = 7200
 
 
+def _once_more_by_mavsdk(cell: Cell) -> bool:
+    return cell.name.endswith("-mavsdk") and "mission-round-trip" not in cell.name
+
+
 def _parameters() -> list[object]:
     return [
         pytest.param(
             cell,
             id=cell.name,
-            marks=[pytest.mark.slow, pytest.mark.timeout(_LONG_WATCHDOG_S)]
-            if cell.long
-            else [pytest.mark.timeout(_WATCHDOG_S)],
+            marks=[
+                pytest.mark.timeout(_LONG_WATCHDOG_S if cell.long else _WATCHDOG_S),
+                *([pytest.mark.long] if cell.long or _once_more_by_mavsdk(cell) else []),
+            ],
         )
         for cell in load_matrix()
     ]

@@ -5,8 +5,7 @@ from hypothesis import HealthCheck, settings
 from hypothesis.internal.conjecture import providers
 
 from tests.long import mark_long_what_is_listed
-from tests.slow import mark_slow_what_is_listed
-from tests.thinned import mark_slow_what_is_not_needed
+from tests.thinned import mark_long_what_is_not_needed
 
 settings.register_profile(
     "uavcover", derandomize=True, deadline=None, database=None, suppress_health_check=[HealthCheck.too_slow]
@@ -33,9 +32,8 @@ LONG = (
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Long files first, the others in their order; what the quick run leaves out is slow or long."""
-    mark_slow_what_is_not_needed(items)
-    mark_slow_what_is_listed(items)
+    """Long files first, the others in their order."""
+    mark_long_what_is_not_needed(items)
     mark_long_what_is_listed(items)
     items.sort(key=lambda item: next((k for k, name in enumerate(LONG) if item.nodeid.startswith(name)), len(LONG)))
 

@@ -1,11 +1,13 @@
-"""Tests of half a second or more: not in the quick run, but in ``sh scripts/test.sh -m long``, which goes with every change too.
+"""Tests that the quick run leaves out; ``sh scripts/test.sh -m long`` runs them.
 
-``long_tests.txt`` is measured, not chosen: ``python scripts/slowest_tests.py TIMES... --long`` writes it.
+They take half a second or more (``long_tests.txt``, measured by ``scripts/slowest_tests.py TIMES... --long``), or are further
+cases of a thinned test (``thinned.py``). A name without brackets stands for all cases of a test.
 """
 
 from collections.abc import Iterable
 from pathlib import Path
 
+import numba
 import pytest
 
 LIST = Path(__file__).with_name("long_tests.txt")
@@ -36,8 +38,8 @@ def listed() -> frozenset[str]:
 
 
 def mark_long_what_is_listed(items: Iterable[pytest.Item]) -> None:
-    """Give the marker ``long`` to what is neither kept nor slow."""
-    names = listed()
+    """Give the marker ``long`` to what is listed and not kept. Without the JIT other tests take long."""
+    names = frozenset() if numba.config.DISABLE_JIT else listed()
     for item in items:
-        if item.nodeid in names and not item.nodeid.startswith(tuple(KEPT)) and not item.get_closest_marker("slow"):
+        if {item.nodeid, item.nodeid.partition("[")[0]} & names and not item.nodeid.startswith(tuple(KEPT)):
             item.add_marker(pytest.mark.long)

@@ -60,7 +60,7 @@ def test_the_page(script: ModuleType, tmp_path: Path, monkeypatch: pytest.Monkey
     assert len(out.with_name("honest_flights.csv").read_text().splitlines()) == 3
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(7200)
 def test_all_200_pass(script: ModuleType, tmp_path: Path) -> None:
     rows = [script.measure(tmp_path / str(flight), flight, seed=1) for flight in range(200)]

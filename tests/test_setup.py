@@ -92,7 +92,7 @@ def test_python_that_is_missing_or_too_old(clone: Path, tmp_path: Path) -> None:
     assert written_into(clone) == set()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.timeout(1200)
 def test_demo_from_nothing(clone: Path, tmp_path: Path) -> None:
     """The real thing: a new environment, packages from the index."""

@@ -29,9 +29,9 @@ def test_every_value_and_every_pair_stays(sizes: tuple[int, ...], strength: int)
     assert least <= len(kept) <= least + 3
 
 
-def test_the_others_are_slow(tmp_path: Path) -> None:
+def test_the_others_are_long(tmp_path: Path) -> None:
     (tmp_path / "conftest.py").write_text("from tests.conftest import pytest_collection_modifyitems\n")
-    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = slow\n  thinned\n")
+    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = long\n  thinned\n")
     (tmp_path / "test_it.py").write_text(
         "import pytest\n@pytest.mark.thinned\n@pytest.mark.parametrize('a', 'xyz')\n@pytest.mark.parametrize('b', 'uv')\n"
         "def test_it(a, b): pass\n"
@@ -44,8 +44,8 @@ def test_the_others_are_slow(tmp_path: Path) -> None:
         )  # fmt: skip
         return {line.partition("[")[2] for line in done.stdout.splitlines() if "test_it[" in line}
 
-    quick, slow = run("not slow"), run("slow")
-    assert len(quick) == len(slow) == 3
-    assert len(quick | slow) == 6
+    quick, long = run("not long"), run("long")
+    assert len(quick) == len(long) == 3
+    assert len(quick | long) == 6
     assert {name[0] for name in quick} == set("uv")
     assert {name[2] for name in quick} == set("xyz")

@@ -1,4 +1,4 @@
-"""Tests with several axes of parameters: in the quick run as many cases as show every value, the others with ``-m slow``.
+"""Tests with several axes of parameters: in the quick run as many cases as show every value, the others with ``-m long``.
 
 ``@pytest.mark.thinned`` keeps cases until every value of every parameter is among them; ``@pytest.mark.thinned(2)`` until
 every pair of values of two parameters is. What is kept depends on nothing but the parameters.
@@ -41,8 +41,8 @@ def needed(cases: Sequence[Mapping[str, int]], strength: int) -> list[int]:
     return sorted(kept)
 
 
-def mark_slow_what_is_not_needed(items: Iterable[pytest.Item]) -> None:
-    """Give the marker ``slow`` to what the quick run leaves out."""
+def mark_long_what_is_not_needed(items: Iterable[pytest.Item]) -> None:
+    """Give the marker ``long`` to what the quick run leaves out."""
     families: dict[str, list[pytest.Function]] = {}
     for item in items:
         if isinstance(item, pytest.Function) and item.get_closest_marker("thinned") and hasattr(item, "callspec"):
@@ -55,4 +55,4 @@ def mark_slow_what_is_not_needed(items: Iterable[pytest.Item]) -> None:
         kept = needed(cases, *(marker.args or (1,)))
         for k, item in enumerate(family):
             if k not in kept:
-                item.add_marker(pytest.mark.slow)
+                item.add_marker(pytest.mark.long)

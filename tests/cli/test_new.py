@@ -18,8 +18,8 @@ from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site
-from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import FLOWN_OVERLAP_FRACTION, count_pictures, picture_statistics, planned_poses
+from uavcover.sensing.site_maps import judging_map
 
 
 @pytest.fixture(scope="module")

@@ -33,7 +33,7 @@ def test_recomputed_from_the_track(cli: Cli, flown: Path) -> None:
 def test_workers_give_the_same_verdict(cli: Cli, flown: Path, monkeypatch) -> None:
     asked: list[str] = []
     monkeypatch.setattr(
-        "uavcover.verification.verify_workers.workers_of", lambda name: asked.append(name) or nullcontext(Elsewhere())
+        "uavcover.verification.flown_coverage.workers_of", lambda name: asked.append(name) or nullcontext(Elsewhere())
     )
     before = json.loads((flown / "verification.json").read_text())
     ended = cli("verify", flown, "--scheduler", "tcp://there:8786", "--json")

@@ -14,7 +14,7 @@ from uavcover.run.flight_folders import flown_tracks
 from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track
 from uavcover.scenario.site import Site, load_site
-from uavcover.verification.command import read_planned_route
+from uavcover.verification.run_logs import read_planned_route
 
 
 @dataclass(frozen=True, eq=False)

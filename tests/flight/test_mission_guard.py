@@ -117,7 +117,7 @@ def test_reading_back_every_minute_costs_no_position_and_no_ending(autopilot):
     assert max(steps_s) <= 0.4
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
+@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.long) for seed in (2, 3))])
 def test_a_bad_link_is_asked_patiently(seed):
     """By seed 0 five heartbeats in a row are lost after arming, and the flight rightly does not begin."""
     wanted = mission(LONG_M)

@@ -40,8 +40,9 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.judged_inputs import inspect_inputs
 from uavcover.run.track_file import TrackWriter, read_track
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
-from uavcover.verification.command import judge_tracks, planned_for, read_planned_route
+from uavcover.sensing.site_maps import judging_map
+from uavcover.verification.command import judge_tracks
+from uavcover.verification.run_logs import planned_for, read_planned_route
 
 
 class Killed(BaseException):

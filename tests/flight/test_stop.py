@@ -7,8 +7,7 @@ from mission_io.model.enums import CommandResult
 from mission_io.model.items import Mission
 from tests.flight.scene import HOME, Scene, make_scene, mission, presses, way_home
 from uavcover.errors import InfeasibleError, VehicleError
-from uavcover.flight.clearance import Clearance
-from uavcover.flight.fly import Ending
+from uavcover.flight.fly import Clearance, Ending
 from uavcover.flight.modes import Mode
 from uavcover.mock.behaviour import quick
 from uavcover.mock.flight_control import FlightControl

@@ -34,7 +34,7 @@ def test_returns_are_flown_as_predicted(autopilot: AutopilotName) -> None:
     assert any(case.rally for case in cases)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
 def test_many_returns_are_flown_as_predicted(autopilot: AutopilotName) -> None:
     ended = [flown(seed, autopilot) for seed in range(100, 200)]
@@ -61,7 +61,7 @@ def test_returns_along_the_mission_or_the_flown_path_are_flown_as_predicted(
     assert len({(case.trigger, case.ends) for case in cases}) > 1
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize(("autopilot", "kind"), WAYS)
 def test_many_returns_along_the_mission_or_the_flown_path_are_flown_as_predicted(
     autopilot: AutopilotName, kind: float

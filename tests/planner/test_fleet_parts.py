@@ -31,8 +31,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicle_site import vehicle_sites
-from uavcover.sensing.coverage_map import judging_map
-from uavcover.sensing.fleet_map import map_for
+from uavcover.sensing.site_maps import judging_map, map_for
 
 assert no_recording_of_single_flights  # a fixture that every flight here uses
 _SEARCH = {"evaluations": 20, "population_size": 20}

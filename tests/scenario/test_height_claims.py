@@ -17,8 +17,8 @@ ALLOWED_M = 0.1
 ROUNDING_M = 0.02
 """Mission files hold degrees to 1e-7 and heights to a millimetre at worst: up to 1 cm aside, as much in height on the slopes."""
 
-ON_EARTH = ["jacksboro", "ridge-obstacles", pytest.param("ridge-25km2", marks=pytest.mark.slow)]
-LOCAL = [pytest.param("paper-R2", marks=pytest.mark.slow), "paper-r1", "paper-planar"]
+ON_EARTH = ["jacksboro", "ridge-obstacles", pytest.param("ridge-25km2", marks=pytest.mark.long)]
+LOCAL = [pytest.param("paper-R2", marks=pytest.mark.long), "paper-r1", "paper-planar"]
 
 
 def planned(tmp_path, name):

@@ -16,7 +16,6 @@ from uavcover.model.obstacles import Obstacles
 from uavcover.model.sensor import FrameCamera, NadirCamera, SphereSensor
 from uavcover.scenario.site import area_as_drawn, load_site
 from uavcover.sensing import pictures
-from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import (
     count_pictures,
     overlap_rule,
@@ -25,6 +24,7 @@ from uavcover.sensing.pictures import (
     planned_poses,
     takes_pictures,
 )
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.requirements import requirement_rows
 from uavcover.verification.verify import FlownTrack, verify_flight

@@ -11,10 +11,18 @@ from tests.sensing.test_blocks import hard_site
 from uavcover.model.scenario import Uncertainty
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_block, judging_map, row_blocks
-from uavcover.verification.flown_coverage import FlownCoverage, count_observations
+from uavcover.sensing.block_map import judging_block, row_blocks
+from uavcover.sensing.site_maps import judging_map
+from uavcover.verification.flown_coverage import (
+    CountedFlight,
+    FlownCoverage,
+    count_block,
+    count_by,
+    count_observations,
+    joined_blocks,
+    near_block,
+)
 from uavcover.verification.observations import Observations
-from uavcover.verification.verify_workers import CountedFlight, count_block, count_by, joined_blocks, near_block
 
 FRAME = FrameCamera(kind="frame-camera", fov_across_deg=60.0, fov_along_deg=45.0, range_m=180.0)
 NARROW = NadirCamera(kind="nadir-camera", fov_deg=25.0, range_m=120.0)

@@ -12,7 +12,7 @@ from uavcover.model.sensor import SphereSensor
 from uavcover.run.folder import RunFolder
 from uavcover.run.planned import read_planned
 from uavcover.run.track_file import read_track
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.reported_photos import reports_photos
 from uavcover.verification.verify import verify_track
@@ -43,7 +43,7 @@ def flown(folder, autopilot, range_m=130.0, **options):
 
 
 @pytest.mark.parametrize(
-    ("autopilot", "loss"), [pytest.param("ardupilot", 0.0, marks=pytest.mark.slow), ("px4", 0.0), ("ardupilot", 0.25)]
+    ("autopilot", "loss"), [pytest.param("ardupilot", 0.0, marks=pytest.mark.long), ("px4", 0.0), ("ardupilot", 0.25)]
 )
 def test_every_planned_waypoint_has_its_picture_in_the_record(tmp_path, autopilot, loss):
     site, planned, track = flown(tmp_path, autopilot, loss=loss)

@@ -13,7 +13,7 @@ from uavcover.planner.close_gaps import plan_gap_mission
 from uavcover.run.folder import RunFolder
 from uavcover.run.planned import read_planned
 from uavcover.run.track_file import read_track
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.photo_evidence import PictureEvidence
 from uavcover.verification.verify import FlownTrack, verify_flight

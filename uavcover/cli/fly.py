@@ -1,7 +1,10 @@
 """``uavcover fly``: arm, start, follow, record, land."""
 
+import atexit
+import contextlib
 import json
 import math
+import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -37,6 +40,9 @@ class FlightWatch:
     """Supervision of the flight, and the reaction to a breach."""
 
     live: Annotated[bool, typer.Option("--live", help="Show the flight in the rerun viewer.")] = False
+    web: Annotated[
+        bool, typer.Option("--web", help="Show the flight live on a map in the browser; see uavcover serve.")
+    ] = False
     deadman_s: Annotated[
         float, typer.Option("--deadman", metavar="S", help="Seconds without a position before a warning.")
     ] = 3.0
@@ -130,6 +136,8 @@ def fly(
     )
     precautions = replace(precautions, photos_required=watch.require_photos)
     timeouts = FlightTimeouts(deadman_s=watch.deadman_s, link_lost_s=watch.link_lost_s)
+    if watch.web:
+        show_page(run)
     viewer_url = None
     if watch.live:
         from uavcover.recording.viewer import open_live_viewer
@@ -163,6 +171,21 @@ def fly(
     console.suggest(*commands_after_flight(folder, outcome.ending, options.words_of(links)))
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0
+
+
+def show_page(run: Path) -> None:
+    """Start ``uavcover serve`` for a run as a process of its own, which ends with this one. It cannot delay the flight."""
+    page = subprocess.Popen(
+        [sys.executable, "-m", "uavcover", "serve", str(run), "--port", "0"],
+        stdin=subprocess.DEVNULL, stdout=sys.stderr, start_new_session=True,
+    )  # fmt: skip
+
+    def end() -> None:
+        page.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            page.wait(5.0)
+
+    atexit.register(end)
 
 
 def precautions_for(

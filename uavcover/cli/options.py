@@ -45,6 +45,10 @@ if TYPE_CHECKING:
     from uavcover.flight.own_links import VehiclePlace
     from uavcover.flight.precautions import OnBreach
 
+Events = Annotated[
+    bool,
+    typer.Option("--events", help="Write messages and progress to stderr as JSON lines, for use by other programs."),
+]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout, and everything else to stderr.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show only warnings and errors.")]
 Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Show log messages. Use -vv for more.")]
@@ -261,13 +265,16 @@ class Output:
     """Output options of a command."""
 
     as_json: Json = False
+    events: Events = False
     quiet: Quiet = False
     verbose: Verbose = 0
 
     def console(self) -> "Console":
         """Where the command writes to."""
-        from uavcover.cli.console import Console
+        from uavcover.cli.console import Console, EventConsole
 
+        if self.events:
+            return EventConsole(as_json=self.as_json)
         return Console(as_json=self.as_json, verbosity=-1 if self.quiet else self.verbose)
 
 

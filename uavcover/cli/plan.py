@@ -187,14 +187,14 @@ def _with_options(source: str, survey: SurveyOptions, console: "Console") -> "Si
 
     from uavcover.model.terrain import RasterTerrain
     from uavcover.new.quantities import flight_window
-    from uavcover.new.scenario_text import NO_FLY_MARGIN_M
+    from uavcover.new.tuning import TEXT
     from uavcover.scenario.scenario_file import load_scenario, with_no_fly
     from uavcover.scenario.site import load_site
 
     scenario = load_scenario(source)
     more = scenario
     if files := survey.no_fly:
-        more = with_no_fly(scenario, files, margin_m=NO_FLY_MARGIN_M)
+        more = with_no_fly(scenario, files, margin_m=TEXT.no_fly_margin_m)
         console.say(f"--no-fly: {len(more.no_fly) - len(scenario.no_fly)} zones of {', '.join(files)} nearby")
     if survey.at is not None:
         more = replace(more, flight_window_utc=flight_window(survey.at, option="--at"))

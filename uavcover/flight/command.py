@@ -9,7 +9,6 @@ from typing import Any
 
 from mission_io.clock import MonotonicClock, SystemClock
 from uavcover.errors import InputError, OutputError, UavcoverError
-from uavcover.flight.clearance import ALONE, Clearance
 from uavcover.flight.connect import (
     Connected,
     VehicleLink,
@@ -23,7 +22,7 @@ from uavcover.flight.connect import (
 )
 from uavcover.flight.flight_log import FlightLog, live_recording
 from uavcover.flight.flight_plan import FlightTimeouts
-from uavcover.flight.fly import Ending, FlightOutcome, Orders
+from uavcover.flight.fly import ALONE, Clearance, Ending, FlightOutcome, Orders
 from uavcover.flight.precautions import USUAL, Precautions
 from uavcover.flight.resume import Unfinished, find_unfinished, save_rest, took_off_s
 from uavcover.flight.upload import upload, upload_document
@@ -41,7 +40,7 @@ from uavcover.run.provenance import note_files, seal_flight
 from uavcover.run.track_file import SpaceReserve, read_track, record_bytes
 from uavcover.run.user import User, to_paste
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.verify import flown_coverage
 

@@ -43,7 +43,6 @@ from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.server import mock_endpoint
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Route
-from uavcover.model.sensor import FrameCamera
 from uavcover.model.vehicle import AutopilotName
 from uavcover.plugins import load
 from uavcover.scenario.pace import pace_of
@@ -205,7 +204,6 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
     if site.frame is None or site.home_m is None:
         raise InputError(f"scenario {site.scenario.name}: has no position on Earth")
     ground = float(site.bare_ground.heights_m(site.home_m[:2])[0])
-    sensor = site.scenario.sensor
     point = np.array([site.home_m[0], site.home_m[1], ground])
     return FlightPlan(
         mission=compiled.mission,
@@ -226,7 +224,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
             pace=pace_of(site),
             return_height_m=compiled.return_advice.needed_height_m,
             fence=bool(compiled.fence.polygons or compiled.fence.circles),
-            camera_turns=isinstance(sensor, FrameCamera) and sensor.heading_deg is None,
+            camera_turns=site.scenario.sensor.turns_with_vehicle,
             longest_flight_s=site.scenario.vehicle.longest_flight_s,
             vehicle=site.scenario.vehicle,
             way_home_s=lambda place_m: way_home(site, place_m)[1],

@@ -12,6 +12,7 @@ from mission_io.wire import messages as m
 from uavcover.errors import OutputError
 from uavcover.flight.connect import Connected
 from uavcover.flight.modes import Mode, mode_from_custom
+from uavcover.flight.tuning import RECORDS
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import landing_time, leg_times, turn_times
 from uavcover.model.outcome import EventKind, FlightEvent
@@ -34,17 +35,12 @@ from uavcover.run.track_file import SpaceReserve, TrackWriter
 from uavcover.run.user import ProgressBar, User
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 TELEMETRY_LOG = "flight.tlog"
 _GROWING = ".flight.rrd.growing"
 _GROWING_TELEMETRY = ".flight.tlog.growing"
 _log = logging.getLogger(__name__)
-_STATE_EVERY_S = 1.0
-_LINE_EVERY_S = 0.5
-"""On the link's clock: what the line says takes no time from following the vehicle."""
-_LINE_EVERY_FLOWN_S = 10.0
-"""In vehicle time, for a simulation that is fast."""
 
 
 def live_recording(run: RunFolder, site: Site, route: Route, *, viewer_url: str | None) -> LiveRecording | None:
@@ -148,7 +144,7 @@ class FlightLog:
                 self._user.warn(f"{self._run}: the disk is full; the track continues in the reserved space")
         if self._live is not None:
             self._live.take_sample(sample)
-        if not self.states or sample.time_s - self.states[-1].time_s >= _STATE_EVERY_S:
+        if not self.states or sample.time_s - self.states[-1].time_s >= RECORDS.state_every_s:
             self.states.append(self._state(sample.time_s))
             if self._live is not None:
                 self._live.take_state(self.states[-1])
@@ -159,7 +155,7 @@ class FlightLog:
         """Show what the vehicle does, twice a second."""
         flown_s, now = self.flown_s(sample.time_s), self._vehicle.client.clock.now()
         if flown_s is None or (
-            now - self._line_at[0] < _LINE_EVERY_S and flown_s - self._line_at[1] < _LINE_EVERY_FLOWN_S
+            now - self._line_at[0] < RECORDS.line_every_s and flown_s - self._line_at[1] < RECORDS.line_every_flown_s
         ):
             return
         self._line_at = (now, flown_s)

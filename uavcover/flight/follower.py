@@ -16,16 +16,10 @@ from uavcover.flight.policy import Phase, policy, reaction
 from uavcover.flight.precautions import OnBreach
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.session import Session, Stopped, TakenOverError, Timer
+from uavcover.flight.tuning import FOLLOWING
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 
-_MOVED_M = 2.0
 _METRES_PER_DEGREE = 111_320.0
-_GOING_ON_S = 2.0
-"""After a pause the vehicle may still report for a moment that its mission is paused."""
-_EVIDENCE_S = 10.0
-"""Time to wait for evidence of how a flight ended that ended in a gap of the link."""
-_MOST_HOLDS = 3
-"""After as many holds for the same breach the mission is not continued by itself any more."""
 
 
 class Follower:
@@ -128,7 +122,7 @@ class Follower:
 
     def settle(self) -> None:
         """Find the cause of what happened in the last moment, or in the gap before it."""
-        session, timer = self._session, Timer(self._session, _EVIDENCE_S)
+        session, timer = self._session, Timer(self._session, FOLLOWING.evidence_s)
         in_a_gap = not session.evidence.current
         while not (session.evidence.current or timer.over or session.silence_s > session.timeouts.deadman_s):
             session.pump()  # a vehicle that is switched off after its landing is not waited for
@@ -236,7 +230,7 @@ class Follower:
             session.paused = False
             return
         self._holds_for[breach] = self._holds_for.get(breach, 0) + 1
-        again = self._holds_for[breach] < _MOST_HOLDS and self._progress is not None
+        again = self._holds_for[breach] < FOLLOWING.most_holds and self._progress is not None
         self._hold = HoldWatch(session, breach, may_go_on=again)
         self._upside_down = not self._pause()
         then = "returns: press p to continue the mission, or Ctrl-C to return now"
@@ -305,7 +299,7 @@ class Follower:
             session.tell(EventKind.WARNING, f"the mission is not continued: {error}", alarm=True)
             return False
         session.tell(EventKind.STOP, text)
-        self._going_on, self._hold = Timer(session, _GOING_ON_S), None
+        self._going_on, self._hold = Timer(session, FOLLOWING.going_on_s), None
         return True
 
     def _end_at_users_wish(self, stops: int) -> None:
@@ -441,7 +435,7 @@ class Stillness:
         north = position.lat_deg * _METRES_PER_DEGREE
         east = position.lon_deg * _METRES_PER_DEGREE * math.cos(math.radians(position.lat_deg))
         now = (monitor.current_seq, east, north, position.alt_amsl_m)
-        if self._seen is None or self._seen[0] != now[0] or math.dist(self._seen[1:], now[1:]) > _MOVED_M:
+        if self._seen is None or self._seen[0] != now[0] or math.dist(self._seen[1:], now[1:]) > FOLLOWING.moved_m:
             self._seen = now
             self._timer.restart()
         return self._timer.over

@@ -22,13 +22,11 @@ from uavcover.flight.limit_table import limit_table
 from uavcover.flight.mission_guard import ListReading
 from uavcover.flight.parameter_rules import Limit, Weight, parameter_table
 from uavcover.flight.session import Session, Timer
+from uavcover.flight.tuning import PREPARATION
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 from uavcover.terrain.frames import LocalFrame
 
-_PLACE_EACH_S = 5.0
-_PARAMETER_EACH_S, _UNANSWERED = 2.0, 8
-_LIST_EACH_S = 60.0
 _FENCE_BIT = 0x100000
 _ORDER = (Weight.NONE, Weight.NOTE, Weight.WARNING, Weight.REFUSED)
 
@@ -60,7 +58,7 @@ class Preconditions:
         self._px4 = session.client.vehicle.mav_autopilot == AutopilotId.PX4
         for kind in (m.HomePosition, m.GpsGlobalOrigin):
             with contextlib.suppress(CommandRefusedError):  # both autopilots send them by themselves when they change
-                session.client.request_message_interval(kind, _PLACE_EACH_S)
+                session.client.request_message_interval(kind, PREPARATION.place_each_s)
         self._home = HomeWatch(session, plan, px4=self._px4)
         self._settings = _SettingsWatch(session, plan, values, px4=self._px4, returns_changed=returns_changed)
         self._lists = [
@@ -168,7 +166,7 @@ class _SettingsWatch:
         self._before = dict(values)
         self._rows_before = self._rows()
         self._names = list(values)
-        self._next = Timer(session, _PARAMETER_EACH_S)
+        self._next = Timer(session, PREPARATION.parameter_each_s)
         self._worse = ""
         self._unanswered = 0
         session.monitor.parameters.clear()
@@ -206,8 +204,9 @@ class _SettingsWatch:
         session, vehicle = self._session, self._session.client.vehicle
         self._next.restart()
         self._names.append(name := self._names.pop(0))
-        if self._unanswered == _UNANSWERED and not session.watch.is_open(Ending.LINK_LOST):
-            text = f"vehicle {vehicle.system_id} sends messages but did not answer {_UNANSWERED} consecutive requests"
+        if self._unanswered == PREPARATION.most_unanswered and not session.watch.is_open(Ending.LINK_LOST):
+            many = PREPARATION.most_unanswered
+            text = f"vehicle {vehicle.system_id} sends messages but did not answer {many} consecutive requests"
             session.watch.unanswered = text
             session.tell(
                 EventKind.WARNING,
@@ -301,7 +300,9 @@ class _ListWatch:
             return
         session = self._session
         if self._reading is None:
-            self._reading = ListReading(session, self._before, meanwhile, mission_type=self._type, every_s=_LIST_EACH_S)
+            self._reading = ListReading(
+                session, self._before, meanwhile, mission_type=self._type, every_s=PREPARATION.list_each_s
+            )
         signs = self._signs_now
         if signs != self._signs:
             self._signs = signs

@@ -13,12 +13,10 @@ from uavcover.flight.follow import follow_home
 from uavcover.flight.modes import Mode
 from uavcover.flight.preconditions import Preconditions
 from uavcover.flight.session import Session, Stopped
+from uavcover.flight.tuning import FOLLOWING
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 
-_AT_REST_M_S = 0.3
 _ASKED = "second stop"
-_MOST_WAYS_HOME = 3
-"""After as many ways home that were disturbed the vehicle is left holding."""
 
 PlanReturn = Callable[[float, float, float], Mission]
 """Plans a mission home with checked legs from latitude, longitude (degrees) and height above sea level (metres)."""
@@ -38,7 +36,7 @@ def hold(session: Session, text: str = "stop: the vehicle is commanded to hold")
 
     def at_rest() -> bool:
         session.require_obedience(ours)
-        return _speed_m_s(session) <= _AT_REST_M_S
+        return _speed_m_s(session) <= FOLLOWING.at_rest_m_s
 
     session.wait(
         at_rest,
@@ -73,7 +71,7 @@ def return_home(
         TakenOverError: something else has the vehicle, or its state stays unknown.
         FlightFaultError: the vehicle is gone, or does something else.
     """
-    for _ in range(_MOST_WAYS_HOME):
+    for _ in range(FOLLOWING.most_ways_home):
         try:
             sent = _send(session, _hold_and_plan(session, plan_return, stops, clear), stops, preconditions)
         except _LeftHoldingError as left:
@@ -95,7 +93,7 @@ def return_home(
         else:
             return True
     hold(session)
-    return _leave(session, f"the return was disturbed {_MOST_WAYS_HOME} times; last, {why}")
+    return _leave(session, f"the return was disturbed {FOLLOWING.most_ways_home} times; last, {why}")
 
 
 def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear: Callable[[Mission], bool]) -> Mission:

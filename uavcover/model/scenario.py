@@ -4,6 +4,7 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
+from uavcover.kernels.sight import MIDPOINT
 from uavcover.model.active_times import Window, window_of
 from uavcover.model.area import Area
 from uavcover.model.fleet import Fleet
@@ -364,27 +365,23 @@ class Scenario:
 
     def _require_fits(self, sensor: Sensor, key: str) -> None:
         """Refuse a sensor that does not go with limits, cells and what is required."""
-        reach_m = sensor.radius_m if sensor.kind == "disc" else sensor.range_m
-        if sensor.kind != "disc":
-            require(
-                reach_m > self.limits.min_height_agl_m,
-                f"{key}.range_m: {reach_m} m does not reach the ground from limits.min_height_agl_m = "
-                f"{self.limits.min_height_agl_m} m",
-            )
+        reach_m, range_m = sensor.reach_m, sensor.slant_range_m
         require(
-            not (self.obstacles.file or self.obstacles.prisms)
-            or sensor.kind == "disc"
-            or sensor.line_of_sight == "ray",
+            range_m is None or range_m > self.limits.min_height_agl_m,
+            f"{key}.range_m: {range_m} m does not reach the ground from limits.min_height_agl_m = "
+            f"{self.limits.min_height_agl_m} m",
+        )
+        require(
+            not (self.obstacles.file or self.obstacles.prisms) or sensor.sight.line_of_sight != MIDPOINT,
             f'{key}.line_of_sight: among obstacles it must be "ray"; "midpoint" tests one point of the ray only',
         )
         require(
-            self.requirements.looks == 1 or sensor.sensing == "at-waypoints",
+            self.requirements.looks == 1 or not sensor.looks_along_path,
             f'requirements.looks: more than one requires {key}.sensing = "at-waypoints"; along the path give a frame '
             "camera's side_overlap",
         )
-        asks_overlap = sensor.kind == "frame-camera" and bool(sensor.forward_overlap or sensor.side_overlap)
         require(
-            self.requirements.min_overlap_fraction is None or asks_overlap,
+            self.requirements.min_overlap_fraction is None or sensor.asks_overlap,
             "requirements.min_overlap_fraction: requires a frame camera's forward_overlap and side_overlap; give these, or "
             "omit it",
         )

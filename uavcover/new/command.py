@@ -17,7 +17,6 @@ from uavcover.model.vehicle import autopilot_name
 from uavcover.new import quantities
 from uavcover.new.cameras import CameraBody, camera_named
 from uavcover.new.elevation_questions import (
-    AROUND_M,
     NewRequest,
     ask_about_heights,
     ask_about_surface,
@@ -31,6 +30,7 @@ from uavcover.new.scenario_text import SurveyScenario, name_of, return_height_m,
 from uavcover.new.surface_look import SurfaceLook
 from uavcover.new.survey import SurveyDesign, SurveyWish, design_survey
 from uavcover.new.terrain_look import TerrainLook, look_at_terrain, place_for_home
+from uavcover.new.tuning import TERRAIN
 from uavcover.new.vehicles import vehicle_named
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planner.baselines.swaths import (
@@ -45,17 +45,15 @@ from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.areas.area_file import read_area
 from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import judging_map, path_lengths_m
+from uavcover.sensing.coverage_map import path_lengths_m
 from uavcover.sensing.pictures import FLOWN_OVERLAP_FRACTION, pictures_asked, planned_pictures
 from uavcover.sensing.sensors import trigger_distance_m
+from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.elevation_file import read_height_amsl_m
 from uavcover.terrain.elevation_trust import trust_asked_for
 from uavcover.terrain.terrain_source import TerrainSource
 from uavcover.terrain.vertical import datum_named
 
-_FARTHEST_HOME_M = 10_000.0
-_BESIDE_ZONES_M = 5.0
-"""An automatic take-off position is this much farther from no-fly zones than required."""
 _MOUNTS = {"stabilised": "stabilised", "gimbal": "stabilised", "fixed": "fixed"}
 
 
@@ -110,7 +108,9 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
         user.warn(f"{request.area.source}: {note}")
     wish = _wish(request)
     dem = ground_asked_for(request, area)
-    look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=AROUND_M, datum=_wanted_datum(request))
+    look = look_at_terrain(
+        dem, area.parts, where=request.area.source, around_m=TERRAIN.around_m, datum=_wanted_datum(request)
+    )
     if dem.water_height_m is not None:
         user.warn(
             f"--water-height: ground without data in {dem.name}, and around it, count as open water "
@@ -119,7 +119,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     closed = _closed_to_home(request, look, user)
     dem = over_lakes(dem, look, user)
     datum, stated = _datum(look, user)
-    around = look.area.convex_hull.buffer(AROUND_M)
+    around = look.area.convex_hull.buffer(TERRAIN.around_m)
     trust = trust_asked_for(dem, datum, around, look.frame, user, trusted=request.trust_dem)
     surface = surface_asked_for(request, area, dem, look, datum)
     ask_about_surface(dem, user, beside_surface=surface is not None)
@@ -280,10 +280,10 @@ def _closed_to_home(request: NewRequest, look: TerrainLook, user: User) -> shape
         zones = [zone for zone in near if zone.in_force(window)]
         idle = f", {len(near) - len(zones)} are not in force then" if len(zones) < len(near) else ""
         user.say(f"--no-fly: {len(zones)} zones of {file} count{idle}")
-        around = look.area.buffer(_FARTHEST_HOME_M)
+        around = look.area.buffer(TERRAIN.farthest_home_m)
         for zone in local_zones(zones, look.frame, around):
             if zone.entry.floor_agl_m is None and zone.entry.floor_amsl_m is None:
-                shapes.append(zone.grown(zone.entry.margin_m + _BESIDE_ZONES_M))
+                shapes.append(zone.grown(zone.entry.margin_m + TERRAIN.beside_zones_m))
     return shapely.union_all(shapes)
 
 
@@ -334,9 +334,9 @@ def _near(text: str, look: TerrainLook) -> tuple[float, float]:
     lat, lon = quantities.lat_lon(text, option="--home")
     place = shapely.Point(look.frame.enu_from_geodetic(lat, lon, 0.0)[0, :2])
     away_m = float(look.area.distance(place))
-    if not away_m <= _FARTHEST_HOME_M:
+    if not away_m <= TERRAIN.farthest_home_m:
         raise InputError(
-            f"--home: {text} is {away_m / 1000.0:.0f} km from the area, {_FARTHEST_HOME_M / 1000.0:g} km are allowed; "
+            f"--home: {text} is {away_m / 1000.0:.0f} km from the area, {TERRAIN.farthest_home_m / 1000.0:g} km are allowed; "
             "give a position beside it, latitude first"
         )
     return lat, lon

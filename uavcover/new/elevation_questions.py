@@ -12,12 +12,10 @@ from uavcover.new.elevation_words import bands_in_words, feet_in_words, shading_
 from uavcover.new.surface_look import SurfaceLook, look_at_surface, read_as_needed
 from uavcover.new.survey import SurveyDesign
 from uavcover.new.terrain_look import TerrainLook, known_margin_m
+from uavcover.new.tuning import TERRAIN
 from uavcover.run.user import User
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
 from uavcover.terrain.terrain_source import TerrainSource, find_tiles
-
-AROUND_M = 200.0
-"""Around the area the ground is looked at for the way home: the fence is 150 m outside."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +105,7 @@ def surface_asked_for(
         key="terrain.surface_file",
     )  # fmt: skip
     source = read_as_needed(source, crs=request.dem_crs, height_unit=dem.height_unit)
-    return look_at_surface(source, dem, look, ground_datum=datum, around_m=AROUND_M)
+    return look_at_surface(source, dem, look, ground_datum=datum, around_m=TERRAIN.around_m)
 
 
 def ground_asked_for(request: NewRequest, area: FoundArea) -> TerrainSource:

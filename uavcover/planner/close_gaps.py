@@ -30,9 +30,10 @@ from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import own_sensors
 from uavcover.scenario.vehicle_site import vehicle_sites
-from uavcover.sensing.fleet_map import map_for
-from uavcover.verification.command import judge_run, read_log, say_inputs
+from uavcover.sensing.site_maps import map_for
+from uavcover.verification.command import judge_run, say_inputs
 from uavcover.verification.gaps import gaps_geojson
+from uavcover.verification.run_logs import read_log
 from uavcover.verification.verify import Verdict
 
 GAP_FILES = ("gaps.geojson", "gap_mission.waypoints")

@@ -10,9 +10,8 @@ from uavcover.errors import ScenarioError
 from uavcover.missions.part_routes import judge_route
 from uavcover.model.route import PART_OF, Plan, Route, RouteMember
 from uavcover.planner.baselines.boustrophedon import TUNED
+from uavcover.planner.division import FlightWork, divide, flight_work
 from uavcover.planner.front import pareto_members
-from uavcover.planner.parts.division import FlightWork, divide
-from uavcover.planner.parts.planner import flight_work
 from uavcover.planner.selection_rule import parse_rule, select
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import Piece, groups_of, own_parts

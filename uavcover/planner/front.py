@@ -326,7 +326,7 @@ class Finish:
     def worth_judging(self, found: Sequence[NamedRoute]) -> list[NamedRoute]:
         """The routes found, their parts, and the optimizer's routes that nothing is known to dominate."""
         scenario = self._coarse.site.scenario
-        if scenario.sensor.sensing == "at-waypoints" and scenario.limits.applies_to == "waypoints":
+        if not scenario.sensor.looks_along_path and scenario.limits.applies_to == "waypoints":
             # In any order every number of waypoints is searched for by itself: a part is no news.
             return [*found, *(each.route for each in self._others), *(each.candidate.route for each in self._lines)]
         looked = [*self._wholes, *self._looked_at(found)]

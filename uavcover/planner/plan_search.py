@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, Literal, get_args
+from pathlib import Path
+from typing import Any, Literal, Protocol, cast, get_args
 
 from uavcover.errors import InputError
 from uavcover.model.route import Plan
@@ -15,16 +16,12 @@ from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.model.vehicle import autopilot_name
 from uavcover.optimizers.by_name import ALGORITHMS
 from uavcover.planner.fleet_parts import plan_parts
-from uavcover.planner.kept_parts import KeptParts
-from uavcover.planner.memory import at_a_time_within, in_words, memory_need, parts_within
 from uavcover.planner.mission_sizes import with_sizes
-from uavcover.planner.part_workers import part_searchers
-from uavcover.planner.parts.planner import most_parts, part_count, plan_by_parts, require_parts
 from uavcover.planner.planner import Effort, SearchProgress, plan_routes
-from uavcover.planner.search.optimizer_search import SearchRun
-from uavcover.run.scheduling import local_count
+from uavcover.plugins import loaded
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import groups_of
+from uavcover.sensing.block_map import in_blocks
 
 _log = logging.getLogger(__name__)
 
@@ -66,13 +63,46 @@ class SearchRequest:
     autopilot: str | None = None
 
 
+@dataclass(frozen=True, slots=True)
+class Division:
+    """Number of parts of an area, the threads that search, and the scheduler that is used instead, if any."""
+
+    parts: int
+    threads: int
+    scheduler: str | None
+
+
+class LargeAreas(Protocol):
+    """Interface of an entry of the group ``uavcover.large_areas``."""
+
+    def divided(self, site: Site, settings: PlannerSettings, request: SearchRequest) -> Division:
+        """The requested division, within the memory limit."""
+        ...
+
+    def plan_divided(
+        self,
+        site: Site,
+        division: Division,
+        settings: PlannerSettings,
+        effort: Effort,
+        *,
+        select_rule: str,
+        should_stop: Callable[[], bool],
+        on_progress: Callable[[SearchProgress], None],
+        kept: Path | None,
+        or_sorties: bool,
+    ) -> Plan:
+        """Plan a site in more than one part; ``or_sorties``: a part may be a flight each, where that is worth it."""
+        ...
+
+
 def plan(
     site: Site,
     request: SearchRequest,
     *,
     should_stop: Callable[[], bool] = lambda: False,
     on_progress: Callable[[SearchProgress], None] = lambda _: None,
-    kept: KeptParts | None = None,
+    kept: Path | None = None,
 ) -> Plan:
     """Plan the sensing route; of vehicles that have parts of the area, the route of each part.
 
@@ -81,28 +111,29 @@ def plan(
         request: how to search.
         should_stop: asked after every round of the search; the best so far is returned.
         on_progress: called after every round.
-        kept: where the routes of parts are kept as they are found, for a process that goes on after this one.
+        kept: folder where the routes of parts are kept as they are found, for a process that continues after this one.
 
     Raises:
         InfeasibleError: no route keeps the limits.
         InputError: a value of the request is out of range.
         OptimizerError: the optimizer cannot be found, is none, or fails.
     """
-    found = _search(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)
-    return with_sizes(site, found, autopilot=autopilot_name(request.autopilot, site.scenario.vehicle.autopilot))
+    return plan_and_site(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)[0]
 
 
-def _search(
+def plan_and_site(
     site: Site,
     request: SearchRequest,
     *,
     should_stop: Callable[[], bool],
     on_progress: Callable[[SearchProgress], None],
-    kept: KeptParts | None,
-) -> Plan:
-    """The Pareto set and the choice."""
+    kept: Path | None,
+) -> tuple[Plan, Site]:
+    """As :func:`plan`; and the site as it was judged: in blocks, where a large area was planned in parts."""
+    autopilot = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
     if not groups_of(site.scenario):
-        return _plan_one(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)
+        found, judged = _plan_one(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)
+        return with_sizes(judged, found, autopilot=autopilot), judged
     settings = site.scenario.planner
     total, done = request.evaluations or settings.evaluations, 0
 
@@ -116,12 +147,12 @@ def _search(
         def tell(progress: SearchProgress) -> None:
             on_progress(dataclasses.replace(progress, evaluations=before + progress.evaluations, total=total))
 
-        plan = _plan_one(own, asked, should_stop=should_stop, on_progress=tell, kept=kept)
+        plan, _ = _plan_one(own, asked, should_stop=should_stop, on_progress=tell, kept=kept)
         done += evaluations
         return plan
 
     rule = request.select if request.select is not None else site.scenario.select
-    return plan_parts(site, select_rule=rule, search=search)
+    return with_sizes(site, plan_parts(site, select_rule=rule, search=search), autopilot=autopilot), site
 
 
 def _plan_one(
@@ -130,9 +161,9 @@ def _plan_one(
     *,
     should_stop: Callable[[], bool],
     on_progress: Callable[[SearchProgress], None],
-    kept: KeptParts | None,
-) -> Plan:
-    """Plan one route over the area of a site."""
+    kept: Path | None,
+) -> tuple[Plan, Site]:
+    """Plan one route over the area of a site, and return the site as it was judged."""
     algorithm, budget_s, workers = request.algorithm, request.budget_s, request.workers
     planners = get_args(PlannerAlgorithm)
     known = algorithm is None or algorithm in planners
@@ -147,86 +178,59 @@ def _plan_one(
         raise InputError(f"budget: {budget_s} s must be above 0")
     if workers is not None and workers < 1:
         raise InputError(f"workers: {workers} must be at least 1")
+    rule = request.select if request.select is not None else site.scenario.select
     division = _division(site, settings, request)
     if division.parts > 1 and not known:
         raise InputError(f"parts: {settings.parts} requires the planner's own local search, not another optimizer")
     if request.scheduler is not None and settings.parts == 1 and division.parts == 1:
         raise InputError("--scheduler: distributes the parts of a large area; give --parts N or --parts auto with it")
+    if division.parts > 1:
+        site = in_blocks(site)
+        result = _large_areas("planner.parts").plan_divided(
+            site,
+            division,
+            settings,
+            Effort(settings.evaluations, budget_s, time.monotonic),
+            select_rule=rule,
+            should_stop=should_stop,
+            on_progress=on_progress,
+            kept=kept,
+            or_sorties=settings.parts in (1, "auto"),
+        )
+        return result, site
+    if request.scheduler is not None:
+        _log.warning("--scheduler: the area is small and planned in one piece, in this process")
     with ThreadPoolExecutor(division.threads) as executor:
-        if division.parts > 1:
-            with part_searchers(division.scheduler, executor, threads=division.threads, should_stop=should_stop) as (
-                search,
-                look,
-                at_a_time,
-            ):
-                return plan_by_parts(
-                    site,
-                    parts=division.parts,
-                    settings=settings,
-                    select_rule=request.select if request.select is not None else site.scenario.select,
-                    run=SearchRun(
-                        effort=Effort(settings.evaluations, budget_s, time.monotonic),
-                        started=time.monotonic(),
-                        executor=executor,
-                        should_stop=should_stop,
-                        on_progress=on_progress,
-                    ),
-                    run_tasks=search if kept is None else kept.before(search, is_whole=lambda: not should_stop()),
-                    run_blocks=look,
-                    workers=at_a_time,
-                    or_sorties=settings.parts in (1, "auto"),
-                )
-        if request.scheduler is not None:
-            _log.warning("--scheduler: the area is small and planned in one piece, in this process")
-        return plan_routes(
+        result = plan_routes(
             site,
             settings=settings,
-            select_rule=request.select if request.select is not None else site.scenario.select,
+            select_rule=rule,
             effort=Effort(settings.evaluations, budget_s, time.monotonic),
             executor=executor,
             should_stop=should_stop,
             on_progress=on_progress,
             own=None if known else algorithm,
         )
+    return result, site
 
 
-@dataclass(frozen=True, slots=True)
-class _Division:
-    """Number of parts of an area, and their workers."""
+def _division(site: Site, settings: PlannerSettings, request: SearchRequest) -> Division:
+    """One piece with all threads, unless the request is for parts, workers or a limit of memory."""
+    if settings.parts == 1 and request.memory_bytes is None:
+        return Division(1, request.workers or os.cpu_count() or 1, request.scheduler)
+    option = "planner.parts" if settings.parts != 1 else "--memory"
+    return _large_areas(option).divided(site, settings, request)
 
-    parts: int
-    threads: int
-    scheduler: str | None
 
+def _large_areas(option: str) -> LargeAreas:
+    """The extra that plans by parts.
 
-def _division(site: Site, settings: PlannerSettings, request: SearchRequest) -> _Division:
-    """The requested division, within the memory limit."""
-    threads, scheduler = request.workers or os.cpu_count() or 1, request.scheduler
-    parts = 1
-    if settings.parts != 1:
-        require_parts(settings, site)
-        parts = part_count(site) if settings.parts == "auto" else settings.parts
-    if request.memory_bytes is None:
-        return _Division(parts, threads, scheduler)
-    processes = None if scheduler is None else local_count(scheduler)
-    if scheduler is not None and processes is None:
-        raise InputError(
-            f"--memory: limits this machine, not the workers of {scheduler} are not; limit them there, with: "
-            "dask worker --memory-limit"
-        )
-    need = memory_need(site, processes=scheduler is not None)
-    given = request.parts not in (None, "auto")
-    within = parts_within(need, request.memory_bytes, parts=parts, most_parts=most_parts(site), given=given)
-    if within > 1:
-        require_parts(settings, site)
-    at_a_time = at_a_time_within(need, request.memory_bytes, parts=within, workers=processes or threads)
-    _log.info(
-        "--memory: %d %s, %d at a time, about %s", within, "parts" if within > 1 else "part", at_a_time,
-        in_words(need.total(within, at_a_time)),
-    )  # fmt: skip
-    if processes is None:
-        return _Division(within, min(threads, at_a_time), None)
-    return _Division(within, threads, f"local:{at_a_time}")
+    Raises:
+        InputError: it is not installed.
+    """
+    for large_areas in loaded("uavcover.large_areas").values():
+        return cast(LargeAreas, large_areas)
+    raise InputError(f"{option}: planning in parts is not installed; install uavcover with its extras")
 
 
 def _settings(base: PlannerSettings, request: SearchRequest, *, algorithm: str | type | None) -> PlannerSettings:

@@ -19,9 +19,8 @@ from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import own_sensors
-from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import planned_poses, takes_pictures
-from uavcover.sensing.sensors import focal_px
+from uavcover.sensing.site_maps import judging_map
 
 _TELLING_GAP = 0.5
 """A bound that is farther below the route says of the bound that it is weak, and nothing of the route."""
@@ -65,7 +64,7 @@ def say_summary(user: User, site: Site, result: Plan, flights: Sequence[Sortie])
     if takes_pictures(site.scenario) and not own_sensors(site.scenario):
         routes = [flight.route.waypoints_m for flight in flights] or [result.chosen.route.waypoints_m]
         words = f"{len(planned_poses(judging_map(site), routes).eyes)}"
-        focal = focal_px(site.scenario.sensor)
+        focal = site.scenario.sensor.focal_px
         if math.isfinite(focal):
             ends = [
                 100.0 * m / focal

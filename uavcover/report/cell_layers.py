@@ -5,7 +5,7 @@ Each is a data URI with one pixel a cell; row 0 is the north.
 
 import base64
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,6 +15,7 @@ from PIL import Image
 
 from uavcover.kernels.arrays import BoolArray, ByteArray, FloatArray
 from uavcover.report.content import PlannedView, ReportContent
+from uavcover.report.tuning import FIGURES
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, pictures_asked
 from uavcover.verification.flown_coverage import FlownCoverage
@@ -24,7 +25,6 @@ from uavcover.verification.verify import Verdict
 Bounds = tuple[float, float, float, float]
 Rgb = tuple[int, int, int]
 
-_RAMP_STEPS = 9
 
 # Distinguishable with any colour vision (palette of Okabe and Ito).
 SURE_RGB: Rgb = (0, 114, 96)
@@ -169,11 +169,16 @@ def _picture_classes(asked: int) -> list[tuple[Rgb, int, int | None]]:
 
 def _classes_layer(coverage: CoverageMap, key: str, title: str, classes: list[tuple[Rgb, str, BoolArray]]) -> CellLayer:
     """Cells in the colour of their class; of a cell in several, the last."""
-    colors = np.zeros((coverage.grid.count, 4), dtype=np.uint8)
-    for rgb, _, where in classes:
-        colors[where] = (*rgb, 150)
     legend = tuple(LegendEntry(_hex(rgb), label) for rgb, label, where in reversed(classes) if where.any())
-    return CellLayer(key, title, _cells_image(coverage, colors), legend)
+    return CellLayer(key, title, classes_image(coverage, [(rgb, where) for rgb, _, where in classes]), legend)
+
+
+def classes_image(coverage: CoverageMap, classes: Sequence[tuple[Rgb, BoolArray]]) -> str:
+    """An image of the cells in the colour of their class; of a cell in several, the last."""
+    colors = np.zeros((coverage.grid.count, 4), dtype=np.uint8)
+    for rgb, where in classes:
+        colors[where] = (*rgb, 150)
+    return _cells_image(coverage, colors)
 
 
 def label(template: str) -> Callable[[float], str]:
@@ -221,7 +226,7 @@ def ramp_layer(
     share = np.zeros(values.size) if high == low else (np.where(known, values, low) - low) / (high - low)
     rgba = np.asarray(colormaps[colors](share, bytes=True), dtype=np.uint8)
     rgba[:, 3] = np.where(known, 190, 0)
-    steps = np.linspace(0.0, 1.0, _RAMP_STEPS if high > low else 1)
+    steps = np.linspace(0.0, 1.0, FIGURES.ramp_steps if high > low else 1)
     ends = {0: label(low), len(steps) - 1: label(high)}
     legend = tuple(
         LegendEntry(_hex(tuple(round(255 * c) for c in colormaps[colors](float(s))[:3])), ends.get(i, ""))

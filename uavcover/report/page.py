@@ -20,6 +20,7 @@ from uavcover.report.background import Background, read_background
 from uavcover.report.cell_layers import REASON_WORDS
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.map_data import bounds_m, drawn_every, map_data
+from uavcover.report.tuning import FIGURES
 from uavcover.run.documents import bounds_in_words
 from uavcover.run.folder import REPORT_FILE, RunFolder, write_text
 from uavcover.run.judged_inputs import (
@@ -41,7 +42,6 @@ _HERE = Path(__file__).parent
 _PAGE = _HERE / "page"
 _LEAFLET = _HERE / "vendor" / "leaflet"
 
-_MAX_TABLE_ROWS = 30
 
 BOUND_WORDS = {
     "coverable_fraction": "fraction of the area that permitted positions can observe",
@@ -147,7 +147,7 @@ def _facts(content: ReportContent) -> dict[str, Any]:
         "reason_words": REASON_WORDS,
         "drawn_every": max((drawn_every(len(flight.track)) for flight in content.flights), default=1),
         "duration_s": sum(flight.duration_s for flight in content.flights),
-        "max_rows": _MAX_TABLE_ROWS,
+        "max_rows": FIGURES.max_table_rows,
     }
 
 

@@ -11,12 +11,8 @@ from uavcover.model.route import MissionSize, Route
 from uavcover.planner.pareto_file import trade_off_axis
 from uavcover.report.charts import Chart, Key, Plot
 from uavcover.report.content import Flight, ReportContent
+from uavcover.report.tuning import FIGURES
 from uavcover.verification.verify import Verdict
-
-_ALONG_STEPS = 1200
-
-FLIGHT_COLORS = 8
-"""Number of flight styles in ``report.css``, solid and dashed."""
 
 
 def height_along_route(content: ReportContent) -> Chart:
@@ -227,13 +223,13 @@ def _along(route: Route) -> tuple[FloatArray, FloatArray]:
         points = np.repeat(waypoints_m, 2, axis=0) if len(waypoints_m) else np.full((2, 3), np.nan)
         return np.array([0.0, 1.0]), points
     at_m = _along_m(waypoints_m, route.begins)
-    along = np.unique(np.append(np.linspace(0.0, at_m[-1], _ALONG_STEPS), at_m))
+    along = np.unique(np.append(np.linspace(0.0, at_m[-1], FIGURES.along_steps), at_m))
     return along, np.column_stack([np.interp(along, at_m, waypoints_m[:, axis]) for axis in range(3)])
 
 
 def flight_style(number: int) -> str:
     """The style class of a flight; after the last colour they repeat with dashes (``report.css``)."""
-    return f"flight-{number % (2 * FLIGHT_COLORS)}"
+    return f"flight-{number % (2 * FIGURES.flight_colors)}"
 
 
 def _key(content: ReportContent, number: int) -> str:

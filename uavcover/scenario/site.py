@@ -1,11 +1,12 @@
 """The site: a scenario on its ground, everything in the local frame, ready for planning, flying and judging."""
 
 import dataclasses
+import functools
 import math
-from collections.abc import Hashable
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import shapely
@@ -19,10 +20,11 @@ from uavcover.scenario.airspace.zones import Zone, ZoneCheck, local_zones
 from uavcover.scenario.obstacles import Footprint, Prism, stand_on
 from uavcover.scenario.scenario_file import load_scenario, terrain_source
 from uavcover.scenario.surface_model import check_home_is_open, with_surface_over
-from uavcover.terrain.elevation_file import MAX_ERROR_M, read_ground, read_height_amsl_m
+from uavcover.terrain.elevation_file import read_ground, read_height_amsl_m
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground, sine_cosine_ground
 from uavcover.terrain.terrain_source import TerrainSource
+from uavcover.terrain.tuning import FILES
 
 MAX_REACH_M = 100_000.0
 """A position in a scenario farther from the origin is treated as a mistake."""
@@ -47,7 +49,8 @@ class Site:
         zones: the no-fly zones that come near and are in force in the flight window, or may be without one.
         other_zones: those that come near and are not in force then.
         ground_model: the ground under the surface model; none without one.
-        derived: values that later stages compute once for this site, by key; a copy of the site starts without them.
+        whole: the site of which this one's area is a part, where their routes are flown as one; none otherwise.
+        block_cells: cells of a block, where the cells that results are judged on are evaluated in blocks; none: in one piece.
     """
 
     scenario: Scenario
@@ -60,7 +63,8 @@ class Site:
     zones: tuple[Zone, ...] = ()
     other_zones: tuple[Zone, ...] = ()
     ground_model: Ground | None = None
-    derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
+    whole: "Site | None" = None
+    block_cells: int | None = None
 
     def __repr__(self) -> str:
         where = "no position on Earth" if self.frame is None else f"{self.frame.lat_deg:.5f}, {self.frame.lon_deg:.5f}"
@@ -105,14 +109,14 @@ class Site:
 
     @property
     def ground_error_m(self) -> float:
-        """Largest error of heights above a resampled ground; 0 where the ground equals the file within ``MAX_ERROR_M``."""
-        return self.ground.error_m if self.ground.error_m > MAX_ERROR_M else 0.0
+        """Largest error of heights above a resampled ground; 0 where the ground equals the file within ``max_error_m``."""
+        return self.ground.error_m if self.ground.error_m > FILES.max_error_m else 0.0
 
     @property
     def vertical_uncertainty_m(self) -> float:
         """Largest error of a height above ground in a verdict: the stated one plus the ground's own.
 
-        Without a stated uncertainty, measurements are taken as exact, and so is a ground within ``MAX_ERROR_M`` of its file.
+        Without a stated uncertainty, measurements are taken as exact, and so is a ground within ``max_error_m`` of its file.
         """
         stated = self.scenario.uncertainty
         if stated == Uncertainty():
@@ -143,6 +147,29 @@ class Site:
         place[:, 2] = self.bare_ground.heights_m(place[:, :2])
         alt_amsl_m = float(self.alts_amsl_m(place)[0])
         return alt_amsl_m if math.isfinite(alt_amsl_m) else None
+
+
+Computed = TypeVar("Computed")
+
+
+def once(compute: Callable[[Site], Computed]) -> Callable[[Site], Computed]:
+    """Make a function of a later stage a cached property of its site. A copy of the site starts without its value."""
+    name = f"{compute.__module__}.{compute.__qualname__}"
+
+    @functools.wraps(compute)
+    def found(site: Site) -> Computed:
+        values: dict[str, Computed] = site.__dict__
+        if name not in values:
+            values[name] = compute(site)
+        return values[name]
+
+    return found
+
+
+def forget_computed(site: Site) -> None:
+    """Drop the values of :func:`once`. Maps know their site: a site that is not used any more would stay for a while."""
+    for name in site.__dict__.keys() - {field.name for field in dataclasses.fields(site)}:
+        del site.__dict__[name]
 
 
 def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None = None) -> Site:
@@ -386,7 +413,7 @@ def _ground(
         terrain_file, terrain.vertical_datum, frame=frame, bounds_m=_with_margin(bounds_m), grid_step_m=terrain.grid_step_m
     )  # fmt: skip
     margin_m = scenario.limits.height_margin_m
-    if ground.error_m > max(MAX_ERROR_M, margin_m):
+    if ground.error_m > max(FILES.max_error_m, margin_m):
         raise ScenarioError(
             f"terrain.grid_step_m: a grid of {terrain.grid_step_m:g} m differs from the file's ground by up to "
             f"{ground.error_m:.1f} m, and limits.height_margin_m is {margin_m:g} m: remove grid_step_m to use "

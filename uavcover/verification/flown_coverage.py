@@ -1,8 +1,9 @@
 """Coverage of a flown track. For each cell: when, how often, how closely and how surely it was observed, or why not."""
 
-from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass
+import dataclasses
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,14 +12,13 @@ from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import Camera, ObservationCounts, SensorPoses
 from uavcover.kernels.sight import LocalSlopes, local_slopes
-from uavcover.model.sensor import Camera as CameraSensor
+from uavcover.run.scheduling import Workers, workers_of
+from uavcover.scenario.site import Site
+from uavcover.sensing.block_map import judging_block, row_blocks
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import focal_px
+from uavcover.sensing.observing import add_observations
 from uavcover.verification.observations import Observations
 from uavcover.verification.possible_motion import MAX_LEAN_DEG
-
-WORKERS = 2
-"""Threads that share the rows of the lattice; the result does not depend on their number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +116,7 @@ def possibly_seen(coverage: CoverageMap, observations: Observations) -> BoolArra
     site = coverage.site
     slopes = local_slopes(site.ground.surface)
     camera = _camera(coverage, slopes)
-    if isinstance(site.scenario.sensor, CameraSensor):
+    if site.scenario.sensor.is_camera:
         camera = camera._replace(turn_rad=max(camera.turn_rad, float(np.radians(MAX_LEAN_DEG))))
     counts = _counted(coverage, observations, slopes, camera)
     return np.asarray((counts.first >= 0) | (counts.possible > 0))
@@ -165,17 +165,8 @@ def _counted(
     coverage: CoverageMap, observations: Observations, slopes: LocalSlopes, camera: Camera
 ) -> ObservationCounts:
     counts: ObservationCounts = kernels.no_observations(coverage.grid.count, camera.needed)
-
     poses = SensorPoses(observations.places_m, observations.axes, observations.tops, observations.times_s)
-
-    def add(first_row: int) -> None:
-        kernels.count_rows(
-            coverage.site.ground.surface, slopes, coverage.sight, camera, coverage.grid.cells,
-            poses, (first_row, WORKERS), counts,
-        )  # fmt: skip
-
-    with ThreadPoolExecutor(WORKERS) as executor:
-        list(executor.map(add, range(WORKERS)))
+    add_observations(coverage.site, slopes, coverage.sight, camera, coverage.grid.cells, poses, counts)
     return counts
 
 
@@ -187,13 +178,13 @@ def _camera(coverage: CoverageMap, slopes: LocalSlopes) -> Camera:
     # times the shift: the same as lowering the eye by p times the steepest slope.
     lift = vertical + (horizontal * _steepest_known(slopes) if horizontal > 0.0 else 0.0)
     return Camera(
-        focal_px=focal_px(sensor),
+        focal_px=sensor.focal_px,
         # Every waypoint is an observation of its own, however soon it follows the one before.
-        pass_gap_s=wanted.max_gap_s if sensor.sensing == "along-path" else -1.0,
+        pass_gap_s=wanted.max_gap_s if sensor.looks_along_path else -1.0,
         offset_m=float(np.hypot(horizontal, vertical)),
         horizontal_m=horizontal,
         lift_m=lift,
-        turn_rad=float(np.radians(uncertainty.attitude_deg)) if isinstance(sensor, CameraSensor) else 0.0,
+        turn_rad=float(np.radians(uncertainty.attitude_deg)) if sensor.is_camera else 0.0,
         needed=wanted.looks,
         apart_m=wanted.look_distance_m or 0.0,
     )
@@ -206,3 +197,80 @@ def _steepest_known(slopes: LocalSlopes) -> float:
 
 def _finite(values: FloatArray) -> FloatArray:
     return np.where(np.isfinite(values), values, np.nan)
+
+
+_BLOCK_CELLS = 250_000
+
+
+CountObservations = Callable[[CoverageMap, Observations], FlownCoverage]
+"""Counts every observation of every cell of the area."""
+
+
+@contextmanager
+def counter_of(scheduler: str | None) -> Iterator[CountObservations]:
+    """The workers that count the observations (:func:`uavcover.run.scheduling.workers_of`); None: threads of this process."""
+    if scheduler is None:
+        yield count_observations
+        return
+    with workers_of(scheduler) as workers:
+        yield count_by(workers)
+
+
+def count_by(workers: Workers, *, block_cells: int = _BLOCK_CELLS) -> CountObservations:
+    """Count by workers, in blocks of about ``block_cells`` cells; the result does not depend on either."""
+
+    def count(coverage: CoverageMap, observations: Observations) -> FlownCoverage:
+        # A copy of the site has nothing that can be computed again.
+        flight = CountedFlight(dataclasses.replace(coverage.site), observations)
+        tasks = [(rows.start, rows.stop) for rows in row_blocks(coverage.site, cells=block_cells)]
+        found = dict(workers.completed(count_block, flight, tasks))
+        return joined_blocks([found[task] for task in tasks])
+
+    return count
+
+
+# Coverage of a flown track by blocks of cells: each is a task of its own, for any worker.
+#
+# Whether a cell is observed does not depend on other cells, and it is the same cell in a block as among all. No difference arises
+# along the edges of blocks, and a block needs no more of the flight than what was observed within the sensor's reach of it.
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CountedFlight:
+    """Data shared by the tasks of a flight.
+
+    Attributes:
+        site: the scenario on its ground.
+        observations: of the flight, in order of time.
+    """
+
+    site: Site
+    observations: Observations
+
+
+def count_block(flight: CountedFlight, rows: tuple[int, int]) -> FlownCoverage:
+    """Count every observation of the cells in some rows of the lattice: from the first number to before the second."""
+    block = judging_block(flight.site, range(*rows))
+    return count_observations(block, near_block(block, flight.observations))
+
+
+def near_block(block: CoverageMap, observations: Observations) -> Observations:
+    """Observations that may see some cell of a block under any error within the scenario's [uncertainty]."""
+    centre_m = block.grid.cells.centre_m
+    if len(centre_m) == 0:
+        return observations.where(np.zeros(len(observations), dtype=bool))
+    uncertainty = block.site.scenario.uncertainty
+    halo_m = block.sight.reach_m + 2.0 * (uncertainty.position_m + block.site.vertical_uncertainty_m) + 1.0
+    places_m = observations.places_m
+    near = np.ones(len(observations), dtype=bool)
+    for axis in range(2):
+        near &= places_m[:, axis] >= centre_m[:, axis].min() - halo_m
+        near &= places_m[:, axis] <= centre_m[:, axis].max() + halo_m
+    return observations.where(near)
+
+
+def joined_blocks(blocks: Sequence[FlownCoverage]) -> FlownCoverage:
+    """Blocks in the order of their rows, as what they are together."""
+    return FlownCoverage(
+        **{each.name: np.concatenate([getattr(block, each.name) for block in blocks]) for each in fields(FlownCoverage)}
+    )

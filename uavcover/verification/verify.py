@@ -1,6 +1,6 @@
 """The verdict on a flight: one track, or several that count together."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,7 +14,7 @@ from uavcover.model.outline import svg_map
 from uavcover.model.track import Track
 from uavcover.model.verdict import PhotoSource, PictureStatistics, VerificationReport
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.looks import look_distance_m, looks_of
 from uavcover.sensing.pictures import (
     OVERLAP_FRACTION,
@@ -25,8 +25,10 @@ from uavcover.sensing.pictures import (
     picture_statistics,
     takes_pictures,
 )
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.decision import cell_statistics, coverage_by_time, decide, judged_requirements
 from uavcover.verification.flown_coverage import (
+    CountObservations,
     FlownCoverage,
     count_observations,
     joined_observations,
@@ -42,9 +44,6 @@ from uavcover.verification.reported_photos import reports_photos
 from uavcover.verification.same_flight import Records, at_two_places, has_near, records_of_one_flight
 from uavcover.verification.separation import judge_separation
 from uavcover.verification.shared_clock import UNKNOWN_DATES, DateBounds, clocks_apart, dated
-
-CountObservations = Callable[[CoverageMap, Observations], FlownCoverage]
-"""Counts every observation of every cell of the area."""
 
 __all__ = ["FlownTrack", "Verdict", "flown_coverage", "track_positions_m", "verify_flight", "verify_track"]
 

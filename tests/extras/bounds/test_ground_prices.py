@@ -68,7 +68,7 @@ def random_path(coverage, rng, waypoints):
 
 
 @pytest.mark.parametrize(
-    ("kind", "seed"), [*((kind, 3) for kind in SENSORS), pytest.param("cone", 0, marks=pytest.mark.slow)]
+    ("kind", "seed"), [*((kind, 3) for kind in SENSORS), pytest.param("cone", 0, marks=pytest.mark.long)]
 )
 @pytest.mark.no_cover
 def test_no_path_gains_more_than_its_length_and_one_look(kind, seed):

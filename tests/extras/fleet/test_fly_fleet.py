@@ -37,7 +37,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.command import verify_run
 
 
@@ -159,7 +159,7 @@ def test_what_a_lost_vehicle_leaves_is_flown_by_the_other(planned: RunFolder, tm
     assert sum(entity.startswith("/world/flown/") for entity in entities) == len(rows)
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_equal_seeds_equal_flights(planned: RunFolder, tmp_path: Path) -> None:
     tracks = []
     for name in ("a", "b"):
@@ -192,7 +192,7 @@ def test_ctrl_c_brings_all_home_one_after_the_other(planned: RunFolder, tmp_path
     assert np.ptp(second.enu_m[holds], axis=0).max() < 3.0
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_ctrl_c_twice_leaves_all_holding(planned: RunFolder, tmp_path: Path) -> None:
     run, hangar = copied(planned, tmp_path), Hangar(2, mock)
     ended, document = fly(run, hangar, Presses(hangar.clocks[0], 60.0, 70.0))

@@ -23,8 +23,8 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.user import Unattended
 from uavcover.scenario.areas.area_file import AreaQuery
 from uavcover.scenario.site import area_as_drawn, load_site
-from uavcover.sensing.coverage_map import judging_map
-from uavcover.verification.command import read_planned_route
+from uavcover.sensing.site_maps import judging_map
+from uavcover.verification.run_logs import read_planned_route
 
 AREA = "36.4762,-84.2160,45"
 DEM = "uavcover/data/jacksboro.tif"

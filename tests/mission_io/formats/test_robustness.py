@@ -83,12 +83,12 @@ def test_no_reader_takes_quadratic_time(name: str) -> None:
     assert seconds(8_000) < 10.0 * seconds(2_000) + 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_two_hundred_thousand_lines_are_read() -> None:
     assert len(wpl.read(rows(200_000)).items) == 199_999
 
 
-@pytest.mark.slow
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["waypoints", "plan", "csv", "kml", "geojson", "poly"])
 def test_fifty_megabytes_are_read_in_a_minute(name: str) -> None:
     read, make = SIZES[name]

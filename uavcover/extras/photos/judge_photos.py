@@ -20,13 +20,13 @@ from uavcover.extras.photos.photo_verdict import (
 from uavcover.extras.photos.readers import PictureSet, read_pictures
 from uavcover.extras.photos.survey_as_flown import CAMERA_FILE, survey_as_flown
 from uavcover.model.area import Area
-from uavcover.model.sensor import FrameCamera
 from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.run.folder import RunFolder, json_text
 from uavcover.run.user import User, percent
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.pictures import overlap_rule
+from uavcover.sensing.sensors import frame_camera
 from uavcover.verification.gaps import cells_outline, gaps_geojson
 
 FILES = ("scenario.toml", "photos.json", "pictures.csv", "footprints.geojson", "photos.tif", "gaps.geojson")
@@ -87,8 +87,7 @@ def _site(request: PhotoRequest, found: PictureSet, out: RunFolder, user: User) 
     if request.scenario is not None:
         path = request.scenario / "scenario.toml" if request.scenario.is_dir() else request.scenario
         site = load_site(path)
-        if not isinstance(site.scenario.sensor, FrameCamera):
-            raise InputError(f"{path}: its sensor is a {site.scenario.sensor.kind}; photos need a frame-camera")
+        frame_camera(site.scenario.sensor, source=str(path))
         return site, dump_scenario(site.scenario)
     if request.area is None:
         raise InputError("judge-photos: give --area with --dem, or --scenario with the survey's file or run folder")

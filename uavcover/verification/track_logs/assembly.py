@@ -10,27 +10,7 @@ from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.model.active_times import is_flight_time
 from uavcover.model.track import VELOCITY_COLUMNS, ReadTrack, Track
 from uavcover.terrain.frames import LocalFrame
-from uavcover.verification.shared_clock import JUMP_S
-
-PICTURE_PLACE_ERROR_M = 10.0
-"""A photo that names a place farther than this from where the vehicle was then is no photo."""
-
-PICTURE_TIME_ERROR_S = 0.5
-"""So much earlier or later it may have been there: autopilots note a photo when the camera answers."""
-
-_CLOCK_SPREAD_S = 5.0
-"""Clocks of one flight run together; of a simulator that is faster than real time they do not."""
-
-_MOST_LEAN_COS = 0.94
-"""Largest lean of a vehicle whose rangefinder counts: 20 degrees.
-
-A wide beam hits what is nearest, which then is not on its axis.
-"""
-
-MAX_ATTITUDE_GAP_S = 1.0
-"""Largest time between the two rows around a position from which its attitude is interpolated."""
-MAX_VELOCITY_GAP_S = 0.5
-"""The same for its velocity."""
+from uavcover.verification.tuning import CLOCK, LOGS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -134,9 +114,9 @@ def _ranged(frame: LocalFrame, positions: FloatArray, attitudes: FloatArray, ran
     if len(positions) < 2 or not len(ranges):
         return np.empty((0, 3))
     gaps = positions[after, 0] - positions[after - 1, 0]
-    inside = (times >= positions[0, 0]) & (times <= positions[-1, 0]) & (gaps <= MAX_ATTITUDE_GAP_S)
+    inside = (times >= positions[0, 0]) & (times <= positions[-1, 0]) & (gaps <= LOGS.max_attitude_gap_s)
     roll, pitch, yaw = np.radians(attitudes_at(times, attitudes)).T
-    known = inside & np.isfinite(roll + pitch + yaw) & (np.cos(roll) * np.cos(pitch) > _MOST_LEAN_COS)
+    known = inside & np.isfinite(roll + pitch + yaw) & (np.cos(roll) * np.cos(pitch) > LOGS.most_lean_cos)
     if not known.any():
         return np.empty((0, 3))
     roll, pitch, yaw, times, distance = roll[known], pitch[known], yaw[known], times[known], ranges[known, 1]
@@ -160,9 +140,9 @@ def _unix_offsets_s(clock: FloatArray, time_s: FloatArray) -> FloatArray:
     offsets = plausible[:, 1] - plausible[:, 0]
     if offsets.size == 0:
         return np.full(len(time_s), np.nan)
-    if np.abs(np.diff(offsets)).max(initial=0.0) > JUMP_S:
+    if np.abs(np.diff(offsets)).max(initial=0.0) > CLOCK.jump_s:
         return np.asarray(offsets[np.maximum(np.searchsorted(plausible[:, 0], time_s, side="right") - 1, 0)])
-    if np.ptp(np.percentile(offsets, (5.0, 95.0))) > _CLOCK_SPREAD_S:
+    if np.ptp(np.percentile(offsets, (5.0, 95.0))) > LOGS.clock_spread_s:
         return np.full(len(time_s), np.nan)
     return np.full(len(time_s), float(np.median(offsets)))
 
@@ -188,11 +168,11 @@ def _pictures_taken(
     heights = np.interp(pictures[placed, 0], times, positions[:, 3])
     reported_m = frame.enu_from_geodetic(pictures[placed, 1], pictures[placed, 2], heights)
     off_m = np.full(int(placed.sum()), np.inf)
-    for shift_s in (-PICTURE_TIME_ERROR_S, 0.0, PICTURE_TIME_ERROR_S):
+    for shift_s in (-LOGS.picture_time_error_s, 0.0, LOGS.picture_time_error_s):
         flown = np.column_stack([np.interp(pictures[placed, 0] + shift_s, times, enu[:, axis]) for axis in range(2)])
         off_m = np.minimum(off_m, np.hypot(*(reported_m[:, :2] - flown).T))
     elsewhere = np.zeros(len(pictures), dtype=bool)
-    elsewhere[placed] = ~(off_m <= PICTURE_PLACE_ERROR_M)
+    elsewhere[placed] = ~(off_m <= LOGS.picture_place_error_m)
     if elsewhere.any():
         doubted.append(
             f"{int(elsewhere.sum())} of {len(pictures)} photos state a position far from the vehicle (up to "
@@ -218,7 +198,7 @@ def attitudes_at(time_s: FloatArray, attitudes: FloatArray) -> FloatArray:
     # At the ends of the log the same row serves as the one before and the one after.
     gap = np.where(before == after, np.abs(known[after, 0] - time_s), known[after, 0] - known[before, 0])
     off_end = np.maximum(known[0, 0] - time_s, time_s - known[-1, 0])
-    near = np.maximum(np.where(off_end > 0.0, 0.0, gap), off_end) <= MAX_ATTITUDE_GAP_S
+    near = np.maximum(np.where(off_end > 0.0, 0.0, gap), off_end) <= LOGS.max_attitude_gap_s
     turned = np.unwrap(known[:, 1:], axis=0, period=360.0)
     for axis in range(3):
         out[near, axis] = np.interp(time_s[near], known[:, 0], turned[:, axis])
@@ -241,7 +221,7 @@ def _velocities_at(time_s: FloatArray, velocities: FloatArray) -> FloatArray:
     known = known[np.argsort(known[:, 0], kind="stable")]
     after = np.minimum(np.searchsorted(known[:, 0], time_s), len(known) - 1)
     gap_s = known[after, 0] - known[np.maximum(after - 1, 0), 0]
-    inside = (time_s > known[0, 0]) & (time_s < known[-1, 0]) & (gap_s <= MAX_VELOCITY_GAP_S)
+    inside = (time_s > known[0, 0]) & (time_s < known[-1, 0]) & (gap_s <= LOGS.max_velocity_gap_s)
     near = inside | (known[after, 0] == time_s)
     out[near] = np.column_stack([np.interp(time_s[near], known[:, 0], known[:, axis]) for axis in (1, 2, 3)])
     return out

@@ -1,0 +1,301 @@
+"""Planning by parts: divide the area, search in every part, join the routes, search along the seams, judge the whole."""
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor, as_completed
+
+import numpy as np
+import shapely
+
+from uavcover.errors import InputError
+from uavcover.extras.large_areas.part_search import Neighbour, PartTask, search_part
+from uavcover.extras.large_areas.slices import Slice, sliced
+from uavcover.extras.large_areas.sortie_parts import SortiePart, may_have_sorties, sortie_parts
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.sight import horizontal_reach
+from uavcover.kernels.way_cost import ENERGY
+from uavcover.missions.flight_costs import mission_cost
+from uavcover.missions.way_cost import way_cost_of
+from uavcover.model.route import Plan, Route
+from uavcover.model.scenario import PlannerSettings
+from uavcover.planner.baselines.boustrophedon import (
+    BOUSTROPHEDON,
+    Baseline,
+    fewest_lines,
+    plain_boustrophedon,
+)
+from uavcover.planner.baselines.swaths import fly_layout
+from uavcover.planner.budget import SHARES
+from uavcover.planner.division import divide, flight_work
+from uavcover.planner.final_choice import choose
+from uavcover.planner.front import NamedRoute, judge_members
+from uavcover.planner.joining import in_good_order, joined
+from uavcover.planner.search.optimizer_search import SearchProgress, SearchRun
+from uavcover.planner.selection_rule import parse_rule
+from uavcover.scenario.site import Site
+from uavcover.scenario.vehicle_parts import Piece
+from uavcover.sensing.block_map import RunBlocks, look_at_all, one_after_the_other
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import judging_map, sampling_map
+
+RunTasks = Callable[[Site, Sequence[PartTask]], Iterator[tuple[PartTask, FloatArray]]]
+"""Search in parts of a site: each task with the waypoints of its route, in any order."""
+
+_ROUNDS = SHARES.part_rounds
+
+_MORE_ROUNDS = 2
+"""This number of further rounds, as long as the last one, while the joined route lacks the required coverage."""
+
+_FLOWN = 0.98
+"""The coverage that is searched for when the rule asks for none."""
+
+_ONE_SEARCH_CELLS = 130_000
+_PART_CELLS = 260_000
+"""Above the first, "auto" divides the area, and gives no part more cells than the second. Few large parts were best, by
+``scripts/bench/large.py`` (docs/results/large.md): many seams cost more than they save."""
+
+_MOST_COMPARED_CELLS = 300_000
+"""For a larger area the tuned boustrophedon is found on this number of larger cells: no worker shares that work."""
+
+_WORTH = 0.99
+"""A flight for each part is worth it where they begin with so much of what the tuned boustrophedon costs: a search in few large
+parts ends with 0.88 of it on 25 km², 0.92 on 49 and 0.92 on 100 km², and one in flights with 0.91 of what they begin with."""
+
+_LARGEST_CORRECTION = 0.01
+_SAFETY = 0.0003
+"""Safety share of the parts' goal, added to the shortfall of the joined route against the required coverage."""
+
+
+def part_count(site: Site) -> int:
+    """Number of parts for "auto", by the number of cells; 1 where the area is small."""
+    cells = site.area.area / site.scenario.area.cell_size_m**2
+    return 1 if cells <= _ONE_SEARCH_CELLS else max(2, math.ceil(cells / _PART_CELLS))
+
+
+def most_parts(site: Site) -> int:
+    """Largest number of parts: none is smaller than the sensor's footprint."""
+    return max(1, int(site.area.area / flight_work(site).swath_m ** 2))
+
+
+def require_parts(settings: PlannerSettings, site: Site) -> None:
+    """Refuse what parts cannot be planned for.
+
+    Raises:
+        InputError: says what, and what to do.
+    """
+    what = None
+    if settings.encoding != "swaths" or not site.scenario.sensor.looks_along_path:
+        what = 'a sensor that looks along the path and encoding = "swaths"'
+    elif settings.algorithm not in ("memetic", "local-search"):
+        what = 'algorithm = "memetic" or "local-search"'
+    elif settings.max_waypoints is not None:
+        what = "no max_waypoints"
+    if what is not None:
+        raise InputError(f"planner.parts: more than one part requires {what}; remove parts, or set it to 1")
+
+
+def plan_by_parts(
+    site: Site,
+    *,
+    parts: int,
+    settings: PlannerSettings,
+    select_rule: str,
+    run: SearchRun,
+    run_tasks: RunTasks,
+    run_blocks: RunBlocks = one_after_the_other,
+    workers: int = 1,
+    or_sorties: bool = False,
+) -> Plan:
+    """Plan the sensing route of a large site by parts.
+
+    The plan depends on the seed, the evaluations and the number of parts, and not on who searches in which part, or when.
+
+    Args:
+        site: the scenario on its ground.
+        parts: how many, 2 at least.
+        settings: of the search.
+        select_rule: see :mod:`uavcover.planner.selection_rule`.
+        run: evaluations of all parts together, or a time budget; the executor for whole routes, and the progress callback.
+        run_tasks: who searches in the parts.
+        run_blocks: who judges a large area, block by block.
+        workers: how many search at the same time: what a time budget is shared by.
+        or_sorties: whether parts may be a flight each instead, as many as there are or more, where that is worth it.
+
+    Raises:
+        InfeasibleError: the joined route breaks a limit; says which.
+        InputError: the rule cannot be understood, or the scenario cannot be planned by parts.
+    """
+    require_parts(settings, site)
+    effort, executor = run.effort, run.executor
+    rule = parse_rule(select_rule)
+    goal = _FLOWN if rule.required_coverage is None else rule.required_coverage
+    most = most_parts(site)
+    if parts > most:
+        raise InputError(
+            f"planner.parts: {parts} parts of {site.area.area / 1e6:.3g} km² are smaller than the sensor's footprint; "
+            f"give at most {most}, or auto"
+        )
+    fine = judging_map(site)
+    areas, routes, comparison = _divided(site, parts, goal, executor, or_sorties=or_sorties)
+    found: list[Route] = []
+    aim = goal
+    seen = 0.0
+    for number, share in enumerate((*_ROUNDS, *_ROUNDS[-1:] * _MORE_ROUNDS)):
+        if found and (run.should_stop() or (number >= len(_ROUNDS) and seen >= goal)):
+            break
+        budget_s = None if effort.budget_s is None else SHARES.parts * share * effort.budget_s * workers / len(areas)
+        evaluations = max(1, int(share * effort.evaluations / len(areas)))
+        tasks = tasks_of(
+            site,
+            areas,
+            routes,
+            aim,
+            round_number=number,
+            seed=settings.seed,
+            evaluations=evaluations,
+            budget_s=budget_s,
+        )
+        know_each_other = routes is not None
+        done_m: dict[int, FloatArray] = {}
+        for task, route_m in run_tasks(site, tasks):
+            done_m[task.number] = route_m
+            searched = sum(_ROUNDS[:number]) + sum(_ROUNDS[number : number + 1]) * len(done_m) / len(tasks)
+            done = min(effort.evaluations, round(searched * effort.evaluations))
+            run.on_progress(SearchProgress(done, effort.evaluations, seen, None))
+        routes = [done_m[task.number] for task in tasks]
+        steepest_deg = site.scenario.limits.max_climb_angle_deg
+        whole = Route(joined(site, in_good_order(routes, site.home_m, max_climb_angle_deg=steepest_deg)))
+        found.append(whole)
+        look_at_all(fine, [whole.waypoints_m], run_blocks)
+        seen = fine.share_of_coverable(fine.seen(whole.waypoints_m))
+        if know_each_other:  # before that, what they see twice is no sign
+            missing = goal + _SAFETY - seen
+            aim = min(1.0, aim + float(np.clip(missing, -_LARGEST_CORRECTION, _LARGEST_CORRECTION)))
+        done = min(effort.evaluations, round(sum(_ROUNDS[: number + 1]) * effort.evaluations))
+        run.on_progress(SearchProgress(done, effort.evaluations, seen, None))
+    interrupted = len(found) < len(_ROUNDS) or run.should_stop()
+    baselines = comparison()
+    look_at_all(fine, [route.waypoints_m for route, _ in baselines], run_blocks)
+    reference = judge_members(fine, baselines, executor)
+    members = judge_members(fine, [(route, "parts") for route in found], executor)
+    chosen = choose(
+        fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted, is_over=None
+    )
+    return Plan(
+        chosen=chosen.route,
+        members=chosen.pareto,
+        baselines=tuple(reference),
+        rule=rule.text,
+        rule_met=chosen.rule_met,
+        algorithm=settings.algorithm,
+        evaluations=effort.evaluations,
+        wall_s=effort.now() - run.started,
+        interrupted=interrupted,
+    )
+
+
+def search_parts_with(
+    executor: Executor | None, *, now: Callable[[], float], should_stop: Callable[[], bool]
+) -> RunTasks:
+    """Search in the parts by threads of this process, or one after the other."""
+
+    def run(site: Site, tasks: Sequence[PartTask]) -> Iterator[tuple[PartTask, FloatArray]]:
+        def one(task: PartTask) -> tuple[PartTask, FloatArray]:
+            return task, search_part(site, task, now=now, should_stop=should_stop).waypoints_m
+
+        if executor is None:
+            yield from map(one, tasks)
+        else:
+            for future in as_completed([executor.submit(one, task) for task in tasks]):
+                yield future.result()
+
+    return run
+
+
+def tasks_of(
+    site: Site,
+    areas: Sequence[Piece],
+    routes: Sequence[FloatArray] | None,
+    goal: float,
+    *,
+    round_number: int,
+    seed: int,
+    evaluations: int,
+    budget_s: float | None,
+) -> list[PartTask]:
+    """The tasks of a round, one for each part.
+
+    Args:
+        site: the scenario on its ground.
+        areas: the parts.
+        routes: their routes so far, each (n, 3) ENU; none before the first round where each is to have lines of its own.
+        goal: share of the coverable ground.
+        round_number: from 0; in odd ones the lower number of two neighbours keeps what both see, in even ones the higher.
+        seed: of the whole search.
+        evaluations: of each part.
+        budget_s: of each part, instead.
+    """
+    tasks = [
+        PartTask(number, round_number, shapely.to_wkb(area), goal, seed, evaluations, budget_s)
+        for number, area in enumerate(areas)
+    ]
+    if routes is None:
+        return tasks
+    reach_m = horizontal_reach(site.scenario.sensor.sight) + site.scenario.area.cell_size_m
+    ways = [shapely.LineString(route[:, :2]) for route in routes]
+    tree = shapely.STRtree([way.buffer(reach_m) for way in ways])
+    with_routes = []
+    for task, area, route, way in zip(tasks, areas, routes, ways, strict=True):
+        # Who sees some of what this part is asked about: its own ground, and what its route sees.
+        near = tree.query(shapely.union(area, way.buffer(reach_m)), predicate="intersects")
+        neighbours = tuple(
+            Neighbour(routes[k], first=(k < task.number) == (round_number % 2 == 1))
+            for k in sorted(near.tolist())
+            if k != task.number
+        )
+        with_routes.append(dataclasses.replace(task, route_m=route, neighbours=neighbours))
+    return with_routes
+
+
+def _divided(
+    site: Site, parts: int, goal: float, executor: Executor | None, *, or_sorties: bool
+) -> tuple[list[Piece], list[FloatArray] | None, Callable[[], list[NamedRoute]]]:
+    """The parts, with what each begins with where that is known already; and the baselines, when somebody asks for them."""
+    coarse = sampling_map(site, most_cells=_MOST_COMPARED_CELLS)
+    known: list[NamedRoute] | None = None
+    begun: Sequence[SortiePart | Slice] = []
+    if or_sorties and may_have_sorties(site):
+        known, flights = _baselines(coarse, goal), sortie_parts(site, coarse, goal)
+        together = math.fsum(flight.cost for flight in flights)
+        if len(flights) >= parts and together < _WORTH * _least_cost(site, known):
+            begun = flights
+    begun = begun or sliced(site, coarse, goal, parts)
+
+    def compared() -> list[NamedRoute]:
+        # On a map of its own: the one that slices were found on would be kept until the end of the search.
+        return _baselines(sampling_map(site, most_cells=_MOST_COMPARED_CELLS), goal) if known is None else known
+
+    # Lines over a large area take as long as the search in a part, which others may do meanwhile.
+    later = compared if executor is None else executor.submit(compared).result
+    areas = [each.area for each in begun] or divide(site.area, parts, flight_work(site))
+    return areas, [each.begin_m for each in begun] or None, later
+
+
+def _baselines(coarse: CoverageMap, goal: float) -> list[NamedRoute]:
+    """The plain boustrophedon, and the best of those with the fewest lines along the long side."""
+    site = coarse.site
+    plain = fly_layout(site, plain_boustrophedon(site))
+    share = goal * coarse.share(coarse.coverable)
+
+    def merit(tuned: Baseline) -> tuple[float, float, float]:
+        return tuned.violation, max(0.0, share + float(tuned.objectives[0])), float(tuned.objectives[2])
+
+    best = sorted(fewest_lines(coarse, share, turns=1), key=merit)[:1]
+    return [(plain, BOUSTROPHEDON), *((each.route, each.name) for each in best)]
+
+
+def _least_cost(site: Site, routes: Sequence[NamedRoute]) -> float:
+    """The least cost of missions that fly one of the routes, each in as many flights as it takes."""
+    costs = [mission_cost(site, route) for route, _ in routes]
+    return min(cost.energy_hover_s if way_cost_of(site).unit == ENERGY else cost.time_s for cost in costs)

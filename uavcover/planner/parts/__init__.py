@@ -1,1 +1,0 @@
-"""Planning of large areas by parts: divided, each part planned by itself, joined, and mended along the seams."""
