@@ -91,7 +91,7 @@ BAD = {
     "home": (("AREA", "OPTIONS", "--home", "here"), "write it as LAT,LON in degrees"),
     "home swapped": (
         ("AREA", "OPTIONS", "--home", "-84.22,36.48"),
-        "km are allowed; give a position beside it, latitude first",
+        "km are allowed; specify a closer position, latitude first",
     ),
     "home elsewhere": (("AREA", "OPTIONS", "--home", "36.9,-84.22"), "km are allowed"),
     "max height": (("AREA", "OPTIONS", "--max-height", "10m"), "leaves no height band"),

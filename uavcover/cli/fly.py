@@ -240,7 +240,7 @@ def _left_changed(run: "RunFolder") -> dict[str, float]:
         found = {"": math.nan}
     if not all(name and math.isfinite(value) for name, value in found.items()):
         raise InputError(
-            f"{file}: holds the parameters that an earlier flight changed on the vehicle, and cannot be read; set them by hand, "
-            "then remove it"
+            f"{file}: holds the parameters that an earlier flight changed on the vehicle, and cannot be read; "
+            "set them manually, then remove the file"
         )
     return found

@@ -73,7 +73,7 @@ def _refuse_to_replace(paths: list[Path], *, force: bool) -> None:
 
     for path in paths:
         if path.exists() and not force:
-            raise OutputError(f"{path}: exists already: give another name with -o, or --force to replace it")
+            raise OutputError(f"{path}: already exists: choose another name with -o, or --force to replace it")
 
 
 def _list(console: "Console", *, cameras: bool, vehicles: bool) -> int:

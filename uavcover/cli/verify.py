@@ -107,7 +107,7 @@ def verify(
                 raise InputError(f"{option}: applies only to photos: add --photos")
     if evidence.photos and scheduler is not None:
         raise InputError(
-            "--scheduler: distributes the coverage of a track; omit it where photos (--photos) give the coverage"
+            "--scheduler: distributes the coverage of a track; omit it if the coverage comes from photos (--photos)"
         )
     pictures = JudgedPictures(PictureEvidence(photos_required=require_photos))
     if of_photos is not None and evidence.photos:

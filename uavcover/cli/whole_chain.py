@@ -61,7 +61,7 @@ def demonstrate(request: PlanRequest, scenario: str, console: Console, *, speed:
             {"run": str(run), "plan": outcome.document, "upload_passed": uploaded["passed"], "flight": flown}
         )
         return INTERRUPTED
-    console.say("4 of 4  verify from the flown track alone")
+    console.say("4 of 4 verify the flown track")
     at = time.monotonic()
     _, verdict = verify_run(run, console, command=request.command)
     _stage(run, "verify", at)

@@ -210,7 +210,7 @@ def write_terrain_files(
             files.setdefault(dat_name(block.south_deg, block.west_deg), {})[block] = parts
     there = [name for name in files if (folder / name).exists()]
     if there and not force:
-        raise OutputError(f"{folder / there[0]}: exists already: give another folder, or --force to replace it")
+        raise OutputError(f"{folder / there[0]}: already exists: choose another folder, or --force to replace it")
     for name, content in files.items():
         write_file(folder / name, dat_bytes(content))
     return {name: len(content) for name, content in files.items()}

@@ -300,7 +300,7 @@ def _check_near(
         if not reach_m <= MAX_REACH_M:
             raise ScenarioError(
                 f"{key}: lies {reach_m / 1000.0:.0f} km from the origin of the local frame, more than "
-                f"{MAX_REACH_M / 1000.0:.0f} km (longitude and latitude swapped, or map coordinates taken for local ones?)"
+                f"{MAX_REACH_M / 1000.0:.0f} km (longitude and latitude swapped, or map coordinates instead of local ones?)"
             )
 
 

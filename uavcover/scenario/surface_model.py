@@ -185,7 +185,7 @@ def refuse_other_heights(ground_amsl_m: FloatArray, surface_amsl_m: FloatArray, 
     known = np.isfinite(ground_amsl_m) & np.isfinite(surface_amsl_m)
     if known.sum() < _FEW_PLACES:
         raise TerrainError(
-            f"terrain.surface_file: {surface} and terrain.file have no height in common around the area; give a surface model of "
+            f"terrain.surface_file: {surface} and terrain.file do not overlap around the area; give a surface model of "
             "that location"
         )
     ground_m, surface_m = ground_amsl_m[known], surface_amsl_m[known]

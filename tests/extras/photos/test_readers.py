@@ -233,7 +233,7 @@ def test_broken_files_in_a_folder_do_not_count_and_say_why(tmp_path):
 def test_a_digital_zoom_does_not_count():
     assert Picture(name="a", lat_deg=1.0, lon_deg=1.0, alt_m=1.0, digital_zoom=1.0).lacks() is None
     zoomed = Picture(name="a", lat_deg=1.0, lon_deg=1.0, alt_m=1.0, digital_zoom=2.0)
-    assert zoomed.lacks() == "digital zoom 2: its field of view is not known; take photos without it"
+    assert zoomed.lacks() == "digital zoom 2: its field of view is unknown; take photos without digital zoom"
 
 
 def test_the_time_of_a_camera_without_a_zone_is_its_clocks_and_no_ones_else(tmp_path):

@@ -90,9 +90,7 @@ def _serve(
         address = f"http://{'127.0.0.1' if host in ('0.0.0.0', '::') else shown}:{port}/?token={token}"
         console.say(f"{workspace.root}: {address}")
         if host not in _LOOPBACK:
-            console.warn(
-                f"--host {host}: other machines can reach the page, unencrypted; the token is their only barrier"
-            )
+            console.warn(f"--host {host}: other machines can reach the page, unencrypted; only the token protects it")
         if flights_allowed:
             console.warn("--allow-flight: the page can arm real vehicles")
         console.say("Ctrl-C ends the server; plans and flights that it started go on")

@@ -146,7 +146,7 @@ def refuse_map(path: Path, *, force: bool) -> None:
     if path.suffix.lower() not in (".geojson", ".json", ".html"):
         raise OutputError(f"--map: {path}: name it .geojson, or .html for a page")
     if path.exists() and not force:
-        raise OutputError(f"{path}: is there already; give another name, or --force to replace it")
+        raise OutputError(f"{path}: already exists; choose another name, or --force to replace it")
 
 
 def _feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> dict[str, Any]:

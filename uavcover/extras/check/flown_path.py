@@ -136,7 +136,7 @@ class _Flight:
                     kind="empty",
                     weight="unknown",
                     what="the mission contains no item with a position",
-                    do="give a mission that does",
+                    do="provide such a mission",
                 )
             )
         elif not self._is_over:

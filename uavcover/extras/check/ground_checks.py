@@ -80,9 +80,9 @@ def _too_low(segment: Segment, world: World, limits: Limits, ranges: FloatArray)
 
 def _remedy(segment: Segment, world: World, points: str, short_m: float) -> str:
     if segment.phase == "return":
-        return "return higher (--return-height), or end with legs home"
+        return "return higher (--return-height), or end the mission with a return transit"
     if segment.phase in ("take-off", "landing") and world.surface is not None:
-        return "take off and land where nothing stands"
+        return "take off and land away from obstacles"
     return f"raise {points} by {short_m:.0f} m or more, or put a waypoint there"
 
 

@@ -92,7 +92,7 @@ class Picture:
         if self.fault is not None:
             return self.fault
         if self.digital_zoom is not None and self.digital_zoom > _NO_ZOOM:
-            return f"digital zoom {self.digital_zoom:g}: its field of view is not known; take photos without it"
+            return f"digital zoom {self.digital_zoom:g}: its field of view is unknown; take photos without digital zoom"
         if self.lat_deg is None or self.lon_deg is None:
             return "no position"
         if not (abs(self.lat_deg) <= 90.0 and abs(self.lon_deg) <= 180.0) or (self.lat_deg == self.lon_deg == 0.0):

@@ -133,5 +133,5 @@ def _compare_lens(camera: CameraBody, pictures: Sequence[Picture], user: User) -
     if abs(own_mm / film_mm - 1.0) > LENS_DIFFERS:
         user.warn(
             f"--camera: {camera.name} has the view of {own_mm:.0f} mm on 35 mm film, the photos say {film_mm:.0f} mm: another "
-            "camera or zoom? Without --camera theirs is taken"
+            "camera or zoom? Without --camera, their camera is used"
         )

@@ -99,7 +99,7 @@ def _read(path: Path) -> ReadZones:
     if suffix == ".plan" or any(suffix in reader.suffixes for reader in _readers()):
         try:
             if path.stat().st_size > MAX_BYTES:
-                raise InputError(f"{path}: is larger than {MAX_BYTES:,} bytes; save the zones near the flight alone")
+                raise InputError(f"{path}: is larger than {MAX_BYTES:,} bytes; save only the zones near the flight")
             text = text_from_bytes(path.read_bytes()).text
             own = _of_text(text, suffix)
         except FormatError as error:

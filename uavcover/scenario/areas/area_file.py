@@ -161,7 +161,7 @@ def read_document(path: Path, layer: str | None) -> AreaDocument:
     if size == 0:
         raise InputError(f"{path}: the file is empty; save it again")
     if size > MAX_BYTES:
-        raise InputError(f"{path}: {size:,} bytes, more than {MAX_BYTES:,}; save the area alone")
+        raise InputError(f"{path}: {size:,} bytes, more than {MAX_BYTES:,}; save only the area")
     if suffix in (*gis_file.SUFFIXES, ".zip"):
         return gis_file.read_gis_file(path, layer)
     try:
