@@ -24,7 +24,7 @@ def file_to_write(text: str) -> Path:
     if Path(text).is_dir():
         raise argparse.ArgumentTypeError(f"{text}: is a folder; name a file")
     if not Path(text).parent.is_dir():
-        raise argparse.ArgumentTypeError(f"{text}: its folder is not there; make it first")
+        raise argparse.ArgumentTypeError(f"{text}: its folder is not there; create it first")
     return Path(text)
 
 

@@ -103,7 +103,7 @@ def fence_problems(fence: Fence) -> tuple[str, ...]:
         ring = shapely.Polygon([(vertex.lon_deg, vertex.lat_deg) for vertex in polygon.vertices])
         if not ring.is_valid:
             reason = shapely.is_valid_reason(ring).split("[")[0].strip().lower()
-            found.append(f"fence polygon {number}: it crosses or touches itself ({reason}); draw it anew")
+            found.append(f"fence polygon {number}: it crosses or touches itself ({reason}); draw it again")
     return tuple(found)
 
 

@@ -175,8 +175,8 @@ class Client(Connection):
             except (TransferError, FormatError) as error:
                 kind = TransferSilentError if isinstance(error, TransferSilentError) else TransferError
                 raise kind(
-                    f"clearing the {list_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged, and what it "
-                    f"holds now could not be read: {error}",
+                    f"clearing the {list_name(mission_type)}: vehicle {self.vehicle.system_id} acknowledged, "
+                    f"and the current list could not be read: {error}",
                     vehicle_holds="unknown",
                 ) from None
             autopilot = self.known_autopilot
@@ -356,7 +356,7 @@ class Client(Connection):
         try:
             return self.download(mission_type)
         except (TransferError, FormatError) as error:
-            _log.info("what the vehicle holds could not be read back: %s", error)
+            _log.info("the list on the vehicle could not be read back: %s", error)
             return None
 
     def _read_back(
@@ -388,7 +388,7 @@ class Client(Connection):
                 unread = f" (it could not be read back: {why})"
         how_far = f"after {upload.across_count} of {len(items)} items"
         if upload.state in PROVEN_BY_READING and held is not None:
-            how_far = f"and what was read back is not what was sent; {how_far}"
+            how_far = f"and the downloaded list differs from the uploaded list; {how_far}"
         how_far += f"; {description(holds, items, held, autopilot, mission_type)}{unread}"
         doing, advice = f"upload of the {list_name(mission_type)}", self.signing_advice()
         error = failure(doing, upload, how_far, vehicle_holds=holds, held_items=held, advice=advice)

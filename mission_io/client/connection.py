@@ -295,7 +295,7 @@ class Connection(Closing):
         signed = self.codec.statistics.signed
         if not signed:
             return ""
-        return f"; the vehicle signs what it sends ({signed} frames) and this side has no key: give --signing-key"
+        return f"; the vehicle signs its messages ({signed} frames) and the client has no key: use --signing-key"
 
     def next_messages(self, deadline: float) -> list[Received]:
         """Wait until a datagram brings messages for us; an empty list at ``deadline``, a time of ``clock``."""

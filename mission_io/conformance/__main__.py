@@ -31,7 +31,7 @@ from mission_io.protocol.timing import Timing
 DONE, SOME_FAIL, BAD_USAGE, LINK_FAILED, INTERRUPTED = 0, 1, 2, 3, 130
 
 _WARNING = (
-    "This overwrites the mission, the fence and the rally points of the vehicle at {url}, and puts back what they were. "
+    "This overwrites the mission, the fence and the rally points of the vehicle at {url}, and restores them afterwards. "
     "Not in flight."
 )
 CaseT = TypeVar("CaseT", bound=ProtocolCase[Any])

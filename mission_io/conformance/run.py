@@ -137,7 +137,7 @@ def put_back(client: Client, kept: Kept) -> str:
         said.append(f"{LIST_NAMES[mission_type]} {len(items)}")
     if kept.copy is not None:
         kept.copy.unlink(missing_ok=True)
-    return f"the vehicle holds again what it held ({', '.join(said)} items)"
+    return f"the vehicle has its previous lists again ({', '.join(said)} items)"
 
 
 def _put_back_list(client: Client, mission_type: MissionType, items: tuple[MissionItem, ...]) -> None:

@@ -95,7 +95,7 @@ def camera_flight(mission: Mission, *, pitch_deg: float | None = None) -> Camera
             what = f"command {int(item.command)} has no counterpart in a list of points"
             raise FormatError(what if item.autocontinue else "it waits for the pilot to continue", where=where)
         if reader.landed:
-            raise FormatError("something comes after the landing", where=where, advice="leave it out")
+            raise FormatError("something comes after the landing", where=where, advice="omit it")
         reader.read(action, where)
     return reader.flight()
 

@@ -53,7 +53,7 @@ def read_mission(text: str) -> CsvFile:
     first, header = next(rows, (1, []))
     for name in _COLUMNS:
         if header.count(name) != 1:
-            what = f"{header.count(name)} columns {name}, there has to be 1"
+            what = f"{header.count(name)} columns {name}, there must be 1"
             raise FormatError(what, where=f"line {first}", advice=f"it was read as {dialect}")
     left_out = [name for name in header if name not in _COLUMNS]
     if left_out:

@@ -205,7 +205,9 @@ class _DrawingReader:
             for number, entry in enumerate(apart):
                 if entry.count(",") not in (1, 2):
                     here = f"{where}, coordinate {number}"
-                    raise FormatError(f"{entry[:40]!r} is no position", where=here, advice="remove the space at commas")
+                    raise FormatError(
+                        f"{entry[:40]!r} is not a position", where=here, advice="remove the space at commas"
+                    )
             self._repairs.append(f"{where}: removed commas between positions")
             return apart
         entries = text.split()

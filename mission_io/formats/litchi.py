@@ -136,7 +136,7 @@ def read_route(text: str) -> PointRoute:
         )
         mode = number_in(fields.get("altitudemode") or "0", f"{where}, altitudemode")
         if mode not in _FRAMES:
-            raise FormatError(f"altitude mode {mode:g}", where=where, advice="it has to be 0 (take-off) or 1 (ground)")
+            raise FormatError(f"altitude mode {mode:g}", where=where, advice="it must be 0 (take-off) or 1 (ground)")
         speed = number_in(fields.get("speed(m/s)") or "0", f"{where}, speed")
         curves += number_in(fields.get("curvesize(m)") or "0", f"{where}, curvesize") > 0.0
         camera = _camera(fields, where)

@@ -53,12 +53,12 @@ def read(text: str) -> OldFile:
     if kind == "RallyPoints":
         return OldFile(rally=read_rally_part(root), repairs=tuple(repairs))
     if kind not in (None, "Mission") or "items" not in root.value:
-        raise FormatError("JSON that is no mission", where="file", advice="choose a .plan or .mission file")
+        raise FormatError("JSON that is not a mission", where="file", advice="choose a .plan or .mission file")
     version = root.optional("version", lambda node: node.value, 1)
     if version in _VERSIONS_1 and version is not True:
         return OldFile(_mission_of_version_1(root, repairs), repairs=tuple(repairs))
     if version != 2:
-        raise FormatError(f"version {version!r:.20} is not known", where="file.version", advice="it has to be 1 or 2")
+        raise FormatError(f"version {version!r:.20} is not known", where="file.version", advice="it must be 1 or 2")
     extras: dict[str, Mapping[str, Any]] = {}
     home = read_home(root.get("plannedHomePosition"), repairs, extras)
     items, entries = read_items(root.get("items"), repairs)

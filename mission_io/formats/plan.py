@@ -122,7 +122,7 @@ def write(plan: PlanFile) -> str:
     except ValueError:
         raise FormatError("a number is not finite", where="plan", advice="give finite positions and speeds") from None
     except TypeError:
-        raise FormatError("a key or value that JSON does not have", where="extras", advice="leave it out") from None
+        raise FormatError("a key or value that JSON does not have", where="extras", advice="omit it") from None
     except RecursionError:
         raise FormatError("a kept entry is nested too deeply", where="plan") from None
 
@@ -218,7 +218,7 @@ def read_to_keep(text: str) -> PlanFile:
     clean = clean_text(text)
     root = parse_json(clean.text, "plan")
     if root.get("fileType").value != "Plan":
-        raise FormatError("not a plan", where="plan.fileType", advice="it has to be 'Plan'")
+        raise FormatError("not a plan", where="plan.fileType", advice="it must be 'Plan'")
     repairs = list(clean.repairs)
     extras: dict[str, Mapping[str, Any]] = {}
     _read_part(root, "", repairs, extras)
@@ -278,7 +278,7 @@ def _read_part(node: Node, name: str, repairs: list[str], extras: dict[str, Mapp
         known = known | _OLD_KEYS
     elif found != version:
         what = f"version {found!r:.20} is not known"
-        raise FormatError(what, where=f"{node.where}.version", advice=f"it has to be {version}; save the plan anew")
+        raise FormatError(what, where=f"{node.where}.version", advice=f"it must be {version}; save the plan again")
     constants = _CONSTANTS[name]
     others = {
         key: value

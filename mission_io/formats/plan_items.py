@@ -136,7 +136,7 @@ def read_complex(node: Node) -> tuple[MissionItem, ...] | None:
 def _simple(node: Node) -> Node:
     kind = node.get("type").value
     if kind != "SimpleItem":
-        raise FormatError("a complex item within a complex item", where=node.where, advice="save the plan anew")
+        raise FormatError("a complex item within a complex item", where=node.where, advice="save the plan again")
     return node
 
 

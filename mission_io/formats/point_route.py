@@ -146,5 +146,5 @@ def number_in(text: str | None, where: str) -> float:
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise FormatError(f"{(text or 'nothing')[:40]!r} where a number has to be", where=where)
+        raise FormatError(f"{(text or 'nothing')[:40]!r} instead of a number", where=where)
     return value

@@ -83,7 +83,7 @@ def write_fence(fence: Fence) -> str:
     """
     whole = len(fence.polygons) == 1 and fence.polygons[0].inclusion and not fence.circles
     if not whole or fence.return_point is None:
-        what = "the format holds one inclusion polygon and a return point"
+        what = "the format is met one inclusion polygon and a return point"
         raise FormatError(what, where="fence", advice="write it as .waypoints")
     point, ring = fence.return_point, fence.polygons[0].vertices
     if point.alt_m != 0.0:

@@ -143,7 +143,7 @@ def xml_text(text: str, *, where: str = "name") -> str:
     """
     bad = _NOT_IN_XML.search(text)
     if bad is not None:
-        raise FormatError(f"the {where} holds {bad.group()!r}, which XML cannot", where=where, advice="leave it out")
+        raise FormatError(f"the {where} holds {bad.group()!r}, which XML cannot", where=where, advice="omit it")
     return escape(text, {'"': "&quot;"})
 
 

@@ -244,7 +244,7 @@ def _version(content: str, line_number: int) -> int:
         raise FormatError(
             f"{content[:40]!r} is not the header of a file that can be read",
             where=f"line {line_number}",
-            advice=f"it has to be {_HEADER!r} or 'QGC WPL 120'",
+            advice=f"it must be {_HEADER!r} or 'QGC WPL 120'",
         )
     return version
 
@@ -327,7 +327,7 @@ class _Row:
         text = self._columns[column]
         if _NAN_PATTERN.fullmatch(text) is None or (column > 7 and not has_no_place(command)):
             return self._number(column)
-        repairs.append(f"line {self.number}: {_NAMES[column]} {text[:12]!r} is no number, left to the vehicle")
+        repairs.append(f"line {self.number}: {_NAMES[column]} {text[:12]!r} is not a number, left to the vehicle")
         return math.nan if column <= 7 else 0.0
 
     def _number(self, column: int) -> float:

@@ -146,5 +146,5 @@ def path_bytes(path: str) -> bytes:
     """
     data = path.encode("utf-8")
     if not data or len(data) >= DATA_BYTES or b"\0" in data:
-        raise MisuseError(f"{path!r} is no path for a vehicle: 1 to {DATA_BYTES - 1} bytes without a zero")
+        raise MisuseError(f"{path!r} is not a path for a vehicle: 1 to {DATA_BYTES - 1} bytes without a zero")
     return data

@@ -125,5 +125,5 @@ def _entry(line: bytes) -> FtpEntry:
     text = line.decode("utf-8", errors="backslashreplace")
     kind, (name, _, size) = text[0], text[1:].partition("\t")
     if kind not in "DF" or not name or not ((size.isascii() and size.isdigit()) or not size):
-        raise FormatError(f"{text!r} is no entry of a folder")
+        raise FormatError(f"{text!r} is not an entry of a folder")
     return FtpEntry(name, int(size) if size and kind == "F" else None, kind == "D")

@@ -57,12 +57,14 @@ def staying(states: Iterable[StateT], events: Iterable[EventT]) -> list[Row[Stat
 def mermaid(table: Table[StateT, EventT], start: StateT) -> str:
     """The table as a Mermaid state diagram; events without effect are omitted."""
     lines = ["stateDiagram-v2", f"    [*] --> {start.name}"]
-    arrows: dict[tuple[str, str, str], list[str]] = {}
+    arrows: dict[tuple[str, str], dict[str, list[str]]] = {}
     for row in table.rows:
         if row.state is not row.next_state or row.action:
-            arrows.setdefault((row.state.name, row.next_state.name, row.action), []).append(row.event.name)
-    for (state, next_state, action), events in arrows.items():
-        lines.append(f"    {state} --> {next_state}: {', '.join(events)}" + (f"/{action}" if action else ""))
+            actions = arrows.setdefault((row.state.name, row.next_state.name), {})
+            actions.setdefault(row.action, []).append(row.event.name)
+    for (state, next_state), actions in arrows.items():
+        labels = [",".join(events) + (f"/{action}" if action else "") for action, events in actions.items()]
+        lines.append(f"    {state} --> {next_state}: {' '.join(labels)}")
     sources = {row.state for row in table.rows}
     ends = dict.fromkeys(row.next_state.name for row in table.rows if row.next_state not in sources)
     lines.extend(f"    {end} --> [*]" for end in ends)

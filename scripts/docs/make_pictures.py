@@ -1,15 +1,18 @@
-"""Pictures of reports in a headless Chromium: the top of one by light, by dark and on a phone, and the maps of others.
+"""Pictures for the documentation: HTML pages in a headless Chromium, and images of other commands, as WebP.
 
-Usage, after a demo into the folder RUN (Debian, Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1 chromium):
+Usage, after a demo into the folder DEMO, a plan of a survey into PLAN and a flight of it with findings into FLOWN
+(Debian, Ubuntu: apt-get install mesa-vulkan-drivers libvulkan1 chromium):
 
-    uavcover inspect RUN --screenshot docs/pictures/demo-recording.png --at 0.55 --force
-    uavcover report RUN -o report.html
-    .venv/bin/python scripts/docs/make_pictures.py report.html docs/pictures [NAME=REPORT.html ...]
+    uavcover inspect DEMO --screenshot recording.png --at 0.55
+    uavcover pareto PLAN --plot trade-off.png
+    uavcover export PLAN --format print -o print.html
+    uavcover check PLAN/mission.waypoints --dem DEM --max-height 100m --map check.html
+    .venv/bin/python scripts/docs/make_pictures.py docs/pictures demo-report=DEMO/report.html [NAME=FILE ...]
+
+The names are demo-report, plan-report and findings-report (of FLOWN), print-page, check-page, demo-recording, trade-off.
 """
 
 import argparse
-import base64
-import io
 import sys
 import tempfile
 from pathlib import Path
@@ -20,55 +23,52 @@ from scripts.options import existing_file, existing_folder
 
 ROOT = Path(__file__).parents[2]
 SETTLE = "new Promise(done => setTimeout(done, 1500))"
-TOP = (0, 0, 1200, 1900)
-PHONE = (0, 0, 390, 1500)
-SCREENS = ((1400, 900, "Photos per point, flown"), (390, 844, "Coverage"))
-"""Widths and heights of the pictures of maps, and the layer that each shows."""
-
-SHOW = """(() => {{
-    const layers = [...document.querySelectorAll('.leaflet-control-layers-base label')];
-    const layer = layers.find(l => l.textContent.includes({layer!r}));
-    if (layer) layer.querySelector('input').click();
-    [...document.querySelectorAll('h2')].find(h => h.textContent === 'Map').scrollIntoView();
-}})()"""
+LAYER = """(() => {
+    const labels = [...document.querySelectorAll('.leaflet-control-layers-base label')];
+    const label = labels.find(l => l.textContent.includes('Photos per point'));
+    if (label) label.querySelector('input').click();
+})()"""
+"""Shows the photos per point on the map of a survey."""
+WIDTH, MOST_HEIGHT, PHONE = 1200, 1500, 390
+QUALITY = 78
 
 
-def named_report(text: str) -> tuple[str, Path]:
-    """NAME=REPORT.html."""
-    name, _, report = text.partition("=")
-    return name, existing_file(report)
+def named(text: str) -> tuple[str, Path]:
+    """NAME=FILE."""
+    name, _, file = text.partition("=")
+    return name, existing_file(file)
+
+
+def save(picture: Path, out: Path, width: int) -> None:
+    """The upper part of a picture as WebP."""
+    image = Image.open(picture).convert("RGB")
+    if image.width > width:
+        image = image.resize((width, round(image.height * width / image.width)), Image.Resampling.LANCZOS)
+    image.crop((0, 0, image.width, min(image.height, MOST_HEIGHT))).save(out, quality=QUALITY, method=6)
+    print(f"written: {out}")
 
 
 def main() -> None:
-    """Draw demo-report.png, demo-report-dark.png, demo-report-phone.png, and report-NAME-WIDTH.webp of the named reports."""
+    """Write NAME.webp for each page and image, and demo-report-phone.webp."""
     sys.path.insert(0, str(ROOT))
     from tests.report.browser import chromium_page
 
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("report", type=existing_file, metavar="REPORT.html")
     parser.add_argument("folder", type=existing_folder, metavar="DIR")
-    parser.add_argument("others", nargs="*", type=named_report, metavar="NAME=REPORT.html")
+    parser.add_argument("sources", nargs="+", type=named, metavar="NAME=FILE")
     asked = parser.parse_args()
-    page_file, out = asked.report, asked.folder
     with tempfile.TemporaryDirectory() as profile, chromium_page(Path(profile)) as page:
-        for name, colors, width, box in (
-            ("demo-report", "light", 1200, TOP),
-            ("demo-report-dark", "dark", 1200, TOP),
-            ("demo-report-phone", "light", 390, PHONE),
-        ):
-            page.open(page_file, width=width, colors=colors)
-            page.run(SETTLE)
-            png = page.screenshot(out / f"{name}.png")
-            Image.open(png).crop(box).quantize(96).save(png, optimize=True)
-            print(f"written: {png}")
-        for name, report in asked.others:
-            for width, height, layer in SCREENS:
-                page.open(report, width=width, height=height)
-                page.run(SHOW.format(layer=layer))
+        shot = Path(profile) / "shot.png"
+        for name, file in asked.sources:
+            if file.suffix != ".html":
+                save(file, asked.folder / f"{name}.webp", WIDTH)
+                continue
+            for width in (WIDTH, PHONE) if name == "demo-report" else (WIDTH,):
+                page.open(file, width=width)
+                page.run(LAYER)
                 page.run(SETTLE)
-                shown = Image.open(io.BytesIO(base64.b64decode(page.view())))
-                shown.convert("RGB").save(out / f"report-{name}-{width}.webp", quality=82, method=6)
-                print(f"written: {out / f'report-{name}-{width}.webp'}")
+                ending = "-phone" if width == PHONE else ""
+                save(page.screenshot(shot), asked.folder / f"{name}{ending}.webp", width)
         if page.complaints:
             raise SystemExit(f"the browser complains: {page.complaints}")
 

@@ -91,7 +91,7 @@ BAD = {
     "home": (("AREA", "OPTIONS", "--home", "here"), "write it as LAT,LON in degrees"),
     "home swapped": (
         ("AREA", "OPTIONS", "--home", "-84.22,36.48"),
-        "km are allowed; give a position beside it, latitude first",
+        "km are allowed; specify a closer position, latitude first",
     ),
     "home elsewhere": (("AREA", "OPTIONS", "--home", "36.9,-84.22"), "km are allowed"),
     "max height": (("AREA", "OPTIONS", "--max-height", "10m"), "leaves no height band"),
@@ -114,7 +114,7 @@ BAD = {
         "give stabilised, or another --pattern",
     ),
     "feature": (("AREA", "OPTIONS", "--feature", "feild 1"), "did you mean 'field 1'?"),
-    "layer": (("AREA", "OPTIONS", "--layer", "x"), "leave the option out"),
+    "layer": (("AREA", "OPTIONS", "--layer", "x"), "omit the option"),
     "crs": (("AREA", "OPTIONS", "--crs", "EPSG:x"), "write it as EPSG:32632"),
     "elsewhere": (("46.5,8.0,200", "OPTIONS"), "off the elevation data"),
     "beyond the model": (("36.48,-84.22,5km", "OPTIONS"), "reaches beyond the elevation data"),
@@ -134,14 +134,14 @@ DOOR = {
     "an empty area": (("", "OPTIONS"), "the area: is empty; give a file"),
     "gsd of Arabic digits and a unit": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "٣furlong"), "is not understood"),
     "gsd with a comma": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "2,5cm"), "write it as 2.5cm"),
-    "gsd that is no number": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "nan"), "write it as 2.5cm"),
+    "gsd that is not a number": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "nan"), "write it as 2.5cm"),
     "gsd of a kilometre": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "1e9m"), "write it as 2.5cm"),
     "a long option": (("AREA", "OPTIONS", "--autopilot", LONG), "neither ardupilot nor px4"),
     "control characters": (("\x1b[2J\x07.kml", "OPTIONS"), "?[2J?.kml: no such file"),
     "an overlap of three": (("AREA", "OPTIONS", "--overlap", "75/70/60"), "write it as 75/70"),
-    "an overlap that is no number": (("AREA", "OPTIONS", "--overlap", "nan/nan"), "write it as 75/70"),
+    "an overlap that is not a number": (("AREA", "OPTIONS", "--overlap", "nan/nan"), "write it as 75/70"),
     "home at the pole's far side": (("AREA", "OPTIONS", "--home", "91,0"), "--home: "),
-    "home that is no number": (("AREA", "OPTIONS", "--home", "nan,nan"), "--home: "),
+    "home that is not a number": (("AREA", "OPTIONS", "--home", "nan,nan"), "--home: "),
     "home of three numbers": (("AREA", "OPTIONS", "--home", "36.4,-84.2,300"), "--home: "),
     "a code that is none": (("AREA", "OPTIONS", "--crs", "EPSG:99999999"), "write it as EPSG:32632"),
     "a code of the model that is none": (("AREA", "OPTIONS", "--dem-crs", "EPSG:99999999"), "EPSG:99999999"),
@@ -170,7 +170,7 @@ DOOR = {
 _MODEL = ("AREA", "--dem", "MODEL", "--camera", "m3e", "--gsd", "3cm")
 MODELS = {
     "a model without a system": ({"crs": None}, "give it with terrain.crs (--dem-crs), such as EPSG:32632"),
-    "a model in degrees called metres": ({"crs": "EPSG:32616"}, "degrees taken for metres; assign the right"),
+    "a model in degrees called metres": ({"crs": "EPSG:32616"}, "seem to be degrees instead of metres; assign the right"),
     "a model of another sea level": ({"crs": "EPSG:4326+5703"}, "the file says NAVD88"),
     "a model above the ellipsoid": ({"crs": "EPSG:4979"}, "need the geoid grid us_nga_egm96_15.tif"),
     "a model in fathoms": ({"unit": "fathom"}, "heights are in 'fathom'; convert them to metres"),
@@ -186,7 +186,7 @@ MODELS = {
 _SURFACE = ("AREA", "OPTIONS", "--dsm", "SURFACE")
 SURFACES = {
     "no such surface model": ({"missing": True}, "surface.tif: no such file; give the elevation data"),
-    "a surface model that is the ground": ({"copied": True}, "is the file of terrain.file again"),
+    "a surface model that is the ground": ({"copied": True}, "is the same file as terrain.file"),
     "ground and surface swapped": ({"trees_m": -25.0}, "are the two swapped"),
     "a surface model in feet": ({"factor": 1.0 / 0.3048}, "the surface seems to be in feet"),
     "a surface model above the ellipsoid": ({"shift_m": -31.0}, "vertical datums or units seem to differ"),

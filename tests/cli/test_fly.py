@@ -156,7 +156,7 @@ def test_a_disk_without_room_for_the_record_keeps_it_on_the_ground(planned: Path
     fly = command("fly", planned, "--to", "mock:", "--mock-speed", 200)
     done = subprocess.run([*limited_to(200), *fly], capture_output=True, text=True, timeout=300, check=False)
     assert done.returncode == 2, done.stderr
-    assert "no room for the record of the flight, which may take" in done.stderr.splitlines()[-1]
+    assert "not enough disk space for the flight record, which may need" in done.stderr.splitlines()[-1]
     assert "armed" not in done.stdout
     assert files(planned) == before
     assert "flight" not in json.loads((planned / "run.json").read_text())

@@ -31,7 +31,7 @@ def test_old_parameters_are_on_disk_while_they_are_changed(tmp_path):
 @pytest.mark.parametrize("text", ["", "{", "[1]", '{"A": "x"}', '{"A": null}', '{"A": NaN}', '{"": 1.0}', "\x00"])
 def test_a_file_that_cannot_be_read_is_an_error_that_says_what_to_do(tmp_path, text):
     (tmp_path / OLD_LIMITS).write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=r"limits_before.json: .*set them by hand, then remove it"):
+    with pytest.raises(InputError, match=r"limits_before.json: .*set them manually, then remove the file"):
         precautions(tmp_path)
 
 

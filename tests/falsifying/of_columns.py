@@ -211,7 +211,7 @@ def text(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     yield Way("a column twice", "which one counts?", rewrite=_header({"roll_deg": "east_m"}))
     for share in (0.5, 0.9):
         yield Way(f"cut off at {share:.0%}", "ends in the air", rewrite=lambda b, s=share: b[: int(s * len(b))])
-    yield Way("the header again in the middle", "it is no number", rewrite=_rewritten(_header_again))
+    yield Way("the header again in the middle", "it is not a number", rewrite=_rewritten(_header_again))
     yield Way("the file twice", "time goes back", rewrite=lambda b: b + b)
     yield Way("semicolons on every other line", "it is not a track", rewrite=_rewritten(_half_with_semicolons))
     yield Way("the header alone", "nothing was flown", rewrite=lambda b: b[: b.index(b"\n") + 1])

@@ -91,7 +91,7 @@ def test_hold_holds_and_does_not_wait_for_ever(autopilot, kind):
     assert "it returned along checked legs and landed" in text
     assert not scene.vehicle.armed
     stops = scene.told(EventKind.STOP)
-    assert any("holds its position in" in told and "for at most 20 s, then flies home" in told for told in stops)
+    assert any("holds its position in" in told and "for at most 20 s, then returns" in told for told in stops)
     assert any("has held its position for 20 s, and the mission was not continued" in told for told in stops)
     [begun] = [i.begin_s for i in outcome.incidents if i.kind is kind][:1]
     held = [s for s in scene.samples if begun + 10.0 < s.time_s < begun + 20.0]

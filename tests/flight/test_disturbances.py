@@ -147,7 +147,7 @@ def test_a_hold_ends_when_its_breach_is_over_and_the_mission_goes_on(autopilot):
     assert outcome.ending is Ending.LANDED, text
     stops = scene.told(EventKind.STOP)
     assert any("the vehicle therefore holds its position" in told for told in stops)
-    assert any("the reason for the hold has ended: the vehicle goes on" in told for told in stops)
+    assert any("the reason for the hold has ended: the vehicle continues" in told for told in stops)
     assert outcome.waypoints_reached == 4
 
 

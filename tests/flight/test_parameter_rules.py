@@ -113,7 +113,7 @@ ROW = {"names": ["A/100"], "category": "mission", "what": "a", "why": "b"}
         ({"rule": "= 1", "worse": [{"weight": "grave", "says": "x"}]}, "grave"),
         ({"rule": "= 1", "worse": [{"weight": "note", "says": "x", "sets": "a lot"}]}, "neither a number nor a fact"),
         ({"names": ["A", "A"]}, "stands in two rows"),
-        ({"planned": "wind"}, "wind is no fact"),
+        ({"planned": "wind"}, "wind is not a fact"),
     ],
 )
 def test_data_that_is_wrong_is_refused_with_its_place(change, said):

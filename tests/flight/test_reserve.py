@@ -27,7 +27,7 @@ def test_no_room_is_an_error_that_says_how_much_it_takes(
 
     monkeypatch.setattr(os, "posix_fallocate", full)
     with pytest.raises(
-        OutputError, match=r"no room for the record of the flight, which may take 3 MB .*free some space"
+        OutputError, match=r"not enough disk space for the flight record, which may need 3 MB .*free some space"
     ):
         SpaceReserve(tmp_path, 3_000_000)
 

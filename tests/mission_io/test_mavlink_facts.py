@@ -310,7 +310,7 @@ def bad_fence(name: str) -> list[MissionItem]:
         ("latitude 100", "latitude 100.0 is not from -90 to 90"),
         ("two vertices", "a polygon of 2 vertices"),
         ("circle without a radius", "radius 0.0 m is not above 0"),
-        ("crossing itself", "fence polygon 0: it crosses or touches itself (self-intersection); draw it anew"),
+        ("crossing itself", "fence polygon 0: it crosses or touches itself (self-intersection); draw it again"),
         ("terrain", "does not take heights ABOVE_TERRAIN"),
     ],
 )

@@ -165,7 +165,7 @@ def test_a_vehicle_that_signs_while_we_have_no_key_is_named(call: str) -> None:
         "clear": lambda: client.clear(MissionType.RALLY),
         "command": lambda: client.command(400, 1.0),
     }
-    with pytest.raises(VehicleSilentError, match=r"the vehicle signs .* has no key: give --signing-key"):
+    with pytest.raises(VehicleSilentError, match=r"the vehicle signs .* has no key: use --signing-key"):
         calls[call]()
     assert client.statistics.signed > 5
 

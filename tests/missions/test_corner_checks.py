@@ -67,7 +67,7 @@ def test_a_corner_is_nearer_to_what_is_led_around_than_its_legs() -> None:
     assert lacking_m > 0.5
     assert found.value == pytest.approx(lacking_m, abs=0.15)
     assert corner_excess_m(site, AROUND)[1] == found.value
-    assert f"corner flown beside waypoint 1: {found.value:.1f} m too near to obstacle 'mast'" in str(found)
+    assert f"corner flown beside waypoint 1: {found.value:.1f} m too close to obstacle 'mast'" in str(found)
 
 
 def test_corners_around_a_waypoint_are_those_of_the_whole_route() -> None:
@@ -149,7 +149,7 @@ def test_members_count_corners_and_the_compiler_refuses_them() -> None:
     site = make_site(obstacles=obstacle_beside(10.5))
     member = judge_member(judging_map(site), Route(AROUND), "own", margin_m=0.0)
     assert member.violation == pytest.approx(corner_excess_m(site, AROUND).sum())
-    with pytest.raises(InfeasibleError, match=r"corner flown beside waypoint 1: .* too near to obstacle 'mast'"):
+    with pytest.raises(InfeasibleError, match=r"corner flown beside waypoint 1: .* too close to obstacle 'mast'"):
         compile_mission(site, Route(AROUND), autopilot="ardupilot")
     farther = make_site(obstacles=obstacle_beside(12.5))
     assert judge_member(judging_map(farther), Route(AROUND), "own", margin_m=0.0).violation == 0.0

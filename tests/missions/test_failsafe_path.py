@@ -201,7 +201,7 @@ def test_px4_flies_to_the_missions_landing_when_its_type_says_so():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"actions": {"1": "fly away"}}, "'fly away' is no action"),
+        ({"actions": {"1": "fly away"}}, "'fly away' is not an action"),
         ({"surprise": 1}, "keys are actions, continues"),
     ],
 )

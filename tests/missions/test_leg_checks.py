@@ -227,7 +227,7 @@ def test_an_obstacle_by_how_much_and_where() -> None:
     assert (found.kind, found.leg, found.name) == ("obstacle", 1, "tower")
     assert found.value == pytest.approx(5.0)
     assert found.east_m == pytest.approx(128.0)
-    assert str(found) == "leg to waypoint 1: 5.0 m too near to obstacle 'tower' at 128 m east, 100 m north"
+    assert str(found) == "leg to waypoint 1: 5.0 m too close to obstacle 'tower' at 128 m east, 100 m north"
     # Beside it, lower: 12 m is enough, 10 m lacks 2.
     assert measure_violations(site, route((0, 122, 45), (300, 122, 45)), margin_m=0.0).obstacle_m == 0.0
     assert measure_violations(site, route((0, 120, 45), (300, 120, 45)), margin_m=0.0).obstacle_m == pytest.approx(2.0)
@@ -241,4 +241,4 @@ def test_where_limits_are_for_waypoints_a_leg_may_pass_through_an_obstacle() -> 
     inside = route((0, 100, 53), (150, 100, 45))
     assert measure_violations(site, inside, margin_m=0.0).obstacle_m == pytest.approx(13.0)
     (found,) = find_waypoint_problems(site, inside, lowest_agl_m=40.0, highest_agl_m=120.0)
-    assert str(found).startswith("waypoint 1: 13.0 m too near to obstacle 'tower'")
+    assert str(found).startswith("waypoint 1: 13.0 m too close to obstacle 'tower'")

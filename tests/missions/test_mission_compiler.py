@@ -296,7 +296,7 @@ def test_the_ways_there_and_home_lead_over_an_obstacle() -> None:
 
 def test_a_planned_leg_into_an_obstacle_is_refused_with_its_name() -> None:
     site = make_site(obstacles=Obstacles(prisms=(tower(140, 40, 160, 60, 90, name="mast"),)))
-    with pytest.raises(InfeasibleError, match=r"the planned route: leg to waypoint 1: .* too near to obstacle 'mast'"):
+    with pytest.raises(InfeasibleError, match=r"the planned route: leg to waypoint 1: .* too close to obstacle 'mast'"):
         compiled(site, route((0, 50, 60), (300, 50, 60)))
 
 

@@ -281,7 +281,7 @@ def test_which_flight_is_meant_must_be_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="not sortie 9: add --sortie"):
         run.flight(9)
     assert run.flight(2).path.name == "sortie-2"
-    with pytest.raises(InputError, match="is one flight and has no sorties"):
+    with pytest.raises(InputError, match="is one flight without sorties"):
         run.flight(2).flight(1)
     with pytest.raises(InputError, match=r"has no track.csv; it is made by: uavcover fly --sortie 1"):
         flown_tracks(run)

@@ -109,7 +109,7 @@ def test_no_spelling_means_two():
     [
         (camera_named, "sony-a7r4", "did you mean sony-a7r4-35mm"),
         (camera_named, "dji-m3", "dji-m3e"),
-        (camera_named, "??", "is it a TOML file of your own"),
+        (camera_named, "??", "it is your own TOML file"),
         (camera_named, "", "is not known"),
         (camera_named, "nowhere.toml", "nowhere.toml cannot be read"),
         (vehicle_named, "m350 rtk", "dji-m350-rtk"),
@@ -149,7 +149,7 @@ def test_a_camera_and_a_vehicle_of_ones_own(tmp_path):
         (OWN.replace("8.8]", "8.0]"), "are not square"),
         (OWN.replace("5472", "5472.5"), "are not whole numbers"),
         (OWN.replace("= 8.8", "= nan"), "is not a number above 0"),
-        (OWN.replace("= 8.8", "= 0.5"), "not the one that is equivalent to 35 mm film"),
+        (OWN.replace("= 8.8", "= 0.5"), "not the 35 mm equivalent"),
         (OWN.replace("1.5", "-1"), "is not a number above 0"),
         ("[a]\n" + OWN + "[b]\n" + OWN, "has several tables (a, b); leave one"),
     ],

@@ -16,12 +16,12 @@ SURFACES = {
     "n46e008.SRTMGL1.hgt.zip": "named as SRTM's tiles are",
     "smith_SRTM.tif": "named as SRTM's tiles are",
     "ASTGTMV003_N46E008_dem.tif": "ASTER GDEM",
-    "site-dsm.tif": 'says "dsm"',
-    "DSM_2024.tif": 'says "DSM"',
-    "dom1_32_448_5200.tif": 'says "dom"',
-    "LHD_FXX_MNS_0448.tif": 'says "MNS"',
-    "MDS05-HU30.tif": 'says "MDS"',
-    "surface_model.tif": 'says "surface_model"',
+    "site-dsm.tif": 'contains "dsm"',
+    "DSM_2024.tif": 'contains "DSM"',
+    "dom1_32_448_5200.tif": 'contains "dom"',
+    "LHD_FXX_MNS_0448.tif": 'contains "MNS"',
+    "MDS05-HU30.tif": 'contains "MDS"',
+    "surface_model.tif": 'contains "surface_model"',
 }
 # The names of the ground models of docs/results/kinds.md and of national providers.
 OTHERS = [

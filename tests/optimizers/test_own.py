@@ -140,7 +140,7 @@ class TestNames:
     @pytest.mark.usefixtures("folder")
     def test_a_module_that_is_not_there(self):
         for name, missing in (("nowhere_of_test:A", "nowhere_of_test"), ("nowhere_of_test.b:A", "nowhere_of_test")):
-            with pytest.raises(OptimizerError, match=f"there is no module '{missing}'"):
+            with pytest.raises(OptimizerError, match=f"module not found '{missing}'"):
                 optimizer_class(name)
 
 
@@ -266,7 +266,7 @@ class TestBenchmark:
         names = contender_names(["imodbo", "mine_of_test:MySearch", "pymoo:NSGA3"])
         assert names[-3:] == ["mine_of_test:MySearch", "pymoo:NSGA3", "uniform"]
         assert names[:-3] == contender_names()[:-1]
-        with pytest.raises(OptimizerError, match="there is no module"):
+        with pytest.raises(OptimizerError, match="module not found"):
             contender_names(["gone_of_test:A"])
 
     @pytest.mark.parametrize("name", ["mine_of_test:MySearch", "pymoo:RVEA"])

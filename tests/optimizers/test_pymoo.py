@@ -253,7 +253,7 @@ class TestOursInTheirs:
         assert minimize(problem, UavcoverAlgorithm("modbo", max_iterations=7), seed=1).algorithm.evaluator.n_eval == 350
         both = minimize(problem, UavcoverAlgorithm("modbo", max_iterations=7), ("n_gen", 20), seed=1)
         assert both.algorithm.evaluator.n_eval == 350  # more rounds than it planned for are not made
-        with pytest.raises(OptimizerError, match="give max_iterations"):
+        with pytest.raises(OptimizerError, match="use max_iterations"):
             minimize(problem, UavcoverAlgorithm("modbo"), ("time", "00:00:01"), seed=1)
 
     def test_an_unknown_name_is_refused(self):

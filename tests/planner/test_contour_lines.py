@@ -165,6 +165,6 @@ def test_the_best_of_their_scan_is_a_plan():
     )
     assert (plan.algorithm, plan.chosen.origin, plan.rule_met) == ("contour-lines", NAME, True)
     assert plan.chosen.violation == 0.0
-    with pytest.raises((ScenarioError, ValueError), match='leave it out with algorithm = "contour-lines"'):
+    with pytest.raises((ScenarioError, ValueError), match='omit it with algorithm = "contour-lines"'):
         PlannerSettings(algorithm="contour-lines", encoding="waypoints")
     assert TUNED not in {member.origin for member in plan.members}

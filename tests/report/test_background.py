@@ -242,14 +242,14 @@ BAD: dict[str, tuple[Callable[[Path, Site], Path], str]] = {
     "no system": (lambda f, s: write_geotiff(f / "a.tif", extent_of(s), 4326, crs=None), "has no coordinate system"),
     "heights": (lambda f, s: write_geotiff(f / "a.tif", extent_of(s), 4326, bands=1, dtype="float32"), "not 8 bits"),
     "16 bits": (lambda f, s: write_geotiff(f / "a.tif", extent_of(s), 4326, dtype="uint16"), "gdal_translate -ot Byte"),
-    "elsewhere": (lambda f, _: write_geotiff(f / "a.tif", FAR, 4326), "has nothing where the map is"),
-    "elsewhere, tiles": (lambda f, _: write_mbtiles(f / "a.mbtiles", FAR, zooms=(12,)), "has nothing where the map is"),
+    "elsewhere": (lambda f, _: write_geotiff(f / "a.tif", FAR, 4326), "does not cover the map"),
+    "elsewhere, tiles": (lambda f, _: write_mbtiles(f / "a.mbtiles", FAR, zooms=(12,)), "does not cover the map"),
     "no tables": (lambda f, _: _sql(f / "a.mbtiles", "CREATE TABLE other (a)"), "no such table"),
     "no tiles": (lambda f, _: _sql(f / "a.mbtiles", *TABLES), "has no tiles"),
     "vectors": (lambda f, _: write_mbtiles(f / "a.mbtiles", FAR, zooms=(3,), kind="PNG") and _sql(
         f / "a.mbtiles", "UPDATE metadata SET value = 'pbf' WHERE name = 'format'"), "vector tiles"),
     "a tile of text": (lambda f, s: _broken_tile(f / "a.mbtiles", s, b"hello"), "(zoom, column, row) cannot be read"),
-    "a tile of words": (lambda f, s: _broken_tile(f / "a.mbtiles", s, "hello"), "is no image"),
+    "a tile of words": (lambda f, s: _broken_tile(f / "a.mbtiles", s, "hello"), "is not an image"),
     "an oblong tile": (lambda f, s: _broken_tile(f / "a.mbtiles", s, _png(256, 128)), "not a square"),
     "a huge tile": (lambda f, s: _broken_tile(f / "a.mbtiles", s, _png(4096, 4096)), "not a square of 64 to 2048"),
     "fine tiles only": (lambda f, _: _sql(

@@ -63,7 +63,7 @@ def test_a_share_is_compared_with_what_was_asked(content: ReportContent) -> None
         ("below-band", "Height above ground on the route"),
         ("above-band", "Height above ground on the route"),
         ("clearance", "Clearance on outbound and return transit"),
-        ("above-transit-height", "Height height above ground on transit legs"),
+        ("above-transit-height", "Height above ground on transit legs"),
         ("above-sea-level-limit", "Altitude above sea level"),
         ("fence", "Inside the fence"),
         ("obstacle", "Clearance from obstacles"),

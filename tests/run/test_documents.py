@@ -100,13 +100,11 @@ def test_the_trade_off_is_drawn_against_time_where_every_route_has_one(tmp_path:
     timed = [dataclasses.replace(row, mission_time_s=90.0 + row.index) for row in without]
     assert trade_off_axis(timed, baselines).label == "length of the route, km", "one baseline has no time"
     baselines[0]["mission_time_s"] = 120.0
-    assert trade_off_axis(timed, baselines) == TradeOffAxis(
-        "time of the mission, minutes", True, (1.5, 91 / 60), (2.0,)
-    )
+    assert trade_off_axis(timed, baselines) == TradeOffAxis("mission time, minutes", True, (1.5, 91 / 60), (2.0,))
     used = [dataclasses.replace(row, mission_energy_hover_s=60.0) for row in timed]
     baselines[0]["mission_energy_hover_s"] = 180.0
     assert trade_off_axis(used, baselines, "energy") == TradeOffAxis(
-        "energy of the mission, minutes of hovering", True, (1.0, 1.0), (3.0,)
+        "mission energy, minutes of hovering", True, (1.0, 1.0), (3.0,)
     )
     assert trade_off_axis(used, baselines, "mission-time").members == (1.5, 91 / 60)
 

@@ -86,7 +86,7 @@ def test_workers_of_this_machine_read_what_they_need_from_a_file_once(workers, m
     with pytest.raises(TerrainError, match="no ground at -3"):
         list(here.completed(add, 400, [1, -3, 2]))
     monkeypatch.setattr(cluster, "program", lambda: {"numpy": "0"})
-    with pytest.raises(InputError, match=r"a worker is another program: .*numpy"):
+    with pytest.raises(InputError, match=r"a worker runs different software: .*numpy"):
         list(here.completed(add, 500, [1]))
 
 
@@ -121,7 +121,9 @@ def test_who_stops_gets_what_is_done_and_no_more(workers) -> None:
 
 def test_a_worker_of_another_program_is_refused(workers, monkeypatch) -> None:
     monkeypatch.setattr(workers, "_about", program() | {"numba": "0.1"})
-    with pytest.raises(InputError, match=r"a worker is another program: numba 0.1 here and .* there; install the same"):
+    with pytest.raises(
+        InputError, match=r"a worker runs different software: numba 0.1 here and .* there; install the same"
+    ):
         list(workers.completed(add, 300, [1]))
 
 

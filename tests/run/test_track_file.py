@@ -147,7 +147,7 @@ def test_a_last_line_that_was_cut_off_is_left_out_and_said(tmp_path):
     read = read_track_with_warnings(path)
     assert len(read.track) == 4
     assert len(read.warnings) == 1
-    assert "the last line was cut off" in read.warnings[0]
+    assert "the last line is incomplete" in read.warnings[0]
 
 
 def test_of_a_whole_file_nothing_is_said_and_an_empty_one_is_no_track(tmp_path):

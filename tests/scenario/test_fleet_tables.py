@@ -74,7 +74,7 @@ def test_launch_points_are_places_of_one_vehicle_that_flies_one_flight_at_a_time
         ),
         (
             "[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n[fleet]\nvehicles = 2\n",
-            "launch_point: is for one [vehicle]; each of several has a home of its own",
+            "launch_point: is for one [vehicle]; several vehicles need their own homes",
         ),
         (
             "[[launch_point]]\nlat_deg = 36.474\nlon_deg = -84.216\n[fleet]\none_at_a_time = false\n",
@@ -148,7 +148,7 @@ def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
         ),
         (
             2 * "[[vehicle]]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
-            "home: every [[vehicle]] has its own home; leave [home] out",
+            "home: every [[vehicle]] has its own home; remove [home]",
         ),
         (
             "[vehicle]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",

@@ -65,7 +65,7 @@ PLACE = Origin(lat_deg=36.4762, lon_deg=-84.216, alt_amsl_m=320.0)
         ({"home": Home(lat_deg=-84.216, lon_deg=36.4762)}, TerrainError, "home: .*no elevation.* swapped"),
         (
             {"area": {"polygon_lon_lat_deg": None, "polygon_east_north_m": MAP}, "origin": PLACE, "home": None},
-            ScenarioError, "area.polygon_east_north_m: lies 40.. km .*map coordinates taken for local ones",
+            ScenarioError, "area.polygon_east_north_m: lies 40.. km .*map coordinates instead of local ones",
         ),
         (
             {"limits": {"fence_east_north_m": ((-9.0, -9.0), (9.0, 9.0), (9.0, -9.0), (-9.0, 9.0))}},

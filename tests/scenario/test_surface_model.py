@@ -149,8 +149,8 @@ def test_the_scenario_comes_back_from_its_text_with_absolute_files(models):
 
 BAD = {
     "no such file": ('surface_file = "no.tif"', {}, r"no\.tif: no such file \(terrain\.surface_file is relative"),
-    "a key without its file": ('surface_band = 2', {}, r"terrain\.surface_band: says how a surface model is read"),
-    "the same file": ('surface_file = "dtm.tif"', {}, r"is the file of terrain\.file again"),
+    "a key without its file": ('surface_band = 2', {}, r"terrain\.surface_band: describes a surface model"),
+    "the same file": ('surface_file = "dtm.tif"', {}, r"is the same file as terrain\.file"),
     "hides nothing": (SURFACE + "\nsurface_hides_m = 0.0", {}, r"terrain\.surface_hides_m: .* must be above 0"),
     "no tile": ('surface_file = "none/*.tif"', {}, r"terrain\.surface_file: none/\*\.tif has no tile"),
     "in feet": (SURFACE, {"factor": 1.0 / 0.3048}, r"3\.28 times as high: the surface seems to be in feet.*surface_height_unit"),

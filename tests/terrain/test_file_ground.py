@@ -150,7 +150,7 @@ def test_a_square_grid_is_measured_too_and_refused_where_the_margin_does_not_hol
     assert 1.0 < site.ground.error_m < 8.0
     assert site.ground_error_m == site.vertical_uncertainty_m == site.ground.error_m
     path.write_text(text.replace("height_margin_m = 8.0", "height_margin_m = 0.5"))
-    with pytest.raises(ScenarioError, match=r"^terrain.grid_step_m: a grid of 37 m differs .* leave grid_step_m out"):
+    with pytest.raises(ScenarioError, match=r"^terrain.grid_step_m: a grid of 37 m differs .* remove grid_step_m"):
         load_site(str(path))
 
 

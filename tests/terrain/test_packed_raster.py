@@ -132,7 +132,7 @@ def test_gzip_files_that_are_none_damaged_or_too_long(tmp_path, monkeypatch):
 @pytest.mark.parametrize("name", ["dem.tar.gz", "dem.7z", "dem.hgt.bz2", "dem.tgz", "dem.gz"])
 def test_other_archives_say_unpack(tmp_path, name):
     (tmp_path / name).write_bytes(b"packed")
-    with pytest.raises(TerrainError, match=r"is packed .* and is not read as it is; unpack it and give the raster"):
+    with pytest.raises(TerrainError, match=r"is packed .*; unpack it and specify the raster"):
         read_height_amsl_m(tmp_path / name, "EGM96", lat_deg=46.5, lon_deg=8.5)
 
 

@@ -212,9 +212,9 @@ def one_line(caught, path, *words):
 
 WRONG = {
     "no crs": ({"crs": None}, ["does not name its coordinate system; give it with terrain\\.crs"]),
-    "degrees taken for metres": ({"crs": "EPSG:32632"}, ["pixels of 0.001 x 0.001", "degrees taken for metres; assign"]),
-    "metres taken for degrees": (
-        {"transform": from_origin(_X, _Y, 30, 30)}, ["reaches latitude 5.2", "metres taken for degrees; assign"],
+    "degrees instead of metres": ({"crs": "EPSG:32632"}, ["pixels of 0.001 x 0.001", "degrees instead of metres; assign"]),
+    "metres instead of degrees": (
+        {"transform": from_origin(_X, _Y, 30, 30)}, ["reaches latitude 5.2", "metres instead of degrees; assign"],
     ),
     "another sea level": (
         {"crs": "EPSG:4326+5703"}, ["terrain.vertical_datum: the scenario says EGM96, the file says NAVD88", "correct"],

@@ -146,7 +146,7 @@ def test_heights_in_a_system_of_feet_are_asked_about(tmp_path):
     )
     place = {"lat_deg": 36.48, "lon_deg": -84.22}
     with pytest.raises(
-        TerrainError, match=r"is in feet, and it does not say .*; set terrain\.height_unit \(--height-unit\)"
+        TerrainError, match=r"is in feet, and it does not state .*; set terrain\.height_unit \(--height-unit\)"
     ):
         read_height_amsl_m(path, "EGM96", **place)
     metres, feet = (
@@ -297,7 +297,7 @@ def test_a_coordinate_system_that_the_file_does_not_name(whole, tmp_path, tiles)
         ground_of(TerrainSource(files))
     with pytest.raises(TerrainError, match=r"terrain\.crs: 'EPSG:1' is not a coordinate system; .*--dem-crs"):
         ground_of(TerrainSource(files, crs="EPSG:1"))
-    with pytest.raises(TerrainError, match=r"names its coordinate system itself \(EPSG:32632\); leave terrain\.crs"):
+    with pytest.raises(TerrainError, match=r"names its coordinate system itself \(EPSG:32632\); remove terrain\.crs"):
         ground_of(TerrainSource((whole,), crs="EPSG:32632"))
 
 

@@ -148,7 +148,7 @@ def test_coverage_below_what_is_required_fails_unless_what_was_not_observed_may_
     for wanted, verdict in ((share, "passed"), (share + 0.001, "failed")):
         report = judged(flight, flight.track, min_coverage_of_coverable=wanted)
         assert report.verdict == verdict
-    assert report.reasons[0].startswith(f"coverage {100 * share:.2f} % of the coverable area is below the required")
+    assert report.reasons[0].startswith(f"coverage {100 * share:.2f} % of the visible ground is below the required")
     # A share that lacks next to nothing does not read as the one that it lacks.
     nearly = judged(flight, flight.track, min_coverage_of_coverable=share + 1e-6).reasons[0]
     assert len(set(re.findall(r"[\d.]+ %", nearly))) == 2
@@ -160,9 +160,9 @@ def test_coverage_below_what_is_required_fails_unless_what_was_not_observed_may_
         assert report.verdict == verdict
         text = (report.doubts if verdict == "not proved" else report.reasons)[0]
         assert text.startswith(
-            f"coverage {100 * less:.2f} % of the coverable area is below the required {100 * wanted:.2f} %"
+            f"coverage {100 * less:.2f} % of the visible ground is below the required {100 * wanted:.2f} %"
         )
-        assert ("with what unobserved intervals may add" in text) == (verdict == "not proved")
+        assert ("unobserved intervals could increase it" in text) == (verdict == "not proved")
 
 
 # What was judged

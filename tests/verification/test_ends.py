@@ -59,7 +59,7 @@ def test_a_track_that_stops_on_the_route_misses_the_rest_of_it(flight: Flight) -
     assert 0.3 * whole_m < missing[0].length_m < 0.8 * whole_m
     # What was not observed may have seen the rest.
     assert report.verdict == "not proved"
-    assert any("with what unobserved intervals may add" in doubt for doubt in report.doubts)
+    assert any("unobserved intervals could increase it" in doubt for doubt in report.doubts)
 
 
 @pytest.mark.parametrize("order", [(0, 1), (1, 0)])
@@ -121,7 +121,7 @@ def test_without_a_limit_of_its_own_the_ceiling_leaves_room_above_the_band() -> 
 def test_positions_under_the_ground_are_named(flight: Flight) -> None:
     enu = flight.track.enu_m - [0.0, 0.0, 14.0]
     report = together(flight, falsified.moved_to(flight.site, flight.track, enu))
-    assert any("under the ground, by up to 14.0 m" in doubt for doubt in report.doubts)
+    assert any("below the ground by up to 14.0 m" in doubt for doubt in report.doubts)
     assert any("begins 14.0 m under the ground" in doubt for doubt in report.doubts)
     assert not report.passed
 

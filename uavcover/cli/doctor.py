@@ -72,7 +72,7 @@ def _basics() -> Iterator[Diagnosis]:
         with tempfile.TemporaryFile():
             yield Diagnosis("temporary files", True, True, tempfile.gettempdir())
     except OSError as error:
-        yield Diagnosis("temporary files", False, True, f"{error}; set TMPDIR to a folder that can be written to")
+        yield Diagnosis("temporary files", False, True, f"{error}; set TMPDIR to a writable folder")
 
 
 def _packages(try_imports: bool) -> Iterator[Diagnosis]:

@@ -124,7 +124,7 @@ def fly(
     console = output.console()
     if len(links) > 1 and (sortie is not None or older.resume):
         raise InputError(
-            f"{'--resume' if older.resume else '--sortie'}: is for one vehicle; give --to once, or leave it out"
+            f"{'--resume' if older.resume else '--sortie'}: is for one vehicle; give --to once, or omit it"
         )
     if len(links) > 1 and watch.apply_limits:
         raise InputError("--apply-limits: is for one vehicle; set the parameters of each one before they fly together")
@@ -167,7 +167,7 @@ def fly(
     site, planned = read_planned(folder)
     outcome, document = fly_run(folder, site, planned.route, link, console, asked)
     if outcome.ending is Ending.RETURNED and outcome.waypoints_reached < len(planned.route):
-        console.say("the vehicle holds the mission home now, not the planned one: --resume sends it what is left")
+        console.say("the vehicle now holds the return mission: use --resume to upload the rest of the route")
     console.suggest(*commands_after_flight(folder, outcome.ending, options.words_of(links)))
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0
@@ -240,7 +240,7 @@ def _left_changed(run: "RunFolder") -> dict[str, float]:
         found = {"": math.nan}
     if not all(name and math.isfinite(value) for name, value in found.items()):
         raise InputError(
-            f"{file}: holds the parameters that an earlier flight changed on the vehicle, and cannot be read; set them by hand, "
-            "then remove it"
+            f"{file}: holds the parameters that an earlier flight changed on the vehicle, and cannot be read; "
+            "set them manually, then remove the file"
         )
     return found

@@ -26,7 +26,7 @@ _CORE: dict[str, dict[str, Entry]] = {
     "Plan": {
         "new": (
             "uavcover.cli.new",
-            "create a scenario from an area, elevation data, camera",
+            "create a scenario from an area and a camera",
             (
                 "uavcover new area.kml --dem dem.tif --camera dji-m3e --gsd 2.5cm -o survey.toml",
                 "uavcover new --camera list",

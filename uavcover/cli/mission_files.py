@@ -45,7 +45,7 @@ def read_contents(file: Path, kind: str | None) -> tuple[list[MissionList], tupl
     except MissionIoError as error:
         raise InputError(str(error)) from error
     if kind == "all" and suffix != ".plan":
-        raise InputError(f"{file}: a .waypoints file holds one list; name it with --type mission, fence or rally")
+        raise InputError(f"{file}: a .waypoints file is met one list; name it with --type mission, fence or rally")
     if not contents:
         raise InputError(
             f"{file}: holds no mission, fence or rally points; use --type all to empty the vehicle's lists"
@@ -76,7 +76,7 @@ def warn_of_home(client: Client, home: GeoPoint | None, console: Console) -> Non
     if max(abs(east), abs(north), abs(up)) > _HOME_WARNING_M:
         console.warn(
             f"the vehicle's home is {math.hypot(east, north):.0f} m from the file's, {abs(up):.0f} m "
-            f"{'above' if up > 0 else 'below'} it; heights above home differ from what the file was made for"
+            f"{'above' if up > 0 else 'below'} it; heights above home then differ from those of the file"
         )
 
 
@@ -87,7 +87,7 @@ def check_output(out: Path, kind: str, *, force: bool) -> None:
     if out.suffix not in EVERY_LIST:
         raise InputError(f"{out}: name it {' or '.join(EVERY_LIST)}")
     if kind == "all" and out.suffix != ".plan":
-        raise InputError(f"{out}: a .waypoints file holds one list; use a .plan file for --type all")
+        raise InputError(f"{out}: a .waypoints file is met one list; use a .plan file for --type all")
     if out.exists() and not force:
         raise OutputError(f"{out}: would be overwritten; use --force, or another name")
 
@@ -96,7 +96,7 @@ def text_of(client: Client, lists: Mapping[MissionType, MissionList], out: Path,
     """The text of a file with the downloaded lists, and how many items it has."""
     mission = lists[MissionType.MISSION]
     if not isinstance(mission, Mission):
-        raise InputError("the vehicle's mission is not one")
+        raise InputError("the vehicle's mission is not valid")
     home = mission.home
     if home is None:
         place = client.request_message(HomePosition)
@@ -104,7 +104,7 @@ def text_of(client: Client, lists: Mapping[MissionType, MissionList], out: Path,
     mission = Mission(home, mission.items)
     fence, rally = lists.get(MissionType.FENCE, Fence()), lists.get(MissionType.RALLY, RallyPoints())
     if not isinstance(fence, Fence) or not isinstance(rally, RallyPoints):
-        raise InputError("the vehicle's fence or rally points are not what they should be")
+        raise InputError("the vehicle's fence or rally points differ from the uploaded lists")
     if out.suffix == ".plan":
         kept = mission if kind in {"mission", "all"} else Mission(home, ())
         items = len(kept.items) + len(items_from_fence(fence)) + len(items_from_rally(rally))

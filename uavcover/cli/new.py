@@ -51,7 +51,7 @@ def new(
     if path.suffix.lower() != ".toml":
         raise InputError(f"-o: {path} is not a .toml file; name the scenario, such as survey.toml")
     if not path.parent.is_dir():
-        raise OutputError(f"{path}: there is no folder {path.parent}; make it first")
+        raise OutputError(f"{path}: there is no folder {path.parent}; create it first")
     _refuse_to_replace([path], force=force)
     scenarios = new_scenarios(survey.request(area, autopilot=autopilot), console, folder=path.parent)
     paths = [path.with_stem("-".join(part for part in (path.stem, each.view.name) if part)) for each in scenarios]
@@ -73,7 +73,7 @@ def _refuse_to_replace(paths: list[Path], *, force: bool) -> None:
 
     for path in paths:
         if path.exists() and not force:
-            raise OutputError(f"{path}: exists already: give another name with -o, or --force to replace it")
+            raise OutputError(f"{path}: already exists: choose another name with -o, or --force to replace it")
 
 
 def _list(console: "Console", *, cameras: bool, vehicles: bool) -> int:

@@ -53,7 +53,7 @@ def pareto(
     )
     if sized and any(member.mission is None for member in members):
         console.say(
-            "-: no flights found, or not looked for in a large set; a rule such as max-coverage,sorties<=3 looks at all"
+            "-: no flights found, or not computed for a large set; a rule such as max-coverage,sorties<=3 looks at all"
         )
     if line := sizes_by_vehicles_in_words((plan.get("mission") or {}).get("by_vehicles", [])):
         console.say(line)

@@ -125,6 +125,6 @@ def list_curves(console: "Console") -> int:
     console.say(f"{'curve':20}{'half of the looks find it at':>30}  title")
     for one in curves:
         console.say(f"{one.name:20}{f'{100.0 * one.half_at_m:.3g} cm per pixel':>30}  {one.title}")
-    console.say("They are examples, rules of thumb; measure a curve of your own (docs/reference/detection.md)")
+    console.say("They are examples, rules of thumb; measure your own curve (docs/reference/detection.md)")
     console.result({"curves": [one.name for one in curves]})
     return 0

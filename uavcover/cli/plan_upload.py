@@ -82,7 +82,7 @@ def plan_upload(
     )
     links = vehicle.links_at(places, client=vehicle.client, link=vehicle.link)
     if len(links) > 1 and sortie is not None:
-        raise InputError("--sortie: with several --to each vehicle gets its own first sortie; leave it out")
+        raise InputError("--sortie: with several --to each vehicle gets its own first sortie; omit it")
     console = output.console()
     if is_run:
         if unused := planning.given():

@@ -16,7 +16,9 @@ def report(
     ] = None,
     log: Annotated[
         list[Path] | None,
-        typer.Option("--log", help="Track of the flight, as for verify. Can be repeated. Default: RUN/track.csv."),
+        typer.Option(
+            "--log", help="Track of the flight (same formats as verify). Can be repeated. Default: RUN/track.csv."
+        ),
     ] = None,
     figures: Annotated[
         Path | None,

@@ -231,7 +231,7 @@ class SurveyOptions:
             if any(
                 isinstance(text, str) and not text.strip() for text in (value if isinstance(value, list) else [value])
             ):
-                raise InputError(f"--{option.name.replace('_', '-')}: is empty; give a value, or leave the option out")
+                raise InputError(f"--{option.name.replace('_', '-')}: is empty; give a value, or omit the option")
         query = AreaQuery(
             source=area, layer=self.layer, feature=self.feature, crs=self.crs, make_valid=self.make_valid,
             swap_axes=self.swap_axes,

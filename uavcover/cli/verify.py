@@ -24,14 +24,16 @@ def verify(
         typer.Option(
             "--photos",
             help=(
-                "Photos of the flight, as for judge-photos. Coverage is then computed from the photos. Can be repeated."
+                "Photos of the flight (same sources as judge-photos). Coverage is then computed from the photos. Can be repeated."
             ),
             metavar="FOLDER",
         ),
     ] = None,
     area: Annotated[
         str | None,
-        typer.Option("--area", help="Area to observe, as for new, for a flight without a run folder."),
+        typer.Option(
+            "--area", help="Area to observe, for a flight without a run folder (same formats as uavcover new)."
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -71,9 +73,9 @@ def verify(
         if run is None:
             raise InputError("verify: give a run folder; or a log or photos with --area, --dem and --camera")
         if given := survey.given():
-            raise InputError(f"verify: {given[0]} requires --area; leave it out: {run} defines it")
+            raise InputError(f"verify: {given[0]} requires --area; omit it: {run} defines it")
         if out is not None:
-            raise InputError("verify: -o requires --area; leave it out: the verdict on a run is kept in its folder")
+            raise InputError("verify: -o requires --area; omit it: the verdict on a run is kept in its folder")
     of_photos = loaded("uavcover.evidence").get("photos")
     if of_photos is None and (area is not None or photos):
         raise InputError("verify: --area and --photos need the extra photos of uavcover, which is not installed")
@@ -102,10 +104,10 @@ def verify(
     if not evidence.photos:
         for option, asked in (("--detection", search.detection), ("--max-blur", belief.max_blur)):
             if asked is not None:
-                raise InputError(f"{option}: applies to photos, and a track has none: add --photos")
+                raise InputError(f"{option}: applies only to photos: add --photos")
     if evidence.photos and scheduler is not None:
         raise InputError(
-            "--scheduler: distributes the coverage of a track; leave it out where photos (--photos) give the coverage"
+            "--scheduler: distributes the coverage of a track; omit it if the coverage comes from photos (--photos)"
         )
     pictures = JudgedPictures(PictureEvidence(photos_required=require_photos))
     if of_photos is not None and evidence.photos:

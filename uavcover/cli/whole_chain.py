@@ -48,7 +48,7 @@ def demonstrate(request: PlanRequest, scenario: str, console: Console, *, speed:
         return INTERRUPTED
     site, route = outcome.site, outcome.plan.chosen.route
     with mock_process(scenario, request.autopilot or site.scenario.vehicle.autopilot, speed, request.seed) as url:
-        console.say("2 of 4  upload to a mock vehicle in another process, read back, compare")
+        console.say("2 of 4  upload to a mock vehicle in another process and read back")
         at = time.monotonic()
         uploaded = upload_run(run, site, route, VehicleLink(url=url), console)
         _stage(run, "upload", at)
@@ -61,7 +61,7 @@ def demonstrate(request: PlanRequest, scenario: str, console: Console, *, speed:
             {"run": str(run), "plan": outcome.document, "upload_passed": uploaded["passed"], "flight": flown}
         )
         return INTERRUPTED
-    console.say("4 of 4  verify from the flown track alone")
+    console.say("4 of 4 verify the flown track")
     at = time.monotonic()
     _, verdict = verify_run(run, console, command=request.command)
     _stage(run, "verify", at)
@@ -88,10 +88,10 @@ def _say_end(console: Console, run: RunFolder, plan: dict[str, Any], verdict: di
     console.say(
         f"{verdict['verdict'] if verdict['passed'] else verdict['verdict'].upper()} in {wall_s:.0f} s. Open next:"
     )
-    console.say(f"  {run.file(REPORT_FILE)}           map, 3D view, heights, coverage; opens in any browser")
+    console.say(f"  {run.file(REPORT_FILE)}           map, 3D view, heights and coverage, for any browser")
     console.say(f"  {to_paste('inspect', run)}              the flight in 3D ({run.file('flight.rrd')})")
     console.say(f"  {run.file('mission.waypoints')}     for Mission Planner; mission.plan for QGroundControl")
-    console.say(f"  {run.file('verification.json')}     coverage, clearance and gaps of what was flown")
+    console.say(f"  {run.file('verification.json')}     coverage, clearance and gaps of the flight")
 
 
 @contextmanager
@@ -115,7 +115,7 @@ def mock_process(scenario: str, autopilot: str, speed: float, seed: int | None) 
             raise VehicleError(f"the mock vehicle did not start within {_MOCK_START_S:g} s")
         line = process.stdout.readline()
         if not line:
-            raise VehicleError(f"the mock vehicle ended at once, exit code {process.wait()}")
+            raise VehicleError(f"the mock vehicle ended immediately with exit code {process.wait()}")
         yield f"udpout://127.0.0.1:{json.loads(line)['port']}"
     finally:
         process.terminate()

@@ -47,7 +47,10 @@ from uavcover.verification.verify import flown_coverage
 _LEFT_SOMETHING = frozenset({Ending.RETURNED, Ending.LEFT_HOLDING, Ending.RESERVE_KEPT})
 ENDED_BY_USER = frozenset({Ending.RETURNED, Ending.LEFT_HOLDING, Ending.NOT_FLOWN})
 
-_FIRST_STOP = "stopping: hold, then home along checked legs; once more: hold and leave it; a third time: abort at once"
+_FIRST_STOP = (
+    "stopping: the vehicle holds, then returns along checked legs; repeat to keep holding; a third "
+    "time aborts immediately"
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +110,7 @@ def refuse_older_flight(run: RunFolder, options: FlightOptions) -> None:
         OutputError: it was not.
     """
     if run.file("track.csv").exists() and not options.force:
-        raise OutputError(f"{run}: holds the track of a flight; go on with it by --resume, or replace it by --force")
+        raise OutputError(f"{run}: holds the track of a flight; use --resume to continue it, or --force to replace it")
 
 
 def fly_connected(
@@ -162,10 +165,10 @@ def record_flight(
             ended = error.outcome
             _say_incidents(error.outcome, log, user)
             if log.sample_count:
-                user.say(f"kept: {log.sample_count} samples in {run.file('track.csv')}; fly --resume goes on with them")
+                user.say(f"kept: {log.sample_count} samples in {run.file('track.csv')}; use fly --resume to continue")
             raise
         except KeyboardInterrupt:
-            user.warn("aborted: the vehicle was left as it is, maybe armed and in the air; take over from here")
+            user.warn("aborted: the vehicle may be armed and in the air; take over now")
             if log.begun:
                 provenance.note_interrupted(run)
             raise
@@ -268,7 +271,7 @@ def resume_run(
                     raise InputError(
                         f"{run}: nothing of it was flown, and the vehicle is on the ground; fly it without --resume"
                     )
-                user.say("the vehicle is in the air: it flies all of this run from where it is")
+                user.say("the vehicle is in the air: it flies the whole run from its current position")
                 up_since_s = took_off_s(run)
                 return record_flight(
                     run, site, planned.route, user, vehicle,

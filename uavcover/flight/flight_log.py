@@ -187,7 +187,7 @@ class FlightLog:
             }
         self._run.write_together(copies, moved=moved)
         note_files(self._run, "begin", FLIGHT_FILES, command=sys.argv, moved=moved)  # none of them is there now
-        self._user.warn(f"the flight that was here is kept in {older}, a run folder of its own")
+        self._user.warn(f"the previous flight was moved to {older}, as a separate run folder")
 
     def take_event(self, event: FlightEvent) -> None:
         """Tell an event."""

@@ -361,6 +361,6 @@ def _refuse_armed(session: Session) -> None:
     if vehicle.armed:
         raise FlightFaultError(
             Ending.NOT_ARMED,
-            f"vehicle {vehicle.system_id} is armed already, in {session.mode_name}; not touched; --resume goes on with "
-            "a flight that ended early",
+            f"vehicle {vehicle.system_id} is armed already, in {session.mode_name}; not touched; use --resume "
+            "to continue a flight that ended early",
         )

@@ -233,7 +233,7 @@ class Follower:
         again = self._holds_for[breach] < FOLLOWING.most_holds and self._progress is not None
         self._hold = HoldWatch(session, breach, may_go_on=again)
         self._upside_down = not self._pause()
-        then = "flies home: p continues, Ctrl-C flies it home now"
+        then = "returns: press p to continue the mission, or Ctrl-C to return now"
         if self._progress is None:
             then = "the return is planned again: Ctrl-C leaves it holding"
         session.tell(
@@ -321,14 +321,14 @@ class Follower:
                 self._told_to_wait = True
                 session.tell(
                     EventKind.STOP,
-                    f"{why}: it is commanded to return as soon as it reports its mission; once more ends the record",
+                    f"{why}: it is commanded to return as soon as it reports its mission; repeat to end the record",
                 )
             return
         self._record_goes_on, self._stops_before = True, stops
         session.tell(
             EventKind.STOP,
-            "another party controls the vehicle, so no command is sent; recording continues until it is on the ground; once "
-            "more ends the record",
+            "another party controls the vehicle, so no command is sent; recording continues until it is on "
+            "the ground; repeat to end the record",
         )
 
     def _pause_or_go_on(self) -> None:
@@ -360,7 +360,9 @@ class Follower:
         problem = None if self._progress is None else self._progress.line_problem()
         if problem is not None:
             self._declined = pressed
-            session.tell(EventKind.WARNING, f"the mission is not continued: {problem}; Ctrl-C flies home", alarm=True)
+            session.tell(
+                EventKind.WARNING, f"the mission is not continued: {problem}; press Ctrl-C to return", alarm=True
+            )
             return
         if not self._goes_on("the vehicle continues its mission"):
             self._declined = pressed

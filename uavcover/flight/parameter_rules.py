@@ -306,7 +306,7 @@ def read_table(document: Mapping[str, Any], file: str) -> ParameterTable:
             _require(condition.subject in keys | FACTS, where, f"{condition.subject} is neither a key nor a fact")
             _require(condition.operator in _OPERATORS, where, f"{condition.operator!r} compares nothing")
             _require(all(name in FACTS | {""} for name, _ in condition.operands), where, f"unknown fact in {condition}")
-        _require(row.planned in FACTS | {""}, where, f"{row.planned} is no fact")
+        _require(row.planned in FACTS | {""}, where, f"{row.planned} is not a fact")
         for case in row.worse:
             _require(case.says.format_map(dict.fromkeys(FACTS, 1.0)) != "", where, "says nothing")
             case.wanted(0.0, dict.fromkeys(FACTS, 1.0))
@@ -344,7 +344,7 @@ def _row(table: Mapping[str, Any], where: str) -> ParameterRow:
 
 def _condition(text: str, where: str) -> RuleCondition:
     parts = text.split()
-    _require(len(parts) >= 3, where, f"{text!r} is no comparison")
+    _require(len(parts) >= 3, where, f"{text!r} is not a comparison")
     return RuleCondition(parts[0], parts[1], tuple(operand for part in parts[2:] for operand in _operands(part)))
 
 

@@ -130,7 +130,7 @@ class MissionProgress:
             return
         self.heading_for = number
         if number >= 0:
-            text = f"to waypoint {number} of {plan.waypoint_count}"
+            text = f"flying to waypoint {number} of {plan.waypoint_count}"
             self._session.tell(EventKind.WAYPOINT, text, waypoint=number)
         elif self.all_reached:
             self._session.tell(EventKind.STAGE, "all planned waypoints flown, returning")

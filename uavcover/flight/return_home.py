@@ -162,7 +162,7 @@ def _above_moved_home(mission: Mission, up_m: float) -> Mission:
 def _leave(session: Session, why: str) -> bool:
     session.tell(
         EventKind.STOP,
-        f"{why}: the vehicle is left holding in {session.mode_name}, armed and in the air; take over from here",
+        f"{why}: the vehicle is left holding in {session.mode_name}, armed and in the air; take over now",
     )
     return False
 

@@ -94,7 +94,7 @@ def open_elevation_data(data: ElevationData, *, around: Bounds | None = None) ->
         return source, fitting[0]
     wanted = datum_named(data.vertical_datum)
     if wanted not in fitting and not (wanted == ELLIPSOID and len(fitting) > 1):
-        raise InputError(f"--vertical-datum: {wanted}, but {source} says {fitting[0]}; leave the option out")
+        raise InputError(f"--vertical-datum: {wanted}, but {source} says {fitting[0]}; omit the option")
     return source, wanted
 
 
@@ -210,7 +210,7 @@ def write_terrain_files(
             files.setdefault(dat_name(block.south_deg, block.west_deg), {})[block] = parts
     there = [name for name in files if (folder / name).exists()]
     if there and not force:
-        raise OutputError(f"{folder / there[0]}: exists already: give another folder, or --force to replace it")
+        raise OutputError(f"{folder / there[0]}: already exists: choose another folder, or --force to replace it")
     for name, content in files.items():
         write_file(folder / name, dat_bytes(content))
     return {name: len(content) for name, content in files.items()}

@@ -136,4 +136,6 @@ def _check(autopilot: str, table: Mapping[str, Any]) -> None:
             raise UavcoverError(f"{where}: keys are {', '.join(sorted(_RULE_KEYS | _RULE_OPTIONS))}")
         unknown = {rule["other"], *rule["actions"].values()} - set(get_args(Action))
         if unknown:
-            raise UavcoverError(f"{where}: {sorted(unknown)[0]!r} is no action; they are {', '.join(get_args(Action))}")
+            raise UavcoverError(
+                f"{where}: {sorted(unknown)[0]!r} is not an action; they are {', '.join(get_args(Action))}"
+            )

@@ -77,7 +77,7 @@ class LegProblem:
         if self.kind == "fence":
             return f"{what}: {self.value:.1f} m outside the fence {where}"
         if self.kind == "obstacle":
-            return f"{what}: {self.value:.1f} m too near to obstacle {self.name!r} {where}"
+            return f"{what}: {self.value:.1f} m too close to obstacle {self.name!r} {where}"
         if self.kind == "no-fly zone":
             return f"{what}: {self.value:.1f} m inside no-fly zone {self.name!r}, margins included, {where}"
         amounts = f"{self.value:.1f} {self.unit} against {self.limit:.1f} {self.unit}"

@@ -68,8 +68,8 @@ class ReturnAdvice:
                 "plan --rally auto propose rally points"
             )
         if not math.isfinite(self.safe_return_height_m):
-            return "some ground below the return is not known, so no return height is safe; give elevation data of it"
-        return "no return height makes these safe: try plan --rally auto, or fly home by the mission (Ctrl-C plans a detour)"
+            return "some ground below the return is unknown, so no return height is safe; provide elevation data for it"
+        return "no return height makes these safe: try plan --rally auto, or return with the mission (Ctrl-C plans a detour)"
 
 
 def _sentence(one: UnsafeReturn) -> str:

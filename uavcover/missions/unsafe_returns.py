@@ -48,7 +48,7 @@ class UnsafeReturn:
     @property
     def what(self) -> str:
         """The problem as text, without the moments and the position."""
-        to = {HOME: "home", IN_PLACE: "down where it is"}.get(
+        to = {HOME: "home", IN_PLACE: "down at the current position"}.get(
             self.destination, f"to rally point {self.destination + 1}"
         )
         path = f"the path {to}{f', {self.note},' if self.note else ''}"

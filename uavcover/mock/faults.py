@@ -161,7 +161,7 @@ def parse_fault(text: str) -> Fault:
     written = _WRITTEN.fullmatch(text)
     names = [kind.value for kind in FaultKind]
     if written is None or written["name"] not in names:
-        raise InputError(f"fault {text!r}: there is none of that name; take one of {', '.join(names)}")
+        raise InputError(f"fault {text!r}: unknown name; use one of {', '.join(names)}")
     kind = FaultKind(written["name"])
     trigger = _parse_trigger(text, written["moment"]) if written["moment"] else _default_trigger(kind)
     argument = ARGUMENTS.get(kind)

@@ -75,7 +75,7 @@ def window_of(begin: str, end: str, key: str) -> Window:
     """
     first, last = utc_time(begin, key), utc_time(end, key)
     for moment, text in ((first, begin), (last, end)):
-        require(_FIRST_YEAR <= moment.year <= _LAST_YEAR, f"{key}: {text!r} is no time of a flight")
+        require(_FIRST_YEAR <= moment.year <= _LAST_YEAR, f"{key}: {text!r} is not a time of a flight")
     require(first < last, f"{key}: the latest landing must be after the earliest take-off")
     return first, last
 

@@ -89,7 +89,7 @@ class FlightLimits:
         for number, ring in enumerate(self.fence_polygons_lon_lat_deg or ()):
             require_lon_lat(ring, f"fence_polygons_lon_lat_deg.{number}")
         for key in FENCE_KEYS[2:]:
-            require(getattr(self, key) != (), f"{key}: is empty; give a list of rings, or leave it out")
+            require(getattr(self, key) != (), f"{key}: is empty; give a list of rings, or omit it")
 
     @property
     def fence_key(self) -> str | None:

@@ -12,7 +12,7 @@ class EventKind(Enum):
 
     STAGE = "the flight continues with its next stage"
     WAYPOINT = "the vehicle flies to the next planned waypoint"
-    TEXT = "the vehicle says something"
+    TEXT = "a message from the vehicle"
     WARNING = "a problem that does not stop the flight"
     STOP = "the user wants to end the flight"
 
@@ -45,10 +45,10 @@ class Ending(Enum):
     NOT_FLOWN = "stopped by the user before it left the ground; disarmed"
     RESERVE_KEPT = "returned early along checked legs to keep the battery reserve, landed and disarmed"
 
-    NOT_ARMED = "not armed: the vehicle is not what was planned for"
-    NOT_READY = "not armed: the vehicle did not get ready"
+    NOT_ARMED = "not armed: the vehicle does not match the plan"
+    NOT_READY = "not armed: the vehicle did not become ready"
     ARMING_REFUSED = "the vehicle refused to arm"
-    NOT_STARTED = "the vehicle did not leave the ground"
+    NOT_STARTED = "the vehicle did not take off"
 
     LINK_LOST = "the link to the vehicle was lost"
     HEARTBEAT_LOST = "the autopilot's heartbeat was lost, although other messages arrived"

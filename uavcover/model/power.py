@@ -68,7 +68,7 @@ class PowerModel:
             require(not getattr(self, key) or self.mass_kg is not None, f"{key}: needs mass_kg as well")
         require(
             self.rotor_area_m2 is None or self.hover_induced_m_s is None,
-            "hover_induced_m_s: rotor_area_m2 gives it already; leave one of them out",
+            "hover_induced_m_s: rotor_area_m2 defines it already; remove one of them",
         )
 
     @property

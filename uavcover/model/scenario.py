@@ -156,7 +156,7 @@ class PlannerSettings:
         )
         require(
             self.algorithm not in {"lines", "contour-lines"} or self.encoding == "swaths",
-            f'encoding: "waypoints" are not lines; leave it out with algorithm = "{self.algorithm}"',
+            f'encoding: "waypoints" are not lines; omit it with algorithm = "{self.algorithm}"',
         )
         require(self.capacity >= 2, f"max_waypoints: {self.max_waypoints} is below 2")
         require_not_negative(band_deviation_price=self.band_deviation_price, waypoint_price=self.waypoint_price or 0.0)
@@ -298,7 +298,7 @@ class Scenario:
     def __post_init__(self) -> None:
         require(
             self.requirements.min_overlap_fraction is None or all(v.sensor is None for v in self.vehicles),
-            "requirements.min_overlap_fraction: is that of one camera; leave it out where vehicles have their own sensors",
+            "requirements.min_overlap_fraction: is that of one camera; omit it where vehicles have their own sensors",
         )
         for number, vehicle in enumerate(self.vehicles):
             link, system_id = vehicle.link, vehicle.system_id
@@ -383,7 +383,7 @@ class Scenario:
         require(
             self.requirements.min_overlap_fraction is None or sensor.asks_overlap,
             "requirements.min_overlap_fraction: requires a frame camera's forward_overlap and side_overlap; give these, or "
-            "leave it out",
+            "omit it",
         )
         require(
             self.area.cell_size_m <= reach_m,

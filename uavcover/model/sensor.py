@@ -259,7 +259,7 @@ class FrameCamera(SensorBase):
         )
         require(
             self.heading_deg is not None or self.sensing == "along-path",
-            'heading_deg: is needed with sensing = "at-waypoints", where no leg gives the photo its heading',
+            'heading_deg: is needed with sensing = "at-waypoints", because no leg defines the heading of the photo',
         )
         self._require_overlaps()
 
@@ -361,8 +361,8 @@ class FrameCamera(SensorBase):
         picture = self.flat_picture(lowest_agl_m)
         if picture is None:
             raise ScenarioError(
-                f"sensor.forward_overlap: from limits.min_height_agl_m = {lowest_agl_m:g} m no flat ground is in the photo, "
-                "close and steep enough; give another pitch_deg, range_m or max_ground_sample_m"
+                f"sensor.forward_overlap: from limits.min_height_agl_m = {lowest_agl_m:g} m no flat ground is "
+                "within the limits of the photo; use another pitch_deg, range_m or max_ground_sample_m"
             )
         return (1.0 - self.forward_overlap) * picture.length_m
 

@@ -62,7 +62,7 @@ class RasterTerrain:
         for key in ("surface_vertical_datum", "surface_crs", "surface_band", "surface_height_unit"):
             require(
                 self.surface_file is not None or getattr(self, key) is None,
-                f"{key}: says how a surface model is read; give surface_file too, or leave it out",
+                f"{key}: describes a surface model; add surface_file, or omit it",
             )
         band = self.surface_band
         require(not isinstance(band, int) or band >= 1, f"surface_band: {band} is below 1, the first band")
@@ -71,7 +71,7 @@ class RasterTerrain:
         require_not_negative(fill_no_data_m=self.fill_no_data_m)
         require(
             self.fill_no_data_m == 0.0 or self.grid_step_m is None,
-            "fill_no_data_m: requires the file's own pixels; leave grid_step_m out",
+            "fill_no_data_m: requires the file's own pixels; remove grid_step_m",
         )
         require(
             self.water_height_m is None or self.fill_no_data_m == 0.0,

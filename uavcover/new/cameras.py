@@ -90,6 +90,6 @@ def _camera(name: str, row: dict[str, Any], *, where: str) -> CameraBody:
     if not 3.0 <= camera.fov_across_deg <= 140.0:
         raise InputError(
             f"{where}: a field of view of {camera.fov_across_deg:.1f} degrees across; give the real focal length in "
-            "millimetres, not the one that is equivalent to 35 mm film"
+            "millimetres, not the 35 mm equivalent"
         )
     return camera

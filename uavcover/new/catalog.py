@@ -54,9 +54,9 @@ def read_own_row(path: Path, *, option: str) -> dict[str, Any]:
             f"{option}: {path} cannot be read ({type(error).__name__}); give a name or a TOML file"
         ) from error
     except (ValueError, RecursionError) as error:  # ValueError also of numbers with thousands of digits
-        raise InputError(f"{option}: {path}: not valid TOML: {error}; {option} list shows what is known") from error
+        raise InputError(f"{option}: {path}: not valid TOML: {error}; {option} list shows the known names") from error
     if _has_huge(row):
-        raise InputError(f"{option}: {path}: has a number of hundreds of digits; {option} list shows what is known")
+        raise InputError(f"{option}: {path}: has a number of hundreds of digits; {option} list shows the known names")
     tables = [key for key, value in row.items() if isinstance(value, dict)]
     if len(tables) == 1 == len(row):
         return {"title": tables[0], **row[tables[0]]}
@@ -97,7 +97,9 @@ def find_name(wanted: str, rows: Mapping[str, Mapping[str, Any]], *, option: str
     near += [known[key] for key in difflib.get_close_matches(plain, known, n=_MOST_NAMES, cutoff=0.6)]
     near += [name for key, name in known.items() if len(plain) >= 3 and plain in key]
     shown = list(dict.fromkeys(near))[:_MOST_NAMES]
-    advice = f"did you mean {' or '.join(shown)}?" if shown else "is it a TOML file of your own? then end it in .toml"
+    advice = (
+        f"did you mean {' or '.join(shown)}?" if shown else "if it is your own TOML file, its name must end in .toml"
+    )
     raise InputError(f"{option}: {wanted!r} is not known; {advice} (uavcover {command} {option} list shows all)")
 
 

@@ -337,7 +337,7 @@ def _near(text: str, look: TerrainLook) -> tuple[float, float]:
     if not away_m <= TERRAIN.farthest_home_m:
         raise InputError(
             f"--home: {text} is {away_m / 1000.0:.0f} km from the area, {TERRAIN.farthest_home_m / 1000.0:g} km are allowed; "
-            "give a position beside it, latitude first"
+            "specify a closer position, latitude first"
         )
     return lat, lon
 

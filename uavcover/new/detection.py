@@ -118,13 +118,13 @@ def _own_table(row: dict[str, Any], *, where: str) -> DetectionTable:
 def _numbers(values: object, key: str, *, where: str) -> FloatArray:
     """Finite numbers that rise."""
     if not isinstance(values, list) or not 0 < len(values) <= SURVEY.most_values:
-        raise InputError(f"{where}: {key}: {str(values)[:60]} is no list of numbers")
+        raise InputError(f"{where}: {key}: {str(values)[:60]} is not a list of numbers")
     for value in values:
         if not _is_number(value):
             raise InputError(f"{where}: {key}: {value!r} is not a number")
     numbers = np.array(values, dtype=float)
     if not (np.diff(numbers) > 0.0).all():
-        raise InputError(f"{where}: {key}: values have to rise")
+        raise InputError(f"{where}: {key}: values must increase")
     return numbers
 
 

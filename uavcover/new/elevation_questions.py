@@ -178,7 +178,7 @@ def ask_about_heights(source: TerrainSource, user: User, *, option: str) -> None
         user.warn(f"{option}: are its heights in feet? {why}; they are taken as metres; set --height-unit ft or m")
     if (why := shading_in_words(source)) is not None:
         user.warn(
-            f"{option}: are these heights? {why}; they are taken as metres; a hillshade or a slope is no elevation model"
+            f"{option}: are these heights? {why}; they are taken as metres; a hillshade or slope map is not an elevation model"
         )
     if (bands := bands_in_words(source)) is not None:
         user.warn(f"{option}: has several bands ({bands}): the first is taken as the heights; select one with --band")

@@ -118,7 +118,7 @@ def flight_window(text: str, *, option: str) -> tuple[str, str]:
             end = utc_time(last, option)
         window_of(begin.isoformat(), end.isoformat(), option)
     except (ValueError, OverflowError) as error:
-        words = str(error) if str(error).startswith(option) else f"{option}: {text[:40]!r} is no time of a flight"
+        words = str(error) if str(error).startswith(option) else f"{option}: {text[:40]!r} is not a time of a flight"
         raise InputError(f"{words}; write it as 2026-07-01T09:00Z/2h or START/END") from None
     return f"{begin:%Y-%m-%dT%H:%M:%SZ}", f"{end:%Y-%m-%dT%H:%M:%SZ}"
 

@@ -302,7 +302,7 @@ def _module(module_name: str, name: str) -> ModuleType:
     except ModuleNotFoundError as error:
         if error.name is not None and f"{module_name}.".startswith(f"{error.name}."):
             raise OptimizerError(
-                f"algorithm {name!r}: there is no module {error.name!r}: run the command in the folder of {error.name}.py, "
+                f"algorithm {name!r}: module not found {error.name!r}: run the command in the folder of {error.name}.py, "
                 "or install it"
             ) from None
         raise OptimizerError(f"algorithm {name!r}: importing {module_name!r} fails: {error}") from error

@@ -173,7 +173,7 @@ def commands_after_gaps(run: RunFolder, request: GapRequest) -> list[str]:
         upload = to_paste("upload", run.file("gap_mission.waypoints"), "--to", "URL", "--in-flight")
         commands = [
             f"{resume}  # from wherever the vehicle holds in the air",
-            f"{upload}  # or by a ground station, started at its first item: begins where the last log ends",
+            f"{upload}  # or with a ground station, from its first item: starts where the last log ends",
             f"{commands[0]}  # or from home, if the vehicle has landed",
             commands[1],
         ]
@@ -244,12 +244,12 @@ def plan_gap_mission(
     eyes = map_for(coverage.site, site) if own_eyes else coverage
     missing &= eyes.coverable
     if not missing.any():
-        raise InfeasibleError("there are no gaps to close: none is visible ground and large enough")
+        raise InfeasibleError("there are no gaps to close: no gap is visible and large enough")
     needed_m2 = None
     if target is not None:
         lacking = target - coverage.share_of_coverable(seen)
         if lacking <= 0.0:
-            raise InfeasibleError(f"there is nothing to close: the flight has reached {100 * target:g} % already")
+            raise InfeasibleError(f"nothing to close: the flight has reached {100 * target:g} % already")
         needed_m2 = lacking * float(coverage.grid.weight_m2[coverage.coverable].sum())
     start_m = site.home_m if in_the_air is None else _last_place_m(site, in_the_air)
     closing = plan_closing_route(eyes, missing, start_m=start_m, end_m=site.home_m, needed_m2=needed_m2)

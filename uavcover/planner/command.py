@@ -121,7 +121,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         planner = dataclasses.replace(site.scenario.planner, rally=request.rally)
         site = dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, planner=planner))
     if request.autopilot is not None and site.scenario.vehicles:
-        raise InputError("--autopilot: each [[vehicle]] has its own; leave it out")
+        raise InputError("--autopilot: each [[vehicle]] has its own; omit it")
     for own in part_sites(site) if groups_of(site.scenario) else vehicle_sites(site):
         check_site(own)
     check_site(site)
@@ -157,7 +157,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
             shutil.rmtree(run.file(PARTS), ignore_errors=True)
     say_older(user, older)
     if refused is not None:
-        raise InfeasibleError(f"{refused}; {run.file('plan.json')} is written, mission files are not") from refused
+        raise InfeasibleError(f"{refused}; {run.file('plan.json')} was written, but no mission files") from refused
     say_summary(user, site, result, flights)
     shown = bounds if request.bounds_s is not None else telling_bounds(site, bounds)
     say_plan(
@@ -258,12 +258,14 @@ def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[
         return bounds(site)
     if groups_of(site.scenario):
         if request.bounds_s is not None:
-            user.warn("bounds are those of one route, and the vehicles have parts of the area: none is proved")
+            user.warn(
+                "bounds apply to a single route, so none are computed for vehicles with their own parts of the area"
+            )
         return bounds(site)
     unasked_s = None if request.budget_s is None else 0.0
     if request.bounds_s is None:
         return bounds(site, result, time_s=unasked_s)
-    user.say(f"proving bounds for up to {request.bounds_s:g} s")
+    user.say(f"computing bounds for up to {request.bounds_s:g} s")
     return bounds(site, result, time_s=request.bounds_s)
 
 

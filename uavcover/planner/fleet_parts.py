@@ -77,7 +77,7 @@ def _shared_out(rest: Piece, groups: Sequence[tuple[Site, float]]) -> list[Piece
         pieces = divide(rest, len(groups), work, [groups[k][1] for k in order])
         if len(pieces) < len(groups):
             raise ScenarioError(
-                f"area: what is left for {len(groups)} sensors cannot be divided; give the vehicles areas, or leave some out"
+                f"area: what is left for {len(groups)} sensors cannot be divided; give the vehicles areas, or remove some"
             )
         of_group = dict(zip(order, pieces, strict=True))
         away_m = sum(_away_m(own, of_group[k]) for k, (own, _) in enumerate(groups))

@@ -83,7 +83,7 @@ def plan_closing_route(
     builder.add_viewpoints(math.inf if needed_m2 is None else needed_m2)
     if builder.seen_m2 < useful_m2:
         raise InfeasibleError(
-            f"the gaps cannot be closed: {builder.seen_m2:.0f} of {useful_m2:.0f} m² were covered at most"
+            f"the gaps cannot be closed: {builder.seen_m2:.0f} of {useful_m2:.0f} m² can be covered at most"
         )
     if needed_m2 is not None:
         builder.drop_costly(needed_m2)

@@ -39,8 +39,8 @@ def with_sizes(site: Site, plan: Plan, *, autopilot: AutopilotName | None = None
     if site.frame is None or site.home_m is None:
         if rule.conditions:
             raise InputError(
-                f"select: {plan.rule!r} limits missions; {site.scenario.name} has no position on Earth or no [home]; leave the "
-                "conditions out"
+                f"select: {plan.rule!r} limits missions; {site.scenario.name} has no position on Earth or no "
+                "[home]; remove the conditions"
             )
         return plan
     count = site.scenario.fleet.vehicles if vehicles is None else vehicles

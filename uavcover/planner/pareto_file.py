@@ -170,9 +170,9 @@ def trade_off_axis(
         baselines: as ``plan.json`` has them.
         objective: of ``plan.json``; plans of older versions have none.
     """
-    label, key = "time of the mission, minutes", "mission_time_s"
+    label, key = "mission time, minutes", "mission_time_s"
     if objective == "energy":
-        label, key = "energy of the mission, minutes of hovering", "mission_energy_hover_s"
+        label, key = "mission energy, minutes of hovering", "mission_energy_hover_s"
     times_s = [getattr(m, key) for m in members], [b.get(key) for b in baselines]
     if any(time_s is None for part in times_s for time_s in part):
         return TradeOffAxis(

@@ -232,8 +232,9 @@ def say_steps(user: User, site: Site) -> None:
         return
     enough_m = math.ceil(limits.min_height_agl_m + area.wide_enough_m + 2.0 * limits.height_margin_m)
     user.warn(
-        f"the ground has cliffs that no leg can cross inside the height band, and {percent(beyond)} of the area is beside or "
-        f"behind them; the route stays on one side. To cross them, set limits.max_height_agl_m to at least {enough_m}; or "
+        f"the ground has cliffs that no leg can cross inside the height band, and {percent(beyond)} of the "
+        "area is next to or behind them; the route stays on one side. To cross them, set "
+        f"limits.max_height_agl_m to at least {enough_m}; or "
         "plan each side with its own [home]"
     )
 

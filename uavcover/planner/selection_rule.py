@@ -93,15 +93,13 @@ def parse_rule(text: str) -> Rule:
         raise InputError(f"select: {text!r} has two conditions of one kind; give the smaller one")
     choice = _parse_choice(rest or "max-coverage")
     if choice.kind == "index":
-        raise InputError(f"select: {text!r} names one route; leave the conditions out")
+        raise InputError(f"select: {text!r} names one route; remove the conditions")
     return replace(choice, text=text.strip(), conditions=tuple(conditions))
 
 
 def _condition(what: str, limit: str, text: str) -> Condition:
     if what not in {"sorties", "vehicles", "done"}:
-        raise InputError(
-            f"select: {text!r}: {what!r} is no condition; there are sorties<=N, vehicles<=N and done<=TIME"
-        )
+        raise InputError(f"select: {text!r}: {what!r} is not a condition; use sorties<=N, vehicles<=N or done<=TIME")
     number, unit = (limit[:-1], limit[-1]) if what == "done" and limit[-1:] in _SECONDS else (limit, "s")
     try:
         most = float(number) * _SECONDS[unit]

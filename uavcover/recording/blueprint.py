@@ -67,7 +67,7 @@ def make_blueprint(
         _scene_view(site, paths),
         rrb.Vertical(
             _series_view("height", "Height above ground", whole),
-            _series_view("coverage", "Seen, percent", whole, (0.0, 102.0)),
+            _series_view("coverage", "Coverage, percent", whole, (0.0, 102.0)),
             rrb.Tabs(
                 _series_view("speed", "Speed", whole),
                 _series_view("battery", "Battery", whole),

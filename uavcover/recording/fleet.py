@@ -50,7 +50,7 @@ def record_fleet(
         OutputError: the file cannot be written.
     """
     if not tracks:
-        raise RecordingError("there is no track; there is nothing to record")
+        raise RecordingError("there is no track to record")
     site = coverage.site
     span_s = (min(float(t[0]) for t, _ in tracks.values()), max(float(t[-1]) for t, _ in tracks.values()))
     paths = [f"{layout.FLOWN}/{_entity(name)}" for name in tracks]

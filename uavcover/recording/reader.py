@@ -65,7 +65,7 @@ def read_recorded_track_with_warnings(path: str | Path) -> ReadTrack:
         if chunk.is_static:
             count = next((int(values[0]) for values in _columns(chunk, (layout.SAMPLE_COUNT,)).values()), count)
             if _columns(chunk, (layout.UNFINISHED,)):
-                warning = (f"{path}: the recording ends in flight; what was recorded until then is used",)
+                warning = (f"{path}: the recording ends in flight; the recorded part is used",)
         else:
             part = _columns(chunk, (*COLUMNS, *OPTIONAL_COLUMNS))
             parts += [part] if part.keys() >= {*COLUMNS} else []
@@ -148,7 +148,7 @@ def _chunks(path: Path) -> Iterator[Chunk]:
         reason = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise RecordingError(
             f"{path}: not a whole rerun recording ({reason}); if its writer was killed, "
-            f"`rerun rrd optimize {path} -o repaired.rrd` keeps what was written"
+            f"`rerun rrd optimize {path} -o repaired.rrd` keeps the written part"
         ) from error
 
 

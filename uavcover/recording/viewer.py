@@ -80,8 +80,8 @@ def open_live_viewer() -> str:
 def _require_screen(what: str) -> None:
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise RecordingError(
-            f"{what}: no screen here (neither DISPLAY nor WAYLAND_DISPLAY is set); make a screenshot with "
-            "`uavcover inspect RUN --screenshot FILE.png`, or copy the file to a machine with a screen and open it there "
+            f"{what}: no display available (neither DISPLAY nor WAYLAND_DISPLAY is set); make a screenshot with "
+            "`uavcover inspect RUN --screenshot FILE.png`, or copy the file to a machine with a display and open it there "
             "with `rerun flight.rrd`"
         )
 

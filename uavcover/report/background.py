@@ -105,7 +105,7 @@ def read_background(path: Path, site: Site, bounds_m: Bounds) -> Background:
     warped = _warped(picture, size)
     if not warped[..., 3].any():
         raise InputError(
-            f"--background: {path}: has nothing where the map is, around latitude {lat.mean():.5f}, longitude {lon.mean():.5f}; "
+            f"--background: {path}: does not cover the map around latitude {lat.mean():.5f}, longitude {lon.mean():.5f}; "
             "give a file of this location"
         )
     return Background(data_uri(warped, "WEBP", quality=BACKGROUND.quality), picture.attribution, path.name)
@@ -246,7 +246,7 @@ def _mosaic(
 def _tile(data: object, path: Path, place: tuple[int, int, int]) -> ByteArray:
     where = f"--background: {path}: tile {place} (zoom, column, row)"
     if not isinstance(data, bytes):
-        raise InputError(f"{where} is no image")
+        raise InputError(f"{where} is not an image")
     try:
         with Image.open(io.BytesIO(data), formats=("PNG", "JPEG", "WEBP")) as picture:
             width, height = picture.size

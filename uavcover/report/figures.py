@@ -71,7 +71,7 @@ def save_pareto_plot(members: tuple[ParetoRow, ...], plan: dict[str, object], pa
         if member.chosen:
             axes.scatter(
                 [cost], [100.0 * member.coverage_of_coverable], marker="*", s=260,
-                color=_CHOSEN, edgecolors="white", zorder=3, label=f"chosen (index:{member.index})",
+                color=_CHOSEN, edgecolors="white", zorder=3, label=f"selected (index:{member.index})",
             )  # fmt: skip
     axes.set(xlabel=axis.label, ylabel="coverage, % of visible ground", title=str(plan.get("name", "")))
     axes.grid(alpha=0.3)

@@ -181,7 +181,7 @@ def _trade_off(content: ReportContent, floor: float) -> Chart:
                 member.mission_energy_hover_s, member.waypoint_count,
             ) + _size(member.mission),
         )  # fmt: skip
-    keys += [Key("chosen", "chosen", is_mark=True)] if any(m.chosen for m, _ in shown_members) else []
+    keys += [Key("chosen", "selected", is_mark=True)] if any(m.chosen for m, _ in shown_members) else []
     keys += [Key("baseline", "baselines", is_mark=True)] if shown_baselines else []
     here = math.isfinite(floor)
     return plot.finished(

@@ -124,7 +124,7 @@ class DaskWorkers:
                 f"memory?); {_GOES_ON}"
             ) from error
         except (CancelledError, asyncio.CancelledError, CommClosedError, OSError) as error:
-            raise UavcoverError(f"{self._where}: the scheduler is gone; {_GOES_ON}") from error
+            raise UavcoverError(f"{self._where}: the scheduler stopped; {_GOES_ON}") from error
         finally:
             if pending and self._client.status == "running":
                 self._client.cancel(list(pending), force=True)
@@ -204,7 +204,9 @@ def _require_same_program(client: Client, where: str) -> None:
         ) from error
     for worker, theirs in sorted(found.items()):
         if other := differences(program(), theirs):
-            raise InputError(f"{where}: worker {worker} is another program: {other}; install the same on both sides")
+            raise InputError(
+                f"{where}: worker {worker} runs different software: {other}; install the same versions on both sides"
+            )
 
 
 class InFile(NamedTuple):
@@ -242,7 +244,9 @@ def _unpacked(packed: bytes, about: dict[str, str]) -> Any:
 def _require_program(about: dict[str, str]) -> None:
     """A worker may have joined after the others were compared."""
     if other := differences(about, program()):
-        raise InputError(f"--scheduler: a worker is another program: {other}; install the same on both sides")
+        raise InputError(
+            f"--scheduler: a worker runs different software: {other}; install the same versions on both sides"
+        )
 
 
 def _done(function: Callable[[Any, Any], Any], shared: Any, task: bytes) -> tuple[bytes, int, float]:

@@ -52,7 +52,7 @@ class RunFolder:
         if not sorties and sortie is None:
             return self
         if not sorties:
-            raise InputError(f"{self.path}: is one flight and has no sorties; leave --sortie out")
+            raise InputError(f"{self.path}: is one flight without sorties; omit --sortie")
         if sortie is None or not 1 <= sortie <= len(sorties):
             named = "" if sortie is None else f", not sortie {sortie}"
             raise InputError(

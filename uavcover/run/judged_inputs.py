@@ -150,8 +150,8 @@ def refuse_changes(run: RunFolder, inputs: JudgedInputs, accepted: Sequence[str]
     if refused:
         words = " ".join(f"--accept-changed {what}" for what in WHATS if any(c.what == what for c in refused))
         raise InputError(
-            f"{run}: not judged, because since planning and flight {'; '.join(map(str, refused))}. Put back what was there, or "
-            f"judge it all the same, which the verdict will say, with: {f'{who_accepts} {words}'.strip()}"
+            f"{run}: not judged, because since planning and flight {'; '.join(map(str, refused))}. Restore it, "
+            f"or accept the change, which the verdict will state, with: {f'{who_accepts} {words}'.strip()}"
         )
 
 
@@ -172,7 +172,7 @@ def accepted_in(document: dict[str, Any]) -> set[Change]:
 
 def unsealed_in_words(name: str) -> str:
     """Message about a track without a recorded end."""
-    return f"{name}: run.json has no end of its flight, as of one that was killed, so no record shows whether it was changed"
+    return f"{name}: run.json records no end of the flight, so it is unknown whether the file was changed"
 
 
 def _elevation_sources(scenario: Scenario) -> dict[str, TerrainSource]:

@@ -79,7 +79,8 @@ def share(value: object) -> SharedFile:
     except OSError as error:
         file.close()
         raise UavcoverError(
-            f"--scheduler: cannot write what the workers need to {tempfile.gettempdir()} ({error.strerror}); make room there, or "
+            f"--scheduler: cannot write the data for the workers to {tempfile.gettempdir()} "
+            f"({error.strerror}); free some space, or "
             "set TMPDIR to another folder"
         ) from error
     return SharedFile(file, found.hexdigest(), size)

@@ -71,7 +71,7 @@ class SpaceReserve:
         except OSError as error:
             if error.errno in _NO_ROOM:
                 raise OutputError(
-                    f"{folder}: no room for the record of the flight, which may take {size_bytes / 1e6:.0f} MB "
+                    f"{folder}: not enough disk space for the flight record, which may need {size_bytes / 1e6:.0f} MB "
                     f"({error.strerror}); free some space or choose another folder; nothing was armed"
                 ) from None
             if shutil.disk_usage(folder).free < size_bytes:
@@ -201,7 +201,7 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
     cut_off = bool(text) and not text.endswith("\n")
     if cut_off:
         text, _, last = text.rpartition("\n")
-        warnings.append(f"{path}: the last line was cut off and is left out: {last[:40]!r}")
+        warnings.append(f"{path}: the last line is incomplete and was ignored: {last[:40]!r}")
     text = clean_text(text).text
     try:
         dialect = sniff(text)

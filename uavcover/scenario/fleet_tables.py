@@ -51,10 +51,10 @@ def with_fleet(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
     homes = [table.get("home", home) for table in listed]
     if missing := [number for number, place in enumerate(homes) if place is None]:
         raise ScenarioError(
-            f"{source}: vehicle.{missing[0]}.home: is missing, and there is no [home] for those without one of their own"
+            f"{source}: vehicle.{missing[0]}.home: is missing, and there is no [home] for vehicles without their own home"
         )
     if home is not None and home not in homes:
-        raise ScenarioError(f"{source}: home: every [[vehicle]] has its own home; leave [home] out")
+        raise ScenarioError(f"{source}: home: every [[vehicle]] has its own home; remove [home]")
     own = [{**table, "home": place} for table, place in zip(listed, homes, strict=True)]
     alike = {key: value for key, value in first.items() if key not in (*_OF_SEVERAL, "link", "system_id")}
     return raw | {"vehicle": alike, "vehicles": own, "home": homes[0], "fleet": fleet}
@@ -74,14 +74,14 @@ def _with_launch_points(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
             f"{source}: {LAUNCH_POINTS}: are positions besides [home], which is missing; make one of them [home]"
         )
     if not isinstance(vehicle, dict) or not isinstance(fleet, dict) or fleet.get("vehicles", 1) != 1:
-        raise ScenarioError(f"{source}: {LAUNCH_POINTS}: is for one [vehicle]; each of several has a home of its own")
+        raise ScenarioError(f"{source}: {LAUNCH_POINTS}: is for one [vehicle]; several vehicles need their own homes")
     if fleet.get("one_at_a_time", True) is not True:
         raise ScenarioError(f"{source}: fleet.one_at_a_time: one vehicle with launch points flies one flight at a time")
     _refuse_of_several(vehicle, f"{source}: vehicle")
     homes = [home, *points]
     for number, point in enumerate(homes):
         if point in homes[:number]:
-            raise ScenarioError(f"{source}: {LAUNCH_POINTS}.{number - 1}: repeats an earlier position; leave it out")
+            raise ScenarioError(f"{source}: {LAUNCH_POINTS}.{number - 1}: repeats an earlier position; omit it")
     others = {key: value for key, value in raw.items() if key != LAUNCH_POINTS}
     return others | {
         "vehicle": [{**vehicle, "home": place} for place in homes],

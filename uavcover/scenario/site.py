@@ -300,7 +300,7 @@ def _check_near(
         if not reach_m <= MAX_REACH_M:
             raise ScenarioError(
                 f"{key}: lies {reach_m / 1000.0:.0f} km from the origin of the local frame, more than "
-                f"{MAX_REACH_M / 1000.0:.0f} km (longitude and latitude swapped, or map coordinates taken for local ones?)"
+                f"{MAX_REACH_M / 1000.0:.0f} km (longitude and latitude swapped, or map coordinates instead of local ones?)"
             )
 
 
@@ -416,8 +416,8 @@ def _ground(
     if ground.error_m > max(FILES.max_error_m, margin_m):
         raise ScenarioError(
             f"terrain.grid_step_m: a grid of {terrain.grid_step_m:g} m differs from the file's ground by up to "
-            f"{ground.error_m:.1f} m, and limits.height_margin_m is {margin_m:g} m: leave grid_step_m out, which takes the "
-            f"file's own pixels, or set height_margin_m to at least {ground.error_m + 0.05:.1f}"
+            f"{ground.error_m:.1f} m, and limits.height_margin_m is {margin_m:g} m: remove grid_step_m to use "
+            f"the pixels of the file, or set height_margin_m to at least {ground.error_m + 0.05:.1f}"
         )
     return ground
 

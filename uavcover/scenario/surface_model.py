@@ -185,7 +185,7 @@ def refuse_other_heights(ground_amsl_m: FloatArray, surface_amsl_m: FloatArray, 
     known = np.isfinite(ground_amsl_m) & np.isfinite(surface_amsl_m)
     if known.sum() < _FEW_PLACES:
         raise TerrainError(
-            f"terrain.surface_file: {surface} and terrain.file have no height in common around the area; give a surface model of "
+            f"terrain.surface_file: {surface} and terrain.file do not overlap around the area; give a surface model of "
             "that location"
         )
     ground_m, surface_m = ground_amsl_m[known], surface_amsl_m[known]
@@ -221,7 +221,7 @@ def refuse_misfit(ground: Ground, surface: Ground, *, bounds_m: Bounds, alt_amsl
     """
     if ground.sha256 and ground.sha256 == surface.sha256:
         raise TerrainError(
-            "terrain.surface_file: is the file of terrain.file again; give the one with trees and roofs, or leave it out"
+            "terrain.surface_file: is the same file as terrain.file; give the one with trees and roofs, or omit it"
         )
     places = _scattered(bounds_m)
     ground_m, surface_m = ground.heights_m(places), surface.heights_m(places)

@@ -119,7 +119,7 @@ def _inside(site: Site, number: int, drawn: Piece) -> Any:
     inside = part.intersection(drawn)
     if not _is_wide(inside):
         raise ScenarioError(
-            f"vehicle.{number - 1}.area: is nowhere more than {SLIVER_M:g} m wide inside [area]; draw it larger, or leave it out"
+            f"vehicle.{number - 1}.area: is nowhere more than {SLIVER_M:g} m wide inside [area]; enlarge it, or remove it"
         )
     return inside
 
@@ -133,8 +133,8 @@ def _check_rest(scenario: Scenario, rest: Piece) -> None:
     others = [number for number, vehicle in enumerate(scenario.vehicles) if vehicle.area is None]
     if others and rest.is_empty:
         raise ScenarioError(
-            f"vehicle.{others[0]}: the parts of the other vehicles are the whole [area], and nothing is left for it; give it an "
-            "area, too, or leave the vehicle out"
+            f"vehicle.{others[0]}: the parts of the other vehicles are the whole [area], and no area is left "
+            "for it; give it an area, or remove the vehicle"
         )
     if not others and not rest.is_empty:
         raise ScenarioError(

@@ -195,8 +195,8 @@ def overlap_shortfall(scenario: Scenario, pictures: PictureStatistics | None) ->
     if found >= wanted:
         return None
     return (
-        f"the required overlap, {pictures.asked} photos of every point, holds on {percent_beside(found, wanted)} of the area "
-        f"as drawn, below the required {100.0 * wanted:.2f} %"
+        f"the required overlap, {pictures.asked} photos of every point, is met on "
+        f"{percent_beside(found, wanted)} of the area, below the required {100.0 * wanted:.2f} %"
     )
 
 

@@ -105,7 +105,7 @@ def sample_spacing_m(scenario: Scenario) -> float:
     if stated > reach_m and sensor.looks_along_path and trigger_distance_m(scenario) is None:
         raise ScenarioError(
             f"sensor.sample_spacing_m: {stated:g} m between observations leaves gaps where {reach_m:.3g} m are observed to each "
-            f"side; leave it out, or give at most {math.floor(100.0 * reach_m) / 100.0:g}"
+            f"side; omit it, or give at most {math.floor(100.0 * reach_m) / 100.0:g}"
         )
     return stated
 

@@ -188,7 +188,7 @@ def open_raster(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_
             refuse_feet_by_guess(path, horizontal)
         unit_m = unit_of_heights_m(path, crs, vertical_datum, stated or asked)
         if stated and asked and abs(unit_of_heights_m(path, crs, vertical_datum, asked) / unit_m - 1.0) > 1e-9:
-            raise TerrainError(f"{path}: says that its heights are in {stated}; leave terrain.height_unit out")
+            raise TerrainError(f"{path}: says that its heights are in {stated}; remove terrain.height_unit")
         _check_pixel_size(path, horizontal, dataset)
         turn = 2.0 * math.pi / horizontal.axis_info[0].unit_conversion_factor if horizontal.is_geographic else 0.0
         if dataset.count >= 3 and set(dataset.dtypes[:3]) == {"uint8"}:
@@ -204,13 +204,14 @@ def _check_pixel_size(path: TerrainSource, crs: CRS, dataset: Any) -> None:
     top = float(np.abs(_corners(dataset)[1]).max())
     if crs.is_projected and min(width, height) * crs.axis_info[0].unit_conversion_factor < 0.01:
         raise TerrainError(
-            f"{path}: pixels of {width:g} x {height:g} in a projected system ({crs.name}): these look like degrees taken "
-            "for metres; assign the right coordinate reference system (gdal_edit.py -a_srs EPSG:4326)"
+            f"{path}: pixels of {width:g} x {height:g} in a projected system ({crs.name}): these seem to be "
+            "degrees instead of metres; assign the right coordinate reference system (gdal_edit.py -a_srs "
+            "EPSG:4326)"
         )
     if crs.is_geographic and (top > 90.5 or width > 10.0):
         raise TerrainError(
-            f"{path}: reaches latitude {top:g} with pixels of {width:g} degrees: these look like metres taken for "
-            "degrees; assign the right coordinate reference system (gdal_edit.py -a_srs)"
+            f"{path}: reaches latitude {top:g} with pixels of {width:g} degrees: these seem to be metres "
+            "instead of degrees; assign the right coordinate reference system (gdal_edit.py -a_srs)"
         )
 
 

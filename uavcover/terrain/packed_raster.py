@@ -42,7 +42,7 @@ def gdal_name(file: Path) -> str:
         _check_gzip(file, stat.st_size, stat.st_mtime_ns)
         return f"/vsigzip/{file.resolve()}"
     if name.endswith(_OTHER_ARCHIVES):
-        raise TerrainError(f"{file}: is packed ({file.suffix}) and is not read as it is; unpack it and give the raster")
+        raise TerrainError(f"{file}: is packed ({file.suffix}); unpack it and specify the raster")
     return str(file)
 
 

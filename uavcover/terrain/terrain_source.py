@@ -304,7 +304,7 @@ def _tile(file: Path, band: int | str | None, crs_wkt: str | None) -> _Tile:
             if dataset.crs is not None and crs_wkt is not None:
                 own = dataset.crs.to_string()[:40]
                 raise TerrainError(
-                    f"{file}: names its coordinate system itself ({own}); leave terrain.crs (--dem-crs) out"
+                    f"{file}: names its coordinate system itself ({own}); remove terrain.crs (--dem-crs)"
                 )
             number = band_number(dataset, band, file)
             wkt = crs_wkt or dataset.crs.to_wkt()

@@ -84,7 +84,7 @@ def refuse_feet_by_guess(path: TerrainSource, horizontal: CRS) -> None:
     axis = horizontal.axis_info[0]
     if 0.3 < axis.unit_conversion_factor < 0.31:
         raise TerrainError(
-            f"{path}: its coordinate system {horizontal.name} is in feet, and it does not say what its heights are in; "
+            f"{path}: its coordinate system {horizontal.name} is in feet, and it does not state the unit of its heights; "
             'set terrain.height_unit (--height-unit) to "ft", "us-ft" or "m"'
         )
 

@@ -115,12 +115,12 @@ def coverage_raster(coverage: CoverageMap, flown: FlownCoverage) -> bytes | None
         return None
     sureness = flown.seen.astype(float) + flown.possibly_seen + flown.surely_seen
     layers: list[tuple[str, str, NDArray[Any]]] = [
-        ("looks", "separate passes that saw the cell", flown.passes),
+        ("looks", "separate observations of the cell", flown.passes),
         ("first_seen_s", "vehicle time in seconds", flown.first_seen_s),
         ("ground_sample_m", "smallest ground sample distance in metres", flown.ground_sample_m),
         ("incidence_deg", "smallest incidence angle in degrees", flown.incidence_deg),
         ("distance_m", "shortest distance in metres", flown.nearest_m),
-        ("sureness", "0 not seen, 1 possibly, 2 seen if measurements are exact, 3 surely", sureness),
+        ("sureness", "0 not observed, 1 possibly, 2 observed if measurements are exact, 3 surely", sureness),
         ("reason", LAYER_REASONS, reason_codes(coverage, flown)),
     ]
     return cells_geotiff(coverage, site.frame, layers)
@@ -133,7 +133,7 @@ def verify(site: Site, track: Track, planned: PlannedRoute | None = None) -> Ver
 
 _SHOWN_VIOLATIONS = 5
 _SHOWN_STRETCHES = 3
-_HOLDS = {"yes": "holds", "no": "does NOT hold", "not proved": "not proved"}
+_HOLDS = {"yes": "met", "no": "NOT met", "not proved": "not proved"}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -210,7 +210,7 @@ def judge_run(
     sites = [site_for(path, run, site) for path in paths]
     if evidence.photos_required and not any(looks_singly(each.scenario) for each in sites):
         raise InputError(
-            f"--require-photos: the sensor of {run} takes no single photos (sensing {site.scenario.sensor.sensing}); leave it out"
+            f"--require-photos: the sensor of {run} does not take single photos (sensing {site.scenario.sensor.sensing}); omit it"
         )
     if any(provenance.photos_required(RunFolder(folder)) for folder in {run.path, *(path.parent for path in paths)}):
         evidence = replace(evidence, photos_required=True)
@@ -284,19 +284,19 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
         name = f" {violation.name!r}" if violation.name else ""
         user.say(
             f"violation         {violation.kind}{name} from {violation.start_s:.1f} s to {violation.end_s:.1f} s: "
-            f"{violation.worst:.1f} against {violation.limit:.1f} {violation.unit} at {place}, {violation.worst_s:.1f} s"
+            f"{violation.worst:.1f} instead of {violation.limit:.1f} {violation.unit} at {place}, {violation.worst_s:.1f} s"
         )
     if len(report.violations) > _SHOWN_VIOLATIONS:
         more = len(report.violations) - _SHOWN_VIOLATIONS
         user.say(f"                  and {more} more in {run.file('verification.json')}")
     if report.unknown_attitude_looks:
         user.say(
-            f"attitude          not known for {report.unknown_attitude_looks} observations: they are only possible"
+            f"attitude          unknown for {report.unknown_attitude_looks} observations, which are only possibly observed"
         )
     for row in requirement_rows(site.scenario, report):
         user.say(f"required          {row.name}: {row.asked}; found {row.found}: {_HOLDS[row.holds]}")
     for finding in report.findings:
-        user.say(f"noticed           {finding}")
+        user.say(f"finding           {finding}")
     lines = report.reasons + report.doubts
     user.say(f"verdict           {report.verdict.upper() if lines else report.verdict}" + (":" if lines else ""))
     for reason in report.reasons:
@@ -307,13 +307,13 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
 
 def _say_unobserved(user: User, report: VerificationReport) -> None:
     share = report.unobserved_route_fraction
-    of_route = "" if share is None else f"; {percent(share)} of the route's time"
-    user.say(f"not observed      {report.unobserved_s:.1f} s and {report.unobserved_m:.0f} m of the flight{of_route}")
+    of_route = "" if share is None else f"; {percent(share)} of the route time"
+    user.say(f"no evidence       {report.unobserved_s:.1f} s and {report.unobserved_m:.0f} m of the flight{of_route}")
     flown = [stretch for stretch in report.unobserved if stretch.in_flight]
     for stretch in sorted(flown, key=lambda stretch: -stretch.duration_s)[:_SHOWN_STRETCHES]:
         user.say(f"                  from {stretch.start_s:.1f} s to {stretch.end_s:.1f} s: {stretch.detail}")
     if len(flown) > _SHOWN_STRETCHES:
-        user.say(f"                  and {len(flown) - _SHOWN_STRETCHES} more stretches")
+        user.say(f"                  and {len(flown) - _SHOWN_STRETCHES} more intervals")
 
 
 def _say_pictures(user: User, report: VerificationReport) -> None:
@@ -321,13 +321,13 @@ def _say_pictures(user: User, report: VerificationReport) -> None:
     if pictures is None:
         return
     user.say(
-        f"pictures          {pictures.taken}, {pictures.looks} looks; a point is in {pictures.fewest} or more, "
+        f"photos            {pictures.taken}, {pictures.looks} observations; photos per point: at least {pictures.fewest}, "
         f"{pictures.median:g} (median)"
     )
     if pictures.asked is not None and pictures.overlap_fraction is not None:
-        holds = "holds" if pictures.overlap_holds else "NOT MET"
+        holds = "met" if pictures.overlap_holds else "NOT MET"
         user.say(
-            f"required overlap {holds}: {percent(pictures.overlap_fraction)} of the area as drawn is in at least "
+            f"required overlap {holds}: {percent(pictures.overlap_fraction)} of the area is in at least "
             f"{pictures.asked} photos"
         )
 
@@ -336,11 +336,11 @@ def _say_cells(user: User, report: VerificationReport) -> None:
     cells = report.cells
     if cells.looks_mean is None or cells.incidence_median_deg is None:
         return
-    line = f"looks             {cells.looks_mean:.1f} a cell, {percent(cells.seen_twice_fraction)} of the area twice or more"
+    line = f"observations      {cells.looks_mean:.1f} per cell, {percent(cells.seen_twice_fraction)} of the area at least twice"
     line += f"; incidence {cells.incidence_median_deg:.0f} degrees (median)"
     if cells.ground_sample_median_m is not None and cells.ground_sample_p95_m is not None:
         line += (
-            f"; ground sample {100 * cells.ground_sample_median_m:.1f} cm (median), "
+            f"; ground sample distance {100 * cells.ground_sample_median_m:.1f} cm (median), "
             f"95 % below {100 * cells.ground_sample_p95_m:.1f} cm"
         )
     user.say(line)

@@ -184,7 +184,7 @@ def _judge_overlap(
     required = scenario.requirements.min_overlap_fraction or 0.0
     if at_most is None or at_most < required:
         return [fails("overlap", short)]
-    more = f"with what unobserved intervals may add it is {percent_beside(at_most, required)}"
+    more = f"unobserved intervals could increase it to {percent_beside(at_most, required)}"
     return [unproved("overlap", f"{short}; {more}")]
 
 
@@ -206,11 +206,11 @@ def _judge_coverage(
     for found, what, asked, seen in short:
         at_most = coverage.share_of_coverable(seen | perhaps())
         words = what.replace("-", " ")
-        text = f"{words} {percent_beside(found, asked)} of the coverable area is below the required {100 * asked:.2f} %"
+        text = f"{words} {percent_beside(found, asked)} of the visible ground is below the required {100 * asked:.2f} %"
         if at_most < asked:
             findings.append(fails(what, text))
         else:
-            more = f"with what unobserved intervals may add it is {percent_beside(at_most, asked)}"
+            more = f"unobserved intervals could increase it to {percent_beside(at_most, asked)}"
             findings.append(unproved(what, f"{text}; {more}"))
     return findings
 

@@ -279,7 +279,7 @@ def _ground_doubts(
             unproved(
                 ("height-band", "transit-clearance", "transit-height"),
                 f"no elevation data under {int(unknown.sum())} samples of the flight, first at {first:.1f} s: their height "
-                "above ground cannot be judged (if that is far away, latitude and longitude may be swapped)",
+                "above ground cannot be judged (latitude and longitude may be swapped)",
             )
         )
     lowest = int(np.nanargmin(here_m)) if np.isfinite(here_m).any() else 0
@@ -287,7 +287,7 @@ def _ground_doubts(
         doubts.append(
             unproved(
                 "evidence",
-                f"positions are under the ground, by up to {-here_m[lowest]:.1f} m at {track.time_s[lowest]:.1f} s, "
+                f"positions are below the ground by up to {-here_m[lowest]:.1f} m at {track.time_s[lowest]:.1f} s, "
                 f"{place_of(site, enu_m[lowest])}: their heights have another datum, or belong to another location",
             )
         )

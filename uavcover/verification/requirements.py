@@ -80,7 +80,7 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
     )
     rows.append(
         RequirementRow(
-            "Height height above ground on transit legs",
+            "Height above ground on transit legs",
             f"at most {scenario.transit_ceiling_agl_m:g} m",
             _metres(report.max_transit_height_agl_m),
             judge.limit("transit-height"),

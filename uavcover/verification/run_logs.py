@@ -59,7 +59,7 @@ def _of_its_standing(path: Path) -> list[str]:
         return []
     match provenance.settled_ending(RunFolder(path.parent)):
         case provenance.FLYING:
-            return [f"{path}: this flight still goes on; later observations are not in the track yet"]
+            return [f"{path}: this flight is still in progress; later observations are not in the track yet"]
         case provenance.INTERRUPTED:
             return [
                 f"{path}: this flight was interrupted: the program that followed it ended first; continue with fly --resume"

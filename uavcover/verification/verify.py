@@ -314,8 +314,8 @@ def _overlap_findings(site: Site, pictures: PictureStatistics | None) -> list[st
     if site.scenario.requirements.min_overlap_fraction is not None:
         return []
     return [
-        f"the required overlap, {pictures.asked} photos of every point, holds on {100.0 * pictures.overlap_fraction:.2f} % of "
-        f"the area as drawn, less than {100.0 * OVERLAP_FRACTION:g} %"
+        f"the required overlap, {pictures.asked} photos of every point, is met on "
+        f"{100.0 * pictures.overlap_fraction:.2f} % of the area, less than {100.0 * OVERLAP_FRACTION:g} %"
     ]
 
 

@@ -121,4 +121,4 @@ def test_an_area_of_any_format_is_read(served: Client) -> None:
 
 def test_a_position_is_typed(served: Client) -> None:
     assert served.get("/api/place?text=47.37%2C%208.54")["place"] == [8.54, 47.37]
-    assert "is no position" in served.error("GET", "/api/place?text=here")
+    assert "is not a position" in served.error("GET", "/api/place?text=here")

@@ -129,7 +129,7 @@ def test_mbtiles_count_their_rows_from_the_south(tmp_path: Path) -> None:
     connection.close()
     assert tiles.background_tile(path, 3, 2, 1) == (b"\x89PNG rest", "image/png")
     assert tiles.background_tile(path, 3, 2, 2) is None
-    assert tiles.background_tile(path, 3, 3, 1) is None, "what is no image is not served as one"
+    assert tiles.background_tile(path, 3, 3, 1) is None, "what is not an image is not served as one"
 
 
 @pytest.mark.parametrize("name", ["broken.tif", "broken.mbtiles"])

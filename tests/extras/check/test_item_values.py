@@ -30,8 +30,8 @@ def told(one: MissionItem, aircraft: Aircraft = COPTER, *more: MissionItem) -> l
     [
         (command(178, 1.0, 0.0), COPTER, "look", "changes nothing"),
         (command(178, 1.0, 0.0), PX4, "look", "default"),
-        (command(178, 1.0, -5.0), PLANE, "look", "least speed"),
-        (command(178, 7.0, 5.0), COPTER, "look", "no kind"),
+        (command(178, 1.0, -5.0), PLANE, "look", "lowest ground speed"),
+        (command(178, 7.0, 5.0), COPTER, "look", "not a kind"),
         (command(178, 1.0, math.nan), COPTER, "unknown", "without a number"),
         (command(93, -5.0, -1.0, -1.0, -1.0), COPTER, "look", "no time"),
         (command(112, -5.0), COPTER, "look", "no time"),

@@ -40,7 +40,7 @@ def test_a_file_for_djis_apps(cli: Cli, planned: Path, tmp_path: Path) -> None:
     assert ended.code == 0
     assert "start it on the ground at the plan's home" in ended.out
     assert "it lands there" in ended.out
-    assert "start the camera by hand" in ended.out
+    assert "trigger the camera manually" in ended.out
     read = check_kmz(out.read_bytes())
     assert (read.config["droneEnumValue"], read.config["droneSubEnumValue"]) == ("77", "1")
     home = wpl.read((planned / "mission.waypoints").read_text()).home

@@ -321,7 +321,9 @@ def test_a_part_of_an_older_export_is_not_left_beside_new_ones(tmp_path: Path) -
     with pytest.raises(OutputError, match=r"m-1.kmz, m-2.kmz, m-3.kmz would be overwritten; use --force"):
         write_exported(out, CONTENTS, force=False)
     fewer = dict.fromkeys(("m-1.kmz", "m-2.kmz"), b"new")
-    with pytest.raises(OutputError, match=r"m-3.kmz: is of another export and would be taken for a part of this one"):
+    with pytest.raises(
+        OutputError, match=r"m-3.kmz: belongs to another export and would be mistaken for a part of this one"
+    ):
         write_exported(out, fewer, force=True, older=["m-1.kmz", "m-2.kmz", "m-3.kmz"])
     assert files_in(tmp_path) == CONTENTS
 

@@ -120,7 +120,7 @@ def test_it_is_flown_and_judged_by_each_ones_sensor(planned: RunFolder, tmp_path
 
     with pytest.raises(FleetFailedError) as failed:
         fly(run, Hangar(2, make), user)
-    assert any("is left as a gap: it is planned for another sensor" in line for line in user.lines)
+    assert any("remains as a gap: it is planned for another sensor" in line for line in user.lines)
     told = failed.value.details()
     document = judged(run)
     whole = next(job for job in planned_jobs(planned, 2) if job.vehicle == 2)

@@ -195,7 +195,7 @@ def test_what_one_leaves_is_a_checked_gap_mission(planned: RunFolder, tmp_path: 
         fly(run, Hangar(2, make), user, on_loss=OnLoss.GAPS)
     told = failed.value.details()
     assert len(told["left"]) == 1
-    assert any("what the lost vehicle left is planned as a mission of its own" in line for line in user.lines)
+    assert any("planning a separate mission for the rest of the lost vehicle" in line for line in user.lines)
     gaps = RunFolder(run.path / "gaps")
     assert told["gaps"]["gaps"] > 0
     site, mission = read_planned(gaps)

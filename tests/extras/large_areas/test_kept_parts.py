@@ -31,7 +31,7 @@ class Searchers:
         del site
         for task in tasks:
             if self.left == 0:
-                raise UavcoverError("the scheduler is gone")
+                raise UavcoverError("the scheduler stopped")
             self.left -= 1
             self.asked.append(task.number)
             yield task, route_of(task)

@@ -75,5 +75,5 @@ def test_logs_without_pictures_or_with_pictures_elsewhere_in_time_are_one_line(t
     with pytest.raises(TrackError, match="outside its positions"):
         read_pictures([tmp_path / "x.ulg"])
     write_gpx(tmp_path / "x.gpx")
-    with pytest.raises(TrackError, match="no photo and no list"):
+    with pytest.raises(TrackError, match="neither a photo nor a list"):
         read_pictures([tmp_path / "x.gpx"])

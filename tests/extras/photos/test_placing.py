@@ -58,7 +58,7 @@ def test_pictures_without_a_place_or_a_direction_do_not_count_and_say_why():
         "zero": "position 0, 0 is none on Earth",
         "swapped": "position 120, 8 is none on Earth",
         "no height": "no height",
-        "in space": "height 1e+300 m is none that anything flies at",
+        "in space": "height 1e+300 m is impossible for a flight",
         "turning": "angles of more than a turn",
         "relative": "only a height above take-off: give --takeoff",
     }

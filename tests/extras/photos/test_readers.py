@@ -146,11 +146,11 @@ def test_other_lists(tmp_path):
 BAD = {
     "nothing": (None, "no photos"),
     "empty.txt": ("", "is empty"),
-    "geo.txt": ("EPSG:99999999\na 1 2 3\n", "no projection"),
+    "geo.txt": ("EPSG:99999999\na 1 2 3\n", "not a projection"),
     "words.txt": ("EPSG:4326\na b c\n", "line 2"),
     "list.json": ("{}", "not ODM's list"),
     "torn.json": ("[", "not JSON"),
-    "a.MRK": ("1 2 3\n", "no row of DJI's image log"),
+    "a.MRK": ("1 2 3\n", "not a row of DJI's image log"),
     "a.csv": ("a,b\n1,2\n", "no column for name, lat_deg, lon_deg, alt_m"),
     "b.csv": ("name,lat,lon,alt\nx,1,2,high\n", "line 2: alt_m: 'high'"),
     "c.csv": ("", "is empty"),
@@ -159,7 +159,7 @@ BAD = {
     "f.csv": ("name,lat,lon,alt\nx,1,5,2,5,3\n", "line 2: 6 cells, the header has 4 .*decimal points"),
     "g.csv": ("name;lat;lon;alt\nx;1,5;2.5;3\n", "numbers with commas .* and with points"),
     "a.jpg": ("not a picture", "is not a photo"),
-    "a.raw": ("x", "no photo and no list"),
+    "a.raw": ("x", "neither a photo nor a list"),
 }
 
 
@@ -233,7 +233,7 @@ def test_broken_files_in_a_folder_do_not_count_and_say_why(tmp_path):
 def test_a_digital_zoom_does_not_count():
     assert Picture(name="a", lat_deg=1.0, lon_deg=1.0, alt_m=1.0, digital_zoom=1.0).lacks() is None
     zoomed = Picture(name="a", lat_deg=1.0, lon_deg=1.0, alt_m=1.0, digital_zoom=2.0)
-    assert zoomed.lacks() == "digital zoom 2: its field of view is not known; take photos without it"
+    assert zoomed.lacks() == "digital zoom 2: its field of view is unknown; take photos without digital zoom"
 
 
 def test_the_time_of_a_camera_without_a_zone_is_its_clocks_and_no_ones_else(tmp_path):
@@ -374,7 +374,7 @@ def test_degrees_as_people_write_them(tmp_path, latitude, degrees):
 )
 def test_degrees_that_say_two_things_are_refused(tmp_path, latitude):
     write_table(tmp_path / "a.csv", {"name": "a", "lat": latitude, "lon": "2", "alt": "3"})
-    with pytest.raises(TrackError, match=r"line 2: lat_deg: .* is no number"):
+    with pytest.raises(TrackError, match=r"line 2: lat_deg: .* is not a number"):
         read_pictures([tmp_path / "a.csv"])
 
 

@@ -33,7 +33,7 @@ def test_what_was_sent_is_listed_and_comes_back(cli: Cli, tmp_path: Path) -> Non
     [
         ("/a/there", "there", "would be overwritten; use --force"),
         ("/a/there", "", "is a folder; name a file"),
-        ("/a/x", "nowhere/x", "is no folder; make it first"),
+        ("/a/x", "nowhere/x", "is not a folder; create it first"),
         ("/a/..", "x", "names no file"),
         ("/a/", "x", "a folder is listed, not written"),
     ],

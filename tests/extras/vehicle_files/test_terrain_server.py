@@ -49,7 +49,7 @@ def test_json_has_the_counts_and_the_end_of_the_data_is_said() -> None:
         (("--dem", "tests/naive"), 2, "has no tile"),
         (("--dem", "README.md"), 2, "README.md: cannot be read as elevation data"),
         (("--dem", DEM, "--vertical-datum", "WGS84"), 2, "give EGM96 (SRTM), EGM2008 (Copernicus) or ellipsoid"),
-        (("--dem", DEM, "--vertical-datum", "EGM2008"), 2, "leave the option out"),
+        (("--dem", DEM, "--vertical-datum", "EGM2008"), 2, "omit the option"),
         (("--dem", DEM, "--height-unit", "fathoms"), 2, "is not known; give m, dm, cm, ft or us-ft"),
         (("--dem", DEM, "--band", "7"), 2, "has no band '7'"),
         (("--dem", DEM, "--timeout", "0.1"), 3, "no vehicle sent a heartbeat"),

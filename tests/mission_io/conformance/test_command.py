@@ -70,7 +70,7 @@ def test_a_vehicle_is_asked_and_the_json_says_what(capsys: pytest.CaptureFixture
         ("clear-twice", "pass", "Clear Missions")
     ]
     assert "overwrites the mission" in said.err
-    assert "holds again what it held (mission 4, fence 4, rally points 4 items)" in said.err
+    assert "has its previous lists again (mission 4, fence 4, rally points 4 items)" in said.err
     (kept,) = [Path(word.rstrip(",")) for word in said.err.split() if "kept-missions-" in word]
     assert not kept.exists()
 

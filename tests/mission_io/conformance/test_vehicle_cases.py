@@ -90,7 +90,7 @@ def test_what_the_vehicle_held_is_put_back_after_a_crash_too() -> None:
     with pytest.raises(KeyboardInterrupt):
         ask_vehicle(probe_of(peer), VEHICLE_CASES, tell=said.append, answered=stop)
     assert {t: peer.server.items(t) for t in MissionType} == before
-    assert "holds again" in said[-1]
+    assert "has its previous lists again" in said[-1]
 
 
 def test_an_armed_vehicle_is_left_alone() -> None:

@@ -39,7 +39,7 @@ def test_what_a_spreadsheet_does_to_it_is_repaired_and_listed() -> None:
 @pytest.mark.parametrize(
     ("text", "what"),
     [
-        ("", "line 1: 0 columns item, there has to be 1"),
+        ("", "line 1: 0 columns item, there must be 1"),
         (TEXT.replace("lat_deg", "latitude"), "line 1: 0 columns lat_deg"),
         (TEXT.replace("ABOVE_HOME", "AGL", 1), "line 3, alt_datum: 'AGL' is not a datum; use AMSL, COMMAND"),
         (TEXT.replace(",AMSL,", ",ABOVE_HOME,", 1), "line 2: frame 0 is not ABOVE_HOME; use 3"),

@@ -97,8 +97,8 @@ def test_fence_and_rally_points_from_before_plans() -> None:
         (version_1(version=3), "file.version: version 3 is not known"),
         (version_1(version=True), "file.version: version True is not known"),
         ({**version_1(), "items": 7}, "file.items: a list is expected"),
-        ({"MAV_AUTOPILOT": 3}, "file: JSON that is no mission"),
-        ({"fileType": "Parameters", "items": []}, "file: JSON that is no mission"),
+        ({"MAV_AUTOPILOT": 3}, "file: JSON that is not a mission"),
+        ({"fileType": "Parameters", "items": []}, "file: JSON that is not a mission"),
         ({**version_1(), "items": [{"type": "missionItem"}]}, r"file.items\[0\].param1: is missing"),
     ],
 )

@@ -187,7 +187,7 @@ def test_nan_in_a_parameter_without_a_use_is_written_as_zero_and_listed() -> Non
 def test_nan_in_a_parameter_is_read_as_programs_write_it(nan: str) -> None:
     read = wpl.read(STRICT.replace("\t30\t", "\t30\t").replace("22\t0\t0\t0\t0\t", f"22\t0\t0\t0\t{nan}\t"))
     assert math.isnan(read.items[0].params[3])
-    assert read.repairs == (f"line 3: param4 {nan!r} is no number, left to the vehicle",)
+    assert read.repairs == (f"line 3: param4 {nan!r} is not a number, left to the vehicle",)
     assert wpl.read(wpl.write_mission(read.mission())).items[0].params == (0.0, 0.0, 0.0, 0.0)
 
 

@@ -199,7 +199,7 @@ def test_the_crc_is_that_of_the_autopilots() -> None:
 
 @pytest.mark.parametrize("path", ["", "a" * 239, "a\0b"])
 def test_impossible_paths_are_misuse(path: str) -> None:
-    with pytest.raises(MisuseError, match="no path for a vehicle"):
+    with pytest.raises(MisuseError, match="not a path for a vehicle"):
         path_bytes(path)
 
 

@@ -192,7 +192,7 @@ def test_a_missing_file_is_said_and_stopping_ends_it() -> None:
         downloads.download("/nowhere")
     with pytest.raises(TransferCancelledError, match=r"stopped after \d+ of 90000 bytes"):
         downloads.download(PATH, stop=lambda: peer.requests > 5)
-    with pytest.raises(MisuseError, match="no path for a vehicle"):
+    with pytest.raises(MisuseError, match="not a path for a vehicle"):
         downloads.download("")
     with pytest.raises(MisuseError, match="must be above 0"):
         FileDownloads(connected(peer), window=0)
@@ -256,9 +256,9 @@ def test_a_folder_is_listed_page_by_page() -> None:
     [
         (lambda _: b"Fa\t1\0", "'a' repeatedly"),
         (lambda offset: b"".join(b"F%d\t1\0" % (offset + i) for i in range(20)), "more than 20000 entries"),
-        (lambda _: b"Xa\0", "no entry of a folder"),
-        (lambda _: b"Fa\tmany\0", "no entry of a folder"),
-        (lambda _: b"F\t1\0", "no entry of a folder"),
+        (lambda _: b"Xa\0", "not an entry of a folder"),
+        (lambda _: b"Fa\tmany\0", "not an entry of a folder"),
+        (lambda _: b"F\t1\0", "not an entry of a folder"),
     ],
 )
 def test_nonsense_lists_are_refused(page: Callable[[int], bytes], telling: str) -> None:

@@ -196,7 +196,8 @@ BAD = {
     "ED-269 without a shape": (
         "z.json", json.dumps({"features": [{"name": "a", "geometry": [{"uomDimensions": "M"}]}]}), "Projection: is missing",
     ),
-    "ED-269 of an ellipse": ("z.json", json.dumps({"features": [ed269(volume({"type": "Ellipse"}))]}), "is not a shape of zones"),
+    "ED-269 of an ellipse": ("z.json", json.dumps({"features": [ed269(volume({"type": "Ellipse"}))]}), "is "
+    "not a supported shape"),
     "a radius below 0": (
         "z.json", json.dumps({"features": [ed269(volume({"type": "Circle", "center": [8, 46.5], "radius": -5}))]}), "radius of",
     ),

@@ -73,7 +73,7 @@ TEXTS = {
     "tiny": ("a.geojson", named([[8.0, 46.0], [8.000001, 46.0], [8.000001, 46.000001], [8.0, 46.0]]), "square metres"),
     "unknown system": ("a.geojson", named(RING, crs={"type": "name", "properties": {"name": "EPSG:1"}}), "is not known"),
     "round a pole": (
-        "a.geojson", named([[0.0, 85.0], [90.0, 85.0], [180.0, 85.0], [-90.0, 85.0], [0.0, 85.0]]), "goes round a pole",
+        "a.geojson", named([[0.0, 85.0], [90.0, 85.0], [180.0, 85.0], [-90.0, 85.0], [0.0, 85.0]]), "contains a pole",
     ),
     "no XML": ("a.kml", "not xml", "no XML"),
     "entities": ("a.kml", '<!DOCTYPE kml [<!ENTITY a "b">]><kml/>', "a document type"),
@@ -176,7 +176,7 @@ def test_bad_text(tmp_path, source, words):
         ({"feature": "nort"}, "did you mean 'north'?"),
         ({"feature": "zzz"}, "there are: north"),
         ({"feature": "2"}, "has no feature 2; there are 1"),
-        ({"layer": "a"}, "nothing in it has a name"),
+        ({"layer": "a"}, "no feature has a name"),
         ({"crs": "EPSG:none"}, "--crs: 'EPSG:none' is not a coordinate system; write it as EPSG:32632"),
         ({"crs": "EPSG:2056"}, "square metres; are its numbers in another coordinate system?"),
         ({"crs": "EPSG:5773"}, "not a system of positions on Earth"),

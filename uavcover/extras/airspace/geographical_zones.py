@@ -269,7 +269,7 @@ def _shape(node: Node, circle: Node, unit: str) -> Rings | tuple[float, float, f
             raise FormatError(f"{radius_unit[:20]!r} is not a unit of lengths", where=node.where, advice="use m or ft")
         radius_m = circle.get("radius").number() * METRES[radius_unit]
         return place[0].number(), place[1].number(), radius_m
-    raise FormatError(f"{kind[:30]!r} is not a shape of zones", where=node.where, advice="use a polygon or a circle")
+    raise FormatError(f"{kind[:30]!r} is not a supported shape", where=node.where, advice="use a polygon or a circle")
 
 
 def _ring(ring: Node) -> Ring:

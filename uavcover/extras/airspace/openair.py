@@ -77,7 +77,7 @@ def read_openair(text: str) -> ReadZones:
             raise FormatError(
                 f"{len({*zone.corners})} different corners, a zone needs 3",
                 where=zone.where,
-                advice="remove it, or draw it anew",
+                advice="remove it, or draw it again",
             )
         if zone.circle is not None and zone.corners:
             raise FormatError("has both a circle (DC) and corners", where=zone.where, advice="make two zones of it")

@@ -8,14 +8,14 @@ COMMANDS = {
     "Start": {
         "serve": (
             "uavcover.extras.app.command",
-            "plan, watch and judge on a map in a browser",
+            "plan, fly and judge missions on a map in a browser",
             ("uavcover serve", "uavcover serve RUN", "uavcover serve area.kml --port 8800 --no-browser"),
         ),
     },
     "Plan": {
         "edit": (
             "uavcover.extras.app.edited",
-            "a plan with waypoints of your own, checked",
+            "check your own waypoints and write a plan",
             ("uavcover edit RUN waypoints.json -o RUN2",),
         ),
     },

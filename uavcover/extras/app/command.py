@@ -20,27 +20,29 @@ _LOOPBACK = frozenset({"127.0.0.1", "localhost", "::1"})
 def serve(
     target: Annotated[
         Path | None,
-        typer.Argument(help="Run folder, scenario or area to open; or the folder to work in. Default: here."),
+        typer.Argument(
+            help=("Run folder, scenario or area to open, or a folder to work in; default: the current folder.")
+        ),
     ] = None,
     *,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="0: any free one.")] = 8800,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Port to listen on. 0 selects a free port.")] = 8800,
     host: Annotated[
         str,
-        typer.Option(help="Address to listen on. Any other than 127.0.0.1 lets other machines in that have the token."),
+        typer.Option(
+            help=("Address to listen on. An address other than 127.0.0.1 admits other computers that have the token.")
+        ),
     ] = "127.0.0.1",
     browser: Annotated[bool, typer.Option(help="Open the page in the default browser.")] = True,
     allow_flight: Annotated[
         bool,
-        typer.Option(
-            "--allow-flight", help="Let the page arm vehicles that are not simulated, after a typed confirmation."
-        ),
+        typer.Option("--allow-flight", help="Allow the page to arm real vehicles, after a typed confirmation."),
     ] = False,
     output: options.Output,
 ) -> int:
-    """Plan, watch and judge on a map in a browser, offline.
+    """Plan, fly and judge missions on a map in your browser, offline.
 
-    The page works on the files of a folder, through the same commands: what it writes, every command reads. Plans and flights
-    are processes of their own; they go on when the server ends.
+    The page works on the files of a folder and runs the commands of uavcover. Plans and flights are separate processes,
+    so they continue when the server stops.
     """
     from uavcover.errors import InputError
     from uavcover.extras.app.workspace import Workspace
@@ -88,9 +90,7 @@ def _serve(
         address = f"http://{'127.0.0.1' if host in ('0.0.0.0', '::') else shown}:{port}/?token={token}"
         console.say(f"{workspace.root}: {address}")
         if host not in _LOOPBACK:
-            console.warn(
-                f"--host {host}: other machines can reach the page, unencrypted; the token is their only barrier"
-            )
+            console.warn(f"--host {host}: other machines can reach the page, unencrypted; only the token protects it")
         if flights_allowed:
             console.warn("--allow-flight: the page can arm real vehicles")
         console.say("Ctrl-C ends the server; plans and flights that it started go on")

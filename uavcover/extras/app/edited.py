@@ -12,19 +12,22 @@ from uavcover.cli import options
 
 
 def edit(
-    run: Annotated[Path, typer.Argument(help="Run folder whose route was edited; it stays as it is.")],
+    run: Annotated[Path, typer.Argument(help="Run folder with the original route, which does not change.")],
     waypoints: Annotated[
-        Path, typer.Argument(help="JSON: a list of [longitude, latitude, height above ground in m], in flying order.")
+        Path,
+        typer.Argument(
+            help=("JSON file with a list of [longitude, latitude, height above ground in m], in flying order.")
+        ),
     ],
-    out: Annotated[Path, typer.Option("-o", "--out", help="Run folder to write.", metavar="RUN")],
+    out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the results (the run folder).", metavar="RUN")],
     *,
     autopilot: options.Autopilot = None,
     force: options.ForcePlan = False,
     output: options.Output,
 ) -> int:
-    """Check a plan with waypoints of your own, and write it with its mission files.
+    """Check a plan with your own waypoints, and write it with its mission files.
 
-    Every leg, the transit and the return are checked as for any plan. The new plan says that it was edited.
+    The command checks every leg, the transit and the return. The new plan states that it was edited.
     """
     from uavcover.errors import InfeasibleError, InputError
     from uavcover.extras.app.scene import Scene

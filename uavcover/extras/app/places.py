@@ -38,7 +38,7 @@ def place_of(text: str) -> tuple[float, float]:
                     f"{words[:60]!r}: is outside of the earth; latitude is -90 to 90, longitude -180 to 180"
                 )
             return lat, lon
-    raise InputError(f"{words[:60]!r}: is no position; type {FORMS}")
+    raise InputError(f"{words[:60]!r}: is not a position; type {FORMS}")
 
 
 def _decimal(text: str) -> tuple[float, float] | None:

@@ -185,7 +185,7 @@ def _zone(zone: object, number: int) -> dict[str, Any]:
             try:
                 heights[key] = float(zone[key])
             except (TypeError, ValueError):
-                raise InputError(f"{name}: {key}: {zone[key]!r} is no number of metres") from None
+                raise InputError(f"{name}: {key}: {zone[key]!r} is not a number of metres") from None
     return {
         "type": "Feature",
         "properties": {"name": name, **heights},

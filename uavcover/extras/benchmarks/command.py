@@ -179,7 +179,7 @@ def bench_link(
     except ValueError:
         raise InputError(f"--losses: {losses!r} are not numbers; write them as 0,0.1,0.3") from None
     if not all(0.0 <= share < 1.0 for share in shares):
-        raise InputError(f"--losses: {losses!r} are not all from 0 to below 1")
+        raise InputError(f"--losses: {losses!r} must be from 0 to below 1")
     wanted = trials(clients=chosen, losses=shares, delay_s=delay_ms / 1e3, seeds=seeds)
     done = {outcome.trial for outcome in read_outcomes(out)}
     missing = sum(trial not in done for trial in wanted)

@@ -96,7 +96,7 @@ def completed_by(
         yield from completed(function, tasks, processes=processes or available_cores())
         return
     if processes is not None:
-        raise InputError("--processes: requires runs on this machine alone; leave it out with --scheduler")
+        raise InputError("--processes: requires runs on this machine alone; omit it with --scheduler")
     with workers_of(scheduler) as workers:
         yield from workers.completed(_called, function, tasks)
 

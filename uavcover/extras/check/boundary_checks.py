@@ -112,8 +112,8 @@ def distance_findings(path: FlownPath, world: World, limits: Limits) -> list[Che
             found.append(
                 CheckFinding(
                     kind="distance", weight="breaks", items=segment.items, by=over_m,
-                    unit="m", what=f"{distances[k]:.0f} m from home, the most is {limits.max_distance_m:g} m",
-                    do="take off nearer, or allow more with --max-distance",
+                    unit="m", what=f"{distances[k]:.0f} m from home, the limit is {limits.max_distance_m:g} m",
+                    do="take off closer to the mission, or raise --max-distance",
                 ).at(world.geodetic(segment.enu_m[k]))
             )  # fmt: skip
     return joined(found, lambda one: one.kind)

@@ -67,7 +67,7 @@
   }
   key("path", "#2b4fa0");
   key("take-off, return, landing", "#5d666e");
-  if (data.legs.some((leg) => leg.broken)) key("a limit is broken", "#d11a1a");
+  if (data.legs.some((leg) => leg.broken)) key("limit exceeded", "#d11a1a");
   for (const one of data.findings) {
     if (!one.place) continue;
     L.circleMarker(at(one.place), { radius: 7, color: "#fff", weight: 2, fillColor: one.weight === "breaks" ? "#b3261e" : "#806000", fillOpacity: 1, className: "finding" })

@@ -179,7 +179,7 @@ def _frame_findings(mission: Mission, aircraft: Aircraft) -> list[CheckFinding]:
     if aircraft.autopilot == "px4":
         return [
             CheckFinding(
-                kind="frame", weight="breaks", items=items, what="PX4 does not take heights above the terrain",
+                kind="frame", weight="breaks", items=items, what="PX4 does not support heights above the terrain",
                 do="give heights above home (frame 3) or above sea level (frame 0)",
             )
         ]  # fmt: skip
@@ -315,7 +315,7 @@ _CHANGES = {
     "its number fits a height above home: is the frame wrong?": _as_above_home,
     "its number fits feet: is the unit wrong?": _as_feet,
     "its number fits a height above the terrain: is the frame wrong?": _as_above_terrain,
-    "it fits if the number were metres taken for feet": _as_metres,
+    "it fits if the height is in feet instead of metres": _as_metres,
 }
 
 
@@ -331,7 +331,7 @@ def sight_findings(path: FlownPath, world: World, pilot_m: FloatArray) -> list[C
             CheckFinding(
                 kind="sight", weight="look", by=under_m, unit="m",
                 what=f"the pilot stands under trees or a roof {under_m:.0f} m above the eyes and cannot observe the flight",
-                do="stand in the open (--pilot)",
+                do="choose an open position (--pilot)",
             ).at(world.geodetic(pilot_m))
         ]  # fmt: skip
     hidden = []

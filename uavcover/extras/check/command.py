@@ -138,7 +138,8 @@ class AroundOptions:
         typer.Option("--rally", help="Rally points (.plan, .waypoints); default: those in the .plan.", metavar="FILE"),
     ] = None
     no_fly: Annotated[
-        list[str] | None, typer.Option("--no-fly", help="No-fly zones, as for new. Can be repeated.", metavar="FILE")
+        list[str] | None,
+        typer.Option("--no-fly", help="No-fly zones (same formats as uavcover new). Can be repeated.", metavar="FILE"),
     ] = None
     at: At = None
     obstacles: Annotated[
@@ -161,7 +162,7 @@ class ViewOptions:
 
     area: Annotated[
         str | None,
-        typer.Option("--area", help="Area to cover, as for new. Requires --camera."),
+        typer.Option("--area", help="Area to cover (same formats as uavcover new). Requires --camera."),
     ] = None
     camera: Annotated[
         str | None,
@@ -207,7 +208,7 @@ class ViewOptions:
         if self.camera is None:
             raise InputError("--area: needs --camera, whose photos cover it (uavcover new --camera list)")
         if self.coverage is not None and not 0.0 < self.coverage <= 1.0:
-            raise InputError(f"--coverage: {self.coverage:g} is a share, above 0 and at most 1")
+            raise InputError(f"--coverage: {self.coverage:g} must be above 0 and at most 1")
         if not -90.0 <= self.camera_pitch <= 0.0:
             raise InputError(f"--camera-pitch: {self.camera_pitch:g} is outside -90 (straight down) to 0 (ahead)")
         every, always = self.picture_every, None

@@ -42,7 +42,7 @@ def endurance_findings(path: FlownPath, aircraft: Aircraft, limits: Limits) -> t
             CheckFinding(
                 kind="wind",
                 weight="unknown",
-                what=f"how it flies in {limits.wind_m_s:g} m/s of wind: its largest speed through the air is not known",
+                what=f"how it flies in {limits.wind_m_s:g} m/s of wind: its maximum airspeed is unknown",
                 do="give --vehicle NAME, or a TOML file with max_speed_m_s",
             ),
             *_battery_findings(seconds, aircraft, ", without wind"),

@@ -107,11 +107,11 @@ class _Flight:
             self.deeds.append(Deed(number, len(self.segments)))
         elif item.has_position and self._has_place(item):
             self._look(number, "meaning", f"command {item.command} is judged as a straight path to its position",
-                       "look at what the autopilot does there", "unknown")  # fmt: skip
+                       "check what the autopilot does at this item", "unknown")  # fmt: skip
             self._go(number, self._target(item), doubt=f"command {item.command}")
         else:
             self._look(number, "meaning", f"command {item.command} has no position: its path is not known",
-                       "look at what the autopilot does there", "unknown")  # fmt: skip
+                       "check what the autopilot does at this item", "unknown")  # fmt: skip
 
     def end(self, skipped: frozenset[int]) -> None:
         """Note what a whole flight has and this one has not, and the items that it never comes to."""
@@ -127,7 +127,7 @@ class _Flight:
             )
             found = CheckFinding(
                 kind="order", weight="look", items=(missed[0], missed[-1]), what=f"{which} never flown",
-                do="look at the jumps, and at the landing or return before",
+                do="check the jumps, and the landing or return before it",
             )  # fmt: skip
             self.findings.append(found)
         if not self.segments:
@@ -135,8 +135,8 @@ class _Flight:
                 CheckFinding(
                     kind="empty",
                     weight="unknown",
-                    what="no item of the mission flies anywhere",
-                    do="give a mission that does",
+                    what="the mission contains no item with a position",
+                    do="provide such a mission",
                 )
             )
         elif not self._is_over:
@@ -187,7 +187,7 @@ class _Flight:
             self._go(number, target, phase="take-off")
         else:
             self._look(number, "meaning", "the direction of this take-off is not in the mission",
-                       "look at the ground around the runway", "look")  # fmt: skip
+                       "check the ground around the runway", "look")  # fmt: skip
             self._go(number, top, phase="take-off", doubt="direction of the take-off")
         self._is_up = True
         self._vector_m = None
@@ -204,7 +204,7 @@ class _Flight:
         self._circle(number, item, turns=1.0, radius_m=_number(item.params[2]), wait_s=wait_s)
 
     def _loiter_unlimited(self, number: int, item: MissionItem) -> None:
-        self._look(number, "endless", "it stays here until a new command; the following items were judged as if it went on",
+        self._look(number, "endless", "it stays here until a new command; later items are judged as if the mission continued",
                    "give a time or a number of turns, or watch the battery", "look")  # fmt: skip
         if self._aircraft.has_wings:
             self._circle(number, item, turns=1.0, radius_m=_number(item.params[2]))
@@ -269,9 +269,7 @@ class _Flight:
     def _check_is_up(self, number: int) -> None:
         if not self._is_up:
             self._is_up = True
-            self._look(
-                number, "take-off", "the first item flies off without a take-off", "put a take-off first", "look"
-            )
+            self._look(number, "take-off", "the mission starts without a take-off", "put a take-off first", "look")
 
     def _circle(
         self,

@@ -72,7 +72,7 @@ def _too_low(segment: Segment, world: World, limits: Limits, ranges: FloatArray)
             items=segment.items,
             by=short_m,
             unit="m",
-            what=f"{words}, the least is {max(limit_m, 0.0):g} m",
+            what=f"{words}, the limit is {max(limit_m, 0.0):g} m",
             do=_remedy(segment, world, points, short_m),
         ).at(world.geodetic(where)),
     ]
@@ -80,9 +80,9 @@ def _too_low(segment: Segment, world: World, limits: Limits, ranges: FloatArray)
 
 def _remedy(segment: Segment, world: World, points: str, short_m: float) -> str:
     if segment.phase == "return":
-        return "return higher (--return-height), or end with legs home"
+        return "return higher (--return-height), or end the mission with a return transit"
     if segment.phase in ("take-off", "landing") and world.surface is not None:
-        return "take off and land where nothing stands"
+        return "take off and land away from obstacles"
     return f"raise {points} by {short_m:.0f} m or more, or put a waypoint there"
 
 
@@ -112,8 +112,8 @@ def _too_high(segment: Segment, world: World, limits: Limits, ranges: FloatArray
             items=segment.items,
             by=over_m,
             unit="m",
-            what=f"{highest_m:.0f} m above the ground, the most is {limits.max_height_agl_m:g} m",
-            do=f"fly {over_m:.0f} m lower there, or allow more with --max-height",
+            what=f"{highest_m:.0f} m above the ground, the limit is {limits.max_height_agl_m:g} m",
+            do=f"fly {over_m:.0f} m lower there, or raise --max-height",
         ).at(world.geodetic(place_of(segment, piece, float(ranges[piece, 3])))),
     ]
 
@@ -135,7 +135,7 @@ def _above_home(segment: Segment, world: World, limits: Limits) -> list[CheckFin
             items=segment.items,
             by=over_m,
             unit="m",
-            what=f"{over_m + limits.max_above_home_m:.0f} m above home, the most is {limits.max_above_home_m:g} m",
+            what=f"{over_m + limits.max_above_home_m:.0f} m above home, the limit is {limits.max_above_home_m:g} m",
             do=f"fly {over_m:.0f} m lower there",
         ).at(world.geodetic(segment.enu_m[k])),
     ]

@@ -86,7 +86,7 @@ def value_findings(mission: Mission, aircraft: Aircraft, home: GeoPoint | None) 
             problems.append(
                 (
                     "look",
-                    "it does not go on from here by itself (autocontinue 0)",
+                    "it does not continue automatically (autocontinue 0)",
                     "set it, or have a pilot at the controls",
                 )
             )
@@ -112,7 +112,7 @@ def _waits(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
     time_s = item.params[0]
     by_the_clock = item.command == Command.NAV_DELAY and any(part >= 0.0 for part in item.params[1:])
     if time_s < 0.0 and not (by_the_clock and time_s == -1.0):
-        yield "look", f"{_WAITS[item.command]} for {time_s:g} s, which is no time", "give 0 seconds or more"
+        yield "look", f"{_WAITS[item.command]} for {time_s:g} s, which is not a valid time", "give 0 seconds or more"
     if time_s > _ARDUPILOT_WAIT_S and aircraft.autopilot == "ardupilot" and item.command in _TIMED:
         what = f"{_WAITS[item.command]} for {time_s:g} s, of which ArduPilot keeps {_ARDUPILOT_WAIT_S:g}"
         yield "breaks", what, "give less, or put in two items"
@@ -125,7 +125,7 @@ def _circles(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
     if turns < 0.0:
         yield (
             "breaks",
-            f"{turns:g} turns: what an autopilot makes of that is not known",
+            f"{turns:g} turns: the behaviour of the autopilot is unknown",
             "give turns above 0; a negative radius turns left",
         )
     elif turns == 0.0:
@@ -146,12 +146,12 @@ def _speeds(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
         yield "unknown", "a change of speed without a number", "give the speed in m/s"
         return
     if kind not in tuple(each.value for each in SpeedType):
-        yield "look", f"{kind:g} is no kind of speed (0 air, 1 ground, 2 climb, 3 descent)", "give one of these"
+        yield "look", f"{kind:g} is not a kind of speed (0 air, 1 ground, 2 climb, 3 descent)", "give one of these"
     if speed > 0.0 or (speed == -1.0 and throttle > 0.0) or speed == -2.0:
         return  # -1 leaves the speed alone, -2 takes the default
     does = "sets the speed back to its default" if aircraft.autopilot == "px4" else "changes nothing"
     if aircraft.autopilot == "ardupilot" and aircraft.has_wings and kind == SpeedType.GROUND.value:
-        does = "is taken as the least speed over ground, which is then none"
+        does = "is interpreted as the lowest ground speed, which is then zero"
     if speed == -1.0 and does == "changes nothing":
         return
     yield "look", f"a speed of {speed:g} m/s {does}", "give the speed in m/s; -2 takes the default"
@@ -159,7 +159,7 @@ def _speeds(item: MissionItem, aircraft: Aircraft) -> Iterator[_Problem]:
 
 def _homes(item: MissionItem, home: GeoPoint | None) -> Iterator[_Problem]:
     """A home that is moved: heights above home and the return count from there on from another one."""
-    moved = "moves home: heights above home and the return are then others; judged as if home stayed"
+    moved = "moves home: heights above home and the return change; judged with the original home"
     if item.params[0] != 1.0 and home is not None and item.has_position:
         away_m = ground_distance_m(home.lat_deg, home.lon_deg, item.lat_deg, item.lon_deg)
         above_m = item.alt_m - (home.alt_amsl_m if item.frame is Frame.AMSL else 0.0)
@@ -173,7 +173,7 @@ def _taking_over(item: MissionItem) -> Iterator[_Problem]:
     if row is not None:
         weight, what, applies = row
         if applies(item.params):
-            yield weight, what, "remove it, or judge without what follows"
+            yield weight, what, "remove it, or ignore the rest"
 
 
 def _always(_: tuple[float, float, float, float]) -> bool:
@@ -182,14 +182,14 @@ def _always(_: tuple[float, float, float, float]) -> bool:
 
 _TAKE_OVER: Final[Mapping[int, tuple[Weight, str, Callable[[tuple[float, float, float, float]], bool]]]] = MappingProxyType(
     {
-        113: ("unknown", "changes the height at a rate; judged as if it did not", _always),
-        int(Command.DO_SET_MODE): ("unknown", "changes the flight mode: what follows is not this mission", _always),
+        113: ("unknown", "changes the height at a rate; judged without this change", _always),
+        int(Command.DO_SET_MODE): ("unknown", "changes the flight mode: the vehicle then leaves this mission", _always),
         185: ("breaks", "terminates the flight: motors off", lambda params: params[0] > 0.5),
-        186: ("unknown", "changes the height; judged as if it did not", _always),
-        191: ("unknown", "goes around: what is flown then is the autopilot's", _always),
-        int(Command.DO_REPOSITION): ("unknown", "sends the vehicle elsewhere; judged as if it did not", _always),
+        186: ("unknown", "changes the height; judged without this change", _always),
+        191: ("unknown", "goes around: the autopilot determines the path", _always),
+        int(Command.DO_REPOSITION): ("unknown", "sends the vehicle elsewhere; judged without this change", _always),
         int(Command.DO_PAUSE_CONTINUE): ("look", "stays until a command to continue", lambda params: params[0] == 0.0),
-        194: ("unknown", "drives backwards; judged as if it did not", lambda params: params[0] == 1.0),
+        194: ("unknown", "drives backwards; judged without this change", lambda params: params[0] == 1.0),
         207: ("look", "switches the fence off: nothing keeps the vehicle in", lambda params: params[0] == 0.0),
         208: ("breaks", "releases the parachute", lambda params: params[0] == 2.0),
         223: ("breaks", "stops the engine", lambda params: params[0] == 0.0),
@@ -257,7 +257,7 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
                 findings.append(
                     CheckFinding(
                         kind="jump", weight="breaks", items=(int(target), at),
-                        what=f"{leads}: round and round, and no item in between flies anywhere",
+                        what=f"{leads}: an endless loop without a position",
                         do="jump to an item that flies, or remove it",
                     )
                 )  # fmt: skip
@@ -281,7 +281,7 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
             findings.append(
                 CheckFinding(
                     kind="endless", weight="unknown", items=(at, at),
-                    what=f"jumps make more than {PATH.max_steps} items; what follows was not judged",
+                    what=f"jumps make more than {PATH.max_steps} items; the rest was not judged",
                     do="let jumps repeat less often",
                 )
             )  # fmt: skip

@@ -173,7 +173,7 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
         for doubt in doubts_about_fence(read.fence):
             user.warn(f"{query.file}: doubtful: {doubt}")
     if not read.mission.items:
-        raise InputError(f"{query.file}: the mission has no items; give a file that flies somewhere")
+        raise InputError(f"{query.file}: the mission has no items; provide a file with mission items")
     aircraft = aircraft_of(query, read)
     home = read.home if query.home is None else query.home
     elevation = open_check_elevation(query.elevation, query.surface, read.mission, home, user, trusted=query.trust_dem)

@@ -51,7 +51,7 @@ def with_obstacles(
         ]
         polygon = shapely.Polygon(rings[0], rings[1:])
         if not polygon.is_valid:
-            raise InputError(f"--obstacles: {name}: {shapely.is_valid_reason(polygon)}; draw it anew")
+            raise InputError(f"--obstacles: {name}: {shapely.is_valid_reason(polygon)}; draw it again")
         if box.intersects(polygon):
             footprints.append(Footprint(name, polygon, one.height_m))
     if not footprints:
@@ -76,7 +76,7 @@ def obstacle_findings(path: FlownPath, world: World, around: Surroundings) -> li
         found.append(
             CheckFinding(
                 kind="obstacle", weight="breaks", items=segment.items, by=short_m,
-                unit="m", what=f"{words}, the least is {clearance_m:g} m",
+                unit="m", what=f"{words}, the limit is {clearance_m:g} m",
                 do="fly round it or over it, or allow less with --obstacle-clearance",
             ).at(world.geodetic(place))
         )  # fmt: skip

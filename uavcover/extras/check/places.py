@@ -195,7 +195,7 @@ def _far_items(
                 by=distance_m,
                 unit="m",
                 what=what,
-                do=f"{do}; the item was left out of what follows",
+                do=f"{do}; the item was ignored",
             ),
         )
     return skipped

@@ -137,7 +137,7 @@ def _map(
         [shapely.Polygon(ring(outer), [ring(hole) for hole in holes]) for outer, *holes in parts]
     )
     if not isinstance(outline, shapely.Polygon | shapely.MultiPolygon) or outline.is_empty:
-        raise InputError("--area: has no ground to look at; give polygons")
+        raise InputError("--area: contains no ground; provide polygons")
     away_m = float(shapely.distance(outline, shapely.Point(0.0, 0.0)))
     if away_m > 50_000.0:
         raise InputError(f"--area: lies {away_m / 1000.0:.0f} km from home; are latitude and longitude swapped?")
@@ -229,7 +229,7 @@ def _lines(document: dict[str, Any]) -> tuple[str, ...]:
             f"{100.0 * document['ground_sample_p95_m']:.2f} cm"
         )
     if document["overlap_fraction"] is not None:
-        holds = "holds" if document["overlap_holds"] else "does not hold"
+        holds = "is met" if document["overlap_holds"] else "is not met"
         lines.append(
             f"the overlap {holds}: {100.0 * document['overlap_fraction']:.1f} % of the area "
             f"is in {document['pictures_asked']} photos "
@@ -254,7 +254,7 @@ def _findings(
         would = percent_beside(document["coverage_fraction"], query.coverage)
         whole = f"{would} of the area would be covered, {100.0 * query.coverage:g} % are required"
         one = CheckFinding(
-            kind="coverage", weight="breaks", what=whole, do="fly lines over what lacks (--map shows it)"
+            kind="coverage", weight="breaks", what=whole, do="add lines over the missing areas (see --map)"
         )
         if frame is not None and not unseen.is_empty:
             widest = max(unseen.geoms, key=lambda part: part.area).representative_point()

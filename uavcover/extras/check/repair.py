@@ -172,7 +172,7 @@ def refuse_repair_into(file: Path, out: Path | None, *, force: bool) -> Path:
     if out.exists() and out.samefile(file):
         raise OutputError(f"-o: {out} is the mission itself; give another name")
     if out.exists() and not force:
-        raise OutputError(f"{out}: is there already; give another name, or --force to replace it")
+        raise OutputError(f"{out}: already exists; choose another name, or --force to replace it")
     return out
 
 
@@ -211,7 +211,7 @@ def repair_mission(
         names = [out.with_name(numbered(out, number)) for number in range(1, len(parts) + 1)]
         there = next((name for name in names if name.exists()), None)
         if there is not None and not force:
-            raise OutputError(f"{there}: is there already; give another name, or --force to replace it")
+            raise OutputError(f"{there}: already exists; choose another name, or --force to replace it")
     for name, part in zip(names, parts, strict=True):
         _write(query.file, name, part)
     changes = f"{_numbers(fixed.raised)} raised, {_numbers(fixed.inserted)} put in"

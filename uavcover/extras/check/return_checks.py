@@ -153,8 +153,8 @@ def _finding(
         "descent": "set the rally point's height, or the height at which the return ends, above the ground there",
         "unknown ground": "give elevation data below the returns",
         "obstacle": f"set a higher {name} and give it with --return-height, or take off elsewhere",
-        "fence": "draw the fence wider, or end with legs home and let nothing but the pilot make it return",
-        "zone": "take off elsewhere, choose another return altitude, or end with legs home",
+        "fence": "draw the fence wider, or end the mission with a return transit and let nothing but the pilot make it return",
+        "zone": "take off elsewhere, choose another return altitude, or end the mission with a return transit",
         "battery": "plan a shorter mission, or add a rally point",
     }[one.danger]
     by = one.limit - one.value if one.danger in ("terrain", "descent") else one.value

@@ -31,7 +31,7 @@ def read_route_file(path: Path) -> PointRoute | None:
         return None
     try:
         if path.stat().st_size > MOST_BYTES:
-            raise InputError(f"{path}: is larger than {MOST_BYTES:,} bytes; save the route alone")
+            raise InputError(f"{path}: is larger than {MOST_BYTES:,} bytes; save only the route")
         if suffix == ".kmz":
             return _read_kmz(path)
         text = text_from_bytes(path.read_bytes()).text

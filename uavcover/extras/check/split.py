@@ -77,7 +77,7 @@ def _refuse_what_is_not_plain(mission: Mission, aircraft: Aircraft) -> tuple[int
 
     def refuse(number: int, why: str) -> InputError:
         return InputError(
-            f"--fix: {'item ' + str(number) + ' ' if number else ''}{why}: it is not split; do that by hand"
+            f"--fix: {'item ' + str(number) + ' ' if number else ''}{why}: it is not split; split it manually"
         )
 
     if aircraft.has_wings:
@@ -119,7 +119,7 @@ def _refuse_another_landing(mission: Mission, world: World) -> None:
     if (landing.lat_deg, landing.lon_deg) == (0.0, 0.0):
         place = [item for item in mission.items if item.command == Command.NAV_WAYPOINT][-1]
     if math.hypot(*world.place(place.lat_deg, place.lon_deg)) > REPAIR.at_home_m:
-        raise InputError("--fix: the mission lands elsewhere than at home: it is not split; do that by hand")
+        raise InputError("--fix: the mission lands elsewhere than at home: it is not split; split it manually")
 
 
 def _held(items: tuple[MissionItem, ...]) -> list[MissionItem]:

@@ -157,7 +157,7 @@ def _say_how_it_flies(console: "Console", file_format: str, written: "tuple[Expo
         f"its highest point is {max(file.flight.highest_m for file in written):.0f} m above home: the app must allow it"
     )
     if not any(file.flight.pictures for file in written):
-        console.say("the scenario has no trigger distance, so the file takes no photos: start the camera by hand")
+        console.say("the scenario has no trigger distance, so the file takes no photos: trigger the camera manually")
     heights_m = [file.flight.return_height_m for file in written if file.flight.return_height_m is not None]
     where = "in the file" if file_format == "wpml" else "to be set in the app"
     console.say(f"return height, {where}: {max(heights_m):g} m above home")

@@ -192,7 +192,7 @@ def write_exported(out: Path, contents: Mapping[str, bytes], *, force: bool, old
         left = [name for name in older if name not in contents]
         if left:
             raise OutputError(
-                f"{out.parent / left[0]}: is of another export and would be taken for a part of this one "
+                f"{out.parent / left[0]}: belongs to another export and would be mistaken for a part of this one "
                 f"({', '.join(contents)}); remove it, or use another name"
             )
         try:

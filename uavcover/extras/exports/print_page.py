@@ -164,13 +164,13 @@ def _limits(site: Site, flights: Sequence[Sortie]) -> list[tuple[str, str]]:
         if alt_m is not None
     ]
     rows = [
-        ("Height above ground", f"{limits.min_height_agl_m:g} to {limits.max_height_agl_m:g} m, on the survey"),
+        ("Height above ground", f"{limits.min_height_agl_m:g} to {limits.max_height_agl_m:g} m, on the route"),
         ("Clearance on outbound and return transit", f"{limits.transit_clearance_m:g} m"),
         ("Height above sea level", " ".join(f"{word} {alt_m:g} m" for word, alt_m in sea)),
-        ("Farthest from home", f"{reach_m:.0f} m"),
-        ("Speed over ground", f"{vehicle.cruise_speed_m_s:g} m/s"),
+        ("Greatest distance from home", f"{reach_m:.0f} m"),
+        ("Ground speed", f"{vehicle.cruise_speed_m_s:g} m/s"),
         ("Climb, descent", f"{vehicle.max_climb_m_s:g} m/s, {vehicle.max_descent_m_s:g} m/s"),
-        ("Wind that it is planned for", f"{wind.speed_m_s:g} m/s from {wind.from_deg:g}°" if wind.speed_m_s else "none"),
+        ("Planned wind", f"{wind.speed_m_s:g} m/s from {wind.from_deg:g}°" if wind.speed_m_s else "none"),
         ("Batteries last in wind of up to", f"{wind.most_m_s:g} m/s from any side" if wind.most_m_s else ""),
         ("Largest airspeed", "" if vehicle.max_airspeed_m_s is None else f"{vehicle.max_airspeed_m_s:g} m/s"),
         ("Battery", "" if vehicle.endurance_s is None else (

@@ -32,8 +32,8 @@ from uavcover.verification.shared_clock import shared_times
 from uavcover.verification.verify import flown_coverage
 
 _FIRST_STOP = (
-    "stopping: all hold, then home along checked legs, one after the other; once more: all hold and are left there; "
-    "a third time: abort at once"
+    "stopping: all vehicles hold, then return along checked legs, one after the other; repeat to "
+    "keep all holding; a third time aborts immediately"
 )
 
 
@@ -124,7 +124,7 @@ def fly_fleet(
                 for line in board.lines(since_s):
                     board.say(line)
         if flight.aborted:
-            user.warn("aborted: the vehicles were left as they are, maybe armed and in the air; take over from here")
+            user.warn("aborted: the vehicles may be armed and in the air; take over now")
         recorded = _record(run, flight, user, command)
     gaps = _close_gaps(run, flight, user, command)
     return _result(run, flight, user, {"recording": recorded, "gaps": gaps})
@@ -161,7 +161,7 @@ def _close_gaps(run: RunFolder, flight: FleetFlight, user: User, command: Sequen
     """The mission of the unobserved cells, where some are left."""
     if not flight.work.left or flight.called_off or flight.aborted:
         return None
-    user.say("what the lost vehicle left is planned as a mission of its own:")
+    user.say("planning a separate mission for the rest of the lost vehicle:")
     try:
         _, document = close_gaps(run, user, GapRequest(force=True), command=command)
     except UavcoverError as error:
@@ -218,7 +218,7 @@ def write_fleet_recording(run: RunFolder, folders: Sequence[RunFolder]) -> Path 
         times = shared_times(track)
         if times is None:
             raise InputError(
-                f"{folder.file(TRACK)}: has no arrival times of its positions, so {FLEET_RECORDING} is left out"
+                f"{folder.file(TRACK)}: has no arrival times of its positions, so {FLEET_RECORDING} is omitted"
             )
         own, flown_plan = read_planned(folder)
         eyes = coverage if own.scenario.sensor == site.scenario.sensor else judging_map(own)

@@ -300,7 +300,7 @@ class FleetFlight:
             row.does = "holds"
             way_m = places_m(mission, job.site)
             may = self.traffic.may_go_home(job.name, clock.now(), way_m, all_return=self.orders.stops() > 0)
-            row.does = "flies home" if may else "holds"
+            row.does = "returns" if may else "holds"
             return may
 
         def must_go_home() -> str | None:

@@ -21,7 +21,7 @@ class FleetPhase(Enum):
     WAITING = "waits"
     FLYING = "flies"
     HOLDING = "holds, on its return"
-    HOMEWARD = "flies home"
+    HOMEWARD = "returns"
     DOWN = "is down"
     LOST = "is lost"
 

@@ -129,7 +129,7 @@ def require_own_mission(connected: Connected, compiled: CompiledMission, urls: S
     fault = fault_text(compare_items(wire_items(compiled.mission, autopilot), held, autopilot))
     if fault is not None:
         raise VehicleError(
-            f"system {connected.client.vehicle.system_id} at {connected.url} holds another sortie than it was given ({fault}): "
+            f"system {connected.client.vehicle.system_id} at {connected.url} has another sortie than the assigned one ({fault}): "
             f"--to {', '.join(sorted(urls))} may lead to the same vehicle; nothing was armed"
         )
 
@@ -167,8 +167,8 @@ def places_m(mission: Mission, site: Site) -> FloatArray:
 
 
 _STAYS_OUT = (
-    "it gets no more sorties: what it did unheard, and its battery, are unknown, and what it had left is given away already; "
-    "look at it, and fly what is left at the end"
+    "it gets no more sorties, because its state is unknown and its sorties are reassigned; check "
+    "it, and fly the rest at the end"
 )
 
 

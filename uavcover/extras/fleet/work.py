@@ -80,7 +80,7 @@ class FleetWork:
                 require_gain(job, part)
         except (UavcoverError, MissionIoError) as error:
             what = "sortie" if record is None else "the rest of sortie"
-            self._board.warn(f"{what} {job.sortie} is left as a gap: {error}")
+            self._board.warn(f"{what} {job.sortie} remains as a gap: {error}")
             self.left.append(job.name)
             return
         since_s = self._traffic.since_first_s(now) + ready_s - now
@@ -98,7 +98,7 @@ class FleetWork:
             InfeasibleError: it is too far or too long for all that are left.
         """
         found: list[tuple[float, int, float]] = []
-        refusal = InfeasibleError("no vehicle is left")
+        refusal = InfeasibleError("no vehicle remains")
         for vehicle in sorted(self.queues.vehicles):
             ready_s = self._ready_s(vehicle, now)
             try:

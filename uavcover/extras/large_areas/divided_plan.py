@@ -53,7 +53,7 @@ def divided(site: Site, settings: PlannerSettings, request: SearchRequest) -> Di
     processes = None if scheduler is None else local_count(scheduler)
     if scheduler is not None and processes is None:
         raise InputError(
-            f"--memory: is of this machine, and the workers of {scheduler} are not; limit them there, with: "
+            f"--memory: limits this machine, not the workers of {scheduler} are not; limit them there, with: "
             "dask worker --memory-limit"
         )
     need = memory_need(site, processes=scheduler is not None)

@@ -139,8 +139,8 @@ def evidence_for_flight(verdict: PhotoVerdict) -> PictureEvidence:
     )
     texts: dict[Requirement, str] = {
         "coverage": found,
-        "overlap": f"the required overlap, {document['pictures_asked']} photos of every point, holds on "
-        f"{percent(document['overlap_fraction'] or 0.0)} of the area as drawn, below the required "
+        "overlap": f"the required overlap, {document['pictures_asked']} photos of every point, is met on "
+        f"{percent(document['overlap_fraction'] or 0.0)} of the area, below the required "
         f"{percent(document['overlap_required'] or 0.0)}",
     }
     if (searched := document["detection"]) is not None:
@@ -188,7 +188,7 @@ def run_of_flight(
             raise InputError(f"{log}: no such file; give a flight log ({', '.join(LOG_ENDINGS)}), or photos")
         if log.with_name("plan.json").exists():
             raise InputError(
-                f"{log}: lies in the folder of its plan; leave --area out: "
+                f"{log}: is in the folder of its plan; omit --area: "
                 f"{to_paste('verify', log.parent, '--log', log)}, or copy it"
             )
     own = tuple(log for log in evidence.logs if log.suffix.lower() in LOGS_WITH_PICTURES and reports_pictures(log))
@@ -247,7 +247,7 @@ def run_of_flight(
     if area.overlap is not None and not overlaps:
         user.warn(f"--overlap is not judged: {evidence.logs[0].name} reports no photo, and no --photos are given")
     untold = [name for name, given in (("--max-height", area.max_height), ("--no-fly", area.no_fly)) if not given]
-    user.say(f"{'scenario':18}{out.file('scenario.toml')}; no plan and no fence are known, so none is judged")
+    user.say(f"{'scenario':18}{out.file('scenario.toml')}; no plan or fence is known, so neither is judged")
     if untold:
         user.say(f"{'':18}not judged, because not given: {', '.join(untold)}")
     return replace(evidence, photos=photos)

@@ -22,7 +22,7 @@ def judge_photos(
         ),
     ] = None,
     *,
-    area: Annotated[str | None, typer.Option("--area", help="Area to cover, as for new.")] = None,
+    area: Annotated[str | None, typer.Option("--area", help="Area to cover (same formats as uavcover new).")] = None,
     scenario: Annotated[
         Path | None,
         typer.Option("--scenario", help="Scenario file or run folder, instead of --area.", metavar="FILE|RUN"),
@@ -73,7 +73,7 @@ def judge_photos(
     if (area is None) == (scenario is None):
         raise InputError("judge-photos: give either --area (with --dem), or --scenario")
     if scenario is not None and survey.given():
-        raise InputError(f"judge-photos: {survey.given()[0]} belongs to --area; the scenario says it already")
+        raise InputError(f"judge-photos: {survey.given()[0]} belongs to --area; the scenario defines it already")
     request = PhotoRequest(
         photos=photos, area=None if area is None else survey.request(area, autopilot=None), scenario=scenario,
         assumed=Assumptions(**belief.assumed()), takeoff=belief.place(), coverage=coverage,

@@ -43,7 +43,7 @@ def judge_photos(
         InputError: an area, a photo, a list or an option cannot be used.
     """
     if request.coverage is not None and not 0.0 < request.coverage <= 1.0:
-        raise InputError(f"--coverage: {request.coverage:g} is a share, above 0 and at most 1")
+        raise InputError(f"--coverage: {request.coverage:g} must be above 0 and at most 1")
     with user.progress("reading photos") as bar:
         found = read_pictures(request.photos, progress=bar.count)
     for note in found.notes:
@@ -122,7 +122,7 @@ def _refly(
             check_site=lambda _: None,
         )
     except InfeasibleError as error:
-        user.warn(f"no flight for what is missing: {error}")
+        user.warn(f"no flight for the missing photos: {error}")
         return None
     return {"missing_m2": missing_m2, **outcome.document}
 
@@ -176,7 +176,7 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
         user.say(
             f"{'overlap':18}{percent(document['overlap_fraction'])} of the area "
             f"is in at least {document['pictures_asked']} photos: "
-            f"{'holds' if document['overlap_holds'] else 'NOT MET'}" + ("" if rule is None else f" ({rule})")
+            f"{'met' if document['overlap_holds'] else 'NOT MET'}" + ("" if rule is None else f" ({rule})")
         )
     user.say(
         f"{'a point':18}is in {document['pictures_median']:g} photos from {document['directions_median']:g} "
@@ -221,7 +221,7 @@ def _detection_lines(document: dict[str, Any]) -> list[str]:
     shares = document["pod_percentiles"]
     asked, words = document["asked"], ""
     if asked is not None:
-        words = f"; required {percent(asked)}: {'holds' if document['holds'] else 'NOT MET'}"
+        words = f"; required {percent(asked)}: {'met' if document['holds'] else 'NOT MET'}"
     lines = [
         f"{'detection':18}{percent(document['pod'])} over the area ({document['title']}){words}",
         f"{'':18}best photo alone {percent(document['pod_best_look'])}, all photos independent "

@@ -65,7 +65,7 @@ def _projection(text: str, path: Path) -> CRS:
         return CRS.from_user_input(text.strip())
     except CRSError as error:
         raise TrackError(
-            f"{path}: line 1: {text[:60]!r} is no projection; it is such as EPSG:4326, WGS84 UTM 16N or a PROJ string"
+            f"{path}: line 1: {text[:60]!r} is not a projection; use, for example, EPSG:4326, WGS84 UTM 16N or a PROJ string"
         ) from error
 
 
@@ -129,7 +129,7 @@ def read_mrk(path: Path) -> list[Picture]:
             continue
         row = _MRK.match(line) if len(line) <= _LONGEST_ROW else None
         if row is None:
-            raise TrackError(f"{path}: line {number}: {line[:60]!r} is no row of DJI's image log")
+            raise TrackError(f"{path}: line {number}: {line[:60]!r} is not a row of DJI's image log")
         values = [float(row[k]) for k in (2, 3, 4, 5, 6, 7, 8, 9)]
         seconds, week, lat, lon, height, north, east, up = values
         pictures.append(
@@ -248,7 +248,7 @@ def _of_row(
     for key in cells.keys() - {"name", "time_s"}:
         value = numbers[key] = _number(key, cells[key])
         if value is None and cells[key] not in ("", "-") and key not in _MAY_BE_ODD:
-            raise TrackError(f"{path}: line {line}: {key}: {cells[key][:40]!r} is no number")
+            raise TrackError(f"{path}: line {line}: {key}: {cells[key][:40]!r} is not a number")
         if value is not None and value > 0.0 and references.get(key, "").casefold().startswith(_NEGATIVE.get(key, ())):
             numbers[key] = -value
     above_ellipsoid_m = numbers.pop("alt_ellipsoid_m", None)

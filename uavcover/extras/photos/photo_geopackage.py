@@ -32,7 +32,7 @@ def check_geopackage(path: Path, *, force: bool) -> None:
     except ImportError as error:
         raise InputError(
             f"--gpkg: {path}: GeoPackages need the extra gis (pip install 'uavcover[gis]'); footprints.geojson, gaps.geojson and "
-            "pictures.csv hold the same"
+            "pictures.csv contain the same data"
         ) from error
     if path.exists() and not force:
         raise OutputError(f"{path}: would be overwritten; use --force, or another name")

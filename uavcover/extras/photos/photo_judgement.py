@@ -98,7 +98,7 @@ def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: Local
     if not same:
         name, why = next(iter(others.items()))
         raise InputError(
-            f"no photo is of the camera; {name}: {why}; give another --camera, or leave it out to use the photos' own"
+            f"no photo is of the camera; {name}: {why}; give another --camera, or omit it to derive the camera from the photos"
         )
     placed = place_pictures(same, frame, assumed)
     if np.isnan(site.ground.heights_agl_m(placed.eyes_m)).all():

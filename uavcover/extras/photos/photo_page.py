@@ -66,7 +66,7 @@ def _requirements(verdict: PhotoVerdict) -> list[dict[str, Any]]:
         rule = overlap_rule(verdict.site.scenario.sensor)
         rows.append(
             {
-                "name": f"Ground in at least {document['pictures_asked']} photos"
+                "name": f"Area in at least {document['pictures_asked']} photos"
                 + ("" if rule is None else f" ({rule})"),
                 "asked": f"at least {percent(document['overlap_required'])}",
                 "found": percent(document["overlap_fraction"]),

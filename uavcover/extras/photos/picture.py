@@ -92,7 +92,7 @@ class Picture:
         if self.fault is not None:
             return self.fault
         if self.digital_zoom is not None and self.digital_zoom > _NO_ZOOM:
-            return f"digital zoom {self.digital_zoom:g}: its field of view is not known; take photos without it"
+            return f"digital zoom {self.digital_zoom:g}: its field of view is unknown; take photos without digital zoom"
         if self.lat_deg is None or self.lon_deg is None:
             return "no position"
         if not (abs(self.lat_deg) <= 90.0 and abs(self.lon_deg) <= 180.0) or (self.lat_deg == self.lon_deg == 0.0):
@@ -101,7 +101,7 @@ class Picture:
         if not heights:
             return "no height"
         if any(abs(height) > _HIGHEST_M for height in heights):
-            return f"height {max(heights, key=abs):g} m is none that anything flies at"
+            return f"height {max(heights, key=abs):g} m is impossible for a flight"
         angles = (self.yaw_deg, self.pitch_deg, self.roll_deg, self.vehicle_yaw_deg)
         if any(angle is not None and abs(angle) > 360.0 for angle in angles):
             return "angles of more than a turn"

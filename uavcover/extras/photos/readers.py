@@ -113,7 +113,9 @@ def _by_kind(sources: Sequence[Path]) -> tuple[list[Path], set[Path], list[Path]
             logs.append(source)
         else:
             known = ", ".join((*ENDINGS, *LISTS, *LOGS))
-            raise TrackError(f"{source}: {source.suffix or 'no ending'} is no photo and no list of photos; use {known}")
+            raise TrackError(
+                f"{source}: {source.suffix or 'no ending'} is neither a photo nor a list of photos; use {known}"
+            )
     if not files and not lists and not logs:
         raise TrackError(f"{', '.join(map(str, sources))}: no photos ({', '.join(ENDINGS)}) and no {GEO_TXT} in it")
     return files, of_folders, lists, logs
@@ -181,7 +183,7 @@ def _once(pictures: list[Picture], notes: list[str]) -> list[Picture]:
         )
     if copies:
         notes.append(
-            f"{copies} of {len(pictures)} photos have the same position and direction as another one (copies, or a receiver that "
-            "stood still): they count once"
+            f"{copies} of {len(pictures)} photos have the same position and direction as another one (copies, "
+            "or a receiver that did not update): they count once"
         )
     return kept

@@ -78,7 +78,7 @@ def survey_as_flown(
         if area.gsd is None:
             area = replace(area, gsd=_gsd_text(max(height_m, _LOWEST_M) / camera.focal_px))
             user.say(
-                f"{'ground sample':18}no limit given; a flight for what is missing is planned for {area.gsd}, as this one was "
+                f"{'ground sample':18}no limit given; a flight for the missing photos is planned for {area.gsd}, as this one was "
                 f"flown {height_m:.0f} m above ground (median)"
             )
     return new_scenario(area, user, folder=out.path)
@@ -133,5 +133,5 @@ def _compare_lens(camera: CameraBody, pictures: Sequence[Picture], user: User) -
     if abs(own_mm / film_mm - 1.0) > LENS_DIFFERS:
         user.warn(
             f"--camera: {camera.name} has the view of {own_mm:.0f} mm on 35 mm film, the photos say {film_mm:.0f} mm: another "
-            "camera or zoom? Without --camera theirs is taken"
+            "camera or zoom? Without --camera, their camera is used"
         )

@@ -62,7 +62,7 @@ def get_file(
     if file.exists() and not force:
         raise OutputError(f"{file}: would be overwritten; use --force, or another name with -o")
     if not file.parent.is_dir():
-        raise OutputError(f"{file.parent}: is no folder; make it first")
+        raise OutputError(f"{file.parent}: is not a folder; create it first")
     if file.suffix in _CONVERTED and (listed_as := _list_of(path)) is not None:
         text, items = _converted(vehicle, to, listed_as, file, console)
         write_file(file, text.encode())

@@ -35,7 +35,7 @@ def send_file(
         except OSError as error:
             raise InputError(f"{file}: cannot be read ({error.strerror or error})") from error
     if len(contents) < len(files):
-        raise InputError("two of the files have the same name; send them one by one, with --folder")
+        raise InputError("two of the files have the same name; send them separately with --folder")
     with connect(vehicle.link_to(to)) as connected:
         if connected.client.vehicle.armed:
             raise InputError(f"vehicle {connected.client.vehicle.system_id} is armed; send files on the ground")

@@ -102,7 +102,7 @@ class UavcoverAlgorithm(Algorithm):  # type: ignore[misc]
         if evaluations is not None and math.isfinite(evaluations):
             return math.ceil(int(evaluations) / self.population_size)
         raise OptimizerError(
-            f"{self.name}: the termination does not say how many rounds there will be: give max_iterations=..., "
+            f"{self.name}: the termination does not state the number of iterations: use max_iterations=..., "
             'or a termination like ("n_gen", 200)'
         )
 

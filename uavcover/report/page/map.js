@@ -189,7 +189,7 @@ report.trackLook = ({ style }) => {
       return L.circleMarker(at(middles[i]), { radius: gap.area < 100 ? 5 : gap.area < 1000 ? 7 : 9, color: "#ffb000", weight: 2.5, dashArray: "3 3", fillOpacity: 0, className: "gap" })
         .bindPopup(() => popup(`${gap.area} m² not observed`, [["why", gap.reason], ["cells", gap.cells], ["position", placeWords(gap.east, gap.north)]]));
     });
-    key("middle of a gap", { r: 4.5, fill: "none", stroke: "#ffb000", "stroke-width": 2, "stroke-dasharray": "2.5 2" });
+    key("centre of a gap", { r: 4.5, fill: "none", stroke: "#ffb000", "stroke-width": 2, "stroke-dasharray": "2.5 2" });
   }
   if (data.violations.length) {
     overlays[`Violations (${data.violations.length})`] = L.layerGroup(data.violations.map((v) =>

@@ -99,7 +99,7 @@ def _read(path: Path) -> ReadZones:
     if suffix == ".plan" or any(suffix in reader.suffixes for reader in _readers()):
         try:
             if path.stat().st_size > MAX_BYTES:
-                raise InputError(f"{path}: is larger than {MAX_BYTES:,} bytes; save the zones near the flight alone")
+                raise InputError(f"{path}: is larger than {MAX_BYTES:,} bytes; save only the zones near the flight")
             text = text_from_bytes(path.read_bytes()).text
             own = _of_text(text, suffix)
         except FormatError as error:
@@ -152,7 +152,7 @@ def _of_features(path: Path) -> ReadZones:
     if document.unclosed:
         raise InputError(f"{path}: {document.unclosed[0]}; repeat its first corner at the end")
     if document.crs is None:
-        raise InputError(f"{path}: does not say its coordinate system; save it as GeoJSON")
+        raise InputError(f"{path}: does not state its coordinate system; save it as GeoJSON")
     zones = []
     for number, feature in enumerate(document.features, start=1):
         name = feature.name or f"zone {number}"
@@ -186,7 +186,7 @@ def _periods(properties: Mapping[str, Any], where: str) -> tuple[str, ...]:
     value = properties.get("active")
     periods = [] if value is None else value if isinstance(value, list) else [value]
     if not all(isinstance(period, str) for period in periods):
-        raise InputError(f'{where}: active is no list of periods such as ["MON-FRI 08:00-17:00Z"]; correct it')
+        raise InputError(f'{where}: active is not a list of periods such as ["MON-FRI 08:00-17:00Z"]; correct it')
     return tuple(periods)
 
 

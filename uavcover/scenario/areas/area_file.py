@@ -128,7 +128,8 @@ def _system(document: AreaDocument, query: AreaQuery) -> CRS:
             raise InputError(f"--crs: {query.crs!r} is not a coordinate system; write it as EPSG:32632") from error
     if document.crs is None:
         raise InputError(
-            f"{document.source}: does not say its coordinate system (a Shapefile has it in a .prj file beside it); name it with "
+            f"{document.source}: does not state its coordinate system (a Shapefile has it in a .prj file "
+            "beside it); name it with "
             "--crs EPSG:NUMBER"
         )
     return _on_earth(document.crs, document.source)
@@ -160,7 +161,7 @@ def read_document(path: Path, layer: str | None) -> AreaDocument:
     if size == 0:
         raise InputError(f"{path}: the file is empty; save it again")
     if size > MAX_BYTES:
-        raise InputError(f"{path}: {size:,} bytes, more than {MAX_BYTES:,}; save the area alone")
+        raise InputError(f"{path}: {size:,} bytes, more than {MAX_BYTES:,}; save only the area")
     if suffix in (*gis_file.SUFFIXES, ".zip"):
         return gis_file.read_gis_file(path, layer)
     try:

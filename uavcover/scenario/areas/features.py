@@ -100,7 +100,7 @@ def _known(wanted: str, names: Sequence[str], missing: str) -> str:
     if wanted.casefold() in alike:
         return alike[wanted.casefold()]
     if not alike:
-        raise InputError(f"{missing}: nothing in it has a name; leave the option out")
+        raise InputError(f"{missing}: no feature has a name; omit the option")
     close = difflib.get_close_matches(wanted.casefold(), alike, n=1)
     advice = f"did you mean {alike[close[0]]!r}?" if close else f"there are: {_listed(list(alike.values()))}"
     raise InputError(f"{missing}; {advice}")

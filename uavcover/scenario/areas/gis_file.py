@@ -41,7 +41,7 @@ def read_gis_file(path: Path, layer: str | None) -> AreaDocument:
         others = 0
         for name in wanted:
             if pyogrio.read_info(opened, layer=name)["features"] > MAX_FEATURES:
-                raise InputError(f"{path}: layer {name} has more than {MAX_FEATURES:,} features; save the area alone")
+                raise InputError(f"{path}: layer {name} has more than {MAX_FEATURES:,} features; save only the area")
             meta, _, shapes, fields = pyogrio.raw.read(opened, layer=name)
             of_layer, left_out = _features(name, meta, shapes, fields)
             others += left_out

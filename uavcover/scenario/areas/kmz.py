@@ -50,7 +50,7 @@ def _opened(path: Path) -> Iterator[zipfile.ZipFile]:
 def _files(path: Path, archive: zipfile.ZipFile) -> list[zipfile.ZipInfo]:
     entries = archive.infolist()
     if len(entries) > MAX_ENTRIES:
-        raise InputError(f"{path}: {len(entries)} entries, more than {MAX_ENTRIES}; save the drawing alone, as KML")
+        raise InputError(f"{path}: {len(entries)} entries, more than {MAX_ENTRIES}; save only the drawing as KML")
     return [one for one in entries if not one.is_dir()]
 
 
@@ -62,13 +62,13 @@ def _unpacked(path: Path, archive: zipfile.ZipFile, entry: zipfile.ZipInfo) -> b
     if entry.file_size > MAX_KML_BYTES or (ratio > MAX_RATIO and entry.file_size > MAX_KML_BYTES // 64):
         raise InputError(
             f"{path}: {entry.filename} unpacks to {entry.file_size:,} bytes, {ratio:.0f} times its packed size; allowed are "
-            f"{MAX_KML_BYTES:,} bytes and {MAX_RATIO:g} times; save the drawing alone, as KML"
+            f"{MAX_KML_BYTES:,} bytes and {MAX_RATIO:g} times; save only the drawing as KML"
         )
     with archive.open(entry) as stream:
         data = stream.read(MAX_KML_BYTES + 1)
     if len(data) > MAX_KML_BYTES:
         raise InputError(
-            f"{path}: {entry.filename} unpacks to more than {MAX_KML_BYTES:,} bytes; save the drawing alone, as KML"
+            f"{path}: {entry.filename} unpacks to more than {MAX_KML_BYTES:,} bytes; save only the drawing as KML"
         )
     return data
 

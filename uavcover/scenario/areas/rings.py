@@ -127,9 +127,7 @@ def _continuous(outlines: Sequence[FloatArray], reading: RingReading, where: str
         if np.array_equal(np.round((unwrapped - lons) / turn), np.zeros(len(lons))):
             unwrapped = lons  # to the bit as it was
         elif abs(unwrapped[-1] - unwrapped[0]) > 0.5 * turn:
-            raise InputError(
-                f"{where}: goes round a pole, which areas cannot; give it in a polar projection and smaller"
-            )
+            raise InputError(f"{where}: contains a pole, which is not supported; use a smaller area")
         if found:
             unwrapped = unwrapped + turn * np.round((found[0][:, 0].mean() - unwrapped.mean()) / turn)
         found.append(np.column_stack([unwrapped, lats]))

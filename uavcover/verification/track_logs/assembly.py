@@ -82,7 +82,8 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
     unknown = int(np.isnan(attitude[:, 0]).sum())
     if unknown:
         warnings.append(
-            f"{path}: {unknown} of {len(positions)} positions have no attitude; what a fixed camera saw from there is not known"
+            f"{path}: {unknown} of {len(positions)} positions have no attitude; observations of a fixed camera "
+            "from there are unknown"
         )
     velocity = _velocities_at(positions[:, 0], rows.velocities.reshape(-1, 4))
     pictures_taken = np.full(len(positions), np.nan)
@@ -174,7 +175,7 @@ def _pictures_taken(
     elsewhere[placed] = ~(off_m <= LOGS.picture_place_error_m)
     if elsewhere.any():
         doubted.append(
-            f"{int(elsewhere.sum())} of {len(pictures)} photos name a position where the vehicle was not (up to "
+            f"{int(elsewhere.sum())} of {len(pictures)} photos state a position far from the vehicle (up to "
             f"{float(off_m.max()):.0f} m away): they do not count as evidence"
         )
     at = np.searchsorted(times, pictures[~elsewhere, 0])

@@ -174,7 +174,7 @@ def read_outcomes(folder: Path) -> list[TransferOutcome]:
             outcomes.append(TransferOutcome.of_row(row))
         except (KeyError, TypeError, ValueError) as error:
             raise InputError(
-                f"{file}: line {number}: cannot be read ({error}); remove the file to begin anew"
+                f"{file}: line {number}: cannot be read ({error}); remove the file to start again"
             ) from None
     return outcomes
 
