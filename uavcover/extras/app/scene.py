@@ -35,7 +35,8 @@ from uavcover.report.map_data import gap_data, layer_data, rings_of, zone_data
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import Site, area_as_drawn, load_site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.terrain_source import TerrainSource
 
 _DEGREE_M = 111_319.49
