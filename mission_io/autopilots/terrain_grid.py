@@ -5,9 +5,13 @@ Neighbouring blocks overlap by one part, so that every place lies inside one blo
 ``Location``: a sphere, single-precision factors, and the longitude scale half-way between the two latitudes.
 """
 
+import binascii
 import math
-from collections.abc import Callable, Sequence
+import struct
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+
+from mission_io.errors import MisuseError
 
 PART_SIDE = 4
 PARTS_NORTH, PARTS_EAST = 7, 8
@@ -181,3 +185,54 @@ def _shifted_e7(south_deg: int, west_deg: int, north_m: float, east_m: float) ->
 
 def _longitude_scale(lat_deg: float) -> float:
     return max(_LEAST_SCALE, math.cos(math.radians(lat_deg)))
+
+
+BLOCK_BYTES = 2048
+_VERSION = 1
+_HEAD, _TAIL = struct.Struct("<QiiHHH"), struct.Struct("<HHhb")
+_HEIGHTS = struct.Struct(f"<{ROWS * COLUMNS}h")
+
+
+def dat_name(south_deg: int, west_deg: int) -> str:
+    """The file that ArduPilot keeps a degree in, such as ``S34W071.DAT``."""
+    return f"{'S' if south_deg < 0 else 'N'}{abs(south_deg):02d}{'W' if west_deg < 0 else 'E'}{abs(west_deg):03d}.DAT"
+
+
+def dat_bytes(blocks: Mapping[TerrainBlock, tuple[Part | None, ...]]) -> bytes:
+    """The file of a degree.
+
+    Args:
+        blocks: The parts of each block, in the order of their numbers; None for those that are unknown. Blocks of which all
+            is unknown are left out, and the autopilot requests them.
+
+    Raises:
+        MisuseError: blocks of several degrees or spacings, or none.
+    """
+    if len({(block.south_deg, block.west_deg, block.spacing_m) for block in blocks}) != 1:
+        raise MisuseError("a terrain file has the blocks of one degree at one spacing")
+    data = bytearray()
+    for block, parts in blocks.items():
+        if all(part is None for part in parts):
+            continue
+        at = BLOCK_BYTES * (blocks_east(block.south_deg, block.spacing_m) * block.north + block.east)
+        data.extend(bytes(max(0, at + BLOCK_BYTES - len(data))))
+        data[at : at + BLOCK_BYTES] = _block_bytes(block, parts)
+    return bytes(data)
+
+
+def _block_bytes(block: TerrainBlock, parts: tuple[Part | None, ...]) -> bytes:
+    if len(parts) != PART_COUNT:
+        raise MisuseError(f"a terrain block has {PART_COUNT} parts, not {len(parts)}")
+    bitmap = sum(1 << number for number, part in enumerate(parts) if part is not None)
+    heights = [0] * (ROWS * COLUMNS)
+    for number, part in enumerate(parts):
+        row, column = number // PARTS_EAST * PART_SIDE, number % PARTS_EAST * PART_SIDE
+        for line in range(PART_SIDE if part is not None else 0):
+            start = (row + line) * COLUMNS + column
+            heights[start : start + PART_SIDE] = part[line * PART_SIDE : (line + 1) * PART_SIDE]  # type: ignore[index]
+
+    def packed(crc: int) -> bytes:
+        head = _HEAD.pack(bitmap, *block.corner_e7, crc, _VERSION, block.spacing_m)
+        return head + _HEIGHTS.pack(*heights) + _TAIL.pack(block.north, block.east, block.west_deg, block.south_deg)
+
+    return packed(binascii.crc_hqx(packed(0), 0)).ljust(BLOCK_BYTES, b"\0")

@@ -1,10 +1,12 @@
 """Vehicle types: the numbers of MAV_TYPE, by name and by kind (multicopter, plane, rover, ...)."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from enum import Enum
 from types import MappingProxyType
 from typing import Final
 
+from mission_io.data_tables import data_rows
 from mission_io.errors import MisuseError
 
 
@@ -23,62 +25,19 @@ class VehicleKind(Enum):
     NO_VEHICLE = "part of a vehicle, or a station"
 
 
-_M, _V, _N = VehicleKind.MULTIROTOR, VehicleKind.VTOL, VehicleKind.NO_VEHICLE
+@dataclass(frozen=True, slots=True)
+class _Type:
+    number: int
+    kind: VehicleKind
+
 
 _TYPES: Final[Mapping[int, tuple[str, VehicleKind]]] = MappingProxyType(
     {
-        0: ("generic", VehicleKind.OTHER),
-        1: ("plane", VehicleKind.PLANE),
-        2: ("quadrotor", _M),
-        3: ("coaxial", _M),
-        4: ("helicopter", VehicleKind.HELICOPTER),
-        5: ("antenna-tracker", VehicleKind.OTHER),
-        6: ("ground-station", _N),
-        7: ("airship", VehicleKind.AIRSHIP),
-        8: ("balloon", VehicleKind.OTHER),
-        9: ("rocket", VehicleKind.OTHER),
-        10: ("rover", VehicleKind.ROVER),
-        11: ("boat", VehicleKind.BOAT),
-        12: ("submarine", VehicleKind.SUBMARINE),
-        13: ("hexarotor", _M),
-        14: ("octorotor", _M),
-        15: ("tricopter", _M),
-        16: ("flapping-wing", VehicleKind.OTHER),
-        17: ("kite", VehicleKind.OTHER),
-        18: ("onboard-controller", _N),
-        19: ("vtol-tailsitter-duorotor", _V),
-        20: ("vtol-tailsitter-quadrotor", _V),
-        21: ("vtol-tiltrotor", _V),
-        22: ("vtol-fixedrotor", _V),
-        23: ("vtol-tailsitter", _V),
-        24: ("vtol-tiltwing", _V),
-        25: ("vtol-reserved", _V),
-        26: ("gimbal", _N),
-        27: ("adsb", _N),
-        28: ("parafoil", VehicleKind.OTHER),
-        29: ("dodecarotor", _M),
-        30: ("camera", _N),
-        31: ("charging-station", _N),
-        32: ("flarm", _N),
-        33: ("servo", _N),
-        34: ("remote-id", _N),
-        35: ("decarotor", _M),
-        36: ("battery", _N),
-        37: ("parachute", _N),
-        38: ("log", _N),
-        39: ("osd", _N),
-        40: ("imu", _N),
-        41: ("gps", _N),
-        42: ("winch", _N),
-        43: ("multirotor", _M),
-        44: ("illuminator", _N),
-        45: ("spacecraft", VehicleKind.OTHER),
-        46: ("walking-robot", VehicleKind.ROVER),
-        47: ("vtol-gyrodyne", _V),
-        48: ("gripper", _N),
+        row.number: (name, row.kind)
+        for name, row in data_rows(_Type, "mission_io/data/vehicle_types.toml", "types").items()
     }
 )
-"""Name and kind of each MAV_TYPE, from common.xml of MAVLink."""
+"""Name and kind of each MAV_TYPE."""
 
 VEHICLE_TYPES: Final = tuple(_TYPES)
 """The numbers that have a name here."""

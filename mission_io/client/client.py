@@ -23,6 +23,7 @@ from mission_io.client.transfer_outcome import (
 )
 from mission_io.clock import Clock
 from mission_io.errors import (
+    CommandRefusedError,
     FormatError,
     MisuseError,
     TransferCancelledError,
@@ -30,8 +31,10 @@ from mission_io.errors import (
     TransferInterrupted,
     TransferSilentError,
     VehicleHolds,
+    VehicleSilentError,
 )
 from mission_io.links.opening import Link
+from mission_io.model.enums import AutopilotId
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.clear import Clear, ClearState
 from mission_io.protocol.download import Download, DownloadState
@@ -39,15 +42,14 @@ from mission_io.protocol.exchange import Address
 from mission_io.protocol.mission_control import ItemProgress
 from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.tables import UploadState
-from mission_io.protocol.timing import CLEAR_TRIES, Timing
+from mission_io.protocol.terrain import TerrainAnswers
+from mission_io.protocol.timing import Timing
+from mission_io.protocol.tuning import CALLS, TRANSFERS
 from mission_io.protocol.upload import Upload
-from mission_io.wire.messages import CommandAck, Message, MissionCurrent, ParamValue, Received
+from mission_io.wire.messages import CommandAck, Message, MissionCurrent, ParamValue, Received, TerrainRequest
 
 MessageT = TypeVar("MessageT", bound=Message)
 _log = logging.getLogger(__name__)
-
-_ANSWER_S = 10.0
-_ITEM_LIMIT_S = 3.0
 
 
 class _Terms(TypedDict):
@@ -166,7 +168,7 @@ class Client(Connection):
         """
         self._refuse_armed("clear", in_flight=in_flight)
         left: tuple[MissionItem, ...] = ()
-        for _ in range(CLEAR_TRIES):  # the acknowledgement may be a late one of an earlier upload
+        for _ in range(TRANSFERS.clear_tries):  # the acknowledgement may be a late one of an earlier upload
             self._clear_once(mission_type)
             try:
                 left = self.download(mission_type)
@@ -231,7 +233,7 @@ class Client(Connection):
                 f"the {list_name(mission_type)} was uploaded and not compared: {error}", vehicle_holds="unknown"
             ) from None
 
-    def ask_item_limit(self, *, timeout_s: float = _ITEM_LIMIT_S) -> int | None:
+    def ask_item_limit(self, *, timeout_s: float = CALLS.item_limit_s) -> int | None:
         """The number of mission items the vehicle accepts, home included; None without an answer within ``timeout_s``."""
         return transfer_outcome.ask_item_limit(self, self.vehicle.autopilot, timeout_s=timeout_s)
 
@@ -244,30 +246,30 @@ class Client(Connection):
 
     # Commands, modes, parameters: see mission_io.client.commands.
 
-    def command(self, command: int, *params: float, timeout_s: float = _ANSWER_S) -> CommandAck:
+    def command(self, command: int, *params: float, timeout_s: float = CALLS.answer_s) -> CommandAck:
         """Send a command, repeatedly until answered; see ``commands.send_command``."""
         return commands.send_command(self, command, params, timeout_s=timeout_s)
 
-    def set_mode(self, custom_mode: int, *, timeout_s: float = _ANSWER_S) -> None:
+    def set_mode(self, custom_mode: int, *, timeout_s: float = CALLS.answer_s) -> None:
         """Change the flight mode and wait for it in the heartbeat; see ``commands.set_mode``."""
         commands.set_mode(self, custom_mode, timeout_s=timeout_s)
 
     def request_message_interval(
-        self, kind: type[Message], interval_s: float, *, timeout_s: float = _ANSWER_S
+        self, kind: type[Message], interval_s: float, *, timeout_s: float = CALLS.answer_s
     ) -> CommandAck:
         """Request a message at an interval of ``interval_s`` seconds."""
         return commands.request_message_interval(self, kind, interval_s, timeout_s=timeout_s)
 
-    def request_message(self, kind: type[MessageT], *, timeout_s: float = _ANSWER_S) -> MessageT:
+    def request_message(self, kind: type[MessageT], *, timeout_s: float = CALLS.answer_s) -> MessageT:
         """Request a message once and wait for it."""
         return commands.request_message(self, kind, timeout_s=timeout_s)
 
-    def read_parameter(self, name: str, *, timeout_s: float = _ANSWER_S) -> ParamValue:
+    def read_parameter(self, name: str, *, timeout_s: float = CALLS.answer_s) -> ParamValue:
         """Read a parameter by its name."""
         return commands.read_parameter(self, name, timeout_s=timeout_s)
 
     def set_parameter(
-        self, name: str, value: float, *, param_type: int = 9, timeout_s: float = _ANSWER_S
+        self, name: str, value: float, *, param_type: int = 9, timeout_s: float = CALLS.answer_s
     ) -> ParamValue:
         """Set a parameter and verify its new value."""
         return commands.set_parameter(self, name, value, param_type=param_type, timeout_s=timeout_s)
@@ -278,15 +280,15 @@ class Client(Connection):
         """Make another item the current one, and wait until the vehicle reports it; see ``mission_control.set_current``."""
         return mission_control.set_current(self, seq, timeout_s=timeout_s)
 
-    def start_mission(self, *, timeout_s: float = _ANSWER_S) -> None:
+    def start_mission(self, *, timeout_s: float = CALLS.answer_s) -> None:
         """Fly the mission of an armed vehicle; see ``mission_control.start_mission``."""
         mission_control.start_mission(self, timeout_s=timeout_s)
 
-    def pause_mission(self, *, timeout_s: float = _ANSWER_S) -> None:
+    def pause_mission(self, *, timeout_s: float = CALLS.answer_s) -> None:
         """Stop in the air and keep the current item of the mission; see ``mission_control.pause_mission``."""
         mission_control.pause_mission(self, timeout_s=timeout_s)
 
-    def resume_mission(self, *, timeout_s: float = _ANSWER_S) -> None:
+    def resume_mission(self, *, timeout_s: float = CALLS.answer_s) -> None:
         """Go on after ``pause_mission``."""
         mission_control.resume_mission(self, timeout_s=timeout_s)
 
@@ -391,7 +393,7 @@ class Client(Connection):
         doing, advice = f"upload of the {list_name(mission_type)}", self.signing_advice()
         error = failure(doing, upload, how_far, vehicle_holds=holds, held_items=held, advice=advice)
         if silent and not isinstance(error, TransferSilentError | TransferCancelledError):
-            return TransferSilentError(f"{error} (it fell silent){advice}", vehicle_holds=holds)
+            return TransferSilentError(f"{error} (it stopped answering){advice}", vehicle_holds=holds)
         return error
 
     def _refuse_armed(self, what: str, *, in_flight: bool) -> None:
@@ -399,3 +401,19 @@ class Client(Connection):
             raise MisuseError(f"{two_in_one(self.vehicle, self.impostor)}; nothing was sent")
         if self.vehicle.armed and not in_flight:
             raise MisuseError(f"vehicle {self.vehicle.system_id} is armed; {what} only when in_flight is said")
+
+
+def answer_terrain_requests(client: Client, answers: TerrainAnswers) -> None:
+    """Answer the vehicle's requests from now on, and have it send them.
+
+    ArduPilot sends TERRAIN_REQUEST only on links that have asked for that message, or for the stream it belongs to. A vehicle
+    without terrain refuses, which is no error: it has no requests either.
+    """
+    if answers not in client.services:
+        client.services.append(answers)
+    if client.vehicle.mav_autopilot != AutopilotId.ARDUPILOT:
+        return
+    try:
+        client.request_message_interval(TerrainRequest, CALLS.terrain_every_s, timeout_s=CALLS.terrain_answer_s)
+    except (CommandRefusedError, VehicleSilentError) as error:
+        _log.info("the vehicle may not ask for terrain heights: %s", error)

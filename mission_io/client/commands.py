@@ -7,26 +7,15 @@ from mission_io.client.connection import Connection, VehicleInfo
 from mission_io.errors import CommandRefusedError, MisuseError
 from mission_io.model.enums import AutopilotId, CommandResult
 from mission_io.model.items import Command
+from mission_io.protocol.tuning import CALLS
+from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
-from mission_io.wire.messages import (
-    CommandAck,
-    CommandInt,
-    CommandLong,
-    Heartbeat,
-    Message,
-    ParamRequestRead,
-    ParamSet,
-    ParamValue,
-    Received,
-)
 from mission_io.wire.mission_items import float32
 
-MessageT = TypeVar("MessageT", bound=Message)
-
-_RESEND_S = 0.5
+MessageT = TypeVar("MessageT", bound=m.Message)
 
 
-def send_command(connection: Connection, command: int, params: tuple[float, ...], *, timeout_s: float) -> CommandAck:
+def send_command(connection: Connection, command: int, params: tuple[float, ...], *, timeout_s: float) -> m.CommandAck:
     """Send a COMMAND_LONG repeatedly until answered, with an increasing confirmation.
 
     Raises:
@@ -40,7 +29,7 @@ def send_command(connection: Connection, command: int, params: tuple[float, ...]
     to = connection.vehicle
 
     def send(attempt: int) -> None:
-        message = CommandLong(
+        message = m.CommandLong(
             to.system_id, to.component_id, command, (p1, p2, p3, p4, p5, p6, p7), confirmation=min(attempt, 255)
         )
         connection.send(message)
@@ -48,18 +37,18 @@ def send_command(connection: Connection, command: int, params: tuple[float, ...]
     return _await_answer(connection, command, send, timeout_s)
 
 
-def send_command_int(connection: Connection, message: CommandInt, *, timeout_s: float) -> CommandAck:
+def send_command_int(connection: Connection, message: m.CommandInt, *, timeout_s: float) -> m.CommandAck:
     """Send a COMMAND_INT repeatedly until answered; errors as ``send_command``."""
     return _await_answer(connection, message.command, lambda _: connection.send(message), timeout_s)
 
 
-def _await_answer(connection: Connection, command: int, send: Callable[[int], None], timeout_s: float) -> CommandAck:
+def _await_answer(connection: Connection, command: int, send: Callable[[int], None], timeout_s: float) -> m.CommandAck:
     started = False
 
-    def answers(received: Received) -> bool:
+    def answers(received: m.Received) -> bool:
         nonlocal started
         ack = received.message
-        if not isinstance(ack, CommandAck) or ack.command != command:
+        if not isinstance(ack, m.CommandAck) or ack.command != command:
             return False
         if ack.target_system not in (0, connection.local.system_id):
             return False
@@ -71,15 +60,15 @@ def _await_answer(connection: Connection, command: int, send: Callable[[int], No
             send(attempt)
 
     what = f"an answer to command {name_of(command)}"
-    ack = connection.wait_until(answers, timeout_s=timeout_s, what=what, again=ask, again_s=_RESEND_S).message
-    if not isinstance(ack, CommandAck):
+    ack = connection.wait_until(answers, timeout_s=timeout_s, what=what, again=ask, again_s=CALLS.resend_s).message
+    if not isinstance(ack, m.CommandAck):
         raise MisuseError(f"{ack} is not an answer to a command")
     if ack.result != CommandResult.ACCEPTED:
         raise refusal(connection.vehicle.system_id, ack)
     return ack
 
 
-def refusal(system_id: int, ack: CommandAck) -> CommandRefusedError:
+def refusal(system_id: int, ack: m.CommandAck) -> CommandRefusedError:
     """The error for a command answer other than ACCEPTED."""
     result = name_of_result(ack.result)
     return CommandRefusedError(
@@ -117,15 +106,15 @@ def await_mode(connection: Connection, custom_mode: int, *, timeout_s: float) ->
     if connection.vehicle.custom_mode == custom_mode:
         return
     connection.wait_until(
-        lambda received: isinstance(received.message, Heartbeat) and connection.vehicle.custom_mode == custom_mode,
+        lambda received: isinstance(received.message, m.Heartbeat) and connection.vehicle.custom_mode == custom_mode,
         timeout_s=timeout_s,
         what=f"a heartbeat in mode {custom_mode}",
     )
 
 
 def request_message_interval(
-    connection: Connection, kind: type[Message], interval_s: float, *, timeout_s: float
-) -> CommandAck:
+    connection: Connection, kind: type[m.Message], interval_s: float, *, timeout_s: float
+) -> m.CommandAck:
     """Request a message at an interval of ``interval_s`` seconds; errors as ``send_command``."""
     params = (float(message_id(kind)), interval_s * 1e6)
     return send_command(connection, Command.SET_MESSAGE_INTERVAL, params, timeout_s=timeout_s)
@@ -144,35 +133,35 @@ def request_message(connection: Connection, kind: type[MessageT], *, timeout_s: 
 
     found: list[MessageT] = []
 
-    def is_it(received: Received) -> bool:
+    def is_it(received: m.Received) -> bool:
         if isinstance(received.message, kind):
             found.append(received.message)
         return bool(found)
 
-    connection.wait_until(is_it, timeout_s=timeout_s, what=f"a {kind.__name__}", again=ask, again_s=_RESEND_S)
+    connection.wait_until(is_it, timeout_s=timeout_s, what=f"a {kind.__name__}", again=ask, again_s=CALLS.resend_s)
     return found[0]
 
 
-def message_question(to: VehicleInfo, kind: type[MessageT], attempt: int = 0) -> CommandLong:
+def message_question(to: VehicleInfo, kind: type[MessageT], attempt: int = 0) -> m.CommandLong:
     """The command that requests a message of a kind once."""
     params = (float(message_id(kind)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return CommandLong(to.system_id, to.component_id, Command.REQUEST_MESSAGE, params, confirmation=min(attempt, 255))
+    return m.CommandLong(to.system_id, to.component_id, Command.REQUEST_MESSAGE, params, confirmation=min(attempt, 255))
 
 
-def read_parameter(connection: Connection, name: str, *, timeout_s: float) -> ParamValue:
+def read_parameter(connection: Connection, name: str, *, timeout_s: float) -> m.ParamValue:
     """Read a parameter by its name.
 
     Raises:
         VehicleSilentError: no answer within ``timeout_s`` seconds, as for a parameter that does not exist.
     """
     to = connection.vehicle
-    ask = ParamRequestRead(to.system_id, to.component_id, name)
+    ask = m.ParamRequestRead(to.system_id, to.component_id, name)
     return _await_parameter(connection, name, ask, timeout_s)
 
 
 def set_parameter(
     connection: Connection, name: str, value: float, *, param_type: int = 9, timeout_s: float
-) -> ParamValue:
+) -> m.ParamValue:
     """Set a parameter and wait for the vehicle to report its value.
 
     Raises:
@@ -180,7 +169,7 @@ def set_parameter(
         VehicleSilentError: no answer within ``timeout_s`` seconds, as for a parameter that does not exist.
     """
     to = connection.vehicle
-    ask = ParamSet(to.system_id, to.component_id, name, value, param_type)
+    ask = m.ParamSet(to.system_id, to.component_id, name, value, param_type)
     answer = _await_parameter(connection, name, ask, timeout_s)
     if answer.value != float32(value):
         raise MisuseError(f"{name} is {answer.value:g} after it was set to {value:g}; the vehicle limits or refuses it")
@@ -188,17 +177,21 @@ def set_parameter(
 
 
 def _await_parameter(
-    connection: Connection, name: str, ask: ParamRequestRead | ParamSet, timeout_s: float
-) -> ParamValue:
-    found: list[ParamValue] = []
+    connection: Connection, name: str, ask: m.ParamRequestRead | m.ParamSet, timeout_s: float
+) -> m.ParamValue:
+    found: list[m.ParamValue] = []
 
-    def is_it(received: Received) -> bool:
-        if isinstance(received.message, ParamValue) and received.message.name == name:
+    def is_it(received: m.Received) -> bool:
+        if isinstance(received.message, m.ParamValue) and received.message.name == name:
             found.append(received.message)
         return bool(found)
 
     connection.wait_until(
-        is_it, timeout_s=timeout_s, what=f"parameter {name}", again=lambda _: connection.send(ask), again_s=_RESEND_S
+        is_it,
+        timeout_s=timeout_s,
+        what=f"parameter {name}",
+        again=lambda _: connection.send(ask),
+        again_s=CALLS.resend_s,
     )
     return found[0]
 

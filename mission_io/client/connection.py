@@ -4,17 +4,18 @@ import logging
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from types import TracebackType
-from typing import Protocol, Self
+from typing import Protocol
 
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.client.peers import Peers, VehicleChoice, VehicleInfo, two_in_one, vehicle_of
 from mission_io.clock import Clock, SystemClock, UnixClock
 from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledError
+from mission_io.links.base import Closing
 from mission_io.links.opening import Link, PeerLink, StreamLink
 from mission_io.model.enums import AutopilotId, VehicleClass
 from mission_io.protocol.exchange import Address
-from mission_io.protocol.rate_limit import RateLimit
+from mission_io.protocol.timing import RateLimit
+from mission_io.protocol.tuning import CALLS
 from mission_io.wire.codec import Codec, LinkStatistics
 from mission_io.wire.messages import Heartbeat, Message, Received, TimeSync, is_for
 from mission_io.wire.signing import Signing, SigningKey, TimestampFile, TimestampStore, UnsavedTimestamps
@@ -22,13 +23,6 @@ from mission_io.wire.signing import Signing, SigningKey, TimestampFile, Timestam
 __all__ = ["Connection", "VehicleInfo"]
 
 _log = logging.getLogger(__name__)
-
-_HEARTBEAT_S = 1.0
-
-_TIME_ANSWERS_PER_S = 500.0
-"""A simulated vehicle at a hundred times real time asks 200 times a second."""
-_CATCH_UP_S = 0.1
-"""How long ``poll`` reads what has arrived already; otherwise a vehicle that sends faster than we read would never let it end."""
 
 
 class Service(Protocol):
@@ -47,7 +41,7 @@ class Service(Protocol):
         ...
 
 
-class Connection:
+class Connection(Closing):
     """A connection to one vehicle: sends a heartbeat each second while it waits, and keeps the vehicle's latest one.
 
     Args:
@@ -87,17 +81,9 @@ class Connection:
         self._listener = listener
         self._vehicle: VehicleInfo | None = None
         self.impostor: VehicleInfo | None = None
-        self._time_answers = RateLimit(per_s=_TIME_ANSWERS_PER_S)
+        self._time_answers = RateLimit(per_s=CALLS.time_answers_per_s)
         self._heartbeat_at = -math.inf
         self._heard_at = -math.inf
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def close(self) -> None:
         """Close the link."""
@@ -184,7 +170,7 @@ class Connection:
         """
         deadline = self.clock.now() + timeout_s
         messages = self.next_messages(deadline)
-        until = self.clock.now() + _CATCH_UP_S
+        until = self.clock.now() + CALLS.catch_up_s
         while messages and self.clock.now() < until and (more := self._receive(0.0)):
             messages.extend(more)
         return messages
@@ -316,10 +302,10 @@ class Connection:
         while True:
             self.raise_if_given_up()
             now = self.clock.now()
-            if now >= self._heartbeat_at + _HEARTBEAT_S:
+            if now >= self._heartbeat_at + CALLS.heartbeat_s:
                 self._heartbeat_at = now
                 self._send_heartbeat()
-            wake = min(deadline, self._heartbeat_at + _HEARTBEAT_S, self._serve(now))
+            wake = min(deadline, self._heartbeat_at + CALLS.heartbeat_s, self._serve(now))
             messages = self._receive(max(0.0, wake - now))
             if messages or self.clock.now() >= deadline:
                 return messages

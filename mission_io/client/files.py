@@ -13,10 +13,8 @@ from mission_io.protocol.ftp import FtpMessage
 from mission_io.protocol.ftp_download import FtpDownload, FtpDownloadState
 from mission_io.protocol.ftp_listing import FtpEntry, FtpListing, FtpListingState
 from mission_io.protocol.ftp_upload import FtpUpload, FtpUploadState
+from mission_io.protocol.tuning import CALLS
 from mission_io.wire.messages import FileTransfer, Received
-
-ARDUPILOT_WINDOW = 5
-"""ArduPilot queues five requests, and drops what comes beyond."""
 
 
 class FileUploads:
@@ -28,7 +26,7 @@ class FileUploads:
         silent_s: Silence after which an upload is given up.
     """
 
-    def __init__(self, client: Client, *, window: int = ARDUPILOT_WINDOW, silent_s: float = 30.0) -> None:
+    def __init__(self, client: Client, *, window: int = CALLS.ardupilot_window, silent_s: float = 30.0) -> None:
         if window < 1 or not silent_s > 0.0:
             raise MisuseError(f"window {window} and silent_s {silent_s} must be above 0")
         self._client, self._window, self._silent_s = client, window, silent_s
@@ -126,7 +124,7 @@ class FileDownloads:
         silent_s: Time without new data after which a download is given up.
     """
 
-    def __init__(self, client: Client, *, window: int = ARDUPILOT_WINDOW, silent_s: float = 30.0) -> None:
+    def __init__(self, client: Client, *, window: int = CALLS.ardupilot_window, silent_s: float = 30.0) -> None:
         if window < 1 or not silent_s > 0.0:
             raise MisuseError(f"window {window} and silent_s {silent_s} must be above 0")
         self._client, self._window, self._silent_s = client, window, silent_s

@@ -6,9 +6,8 @@ from mission_io.client.connection import Connection
 from mission_io.client.running import Progress, Stop, run
 from mission_io.errors import TransferCancelledError, TransferSilentError
 from mission_io.protocol.log_download import LogDownload
+from mission_io.protocol.tuning import CALLS
 from mission_io.wire.messages import LogEntry, LogRequestList, Received
-
-_LIST_AGAIN_S = 1.0
 
 
 def list_flight_logs(connection: Connection, *, timeout_s: float = 10.0) -> tuple[LogEntry, ...]:
@@ -39,7 +38,7 @@ def list_flight_logs(connection: Connection, *, timeout_s: float = 10.0) -> tupl
         first, last = (missing[0], missing[-1]) if missing and missing[0] >= 0 else (0, 65535)
         connection.send(LogRequestList(to.system_id, to.component_id, first, last))
 
-    connection.wait_until(is_whole, timeout_s=timeout_s, what="its list of logs", again=ask, again_s=_LIST_AGAIN_S)
+    connection.wait_until(is_whole, timeout_s=timeout_s, what="its list of logs", again=ask, again_s=CALLS.list_again_s)
     return tuple(found[number] for number in sorted(found))
 
 
@@ -84,7 +83,7 @@ class FlightLogDownloads:
             raise TransferCancelledError(
                 f"log {entry.log_id}: stopped after {here} of {total} bytes", vehicle_holds="unchanged"
             )
-        raise TransferSilentError(f"{who} fell silent after {here} of {total} bytes", vehicle_holds="unchanged")
+        raise TransferSilentError(f"{who} stopped answering after {here} of {total} bytes", vehicle_holds="unchanged")
 
 
 def download_flight_log(

@@ -11,9 +11,8 @@ from mission_io.client import commands
 from mission_io.client.client import Client
 from mission_io.errors import TransferCancelledError
 from mission_io.model.items import MissionType
+from mission_io.protocol.tuning import CALLS
 from mission_io.wire.messages import MissionCurrent
-
-_ANSWER_S = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,7 +30,7 @@ class ListIds:
         ]
 
 
-def read_list_ids(client: Client, *, timeout_s: float = _ANSWER_S) -> ListIds:
+def read_list_ids(client: Client, *, timeout_s: float = CALLS.list_id_answer_s) -> ListIds:
     """Ask for the ids of all lists.
 
     Raises:
@@ -41,7 +40,9 @@ def read_list_ids(client: Client, *, timeout_s: float = _ANSWER_S) -> ListIds:
     return ListIds(current.mission_id or None, current.fence_id or None, current.rally_points_id or None)
 
 
-def list_changed(client: Client, mission_type: MissionType, *, timeout_s: float = _ANSWER_S) -> bool | None:
+def list_changed(
+    client: Client, mission_type: MissionType, *, timeout_s: float = CALLS.list_id_answer_s
+) -> bool | None:
     """Whether a list is another one than the client transferred last, either way.
 
     Args:

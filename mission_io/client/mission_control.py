@@ -10,12 +10,11 @@ from mission_io.errors import CommandRefusedError, VehicleSilentError
 from mission_io.model.enums import Firmware
 from mission_io.model.items import Command
 from mission_io.protocol.mission_control import ItemProgress, SetCurrent
+from mission_io.protocol.tuning import CALLS
 from mission_io.wire.messages import MissionCurrent
 
 _BY_COMMAND = (Firmware.COPTER,)
 """Firmwares that stop inside a mission at DO_PAUSE_CONTINUE; the others change to a mode that holds."""
-_POLL_S = 0.5
-_ASK_AGAIN_S = 2.0
 
 
 def set_current(connection: Connection, seq: int, *, timeout_s: float = 5.0) -> MissionCurrent:
@@ -144,15 +143,15 @@ def follow_mission(
         VehicleSilentError: no heartbeat for ``silent_s`` seconds.
     """
     vehicle = connection.vehicle
-    progress, heard_at = ItemProgress(), -_ASK_AGAIN_S
+    progress, heard_at = ItemProgress(), -CALLS.ask_again_s
     while True:
         now = connection.clock.now()
         if connection.heartbeat_age_s > silent_s:
             raise VehicleSilentError(f"vehicle {vehicle.system_id} sent no heartbeat for {silent_s:g} s")
-        if now >= heard_at + _ASK_AGAIN_S:
+        if now >= heard_at + CALLS.ask_again_s:
             heard_at = now
             connection.send(commands.message_question(vehicle, MissionCurrent))
-        for received in connection.poll(_POLL_S):
+        for received in connection.poll(CALLS.poll_s):
             if (received.system_id, received.component_id) != (vehicle.system_id, vehicle.component_id):
                 continue
             if isinstance(received.message, MissionCurrent):

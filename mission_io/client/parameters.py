@@ -11,9 +11,8 @@ from mission_io.protocol.exchange import Address
 from mission_io.protocol.parameter_messages import ParameterMessages
 from mission_io.protocol.parameter_values import PARAM_ENCODE_BYTEWISE, PARAM_ENCODE_C_CAST, Parameter, Value
 from mission_io.protocol.parameters import ParameterDownload, ParameterReads, ParameterWrites
+from mission_io.protocol.tuning import CALLS
 from mission_io.wire.messages import AutopilotVersion
-
-_ASK_VERSION_S = 3.0
 
 
 class VehicleParameters:
@@ -117,7 +116,7 @@ def _is_bytewise(client: Client) -> bool:
     if number in known:
         return known[AutopilotId(number)]
     try:
-        capabilities = commands.request_message(client, AutopilotVersion, timeout_s=_ASK_VERSION_S).capabilities
+        capabilities = commands.request_message(client, AutopilotVersion, timeout_s=CALLS.ask_version_s).capabilities
     except (VehicleSilentError, CommandRefusedError):
         capabilities = 0
     if not capabilities & (PARAM_ENCODE_BYTEWISE | PARAM_ENCODE_C_CAST):

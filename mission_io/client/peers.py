@@ -12,10 +12,8 @@ from mission_io.autopilots.vehicle_types import VehicleKind, kind_of, type_name
 from mission_io.errors import AmbiguousVehicleError, MisuseError
 from mission_io.model.enums import AutopilotId, VehicleClass
 from mission_io.protocol.exchange import Address
+from mission_io.protocol.tuning import CALLS
 from mission_io.wire.messages import Heartbeat, Received
-
-OLD_HEARTBEATS: Final = 3
-"""After this many consecutive MAVLink 1 heartbeats, while ours are MAVLink 2, a vehicle is taken to speak only MAVLink 1."""
 
 _log = logging.getLogger(__name__)
 
@@ -99,7 +97,7 @@ class Peers:
 
     def speaks_only_1(self, address: Address) -> bool:
         """Whether a peer keeps to MAVLink 1 although we speak MAVLink 2."""
-        return self._old_heartbeats.get(address, 0) >= OLD_HEARTBEATS
+        return self._old_heartbeats.get(address, 0) >= CALLS.old_heartbeats
 
     def take(self, received: Received) -> VehicleInfo | None:
         """Process a message; returns the vehicle if it is a vehicle's heartbeat."""
@@ -158,9 +156,6 @@ def vehicle_of(received: Received) -> VehicleInfo | None:
 AUTOPILOT_COMPONENT: Final = 1
 """MAV_COMP_ID_AUTOPILOT1: chosen when several components of a system send autopilot heartbeats."""
 
-LISTEN_S: Final = 1.2
-"""How long to listen for others after the first vehicle: heartbeats come once a second."""
-
 
 class VehicleChoice:
     """Collects the vehicles heard, and chooses the requested one.
@@ -193,7 +188,7 @@ class VehicleChoice:
             return
         self._heard[vehicle.address] = vehicle
         if self._decide_at is None:
-            self._decide_at = now + LISTEN_S
+            self._decide_at = now + CALLS.listen_s
         if self._system_id is not None and AUTOPILOT_COMPONENT in (vehicle.component_id, self._component_id):
             self._decide_at = now  # no later one could be meant instead
         elif self._system_id is not None and self._component_id is not None:

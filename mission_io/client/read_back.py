@@ -9,7 +9,7 @@ from typing import Any
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.autopilots.comparison import Difference, compare_items
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.timing import STALE_READ_BACK_S
+from mission_io.protocol.tuning import TRANSFERS
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +71,7 @@ def read_back(
     received = download()
     differences = compare_items(items, received, autopilot, mission_type)
     if not all(difference.acceptable for difference in differences):
-        wait(STALE_READ_BACK_S)
+        wait(TRANSFERS.stale_read_back_s)
         received = download()
         differences = compare_items(items, received, autopilot, mission_type)
     return ReadBack(mission_type, autopilot.name, tuple(items), received, differences)

@@ -15,11 +15,12 @@ from mission_io.conformance.case import CaseResult, Outcome, ProtocolCase, as_js
 from mission_io.conformance.client_cases import CLIENT_CASES
 from mission_io.conformance.download_cases import DOWNLOAD_CASES
 from mission_io.conformance.evidence import ON_REQUEST, ClientCase
-from mission_io.conformance.fake_vehicle import LONGEST_S, QUIET_S, FakeVehicle
+from mission_io.conformance.fake_vehicle import FakeVehicle
 from mission_io.conformance.list_cases import LIST_CASES
 from mission_io.conformance.probe import Probe
 from mission_io.conformance.refusal_cases import REFUSAL_CASES
 from mission_io.conformance.run import ask_vehicle
+from mission_io.conformance.tuning import STATION
 from mission_io.conformance.upload_cases import UPLOAD_CASES
 from mission_io.errors import LinkError, MissionIoError, MisuseError, VehicleSilentError
 from mission_io.links.opening import LINK_FORMS, Link, open_link
@@ -78,7 +79,11 @@ def _parser() -> argparse.ArgumentParser:
         "--as", dest="autopilot", choices=("px4", "ardupilot"), default="px4", help="vehicle type that --serve reports"
     )
     parser.add_argument(
-        "--quiet", type=float, default=QUIET_S, metavar="S", help=f"--serve: silence that ends a case, {QUIET_S:g} s"
+        "--quiet",
+        type=float,
+        default=STATION.quiet_s,
+        metavar="S",
+        help=f"--serve: silence that ends a case, {STATION.quiet_s:g} s",
     )
     return parser
 
@@ -198,16 +203,13 @@ if __name__ == "__main__":
     sys.exit(main())
 
 
-_TICK_S = 0.02
-
-
 def serve(link: Link, vehicle: FakeVehicle, *, stopped: Callable[[], bool]) -> None:
     """Be the vehicle on a link until all cases are judged, or ``stopped`` is true."""
     while (vehicle.open or vehicle.busy) and not stopped():
         now = link.clock.now()
         for datagram in vehicle.datagrams_to_send(now):
             link.send(datagram)
-        data = link.receive(min(_TICK_S, max(0.0, vehicle.next_timer() - now)))
+        data = link.receive(min(STATION.tick_s, max(0.0, vehicle.next_timer() - now)))
         if data is not None:
             vehicle.receive_datagram(data, link.clock.now())
 
@@ -239,7 +241,7 @@ def judge_client(
     except MissionIoError:
         succeeded = False
     vehicle.told(succeeded)
-    until = client.clock.now() + LONGEST_S + 10.0
+    until = client.clock.now() + STATION.longest_s + 10.0
     while vehicle.busy and client.clock.now() < until:
         client.poll(1.0)
     return vehicle.results[0] if vehicle.results else None

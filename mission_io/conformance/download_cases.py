@@ -5,69 +5,57 @@ from typing import Final
 
 from mission_io.conformance.case import FailedError, ProtocolCase, RefusedError, check, for_each_list
 from mission_io.conformance.guide import Section
-from mission_io.conformance.probe import ABSENT_SYSTEM, ANSWER_S, ITEMS, REQUESTS, Probe, described, seq_of
+from mission_io.conformance.probe import ITEMS, REQUESTS, Probe, described, seq_of
 from mission_io.conformance.samples import difference, sample
+from mission_io.conformance.tuning import PROBE
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.wire.messages import (
-    Heartbeat,
-    MissionAck,
-    MissionCount,
-    MissionItemFloat,
-    MissionItemInt,
-    MissionRequest,
-    MissionRequestInt,
-    MissionRequestList,
-)
+from mission_io.wire import messages as m
 from mission_io.wire.mission_items import item_from_message
 
 _MISSION: Final = MissionType.MISSION
-_COUNT: Final = 4
-_FREE_S: Final = 15.0
-_SLOW_S: Final = 1.2
 _INT_FRAMES: Final = (5, 6, 11, 2)
-_STRANGE_TYPE: Final = 7
 
 
 def _listed(p: Probe, t: MissionType) -> int:
     """Begin a download; the number of items."""
     p.forget()
-    answer = p.ask(MissionRequestList(*p.to, t), t, (MissionCount, MissionAck))
-    if isinstance(answer, MissionAck):
+    answer = p.ask(m.MissionRequestList(*p.to, t), t, (m.MissionCount, m.MissionAck))
+    if isinstance(answer, m.MissionAck):
         raise RefusedError(f"the list was refused: {described(answer)}")
-    if not isinstance(answer, MissionCount):
+    if not isinstance(answer, m.MissionCount):
         raise FailedError("no answer to the request of the list")
     return answer.count
 
 
-def _item(p: Probe, t: MissionType, seq: int) -> MissionItemInt | MissionItemFloat:
+def _item(p: Probe, t: MissionType, seq: int) -> m.MissionItemInt | m.MissionItemFloat:
     """Ask for an item; it."""
-    answer = p.ask(MissionRequestInt(*p.to, seq, t), t, (*ITEMS, MissionAck))
+    answer = p.ask(m.MissionRequestInt(*p.to, seq, t), t, (*ITEMS, m.MissionAck))
     if not isinstance(answer, ITEMS):
         raise FailedError(f"requested item {seq}: {described(answer)}")
     check(answer.seq == seq, f"requested item {seq}, received item {answer.seq}")
     return answer
 
 
-def _rest_of(p: Probe, t: MissionType, count: int, first: int = 0) -> list[MissionItemInt | MissionItemFloat]:
+def _rest_of(p: Probe, t: MissionType, count: int, first: int = 0) -> list[m.MissionItemInt | m.MissionItemFloat]:
     items = [_item(p, t, seq) for seq in range(first, count)]
     p.send(p.ack(MissionResult.ACCEPTED, t))
     return items
 
 
 def _check_items(
-    p: Probe, t: MissionType, sent: tuple[MissionItem, ...], got: list[MissionItemInt | MissionItemFloat]
+    p: Probe, t: MissionType, sent: tuple[MissionItem, ...], got: list[m.MissionItemInt | m.MissionItemFloat]
 ) -> None:
-    wrong = difference(sent, [item_from_message(m) for m in got], home_first=p.home_first and t is _MISSION)
+    wrong = difference(sent, [item_from_message(got) for got in got], home_first=p.home_first and t is _MISSION)
     check(not wrong, wrong)
 
 
 def in_order(t: MissionType, p: Probe) -> str:
     """Count, items, each with its number and list, and for this station."""
-    held = sample(t, _COUNT)
+    held = sample(t, PROBE.listed_items)
     p.hold(t, held)
     count = _listed(p, t)
-    check(count == _COUNT, f"COUNT {count} for {_COUNT} items")
+    check(count == PROBE.listed_items, f"COUNT {count} for {PROBE.listed_items} items")
     got = _rest_of(p, t, count)
     local = p.client.local
     for message in got:
@@ -88,47 +76,47 @@ def no_items(t: MissionType, p: Probe) -> str:
 
 def int_items(p: Probe) -> str:
     """MISSION_REQUEST_INT is answered with MISSION_ITEM_INT."""
-    p.hold(_MISSION, sample(_MISSION, _COUNT))
+    p.hold(_MISSION, sample(_MISSION, PROBE.listed_items))
     got = _rest_of(p, _MISSION, _listed(p, _MISSION))
-    floats = [m.seq for m in got if isinstance(m, MissionItemFloat)]
+    floats = [got.seq for got in got if isinstance(got, m.MissionItemFloat)]
     check(not floats, f"items {floats} came as MISSION_ITEM")
     return "all as MISSION_ITEM_INT"
 
 
 def int_frames(p: Probe) -> str:
     """MISSION_ITEM_INT requires the frames whose names end in INT."""
-    p.hold(_MISSION, sample(_MISSION, _COUNT))
-    frames = {m.frame for m in _rest_of(p, _MISSION, _listed(p, _MISSION)) if isinstance(m, MissionItemInt)}
+    p.hold(_MISSION, sample(_MISSION, PROBE.listed_items))
+    frames = {got.frame for got in _rest_of(p, _MISSION, _listed(p, _MISSION)) if isinstance(got, m.MissionItemInt)}
     check(frames <= set(_INT_FRAMES), f"frames {sorted(frames)}: not those of integers")
     return f"frames {sorted(frames)}"
 
 
 def old_request(p: Probe) -> str:
     """MISSION_REQUEST is answered as MISSION_REQUEST_INT is."""
-    p.hold(_MISSION, sample(_MISSION, _COUNT))
+    p.hold(_MISSION, sample(_MISSION, PROBE.listed_items))
     _listed(p, _MISSION)
-    answer = p.ask(MissionRequest(*p.to, 0, _MISSION), _MISSION, (*ITEMS, MissionAck))
+    answer = p.ask(m.MissionRequest(*p.to, 0, _MISSION), _MISSION, (*ITEMS, m.MissionAck))
     p.send(p.ack(MissionResult.OPERATION_CANCELLED))
-    if isinstance(answer, MissionAck):
+    if isinstance(answer, m.MissionAck):
         raise RefusedError(f"MISSION_REQUEST was answered {described(answer)}")
-    check(isinstance(answer, MissionItemInt), f"MISSION_REQUEST was answered with {described(answer)}")
+    check(isinstance(answer, m.MissionItemInt), f"MISSION_REQUEST was answered with {described(answer)}")
     return "answered with MISSION_ITEM_INT"
 
 
 def list_twice(p: Probe) -> str:
     """The list is requested again after its count was lost."""
-    held = sample(_MISSION, _COUNT)
+    held = sample(_MISSION, PROBE.listed_items)
     p.hold(_MISSION, held)
     _listed(p, _MISSION)
     count = _listed(p, _MISSION)
-    check(count == _COUNT, f"COUNT {count} at the second time")
+    check(count == PROBE.listed_items, f"COUNT {count} at the second time")
     _check_items(p, _MISSION, held, _rest_of(p, _MISSION, count))
     return "the same count again, and every item"
 
 
 def item_twice(p: Probe) -> str:
     """An item is requested again after it was lost."""
-    held = sample(_MISSION, _COUNT)
+    held = sample(_MISSION, PROBE.listed_items)
     p.hold(_MISSION, held)
     count = _listed(p, _MISSION)
     got = []
@@ -143,13 +131,13 @@ def item_twice(p: Probe) -> str:
 
 def beyond(p: Probe) -> str:
     """An item that does not exist: an error, or nothing; and the vehicle serves on."""
-    held = sample(_MISSION, _COUNT)
+    held = sample(_MISSION, PROBE.listed_items)
     p.hold(_MISSION, held)
     count = _listed(p, _MISSION)
-    p.send(MissionRequestInt(*p.to, count + 3, _MISSION))
-    answer = p.answer(_MISSION, ANSWER_S / 2.0, (*ITEMS, MissionAck))
+    p.send(m.MissionRequestInt(*p.to, count + 3, _MISSION))
+    answer = p.answer(_MISSION, PROBE.answer_s / 2.0, (*ITEMS, m.MissionAck))
     check(not isinstance(answer, ITEMS), f"item {count + 3} of {count} came")
-    if isinstance(answer, MissionAck):
+    if isinstance(answer, m.MissionAck):
         check(answer.result != MissionResult.ACCEPTED, f"item {count + 3} of {count}: ACK ACCEPTED")
     p.rest()
     _check_items(p, _MISSION, held, _rest_of(p, _MISSION, _listed(p, _MISSION)))
@@ -158,11 +146,11 @@ def beyond(p: Probe) -> str:
 
 def skipping(p: Probe) -> str:
     """Item 2 before item 0; after any answer, a new download is served."""
-    held = sample(_MISSION, _COUNT)
+    held = sample(_MISSION, PROBE.listed_items)
     p.hold(_MISSION, held)
     _listed(p, _MISSION)
-    p.send(MissionRequestInt(*p.to, 2, _MISSION))
-    answer = p.answer(_MISSION, ANSWER_S / 2.0, (*ITEMS, MissionAck))
+    p.send(m.MissionRequestInt(*p.to, 2, _MISSION))
+    answer = p.answer(_MISSION, PROBE.answer_s / 2.0, (*ITEMS, m.MissionAck))
     check(not isinstance(answer, ITEMS) or seq_of(answer) == 2, f"requested item 2, received item {seq_of(answer)}")
     p.rest()
     _check_items(p, _MISSION, held, _rest_of(p, _MISSION, _listed(p, _MISSION)))
@@ -173,28 +161,28 @@ def _upload_taken(p: Probe) -> float:
     """Seconds until an upload is taken."""
     new = sample(_MISSION, 3, first=50)
     began = p.now()
-    while p.now() - began < _FREE_S:
+    while p.now() - began < PROBE.free_s:
         p.forget()
         p.send(p.count(3))
-        answer = p.answer(_MISSION, 0.5 + p.late_s, (*REQUESTS, MissionAck))
+        answer = p.answer(_MISSION, 0.5 + p.late_s, (*REQUESTS, m.MissionAck))
         if isinstance(answer, REQUESTS) and seq_of(answer) == 0:
             waited_s = p.now() - began
             ack = p.finish_upload(new, _MISSION)
             check(ack.result == MissionResult.ACCEPTED, f"the upload after it ended with {described(ack)}")
             return waited_s
-    raise FailedError(f"no upload was taken for {_FREE_S:g} s")
+    raise FailedError(f"no upload was taken for {PROBE.free_s:g} s")
 
 
 def abandoned(p: Probe) -> str:
     """A station that requested the list and disappeared does not block others for ever."""
-    p.hold(_MISSION, sample(_MISSION, _COUNT))
+    p.hold(_MISSION, sample(_MISSION, PROBE.listed_items))
     _listed(p, _MISSION)
     return f"an upload was taken {_upload_taken(p):.1f} s later"
 
 
 def cancelled(p: Probe) -> str:
     """A cancelled download leaves the vehicle idle."""
-    p.hold(_MISSION, sample(_MISSION, _COUNT))
+    p.hold(_MISSION, sample(_MISSION, PROBE.listed_items))
     _listed(p, _MISSION)
     _item(p, _MISSION, 0)
     p.send(p.ack(MissionResult.OPERATION_CANCELLED))
@@ -205,26 +193,26 @@ def cancelled(p: Probe) -> str:
 
 def slow(p: Probe) -> str:
     """A station that takes more than a second for each request."""
-    held = sample(_MISSION, _COUNT)
+    held = sample(_MISSION, PROBE.listed_items)
     p.hold(_MISSION, held)
     count = _listed(p, _MISSION)
     got = []
     for seq in range(count):
-        p.quiet(_SLOW_S)
+        p.quiet(PROBE.slow_s)
         got.append(_item(p, _MISSION, seq))
     p.send(p.ack(MissionResult.ACCEPTED))
     _check_items(p, _MISSION, held, got)
-    return f"served with {_SLOW_S:g} s between requests"
+    return f"served with {PROBE.slow_s:g} s between requests"
 
 
 def second_station(p: Probe) -> str:
     """Another station requests the list in the middle of a download."""
-    held = sample(_MISSION, _COUNT)
+    held = sample(_MISSION, PROBE.listed_items)
     p.hold(_MISSION, held)
-    p.send(Heartbeat(autopilot=8, vehicle_type=6, system_status=4), as_other=True)
+    p.send(m.Heartbeat(autopilot=8, vehicle_type=6, system_status=4), as_other=True)
     count = _listed(p, _MISSION)
     got = [_item(p, _MISSION, 0)]
-    p.send(MissionRequestList(*p.to, _MISSION), as_other=True)
+    p.send(m.MissionRequestList(*p.to, _MISSION), as_other=True)
     p.quiet(0.3)
     got += _rest_of(p, _MISSION, count, first=1)
     _check_items(p, _MISSION, held, got)
@@ -233,23 +221,25 @@ def second_station(p: Probe) -> str:
 
 def other_target(p: Probe) -> str:
     """Messages to another system get no answer."""
-    p.hold(_MISSION, sample(_MISSION, _COUNT))
+    p.hold(_MISSION, sample(_MISSION, PROBE.listed_items))
     p.forget()
-    p.send(MissionRequestList(ABSENT_SYSTEM, p.to[1], _MISSION))
-    p.send(replace(MissionRequestInt(*p.to, 0, _MISSION), target_system=ABSENT_SYSTEM))
+    p.send(m.MissionRequestList(PROBE.absent_system, p.to[1], _MISSION))
+    p.send(replace(m.MissionRequestInt(*p.to, 0, _MISSION), target_system=PROBE.absent_system))
     said = p.quiet(2.0)
-    check(not said, f"a request for system {ABSENT_SYSTEM} was answered with {described(said[0]) if said else ''}")
+    check(
+        not said, f"a request for system {PROBE.absent_system} was answered with {described(said[0]) if said else ''}"
+    )
     return "no answer"
 
 
 def strange_type(p: Probe) -> str:
     """A list that does not exist is not served."""
-    p.hold(_MISSION, sample(_MISSION, _COUNT))
+    p.hold(_MISSION, sample(_MISSION, PROBE.listed_items))
     p.forget()
-    p.send(MissionRequestList(*p.to, _STRANGE_TYPE))
+    p.send(m.MissionRequestList(*p.to, PROBE.strange_type))
     said = p.quiet(2.0)
-    counts = [m for m in said if isinstance(m, MissionCount) and m.count]
-    check(not counts, f"the list of mission_type {_STRANGE_TYPE} has {counts[0].count if counts else 0} items")
+    counts = [got for got in said if isinstance(got, m.MissionCount) and got.count]
+    check(not counts, f"the list of mission_type {PROBE.strange_type} has {counts[0].count if counts else 0} items")
     return f"answered with {described(said[0] if said else None)}"
 
 

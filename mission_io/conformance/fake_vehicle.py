@@ -13,34 +13,15 @@ from typing import Final
 from mission_io.autopilots.autopilot import PX4
 from mission_io.conformance.case import CaseResult
 from mission_io.conformance.evidence import ClientCase, HeardMessage, Operation, StationEvidence
-from mission_io.conformance.guide import ITEM_RESEND_S
 from mission_io.conformance.samples import sample
 from mission_io.conformance.tricks import Said, Trick
+from mission_io.conformance.tuning import STATION
 from mission_io.model.enums import AutopilotId, CommandResult, MissionResult
 from mission_io.model.items import Command, Frame, MissionType
 from mission_io.protocol.exchange import Address
 from mission_io.protocol.server import MissionServer
+from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec, message_id
-from mission_io.wire.messages import (
-    AutopilotVersion,
-    CommandAck,
-    CommandLong,
-    Heartbeat,
-    Message,
-    MissionAck,
-    MissionClearAll,
-    MissionCount,
-    MissionCurrent,
-    MissionItemFloat,
-    MissionItemInt,
-    MissionRequest,
-    MissionRequestInt,
-    MissionRequestList,
-    MissionSetCurrent,
-    Received,
-    StatusText,
-    is_for,
-)
 
 BY_THE_GUIDE: Final = replace(
     PX4,
@@ -48,7 +29,7 @@ BY_THE_GUIDE: Final = replace(
     frames=frozenset(Frame),
     position_free_frames=frozenset(Frame),
     storage={},
-    rerequest_s=ITEM_RESEND_S,
+    rerequest_s=STATION.item_resend_s,
     give_up_s=12.0,
     count_restarts=True,
     acks_repeated_last_item=False,
@@ -58,24 +39,20 @@ BY_THE_GUIDE: Final = replace(
 )
 """The vehicle as the guide describes it, where no trick is played."""
 
-QUIET_S: Final = 5.0
-"""Silence after which a ground station is done."""
-LONGEST_S: Final = 120.0
-"""One that has not come to an end after this time never does."""
 
 CAPABILITIES: Final = (1 << 2) | (1 << 13) | (1 << 14) | (1 << 15)
 """It takes integers, MAVLink 2, fences and rally points."""
 
 _CLIENT_KINDS: Final = (
-    MissionCount,
-    MissionItemInt,
-    MissionItemFloat,
-    MissionRequest,
-    MissionRequestInt,
-    MissionRequestList,
-    MissionAck,
-    MissionClearAll,
-    MissionSetCurrent,
+    m.MissionCount,
+    m.MissionItemInt,
+    m.MissionItemFloat,
+    m.MissionRequest,
+    m.MissionRequestInt,
+    m.MissionRequestList,
+    m.MissionAck,
+    m.MissionClearAll,
+    m.MissionSetCurrent,
 )
 
 
@@ -99,7 +76,7 @@ class FakeVehicle:
         *,
         autopilot: AutopilotId = AutopilotId.PX4,
         judged: Callable[[CaseResult], None] | None = None,
-        quiet_s: float = QUIET_S,
+        quiet_s: float = STATION.quiet_s,
         system_id: int = 1,
     ) -> None:
         self.address = Address(system_id, 1)
@@ -108,7 +85,7 @@ class FakeVehicle:
         self.results: list[CaseResult] = []
         self._autopilot, self._judged, self._quiet_s = autopilot, judged, quiet_s
         self._codecs: dict[Address, Codec] = {}
-        self._waiting: list[tuple[float, int, Address, Message]] = []
+        self._waiting: list[tuple[float, int, Address, m.Message]] = []
         self._order = itertools.count()
         self._case: ClientCase | None = None
         self._trick = Trick()
@@ -133,7 +110,7 @@ class FakeVehicle:
         self._collect(now)
         if now >= self._beat_at:
             self._beat_at = now + 1.0
-            self._say(Said(Heartbeat(self._autopilot, 2, 0, 0, 3)), now)
+            self._say(Said(m.Heartbeat(self._autopilot, 2, 0, 0, 3)), now)
             self._say(Said(self._mission_current()), now)
         sent = []
         while self._waiting and self._waiting[0][0] <= now:
@@ -167,14 +144,14 @@ class FakeVehicle:
 
     def _over_at(self, evidence: StationEvidence) -> float:
         last_s = evidence.heard[-1].at_s
-        return min(last_s + self._quiet_s, evidence.began_s + LONGEST_S)
+        return min(last_s + self._quiet_s, evidence.began_s + STATION.longest_s)
 
     def _judge_if_over(self, now: float) -> None:
         evidence, case = self._evidence, self._case
         if evidence is None or case is None or now < self._over_at(evidence):
             return
         evidence.held = self.server.items(evidence.mission_type)
-        evidence.unending = now >= evidence.began_s + LONGEST_S
+        evidence.unending = now >= evidence.began_s + STATION.longest_s
         verdict, seen = case.answered_by(evidence)
         result = CaseResult(case.name, verdict, seen, evidence.lasted_s)
         self.results.append(result)
@@ -188,9 +165,9 @@ class FakeVehicle:
     def _announce(self, now: float) -> None:
         """Announce the next expected operation to the user of the ground station."""
         text = f"{len(self.open)} cases left; {self.open[0].operation.value}" if self.open else "all cases are judged"
-        self._say(Said(StatusText(6, text[:50])), now)
+        self._say(Said(m.StatusText(6, text[:50])), now)
 
-    def _begin(self, message: Message, station: Address, now: float) -> None:
+    def _begin(self, message: m.Message, station: Address, now: float) -> None:
         mission_type = getattr(message, "mission_type", 0)
         operations = _begun_by(message)
         if mission_type not in MissionType._value2member_map_:
@@ -207,14 +184,14 @@ class FakeVehicle:
 
     # Messages.
 
-    def _receive(self, received: Received, now: float) -> None:
+    def _receive(self, received: m.Received, now: float) -> None:
         message = received.message
         sender = Address(received.system_id, received.component_id)
         seq = _sets_current(message)
         asked = message  # a command that sets the current item is as good as the message
-        if isinstance(message, CommandLong) and seq is not None:
-            asked = MissionSetCurrent(message.target_system, message.target_component, seq)
-        ours = is_for(message, system_id=self.address.system_id, component_id=self.address.component_id)
+        if isinstance(message, m.CommandLong) and seq is not None:
+            asked = m.MissionSetCurrent(message.target_system, message.target_component, seq)
+        ours = m.is_for(message, system_id=self.address.system_id, component_id=self.address.component_id)
         if isinstance(asked, _CLIENT_KINDS):
             if self._case is None and ours:
                 self._begin(message, sender, now)
@@ -230,28 +207,28 @@ class FakeVehicle:
         self._set_current_or_command(message, sender, now)
         self.server.receive(received, now)
 
-    def _set_current_or_command(self, message: Message, sender: Address, now: float) -> None:
+    def _set_current_or_command(self, message: m.Message, sender: Address, now: float) -> None:
         seq = _sets_current(message)
         if seq is not None and seq >= len(self.server.items(MissionType.MISSION)):
-            self._say(Said(StatusText(3, f"there is no item {seq}")), now)
+            self._say(Said(m.StatusText(3, f"there is no item {seq}")), now)
         elif seq is not None:
             self._current = seq
             self._say_all(self._trick.says(self._mission_current(), now), now)
-        if not isinstance(message, CommandLong):
+        if not isinstance(message, m.CommandLong):
             return
         version = message.command == Command.REQUEST_AUTOPILOT_CAPABILITIES or (
-            message.command == Command.REQUEST_MESSAGE and message.params[0] == message_id(AutopilotVersion)
+            message.command == Command.REQUEST_MESSAGE and message.params[0] == message_id(m.AutopilotVersion)
         )
         result = CommandResult.ACCEPTED if version or seq is not None else CommandResult.UNSUPPORTED
-        self._say(Said(CommandAck(message.command, result, 0, 0, sender.system_id, sender.component_id)), now)
+        self._say(Said(m.CommandAck(message.command, result, 0, 0, sender.system_id, sender.component_id)), now)
         if version:
-            self._say(Said(AutopilotVersion(CAPABILITIES, 0x01110000, 1)), now)
+            self._say(Said(m.AutopilotVersion(CAPABILITIES, 0x01110000, 1)), now)
 
-    def _mission_current(self) -> MissionCurrent:
+    def _mission_current(self) -> m.MissionCurrent:
         mission = MissionType.MISSION
-        return MissionCurrent(self._current, len(self.server.items(mission)), mission_id=self.server.list_id(mission))
+        return m.MissionCurrent(self._current, len(self.server.items(mission)), mission_id=self.server.list_id(mission))
 
-    def _is_about_the_case(self, message: Message) -> bool:
+    def _is_about_the_case(self, message: m.Message) -> bool:
         evidence = self._evidence
         if evidence is None:
             return False
@@ -264,17 +241,19 @@ class FakeVehicle:
             self._say_all(self._tricked(message, now), now)
         self.server.events()
 
-    def _tricked(self, message: Message, now: float) -> Sequence[Said]:
+    def _tricked(self, message: m.Message, now: float) -> Sequence[Said]:
         """Messages that answer a message of the server; after an error, the vehicle's side of the error too."""
         evidence = self._evidence
         if evidence is None or not isinstance(message, _SAID_IN[evidence.operation]):
             return [Said(message)]
         said = self._trick.says(message, now)
-        own = [one.message for one in said if one.sender is None and isinstance(one.message, MissionAck)]
+        own = [one.message for one in said if one.sender is None and isinstance(one.message, m.MissionAck)]
         about = [
-            m for m in own if (m.target_system, m.mission_type) == (evidence.station.system_id, evidence.mission_type)
+            got
+            for got in own
+            if (got.target_system, got.mission_type) == (evidence.station.system_id, evidence.mission_type)
         ]
-        if about and not isinstance(message, MissionAck):
+        if about and not isinstance(message, m.MissionAck):
             self._forget_upload(now)
         elif about and getattr(message, "result", 0) == MissionResult.ACCEPTED and about[-1].result:
             self.server.set_items(evidence.mission_type, evidence.old)
@@ -284,10 +263,10 @@ class FakeVehicle:
         """Be idle, with the list that was there before."""
         if self._evidence is not None:
             station, to = self._evidence.station, self.address
-            end = MissionAck(
+            end = m.MissionAck(
                 to.system_id, to.component_id, MissionResult.OPERATION_CANCELLED, self._evidence.mission_type
             )
-            self.server.receive(Received(end, station.system_id, station.component_id), now)
+            self.server.receive(m.Received(end, station.system_id, station.component_id), now)
 
     def _say_all(self, said: Sequence[Said], now: float) -> None:
         for one in said:
@@ -305,48 +284,48 @@ class FakeVehicle:
         return self._codecs[sender]
 
 
-_ITEMS: Final = (MissionItemInt, MissionItemFloat)
-_REQUESTS: Final = (MissionRequest, MissionRequestInt)
-_PROTOCOL_SAID: Final = (MissionCount, *_REQUESTS, *_ITEMS, MissionAck)
-_UPLOADING: Final = (MissionCount, *_ITEMS, MissionAck)
-_DOWNLOADING: Final = (MissionRequestList, *_REQUESTS, MissionAck)
-_KINDS_OF: Final[dict[Operation, tuple[type[Message], ...]]] = {
+_ITEMS: Final = (m.MissionItemInt, m.MissionItemFloat)
+_REQUESTS: Final = (m.MissionRequest, m.MissionRequestInt)
+_PROTOCOL_SAID: Final = (m.MissionCount, *_REQUESTS, *_ITEMS, m.MissionAck)
+_UPLOADING: Final = (m.MissionCount, *_ITEMS, m.MissionAck)
+_DOWNLOADING: Final = (m.MissionRequestList, *_REQUESTS, m.MissionAck)
+_KINDS_OF: Final[dict[Operation, tuple[type[m.Message], ...]]] = {
     Operation.UPLOAD: _UPLOADING,
     Operation.EMPTY: _UPLOADING,
     Operation.CANCEL_UPLOAD: _UPLOADING,
     Operation.DOWNLOAD: _DOWNLOADING,
     Operation.CANCEL_DOWNLOAD: _DOWNLOADING,
-    Operation.CLEAR: (MissionClearAll,),
-    Operation.SET_CURRENT: (MissionSetCurrent,),
+    Operation.CLEAR: (m.MissionClearAll,),
+    Operation.SET_CURRENT: (m.MissionSetCurrent,),
 }
 """What a trick of a case may not hear."""
-_SAID_IN: Final[dict[Operation, tuple[type[Message], ...]]] = {
-    Operation.UPLOAD: (*_REQUESTS, MissionAck),
-    Operation.EMPTY: (MissionAck,),
-    Operation.CANCEL_UPLOAD: (*_REQUESTS, MissionAck),
-    Operation.DOWNLOAD: (MissionCount, *_ITEMS, MissionAck),
-    Operation.CANCEL_DOWNLOAD: (MissionCount, *_ITEMS, MissionAck),
-    Operation.CLEAR: (MissionAck,),
-    Operation.SET_CURRENT: (MissionCurrent,),
+_SAID_IN: Final[dict[Operation, tuple[type[m.Message], ...]]] = {
+    Operation.UPLOAD: (*_REQUESTS, m.MissionAck),
+    Operation.EMPTY: (m.MissionAck,),
+    Operation.CANCEL_UPLOAD: (*_REQUESTS, m.MissionAck),
+    Operation.DOWNLOAD: (m.MissionCount, *_ITEMS, m.MissionAck),
+    Operation.CANCEL_DOWNLOAD: (m.MissionCount, *_ITEMS, m.MissionAck),
+    Operation.CLEAR: (m.MissionAck,),
+    Operation.SET_CURRENT: (m.MissionCurrent,),
 }
 """What a trick of a case may change."""
 
 
-def _begun_by(message: Message) -> tuple[Operation, ...]:
+def _begun_by(message: m.Message) -> tuple[Operation, ...]:
     """The operations that a message can begin."""
-    if isinstance(message, MissionCount):
+    if isinstance(message, m.MissionCount):
         return (Operation.UPLOAD, Operation.CANCEL_UPLOAD) if message.count else (Operation.EMPTY,)
-    if isinstance(message, MissionRequestList):
+    if isinstance(message, m.MissionRequestList):
         return (Operation.DOWNLOAD, Operation.CANCEL_DOWNLOAD)
-    if isinstance(message, MissionClearAll):
+    if isinstance(message, m.MissionClearAll):
         return (Operation.CLEAR,)
     return (Operation.SET_CURRENT,) if _sets_current(message) is not None else ()
 
 
-def _sets_current(message: Message) -> int | None:
+def _sets_current(message: m.Message) -> int | None:
     """The item that a message makes the current one; None for other messages."""
-    if isinstance(message, MissionSetCurrent):
+    if isinstance(message, m.MissionSetCurrent):
         return message.seq
-    if isinstance(message, CommandLong) and message.command == Command.DO_SET_MISSION_CURRENT:
+    if isinstance(message, m.CommandLong) and message.command == Command.DO_SET_MISSION_CURRENT:
         return int(message.params[0]) if 0.0 <= message.params[0] <= 65535.0 else None
     return None

@@ -49,9 +49,3 @@ _ADDRESSES: Final = {
     Section.ERRORS: f"{GUIDE}#errors",
     Section.ROUTING: "https://mavlink.io/en/guide/routing.html",
 }
-
-RESEND_S: Final = 1.5
-"""The guide's time-out before a message is sent again."""
-ITEM_RESEND_S: Final = 0.25
-"""The same for items."""
-RETRIES: Final = 5

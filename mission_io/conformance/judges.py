@@ -7,26 +7,15 @@ from mission_io.conformance.case import FailedError, LackingError, check
 from mission_io.conformance.evidence import HeardMessage, Operation, StationEvidence
 from mission_io.conformance.probe import result_name
 from mission_io.conformance.samples import difference
+from mission_io.conformance.tuning import STATION
 from mission_io.model.enums import MissionResult
-from mission_io.wire.messages import (
-    Message,
-    MissionAck,
-    MissionClearAll,
-    MissionCount,
-    MissionItemFloat,
-    MissionItemInt,
-    MissionRequest,
-    MissionRequestInt,
-    MissionRequestList,
-)
+from mission_io.wire import messages as m
 from mission_io.wire.mission_items import item_from_message
 
 Judge = Callable[[StationEvidence], str]
 
-_ITEMS: Final = (MissionItemInt, MissionItemFloat)
-_REQUESTS: Final = (MissionRequest, MissionRequestInt)
-_CROSSING_S: Final = 1.0
-"""What was sent so shortly after a message may have crossed it."""
+_ITEMS: Final = (m.MissionItemInt, m.MissionItemFloat)
+_REQUESTS: Final = (m.MissionRequest, m.MissionRequestInt)
 
 
 def judged_by(*judges: Judge) -> Judge:
@@ -48,7 +37,7 @@ def _addressed(e: StationEvidence) -> None:
             target in (0, e.vehicle.system_id),
             f"{type(h.message).__name__} for system {target}, the vehicle is {e.vehicle.system_id}",
         )
-    for h in e.of(MissionItemInt, MissionItemFloat):
+    for h in e.of(m.MissionItemInt, m.MissionItemFloat):
         check(getattr(h.message, "mission_type", 0) == e.mission_type, "items of another list than the COUNT")
 
 
@@ -56,18 +45,18 @@ def _came_to_an_end(e: StationEvidence) -> None:
     check(not e.unending, f"still sending after {e.lasted_s:.0f} s")
 
 
-def _seq(message: Message) -> int:
+def _seq(message: m.Message) -> int:
     seq: int = getattr(message, "seq", -1)
     return seq
 
 
-def _steps(e: StationEvidence) -> tuple[type[Message], ...]:
+def _steps(e: StationEvidence) -> tuple[type[m.Message], ...]:
     """The station's progress: items of an upload, requests of a download."""
     return _REQUESTS if e.operation in (Operation.DOWNLOAD, Operation.CANCEL_DOWNLOAD) else _ITEMS
 
 
 def _acks(e: StationEvidence, *results: MissionResult) -> list[HeardMessage]:
-    return [h for h in e.of(MissionAck) if getattr(h.message, "result", None) in results]
+    return [h for h in e.of(m.MissionAck) if getattr(h.message, "result", None) in results]
 
 
 def completes(e: StationEvidence) -> str:
@@ -75,10 +64,10 @@ def completes(e: StationEvidence) -> str:
     if e.operation in (Operation.DOWNLOAD, Operation.CANCEL_DOWNLOAD):
         return _download_completes(e)
     wrong = _unlike_what_was_sent(e)
-    good = [h for h in e.answered(MissionAck) if getattr(h.message, "result", None) == MissionResult.ACCEPTED]
+    good = [h for h in e.answered(m.MissionAck) if getattr(h.message, "result", None) == MissionResult.ACCEPTED]
     check(not wrong, f"the vehicle never had every item: {wrong}")
     check(e.reported_success is not False, "the vehicle took the list, and the ground station said that it failed")
-    late = [h for h in e.of(*_ITEMS) if good and h.at_s > good[-1].at_s + _CROSSING_S]
+    late = [h for h in e.of(*_ITEMS) if good and h.at_s > good[-1].at_s + STATION.crossing_s]
     check(not late, f"item {_seq(late[0].message) if late else 0} came after the ACK")
     return f"{len(e.held)} items in {e.lasted_s:.1f} s"
 
@@ -86,7 +75,7 @@ def completes(e: StationEvidence) -> str:
 def _unlike_what_was_sent(e: StationEvidence) -> str:
     """The difference between what the station sent and what the vehicle holds; empty when there is none."""
     sent = {_seq(h.message): h.message for h in e.of(*_ITEMS)}
-    return difference([item_from_message(m) for _, m in sorted(sent.items()) if isinstance(m, _ITEMS)], e.held)
+    return difference([item_from_message(got) for _, got in sorted(sent.items()) if isinstance(got, _ITEMS)], e.held)
 
 
 def _download_completes(e: StationEvidence) -> str:
@@ -129,7 +118,7 @@ def not_a_success(e: StationEvidence) -> str:
     return ends(e)
 
 
-def again(*kinds: type[Message], times: int = 2, seq: int | None = None) -> Judge:
+def again(*kinds: type[m.Message], times: int = 2, seq: int | None = None) -> Judge:
     """It repeats a message without an answer."""
 
     def judge(e: StationEvidence) -> str:
@@ -143,23 +132,23 @@ def again(*kinds: type[Message], times: int = 2, seq: int | None = None) -> Judg
 
 def int_items(e: StationEvidence) -> str:
     """Items go out as MISSION_ITEM_INT, with the frames of integers."""
-    floats = [_seq(h.message) for h in e.of(MissionItemFloat)]
+    floats = [_seq(h.message) for h in e.of(m.MissionItemFloat)]
     check(not floats, f"items {sorted(set(floats))} were sent as MISSION_ITEM")
-    if not e.of(MissionItemInt):
+    if not e.of(m.MissionItemInt):
         raise FailedError("no item was sent")
     return ""
 
 
 def int_frames(e: StationEvidence) -> str:
     """The frames are those whose names end in INT, or that of no position."""
-    frames = {h.message.frame for h in e.of(MissionItemInt) if isinstance(h.message, MissionItemInt)}
+    frames = {h.message.frame for h in e.of(m.MissionItemInt) if isinstance(h.message, m.MissionItemInt)}
     check(frames <= {2, 5, 6, 11}, f"frames {sorted(frames)}: not those of integers")
     return f"frames {sorted(frames)}"
 
 
 def int_requests(e: StationEvidence) -> str:
     """Items are requested with MISSION_REQUEST_INT."""
-    check(not e.of(MissionRequest), "asked with the deprecated MISSION_REQUEST")
+    check(not e.of(m.MissionRequest), "asked with the deprecated MISSION_REQUEST")
     return "asked with MISSION_REQUEST_INT"
 
 
@@ -184,12 +173,12 @@ def stops_at(result: MissionResult) -> Judge:
 
     def judge(e: StationEvidence) -> str:
         check(e.reported_success is not True, "the ground station said that it succeeded")
-        errors = [h.at_s for h in e.answered(MissionAck) if getattr(h.message, "result", None) == result]
+        errors = [h.at_s for h in e.answered(m.MissionAck) if getattr(h.message, "result", None) == result]
         if not errors:
             raise LackingError("it did not come so far")
-        counts = [h.at_s for h in e.of(MissionCount if e.operation is Operation.UPLOAD else MissionRequestList)]
+        counts = [h.at_s for h in e.of(m.MissionCount if e.operation is Operation.UPLOAD else m.MissionRequestList)]
         for h in e.of(*_steps(e)):
-            error = max((at for at in errors if at + _CROSSING_S < h.at_s), default=None)
+            error = max((at for at in errors if at + STATION.crossing_s < h.at_s), default=None)
             begun_anew = error is not None and any(error < at <= h.at_s for at in counts)
             check(
                 error is None or begun_anew,
@@ -218,7 +207,7 @@ def no_item_for(*, of_list: bool = False) -> Judge:
 
 def never_beyond(e: StationEvidence) -> str:
     """No item is sent that was not announced."""
-    counts = [h.message.count for h in e.of(MissionCount) if isinstance(h.message, MissionCount)]
+    counts = [h.message.count for h in e.of(m.MissionCount) if isinstance(h.message, m.MissionCount)]
     beyond = [_seq(h.message) for h in e.of(*_ITEMS) if counts and _seq(h.message) >= max(counts)]
     check(not beyond, f"item {beyond[0] if beyond else 0} was sent, which does not exist")
     return ""
@@ -228,11 +217,11 @@ def cancels(e: StationEvidence) -> str:
     """ACK OPERATION_CANCELLED, and then nothing."""
     said = _acks(e, MissionResult.OPERATION_CANCELLED)
     if not said:
-        done = [h for h in e.answered(MissionAck) if getattr(h.message, "result", None) == MissionResult.ACCEPTED]
+        done = [h for h in e.answered(m.MissionAck) if getattr(h.message, "result", None) == MissionResult.ACCEPTED]
         if done or (e.operation is Operation.CANCEL_DOWNLOAD and _acks(e, MissionResult.ACCEPTED)):
             raise LackingError("it was not cancelled")
         raise FailedError("it stopped without ACK OPERATION_CANCELLED")
-    late = [h for h in e.of(*_steps(e)) if h.at_s > said[0].at_s + _CROSSING_S]
+    late = [h for h in e.of(*_steps(e)) if h.at_s > said[0].at_s + STATION.crossing_s]
     check(not late, "it went on after its ACK OPERATION_CANCELLED")
     check(e.reported_success is not True, "the ground station said that it succeeded")
     return "ACK OPERATION_CANCELLED, then nothing"
@@ -240,10 +229,10 @@ def cancels(e: StationEvidence) -> str:
 
 def cleared(e: StationEvidence) -> str:
     """CLEAR_ALL, and the vehicle's list is empty."""
-    check(e.of(MissionClearAll), "no CLEAR_ALL")
+    check(e.of(m.MissionClearAll), "no CLEAR_ALL")
     check(not e.held, f"the vehicle holds {len(e.held)} items")
     check(e.reported_success is not False, "the list is empty, and the ground station said that it failed")
-    return f"{len(e.of(MissionClearAll))} CLEAR_ALL"
+    return f"{len(e.of(m.MissionClearAll))} CLEAR_ALL"
 
 
 def holds_nothing(e: StationEvidence) -> str:

@@ -4,26 +4,16 @@ from typing import Final
 
 from mission_io.conformance.case import FailedError, LackingError, ProtocolCase, RefusedError, check, for_each_list
 from mission_io.conformance.guide import Section
-from mission_io.conformance.probe import ANSWER_S, Probe, described
+from mission_io.conformance.probe import Probe, described
 from mission_io.conformance.samples import LIST_NAMES, sample
+from mission_io.conformance.tuning import PROBE
 from mission_io.conformance.upload_cases import accepted
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import ALL_MISSION_TYPES, Command, MissionType
+from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
-from mission_io.wire.messages import (
-    AutopilotVersion,
-    CommandLong,
-    MissionAck,
-    MissionClearAll,
-    MissionCount,
-    MissionCurrent,
-    MissionRequestList,
-    MissionSetCurrent,
-    StatusText,
-)
 
 _MISSION: Final = MissionType.MISSION
-_CURRENT_S: Final = 5.0
 _CAN_INT: Final = 1 << 2
 _CAN: Final = {MissionType.FENCE: 1 << 14, MissionType.RALLY: 1 << 15}
 
@@ -31,9 +21,9 @@ _CAN: Final = {MissionType.FENCE: 1 << 14, MissionType.RALLY: 1 << 15}
 def cleared(t: MissionType, p: Probe) -> str:
     """CLEAR_ALL empties a list."""
     p.hold(t, sample(t, 4))
-    answer = p.ask(MissionClearAll(*p.to, t), t, (MissionAck,))
-    check(isinstance(answer, MissionAck), "CLEAR_ALL was not answered")
-    if isinstance(answer, MissionAck):
+    answer = p.ask(m.MissionClearAll(*p.to, t), t, (m.MissionAck,))
+    check(isinstance(answer, m.MissionAck), "CLEAR_ALL was not answered")
+    if isinstance(answer, m.MissionAck):
         accepted(p, answer)
     p.check_held(t, (), "after CLEAR_ALL")
     return "accepted, list empty"
@@ -43,9 +33,9 @@ def cleared_twice(p: Probe) -> str:
     """A list that is empty already."""
     p.hold(_MISSION, ())
     for _ in range(2):
-        answer = p.ask(MissionClearAll(*p.to, _MISSION), _MISSION, (MissionAck,))
-        check(isinstance(answer, MissionAck), "CLEAR_ALL of an empty list was not answered")
-        if isinstance(answer, MissionAck):
+        answer = p.ask(m.MissionClearAll(*p.to, _MISSION), _MISSION, (m.MissionAck,))
+        check(isinstance(answer, m.MissionAck), "CLEAR_ALL of an empty list was not answered")
+        if isinstance(answer, m.MissionAck):
             accepted(p, answer)
     return "accepted each time"
 
@@ -57,7 +47,7 @@ def cleared_alone(p: Probe) -> str:
         raise LackingError("it has only a mission")
     for t in kept:
         p.hold(t, sample(t, 4))
-    p.ask(MissionClearAll(*p.to, _MISSION), _MISSION, (MissionAck,))
+    p.ask(m.MissionClearAll(*p.to, _MISSION), _MISSION, (m.MissionAck,))
     p.rest()
     for t in kept:
         p.check_held(t, sample(t, 4), f"the {LIST_NAMES[t]} after the mission was cleared")
@@ -70,9 +60,9 @@ def cleared_all(p: Probe) -> str:
     for t in kept:
         p.hold(t, sample(t, 4))
     p.forget()
-    p.send(MissionClearAll(*p.to, ALL_MISSION_TYPES))
-    answer = p.hear(lambda m: isinstance(m, MissionAck), 2.0 * ANSWER_S)
-    if not isinstance(answer, MissionAck):
+    p.send(m.MissionClearAll(*p.to, ALL_MISSION_TYPES))
+    answer = p.hear(lambda got: isinstance(got, m.MissionAck), 2.0 * PROBE.answer_s)
+    if not isinstance(answer, m.MissionAck):
         raise FailedError("CLEAR_ALL of all lists was not answered")
     if answer.result != MissionResult.ACCEPTED:
         raise RefusedError(described(answer))
@@ -82,15 +72,15 @@ def cleared_all(p: Probe) -> str:
     return f"{', '.join(LIST_NAMES[t] for t in kept)} empty"
 
 
-def _current(p: Probe, within_s: float = _CURRENT_S, seq: int | None = None) -> MissionCurrent | None:
-    found = p.hear(lambda m: isinstance(m, MissionCurrent) and seq in (None, m.seq), within_s)
-    return found if isinstance(found, MissionCurrent) else None
+def _current(p: Probe, within_s: float = PROBE.current_s, seq: int | None = None) -> m.MissionCurrent | None:
+    found = p.hear(lambda got: isinstance(got, m.MissionCurrent) and seq in (None, got.seq), within_s)
+    return found if isinstance(found, m.MissionCurrent) else None
 
 
 def _asked_for_current(p: Probe) -> None:
     """Some vehicles send MISSION_CURRENT only to those who want it."""
-    interval = (float(message_id(MissionCurrent)), 500_000.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    p.send(CommandLong(*p.to, Command.SET_MESSAGE_INTERVAL, interval))
+    interval = (float(message_id(m.MissionCurrent)), 500_000.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    p.send(m.CommandLong(*p.to, Command.SET_MESSAGE_INTERVAL, interval))
 
 
 def current_set(p: Probe) -> str:
@@ -99,7 +89,7 @@ def current_set(p: Probe) -> str:
     _asked_for_current(p)
     for seq in (2, 3):
         p.forget()
-        p.send(MissionSetCurrent(*p.to, seq))
+        p.send(m.MissionSetCurrent(*p.to, seq))
         if _current(p, seq=seq) is None:
             last = _current(p)
             if last is None:
@@ -113,14 +103,14 @@ def current_beyond(p: Probe) -> str:
     p.hold(_MISSION, sample(_MISSION, 3))
     _asked_for_current(p)
     p.forget()
-    p.send(MissionSetCurrent(*p.to, 900))
+    p.send(m.MissionSetCurrent(*p.to, 900))
     texts: list[str] = []
-    until = p.now() + _CURRENT_S
+    until = p.now() + PROBE.current_s
     while p.now() < until:
-        message = p.hear(lambda m: isinstance(m, StatusText | MissionCurrent), max(0.0, until - p.now()))
-        if isinstance(message, StatusText):
+        message = p.hear(lambda got: isinstance(got, m.StatusText | m.MissionCurrent), max(0.0, until - p.now()))
+        if isinstance(message, m.StatusText):
             texts.append(message.text)
-        elif isinstance(message, MissionCurrent):
+        elif isinstance(message, m.MissionCurrent):
             check(message.seq != 900, "MISSION_CURRENT says 900 of 3")
     check(texts, "no STATUSTEXT")
     return f"STATUSTEXT {texts[0]!r}"
@@ -148,9 +138,9 @@ def ids_agree(p: Probe) -> str:
     """ACK, COUNT and MISSION_CURRENT carry the same id."""
     in_ack = _uploaded_id(p, 50)
     p.forget()
-    answer = p.ask(MissionRequestList(*p.to, _MISSION), _MISSION, (MissionCount,))
+    answer = p.ask(m.MissionRequestList(*p.to, _MISSION), _MISSION, (m.MissionCount,))
     p.send(p.ack(MissionResult.ACCEPTED))
-    in_count = answer.opaque_id if isinstance(answer, MissionCount) else 0
+    in_count = answer.opaque_id if isinstance(answer, m.MissionCount) else 0
     _asked_for_current(p)
     p.forget()
     current = _current(p)
@@ -173,15 +163,15 @@ def ids_differ(p: Probe) -> str:
 
 def capabilities(p: Probe) -> str:
     """AUTOPILOT_VERSION names its lists, and that it takes integers."""
-    asked = (float(message_id(AutopilotVersion)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    asked = (float(message_id(m.AutopilotVersion)), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     version = None
     for _ in range(3):
         p.forget()
-        p.send(CommandLong(*p.to, Command.REQUEST_MESSAGE, asked))
-        version = p.hear(lambda m: isinstance(m, AutopilotVersion), ANSWER_S)
+        p.send(m.CommandLong(*p.to, Command.REQUEST_MESSAGE, asked))
+        version = p.hear(lambda got: isinstance(got, m.AutopilotVersion), PROBE.answer_s)
         if version is not None:
             break
-    if not isinstance(version, AutopilotVersion):
+    if not isinstance(version, m.AutopilotVersion):
         raise LackingError("no AUTOPILOT_VERSION")
     check(version.capabilities & _CAN_INT, "it does not say that it takes MISSION_ITEM_INT")
     for t, bit in _CAN.items():

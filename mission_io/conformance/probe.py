@@ -8,6 +8,7 @@ from mission_io.client.client import Client
 from mission_io.client.connection import VehicleInfo
 from mission_io.conformance.case import FailedError, LackingError, RefusedError, check
 from mission_io.conformance.samples import LIST_NAMES, difference
+from mission_io.conformance.tuning import PROBE
 from mission_io.errors import FormatError, TransferError, TransferSilentError
 from mission_io.links.opening import Link
 from mission_io.model.enums import MissionResult
@@ -15,36 +16,14 @@ from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.exchange import Address
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.timing import Timing
+from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
-from mission_io.wire.messages import (
-    Message,
-    MissionAck,
-    MissionCount,
-    MissionItemFloat,
-    MissionItemInt,
-    MissionRequest,
-    MissionRequestInt,
-    MissionRequestList,
-    Received,
-)
 from mission_io.wire.mission_items import message_from_item
 
-REQUESTS: Final = (MissionRequest, MissionRequestInt)
-ITEMS: Final = (MissionItemInt, MissionItemFloat)
-PROTOCOL: Final = (MissionCount, *REQUESTS, *ITEMS, MissionAck)
+REQUESTS: Final = (m.MissionRequest, m.MissionRequestInt)
+ITEMS: Final = (m.MissionItemInt, m.MissionItemFloat)
+PROTOCOL: Final = (m.MissionCount, *REQUESTS, *ITEMS, m.MissionAck)
 """What a vehicle says in the mission protocol."""
-
-OTHER_SYSTEM: Final = 254
-ABSENT_SYSTEM: Final = 77
-"""A system that is not there."""
-
-ANSWER_S: Final = 3.0
-"""How long an answer may take: twice the guide's time-out."""
-_TRIES = 5
-_IDLE_S: Final = 1.5
-_LONGEST_REST_S: Final = 30.0
-_UNMEASURED_S: Final = 0.3
-_LONGEST_LATE_S: Final = 2.0
 
 
 class Probe:
@@ -60,8 +39,8 @@ class Probe:
 
     def __init__(self, link: Link, *, system_id: int = 255) -> None:
         self.client = Client(link, system_id=system_id, listener=self._note, timing=Timing(items_ahead=0))
-        self._other = Codec(system_id=OTHER_SYSTEM if system_id != OTHER_SYSTEM else 253, component_id=190)
-        self._inbox: deque[Received] = deque()
+        self._other = Codec(system_id=PROBE.other_system if system_id != PROBE.other_system else 253, component_id=190)
+        self._inbox: deque[m.Received] = deque()
         self._served: tuple[int, int] | None = None
         self._served_at = self._late_s = 0.0
 
@@ -85,7 +64,7 @@ class Probe:
         """The time of the link's clock, in seconds."""
         return self.client.clock.now()
 
-    def _note(self, received: Received, now: float) -> None:
+    def _note(self, received: m.Received, now: float) -> None:
         del now
         self._inbox.append(received)
 
@@ -96,7 +75,7 @@ class Probe:
         """The vehicle's address, as the first two fields of a message."""
         return self.vehicle.system_id, self.vehicle.component_id
 
-    def send(self, message: Message, *, as_other: bool = False) -> None:
+    def send(self, message: m.Message, *, as_other: bool = False) -> None:
         """Send one message, as this station or as the second one."""
         if as_other:
             self.client.link.send(self._other.encode(message))
@@ -110,25 +89,25 @@ class Probe:
         """The longest delay of an answer on this link, by the slowest transfer so far."""
         round_trip = self.client.patience.round_trip
         if round_trip is not None:
-            self._late_s = max(self._late_s, min(_LONGEST_LATE_S, round_trip.time_out_s))
-        return self._late_s or _UNMEASURED_S
+            self._late_s = max(self._late_s, min(PROBE.longest_late_s, round_trip.time_out_s))
+        return self._late_s or PROBE.unmeasured_s
 
-    def count(self, count: int, mission_type: int = MissionType.MISSION) -> MissionCount:
+    def count(self, count: int, mission_type: int = MissionType.MISSION) -> m.MissionCount:
         """Announces an upload."""
-        return MissionCount(*self.to, count, mission_type)
+        return m.MissionCount(*self.to, count, mission_type)
 
     def item(
         self, items: Sequence[MissionItem], seq: int, mission_type: MissionType = MissionType.MISSION
-    ) -> MissionItemInt:
+    ) -> m.MissionItemInt:
         """Item ``seq`` of a list."""
         system, component = self.to
         return message_from_item(
             items[seq], seq, mission_type=mission_type, target_system=system, target_component=component
         )
 
-    def ack(self, result: MissionResult, mission_type: int = MissionType.MISSION) -> MissionAck:
+    def ack(self, result: MissionResult, mission_type: int = MissionType.MISSION) -> m.MissionAck:
         """Ends something."""
-        return MissionAck(*self.to, result, mission_type)
+        return m.MissionAck(*self.to, result, mission_type)
 
     def forget(self) -> None:
         """Drop what was heard so far, and what is still under way: it answers no later question."""
@@ -137,8 +116,8 @@ class Probe:
         self._served = None
 
     def hear(
-        self, accept: Callable[[Message], bool], within_s: float = ANSWER_S, *, any_target: bool = False
-    ) -> Message | None:
+        self, accept: Callable[[m.Message], bool], within_s: float = PROBE.answer_s, *, any_target: bool = False
+    ) -> m.Message | None:
         """The vehicle's next message that ``accept`` takes; None when there is none within ``within_s`` seconds.
 
         Messages to others are skipped unless ``any_target``.
@@ -155,20 +134,20 @@ class Probe:
                 return None
             self.client.poll(min(0.05, max(0.0, deadline - self.now())))
 
-    def _is_ours(self, message: Message) -> bool:
+    def _is_ours(self, message: m.Message) -> bool:
         target = (getattr(message, "target_system", 0), getattr(message, "target_component", 0))
         local = self.client.local
         return target[0] in (0, local.system_id) and target[1] in (0, local.component_id)
 
     def answer(
-        self, mission_type: int, within_s: float = ANSWER_S, kinds: tuple[type[Message], ...] = PROTOCOL
-    ) -> Message | None:
+        self, mission_type: int, within_s: float = PROBE.answer_s, kinds: tuple[type[m.Message], ...] = PROTOCOL
+    ) -> m.Message | None:
         """The next message of the mission protocol to this station about a list.
 
         A request for the item that was sent last, or for one before it, is no answer to it while that may be under way.
         """
 
-        def accept(message: Message) -> bool:
+        def accept(message: m.Message) -> bool:
             about = getattr(message, "mission_type", None)
             if not isinstance(message, kinds) or about != mission_type:
                 return False
@@ -181,12 +160,16 @@ class Probe:
         return self.hear(accept, within_s)
 
     def ask(
-        self, message: Message, mission_type: int, kinds: tuple[type[Message], ...] = PROTOCOL, tries: int = _TRIES
-    ) -> Message | None:
+        self,
+        message: m.Message,
+        mission_type: int,
+        kinds: tuple[type[m.Message], ...] = PROTOCOL,
+        tries: int = PROBE.tries,
+    ) -> m.Message | None:
         """Send, again after each silence, and return the answer; None after the last try."""
         for _ in range(tries):
             self.send(message)
-            answer = self.answer(mission_type, ANSWER_S / 2.0, kinds)
+            answer = self.answer(mission_type, PROBE.answer_s / 2.0, kinds)
             if answer is not None:
                 return answer
         return None
@@ -199,16 +182,16 @@ class Probe:
             FailedError: it answers with something else, or not at all.
         """
         self.forget()
-        answer = self.ask(self.count(count, mission_type), mission_type, (*REQUESTS, MissionAck))
-        if isinstance(answer, MissionAck):
+        answer = self.ask(self.count(count, mission_type), mission_type, (*REQUESTS, m.MissionAck))
+        if isinstance(answer, m.MissionAck):
             check(answer.result != MissionResult.ACCEPTED, f"COUNT {count} was answered ACK ACCEPTED")
             raise RefusedError(f"COUNT {count} was answered {result_name(answer.result)}")
         check(answer is not None, f"COUNT {count} was not answered")
         check(seq_of(answer) == 0, f"asked for item {seq_of(answer)} first")
 
     def finish_upload(
-        self, items: Sequence[MissionItem], mission_type: MissionType, *, first: int = 0, wait_s: float = ANSWER_S
-    ) -> MissionAck:
+        self, items: Sequence[MissionItem], mission_type: MissionType, *, first: int = 0, wait_s: float = PROBE.answer_s
+    ) -> m.MissionAck:
         """Serve the vehicle's requests, from item ``first`` which it has just requested, until it acknowledges.
 
         Raises:
@@ -216,10 +199,10 @@ class Probe:
         """
         self.send(self.item(items, first, mission_type))
         for _ in range(20 * len(items) + 40):
-            answer = self.answer(mission_type, wait_s, (*REQUESTS, MissionAck))
-            if isinstance(answer, MissionAck) and answer.result == MissionResult.INVALID_SEQUENCE:
+            answer = self.answer(mission_type, wait_s, (*REQUESTS, m.MissionAck))
+            if isinstance(answer, m.MissionAck) and answer.result == MissionResult.INVALID_SEQUENCE:
                 continue  # about an item that it asked for twice; another case judges that
-            if isinstance(answer, MissionAck):
+            if isinstance(answer, m.MissionAck):
                 return answer
             check(answer is not None, f"nothing came within {wait_s:g} s of an item")
             seq = seq_of(answer)
@@ -280,12 +263,12 @@ class Probe:
             difference_seen = difference(items, held, home_first=home_first)
         check(not difference_seen, f"{what}: {difference_seen}")
 
-    def quiet(self, seconds: float) -> list[Message]:
+    def quiet(self, seconds: float) -> list[m.Message]:
         """Let time pass; what the vehicle said in the mission protocol meanwhile, to whomever."""
-        said: list[Message] = []
+        said: list[m.Message] = []
         deadline = self.now() + seconds
         while (left := deadline - self.now()) > 0.0:
-            message = self.hear(lambda m: isinstance(m, PROTOCOL), left, any_target=True)
+            message = self.hear(lambda got: isinstance(got, PROTOCOL), left, any_target=True)
             if message is not None:
                 said.append(message)
         return said
@@ -293,8 +276,8 @@ class Probe:
     def rest(self) -> float:
         """Bring the vehicle back to idle: end its transfers, and wait until it is silent. Returns the seconds taken."""
         began = self.now()
-        while self.now() - began < _LONGEST_REST_S:
-            said = self.quiet(_IDLE_S)
+        while self.now() - began < PROBE.longest_rest_s:
+            said = self.quiet(PROBE.idle_s)
             if not said:
                 break
             asked = [message for message in said if isinstance(message, REQUESTS)]
@@ -310,14 +293,14 @@ class Probe:
 
     def reads_list(self, mission_type: MissionType) -> bool:
         """Whether the vehicle answers a request for this list."""
-        request = MissionRequestList(*self.to, mission_type)
-        answer = self.ask(request, mission_type, (MissionCount, MissionAck))
-        if isinstance(answer, MissionCount):
+        request = m.MissionRequestList(*self.to, mission_type)
+        answer = self.ask(request, mission_type, (m.MissionCount, m.MissionAck))
+        if isinstance(answer, m.MissionCount):
             self.send(self.ack(MissionResult.ACCEPTED, mission_type))
-        return isinstance(answer, MissionCount)
+        return isinstance(answer, m.MissionCount)
 
 
-def seq_of(message: Message | None) -> int:
+def seq_of(message: m.Message | None) -> int:
     """The item that a message is about; -1 for none."""
     seq: int = getattr(message, "seq", -1)
     return seq
@@ -328,21 +311,21 @@ def result_name(result: int) -> str:
     return MissionResult(result).name if result in MissionResult._value2member_map_ else str(result)
 
 
-def described(message: Message | None) -> str:
+def described(message: m.Message | None) -> str:
     """A message of the protocol in a few words."""
     match message:
         case None:
             return "nothing"
-        case MissionAck():
+        case m.MissionAck():
             return f"ACK {result_name(message.result)}"
-        case MissionCount():
+        case m.MissionCount():
             return f"COUNT {message.count}"
-        case MissionRequest():
+        case m.MissionRequest():
             return f"MISSION_REQUEST {message.seq}"
-        case MissionRequestInt():
+        case m.MissionRequestInt():
             return f"MISSION_REQUEST_INT {message.seq}"
-        case MissionItemInt():
+        case m.MissionItemInt():
             return f"MISSION_ITEM_INT {message.seq}"
-        case MissionItemFloat():
+        case m.MissionItemFloat():
             return f"MISSION_ITEM {message.seq}"
     return type(message).__name__

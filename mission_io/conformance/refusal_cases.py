@@ -6,25 +6,15 @@ from typing import Final
 
 from mission_io.conformance.case import LackingError, ProtocolCase, check, for_each_list
 from mission_io.conformance.guide import Section
-from mission_io.conformance.probe import (
-    ABSENT_SYSTEM,
-    ANSWER_S,
-    REQUESTS,
-    Probe,
-    described,
-    seq_of,
-)
+from mission_io.conformance.probe import REQUESTS, Probe, described, seq_of
 from mission_io.conformance.samples import LIST_NAMES, sample
+from mission_io.conformance.tuning import PROBE
 from mission_io.conformance.upload_cases import accepted, begin_three
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionType
 from mission_io.wire.messages import Heartbeat, MissionAck, MissionRequestInt
 
 _MISSION: Final = MissionType.MISSION
-_NEW: Final = 50
-_STOPS_S: Final = 3.0
-_UNKNOWN_FRAME: Final = 200
-_STRANGE_TYPE: Final = 7
 
 
 def stopped_by(result: MissionResult, t: MissionType, p: Probe) -> str:
@@ -34,7 +24,7 @@ def stopped_by(result: MissionResult, t: MissionType, p: Probe) -> str:
     begin_three(p, t)
     p.send(p.ack(result, t))
     p.quiet(0.5)
-    late = [m for m in p.quiet(_STOPS_S) if isinstance(m, REQUESTS)]
+    late = [m for m in p.quiet(PROBE.stops_s) if isinstance(m, REQUESTS)]
     check(not late, f"asked {len(late)} more times after ACK {result.name}")
     p.check_held(t, old, f"the old list after ACK {result.name}")
     return "stopped, old list as it was"
@@ -45,13 +35,15 @@ def bad_item(p: Probe) -> str:
     old = sample(_MISSION, 7)
     p.hold(_MISSION, old)
     begin_three(p, _MISSION)
-    p.send(replace(p.item(sample(_MISSION, 5, first=_NEW), 3), frame=_UNKNOWN_FRAME))
-    answer = p.answer(_MISSION, 2.0 * ANSWER_S)
+    p.send(replace(p.item(sample(_MISSION, 5, first=PROBE.new_items), 3), frame=PROBE.unknown_frame))
+    answer = p.answer(_MISSION, 2.0 * PROBE.answer_s)
     if isinstance(answer, REQUESTS) and seq_of(answer) == 4:
-        raise LackingError(f"it takes an item in frame {_UNKNOWN_FRAME}")
-    check(isinstance(answer, MissionAck) and answer.result, f"an item in frame {_UNKNOWN_FRAME}: {described(answer)}")
+        raise LackingError(f"it takes an item in frame {PROBE.unknown_frame}")
+    check(
+        isinstance(answer, MissionAck) and answer.result, f"an item in frame {PROBE.unknown_frame}: {described(answer)}"
+    )
     said = described(answer)
-    on = [m for m in p.quiet(_STOPS_S) if isinstance(m, REQUESTS)]
+    on = [m for m in p.quiet(PROBE.stops_s) if isinstance(m, REQUESTS)]
     check(not on, f"{said}, and then it asked for item {seq_of(on[0]) if on else 0} again")
     p.check_held(_MISSION, old, f"the old list after {said}")
     return f"{said}, old list as it was"
@@ -90,18 +82,20 @@ def _beat_as_other(p: Probe) -> None:
 
 def second_upload(p: Probe) -> str:
     """Another station announces an upload in the middle of one."""
-    new = sample(_MISSION, 4, first=_NEW)
+    new = sample(_MISSION, 4, first=PROBE.new_items)
     _beat_as_other(p)
     p.begin_upload(4, _MISSION)
     p.send(p.item(new, 0))
     check(seq_of(p.answer(_MISSION)) == 1, "item 0 was not followed by the request of item 1")
     p.send(p.count(9), as_other=True)
-    to_other = p.hear(lambda m: getattr(m, "target_system", 0) == p.other.system_id, ANSWER_S / 2.0, any_target=True)
+    to_other = p.hear(
+        lambda m: getattr(m, "target_system", 0) == p.other.system_id, PROBE.answer_s / 2.0, any_target=True
+    )
     check(
         not isinstance(to_other, REQUESTS),
         "the vehicle requested items of the second station in the middle of the upload",
     )
-    ack = p.finish_upload(new, _MISSION, first=1, wait_s=2.0 * ANSWER_S)
+    ack = p.finish_upload(new, _MISSION, first=1, wait_s=2.0 * PROBE.answer_s)
     accepted(p, ack)
     p.check_held(_MISSION, new, "after a second station announced an upload")
     return f"the second station got {described(to_other)}; the first one's list is there"
@@ -109,13 +103,13 @@ def second_upload(p: Probe) -> str:
 
 def foreign_items(p: Probe) -> str:
     """Another station's items do not get into the list."""
-    new, foreign = sample(_MISSION, 4, first=_NEW), sample(_MISSION, 4, first=90)
+    new, foreign = sample(_MISSION, 4, first=PROBE.new_items), sample(_MISSION, 4, first=90)
     _beat_as_other(p)
     p.begin_upload(4, _MISSION)
     for seq in range(4):
         p.send(p.item(foreign, seq), as_other=True)
         p.send(p.item(new, seq))
-    ack = p.answer(_MISSION, 2.0 * ANSWER_S, (MissionAck,))
+    ack = p.answer(_MISSION, 2.0 * PROBE.answer_s, (MissionAck,))
     check(isinstance(ack, MissionAck), "no ACK")
     if isinstance(ack, MissionAck):
         accepted(p, ack)
@@ -126,7 +120,7 @@ def foreign_items(p: Probe) -> str:
 
 def other_list(p: Probe) -> str:
     """An item for another list does not get into this one."""
-    new = sample(_MISSION, 3, first=_NEW)
+    new = sample(_MISSION, 3, first=PROBE.new_items)
     stray = sample(MissionType.RALLY, 1)
     p.begin_upload(3, _MISSION)
     p.send(p.item(stray, 0, MissionType.RALLY))
@@ -141,11 +135,11 @@ def other_target(p: Probe) -> str:
     old = sample(_MISSION, 4)
     p.hold(_MISSION, old)
     p.forget()
-    p.send(replace(p.count(2), target_system=ABSENT_SYSTEM))
-    p.send(replace(p.count(2), target_system=ABSENT_SYSTEM, target_component=0))
+    p.send(replace(p.count(2), target_system=PROBE.absent_system))
+    p.send(replace(p.count(2), target_system=PROBE.absent_system, target_component=0))
     said = p.quiet(2.0)
-    check(not said, f"COUNT for system {ABSENT_SYSTEM} was answered with {described(said[0]) if said else ''}")
-    p.check_held(_MISSION, old, f"the list after COUNT for system {ABSENT_SYSTEM}")
+    check(not said, f"COUNT for system {PROBE.absent_system} was answered with {described(said[0]) if said else ''}")
+    p.check_held(_MISSION, old, f"the list after COUNT for system {PROBE.absent_system}")
     return "no answer"
 
 
@@ -154,14 +148,15 @@ def strange_type(p: Probe) -> str:
     old = sample(_MISSION, 4)
     p.hold(_MISSION, old)
     p.forget()
-    p.send(p.count(2, _STRANGE_TYPE))
+    p.send(p.count(2, PROBE.strange_type))
     said = p.quiet(2.0)
     asked = [m for m in said if isinstance(m, REQUESTS)]
     check(
         not asked,
-        f"COUNT of mission_type {_STRANGE_TYPE}: asked for items of type {getattr(asked[0], 'mission_type', 0) if asked else 0}",
+        f"COUNT of mission_type {PROBE.strange_type}: "
+        f"asked for items of type {getattr(asked[0], 'mission_type', 0) if asked else 0}",
     )
-    p.check_held(_MISSION, old, f"the mission after COUNT of mission_type {_STRANGE_TYPE}")
+    p.check_held(_MISSION, old, f"the mission after COUNT of mission_type {PROBE.strange_type}")
     return f"answered with {described(said[0] if said else None)}"
 
 
@@ -169,7 +164,7 @@ def nonsense_when_idle(p: Probe) -> str:
     """Requests, acknowledgements and items out of nowhere."""
     old = sample(_MISSION, 4)
     p.hold(_MISSION, old)
-    new = sample(_MISSION, 4, first=_NEW)
+    new = sample(_MISSION, 4, first=PROBE.new_items)
     p.forget()
     for result in (MissionResult.ACCEPTED, MissionResult.ERROR, MissionResult.OPERATION_CANCELLED):
         p.send(p.ack(result))
@@ -190,7 +185,7 @@ def independent(p: Probe) -> str:
         raise LackingError("it has only a mission")
     for t in kept:
         p.hold(t, lists[t])
-    p.hold(_MISSION, sample(_MISSION, 6, first=_NEW))
+    p.hold(_MISSION, sample(_MISSION, 6, first=PROBE.new_items))
     for t in kept[1:]:
         p.check_held(t, lists[t], f"the {LIST_NAMES[t]} after another mission")
     return f"{', '.join(LIST_NAMES[t] for t in kept)} kept apart"

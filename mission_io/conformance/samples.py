@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import Final
 
+from mission_io.conformance.tuning import PROBE
 from mission_io.model.areas import (
     Fence,
     FencePolygon,
@@ -16,9 +17,6 @@ from mission_io.model.items import Frame, MissionItem, MissionType, waypoint
 from mission_io.wire.mission_items import degrees_on_wire
 
 LIST_NAMES: Final = {MissionType.MISSION: "mission", MissionType.FENCE: "fence", MissionType.RALLY: "rally points"}
-
-_SAME_DEG = 1.5e-7
-_SAME_M = 0.02
 
 
 def sample(mission_type: MissionType, count: int, *, first: int = 0) -> tuple[MissionItem, ...]:
@@ -58,8 +56,8 @@ def difference(sent: Sequence[MissionItem], held: Sequence[MissionItem], *, home
             return f"item {seq} is command {b.command} in place of {a.command}"
         if a.frame is not b.frame:
             return f"item {seq} is in frame {b.frame.name} in place of {a.frame.name}"
-        if abs(a.lat_deg - b.lat_deg) > _SAME_DEG or abs(a.lon_deg - b.lon_deg) > _SAME_DEG:
+        if abs(a.lat_deg - b.lat_deg) > PROBE.same_deg or abs(a.lon_deg - b.lon_deg) > PROBE.same_deg:
             return f"item {seq} is at {b.lat_deg:.7f}, {b.lon_deg:.7f} in place of {a.lat_deg:.7f}, {a.lon_deg:.7f}"
-        if not abs(a.alt_m - b.alt_m) <= _SAME_M:
+        if not abs(a.alt_m - b.alt_m) <= PROBE.same_m:
             return f"item {seq} is at {b.alt_m:g} m in place of {a.alt_m:g} m"
     return ""

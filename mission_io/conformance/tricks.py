@@ -8,19 +8,11 @@ from typing import Any, Final, TypeAlias
 
 from mission_io.model.enums import MissionResult
 from mission_io.protocol.exchange import Address
-from mission_io.wire.messages import (
-    Message,
-    MissionAck,
-    MissionCount,
-    MissionItemFloat,
-    MissionItemInt,
-    MissionRequest,
-    MissionRequestInt,
-)
+from mission_io.wire import messages as m
 from mission_io.wire.mission_items import float_message
 
-REQUESTS: Final = (MissionRequest, MissionRequestInt)
-ITEMS: Final = (MissionItemInt, MissionItemFloat)
+REQUESTS: Final = (m.MissionRequest, m.MissionRequestInt)
+ITEMS: Final = (m.MissionItemInt, m.MissionItemFloat)
 OTHER_STATION: Final = Address(254, 190)
 OTHER_VEHICLE: Final = Address(2, 1)
 
@@ -29,18 +21,18 @@ OTHER_VEHICLE: Final = Address(2, 1)
 class Said:
     """A message that goes out, after a delay, perhaps in the name of another vehicle."""
 
-    message: Message
+    message: m.Message
     after_s: float = 0.0
     sender: Address | None = None
 
 
-Kinds: TypeAlias = tuple[type[Message], ...]
+Kinds: TypeAlias = tuple[type[m.Message], ...]
 
 
 class Trick:
     """Does nothing; the base of the others. Each case gets a new one."""
 
-    def hears(self, message: Message, now: float) -> bool:
+    def hears(self, message: m.Message, now: float) -> bool:
         """Whether the vehicle hears a message."""
         del message, now
         return True
@@ -49,7 +41,7 @@ class Trick:
         """Whether the vehicle drops the current upload now."""
         return False
 
-    def says(self, message: Message, now: float) -> list[Said]:
+    def says(self, message: m.Message, now: float) -> list[Said]:
         """Messages that go out for a message of the vehicle."""
         del now
         return [Said(message)]
@@ -61,7 +53,7 @@ class Deaf(Trick):
     def __init__(self, kinds: Kinds, times: float = float("inf"), seq: int | None = None) -> None:
         self._kinds, self._left, self._seq = kinds, times, seq
 
-    def hears(self, message: Message, now: float) -> bool:
+    def hears(self, message: m.Message, now: float) -> bool:
         """Swallow it, or not."""
         wanted = isinstance(message, self._kinds) and self._seq in (None, getattr(message, "seq", None))
         if wanted and self._left > 0:
@@ -77,7 +69,7 @@ class EachOnceDeaf(Trick):
         self._kinds = kinds
         self._heard: Counter[int] = Counter()
 
-    def hears(self, message: Message, now: float) -> bool:
+    def hears(self, message: m.Message, now: float) -> bool:
         """Swallow the first one of each number."""
         if isinstance(message, self._kinds):
             seq = getattr(message, "seq", 0)
@@ -92,7 +84,7 @@ class Mute(Trick):
     def __init__(self, kinds: Kinds, times: float = float("inf"), seq: int | None = None) -> None:
         self._deaf = Deaf(kinds, times, seq)
 
-    def says(self, message: Message, now: float) -> list[Said]:
+    def says(self, message: m.Message, now: float) -> list[Said]:
         """Say it, or not."""
         return [Said(message)] if self._deaf.hears(message, now) else []
 
@@ -103,7 +95,7 @@ class Late(Trick):
     def __init__(self, kinds: Kinds, delay_s: float) -> None:
         self._kinds, self._delay_s = kinds, delay_s
 
-    def says(self, message: Message, now: float) -> list[Said]:
+    def says(self, message: m.Message, now: float) -> list[Said]:
         """Say it later."""
         return [Said(message, self._delay_s if isinstance(message, self._kinds) else 0.0)]
 
@@ -114,7 +106,7 @@ class Again(Trick):
     def __init__(self, kinds: Kinds, times: int) -> None:
         self._kinds, self._times = kinds, times
 
-    def says(self, message: Message, now: float) -> list[Said]:
+    def says(self, message: m.Message, now: float) -> list[Said]:
         """Say it that often."""
         return [Said(message)] * (self._times if isinstance(message, self._kinds) else 1)
 
@@ -130,7 +122,7 @@ class Instead(Trick):
     ) -> None:
         self._applies, self._other, self._left = applies, other, times
 
-    def says(self, message: Message, now: float) -> list[Said]:
+    def says(self, message: m.Message, now: float) -> list[Said]:
         """Say the other thing, or this one."""
         if self._left > 0 and self._applies(message):
             self._left -= 1
@@ -144,11 +136,11 @@ class Loses(Trick):
     def __init__(self, share: float) -> None:
         self._share, self._rng = share, Random(7)
 
-    def hears(self, message: Message, now: float) -> bool:
+    def hears(self, message: m.Message, now: float) -> bool:
         """Swallow it, or not."""
         return self._rng.random() >= self._share
 
-    def says(self, message: Message, now: float) -> list[Said]:
+    def says(self, message: m.Message, now: float) -> list[Said]:
         """Say it, or not."""
         return [] if self._rng.random() < self._share else [Said(message)]
 
@@ -164,7 +156,7 @@ class FallsSilent(Trick):
     def _silent(self, now: float) -> bool:
         return self._since is not None and now - self._since < self._for_s
 
-    def hears(self, message: Message, now: float) -> bool:
+    def hears(self, message: m.Message, now: float) -> bool:
         """Nothing while it is silent."""
         if self._since is None and isinstance(message, ITEMS) and message.seq == self._seq:
             self._since, self._drops = now, True
@@ -175,14 +167,14 @@ class FallsSilent(Trick):
         drops, self._drops = self._drops, False
         return drops
 
-    def says(self, message: Message, now: float) -> list[Said]:
+    def says(self, message: m.Message, now: float) -> list[Said]:
         """Nothing while it is silent."""
         return [] if self._silent(now) else [Said(message)]
 
 
-def refusal(message: Any, result: MissionResult) -> MissionAck:
+def refusal(message: Any, result: MissionResult) -> m.MissionAck:
     """An acknowledgement with a result, to whom a message goes."""
-    return MissionAck(
+    return m.MissionAck(
         message.target_system,
         message.target_component,
         result,
@@ -193,46 +185,46 @@ def refusal(message: Any, result: MissionResult) -> MissionAck:
 def refuses(result: MissionResult, *, at: int = 1) -> Trick:
     """Answers each request for item ``at`` with an error."""
     return Instead(
-        lambda m: isinstance(m, REQUESTS) and m.seq == at,
-        lambda m: [Said(refusal(m, result))],
+        lambda got: isinstance(got, REQUESTS) and got.seq == at,
+        lambda got: [Said(refusal(got, result))],
     )
 
 
 def before(applies: Callable[[Any], bool], extra: Callable[[Any], Said], times: float = float("inf")) -> Trick:
     """Says something else first."""
-    return Instead(applies, lambda m: [extra(m), Said(m, 0.3)], times)
+    return Instead(applies, lambda got: [extra(got), Said(got, 0.3)], times)
 
 
 def is_request(seq: int) -> Callable[[Any], bool]:
     """Whether a message requests an item."""
-    return lambda m: isinstance(m, REQUESTS) and m.seq == seq
+    return lambda got: isinstance(got, REQUESTS) and got.seq == seq
 
 
 def is_item(seq: int) -> Callable[[Any], bool]:
     """Whether a message is an item."""
-    return lambda m: isinstance(m, ITEMS) and m.seq == seq
+    return lambda got: isinstance(got, ITEMS) and got.seq == seq
 
 
-def to_other_station(message: Any) -> Message:
+def to_other_station(message: Any) -> m.Message:
     """The same message, to the second ground station."""
-    other: Message = replace(
+    other: m.Message = replace(
         message, target_system=OTHER_STATION.system_id, target_component=OTHER_STATION.component_id
     )
     return other
 
 
-def of_other_list(message: Any) -> Message:
+def of_other_list(message: Any) -> m.Message:
     """The same message, about the next list."""
     mission_type = (message.mission_type + 1) % 3
-    other: Message = replace(message, mission_type=mission_type)
+    other: m.Message = replace(message, mission_type=mission_type)
     return other
 
 
-def as_float(message: Message) -> Message:
+def as_float(message: m.Message) -> m.Message:
     """An item in the deprecated form; other messages as they are."""
-    return float_message(message) if isinstance(message, MissionItemInt) else message
+    return float_message(message) if isinstance(message, m.MissionItemInt) else message
 
 
 def with_count(by: int) -> Callable[[Any], Sequence[Said]]:
     """A count that is wrong by a number of items."""
-    return lambda m: [Said(replace(m, count=m.count + by) if isinstance(m, MissionCount) else m)]
+    return lambda got: [Said(replace(got, count=got.count + by) if isinstance(got, m.MissionCount) else got)]

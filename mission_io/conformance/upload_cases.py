@@ -5,20 +5,16 @@ from functools import partial
 from typing import Final
 
 from mission_io.conformance.case import FailedError, LackingError, ProtocolCase, RefusedError, check, for_each_list
-from mission_io.conformance.guide import ITEM_RESEND_S, RESEND_S, Section
-from mission_io.conformance.probe import ANSWER_S, REQUESTS, Probe, described, result_name, seq_of
+from mission_io.conformance.guide import Section
+from mission_io.conformance.probe import REQUESTS, Probe, described, result_name, seq_of
 from mission_io.conformance.samples import sample
+from mission_io.conformance.tuning import PROBE, STATION
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionType
 from mission_io.wire.messages import MissionAck, MissionRequest
 from mission_io.wire.mission_items import float_message
 
-_NEW: Final = 50
-"""The first sample of a new list; an old one begins with sample 0."""
-_ITEMS: Final = 5
 _MISSION: Final = MissionType.MISSION
-_GIVES_UP_S: Final = 60.0
-_SLOW_S: Final = 1.2
 
 
 def accepted(p: Probe, ack: MissionAck) -> None:
@@ -31,7 +27,7 @@ def accepted(p: Probe, ack: MissionAck) -> None:
 
 def begin_three(p: Probe, t: MissionType) -> None:
     """Begin an upload of five items in place of seven, up to the request for the fourth."""
-    new = sample(t, _ITEMS, first=_NEW)
+    new = sample(t, PROBE.few_items, first=PROBE.new_items)
     p.begin_upload(len(new), t)
     for seq in range(3):
         p.send(p.item(new, seq, t))
@@ -43,7 +39,7 @@ def begin_three(p: Probe, t: MissionType) -> None:
 
 def in_order(t: MissionType, p: Probe) -> str:
     """Items are requested from 0 on, one by one, and then there is one ACK."""
-    new = sample(t, _ITEMS, first=_NEW)
+    new = sample(t, PROBE.few_items, first=PROBE.new_items)
     p.hold(t, sample(t, 3))
     p.begin_upload(len(new), t)
     kinds = set()
@@ -59,7 +55,7 @@ def in_order(t: MissionType, p: Probe) -> str:
             kinds.add(type(answer).__name__)
     if isinstance(answer, MissionAck):
         accepted(p, answer)
-    again = [described(m) for m in p.quiet(2.0 * ITEM_RESEND_S)]
+    again = [described(m) for m in p.quiet(2.0 * STATION.item_resend_s)]
     check(not again, f"after the ACK it said {', '.join(again)}")
     p.check_held(t, new, "what it holds")
     return f"asked for 0 to {len(new) - 1}, one ACK, read back equal"
@@ -68,7 +64,7 @@ def in_order(t: MissionType, p: Probe) -> str:
 def shorter(p: Probe) -> str:
     """A shorter list replaces a longer one wholly."""
     p.hold(_MISSION, sample(_MISSION, 7))
-    new = sample(_MISSION, 3, first=_NEW)
+    new = sample(_MISSION, 3, first=PROBE.new_items)
     p.begin_upload(3, _MISSION)
     accepted(p, p.finish_upload(new, _MISSION))
     p.check_held(_MISSION, new, "after 3 items in place of 7")
@@ -77,7 +73,7 @@ def shorter(p: Probe) -> str:
 
 def hundred(p: Probe) -> str:
     """A longer list."""
-    new = sample(_MISSION, 100, first=_NEW)
+    new = sample(_MISSION, 100, first=PROBE.new_items)
     p.begin_upload(100, _MISSION)
     began = p.now()
     accepted(p, p.finish_upload(new, _MISSION))
@@ -88,7 +84,7 @@ def hundred(p: Probe) -> str:
 
 def first_item(p: Probe) -> str:
     """Sequence number 0 is the first item of the list."""
-    new = sample(_MISSION, 3, first=_NEW)
+    new = sample(_MISSION, 3, first=PROBE.new_items)
     p.hold(_MISSION, new)
     held = p.held(_MISSION)
     check(len(held) == 3, f"{len(held)} items in place of 3")
@@ -112,14 +108,14 @@ def int_requests(p: Probe) -> str:
 def asks_again(at: int, p: Probe) -> str:
     """The vehicle requests an item again that does not come."""
     t = _MISSION
-    new = sample(t, 3, first=_NEW)
+    new = sample(t, 3, first=PROBE.new_items)
     p.begin_upload(3, t)
     for seq in range(at):
         p.send(p.item(new, seq, t))
         answer = p.answer(t)
         check(seq_of(answer) == seq + 1, f"after item {seq}: {described(answer)}")
     began = p.now()
-    answer = p.answer(t, 2.0 * ANSWER_S)
+    answer = p.answer(t, 2.0 * PROBE.answer_s)
     took_s = p.now() - began
     check(isinstance(answer, REQUESTS) and seq_of(answer) == at, f"in {took_s:.1f} s of silence: {described(answer)}")
     accepted(p, p.finish_upload(new, t, first=at))
@@ -132,46 +128,46 @@ def gives_up(t: MissionType, p: Probe) -> str:
     p.hold(t, old)
     begin_three(p, t)
     began, last_s, count = p.now(), 0.0, 0
-    while (left := _GIVES_UP_S - (p.now() - began)) > 0.0:
-        answer = p.answer(t, min(left, 2.0 * ANSWER_S))
+    while (left := PROBE.gives_up_s - (p.now() - began)) > 0.0:
+        answer = p.answer(t, min(left, 2.0 * PROBE.answer_s))
         if isinstance(answer, REQUESTS):
             last_s, count = p.now() - began, count + 1
-        elif answer is None and p.now() - began - last_s >= 2.0 * ANSWER_S - 0.1:
+        elif answer is None and p.now() - began - last_s >= 2.0 * PROBE.answer_s - 0.1:
             break
-    check(last_s < _GIVES_UP_S - 2.0 * ANSWER_S, f"still asked after {last_s:.0f} s of silence")
+    check(last_s < PROBE.gives_up_s - 2.0 * PROBE.answer_s, f"still asked after {last_s:.0f} s of silence")
     p.check_held(t, old, f"the old list after {count} requests in {last_s:.1f} s")
     return f"stopped after {count} requests in {last_s:.1f} s, old list as it was"
 
 
 def new_one_after_silence(p: Probe) -> str:
     """A new upload is taken after one that fell silent."""
-    p.begin_upload(_ITEMS, _MISSION)
+    p.begin_upload(PROBE.few_items, _MISSION)
     p.quiet(2.0)
-    new = sample(_MISSION, 3, first=_NEW)
+    new = sample(_MISSION, 3, first=PROBE.new_items)
     began = p.now()
-    while p.now() - began < _GIVES_UP_S:
+    while p.now() - began < PROBE.gives_up_s:
         p.forget()
         p.send(p.count(3))
-        answer = p.answer(_MISSION, RESEND_S)
+        answer = p.answer(_MISSION, STATION.resend_s)
         if isinstance(answer, REQUESTS) and seq_of(answer) == 0:
             ack = p.finish_upload(new, _MISSION)
             if ack.result == MissionResult.ACCEPTED:
                 waited_s = p.now() - began
                 p.check_held(_MISSION, new, "the new list")
                 return f"taken {waited_s:.1f} s later"
-    raise FailedError(f"no new upload was taken in {_GIVES_UP_S:g} s")
+    raise FailedError(f"no new upload was taken in {PROBE.gives_up_s:g} s")
 
 
 def twice(p: Probe) -> str:
     """Every item is sent twice."""
-    new = sample(_MISSION, _ITEMS, first=_NEW)
+    new = sample(_MISSION, PROBE.few_items, first=PROBE.new_items)
     p.begin_upload(len(new), _MISSION)
     for seq in range(len(new)):
         for _ in range(2):
             p.send(p.item(new, seq))
-    ack = p.answer(_MISSION, ANSWER_S, (MissionAck,))
+    ack = p.answer(_MISSION, PROBE.answer_s, (MissionAck,))
     while isinstance(ack, MissionAck) and ack.result == MissionResult.INVALID_SEQUENCE:
-        ack = p.answer(_MISSION, ANSWER_S, (MissionAck,))
+        ack = p.answer(_MISSION, PROBE.answer_s, (MissionAck,))
     if not (isinstance(ack, MissionAck) and ack.result == MissionResult.ACCEPTED):
         raise FailedError(f"each item sent twice: {described(ack)}")
     p.quiet(1.0)
@@ -181,10 +177,10 @@ def twice(p: Probe) -> str:
 
 def out_of_order(p: Probe) -> str:
     """An item out of sequence is dropped, and the right one requested again."""
-    new = sample(_MISSION, 4, first=_NEW)
+    new = sample(_MISSION, 4, first=PROBE.new_items)
     p.begin_upload(4, _MISSION)
     p.send(p.item(new, 2))
-    answer = p.answer(_MISSION, 2.0 * ANSWER_S)
+    answer = p.answer(_MISSION, 2.0 * PROBE.answer_s)
     check(isinstance(answer, REQUESTS), f"item 2 in place of 0 was answered with {described(answer)}")
     check(seq_of(answer) == 0, f"item 2 in place of 0: asked for {seq_of(answer)}")
     ack = p.finish_upload(new, _MISSION)
@@ -195,14 +191,14 @@ def out_of_order(p: Probe) -> str:
 
 def beyond(p: Probe) -> str:
     """An item that was not announced is dropped."""
-    new = sample(_MISSION, 6, first=_NEW)
+    new = sample(_MISSION, 6, first=PROBE.new_items)
     p.begin_upload(3, _MISSION)
     p.send(p.item(new, 5))
-    answer = p.answer(_MISSION, 2.0 * ANSWER_S)
+    answer = p.answer(_MISSION, 2.0 * PROBE.answer_s)
     said = described(answer)
     if isinstance(answer, MissionAck):
         check(answer.result != MissionResult.ACCEPTED, "item 5 of 3 was accepted")
-        answer = p.answer(_MISSION, 2.0 * ANSWER_S)
+        answer = p.answer(_MISSION, 2.0 * PROBE.answer_s)
     check(isinstance(answer, REQUESTS) and seq_of(answer) == 0, f"item 5 of 3: {said}, then {described(answer)}")
     accepted(p, p.finish_upload(new[:3], _MISSION))
     p.check_held(_MISSION, new[:3], "after an item beyond the count")
@@ -211,7 +207,7 @@ def beyond(p: Probe) -> str:
 
 def count_twice(p: Probe) -> str:
     """The same COUNT twice, as after a lost answer."""
-    new = sample(_MISSION, _ITEMS, first=_NEW)
+    new = sample(_MISSION, PROBE.few_items, first=PROBE.new_items)
     p.forget()
     p.send(p.count(len(new)))
     p.begin_upload(len(new), _MISSION)
@@ -223,17 +219,17 @@ def count_twice(p: Probe) -> str:
 
 def count_late(p: Probe) -> str:
     """The same COUNT again in the middle, as a late duplicate does."""
-    new = sample(_MISSION, _ITEMS, first=_NEW)
+    new = sample(_MISSION, PROBE.few_items, first=PROBE.new_items)
     p.begin_upload(len(new), _MISSION)
     for seq in range(2):
         p.send(p.item(new, seq))
         check(seq_of(p.answer(_MISSION)) == seq + 1, f"item {seq} was not followed by the next request")
     p.send(p.count(len(new)))
-    answer = p.answer(_MISSION, 2.0 * ANSWER_S)
+    answer = p.answer(_MISSION, 2.0 * PROBE.answer_s)
     late = None if isinstance(answer, MissionAck) else p.answer(_MISSION, p.late_s, (MissionAck,))
     said = described(late or answer)
     if isinstance(answer, MissionAck):
-        answer = p.answer(_MISSION, 2.0 * ANSWER_S)
+        answer = p.answer(_MISSION, 2.0 * PROBE.answer_s)
     check(isinstance(answer, REQUESTS), f"COUNT at item 2: {said}, then {described(answer)}")
     accepted(p, p.finish_upload(new, _MISSION, first=seq_of(answer)))
     p.check_held(_MISSION, new, "after a late COUNT")
@@ -242,11 +238,11 @@ def count_late(p: Probe) -> str:
 
 def last_again(p: Probe) -> str:
     """The last item again after the end, as when the ACK was lost."""
-    new = sample(_MISSION, 3, first=_NEW)
+    new = sample(_MISSION, 3, first=PROBE.new_items)
     p.begin_upload(3, _MISSION)
     accepted(p, p.finish_upload(new, _MISSION))
     p.send(p.item(new, 2))
-    said = described(p.answer(_MISSION, RESEND_S))
+    said = described(p.answer(_MISSION, STATION.resend_s))
     p.rest()
     p.check_held(_MISSION, new, f"after the last item again ({said})")
     return f"answered with {said}, list as it was"
@@ -254,25 +250,25 @@ def last_again(p: Probe) -> str:
 
 def slow(p: Probe) -> str:
     """A station that takes more than a second for each item."""
-    new = sample(_MISSION, 4, first=_NEW)
+    new = sample(_MISSION, 4, first=PROBE.new_items)
     p.begin_upload(4, _MISSION)
     for seq in range(4):
-        p.quiet(_SLOW_S)
+        p.quiet(PROBE.slow_s)
         p.forget()
         p.send(p.item(new, seq))
-    ack = p.answer(_MISSION, 2.0 * ANSWER_S, (MissionAck,))
+    ack = p.answer(_MISSION, 2.0 * PROBE.answer_s, (MissionAck,))
     while isinstance(ack, MissionAck) and ack.result == MissionResult.INVALID_SEQUENCE:
-        ack = p.answer(_MISSION, 2.0 * ANSWER_S, (MissionAck,))
+        ack = p.answer(_MISSION, 2.0 * PROBE.answer_s, (MissionAck,))
     check(isinstance(ack, MissionAck), "no ACK")
     if isinstance(ack, MissionAck):
         accepted(p, ack)
     p.check_held(_MISSION, new, "after a slow upload")
-    return f"accepted with {_SLOW_S:g} s an item"
+    return f"accepted with {PROBE.slow_s:g} s an item"
 
 
 def float_items(p: Probe) -> str:
     """Items in the deprecated MISSION_ITEM."""
-    new = sample(_MISSION, 3, first=_NEW)
+    new = sample(_MISSION, 3, first=PROBE.new_items)
     p.begin_upload(3, _MISSION)
     answer = None
     for seq in range(3):

@@ -8,7 +8,7 @@ import math
 from dataclasses import dataclass
 
 from mission_io.errors import FormatError
-from mission_io.formats.text import place_problem
+from mission_io.formats.text import check_place, is_place
 from mission_io.model.actions import (
     Action,
     ChangeSpeed,
@@ -85,8 +85,7 @@ def camera_flight(mission: Mission, *, pitch_deg: float | None = None) -> Camera
     home = mission.home
     if home is None:
         raise FormatError("the mission has no home", where="home", advice="give the position it starts from")
-    problem = place_problem(home.lat_deg, home.lon_deg)
-    if problem is not None or not math.isfinite(home.alt_amsl_m):
+    if not is_place(home.lat_deg, home.lon_deg) or not math.isfinite(home.alt_amsl_m):
         raise FormatError("home is not a position", where="home", advice="give the position it starts from")
     reader = _Reader(home, pitch_deg)
     for number, item in enumerate(mission.items, start=1):
@@ -171,18 +170,12 @@ class _Reader:
         self.landed = True
 
     def _require_near(self, place: FramedPoint, lat_deg: float, lon_deg: float, where: str, what: str, of: str) -> None:
-        self._require_place(place, where)
+        check_place(place.lat_deg, place.lon_deg, where)
         if not ground_distance_m(place.lat_deg, place.lon_deg, lat_deg, lon_deg) <= _STRAIGHT_UP_M:
             raise FormatError(f"{what} more than {_STRAIGHT_UP_M:g} m away from {of}", where=where)
 
-    @staticmethod
-    def _require_place(place: FramedPoint, where: str) -> None:
-        problem = place_problem(place.lat_deg, place.lon_deg)
-        if problem is not None:
-            raise FormatError(problem.what, where=where, advice=problem.advice)
-
     def _add(self, place: FramedPoint, where: str) -> None:
-        self._require_place(place, where)
+        check_place(place.lat_deg, place.lon_deg, where)
         if place.frame is Frame.ABOVE_TERRAIN:
             raise FormatError("its height is above the terrain, which is not known here", where=where)
         height_m = place.alt_m - (self._home.alt_amsl_m if place.frame is Frame.AMSL else 0.0)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from mission_io.errors import FormatError
 from mission_io.formats.dialects import sniff
-from mission_io.formats.text import clean_text, finite_number, place_problem
+from mission_io.formats.text import check_place, clean_text, finite_number
 from mission_io.model.items import Frame, GeoPoint, Mission, MissionItem
 
 HEADER = "item,command,frame,param1,param2,param3,param4,lat_deg,lon_deg,alt_m,alt_datum,autocontinue"
@@ -87,9 +87,8 @@ def _item(row: Mapping[str, str], where: str) -> MissionItem:
     if not 0 <= command <= 65535:
         raise FormatError(f"command {command} is not from 0 to 65535", where=where)
     p1, p2, p3, p4, lat, lon, alt = (_value(row[name].strip(), f"{where}, {name}") for name in _VALUES)
-    problem = None if frame is Frame.COMMAND else place_problem(lat, lon)
-    if problem is not None:
-        raise FormatError(problem.what, where=where, advice=problem.advice)
+    if frame is not Frame.COMMAND:
+        check_place(lat, lon, where)
     autocontinue = row["autocontinue"].strip()
     if autocontinue not in ("0", "1"):
         raise FormatError(f"{autocontinue[:20]!r} is not 0 or 1", where=f"{where}, autocontinue")

@@ -5,9 +5,19 @@ import math
 from typing import Any
 
 from mission_io.errors import FormatError
-from mission_io.formats.drawings import Drawing, DrawnArea, DrawnLine, RoutePoint, Spot, alt_amsl_m, open_ring, route_of
+from mission_io.formats.drawings import (
+    Drawing,
+    DrawnArea,
+    DrawnLine,
+    RoutePoint,
+    Spot,
+    alt_amsl_m,
+    open_ring,
+    place_of,
+    route_of,
+)
 from mission_io.formats.json_node import Node, parse_json
-from mission_io.formats.text import clean_text, place_problem
+from mission_io.formats.text import clean_text
 from mission_io.model.areas import LatLon
 from mission_io.model.items import Mission
 
@@ -131,10 +141,7 @@ def _place(node: Node) -> LatLon:
     if len(numbers) < 2:
         raise FormatError(f"a position of {len(numbers)} numbers", where=node.where, advice="give longitude, latitude")
     lon_deg, lat_deg = numbers[0].number(), numbers[1].number()
-    if place_problem(lat_deg, lon_deg) is not None:
-        what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is not a position"
-        raise FormatError(what, where=node.where, advice="longitude comes first")
-    return LatLon(lat_deg, lon_deg)
+    return place_of(lon_deg, lat_deg, node.where)
 
 
 def _check_reference_system(node: Node) -> None:

@@ -3,27 +3,33 @@
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from xml.etree import ElementTree
 from xml.parsers import expat
 
 from mission_io.errors import FormatError
-from mission_io.formats.drawings import Drawing, DrawnArea, DrawnLine, RoutePoint, Spot, alt_amsl_m, open_ring, route_of
-from mission_io.formats.text import clean_text, degrees_text, finite_number, place_problem, plain_decimal, xml_text
+from mission_io.formats.drawings import (
+    Drawing,
+    DrawnArea,
+    DrawnLine,
+    RoutePoint,
+    Spot,
+    alt_amsl_m,
+    open_ring,
+    place_of,
+    route_of,
+)
+from mission_io.formats.point_route import (
+    PointRoute,
+    RouteStop,
+    child_text,
+    local_name,
+    number_in,
+    route_from_stops,
+    xml_root,
+)
+from mission_io.formats.text import clean_text, degrees_text, finite_number, plain_decimal, rendered
 from mission_io.model.areas import LatLon
-from mission_io.model.items import Mission
-
-_HEAD = """<?xml version="1.0" encoding="UTF-8"?>
-<kml xmlns="http://www.opengis.net/kml/2.2">
-<Document>
-<name>{name}</name>
-"""
-_LINE = """<Placemark><name>route</name><LineString><altitudeMode>absolute</altitudeMode><coordinates>
-{coordinates}
-</coordinates></LineString></Placemark>
-"""
-_POINT = """<Placemark><name>{number}</name><Point><altitudeMode>absolute</altitudeMode>\
-<coordinates>{coordinates}</coordinates></Point></Placemark>
-"""
-_TAIL = "</Document>\n</kml>\n"
+from mission_io.model.items import Frame, Mission
 
 
 def write_mission(mission: Mission, *, name: str = "mission") -> str:
@@ -39,9 +45,7 @@ def write_mission(mission: Mission, *, name: str = "mission") -> str:
         return f"{lon},{lat},{plain_decimal(alt_amsl_m(point, mission), where)}"
 
     points = [(point.number, coordinates(point)) for point in route_of(mission)]
-    line = _LINE.format(coordinates="\n".join(text for _, text in points)) if len(points) > 1 else ""
-    marks = "".join(_POINT.format(number=number, coordinates=text) for number, text in points)
-    return _HEAD.format(name=xml_text(name)) + line + marks + _TAIL
+    return rendered("route.kml.jinja", name=name, points=points)
 
 
 def read_drawing(text: str) -> Drawing:
@@ -182,10 +186,7 @@ class _DrawingReader:
             if len(numbers) not in (2, 3, _WITH_TIME):
                 raise FormatError(f"{entry[:40]!r} is not longitude,latitude or longitude,latitude,height", where=here)
             lon_deg, lat_deg = finite_number(numbers[0], here), finite_number(numbers[1], here)
-            if place_problem(lat_deg, lon_deg) is not None:
-                what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is not a position"
-                raise FormatError(what, where=here, advice="longitude comes first")
-            places.append(LatLon(lat_deg, lon_deg))
+            places.append(place_of(lon_deg, lat_deg, here))
         return places
 
     def _entries(self, text: str, where: str) -> list[str]:
@@ -214,3 +215,46 @@ class _DrawingReader:
 
     def _where(self) -> str:
         return f"line {self.line()}"
+
+
+_FRAMES = {"absolute": Frame.AMSL, "relativeToGround": Frame.ABOVE_TERRAIN}
+
+
+def read_route(text: str) -> PointRoute:
+    """Read the only line of a KML document that has heights.
+
+    ``altitudeMode`` absolute is above mean sea level, relativeToGround above the terrain; a line that is clamped to the ground
+    has no heights to fly at.
+
+    Raises:
+        FormatError: no KML, no such line or several, or a place that is none, with its number.
+    """
+    root, repairs = xml_root(text)
+    if local_name(root) != "kml":
+        raise FormatError(f"the document is a {local_name(root)[:40]!r}", where="XML", advice="give a KML file")
+    if "dji.com/wpmz" in text[:2000]:
+        raise FormatError(
+            "is DJI's template.kml, the settings from which a flight is made, and not a flight", where="kml",
+            advice="give the .kmz with its waylines.wpml, or the area in it to new",
+        )  # fmt: skip
+    lines = [element for element in root.iter() if local_name(element) == "LineString"]
+    high = [line for line in lines if (child_text(line, "altitudeMode") or "") in _FRAMES]
+    if len(high) != 1:
+        raise FormatError(
+            f"{len(lines)} lines, {len(high)} of them with heights (altitudeMode absolute or relativeToGround)", where="kml",
+            advice="save the one that is flown alone, with heights",
+        )  # fmt: skip
+    return route_from_stops(_stops(high[0]), repairs=repairs)
+
+
+def _stops(line: ElementTree.Element) -> list[RouteStop]:
+    frame = _FRAMES[child_text(line, "altitudeMode") or ""]
+    stops = []
+    for number, entry in enumerate((child_text(line, "coordinates") or "").split(), start=1):
+        numbers = entry.split(",")
+        where = f"point {number}"
+        if len(numbers) != 3:
+            raise FormatError(f"{entry[:40]!r} is not longitude,latitude,height", where=where, advice="give heights")
+        lon, lat, alt = (number_in(part, where) for part in numbers)
+        stops.append(RouteStop(lat, lon, alt, frame))
+    return stops

@@ -9,7 +9,7 @@ from xml.parsers import expat
 
 from mission_io.errors import FormatError
 from mission_io.formats.route_cameras import NOTHING, StopCamera, course_deg, items_at_stop
-from mission_io.formats.text import clean_text, place_problem
+from mission_io.formats.text import check_place, clean_text
 from mission_io.model.items import Frame, Mission, MissionItem, change_speed, takeoff, waypoint
 
 _LOWEST_M, _HIGHEST_M = -500.0, 20_000.0
@@ -68,9 +68,7 @@ def route_from_stops(
     if not stops:
         raise FormatError("no point to fly to", where="route", advice="give a file with a route of at least one point")
     for number, stop in enumerate(stops, start=1):
-        problem = place_problem(stop.lat_deg, stop.lon_deg)
-        if problem is not None:
-            raise FormatError(problem.what, where=f"point {number}", advice=problem.advice)
+        check_place(stop.lat_deg, stop.lon_deg, f"point {number}")
         if not _LOWEST_M <= stop.alt_m <= _HIGHEST_M:
             raise FormatError(f"a height of {stop.alt_m:g} m", where=f"point {number}", advice="give metres")
     first = stops[0]

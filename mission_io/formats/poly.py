@@ -1,16 +1,18 @@
 """``.poly`` and ``.fen`` files of MAVProxy and Mission Planner: one position a line, latitude and longitude.
 
 A ``.poly`` file is an area. A ``.fen`` file is a fence of the old kind: the return point first, then one inclusion
-polygon. Both begin with a comment and repeat the first corner at the end.
+polygon. Both begin with a comment and repeat the first corner at the end. MAVProxy's old rally points have a word and six
+numbers a line.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 from mission_io.errors import FormatError
 from mission_io.formats.dialects import words_of
 from mission_io.formats.drawings import DrawnArea, open_ring
-from mission_io.formats.text import clean_text, degrees_text, finite_number, place_problem
-from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon
+from mission_io.formats.text import check_place, clean_text, degrees_text, finite_number
+from mission_io.model.areas import Fence, FencePolygon, FramedPoint, LatLon, RallyPoints
 from mission_io.model.items import Frame
 
 _HEADER = "#saved by mission_io"
@@ -98,15 +100,19 @@ def _text(places: list[LatLon]) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _contents(text: str) -> Iterator[tuple[str, str]]:
+    """Each line that holds something beside a comment: where it is, and what it holds."""
+    for number, line in enumerate(text.split("\n"), start=1):
+        content = line.split("#", 1)[0].strip()
+        if content:
+            yield f"line {number}", content
+
+
 def _places(text: str) -> tuple[list[LatLon], list[str]]:
     clean = clean_text(text)
     repairs = list(clean.repairs)
     places: list[LatLon] = []
-    for line_number, line in enumerate(clean.text.split("\n"), start=1):
-        content = line.split("#", 1)[0].strip()
-        if not content:
-            continue
-        where = f"line {line_number}"
+    for where, content in _contents(clean.text):
         try:
             found = words_of(content, 2)
         except FormatError as error:
@@ -116,8 +122,47 @@ def _places(text: str) -> tuple[list[LatLon], list[str]]:
             spaces = " to spaces" if found.changed.endswith("separators") else ""
             repairs.append(f"{where}: {found.changed}{spaces}")
         lat_deg, lon_deg = (finite_number(word, where) for word in found.words)
-        problem = place_problem(lat_deg, lon_deg)
-        if problem is not None:
-            raise FormatError(problem.what, where=where, advice=problem.advice)
+        check_place(lat_deg, lon_deg, where)
         places.append(LatLon(lat_deg, lon_deg))
     return places, repairs
+
+
+_RALLY_ADVICE = "a rally point is RALLY and 6 numbers"
+
+
+@dataclass(frozen=True, slots=True)
+class RallyFile:
+    """The content of a file of rally points, and what was dropped or repaired to read it, one line each."""
+
+    rally: RallyPoints
+    repairs: tuple[str, ...]
+
+
+def read_rally(text: str) -> RallyFile:
+    """Read rally points, ``RALLY latitude longitude altitude break_altitude landing_direction flags`` a line.
+
+    The altitude is in metres above home. Fields without a present equivalent are dropped, and listed where they are set.
+
+    Raises:
+        FormatError: with the line.
+    """
+    clean = clean_text(text)
+    repairs = list(clean.repairs)
+    points: list[FramedPoint] = []
+    for where, content in _contents(clean.text):
+        try:
+            found = words_of(content, 7)
+        except FormatError as error:
+            what = f"{len(content.split())} columns beginning with {content.split()[0][:20]!r}"
+            raise FormatError(what, where=where, advice=error.advice or _RALLY_ADVICE) from None
+        word, *columns = found.words
+        if word != "RALLY":
+            raise FormatError(f"7 columns beginning with {word[:20]!r}", where=where, advice=_RALLY_ADVICE)
+        if found.changed:
+            repairs.append(f"{where}: {found.changed}")
+        lat_deg, lon_deg, alt_m, *dropped = (finite_number(column, where) for column in columns)
+        check_place(lat_deg, lon_deg, where)
+        if any(dropped):
+            repairs.append(f"{where}: break altitude, landing direction and flags are not kept")
+        points.append(FramedPoint(lat_deg, lon_deg, alt_m, Frame.ABOVE_HOME))
+    return RallyFile(RallyPoints(tuple(points)), tuple(repairs))

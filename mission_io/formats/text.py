@@ -8,9 +8,14 @@ import math
 import re
 from dataclasses import dataclass
 from decimal import Decimal
+from functools import cache
+from typing import TYPE_CHECKING
 from xml.sax.saxutils import escape
 
 from mission_io.errors import FormatError
+
+if TYPE_CHECKING:
+    import jinja2
 
 _WIDE = ((codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF16_LE, "utf-16"), (codecs.BOM_UTF16_BE, "utf-16"))
 
@@ -110,12 +115,21 @@ def finite_number(text: str, where: str) -> float:
     return value
 
 
-def place_problem(lat_deg: float, lon_deg: float) -> FormatError | None:
-    """The error for an invalid latitude or longitude, without a location in the file; None for valid ones."""
-    if -90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0:
-        return None
-    advice = "latitude comes first" if abs(lon_deg) <= 90.0 and abs(lat_deg) <= 180.0 else ""
-    return FormatError(f"latitude {lat_deg:g}, longitude {lon_deg:g} is not a position", advice=advice)
+def is_place(lat_deg: float, lon_deg: float) -> bool:
+    """Whether these are a latitude and a longitude."""
+    return -90.0 <= lat_deg <= 90.0 and -180.0 <= lon_deg <= 180.0
+
+
+def check_place(lat_deg: float, lon_deg: float, where: str) -> None:
+    """Refuse an invalid latitude or longitude.
+
+    Raises:
+        FormatError: with ``where``.
+    """
+    if not is_place(lat_deg, lon_deg):
+        advice = "latitude comes first" if abs(lon_deg) <= 90.0 and abs(lat_deg) <= 180.0 else ""
+        what = f"latitude {lat_deg:g}, longitude {lon_deg:g} is not a position"
+        raise FormatError(what, where=where, advice=advice)
 
 
 _NOT_IN_XML = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
@@ -131,3 +145,30 @@ def xml_text(text: str, *, where: str = "name") -> str:
     if bad is not None:
         raise FormatError(f"the {where} holds {bad.group()!r}, which XML cannot", where=where, advice="leave it out")
     return escape(text, {'"': "&quot;"})
+
+
+@cache
+def _environment() -> "jinja2.Environment":
+    import jinja2  # takes a while, and readers do without
+    from markupsafe import Markup
+
+    environment = jinja2.Environment(
+        loader=jinja2.PackageLoader("mission_io.formats", ""),
+        autoescape=True,
+        undefined=jinja2.StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
+    )
+    environment.filters["xml"] = lambda text: Markup(xml_text(text))
+    environment.globals |= {"number": plain_decimal, "degrees": degrees_text}
+    return environment
+
+
+def rendered(template: str, **facts: object) -> str:
+    """An XML document from a template of this folder. Every text is escaped; ``xml`` also refuses what XML cannot hold.
+
+    Raises:
+        FormatError: such a text, or a number that is not finite.
+    """
+    return _environment().get_template(template).render(facts)

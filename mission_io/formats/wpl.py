@@ -15,7 +15,7 @@ from mission_io.autopilots.autopilot import home_item, jumps_moved
 from mission_io.autopilots.parameter_meanings import Meaning, has_no_place, meaning_of, number_for_nan
 from mission_io.errors import FormatError
 from mission_io.formats.dialects import words_of
-from mission_io.formats.text import clean_text, degrees_text, finite_number, place_problem, plain_decimal
+from mission_io.formats.text import check_place, clean_text, degrees_text, finite_number, plain_decimal
 from mission_io.model.areas import (
     Fence,
     RallyPoints,
@@ -288,9 +288,8 @@ class _Row:
         if frame_number != frame:
             repairs.append(f"line {self.number}: changed frame {frame_number} to {int(frame)}")
         p1, p2, p3, p4, lat, lon, alt = self._numbers(command, repairs)
-        problem = None if frame is Frame.COMMAND else place_problem(lat, lon)
-        if problem is not None:
-            raise FormatError(problem.what, where=f"line {self.number}", advice=problem.advice)
+        if frame is not Frame.COMMAND:
+            check_place(lat, lon, f"line {self.number}")
         return MissionItem(command, frame, (p1, p2, p3, p4), lat, lon, alt, bool(self._whole(11, repairs)))
 
     def _split(self, repairs: list[str]) -> list[str]:

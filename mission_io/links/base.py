@@ -4,11 +4,14 @@ URLs, including the short forms of pilots' tools, are parsed without opening any
 """
 
 import re
+import socket
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Final, Protocol, runtime_checkable
+from types import TracebackType
+from typing import Final, Protocol, Self, runtime_checkable
 
 from mission_io.clock import Clock
-from mission_io.errors import MisuseError
+from mission_io.errors import LinkError, MisuseError
 from mission_io.wire.framing import FramingCounts
 
 DEFAULT_HOST: Final = "127.0.0.1"
@@ -120,6 +123,35 @@ class PeerLink(Protocol):
     def let_go(self) -> None:
         """Communicate with everybody again."""
         ...
+
+
+class Closing(ABC):
+    """Something open; a context manager that closes it."""
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.close()
+
+    @abstractmethod
+    def close(self) -> None:
+        """Let go of it; may be called twice."""
+
+
+def port_of(sock: socket.socket) -> int:
+    """The port that a socket is bound to.
+
+    Raises:
+        LinkError: it is closed.
+    """
+    try:
+        port: int = sock.getsockname()[1]
+    except OSError as error:
+        raise LinkError(f"the link is closed: {error}") from None
+    return port
 
 
 class WrappingLink:

@@ -3,11 +3,11 @@
 import select
 from collections import deque
 from collections.abc import Iterable, Sequence
-from types import TracebackType
-from typing import Final, Protocol, Self
+from typing import Final, Protocol
 
 from mission_io.clock import Clock, MonotonicClock
 from mission_io.errors import LinkError
+from mission_io.links.base import Closing
 from mission_io.wire.framing import Framer, FramingCounts
 
 QUIET_S: Final = 0.5
@@ -103,7 +103,7 @@ class FramedChannel:
             del self._waiting[:sent]
 
 
-class ChannelLink:
+class ChannelLink(Closing):
     """A link over one channel for as long as that lasts; a context manager.
 
     When the other end goes away that is one LinkError; what had arrived before is delivered first.
@@ -162,14 +162,6 @@ class ChannelLink:
     def close(self) -> None:
         """Let go of the channel; closing twice is fine."""
         self._framed.channel.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 class _Open(Protocol):

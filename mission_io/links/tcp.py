@@ -3,12 +3,11 @@
 import logging
 import socket
 from collections import deque
-from types import TracebackType
-from typing import Final, Self
+from typing import Final
 
 from mission_io.clock import Clock, MonotonicClock
 from mission_io.errors import LinkError
-from mission_io.links.base import DEFAULT_HOST
+from mission_io.links.base import DEFAULT_HOST, Closing, port_of
 from mission_io.links.stream import ChannelLink, FramedChannel, wait_for
 from mission_io.wire.framing import FramingCounts
 
@@ -81,7 +80,7 @@ def connect_tcp(host: str, port: int, *, timeout_s: float = CONNECT_TIMEOUT_S) -
     return ChannelLink(TcpChannel(sock, f"TCP {host}:{port}"))
 
 
-class TcpListeningLink:
+class TcpListeningLink(Closing):
     """Everybody who connects to a TCP port, as one link; a context manager.
 
     What is sent goes to all of them, what they send comes in the order in which it arrives. One that connects or goes
@@ -115,11 +114,7 @@ class TcpListeningLink:
     @property
     def local_port(self) -> int:
         """The TCP port that was bound."""
-        try:
-            port: int = self._listener.getsockname()[1]
-        except OSError as error:
-            raise LinkError(f"the link is closed: {error}") from None
-        return port
+        return port_of(self._listener)
 
     @property
     def peers(self) -> tuple[str, ...]:
@@ -163,14 +158,6 @@ class TcpListeningLink:
         self._listener.close()
         for peer in self._peers.values():
             peer.channel.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
     def _serve(self, timeout_s: float) -> bool:
         """Wait once, then accept, read and write what there is; whether there was nothing."""

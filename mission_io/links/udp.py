@@ -2,16 +2,15 @@
 
 import select
 import socket
-from types import TracebackType
 from typing import Self
 
 from mission_io.clock import Clock, MonotonicClock
 from mission_io.errors import LinkError
-from mission_io.links.base import DEFAULT_HOST
+from mission_io.links.base import DEFAULT_HOST, Closing, port_of
 from mission_io.links.places import Place, Places
 
 
-class UdpLink:
+class UdpLink(Closing):
     """Datagrams over UDP. Made by ``listening`` or ``connecting``; a context manager.
 
     A connecting link sends to one address and port, and hears nothing else: the operating system drops what comes from
@@ -59,11 +58,7 @@ class UdpLink:
     @property
     def local_port(self) -> int:
         """The UDP port of this end."""
-        try:
-            port: int = self._socket.getsockname()[1]
-        except OSError as error:
-            raise LinkError(f"the link is closed: {error}") from None
-        return port
+        return port_of(self._socket)
 
     @property
     def learns_peers(self) -> bool:
@@ -157,14 +152,6 @@ class UdpLink:
     def close(self) -> None:
         """Let go of the port."""
         self._socket.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.close()
 
 
 def _udp_socket(host: str, port: int) -> tuple[socket.socket, tuple[str, int]]:

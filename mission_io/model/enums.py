@@ -60,6 +60,26 @@ class LandedState(IntEnum):
     LANDING = 4
 
 
+class Severity(IntEnum):
+    """Severity of a StatusText (MAV_SEVERITY)."""
+
+    EMERGENCY = 0
+    ALERT = 1
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
+    DEBUG = 7
+
+
+class GpsFix(IntEnum):
+    """Fix of a satellite receiver (GPS_FIX_TYPE), as far as mission_io distinguishes it."""
+
+    NO_FIX = 1
+    FIX_3D = 3
+
+
 class ModeFlag(IntFlag):
     """Bits of a heartbeat's base mode (MAV_MODE_FLAG) that mission_io uses."""
 

@@ -20,6 +20,8 @@ class MissionType(IntEnum):
     RALLY = 2
 
 
+LAST_NAVIGATION = 95
+"""MAV_CMD_NAV_LAST: commands up to here fly somewhere."""
 ALL_MISSION_TYPES = 255
 """MAV_MISSION_TYPE_ALL: stands for all three lists in a MISSION_CLEAR_ALL."""
 

@@ -12,6 +12,9 @@ from mission_io.model.items import Command, GeoPoint, Mission
 EQUATOR_RADIUS_M = 6378137.0
 ECCENTRICITY_SQUARED = (2.0 - 1.0 / 298.257223563) / 298.257223563
 """WGS 84 (NIMA TR8350.2): semi-major axis and first eccentricity squared, from the flattening."""
+MEAN_RADIUS_M = 6_371_000.0
+M_PER_DEG, EQUATOR_M_PER_DEG = 111_195.0, 111_319.0
+"""Length of a degree on a sphere of that radius, and along the equator."""
 
 
 def earth_centred_m(lat_deg: float, lon_deg: float, height_m: float = 0.0) -> tuple[float, float, float]:

@@ -2,26 +2,23 @@
 
 from collections.abc import Callable, Mapping
 from enum import Enum
-from typing import ClassVar
+from typing import ClassVar, Unpack
 
 from mission_io.model.enums import MissionResult
-from mission_io.model.items import MissionType
-from mission_io.protocol.exchange import OPENING, Address, Exchange
-from mission_io.protocol.round_trip import Patience
+from mission_io.protocol.exchange import OPENING, Exchange, ExchangeOptions
 from mission_io.protocol.tables import Row, Table, staying
-from mission_io.protocol.timing import Timing
 from mission_io.wire.messages import Message, MissionAck, MissionClearAll
 
 
 class ClearState(Enum):
     """State of a clear."""
 
-    ASKED = "asked to empty the list"
-    BACKING_OFF = "the vehicle was busy; it is asked again later"
-    CLEARED = "the vehicle emptied the list"
+    ASKED = "the client requested an empty list"
+    BACKING_OFF = "the vehicle was busy, and the request is sent again later"
+    CLEARED = "the vehicle cleared the list"
     REFUSED = "the vehicle refused"
-    SILENT = "the vehicle fell silent"
-    STUCK = "the vehicle answers but does not get on"
+    SILENT = "the vehicle stopped answering"
+    STUCK = "the vehicle answers but makes no progress"
 
 
 class ClearEvent(Enum):
@@ -79,24 +76,10 @@ class Clear(Exchange[ClearState, ClearEvent]):
 
     def __init__(
         self,
-        *,
-        mission_type: MissionType,
-        local: Address,
-        vehicle: Address,
-        now: float,
-        timing: Timing | None = None,
-        patience: Patience | None = None,
+        **options: Unpack[ExchangeOptions],
     ) -> None:
-        super().__init__(
-            ClearState.ASKED,
-            mission_type=mission_type,
-            local=local,
-            vehicle=vehicle,
-            timing=timing,
-            patience=patience,
-            now=now,
-        )
-        self._ask(now)
+        super().__init__(ClearState.ASKED, **options)
+        self._ask(options["now"])
 
     @property
     def finished(self) -> bool:

@@ -7,40 +7,31 @@ nothing was lost, and on a link so short that beginning anew costs little.
 
 from collections.abc import Callable, Mapping
 from enum import Enum
-from typing import ClassVar
+from typing import ClassVar, Unpack
 
 from mission_io.autopilots.checks import refuse_impossible
 from mission_io.model.enums import MissionResult
-from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.exchange import OPENING, Address, Exchange
-from mission_io.protocol.round_trip import Patience
+from mission_io.model.items import MissionItem
+from mission_io.protocol.exchange import OPENING, Exchange, ExchangeOptions
 from mission_io.protocol.tables import Row, Table, staying
-from mission_io.protocol.timing import RESTARTS, Timing
-from mission_io.wire.messages import (
-    Message,
-    MissionAck,
-    MissionCount,
-    MissionItemFloat,
-    MissionItemInt,
-    MissionRequestInt,
-    MissionRequestList,
-)
+from mission_io.protocol.tuning import TRANSFERS
+from mission_io.wire import messages as m
 from mission_io.wire.mission_items import item_from_message
 
 
 class DownloadState(Enum):
     """State of a download."""
 
-    LISTING = "asked how many items there are"
-    FETCHING = "asking for one item after the other"
-    BACKING_OFF = "the vehicle was busy; the list is requested again later"
-    DONE = "every item is here"
+    LISTING = "the client requested the number of items"
+    FETCHING = "the client requests the items"
+    BACKING_OFF = "the vehicle was busy, and the list is requested again later"
+    DONE = "the client has all items"
     REFUSED = "the vehicle refused"
-    VEHICLE_CANCELLED = "the vehicle cancelled"
-    CANCELLED = "this side cancelled"
-    SILENT = "the vehicle fell silent"
-    CHANGING = "the vehicle repeatedly names another number of items"
-    STUCK = "the vehicle answers but does not get on"
+    VEHICLE_CANCELLED = "the vehicle cancelled the transfer"
+    CANCELLED = "the client cancelled the transfer"
+    SILENT = "the vehicle stopped answering"
+    CHANGING = "the vehicle repeatedly changes the number of items"
+    STUCK = "the vehicle answers but makes no progress"
 
 
 class DownloadEvent(Enum):
@@ -106,16 +97,6 @@ DOWNLOAD_TABLE: Table[DownloadState, DownloadEvent] = Table(
 
 DOWNLOAD_ENDS = frozenset({_S.DONE, _S.REFUSED, _S.VEHICLE_CANCELLED, _S.CANCELLED, _S.SILENT, _S.CHANGING, _S.STUCK})
 
-_THANKS_ON_A_BAD_LINK = 3
-_COUNT_CHANGES = 8
-_PROVEN_ITEMS = 8
-"""Items without a silence after which a link counts as lossless, until it loses one."""
-_CHEAP_RESTART_S = 2.0
-_ERRORS_AT_AN_ITEM = 3
-"""Number of consecutive errors in place of the same item that end a download.
-
-A single one does not count: PX4 answers ERROR to a late duplicate out of turn, and that hits a different item each time.
-"""
 
 _ACK_EVENTS: dict[int, DownloadEvent] = {
     MissionResult.ACCEPTED: _E.ACK_ACCEPTED,
@@ -140,37 +121,24 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     def __init__(
         self,
         *,
-        mission_type: MissionType,
-        local: Address,
-        vehicle: Address,
-        now: float,
-        timing: Timing | None = None,
-        patience: Patience | None = None,
         any_order: bool = False,
         in_order: bool = False,
+        **options: Unpack[ExchangeOptions],
     ) -> None:
-        super().__init__(
-            DownloadState.LISTING,
-            mission_type=mission_type,
-            local=local,
-            vehicle=vehicle,
-            timing=timing,
-            patience=patience,
-            now=now,
-        )
+        super().__init__(DownloadState.LISTING, **options)
         self._any_order, self._in_order = any_order, in_order
         self._retry_s = self.timing.busy_retry_s
         self._count: int | None = None
         self._announced = 0
-        self._arrived: dict[int, MissionItemInt | MissionItemFloat] = {}
-        self._latest: MissionItemInt | MissionItemFloat | None = None
+        self._arrived: dict[int, m.MissionItemInt | m.MissionItemFloat] = {}
+        self._latest: m.MissionItemInt | m.MissionItemFloat | None = None
         self._missing = 0  # the first missing item
         self._asked_to = 0  # the items before this one were requested
-        self._list_sent_at = now
+        self._list_sent_at = options["now"]
         self._count_changes = 0
         self._error_at = -1  # the item that an error came instead of
         self._errors_there = 0
-        self._send_list(now)
+        self._send_list(options["now"])
 
     @property
     def finished(self) -> bool:
@@ -202,18 +170,18 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         if not self.finished:
             self._step(DownloadEvent.CANCEL, now)
 
-    def _event_of(self, message: Message, now: float) -> DownloadEvent | None:
+    def _event_of(self, message: m.Message, now: float) -> DownloadEvent | None:
         del now
-        if isinstance(message, MissionCount):
+        if isinstance(message, m.MissionCount):
             self.list_id = message.opaque_id
             return self._count_event(message.count)
-        if isinstance(message, MissionItemInt | MissionItemFloat):
+        if isinstance(message, m.MissionItemInt | m.MissionItemFloat):
             fetching = self.state is DownloadState.FETCHING
             if not fetching or message.seq in self._arrived or message.seq >= self._asked_to:
                 return DownloadEvent.ITEM_STRAY
             self._latest = message
             return DownloadEvent.ITEM_LAST if len(self._arrived) + 1 == self._count else DownloadEvent.ITEM
-        if isinstance(message, MissionAck):
+        if isinstance(message, m.MissionAck):
             event = _ACK_EVENTS.get(message.result, DownloadEvent.ACK_REFUSED)
             breaks_off = event is DownloadEvent.ACK_BUSY and self.state is DownloadState.FETCHING
             return DownloadEvent.ACK_REFUSED if breaks_off and self._is_last_error() else event
@@ -224,7 +192,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
             if count == self._count:
                 return DownloadEvent.COUNT
             self._count_changes += 1
-            last = self._count_changes > _COUNT_CHANGES or self.restarts >= RESTARTS
+            last = self._count_changes > TRANSFERS.count_changes or self.restarts >= TRANSFERS.restarts
             return DownloadEvent.COUNT_UNSTABLE if last else DownloadEvent.COUNT_CHANGED
         self._announced = count
         return DownloadEvent.COUNT if count else DownloadEvent.COUNT_ZERO
@@ -233,7 +201,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
         """Whether an error in place of the first missing item ends the download; counts those in a row."""
         self._errors_there = self._errors_there + 1 if self._missing == self._error_at else 1
         self._error_at = self._missing
-        return self._errors_there >= _ERRORS_AT_AN_ITEM or self.restarts >= RESTARTS
+        return self._errors_there >= TRANSFERS.errors_at_an_item or self.restarts >= TRANSFERS.restarts
 
     def _deadlines(self) -> list[tuple[float, DownloadEvent]]:
         stuck = (self._stuck_at(), DownloadEvent.NO_PROGRESS)
@@ -257,7 +225,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     def _event_when_due(self, event: DownloadEvent) -> DownloadEvent:
         if event is DownloadEvent.RESEND and self.state is DownloadState.FETCHING and self._asked_early():
             event = DownloadEvent.STALL  # after any loss the vehicle aborts at the next request
-        too_often = event is DownloadEvent.STALL and self.restarts >= RESTARTS
+        too_often = event is DownloadEvent.STALL and self.restarts >= TRANSFERS.restarts
         return DownloadEvent.NO_PROGRESS if too_often else event
 
     def _actions(self) -> Mapping[str, Callable[[float], None]]:
@@ -278,7 +246,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     def _send_list(self, now: float) -> None:
         to = self.vehicle
         self._list_sent_at = now
-        self._send(MissionRequestList(to.system_id, to.component_id, self.mission_type), now, question=OPENING)
+        self._send(m.MissionRequestList(to.system_id, to.component_id, self.mission_type), now, question=OPENING)
 
     def _resend_list(self, now: float) -> None:
         self._count_silence()
@@ -339,9 +307,9 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     def _loses_nothing(self) -> bool:
         """Whether nothing was lost so far, and beginning anew would be cheap."""
         round_trip = self.patience.round_trip
-        if self.silences or self.restarts or self._missing < _PROVEN_ITEMS or round_trip is None:
+        if self.silences or self.restarts or self._missing < TRANSFERS.proven_items or round_trip is None:
             return False
-        return (self._count or 0) * round_trip.smoothed_s <= _CHEAP_RESTART_S
+        return (self._count or 0) * round_trip.smoothed_s <= TRANSFERS.cheap_restart_s
 
     def _ask_ahead(self, now: float) -> None:
         """Request the first missing item and those ahead of their turn, unless requested already."""
@@ -351,7 +319,7 @@ class Download(Exchange[DownloadState, DownloadEvent]):
     def _ask(self, seq: int, now: float) -> None:
         self._asked_to = max(self._asked_to, seq + 1)
         to = self.vehicle
-        self._send(MissionRequestInt(to.system_id, to.component_id, seq, self.mission_type), now, question=seq)
+        self._send(m.MissionRequestInt(to.system_id, to.component_id, seq, self.mission_type), now, question=seq)
 
     def _resend_requests(self, now: float) -> None:
         self._count_silence()
@@ -367,5 +335,5 @@ class Download(Exchange[DownloadState, DownloadEvent]):
 
     def _send_thanks(self, now: float) -> None:
         """Send the final ACK: PX4 answers none, and refuses uploads for 5 s without it. A lossy link gets three."""
-        for _ in range(_THANKS_ON_A_BAD_LINK if self.silences else 1):
+        for _ in range(TRANSFERS.thanks_on_a_bad_link if self.silences else 1):
             self._send_result(MissionResult.ACCEPTED, now)

@@ -5,13 +5,14 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 from operator import itemgetter
-from typing import ClassVar, Generic, TypeVar
+from typing import ClassVar, Generic, Required, TypedDict, TypeVar
 
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionType
 from mission_io.protocol.round_trip import Departures, Patience
 from mission_io.protocol.tables import Table
-from mission_io.protocol.timing import RESTARTS, Timing
+from mission_io.protocol.timing import Timing
+from mission_io.protocol.tuning import TRANSFERS
 from mission_io.wire.messages import Message, MissionAck, Received, is_for
 
 StateT = TypeVar("StateT", bound=Enum)
@@ -32,10 +33,15 @@ OPENING = -1
 """Represents the first message of an exchange (COUNT, REQUEST_LIST, CLEAR_ALL) among the item numbers."""
 
 
-_CLEAN_ANSWERS = 8
+class ExchangeOptions(TypedDict, total=False):
+    """Arguments of every exchange: its list, both ends, when it begins, and what is known of the link."""
 
-
-_CANCELS_ON_A_BAD_LINK = 3
+    mission_type: Required[MissionType]
+    local: Required[Address]
+    vehicle: Required[Address]
+    now: Required[float]
+    timing: Timing | None
+    patience: Patience | None
 
 
 class Exchange(ABC, Generic[StateT, EventT]):
@@ -61,9 +67,9 @@ class Exchange(ABC, Generic[StateT, EventT]):
         mission_type: MissionType,
         local: Address,
         vehicle: Address,
-        timing: Timing | None,
-        patience: Patience | None,
         now: float,
+        timing: Timing | None = None,
+        patience: Patience | None = None,
     ) -> None:
         self.state: StateT = start
         self.mission_type, self.local, self.vehicle = mission_type, local, vehicle
@@ -188,7 +194,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
     def _note_restart(self, now: float) -> None:
         """The exchange restarts: allow the time to get as far again."""
         self.restarts += 1
-        if self.restarts <= RESTARTS:
+        if self.restarts <= TRANSFERS.restarts:
             longest_s = (self._reached + 1) * self.timing.resend_longest_s
             self._regain_s += min(now - self._began_at, longest_s)
         self._began_at = now
@@ -201,7 +207,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
             self._slowest_s = max(self._slowest_s, answer.since_first_s)
         self._backed_off = 0
         self._clean += 1
-        if self._clean >= _CLEAN_ANSWERS:
+        if self._clean >= TRANSFERS.clean_answers:
             self._clean = 0
             self._ahead = min(self._ahead + 1, self.timing.items_ahead)
 
@@ -216,7 +222,7 @@ class Exchange(ABC, Generic[StateT, EventT]):
 
     def _send_cancel(self, now: float) -> None:
         """Tell the vehicle that the transfer is cancelled. It is not answered: on a lossy link it is sent three times."""
-        for _ in range(_CANCELS_ON_A_BAD_LINK if self.silences else 1):
+        for _ in range(TRANSFERS.cancels_on_a_bad_link if self.silences else 1):
             self._send_result(MissionResult.OPERATION_CANCELLED, now)
 
     def _on_its_way(self, question: int, now: float) -> bool:

@@ -12,16 +12,10 @@ from enum import Enum
 
 from mission_io.protocol.ftp import DATA_BYTES, FtpError, FtpMessage, FtpOperation, crc32, path_bytes
 from mission_io.protocol.ftp_window import FtpQuestion, FtpWaits, FtpWindow
+from mission_io.protocol.tuning import FILES
 
 MOST_BYTES = 1 << 30
 """A file that is announced larger is refused: sooner nonsense than a file."""
-_GAPS_OF_SILENCE, _FIRST_GAP_S = 4.0, 0.125
-"""A burst is over after this multiple of the longest late pause between its pieces."""
-_MOST_WAIT_S, _HASTY_BURSTS = 5.0, 6
-_BEYOND_A_BURST = 1024
-"""ArduPilot numbers the 500 answers of a burst one after the other, and repeats the last for a request that has its number."""
-_RECENT = 16384
-_TRIES_OF_CRC, _MOST_FAILURES = 2, 8
 
 
 class FtpDownloadState(Enum):
@@ -72,7 +66,7 @@ class FtpDownload:
         self._todo: deque[int] = deque()
         self._reach = 0
         self._burst_seq: int | None = None
-        self._burst_heard_at_s, self._burst_gap_s, self._deaf_bursts = now, _FIRST_GAP_S, 0
+        self._burst_heard_at_s, self._burst_gap_s, self._deaf_bursts = now, FILES.first_gap_s, 0
         self._has_bursts = True
         self._new_at_s = now
         self._failures = self._crc_tries = self._most_across_bytes = 0
@@ -132,7 +126,7 @@ class FtpDownload:
         elif answer.session != self._session:
             return
         elif answer.answers == FtpOperation.BURST_READ_FILE:
-            if (self._seq + _BEYOND_A_BURST - answer.seq) % 65536 < _RECENT:
+            if (self._seq + FILES.beyond_a_burst - answer.seq) % 65536 < FILES.recent_answers:
                 self._take_burst(answer, now)
         elif answer.answers == FtpOperation.READ_FILE:
             piece = self._reads.take((answer.seq - 1) % 65536, now)
@@ -154,7 +148,7 @@ class FtpDownload:
     def _fail(self, why: str) -> bool:
         """Count a repaired gap; False after too many of them without new data."""
         self._failures += 1
-        if self._failures > _MOST_FAILURES:
+        if self._failures > FILES.most_failures:
             self._refuse(f"{why}, {self._failures} times")
         return not self.finished
 
@@ -194,7 +188,7 @@ class FtpDownload:
         self._bursts.clear()
         self._reads.clear()
         self.state = FtpDownloadState.CLOSING
-        request = FtpMessage(self._next_seq(_BEYOND_A_BURST), FtpOperation.TERMINATE_SESSION, self._session)
+        request = FtpMessage(self._next_seq(FILES.beyond_a_burst), FtpOperation.TERMINATE_SESSION, self._session)
         self._ask(request, then)
 
     def _compare(self, found: int) -> None:
@@ -203,7 +197,7 @@ class FtpDownload:
             self.state = FtpDownloadState.DONE
             return
         self._crc_tries += 1
-        if self._crc_tries >= _TRIES_OF_CRC:
+        if self._crc_tries >= FILES.tries_of_crc:
             self.state = FtpDownloadState.DIFFERS
             self.why = f"CRC {here:08x} instead of {found:08x} after {self._crc_tries} tries; it may be changing"
             return
@@ -218,15 +212,15 @@ class FtpDownload:
 
     @property
     def _burst_wait_s(self) -> float:
-        pause_s = max(self._waits.among_others_s, _GAPS_OF_SILENCE * self._burst_gap_s)
-        return min(_MOST_WAIT_S, pause_s * 2.0 ** min(max(0, self._deaf_bursts - _HASTY_BURSTS), 10))
+        pause_s = max(self._waits.among_others_s, FILES.gaps_of_silence * self._burst_gap_s)
+        return min(FILES.burst_most_wait_s, pause_s * 2.0 ** min(max(0, self._deaf_bursts - FILES.hasty_bursts), 10))
 
     def _burst(self, now: float) -> list[FtpMessage]:
         if self._is_reached:
             return self._look_for_gaps(now)
         if self._burst_seq is not None and now < self._burst_heard_at_s + self._burst_wait_s:
             return []
-        self._burst_seq = self._next_seq(_BEYOND_A_BURST)
+        self._burst_seq = self._next_seq(FILES.beyond_a_burst)
         self._burst_heard_at_s = now
         self._deaf_bursts += 1
         self._bursts.add(self._burst_seq, self._reach, now)

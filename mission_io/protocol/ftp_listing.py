@@ -6,9 +6,7 @@ from enum import Enum
 from mission_io.errors import FormatError
 from mission_io.protocol.ftp import FtpError, FtpMessage, FtpOperation, path_bytes
 from mission_io.protocol.ftp_window import FtpQuestion, FtpWaits
-
-MOST_ENTRIES = 20_000
-"""More than that is sooner nonsense than a folder."""
+from mission_io.protocol.tuning import FILES
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,8 +114,8 @@ class FtpListing:
         self._entries |= {entry.name: entry for entry in page}
         if again is not None:
             self._refuse(f"the vehicle lists {again!r} repeatedly, or the folder is changing")
-        elif self._offset > MOST_ENTRIES:
-            self._refuse(f"the vehicle lists more than {MOST_ENTRIES} entries")
+        elif self._offset > FILES.most_entries:
+            self._refuse(f"the vehicle lists more than {FILES.most_entries} entries")
         else:
             self._question = self._next_question()
 

@@ -6,10 +6,9 @@ from typing import Protocol
 
 from mission_io.errors import FormatError
 from mission_io.protocol.ftp import DATA_BYTES, FtpError, FtpMessage, FtpOperation, crc32
+from mission_io.protocol.tuning import FILES
 
 MAX_FILE_BYTES = 64 * 1024 * 1024
-BURST = 64
-"""Answers in a burst before the reader has to ask again. ArduPilot sends 500, at the line's rate; these are sent at once."""
 
 
 class MadeFiles(Protocol):
@@ -34,7 +33,11 @@ class FtpServer:
     """
 
     def __init__(
-        self, files: MutableMapping[str, bytearray] | None = None, *, burst: int = BURST, made: MadeFiles | None = None
+        self,
+        files: MutableMapping[str, bytearray] | None = None,
+        *,
+        burst: int = FILES.burst,
+        made: MadeFiles | None = None,
     ) -> None:
         self._made = made
         self._burst_length = burst

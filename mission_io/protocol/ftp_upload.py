@@ -12,12 +12,7 @@ from enum import Enum
 
 from mission_io.protocol.ftp import DATA_BYTES, FtpError, FtpMessage, FtpOperation, crc32, path_bytes
 from mission_io.protocol.ftp_window import FtpQuestion, FtpWaits, FtpWindow
-
-_FEW, _SMALL_SHARE = 24, 0.01
-"""So few unanswered pieces, or so small a share of all, are simply sent again: to open the file twice takes longer."""
-_PROOF = 4
-"""Bytes at the end of a piece by which it is known again."""
-_TRIES_OF_CRC = 2
+from mission_io.protocol.tuning import FILES
 
 
 class FtpUploadState(Enum):
@@ -183,7 +178,7 @@ class FtpUpload:
             self.state = FtpUploadState.DONE
             return
         self._crc_tries += 1
-        if self._crc_tries >= _TRIES_OF_CRC:
+        if self._crc_tries >= FILES.tries_of_crc:
             self.state = FtpUploadState.DIFFERS
             self.why = f"CRC {found:08x} instead of {crc32(self.content):08x} after {self._crc_tries} tries"
             return
@@ -263,7 +258,7 @@ class FtpUpload:
             self._close(FtpUploadState.WRITING)
         else:
             provable = [piece for piece in unsure if any(self._proof_of(piece))]
-            if not self._readable or len(provable) <= max(_FEW, _SMALL_SHARE * self._count):
+            if not self._readable or len(provable) <= max(FILES.few_pieces, FILES.small_share * self._count):
                 self._todo = deque(unsure)
             else:
                 self._todo = deque(provable)
@@ -276,5 +271,5 @@ class FtpUpload:
 def _proof(data: bytes) -> tuple[int, bytes]:
     """Bytes that identify a piece, and their position in it: the last ones that are not all zero."""
     end = len(data.rstrip(b"\0")) or len(data)
-    start = max(0, end - _PROOF)
+    start = max(0, end - FILES.proving_pieces)
     return start, data[start:end]

@@ -6,11 +6,7 @@ from dataclasses import dataclass
 
 from mission_io.protocol.ftp import FtpMessage
 from mission_io.protocol.round_trip import RoundTrip
-
-_LEAST_WAIT_S, _MOST_WAIT_S, _FIRST_WAIT_S = 0.1, 5.0, 0.5
-_LATER = 3
-"""Answers to later requests that prove a loss: links keep the order, almost."""
-_LEAST_CONTROL_WAIT_S, _HASTY_TRIES = 0.03, 12
+from mission_io.protocol.tuning import FILES
 
 
 class FtpWaits:
@@ -34,18 +30,18 @@ class FtpWaits:
         An answer is given again for a repeated number: a longer timeout would only cost time.
         """
         if self._round_trip is None:
-            return _FIRST_WAIT_S
-        slow_tries = max(0, tries - _HASTY_TRIES)
-        shortest = max(_LEAST_CONTROL_WAIT_S, 1.5 * self._shortest_s)
-        return min(_MOST_WAIT_S, shortest * 2.0 ** min(slow_tries, 10))
+            return FILES.first_wait_s
+        slow_tries = max(0, tries - FILES.hasty_tries)
+        shortest = max(FILES.least_control_wait_s, 1.5 * self._shortest_s)
+        return min(FILES.most_wait_s, shortest * 2.0 ** min(slow_tries, 10))
 
     @property
     def among_others_s(self) -> float:
         """Before a request of several is taken for lost."""
         if self._round_trip is None:
-            return _FIRST_WAIT_S
+            return FILES.first_wait_s
         waits = 2.0 * self._round_trip.smoothed_s + 4.0 * self._round_trip.variation_s
-        return min(_MOST_WAIT_S, max(_LEAST_WAIT_S, waits))
+        return min(FILES.most_wait_s, max(FILES.least_wait_s, waits))
 
 
 class FtpQuestion:
@@ -124,7 +120,7 @@ class FtpWindow:
         lost = [
             seq
             for seq, sent in self._sent.items()
-            if sent.later >= _LATER or now >= sent.at_s + self._waits.among_others_s
+            if sent.later >= FILES.overtaking_answers or now >= sent.at_s + self._waits.among_others_s
         ]
         self._late |= {seq: self._sent.pop(seq) for seq in lost}
         return [self._late[seq].piece for seq in lost]

@@ -5,10 +5,9 @@ when it runs dry, each gap in turn.
 """
 
 from mission_io.protocol.exchange import Address
+from mission_io.protocol.tuning import FILES
 from mission_io.wire.messages import LOG_DATA_BYTES, LogData, LogEntry, LogRequestData, LogRequestEnd, Message, Received
 
-_QUIET_S = 0.5
-"""Time without new bytes after which the stretch has run dry."""
 _MOST_BYTES = 90 * 4096
 """Of one request: a vehicle may not send more than it can drop halfway."""
 
@@ -120,7 +119,7 @@ class LogDownload:
 
     @property
     def _quiet_until(self) -> float:
-        return max(self._new_at, self._asked_at) + _QUIET_S
+        return max(self._new_at, self._asked_at) + FILES.quiet_s
 
     def next_timer(self) -> float | None:
         """When it wants to be asked again; None when it is over."""

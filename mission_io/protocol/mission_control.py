@@ -5,20 +5,8 @@ from dataclasses import dataclass, replace
 from mission_io.model.enums import CommandResult, MissionState
 from mission_io.model.items import Command
 from mission_io.protocol.exchange import Address
-from mission_io.wire.messages import (
-    CommandAck,
-    CommandLong,
-    Message,
-    MissionCurrent,
-    MissionItemReached,
-    MissionSetCurrent,
-    Received,
-)
-
-_DEAF_TRIES = 3
-"""Unanswered commands after which the older message is sent too: PX4 up to 1.14 and others know only that."""
-_STALE_TRIES = 4
-"""Reports of another item after an accepted command that prove its failure."""
+from mission_io.protocol.tuning import TRANSFERS
+from mission_io.wire import messages as m
 
 
 class SetCurrent:
@@ -50,13 +38,13 @@ class SetCurrent:
         *,
         vehicle: Address,
         local: Address,
-        question: CommandLong,
+        question: m.CommandLong,
         before: int | None,
         now: float,
         timeout_s: float = 5.0,
         again_s: float = 0.5,
     ) -> None:
-        self.current: MissionCurrent | None = None
+        self.current: m.MissionCurrent | None = None
         self.refused: int | None = None
         self.accepted = self.done = self.cancelled = False
         self._seq, self._vehicle, self._local, self._before = seq, vehicle, local, before
@@ -76,17 +64,17 @@ class SetCurrent:
         del now
         self.cancelled = True
 
-    def receive(self, received: Received, now: float) -> None:
+    def receive(self, received: m.Received, now: float) -> None:
         """Take a message; those about anything else have no effect."""
         del now
         if self.finished or Address(received.system_id, received.component_id) != self._vehicle:
             return
         message = received.message
-        if isinstance(message, CommandAck):
+        if isinstance(message, m.CommandAck):
             ours = message.target_system in (0, self._local.system_id)
             if message.command == Command.DO_SET_MISSION_CURRENT and ours:
                 self._take_ack(message.result)
-        elif isinstance(message, MissionCurrent) and self._tries > 0:
+        elif isinstance(message, m.MissionCurrent) and self._tries > 0:
             self._take_current(message)
 
     def _take_ack(self, result: int) -> None:
@@ -98,7 +86,7 @@ class SetCurrent:
         elif result != CommandResult.IN_PROGRESS and not self.accepted:
             self.refused = result
 
-    def _take_current(self, message: MissionCurrent) -> None:
+    def _take_current(self, message: m.MissionCurrent) -> None:
         commanded = self.accepted or self._older
         self.current = message
         went_on = self.accepted and message.seq > self._seq and message.seq != self._before
@@ -106,9 +94,9 @@ class SetCurrent:
             self.done = True
         elif self.accepted:
             self._stale += 1
-            self._over = self._stale >= _STALE_TRIES
+            self._over = self._stale >= TRANSFERS.stale_tries
 
-    def messages_to_send(self, now: float) -> list[Message]:
+    def messages_to_send(self, now: float) -> list[m.Message]:
         """Messages due at ``now``."""
         self._over = self._over or now >= self._until
         if self.finished or (self._said_at is not None and now < self._said_at + self._again_s):
@@ -117,16 +105,16 @@ class SetCurrent:
         to = self._vehicle.system_id, self._vehicle.component_id
         if self.accepted:
             return [self._question]
-        messages: list[Message] = []
+        messages: list[m.Message] = []
         if not self._older:
             params = (float(self._seq), 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
             messages.append(
-                CommandLong(*to, Command.DO_SET_MISSION_CURRENT, params, confirmation=min(self._tries, 255))
+                m.CommandLong(*to, Command.DO_SET_MISSION_CURRENT, params, confirmation=min(self._tries, 255))
             )
         self._tries += 1
-        if self._older or self._tries > _DEAF_TRIES:
+        if self._older or self._tries > TRANSFERS.deaf_tries:
             self._older = True
-            messages += [MissionSetCurrent(*to, self._seq), self._question]
+            messages += [m.MissionSetCurrent(*to, self._seq), self._question]
         return messages
 
     def next_timer(self) -> float | None:
@@ -157,10 +145,10 @@ class ItemProgress:
         """Whether the vehicle reports that it has flown all of it."""
         return self.state == MissionState.COMPLETE
 
-    def after(self, message: Message) -> "ItemProgress":
+    def after(self, message: m.Message) -> "ItemProgress":
         """The progress after a message of the vehicle; the same for one about anything else."""
-        if isinstance(message, MissionCurrent):
+        if isinstance(message, m.MissionCurrent):
             return replace(self, current=message.seq, total=message.total, state=message.state)
-        if isinstance(message, MissionItemReached):
+        if isinstance(message, m.MissionItemReached):
             return replace(self, reached=message.seq)
         return self

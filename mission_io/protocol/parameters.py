@@ -11,12 +11,10 @@ from typing import Generic, TypeVar
 
 from mission_io.protocol.parameter_messages import ParameterMessages
 from mission_io.protocol.parameter_values import Parameter, same_value
+from mission_io.protocol.tuning import VALUES
 from mission_io.wire import messages as m
 
 KeyT = TypeVar("KeyT", int, str)
-
-_REFUSALS = 3
-"""Answers with another value that end a setting: the first may have been on its way before it."""
 
 
 class _Asking(Generic[KeyT]):
@@ -158,7 +156,46 @@ class ParameterDownload:
         return give_up_at if again_at is None else min(give_up_at, again_at)
 
 
-class ParameterReads:
+class _ParameterRequests:
+    """Requests for parameters by name, until each is answered or the time is up.
+
+    Attributes:
+        refused: Those that the component refuses, each with its reason.
+    """
+
+    def __init__(
+        self, messages: ParameterMessages, names: Iterable[str], *, until_s: float, again_s: float, window: int
+    ) -> None:
+        self.refused: dict[str, str] = {}
+        self.cancelled = False
+        self._messages, self._until = messages, until_s
+        self._asking = _Asking(names, window=window, again_s=again_s)
+        self._over = False
+
+    @property
+    def finished(self) -> bool:
+        """Whether every name is answered, or the time is up."""
+        return self._over or self.cancelled or not self._asking.left
+
+    @property
+    def missing(self) -> list[str]:
+        """Names without an answer."""
+        return list(self._asking.left)
+
+    def cancel(self, now: float) -> None:
+        """Stop; what was sent may be set all the same."""
+        del now
+        self.cancelled = True
+
+    def next_timer(self) -> float | None:
+        """When it wants to be asked again; None when it is over."""
+        if self.finished:
+            return None
+        again_at = self._asking.next_timer()
+        return self._until if again_at is None else min(self._until, again_at)
+
+
+class ParameterReads(_ParameterRequests):
     """Some parameters by name. A component may be silent about what it does not have, so this ends after ``timeout_s`` at most.
 
     Attributes:
@@ -176,32 +213,13 @@ class ParameterReads:
         again_s: float = 0.5,
         window: int = 20,
     ) -> None:
+        super().__init__(messages, names, until_s=now + timeout_s, again_s=again_s, window=window)
         self.found: dict[str, Parameter] = {}
-        self.refused: dict[str, str] = {}
-        self.cancelled = False
-        self._messages, self._until = messages, now + timeout_s
-        self._asking = _Asking(names, window=window, again_s=again_s)
-        self._over = False
-
-    @property
-    def finished(self) -> bool:
-        """Whether every name is answered, or the time is up."""
-        return self._over or self.cancelled or not self._asking.left
-
-    @property
-    def missing(self) -> list[str]:
-        """Names without an answer."""
-        return list(self._asking.left)
 
     def counts(self) -> tuple[int, int | None]:
         """Number of answered requests, and of all."""
         answered = len(self.found) + len(self.refused)
         return answered, answered + len(self._asking.left)
-
-    def cancel(self, now: float) -> None:
-        """Stop."""
-        del now
-        self.cancelled = True
 
     def receive(self, received: m.Received, now: float) -> None:
         """Take a message; those about anything else have no effect."""
@@ -219,15 +237,8 @@ class ParameterReads:
         self._over = self._over or now >= self._until
         return [] if self.finished else [self._messages.read_request(name) for name in self._asking.due(now)]
 
-    def next_timer(self) -> float | None:
-        """When it wants to be asked again; None when it is over."""
-        if self.finished:
-            return None
-        again_at = self._asking.next_timer()
-        return self._until if again_at is None else min(self._until, again_at)
 
-
-class ParameterWrites:
+class ParameterWrites(_ParameterRequests):
     """Some parameters set, each until the component reports the new value, or another one three times.
 
     Args:
@@ -253,36 +264,17 @@ class ParameterWrites:
         again_s: float = 0.5,
         window: int = 5,
     ) -> None:
-        self.confirmed: dict[str, Parameter] = {}
-        self.refused: dict[str, str] = {}
-        self.cancelled = False
-        self._messages, self._until = messages, now + timeout_s
         self._wanted: Mapping[str, Parameter] = {one.name: one for one in wanted}
+        super().__init__(messages, self._wanted, until_s=now + timeout_s, again_s=again_s, window=window)
+        self.confirmed: dict[str, Parameter] = {}
         self._requests = {
             one.name: messages.set_request(one.name, one.value, one.param_type) for one in self._wanted.values()
         }
-        self._asking = _Asking(self._wanted, window=window, again_s=again_s)
         self._differing: Counter[str] = Counter()
-        self._over = False
-
-    @property
-    def finished(self) -> bool:
-        """Whether each is settled, or the time is up."""
-        return self._over or self.cancelled or not self._asking.left
-
-    @property
-    def missing(self) -> list[str]:
-        """Names without an answer."""
-        return list(self._asking.left)
 
     def counts(self) -> tuple[int, int | None]:
         """Number of settled parameters, and of all."""
         return len(self._wanted) - len(self._asking.left), len(self._wanted)
-
-    def cancel(self, now: float) -> None:
-        """Stop; what was sent may be set all the same."""
-        del now
-        self.cancelled = True
 
     def receive(self, received: m.Received, now: float) -> None:
         """Take a message; those about anything else have no effect."""
@@ -299,7 +291,7 @@ class ParameterWrites:
             self.confirmed[heard.name] = heard.parameter
         else:
             self._differing[heard.name] += 1
-            if self._differing[heard.name] < _REFUSALS:
+            if self._differing[heard.name] < VALUES.most_refusals:
                 return
             self.refused[heard.name] = f"stays {heard.parameter.value!r}"
         self._asking.answered(heard.name)
@@ -308,10 +300,3 @@ class ParameterWrites:
         """Messages due at ``now``."""
         self._over = self._over or now >= self._until
         return [] if self.finished else [self._requests[name] for name in self._asking.due(now)]
-
-    def next_timer(self) -> float | None:
-        """When it wants to be asked again; None when it is over."""
-        if self.finished:
-            return None
-        again_at = self._asking.next_timer()
-        return self._until if again_at is None else min(self._until, again_at)

@@ -4,8 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-_QUITE_ANOTHER = 8.0
-_FIRST_DOUBTFUL, _DOUBTFUL = 3, 8
+from mission_io.protocol.tuning import TRANSFERS
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +25,7 @@ class RoundTrip:
         When the vehicle's answer is lost and it repeats the answer by itself, the measurement is too long by that time; it is
         never too short.
         """
-        if sample_s < self.smoothed_s / _QUITE_ANOTHER:
+        if sample_s < self.smoothed_s / TRANSFERS.other_link_ratio:
             return RoundTrip.first(sample_s)
         gain = 0.125 if sample_s > self.smoothed_s else 0.5
         variation_s = 0.75 * self.variation_s + 0.25 * abs(self.smoothed_s - sample_s)
@@ -66,7 +65,7 @@ class Patience:
                 RoundTrip.first(answer.since_first_s) if known is None else known.updated(answer.since_first_s)
             )
         doubtful, smallest_s = self.doubtful + 1, min(self.smallest_s, answer.since_first_s)
-        if doubtful >= (_FIRST_DOUBTFUL if self.round_trip is None else _DOUBTFUL):
+        if doubtful >= (TRANSFERS.first_doubtful_trips if self.round_trip is None else TRANSFERS.doubtful_trips):
             return Patience(RoundTrip(smallest_s, smallest_s / 64.0), True, doubtful, smallest_s)
         return Patience(self.round_trip, self.is_bound, doubtful, smallest_s)
 

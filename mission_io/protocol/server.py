@@ -1,6 +1,7 @@
 """The vehicle's side of the mission protocol: accepts uploads, serves downloads, clears; behaves as one autopilot does."""
 
-from collections.abc import Iterable
+import zlib
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -10,22 +11,8 @@ from mission_io.model.enums import MissionResult
 from mission_io.model.items import ALL_MISSION_TYPES, GeoPoint, MissionItem, MissionType
 from mission_io.protocol.admission import Incoming, list_is_whole, refusal_in_list, refusal_of
 from mission_io.protocol.exchange import Address
-from mission_io.protocol.list_ids import id_of_items
 from mission_io.protocol.tables import SERVER_TABLE, MissingRowError, ServerEvent, ServerState
-from mission_io.wire.messages import (
-    Message,
-    MissionAck,
-    MissionClearAll,
-    MissionCount,
-    MissionItemFloat,
-    MissionItemInt,
-    MissionRequest,
-    MissionRequestInt,
-    MissionRequestList,
-    MissionWritePartialList,
-    Received,
-    is_for,
-)
+from mission_io.wire import messages as m
 from mission_io.wire.mission_items import float_message, item_from_message, message_from_item
 
 ChangeReason = Literal["uploaded", "upload failed", "cleared"]
@@ -81,7 +68,7 @@ class MissionServer:
         self._served: tuple[Address, int] | None = None  # whose download of which list is going on
         self._served_at = 0.0
         self._serve_next = 0
-        self._outbox: list[Message] = []
+        self._outbox: list[m.Message] = []
         self._events: list[ListChanged] = []
         # About the message at hand: who sent it, which list and which item or count it speaks of, and why it is refused.
         self._sender, self._about, self._number = local, 0, 0
@@ -116,10 +103,10 @@ class MissionServer:
         events, self._events = self._events, []
         return events
 
-    def receive(self, received: Received, now: float) -> None:
+    def receive(self, received: m.Received, now: float) -> None:
         """Process a message that arrived at ``now``."""
         message = received.message
-        if not is_for(message, system_id=self.local.system_id, component_id=self.local.component_id):
+        if not m.is_for(message, system_id=self.local.system_id, component_id=self.local.component_id):
             return
         self._sender = Address(received.system_id, received.component_id)
         self._about = getattr(message, "mission_type", 0)
@@ -127,7 +114,7 @@ class MissionServer:
         if event is not None:
             self._step(event, now)
 
-    def messages_to_send(self, now: float) -> list[Message]:
+    def messages_to_send(self, now: float) -> list[m.Message]:
         """The messages due by ``now``."""
         while True:
             deadlines = self._deadlines()
@@ -160,25 +147,25 @@ class MissionServer:
 
     # What a message means.
 
-    def _event_of(self, message: Message, now: float) -> ServerEvent | None:
+    def _event_of(self, message: m.Message, now: float) -> ServerEvent | None:
         match message:
-            case MissionCount():
+            case m.MissionCount():
                 self._number, self._first = message.count, None
                 return self._count_event(now)
-            case MissionWritePartialList():
+            case m.MissionWritePartialList():
                 return self._part_event(message, now)
-            case MissionItemInt() | MissionItemFloat():
+            case m.MissionItemInt() | m.MissionItemFloat():
                 return self._item_event(message)
-            case MissionRequestList():
+            case m.MissionRequestList():
                 if self._about not in self._lists:
                     return ServerEvent.REQUEST_UNKNOWN
                 if not self.autopilot.download_blocks_s:
                     return ServerEvent.LIST
                 return ServerEvent.LIST_OTHER if self._serves_another() else ServerEvent.LIST_HELD
-            case MissionRequest() | MissionRequestInt():
-                self._in_floats = self.autopilot.answers_in_floats and isinstance(message, MissionRequest)
+            case m.MissionRequest() | m.MissionRequestInt():
+                self._in_floats = self.autopilot.answers_in_floats and isinstance(message, m.MissionRequest)
                 return self._request_event(message.seq)
-            case MissionClearAll():
+            case m.MissionClearAll():
                 if self._about == ALL_MISSION_TYPES and not self.autopilot.clears_all_at_once:
                     self._refusal = MissionResult.UNSUPPORTED
                     return ServerEvent.COUNT_REFUSED
@@ -186,7 +173,7 @@ class MissionServer:
                     return ServerEvent.CLEAR_OWN
                 known = self._about in (*self._lists, ALL_MISSION_TYPES)
                 return ServerEvent.CLEAR if known else ServerEvent.REQUEST_UNKNOWN
-            case MissionAck():
+            case m.MissionAck():
                 stops = message.result in self.autopilot.stopped_by
                 concerned = self._incoming is None or self._is_incoming()
                 return ServerEvent.ACK_CANCEL if stops and concerned else ServerEvent.ACK
@@ -208,7 +195,7 @@ class MissionServer:
             known = known and seq in (self._serve_next, self._serve_next - 1)
         return ServerEvent.REQUEST if known else ServerEvent.REQUEST_UNKNOWN
 
-    def _part_event(self, message: MissionWritePartialList, now: float) -> ServerEvent | None:
+    def _part_event(self, message: m.MissionWritePartialList, now: float) -> ServerEvent | None:
         """Whether a part of a list is taken (ArduPilot, MissionItemProtocol::handle_mission_write_partial_list)."""
         if not self.autopilot.takes_parts:
             return None
@@ -239,7 +226,7 @@ class MissionServer:
             self._number = self._incoming.count  # counts as a repeated COUNT, with any number
         return ServerEvent.COUNT if self._number else ServerEvent.COUNT_ZERO
 
-    def _item_event(self, message: MissionItemInt | MissionItemFloat) -> ServerEvent:
+    def _item_event(self, message: m.MissionItemInt | m.MissionItemFloat) -> ServerEvent:
         incoming = self._incoming
         if incoming is None:
             again = self._ended == (self._sender, self._about, message.seq)
@@ -280,7 +267,7 @@ class MissionServer:
     def _ask(self, now: float) -> None:
         incoming = self._upload()
         incoming.asked_at = now
-        kind = MissionRequest if self.autopilot.legacy_requests else MissionRequestInt
+        kind = m.MissionRequest if self.autopilot.legacy_requests else m.MissionRequestInt
         to, seq = incoming.station, incoming.next_seq
         self._outbox.append(kind(to.system_id, to.component_id, seq, incoming.mission_type))
 
@@ -344,7 +331,7 @@ class MissionServer:
         self._partner = self._sender
         to, held = self._sender, self.items(MissionType(self._about))
         list_id = self.list_id(MissionType(self._about))
-        self._outbox.append(MissionCount(to.system_id, to.component_id, len(held), self._about, list_id))
+        self._outbox.append(m.MissionCount(to.system_id, to.component_id, len(held), self._about, list_id))
 
     def _send_item(self, now: float) -> None:
         self._served_at = now
@@ -408,7 +395,7 @@ class MissionServer:
     def _send_ack(self, to: Address, result: MissionResult, mission_type: int) -> None:
         accepted = result is MissionResult.ACCEPTED and mission_type in self._lists
         list_id = self.list_id(MissionType(mission_type)) if accepted else 0
-        self._outbox.append(MissionAck(to.system_id, to.component_id, result, mission_type, list_id))
+        self._outbox.append(m.MissionAck(to.system_id, to.component_id, result, mission_type, list_id))
 
     def list_id(self, mission_type: MissionType) -> int:
         """The id of a list, which changes with its content; 0 for an empty one, and where lists have none."""
@@ -421,3 +408,8 @@ class MissionServer:
         if self._incoming is None:
             raise MissingRowError("an upload's action while none is going on")
         return self._incoming
+
+
+def id_of_items(items: Sequence[MissionItem]) -> int:
+    """An id for a list: a checksum of its content, as PX4 has it; 0 for an empty list."""
+    return zlib.crc32(repr(tuple(items)).encode()) if items else 0

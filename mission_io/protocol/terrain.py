@@ -11,15 +11,10 @@ from dataclasses import dataclass
 
 from mission_io.autopilots.terrain_grid import ALL_PARTS, PART_COUNT, Heights, Part, parts_of_block, places_of_block
 from mission_io.errors import MisuseError
+from mission_io.protocol.tuning import VALUES
 from mission_io.wire.messages import Message, Received, TerrainData, TerrainRequest
 
-MAX_WAITING = 64
-"""Blocks; ArduPilot keeps 12 by default."""
-_MAX_REMEMBERED = 100 * MAX_WAITING
-_TOLD = 5
-"""Remarks of one kind; the counts go on."""
-_LATEST_S = 1.0
-"""A pause of the program is not caught up beyond this, which would be a burst."""
+_MAX_REMEMBERED = 100 * VALUES.max_waiting
 
 _Key = tuple[float, float, int]
 """A block as it is requested: latitude and longitude of its corner, and spacing."""
@@ -95,7 +90,7 @@ class TerrainAnswers:
             )
             return
         key = (request.lat_deg, request.lon_deg, request.spacing_m)
-        if key not in self._waiting and len(self._waiting) >= MAX_WAITING:
+        if key not in self._waiting and len(self._waiting) >= VALUES.max_waiting:
             self._counts["crowded_out"] += 1
             return
         if not self._waiting:
@@ -105,7 +100,7 @@ class TerrainAnswers:
     def messages_to_send(self, now: float) -> list[Message]:
         """Messages due: a part each ``1 / parts_per_s`` seconds while some wait; an unknown block takes a turn."""
         due: list[Message] = []
-        self._due_s = max(self._due_s, now - _LATEST_S)
+        self._due_s = max(self._due_s, now - VALUES.latest_s)
         while self._waiting and now >= self._due_s:
             self._due_s += self._interval_s
             due += self._next_part(next(iter(self._waiting)))
@@ -139,7 +134,7 @@ class TerrainAnswers:
         """The heights of a block; computed at its turn, and kept for the next request."""
         parts = self._parts.get(key)
         if parts is None:
-            if len(self._parts) >= MAX_WAITING:
+            if len(self._parts) >= VALUES.max_waiting:
                 del self._parts[next(iter(self._parts))]
             parts = self._parts[key] = parts_of_block(places_of_block(*key), self._heights)
             self._meet(key, sum(part is None for part in parts))
@@ -163,5 +158,5 @@ class TerrainAnswers:
 
     def _count_and_tell(self, kind: str, text: str) -> None:
         self._counts[kind] += 1
-        if self._say is not None and self._counts[kind] <= _TOLD:
+        if self._say is not None and self._counts[kind] <= VALUES.reported_blocks:
             self._say(text)

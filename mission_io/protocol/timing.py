@@ -1,7 +1,7 @@
 """Timeouts and retries of a transfer (`Timing`), and the longest duration of a client's call.
 
 Every exchange has a deadline that only progress moves: ``Timing.no_progress_s`` after it last got further than ever,
-where "further" means one more item held (download) or one more item requested (upload). Restarts, at most ``RESTARTS``,
+where "further" means one more item held (download) or one more item requested (upload). Restarts, at most ``TRANSFERS.restarts``,
 add only the time needed to get as far again. The round-trip time of the link does not matter while it is shorter than
 ``no_progress_s``.
 """
@@ -10,6 +10,7 @@ import math
 from dataclasses import dataclass
 
 from mission_io.errors import MisuseError
+from mission_io.protocol.tuning import TRANSFERS
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,20 +66,6 @@ class Timing:
             raise MisuseError(f"Timing.items_ahead is {self.items_ahead}, give 0 or more")
 
 
-RESTARTS = 24
-"""Largest number of restarts of an exchange. A PX4 whose requests are badly reordered needs up to 14."""
-
-
-CLEAR_TRIES = 3
-"""Number of attempts of ``Client.clear`` when the vehicle acknowledges without clearing."""
-
-READINGS = 2
-"""Number of times a differing list is read back."""
-
-STALE_READ_BACK_S = 0.1
-"""The pause between them."""
-
-
 @dataclass(frozen=True, slots=True)
 class LongestTimes:
     """Bounds in seconds, reached only by a hostile vehicle.
@@ -105,11 +92,11 @@ def longest_times(timing: Timing, item_count: int) -> LongestTimes:
     for a vehicle that announces 65,535 items and sends three, the time for three applies.
     """
     steps = item_count + 1  # the count, and then each item
-    restarts_s = RESTARTS * steps * timing.resend_longest_s
+    restarts_s = TRANSFERS.restarts * steps * timing.resend_longest_s
     waits_s = max(timing.busy_retry_s, timing.doubt_s, timing.recheck_s)
     stuck_s = timing.no_progress_s + restarts_s + waits_s
     transfer_s = steps * timing.no_progress_s + stuck_s
-    reading_s = READINGS * transfer_s + STALE_READ_BACK_S
+    reading_s = TRANSFERS.readings * transfer_s + TRANSFERS.stale_read_back_s
     upload_s = transfer_s + timing.linger_s + reading_s
     clearing_s = timing.no_progress_s + timing.busy_retry_s
     return LongestTimes(
@@ -117,5 +104,29 @@ def longest_times(timing: Timing, item_count: int) -> LongestTimes:
         download_s=transfer_s,
         upload_s=upload_s,
         verified_upload_s=upload_s + reading_s,
-        clear_s=CLEAR_TRIES * (clearing_s + transfer_s),
+        clear_s=TRANSFERS.clear_tries * (clearing_s + transfer_s),
     )
+
+
+class RateLimit:
+    """Allows ``per_s`` answers a second on average, and as many at once after a pause.
+
+    Args:
+        per_s: Answers a second.
+    """
+
+    def __init__(self, *, per_s: float) -> None:
+        if not per_s >= 1.0:
+            raise MisuseError(f"per_s is {per_s}, give 1 or more")
+        self._per_s = self._left = per_s
+        self._at: float | None = None
+
+    def allows(self, now: float) -> bool:
+        """Whether one more answer may go out at ``now``; counts it if so."""
+        if self._at is not None:
+            self._left = min(self._per_s, self._left + (now - self._at) * self._per_s)
+        self._at = now
+        if self._left < 1.0:
+            return False
+        self._left -= 1.0
+        return True

@@ -7,31 +7,19 @@ table.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import ClassVar
+from typing import ClassVar, Unpack
 
 from mission_io.errors import MisuseError
 from mission_io.model.enums import MissionResult
-from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.exchange import OPENING, Address, Exchange
-from mission_io.protocol.round_trip import Patience
+from mission_io.model.items import MissionItem
+from mission_io.protocol.exchange import OPENING, Exchange, ExchangeOptions
 from mission_io.protocol.tables import UPLOAD_ENDS, UPLOAD_TABLE, UploadEvent, UploadState
-from mission_io.protocol.timing import RESTARTS, Timing
-from mission_io.wire.messages import (
-    Message,
-    MissionAck,
-    MissionCount,
-    MissionRequest,
-    MissionRequestInt,
-    MissionWritePartialList,
-)
+from mission_io.protocol.tuning import TRANSFERS
+from mission_io.wire import messages as m
 from mission_io.wire.mission_items import message_to_send
 
-_FRESH_STARTS = 2
-"""Number of restarts of an upload after the vehicle gave up or answered ERROR."""
-_DOUBTFUL_ITEMS = 8
 REPEATS, REPEATS_PER_ITEM = 64, 4
 """Number of repeated requests answered at once; further ones wait for the next silence."""
-_CANCELS = 16
 _LARGEST_PART = 2**15
 """MISSION_WRITE_PARTIAL_LIST has signed numbers of 16 bits."""
 _BEGUN = (
@@ -69,23 +57,10 @@ class Upload(Exchange[UploadState, UploadEvent]):
         self,
         items: Sequence[MissionItem],
         *,
-        mission_type: MissionType,
-        local: Address,
-        vehicle: Address,
-        now: float,
-        timing: Timing | None = None,
-        patience: Patience | None = None,
         first: int | None = None,
+        **options: Unpack[ExchangeOptions],
     ) -> None:
-        super().__init__(
-            UploadState.ANNOUNCED,
-            mission_type=mission_type,
-            local=local,
-            vehicle=vehicle,
-            timing=timing,
-            patience=patience,
-            now=now,
-        )
+        super().__init__(UploadState.ANNOUNCED, **options)
         if len(items) > 65535:
             raise MisuseError(f"{len(items)} items; MAVLink counts them in 16 bits")
         if first is not None and (first < 0 or not items or first + len(items) > _LARGEST_PART):
@@ -97,9 +72,9 @@ class Upload(Exchange[UploadState, UploadEvent]):
             message_to_send(
                 item,
                 seq,
-                mission_type=mission_type,
-                target_system=vehicle.system_id,
-                target_component=vehicle.component_id,
+                mission_type=self.mission_type,
+                target_system=self.vehicle.system_id,
+                target_component=self.vehicle.component_id,
             )
             for seq, item in enumerate(items, self._first)
         ]
@@ -111,7 +86,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
         self._repeats = self._cancels = 0
         self._acked_early_at: float | None = None
         self.sent_count = 0
-        self._send_count(now)
+        self._send_count(options["now"])
 
     @property
     def finished(self) -> bool:
@@ -128,15 +103,15 @@ class Upload(Exchange[UploadState, UploadEvent]):
         if not self.finished:
             self._step(UploadEvent.CANCEL, now)
 
-    def _event_of(self, message: Message, now: float) -> UploadEvent | None:
-        if isinstance(message, MissionRequest | MissionRequestInt):
+    def _event_of(self, message: m.Message, now: float) -> UploadEvent | None:
+        if isinstance(message, m.MissionRequest | m.MissionRequestInt):
             return self._request_event(message.seq - self._first, now)
-        if isinstance(message, MissionAck):
+        if isinstance(message, m.MissionAck):
             if message.result == MissionResult.ACCEPTED:
                 self.list_id = message.opaque_id
                 return self._accepted_event(now)
             event = _ACK_EVENTS.get(message.result, UploadEvent.ACK_REFUSED)
-            begun = self.state in _BEGUN and self._fresh_starts < _FRESH_STARTS
+            begun = self.state in _BEGUN and self._fresh_starts < TRANSFERS.fresh_starts
             return UploadEvent.ACK_GAVE_UP if event is UploadEvent.ACK_CANCELLED and begun else event
         return None
 
@@ -154,7 +129,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
     def _request_event(self, seq: int, now: float) -> UploadEvent:
         if self.state is UploadState.CANCELLING:
             self._cancels += 1
-            if self._cancels > _CANCELS:
+            if self._cancels > TRANSFERS.cancels:
                 return UploadEvent.REQUEST_CROSSED
         if not 0 <= seq < len(self._items):
             return UploadEvent.REQUEST_UNKNOWN
@@ -194,7 +169,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
         candidates: set[int] = set()
         for first in (self._asked, self._furthest):
             end = max(self._sent_to, first + 1) + 1
-            candidates.update(range(first, min(end, first + _DOUBTFUL_ITEMS, len(self._items))))
+            candidates.update(range(first, min(end, first + TRANSFERS.doubtful_items, len(self._items))))
         return sorted(candidates)
 
     def _deadlines(self) -> list[tuple[float, UploadEvent]]:
@@ -215,7 +190,9 @@ class Upload(Exchange[UploadState, UploadEvent]):
         if self.state is UploadState.ACKED_EARLY:
             return [(self._waiting_since + timing.recheck_s, UploadEvent.DOUBT_OVER), resend]
         if self.state is UploadState.DOUBTING:
-            over = UploadEvent.DOUBT_OVER if self._fresh_starts < _FRESH_STARTS else UploadEvent.DOUBT_CONFIRMED
+            over = (
+                UploadEvent.DOUBT_OVER if self._fresh_starts < TRANSFERS.fresh_starts else UploadEvent.DOUBT_CONFIRMED
+            )
             return [(self._waiting_since + timing.doubt_s, over), resend]
         if self.state is UploadState.RECHECKING:
             return [(self._waiting_since + timing.recheck_s, UploadEvent.DOUBT_OVER)]
@@ -227,7 +204,7 @@ class Upload(Exchange[UploadState, UploadEvent]):
         return [(self._waiting_since + timing.linger_s, UploadEvent.LINGER_OVER)]
 
     def _event_when_due(self, event: UploadEvent) -> UploadEvent:
-        if event is UploadEvent.STALL and self.state is UploadState.SERVING and self.restarts >= RESTARTS:
+        if event is UploadEvent.STALL and self.state is UploadState.SERVING and self.restarts >= TRANSFERS.restarts:
             return UploadEvent.NO_PROGRESS
         items_follow = event is UploadEvent.RESEND and self.state is not UploadState.ANNOUNCED
         last = items_follow and self._doubtful()[-1] == len(self._items) - 1
@@ -247,9 +224,9 @@ class Upload(Exchange[UploadState, UploadEvent]):
 
     def _send_count(self, now: float) -> None:
         to, end = (self.vehicle.system_id, self.vehicle.component_id), self._first + len(self._items)
-        opening: Message = MissionCount(*to, end, self.mission_type)
+        opening: m.Message = m.MissionCount(*to, end, self.mission_type)
         if self._is_part:
-            opening = MissionWritePartialList(*to, self._first, end - 1, self.mission_type)
+            opening = m.MissionWritePartialList(*to, self._first, end - 1, self.mission_type)
         self._send(opening, now, question=OPENING)
 
     def _resend_count(self, now: float) -> None:

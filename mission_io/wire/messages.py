@@ -6,22 +6,12 @@ Fields named ``target_system`` and ``target_component`` name the recipient; 0 is
 """
 
 from dataclasses import dataclass
-from typing import TypeAlias
 
 from mission_io.model.enums import MissionState, ModeFlag
 from mission_io.model.items import MissionType
-from mission_io.wire.parameter_messages import ParamError as ParamError
-from mission_io.wire.parameter_messages import ParamExtAck as ParamExtAck
-from mission_io.wire.parameter_messages import ParamExtRequestList as ParamExtRequestList
-from mission_io.wire.parameter_messages import ParamExtRequestRead as ParamExtRequestRead
-from mission_io.wire.parameter_messages import ParamExtSet as ParamExtSet
-from mission_io.wire.parameter_messages import ParamExtValue as ParamExtValue
-from mission_io.wire.parameter_messages import ParamRequestList as ParamRequestList
-from mission_io.wire.parameter_messages import ParamRequestRead as ParamRequestRead
-from mission_io.wire.parameter_messages import ParamSet as ParamSet
-from mission_io.wire.parameter_messages import ParamValue as ParamValue
 from mission_io.wire.telemetry_messages import LOG_DATA_BYTES as LOG_DATA_BYTES
 from mission_io.wire.telemetry_messages import PREARM_CHECK_BIT as PREARM_CHECK_BIT
+from mission_io.wire.telemetry_messages import Addressed as Addressed
 from mission_io.wire.telemetry_messages import BatteryStatus as BatteryStatus
 from mission_io.wire.telemetry_messages import CameraFeedback as CameraFeedback
 from mission_io.wire.telemetry_messages import CameraImageCaptured as CameraImageCaptured
@@ -34,6 +24,7 @@ from mission_io.wire.telemetry_messages import LogEntry as LogEntry
 from mission_io.wire.telemetry_messages import LogRequestData as LogRequestData
 from mission_io.wire.telemetry_messages import LogRequestEnd as LogRequestEnd
 from mission_io.wire.telemetry_messages import LogRequestList as LogRequestList
+from mission_io.wire.telemetry_messages import Message as Message
 from mission_io.wire.telemetry_messages import RadioStatus as RadioStatus
 from mission_io.wire.telemetry_messages import RequestDataStream as RequestDataStream
 from mission_io.wire.telemetry_messages import SysStatus as SysStatus
@@ -46,7 +37,7 @@ from mission_io.wire.telemetry_messages import VfrHud as VfrHud
 
 
 @dataclass(frozen=True, slots=True)
-class Heartbeat:
+class Heartbeat(Message):
     """A sender is alive. ``custom_mode`` is the autopilot's own mode number."""
 
     autopilot: int
@@ -62,7 +53,7 @@ class Heartbeat:
 
 
 @dataclass(frozen=True, slots=True)
-class GlobalPositionInt:
+class GlobalPositionInt(Message):
     """Where the vehicle believes it is. Velocity is north, east, down; heading in degrees, None when unknown."""
 
     time_boot_s: float
@@ -77,7 +68,7 @@ class GlobalPositionInt:
 
 
 @dataclass(frozen=True, slots=True)
-class Attitude:
+class Attitude(Message):
     """Roll, pitch and yaw in radians and their rates in radians per second."""
 
     time_boot_s: float
@@ -90,7 +81,7 @@ class Attitude:
 
 
 @dataclass(frozen=True, slots=True)
-class HomePosition:
+class HomePosition(Message):
     """Where the vehicle's heights above home start, and where it returns to."""
 
     lat_deg: float
@@ -99,7 +90,7 @@ class HomePosition:
 
 
 @dataclass(frozen=True, slots=True)
-class GpsGlobalOrigin:
+class GpsGlobalOrigin(Message):
     """Where the local frame of the vehicle's position filter starts."""
 
     lat_deg: float
@@ -108,7 +99,7 @@ class GpsGlobalOrigin:
 
 
 @dataclass(frozen=True, slots=True)
-class MissionCurrent:
+class MissionCurrent(Message):
     """The item the vehicle flies to.
 
     ``total`` is None when the vehicle does not say (65535). ``mission_id`` is another number for each mission that the vehicle
@@ -124,14 +115,18 @@ class MissionCurrent:
 
 
 @dataclass(frozen=True, slots=True)
-class MissionItemReached:
+class MissionItemReached(Message):
     """The vehicle reached an item; may be repeated, and may be skipped."""
 
     seq: int
 
 
+TEXT_LETTERS = 50
+"""Letters of one StatusText; a longer line comes in pieces."""
+
+
 @dataclass(frozen=True, slots=True)
-class StatusText:
+class StatusText(Message):
     """A line for the pilot; severity 0 is an emergency and 7 is debug.
 
     Attributes:
@@ -148,22 +143,18 @@ class StatusText:
 
 
 @dataclass(frozen=True, slots=True)
-class CommandLong:
+class CommandLong(Addressed):
     """A command with seven parameters."""
 
-    target_system: int
-    target_component: int
     command: int
     params: tuple[float, float, float, float, float, float, float]
     confirmation: int = 0
 
 
 @dataclass(frozen=True, slots=True)
-class CommandInt:
+class CommandInt(Addressed):
     """A command with a position; ``x`` and ``y`` are wire values (degrees times 1e7 in a global frame)."""
 
-    target_system: int
-    target_component: int
     frame: int
     command: int
     params: tuple[float, float, float, float]
@@ -173,7 +164,7 @@ class CommandInt:
 
 
 @dataclass(frozen=True, slots=True)
-class CommandAck:
+class CommandAck(Message):
     """The answer to a command; ``progress`` in per cent when the result is IN_PROGRESS (255 unknown)."""
 
     command: int
@@ -185,7 +176,7 @@ class CommandAck:
 
 
 @dataclass(frozen=True, slots=True)
-class ExtendedSysState:
+class ExtendedSysState(Message):
     """Whether the vehicle is on the ground (a LandedState number)."""
 
     landed_state: int
@@ -193,53 +184,43 @@ class ExtendedSysState:
 
 
 @dataclass(frozen=True, slots=True)
-class MissionCount:
+class MissionCount(Addressed):
     """Number of items that the sender is going to send; a vehicle adds the list's id, 0 without one."""
 
-    target_system: int
-    target_component: int
     count: int
     mission_type: int = MissionType.MISSION
     opaque_id: int = 0
 
 
 @dataclass(frozen=True, slots=True)
-class MissionWritePartialList:
+class MissionWritePartialList(Addressed):
     """The sender is going to replace the items from ``start_index`` to ``end_index``, both among them."""
 
-    target_system: int
-    target_component: int
     start_index: int
     end_index: int
     mission_type: int = MissionType.MISSION
 
 
 @dataclass(frozen=True, slots=True)
-class MissionRequest:
+class MissionRequest(Addressed):
     """Asks for an item, in the deprecated form; answered like the other."""
 
-    target_system: int
-    target_component: int
     seq: int
     mission_type: int = MissionType.MISSION
 
 
 @dataclass(frozen=True, slots=True)
-class MissionRequestInt:
+class MissionRequestInt(Addressed):
     """Asks for an item."""
 
-    target_system: int
-    target_component: int
     seq: int
     mission_type: int = MissionType.MISSION
 
 
 @dataclass(frozen=True, slots=True)
-class MissionItemInt:
+class MissionItemInt(Addressed):
     """One item; ``x`` and ``y`` as on the wire: degrees times 1e7, or plain numbers in frame 2. ``z`` in metres."""
 
-    target_system: int
-    target_component: int
     seq: int
     frame: int
     command: int
@@ -253,11 +234,9 @@ class MissionItemInt:
 
 
 @dataclass(frozen=True, slots=True)
-class MissionItemFloat:
+class MissionItemFloat(Addressed):
     """One item in the deprecated form: 32-bit degrees, good to 0.2 m. Read, never sent by this package."""
 
-    target_system: int
-    target_component: int
     seq: int
     frame: int
     command: int
@@ -271,45 +250,37 @@ class MissionItemFloat:
 
 
 @dataclass(frozen=True, slots=True)
-class MissionAck:
+class MissionAck(Addressed):
     """Ends a transfer or a clear; ``result`` is a MissionResult number, ``opaque_id`` that of the list after an upload."""
 
-    target_system: int
-    target_component: int
     result: int
     mission_type: int = MissionType.MISSION
     opaque_id: int = 0
 
 
 @dataclass(frozen=True, slots=True)
-class MissionRequestList:
+class MissionRequestList(Addressed):
     """Asks for a list; answered by its count."""
 
-    target_system: int
-    target_component: int
     mission_type: int = MissionType.MISSION
 
 
 @dataclass(frozen=True, slots=True)
-class MissionClearAll:
+class MissionClearAll(Addressed):
     """Asks to empty a list (255: all of them)."""
 
-    target_system: int
-    target_component: int
     mission_type: int = MissionType.MISSION
 
 
 @dataclass(frozen=True, slots=True)
-class MissionSetCurrent:
+class MissionSetCurrent(Addressed):
     """Asks to go on with another item."""
 
-    target_system: int
-    target_component: int
     seq: int
 
 
 @dataclass(frozen=True, slots=True)
-class AutopilotVersion:
+class AutopilotVersion(Message):
     """Capabilities (MAV_PROTOCOL_CAPABILITY bits) and release of the autopilot."""
 
     capabilities: int
@@ -318,7 +289,7 @@ class AutopilotVersion:
 
 
 @dataclass(frozen=True, slots=True)
-class SetMode:
+class SetMode(Message):
     """Asks for another flight mode."""
 
     target_system: int
@@ -326,63 +297,89 @@ class SetMode:
     custom_mode: int
 
 
-Message: TypeAlias = (
-    Event
-    | Heartbeat
-    | GlobalPositionInt
-    | Attitude
-    | HomePosition
-    | GpsGlobalOrigin
-    | MissionCurrent
-    | MissionItemReached
-    | StatusText
-    | CommandLong
-    | CommandInt
-    | CommandAck
-    | SysStatus
-    | GpsRawInt
-    | CameraFeedback
-    | CameraImageCaptured
-    | EkfStatusReport
-    | ExtendedSysState
-    | MissionCount
-    | MissionWritePartialList
-    | MissionRequest
-    | MissionRequestInt
-    | MissionItemInt
-    | MissionItemFloat
-    | MissionAck
-    | MissionRequestList
-    | MissionClearAll
-    | MissionSetCurrent
-    | AutopilotVersion
-    | SetMode
-    | ParamRequestRead
-    | ParamSet
-    | ParamValue
-    | ParamError
-    | ParamExtRequestRead
-    | ParamExtRequestList
-    | ParamExtValue
-    | ParamExtSet
-    | ParamExtAck
-    | SystemTime
-    | TimeSync
-    | RadioStatus
-    | BatteryStatus
-    | VfrHud
-    | ParamRequestList
-    | RequestDataStream
-    | TerrainRequest
-    | TerrainData
-    | TerrainReport
-    | LogRequestList
-    | LogEntry
-    | LogRequestData
-    | FileTransfer
-    | LogData
-    | LogRequestEnd
-)
+@dataclass(frozen=True, slots=True)
+class ParamRequestRead(Addressed):
+    """Asks for a parameter by name (``index`` -1) or by index."""
+
+    name: str
+    index: int = -1
+
+
+@dataclass(frozen=True, slots=True)
+class ParamSet(Addressed):
+    """Asks to set a parameter; ``param_type`` is a MAV_PARAM_TYPE number (9: 32-bit float)."""
+
+    name: str
+    value: float
+    param_type: int = 9
+
+
+@dataclass(frozen=True, slots=True)
+class ParamValue(Message):
+    """A parameter as the vehicle has it."""
+
+    name: str
+    value: float
+    param_type: int = 9
+    count: int = 0
+    index: int = 65535
+
+
+@dataclass(frozen=True, slots=True)
+class ParamRequestList(Addressed):
+    """Asks for all parameters, one PARAM_VALUE each."""
+
+
+@dataclass(frozen=True, slots=True)
+class ParamError(Addressed):
+    """Reason for a missing PARAM_VALUE: ``error`` is a MAV_PARAM_ERROR number."""
+
+    name: str
+    index: int
+    error: int
+
+
+@dataclass(frozen=True, slots=True)
+class ParamExtRequestRead(Addressed):
+    """Asks for an extended parameter by name (``index`` -1) or by index."""
+
+    name: str
+    index: int = -1
+
+
+@dataclass(frozen=True, slots=True)
+class ParamExtRequestList(Addressed):
+    """Asks for all extended parameters, one PARAM_EXT_VALUE each."""
+
+
+@dataclass(frozen=True, slots=True)
+class ParamExtValue(Message):
+    """An extended parameter: 128 bytes, whose type (MAV_PARAM_EXT_TYPE) gives their number and meaning."""
+
+    name: str
+    value: bytes
+    param_type: int
+    count: int = 0
+    index: int = 65535
+
+
+@dataclass(frozen=True, slots=True)
+class ParamExtSet(Addressed):
+    """Asks to set an extended parameter."""
+
+    name: str
+    value: bytes
+    param_type: int
+
+
+@dataclass(frozen=True, slots=True)
+class ParamExtAck(Message):
+    """The answer to PARAM_EXT_SET: the value now, and a PARAM_ACK number as ``result``."""
+
+    name: str
+    value: bytes
+    param_type: int
+    result: int
 
 
 @dataclass(frozen=True, slots=True)

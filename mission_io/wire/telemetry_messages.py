@@ -7,12 +7,26 @@ the south-west corner, row by row to the east. Logs: the list is requested first
 
 from dataclasses import dataclass
 
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """Any message of MAVLink that mission_io uses."""
+
+
+@dataclass(frozen=True, slots=True)
+class Addressed(Message):
+    """A message to one system and component; 0 is all of them."""
+
+    target_system: int
+    target_component: int
+
+
 PREARM_CHECK_BIT = 0x10000000
 """The bit of ``SysStatus.sensors_healthy`` that says the vehicle's own checks before arming pass."""
 
 
 @dataclass(frozen=True, slots=True)
-class SysStatus:
+class SysStatus(Message):
     """Sensor health as bit masks (MAV_SYS_STATUS_SENSOR), load and battery; None where unknown."""
 
     sensors_present: int
@@ -25,7 +39,7 @@ class SysStatus:
 
 
 @dataclass(frozen=True, slots=True)
-class GpsRawInt:
+class GpsRawInt(Message):
     """Report of the satellite receiver, before any filter."""
 
     time_s: float
@@ -41,7 +55,7 @@ class GpsRawInt:
 
 
 @dataclass(frozen=True, slots=True)
-class CameraFeedback:
+class CameraFeedback(Message):
     """ArduPilot has taken a photo: its position, and the attitude of the vehicle. ``time_s`` is the sender's own time."""
 
     time_s: float
@@ -57,7 +71,7 @@ class CameraFeedback:
 
 
 @dataclass(frozen=True, slots=True)
-class CameraImageCaptured:
+class CameraImageCaptured(Message):
     """A photo of a PX4 or camera-protocol camera; ``success`` is not 1 when the attempt failed.
 
     ``quaternion`` (w, x, y, z) turns the camera's frame to north, east, down.
@@ -74,7 +88,7 @@ class CameraImageCaptured:
 
 
 @dataclass(frozen=True, slots=True)
-class EkfStatusReport:
+class EkfStatusReport(Message):
     """Report of ArduPilot's position filter about itself; variances are ratios, above 1 is bad."""
 
     flags: int
@@ -86,7 +100,7 @@ class EkfStatusReport:
 
 
 @dataclass(frozen=True, slots=True)
-class RadioStatus:
+class RadioStatus(Message):
     """Report of a telemetry radio about its link; strengths and noise in its own units, 255 unknown.
 
     Attributes:
@@ -109,7 +123,7 @@ class RadioStatus:
 
 
 @dataclass(frozen=True, slots=True)
-class BatteryStatus:
+class BatteryStatus(Message):
     """One battery.
 
     Attributes:
@@ -132,7 +146,7 @@ class BatteryStatus:
 
 
 @dataclass(frozen=True, slots=True)
-class VfrHud:
+class VfrHud(Message):
     """Values of a pilot's display; heading in whole degrees."""
 
     airspeed_m_s: float
@@ -144,18 +158,16 @@ class VfrHud:
 
 
 @dataclass(frozen=True, slots=True)
-class RequestDataStream:
+class RequestDataStream(Addressed):
     """Asks ArduPilot for a group of messages (a MAV_DATA_STREAM number, 0: all) at a rate; ``start`` 0 ends it."""
 
-    target_system: int
-    target_component: int
     stream: int
     rate_hz: int
     start: int = 1
 
 
 @dataclass(frozen=True, slots=True)
-class TerrainRequest:
+class TerrainRequest(Message):
     """Asks for parts of a block of heights.
 
     Attributes:
@@ -172,7 +184,7 @@ class TerrainRequest:
 
 
 @dataclass(frozen=True, slots=True)
-class TerrainData:
+class TerrainData(Message):
     """One part of a block.
 
     Attributes:
@@ -191,7 +203,7 @@ class TerrainData:
 
 
 @dataclass(frozen=True, slots=True)
-class TerrainReport:
+class TerrainReport(Message):
     """A vehicle's knowledge of the ground: ``pending`` parts are requested, ``loaded`` ones are there."""
 
     lat_deg: float
@@ -204,11 +216,9 @@ class TerrainReport:
 
 
 @dataclass(frozen=True, slots=True)
-class FileTransfer:
+class FileTransfer(Addressed):
     """A request or an answer of MAVLink FTP; see ``mission_io.protocol.ftp`` for its 251 bytes."""
 
-    target_system: int
-    target_component: int
     payload: bytes
 
 
@@ -217,17 +227,15 @@ LOG_DATA_BYTES = 90
 
 
 @dataclass(frozen=True, slots=True)
-class LogRequestList:
+class LogRequestList(Addressed):
     """Asks for the entries from number ``first`` to ``last``."""
 
-    target_system: int
-    target_component: int
     first: int = 0
     last: int = 65535
 
 
 @dataclass(frozen=True, slots=True)
-class LogEntry:
+class LogEntry(Message):
     """One log of the vehicle.
 
     Attributes:
@@ -246,18 +254,16 @@ class LogEntry:
 
 
 @dataclass(frozen=True, slots=True)
-class LogRequestData:
+class LogRequestData(Addressed):
     """Asks for ``count`` bytes of a log from ``offset_bytes`` on."""
 
-    target_system: int
-    target_component: int
     log_id: int
     offset_bytes: int
     count: int
 
 
 @dataclass(frozen=True, slots=True)
-class LogData:
+class LogData(Message):
     """Bytes of a log: the first ``count`` of ``padded`` are from ``offset_bytes`` on; fewer than 90 mean its end."""
 
     log_id: int
@@ -272,15 +278,12 @@ class LogData:
 
 
 @dataclass(frozen=True, slots=True)
-class LogRequestEnd:
+class LogRequestEnd(Addressed):
     """Ends the requests, so that the vehicle may log again."""
-
-    target_system: int
-    target_component: int
 
 
 @dataclass(frozen=True, slots=True)
-class SystemTime:
+class SystemTime(Message):
     """Time since 1970 in UTC, 0 when unknown, and since boot; seconds."""
 
     time_unix_s: float
@@ -288,7 +291,7 @@ class SystemTime:
 
 
 @dataclass(frozen=True, slots=True)
-class TimeSync:
+class TimeSync(Message):
     """A question for the other side's time, or the answer to one.
 
     ``asked_ns`` is the asker's time, which the answer repeats; ``answered_ns`` is the answerer's time, 0 in a question.
@@ -299,7 +302,7 @@ class TimeSync:
 
 
 @dataclass(frozen=True, slots=True)
-class Event:
+class Event(Message):
     """An event of PX4's events interface, which gives reasons that STATUSTEXT lacks.
 
     Attributes:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mission_io.errors import FormatError
-from mission_io.formats import csv, files, geojson, kml, old_qgc_json, plan, poly, rally_lines, wpl
+from mission_io.formats import csv, files, geojson, kml, old_qgc_json, plan, poly, wpl
 from mission_io.formats.drawings import DrawnArea, fence_from_areas
 from mission_io.formats.mission_dat import read_mission_dat, write_mission_dat
 from mission_io.formats.text import text_from_bytes
@@ -142,7 +142,7 @@ def try_old(text: str) -> None:
 
 def try_rally(text: str) -> None:
     """MAVProxy's old rally points."""
-    rally = rally_lines.read_rally(text).rally
+    rally = poly.read_rally(text).rally
     check(len(wpl.read(wpl.write_rally(rally, None)).rally().points) == len(rally.points), "the points survive")
 
 

@@ -3,7 +3,7 @@
 import math
 from dataclasses import replace
 
-from mission_io.client.terrain import answer_terrain_requests
+from mission_io.client.client import answer_terrain_requests
 from mission_io.errors import CommandRefusedError, MisuseError
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionType
 from mission_io.protocol.terrain import TerrainAnswers

@@ -2,6 +2,7 @@
 
 import json
 import random
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -123,3 +124,18 @@ def test_scenarios_are_harmless(cli: Cli, tmp_path: Path, text: str) -> None:
         file = tmp_path / f"s{number}.toml"
         file.write_text(changed, encoding="utf-8", errors="replace")
         assert_harmless(cli("plan", file, "--evaluations", 1, "-o", tmp_path / f"run{number}", "-v"))
+
+
+def test_no_title_of_a_table_forges_a_key_of_the_scenario(cli: Cli, tmp_path: Path) -> None:
+    title = json.dumps("".join(HOSTILE) + '\nselect = "shortest"', ensure_ascii=False).replace("\x7f", "\\u007f")
+    camera = (
+        f"title = {title}\nsource = {title}\nsensor_mm = [17.3, 13.0]\npixels = [5280, 3956]\nfocal_length_mm = 12.29\n"
+    )
+    (tmp_path / "own.toml").write_text(camera, encoding="utf-8")
+    area = written.kml(tmp_path / "a.kml", square_parts(bad_inputs.AT))
+    made = tmp_path / "made.toml"
+    ended = cli("new", area, "--dem", DEM, "--camera", tmp_path / "own.toml", "--gsd", "4cm", "-o", made)
+    assert ended.code == 0, ended.err
+    text = made.read_text(encoding="utf-8")
+    assert_plain(text)
+    assert tomllib.loads(text)["select"] == "coverage>=0.98"

@@ -166,7 +166,7 @@ def test_a_lake_in_the_area_is_asked_about(cli, tmp_path):
     ended = cli("new", area, *options(dem), "-o", tmp_path / "s.toml")
     assert ended.code == 2
     assert (
-        "--fill-lakes 130m interpolates the gap, --water-height 0m takes it for the sea; or cut it out of the area"
+        "--fill-lakes 130m interpolates the gap, --water-height 0m takes it for the sea; or remove it from the area"
         in ended.error
     )
     assert cli("new", area, *options(dem), "-o", tmp_path / "s.toml", "--fill-lakes", "130m").code == 0

@@ -5,7 +5,8 @@ from itertools import pairwise
 
 import pytest
 
-from uavcover.flight.watch import REPEAT_S, Alarm, ReportReason
+from uavcover.flight.tuning import WATCH
+from uavcover.flight.watch import Alarm, ReportReason
 
 
 def told(amounts: list[float | None], *, step_s: float = 1.0, **options) -> list[tuple[float, ReportReason]]:
@@ -31,7 +32,7 @@ def test_it_is_told_each_time_it_has_doubled():
     doubled = [amounts[int(at_s)] for at_s, why in answers if why is ReportReason.DOUBLED]
     assert len(doubled) == 6
     assert all(2.0 <= b / a < 2.5 for a, b in zip([38.0, *doubled], doubled, strict=False))
-    assert max(b - a for (a, _), (b, _) in pairwise(answers)) <= REPEAT_S
+    assert max(b - a for (a, _), (b, _) in pairwise(answers)) <= WATCH.repeat_s
 
 
 def test_a_doubling_begins_the_half_minute_anew():
@@ -84,7 +85,7 @@ def test_random_amounts_are_never_silent_and_never_nagging(seed):
         if amount is not None:
             away_s = 0.0
             assert why in (None, ReportReason.BEGUN, ReportReason.DOUBLED, ReportReason.LASTS)
-            assert now - last_s <= REPEAT_S + step_s or why is not None or not was
+            assert now - last_s <= WATCH.repeat_s + step_s or why is not None or not was
             if why is ReportReason.DOUBLED:
                 doublings += 1
                 assert amount >= 2.0 * largest

@@ -1,5 +1,7 @@
 """What proves that a vehicle is simulated."""
 
+from dataclasses import replace
+
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
@@ -14,6 +16,7 @@ from uavcover.mock import commands as mock_commands
 from uavcover.mock import vehicle as mock_vehicle
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.state import MockState
+from uavcover.mock.tuning import FLIGHT
 from uavcover.model.outcome import EventKind
 
 
@@ -64,7 +67,7 @@ def test_refused_intervals_are_warnings(monkeypatch):
 
 
 def test_a_vehicle_that_stays_armed_after_landing_is_told_to_disarm(monkeypatch):
-    monkeypatch.setattr(mock_vehicle, "_DISARM_AFTER_LANDING_S", 1e6)
+    monkeypatch.setattr(mock_vehicle, "FLIGHT", replace(FLIGHT, disarm_after_landing_s=1e6))
     scene = make_scene()
     scene.upload(mission())
     assert scene.fly().ending is Ending.LANDED
@@ -72,7 +75,7 @@ def test_a_vehicle_that_stays_armed_after_landing_is_told_to_disarm(monkeypatch)
 
 
 def test_a_vehicle_that_refuses_to_disarm_after_landing_is_an_error(monkeypatch):
-    monkeypatch.setattr(mock_vehicle, "_DISARM_AFTER_LANDING_S", 1e6)
+    monkeypatch.setattr(mock_vehicle, "FLIGHT", replace(FLIGHT, disarm_after_landing_s=1e6))
     monkeypatch.setattr(FlightControl, "disarm", lambda *_, **__: CommandResult.ACCEPTED)
     scene = make_scene()
     scene.upload(mission())

@@ -7,8 +7,7 @@ from mission_io.model.enums import CommandResult
 from mission_io.model.items import Mission
 from tests.flight.scene import HOME, Scene, make_scene, mission, presses, way_home
 from uavcover.errors import InfeasibleError, VehicleError
-from uavcover.flight.clearance import Clearance
-from uavcover.flight.fly import Ending
+from uavcover.flight.fly import Clearance, Ending
 from uavcover.flight.modes import Mode
 from uavcover.mock.behaviour import quick
 from uavcover.mock.flight_control import FlightControl
@@ -84,7 +83,7 @@ def test_a_way_home_that_the_vehicle_does_not_take_leaves_it_holding():
 
     outcome = scene.fly(stop=presses(scene, 35.0), plan_return=too_long)
     assert outcome.ending is Ending.LEFT_HOLDING
-    assert "the return could not be sent" in scene.told(EventKind.STOP)[-1]
+    assert "the return could not be uploaded" in scene.told(EventKind.STOP)[-1]
 
 
 def test_before_it_is_ready_nothing_is_armed():

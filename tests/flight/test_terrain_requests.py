@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT
-from mission_io.client.terrain import answer_terrain_requests
+from mission_io.client.client import answer_terrain_requests
 from mission_io.model.items import Command, Frame, Mission
 from mission_io.protocol.terrain import TerrainAnswers
 from mission_io.wire.messages import TerrainRequest

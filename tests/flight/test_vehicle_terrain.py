@@ -1,6 +1,7 @@
 import math
 import shutil
 import struct
+from dataclasses import replace
 from pathlib import Path
 from random import Random
 
@@ -15,6 +16,7 @@ from uavcover.scenario.site import load_site
 from uavcover.terrain import elevation_file
 from uavcover.terrain.elevation_file import read_heights_amsl_m
 from uavcover.terrain.terrain_source import TerrainSource
+from uavcover.terrain.tuning import FILES
 
 DEM = Path("uavcover/data/jacksboro.tif")
 
@@ -35,7 +37,7 @@ def test_places_far_apart_are_read_without_all_that_is_between_them(
         windows.append(window.width * window.height)
         return read(self, window)
 
-    monkeypatch.setattr(elevation_file, "_MOST_PIXELS", most_pixels)
+    monkeypatch.setattr(elevation_file, "FILES", replace(FILES, most_pixels=most_pixels))
     monkeypatch.setattr(elevation_file._Raster, "read", counted)
     np.testing.assert_allclose(read_heights_amsl_m(source, "EGM96", lat, lon), at_once, rtol=0.0, atol=1e-6)
     assert 0 < np.isnan(at_once).sum() < 200

@@ -9,7 +9,7 @@ from tests.naive.flown_line import px4_begins, turning
 from uavcover.kernels import turning_nose
 from uavcover.kernels.flight_time import BRAKED, Pace
 from uavcover.kernels.turning_nose import Pieces, braked_speeds_m_s, turned_line
-from uavcover.mock import legs as mock_legs
+from uavcover.mock.tuning import GUIDANCE
 
 PACE = Pace(
     10.0, 4.0, 3.0, acceleration_m_s2=3.0, vertical_acceleration_m_s2=3.0, jerk_m_s3=4.0, corner=BRAKED,
@@ -69,7 +69,7 @@ def test_the_nose_turns_as_in_small_steps_of_time(name, before, acceleration_deg
 def test_px4_is_late_as_the_mock_vehicle_is():
     """The mock shares no code with the planner; these three were measured once, for both."""
     in_plans = turning_nose._LACKING, turning_nose._MADE_UP, turning_nose._LACKING_LONGER
-    assert in_plans == (mock_legs._LATE, mock_legs._KEPT, mock_legs._LONGER)
+    assert in_plans == (GUIDANCE.late_share, GUIDANCE.kept_share, GUIDANCE.longer_ratio)
 
 
 def test_the_nose_is_late_on_pieces_of_corners_and_on_the_legs_behind_them():

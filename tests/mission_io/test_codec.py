@@ -1,7 +1,6 @@
 import dataclasses
 import math
 import random
-import typing
 
 import pytest
 from hypothesis import given, settings
@@ -83,6 +82,11 @@ SAMPLES: list[m.Message] = [
 ]
 
 
+def every_kind_of_message() -> set[type[m.Message]]:
+    kinds = {kind for kind in vars(m).values() if isinstance(kind, type) and issubclass(kind, m.Message)}
+    return kinds - {m.Message, m.Addressed}
+
+
 def codec() -> Codec:
     return Codec(system_id=1, component_id=1)
 
@@ -93,7 +97,7 @@ def test_every_message_comes_back_equal_with_its_sender(message: m.Message) -> N
 
 
 def test_there_is_a_sample_of_every_message() -> None:
-    assert {type(sample) for sample in SAMPLES} == set(typing.get_args(m.Message))
+    assert {type(sample) for sample in SAMPLES} == every_kind_of_message()
 
 
 def test_bytes_are_mavlink_2_with_a_sequence_number() -> None:

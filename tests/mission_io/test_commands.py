@@ -9,17 +9,7 @@ from mission_io.errors import CommandRefusedError, MisuseError, VehicleSilentErr
 from mission_io.links.simulated import Conditions
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command
-from mission_io.wire.messages import (
-    CommandAck,
-    CommandInt,
-    CommandLong,
-    GlobalPositionInt,
-    HomePosition,
-    ParamRequestRead,
-    ParamSet,
-    ParamValue,
-    Received,
-)
+from mission_io.wire import messages as m
 from mission_io.wire.mission_items import float32
 from tests.mission_io.vehicle import VehiclePeer, connected
 
@@ -30,39 +20,39 @@ class Obeys(VehiclePeer):
     results = (CommandResult.ACCEPTED,)
     mode_works = True
 
-    def on_message(self, received: Received, now: float) -> None:
+    def on_message(self, received: m.Received, now: float) -> None:
         message = received.message
-        if isinstance(message, CommandLong | CommandInt):
+        if isinstance(message, m.CommandLong | m.CommandInt):
             result, *rest = self.results
             self.results = tuple(rest) or self.results
-            self.outbox.append(CommandAck(message.command, result, target_system=255, target_component=190))
+            self.outbox.append(m.CommandAck(message.command, result, target_system=255, target_component=190))
             if message.command == Command.DO_SET_MODE and self.mode_works:
-                assert isinstance(message, CommandLong)
+                assert isinstance(message, m.CommandLong)
                 _, main, sub, *_ = message.params
                 self.custom_mode = int(main) if self.autopilot is ARDUPILOT else int(main) << 16 | int(sub) << 24
                 self._beat_at = now + 0.3
             if message.command == Command.REQUEST_MESSAGE:
-                self.outbox.append(HomePosition(46.5, -7.25, 512.0))
-        elif isinstance(message, ParamRequestRead):
-            self.outbox.append(ParamValue(message.name, 1.5))
-        elif isinstance(message, ParamSet):
-            self.outbox.append(ParamValue("OTHER", 0.0))
-            self.outbox.append(ParamValue(message.name, min(float32(message.value), 100.0)))
+                self.outbox.append(m.HomePosition(46.5, -7.25, 512.0))
+        elif isinstance(message, m.ParamRequestRead):
+            self.outbox.append(m.ParamValue(message.name, 1.5))
+        elif isinstance(message, m.ParamSet):
+            self.outbox.append(m.ParamValue("OTHER", 0.0))
+            self.outbox.append(m.ParamValue(message.name, min(float32(message.value), 100.0)))
 
-    def commands_heard(self) -> list[CommandLong]:
-        return [r.message for r in self.heard if isinstance(r.message, CommandLong)]
+    def commands_heard(self) -> list[m.CommandLong]:
+        return [r.message for r in self.heard if isinstance(r.message, m.CommandLong)]
 
 
 def test_a_command_is_sent_and_answered() -> None:
     peer = Obeys()
     ack = connected(peer).command(Command.COMPONENT_ARM_DISARM, 1.0)
     assert ack.result == CommandResult.ACCEPTED
-    assert peer.commands_heard() == [CommandLong(1, 1, 400, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))]
+    assert peer.commands_heard() == [m.CommandLong(1, 1, 400, (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))]
 
 
 def test_silence_is_answered_with_the_command_again_and_a_higher_confirmation() -> None:
     class Deaf(Obeys):
-        def on_message(self, received: Received, now: float) -> None:
+        def on_message(self, received: m.Received, now: float) -> None:
             pass
 
     peer = Deaf()
@@ -83,7 +73,7 @@ def test_in_progress_is_waited_for_without_asking_again() -> None:
         def datagrams_to_send(self, now: float) -> list[bytes]:
             if now > 5.0 and self.results:
                 self.results = ()
-                self.outbox.append(CommandAck(Command.NAV_TAKEOFF, CommandResult.ACCEPTED))
+                self.outbox.append(m.CommandAck(Command.NAV_TAKEOFF, CommandResult.ACCEPTED))
             return super().datagrams_to_send(now)
 
     peer = Slow()
@@ -104,11 +94,11 @@ def test_a_refusal_is_an_error_with_its_name() -> None:
 
 def test_answers_to_others_and_to_other_commands_are_not_ours() -> None:
     class Chatty(Obeys):
-        def on_message(self, received: Received, now: float) -> None:
-            if isinstance(received.message, CommandLong):
+        def on_message(self, received: m.Received, now: float) -> None:
+            if isinstance(received.message, m.CommandLong):
                 self.outbox += [
-                    CommandAck(received.message.command, CommandResult.DENIED, target_system=254),
-                    CommandAck(999, CommandResult.DENIED),
+                    m.CommandAck(received.message.command, CommandResult.DENIED, target_system=254),
+                    m.CommandAck(999, CommandResult.DENIED),
                 ]
             super().on_message(received, now)
 
@@ -126,7 +116,7 @@ def test_a_command_has_seven_parameters() -> None:
 
 
 def test_a_command_with_a_position() -> None:
-    message = CommandInt(1, 1, 6, Command.DO_REPOSITION, (-1.0, 1.0, 0.0, 0.0), 465000000, -72500000, 30.0)
+    message = m.CommandInt(1, 1, 6, Command.DO_REPOSITION, (-1.0, 1.0, 0.0, 0.0), 465000000, -72500000, 30.0)
     client = connected(Obeys())
     assert commands.send_command_int(client, message, timeout_s=3.0).command == Command.DO_REPOSITION
 
@@ -145,16 +135,16 @@ def test_a_mode_is_set_when_the_heartbeat_shows_it(autopilot: object, mode: int)
 
 def test_message_intervals_are_asked_for_in_microseconds() -> None:
     peer = Obeys()
-    connected(peer).request_message_interval(GlobalPositionInt, 0.2)
+    connected(peer).request_message_interval(m.GlobalPositionInt, 0.2)
     assert peer.commands_heard()[0].params[:2] == (33.0, 200000.0)
 
 
 def test_one_message_is_asked_for_and_comes() -> None:
     peer = Obeys()
     client = connected(peer)
-    assert client.request_message(HomePosition) == HomePosition(46.5, -7.25, 512.0)
+    assert client.request_message(m.HomePosition) == m.HomePosition(46.5, -7.25, 512.0)
     with pytest.raises(VehicleSilentError, match="a GlobalPositionInt within 1 s"):
-        client.request_message(GlobalPositionInt, timeout_s=1.0)
+        client.request_message(m.GlobalPositionInt, timeout_s=1.0)
 
 
 def test_parameters_are_read_and_set() -> None:

@@ -15,21 +15,11 @@ from mission_io.client.flight_logs import download_flight_log, list_flight_logs
 from mission_io.errors import CommandRefusedError, FormatError, MissionIoError, TransferSilentError, VehicleSilentError
 from mission_io.model.enums import CommandResult
 from mission_io.model.items import Command, Frame, MissionItem, MissionType
-from mission_io.wire.messages import (
-    CommandAck,
-    CommandLong,
-    Heartbeat,
-    HomePosition,
-    LogData,
-    LogEntry,
-    Message,
-    ParamValue,
-    Received,
-)
+from mission_io.wire import messages as m
 from tests.mission_io.vehicle import VehiclePeer, connected
 
 TIMEOUT_S = 6.0
-LOG = LogEntry(3, 1, 3, 0, 50_000)
+LOG = m.LogEntry(3, 1, 3, 0, 50_000)
 
 
 class AnswersAnything(VehiclePeer):
@@ -42,24 +32,24 @@ class AnswersAnything(VehiclePeer):
         self.each_s = self.rng.choice([0.01, 0.3, 5.0])
         self.talks_at = 0.0
 
-    def _makers(self) -> list[Callable[[], Message]]:
+    def _makers(self) -> list[Callable[[], m.Message]]:
         rng = self.rng
         return [
-            lambda: CommandAck(rng.choice([400, 511, 512, 176]), CommandResult.IN_PROGRESS, target_system=255),
-            lambda: CommandAck(rng.randrange(65536), rng.randrange(256), target_system=rng.choice([0, 9, 255])),
-            lambda: CommandAck(400, rng.randrange(256), target_system=255),
-            lambda: ParamValue(rng.choice(["", "OTHER", "WPNAV_SPEE", "ÿ"]), rng.choice([math.nan, math.inf, 0.0])),
-            lambda: ParamValue("WPNAV_SPEED", rng.choice([math.nan, math.inf, -1.0])),
-            lambda: LogEntry(rng.randrange(9), rng.randrange(1, 40), 9, 0, rng.randrange(2**32)),
-            lambda: LogData(3, rng.choice([0, 90, 50_000, 2**32 - 1]), rng.randrange(256), (7,) * 90),
-            lambda: LogData(3, rng.randrange(50_000), 0, (0,) * 90),
-            lambda: LogData(rng.randrange(9), rng.randrange(50_000), 90, (1,) * 90),
-            lambda: HomePosition(46.0, 7.0, 1.0),
+            lambda: m.CommandAck(rng.choice([400, 511, 512, 176]), CommandResult.IN_PROGRESS, target_system=255),
+            lambda: m.CommandAck(rng.randrange(65536), rng.randrange(256), target_system=rng.choice([0, 9, 255])),
+            lambda: m.CommandAck(400, rng.randrange(256), target_system=255),
+            lambda: m.ParamValue(rng.choice(["", "OTHER", "WPNAV_SPEE", "ÿ"]), rng.choice([math.nan, math.inf, 0.0])),
+            lambda: m.ParamValue("WPNAV_SPEED", rng.choice([math.nan, math.inf, -1.0])),
+            lambda: m.LogEntry(rng.randrange(9), rng.randrange(1, 40), 9, 0, rng.randrange(2**32)),
+            lambda: m.LogData(3, rng.choice([0, 90, 50_000, 2**32 - 1]), rng.randrange(256), (7,) * 90),
+            lambda: m.LogData(3, rng.randrange(50_000), 0, (0,) * 90),
+            lambda: m.LogData(rng.randrange(9), rng.randrange(50_000), 90, (1,) * 90),
+            lambda: m.HomePosition(46.0, 7.0, 1.0),
         ]
 
-    def on_message(self, received: Received, now: float) -> None:
+    def on_message(self, received: m.Received, now: float) -> None:
         del now
-        if not isinstance(received.message, Heartbeat):
+        if not isinstance(received.message, m.Heartbeat):
             self.outbox += [self.rng.choice(self.makers)() for _ in range(3)]
 
     def datagrams_to_send(self, now: float) -> list[bytes]:
@@ -76,7 +66,7 @@ class AnswersAnything(VehiclePeer):
 CALLS: dict[str, Callable[[Client], object]] = {
     "command": lambda client: client.command(Command.COMPONENT_ARM_DISARM, 1.0, timeout_s=TIMEOUT_S),
     "mode": lambda client: client.set_mode(5, timeout_s=TIMEOUT_S / 2.0),
-    "request": lambda client: client.request_message(HomePosition, timeout_s=TIMEOUT_S),
+    "request": lambda client: client.request_message(m.HomePosition, timeout_s=TIMEOUT_S),
     "read parameter": lambda client: client.read_parameter("WPNAV_SPEED", timeout_s=TIMEOUT_S),
     "set parameter": lambda client: client.set_parameter("WPNAV_SPEED", 500.0, timeout_s=TIMEOUT_S),
     "list logs": lambda client: list_flight_logs(client, timeout_s=TIMEOUT_S),
@@ -96,15 +86,17 @@ def test_each_call_ends_in_time_with_an_answer_or_a_named_error(seed: int) -> No
             call(client)
         time_s = client.clock.now() - began_at
         assert time_s <= TIMEOUT_S + 0.01
-        assert len([r for r in peer.heard if not isinstance(r.message, Heartbeat)]) <= 3 + 4 * TIMEOUT_S
+        assert len([r for r in peer.heard if not isinstance(r.message, m.Heartbeat)]) <= 3 + 4 * TIMEOUT_S
 
 
 def test_a_command_that_is_in_progress_for_ever_is_given_up() -> None:
     class InProgress(VehiclePeer):
-        def on_message(self, received: Received, now: float) -> None:
+        def on_message(self, received: m.Received, now: float) -> None:
             del now
-            if isinstance(received.message, CommandLong | Heartbeat):
-                self.outbox.append(CommandAck(400, CommandResult.IN_PROGRESS, target_system=255, target_component=190))
+            if isinstance(received.message, m.CommandLong | m.Heartbeat):
+                self.outbox.append(
+                    m.CommandAck(400, CommandResult.IN_PROGRESS, target_system=255, target_component=190)
+                )
 
     with pytest.raises(VehicleSilentError, match=r"answer to command .* within 6 s"):
         connected(InProgress()).command(Command.COMPONENT_ARM_DISARM, 1.0, timeout_s=TIMEOUT_S)
@@ -112,10 +104,10 @@ def test_a_command_that_is_in_progress_for_ever_is_given_up() -> None:
 
 def test_a_result_that_is_none_is_a_refusal() -> None:
     class Strange(VehiclePeer):
-        def on_message(self, received: Received, now: float) -> None:
+        def on_message(self, received: m.Received, now: float) -> None:
             del now
-            if isinstance(received.message, CommandLong):
-                self.outbox.append(CommandAck(400, 200, target_system=255, target_component=190))
+            if isinstance(received.message, m.CommandLong):
+                self.outbox.append(m.CommandAck(400, 200, target_system=255, target_component=190))
 
     with pytest.raises(CommandRefusedError, match="200"):
         connected(Strange()).command(Command.COMPONENT_ARM_DISARM, 1.0, timeout_s=TIMEOUT_S)
@@ -126,15 +118,15 @@ def test_a_log_in_pieces_that_are_none_is_given_up(count: int, padded: tuple[int
     """A piece that says that it has bytes and has none does not hang the download."""
 
     class Pieces(VehiclePeer):
-        def on_message(self, received: Received, now: float) -> None:
+        def on_message(self, received: m.Received, now: float) -> None:
             del now
-            if not isinstance(received.message, Heartbeat):
+            if not isinstance(received.message, m.Heartbeat):
                 self.outbox += [
-                    LogData(3, 0, count, (*padded, *(0,) * (90 - len(padded)))),
-                    LogData(3, 2**31, 90, (0,) * 90),
+                    m.LogData(3, 0, count, (*padded, *(0,) * (90 - len(padded)))),
+                    m.LogData(3, 2**31, 90, (0,) * 90),
                 ]
 
-    with pytest.raises(TransferSilentError, match=f"fell silent after {taken} of 50000 bytes"):
+    with pytest.raises(TransferSilentError, match=f"stopped answering after {taken} of 50000 bytes"):
         download_flight_log(connected(Pieces()), LOG, timeout_s=2.0)
 
 

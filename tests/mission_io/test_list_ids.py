@@ -6,7 +6,7 @@ from mission_io import MissionType, VehicleSilentError
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.client.list_ids import ListIds, list_changed, read_list_ids
 from mission_io.model.items import Command
-from mission_io.protocol.list_ids import id_of_items
+from mission_io.protocol.server import id_of_items
 from mission_io.wire import messages as m
 from tests.mission_io.test_client import FENCE, MISSION
 from tests.mission_io.vehicle import VehiclePeer, connected

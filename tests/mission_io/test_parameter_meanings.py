@@ -6,7 +6,7 @@ import re
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from mission_io.autopilots.parameter_meanings import _MEANINGS, Meaning, has_no_place, meaning_of, number_for_nan
+from mission_io.autopilots.parameter_meanings import Meaning, _meanings, has_no_place, meaning_of, number_for_nan
 from mission_io.errors import FormatError
 from mission_io.formats import plan, wpl
 from mission_io.model.areas import Fence, RallyPoints
@@ -16,7 +16,7 @@ from tests.mission_io.formats.samples import HOME
 NAN = math.nan
 OF_NO_USE = re.compile(r"(empty|reserved|unused|not used|$)", re.IGNORECASE)
 A_PLACE_THAT_MAY_BE_LEFT_OUT = {(189, 5), (189, 6), (189, 7)}
-DESCRIBED = [(command, number) for command, letters in _MEANINGS.items() for number in range(1, len(letters) + 1)]
+DESCRIBED = [(command, number) for command, letters in _meanings().items() for number in range(1, len(letters) + 1)]
 
 
 def description(command: int, number: int) -> str:
@@ -41,7 +41,7 @@ def test_headings_are_those_of_which_mavlink_says_so() -> None:
 
 
 def test_commands_without_a_place_have_none_in_mavlink() -> None:
-    for command in _MEANINGS:
+    for command in _meanings():
         if has_no_place(command) and command != 189:
             assert all(OF_NO_USE.match(description(command, number)) for number in (5, 6, 7)), command
     assert not has_no_place(16)

@@ -11,15 +11,7 @@ from mission_io.model.enums import MissionResult
 from mission_io.model.items import Command, Frame, Mission, MissionItem, MissionType, waypoint
 from mission_io.protocol.exchange import Address
 from mission_io.protocol.upload import Upload
-from mission_io.wire.messages import (
-    Message,
-    MissionAck,
-    MissionClearAll,
-    MissionCount,
-    MissionItemInt,
-    MissionWritePartialList,
-    Received,
-)
+from mission_io.wire import messages as m
 from mission_io.wire.mission_items import message_from_item
 from tests.mission_io.test_client import MISSION
 from tests.mission_io.vehicle import VehiclePeer, connected
@@ -44,10 +36,10 @@ def test_only_the_part_is_sent_and_the_rest_stays(first: int, count: int) -> Non
     result = upload_part(client, first, changed(count), progress=lambda done, total: steps.append((done, total)))
     assert result.passed, result.differences
     sent = [r.message for r in peer.heard]
-    assert [m for m in sent if isinstance(m, MissionCount)] == []
-    (opening,) = {m for m in sent if isinstance(m, MissionWritePartialList)}
+    assert [it for it in sent if isinstance(it, m.MissionCount)] == []
+    (opening,) = {it for it in sent if isinstance(it, m.MissionWritePartialList)}
     assert (opening.start_index, opening.end_index) == (first, first + count - 1)
-    assert {m.seq for m in sent if isinstance(m, MissionItemInt)} == set(range(first, first + count))
+    assert {it.seq for it in sent if isinstance(it, m.MissionItemInt)} == set(range(first, first + count))
     held = client.download_list(MissionType.MISSION)
     assert isinstance(held, Mission)
     assert [item.alt_m for item in held.items[first - 1 : first - 1 + count]] == [75.0 + k for k in range(count)]
@@ -78,7 +70,7 @@ def test_what_is_not_there_is_not_written_over(first: int, count: int) -> None:
     client = holding(peer)
     with pytest.raises(MisuseError, match="a mission of 8"):
         upload_part(client, first, changed(count))
-    assert not [r for r in peer.heard if isinstance(r.message, MissionWritePartialList)]
+    assert not [r for r in peer.heard if isinstance(r.message, m.MissionWritePartialList)]
 
 
 def test_a_vehicle_that_refuses_or_is_silent_is_an_error() -> None:
@@ -88,9 +80,9 @@ def test_a_vehicle_that_refuses_or_is_silent_is_an_error() -> None:
         def receive_datagram(self, data: bytes, now: float) -> None:
             received = self.codec.decode(data)
             for one in received:
-                if isinstance(one.message, MissionWritePartialList):
+                if isinstance(one.message, m.MissionWritePartialList):
                     if self.answer:
-                        self.outbox.append(MissionAck(255, 190, MissionResult.ERROR))
+                        self.outbox.append(m.MissionAck(255, 190, MissionResult.ERROR))
                 else:
                     self.server.receive(one, now)
 
@@ -113,15 +105,15 @@ def test_a_vehicle_takes_parts_that_lie_in_its_list_or_go_on_after_it(
 ) -> None:
     peer = VehiclePeer(ARDUPILOT)
     holding(peer)
-    peer.server.receive(Received(MissionWritePartialList(1, 1, first, last), 255, 190), 10.0)
+    peer.server.receive(m.Received(m.MissionWritePartialList(1, 1, first, last), 255, 190), 10.0)
     said = peer.server.messages_to_send(10.0)
     if answer is None:
-        assert [getattr(m, "seq", None) for m in said] == [first]
+        assert [getattr(it, "seq", None) for it in said] == [first]
     else:
-        assert [m.result for m in said if isinstance(m, MissionAck)] == [MissionResult.ERROR]
+        assert [it.result for it in said if isinstance(it, m.MissionAck)] == [MissionResult.ERROR]
     deaf = VehiclePeer(PX4)
     holding(deaf)
-    deaf.server.receive(Received(MissionWritePartialList(1, 1, 1, 1), 255, 190), 10.0)
+    deaf.server.receive(m.Received(m.MissionWritePartialList(1, 1, 1, 1), 255, 190), 10.0)
     assert deaf.server.messages_to_send(10.0) == []
 
 
@@ -129,10 +121,10 @@ def test_a_part_that_breaks_off_leaves_what_came_written() -> None:
     peer = VehiclePeer(ARDUPILOT)
     holding(peer)
     before = peer.server.items(MissionType.MISSION)
-    peer.server.receive(Received(MissionWritePartialList(1, 1, 3, 5), 255, 190), 10.0)
+    peer.server.receive(m.Received(m.MissionWritePartialList(1, 1, 3, 5), 255, 190), 10.0)
     other = waypoint(46.9, -7.9, 99.0, frame=Frame.ABOVE_HOME)
     item = message_from_item(other, 3, mission_type=MissionType.MISSION, target_system=1, target_component=1)
-    peer.server.receive(Received(item, 255, 190), 10.1)
+    peer.server.receive(m.Received(item, 255, 190), 10.1)
     for _ in range(3):
         peer.server.messages_to_send(100.0)
     after = peer.server.items(MissionType.MISSION)
@@ -152,22 +144,22 @@ def test_numbers_that_the_message_does_not_carry_are_refused(first: int) -> None
         )
 
 
-def wired(item: MissionItem, seq: int, mission_type: MissionType = MissionType.MISSION) -> MissionItemInt:
+def wired(item: MissionItem, seq: int, mission_type: MissionType = MissionType.MISSION) -> m.MissionItemInt:
     return message_from_item(item, seq, mission_type=mission_type, target_system=1, target_component=1)
 
 
-def told(peer: VehiclePeer, *messages: Message | tuple[int, Message]) -> list[str]:
+def told(peer: VehiclePeer, *messages: m.Message | tuple[int, m.Message]) -> list[str]:
     """What the vehicle answers to each, from station 255 or the one that is named."""
     said = []
     for k, one in enumerate(messages):
         station, message = one if isinstance(one, tuple) else (255, one)
-        peer.server.receive(Received(message, station, 190), 10.0 + 0.1 * k)
+        peer.server.receive(m.Received(message, station, 190), 10.0 + 0.1 * k)
         answers = peer.server.messages_to_send(10.0 + 0.1 * k)
-        said.append(" ".join(f"ack{m.result}" if isinstance(m, MissionAck) else f"req{m.seq}" for m in answers))  # type: ignore[union-attr]
+        said.append(" ".join(f"ack{it.result}" if isinstance(it, m.MissionAck) else f"req{it.seq}" for it in answers))  # type: ignore[union-attr]
     return said
 
 
-PART = MissionWritePartialList(1, 1, 3, 5)
+PART = m.MissionWritePartialList(1, 1, 3, 5)
 NEW = waypoint(46.9, -7.9, 99.0, frame=Frame.ABOVE_HOME)
 JUMPS_TO = {to: MissionItem(Command.DO_JUMP, Frame.COMMAND, (float(to), 1.0, 0.0, 0.0)) for to in (0, 8, 9, 50)}
 
@@ -178,19 +170,23 @@ JUMPS_TO = {to: MissionItem(Command.DO_JUMP, Frame.COMMAND, (float(to), 1.0, 0.0
         # As ArduCopter 4.7.0-dev, simulated, answered the same messages.
         ((PART, PART, *(wired(NEW, k) for k in (3, 4, 5))), "req3 ack14 req4 req5 ack0", [3, 4, 5]),
         ((PART, wired(NEW, 3), PART, wired(NEW, 4), wired(NEW, 5)), "req3 req4 ack14 req5 ack0", [3, 4, 5]),
-        ((PART, (254, MissionWritePartialList(1, 1, 6, 6)), wired(NEW, 3)), "req3 ack14 req4", [3]),
-        ((MissionCount(1, 1, 2), MissionWritePartialList(1, 1, 1, 1), wired(NEW, 0)), "req0 ack14 req1", None),
-        ((PART, wired(NEW, 3), MissionCount(1, 1, 2), wired(NEW, 0), wired(NEW, 1)), "req3 req4 req0 req1 ack0", None),
+        ((PART, (254, m.MissionWritePartialList(1, 1, 6, 6)), wired(NEW, 3)), "req3 ack14 req4", [3]),
+        ((m.MissionCount(1, 1, 2), m.MissionWritePartialList(1, 1, 1, 1), wired(NEW, 0)), "req0 ack14 req1", None),
+        (
+            (PART, wired(NEW, 3), m.MissionCount(1, 1, 2), wired(NEW, 0), wired(NEW, 1)),
+            "req3 req4 req0 req1 ack0",
+            None,
+        ),
         ((PART, wired(JUMPS_TO[0], 3)), "req3 ack1", []),
         ((PART, wired(JUMPS_TO[50], 3)), "req3 ack1", []),
         ((PART, wired(JUMPS_TO[9], 3)), "req3 ack1", []),
         ((PART, wired(JUMPS_TO[8], 3)), "req3 req4", [3]),
-        ((PART, MissionClearAll(1, 1), wired(NEW, 3)), "req3 ack0 ack1", None),
-        ((PART, (254, MissionClearAll(1, 1)), wired(NEW, 3)), "req3 ack14 ack1 req4", [3]),
+        ((PART, m.MissionClearAll(1, 1), wired(NEW, 3)), "req3 ack0 ack1", None),
+        ((PART, (254, m.MissionClearAll(1, 1)), wired(NEW, 3)), "req3 ack14 ack1 req4", [3]),
     ],
 )
 def test_parts_are_answered_as_arducopter_answers_them(
-    messages: tuple[Message, ...], answers: str, written: list[int] | None
+    messages: tuple[m.Message, ...], answers: str, written: list[int] | None
 ) -> None:
     peer = VehiclePeer(ARDUPILOT)
     holding(peer)
@@ -208,11 +204,11 @@ def test_a_fence_does_not_grow_by_a_part() -> None:
     peer = VehiclePeer(ARDUPILOT)
     fence = [MissionItem(Command.NAV_FENCE_CIRCLE_EXCLUSION, Frame.AMSL, (20.0, 0.0, 0.0, 0.0), 46.5, -7.3, 0.0)]
     peer.server.set_items(MissionType.FENCE, fence)
-    said = told(peer, MissionWritePartialList(1, 1, 1, 1, MissionType.FENCE), wired(fence[0], 1, MissionType.FENCE))
+    said = told(peer, m.MissionWritePartialList(1, 1, 1, 1, MissionType.FENCE), wired(fence[0], 1, MissionType.FENCE))
     assert said == ["req1", "ack13"]
     assert peer.server.items(MissionType.FENCE) == tuple(fence)
 
 
 def test_a_whole_list_with_a_jump_that_leads_nowhere_is_refused() -> None:
     peer = VehiclePeer(ARDUPILOT)
-    assert told(peer, MissionCount(1, 1, 2), wired(NEW, 0), wired(JUMPS_TO[8], 1)) == ["req0", "req1", "ack1"]
+    assert told(peer, m.MissionCount(1, 1, 2), wired(NEW, 0), wired(JUMPS_TO[8], 1)) == ["req0", "req1", "ack1"]

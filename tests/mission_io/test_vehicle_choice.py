@@ -7,10 +7,10 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from mission_io.autopilots.vehicle_types import VEHICLE_TYPES, VehicleKind, kind_of, parse_type, type_name
-from mission_io.client.peers import LISTEN_S
 from mission_io.errors import AmbiguousVehicleError, MisuseError, VehicleSilentError
 from mission_io.model.enums import AutopilotId, VehicleClass
 from mission_io.model.items import MissionType
+from mission_io.protocol.tuning import CALLS
 from mission_io.wire import messages as m
 from tests.mission_io.test_peers import ITEMS, Bus, Station, Vehicle, client_on
 
@@ -48,7 +48,7 @@ def test_a_single_vehicle_is_found_after_one_heartbeats_time() -> None:
     client = client_on(Bus(Vehicle(1)))
     began_s = client.clock.now()
     client.wait_for_vehicle()
-    assert client.clock.now() - began_s < LISTEN_S + 1.1
+    assert client.clock.now() - began_s < CALLS.listen_s + 1.1
 
 
 @pytest.mark.parametrize(

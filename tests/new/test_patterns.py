@@ -3,7 +3,8 @@
 import pytest
 
 from uavcover.errors import InputError
-from uavcover.new.patterns import OBLIQUE_SAMPLE, SINGLE, views_of
+from uavcover.new.patterns import SINGLE, views_of
+from uavcover.new.tuning import SURVEY
 
 
 def test_one_flight_chooses_its_own_lines():
@@ -25,7 +26,7 @@ def test_an_oblique_set_looks_straight_down_and_to_four_sides():
     assert [view.heading_deg for view in tilted] == [0.0, 90.0, 180.0, 270.0]
     assert all(view.is_tilted and view.line_heading_deg == view.heading_deg for view in tilted)
     # Level ground in the middle of a picture at 45 degrees counts: sqrt(2) x 2^(1/4) times the sample straight below.
-    assert OBLIQUE_SAMPLE > 2.0**0.75
+    assert SURVEY.oblique_sample > 2.0**0.75
 
 
 def test_an_unknown_pattern():

@@ -6,7 +6,8 @@ import pytest
 
 from uavcover.errors import InputError
 from uavcover.new.cameras import all_cameras, camera_named
-from uavcover.new.survey import LOWEST_TOP_M, SurveyWish, design_survey
+from uavcover.new.survey import SurveyWish, design_survey
+from uavcover.new.tuning import SURVEY
 from uavcover.new.vehicles import vehicle_named
 
 M3E = camera_named("dji-m3e")
@@ -62,7 +63,7 @@ def test_the_speed_obeys_the_camera():
     assert "2 s at least between two of dji-mini-3-pro" in found.speed_reason
     with pytest.raises(InputError, match=r"^--speed: .* a coarser --gsd or a lower --speed"):
         design(camera=camera, speed_m_s=10.0)
-    with pytest.raises(InputError, match=r"^--overlap: .* ask for less forward overlap"):
+    with pytest.raises(InputError, match=r"^--overlap: .* use less forward overlap"):
         design(camera=camera, forward_overlap=0.95)
 
 
@@ -92,7 +93,12 @@ def test_what_cannot_be_flown(changes, words):
 @pytest.mark.parametrize("camera", [camera.name for camera in all_cameras()])
 def test_every_camera_has_a_band_that_can_be_planned_in(camera):
     body = camera_named(camera)
-    for slope_deg, top_m in ((0.0, LOWEST_TOP_M + 8.0), (40.0, LOWEST_TOP_M + 8.0), (0.0, 60.0), (20.0, 118.0)):
+    for slope_deg, top_m in (
+        (0.0, SURVEY.lowest_top_m + 8.0),
+        (40.0, SURVEY.lowest_top_m + 8.0),
+        (0.0, 60.0),
+        (20.0, 118.0),
+    ):
         found = design(camera=body, gsd_m=top_m / body.focal_px, slope_deg=slope_deg, forward_overlap=0.0)
         assert found.max_height_agl_m <= top_m + 1e-9
         assert found.max_height_agl_m - found.min_height_agl_m > 2.0 * found.height_margin_m + 3.0

@@ -173,7 +173,7 @@ def test_a_route_of_another_number_of_parts_is_refused(planned: RunFolder, tmp_p
         compile_flights(site, Route(whole.waypoints_m))
     path = run.file("pareto_routes.csv")
     path.write_text("\n".join(line.rpartition(",")[0] for line in path.read_text().splitlines()) + "\n")
-    with pytest.raises(InputError, match=r"a route has another number of parts than 2; make it again"):
+    with pytest.raises(InputError, match=r"a route has another number of parts than 2; create it again"):
         read_members(run, site)
 
 

@@ -130,7 +130,7 @@ def check_places(site: Site, pixels: np.ndarray, extent: Extent, tolerance: floa
     opaque = shown[:, 3] == 255
     assert opaque.any()
     np.testing.assert_allclose(shown[opaque, :3], colors(extent, lon, lat)[opaque], atol=tolerance)
-    assert max(rows, columns) == background.PIXELS
+    assert max(rows, columns) == background.BACKGROUND.pixels
     assert rows / columns == pytest.approx((north - south) / (east - west), rel=0.01)
 
 

@@ -2,6 +2,7 @@
 
 import base64
 import io
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +16,7 @@ from uavcover.report import map_data as drawing
 from uavcover.report.cell_layers import UNSEEN_RGB, cell_layers, cells_bounds_m
 from uavcover.report.content import ReportContent
 from uavcover.report.map_data import map_data
+from uavcover.report.tuning import FIGURES
 
 
 def pixels(uri: str) -> np.ndarray:
@@ -81,7 +83,7 @@ def test_the_surface_is_the_ground_with_north_on_top(content: ReportContent, dat
 
 def test_tracks_are_thinned_and_end_where_they_end(content: ReportContent, monkeypatch: pytest.MonkeyPatch) -> None:
     (flight,) = content.flights
-    monkeypatch.setattr(drawing, "MAX_SAMPLES", 100)
+    monkeypatch.setattr(drawing, "FIGURES", replace(FIGURES, max_samples=100))
     (track,) = map_data(content)["tracks"]
     assert len(track["points"]) == len(track["times"]) == len(track["heights"]) <= 102
     np.testing.assert_allclose(track["points"][-1], flight.enu_m[-1], atol=0.051)

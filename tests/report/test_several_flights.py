@@ -160,9 +160,9 @@ def test_a_hostile_name_of_a_log_is_text_in_the_layer_control(
 
 
 def test_more_flights_than_colours_begin_anew_with_dashes() -> None:
-    styles = [plots.flight_style(number) for number in range(2 * plots.FLIGHT_COLORS)]
+    styles = [plots.flight_style(number) for number in range(2 * plots.FIGURES.flight_colors)]
     assert len(set(styles)) == len(styles)
-    assert plots.flight_style(2 * plots.FLIGHT_COLORS) == styles[0]
+    assert plots.flight_style(2 * plots.FIGURES.flight_colors) == styles[0]
     css = (Path(plots.__file__).parent / "page" / "report.css").read_text()
     assert all(f".line-{style}" in css for style in styles)
 

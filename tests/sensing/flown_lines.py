@@ -3,7 +3,8 @@
 import numpy as np
 
 from uavcover.mock.guidance import Speeds
-from uavcover.mock.legs import _STEP_S, _VELOCITY_GAIN_1_S, Leg, legs_of
+from uavcover.mock.legs import Leg, legs_of
+from uavcover.mock.tuning import BODY, GUIDANCE
 from uavcover.model.vehicle import AutopilotMotion
 
 
@@ -30,8 +31,8 @@ def _flown(
     place, velocity, track, passed = np.array(start), np.zeros(3), [np.array(start)], []
     while legs.passed < len(ends):
         wanted = np.array(legs.wanted_velocity(tuple(place)))
-        velocity = velocity + _STEP_S * _VELOCITY_GAIN_1_S * (wanted - velocity)
-        place = place + _STEP_S * velocity
+        velocity = velocity + BODY.step_s * GUIDANCE.velocity_gain_1_s * (wanted - velocity)
+        place = place + BODY.step_s * velocity
         track.append(place)
         passed += [place] * (legs.passed - len(passed))
     return np.array(track), np.array(passed)

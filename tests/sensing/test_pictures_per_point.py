@@ -230,7 +230,7 @@ def test_an_overlap_that_is_required_decides(spacing_m, blind, holds):
     assert any(line.startswith(said) for line in report.doubts) == (holds == "not proved")
     assert not any("overlap" in line for line in report.findings)
     (row,) = [
-        row for row in requirement_rows(site.scenario, report) if row.name.startswith("Ground in at least 6 photos")
+        row for row in requirement_rows(site.scenario, report) if row.name.startswith("Area in at least 6 photos")
     ]
     assert row.holds == holds
 

@@ -14,9 +14,9 @@ from uavcover.kernels.grid import square_frame, steepest_of_finite
 from uavcover.kernels.surface import GRID, Surface, height_above, up_above
 from uavcover.scenario.scenario_file import load_scenario, terrain_source
 from uavcover.scenario.site import load_site
-from uavcover.terrain.elevation_file import MAX_ERROR_M, read_ground
+from uavcover.terrain.elevation_file import read_ground
 from uavcover.terrain.frames import LocalFrame
-from uavcover.terrain.pixel_frame import STRAIGHT_WITHIN_M
+from uavcover.terrain.tuning import FILES, PIXELS
 
 ALT_M = 550.0
 
@@ -48,7 +48,7 @@ def test_heights_are_those_of_the_file(tmp_path, place, pixel_m, size_m):
     assert found < 0.02
     # What was measured at load is no less than a third of what is found here, and promises no more than it may.
     assert found < 3.0 * ground.error_m + 1e-4
-    assert ground.error_m < 0.02 < MAX_ERROR_M
+    assert ground.error_m < 0.02 < FILES.max_error_m
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -70,11 +70,11 @@ def test_legs_cut_into_pieces_have_the_heights_of_whole_ones(tmp_path, seed):
         above = np.array([height_above(surface, *row) for row in line])
         low, low_at, high, high_at = ground.leg_height_ranges_m(ends)[0]
         between = 0.5 * (np.linalg.norm(ends[1] - ends[0]) / 4000.0) * (1.0 + surface.steepest)
-        assert -STRAIGHT_WITHIN_M - between <= low - above.min() <= STRAIGHT_WITHIN_M
-        assert -STRAIGHT_WITHIN_M <= high - above.max() <= STRAIGHT_WITHIN_M + between
+        assert -PIXELS.straight_within_m - between <= low - above.min() <= PIXELS.straight_within_m
+        assert -PIXELS.straight_within_m <= high - above.max() <= PIXELS.straight_within_m + between
         for value, at in ((low, low_at), (high, high_at)):
             place_m = ends[0] + at * (ends[1] - ends[0])
-            assert height_above(surface, *place_m) == pytest.approx(value, abs=2.0 * STRAIGHT_WITHIN_M)
+            assert height_above(surface, *place_m) == pytest.approx(value, abs=2.0 * PIXELS.straight_within_m)
         cuts = np.sort(rng.random(3))
         parts = ground.leg_height_ranges_m(
             ends[0] + np.concatenate([[0.0], cuts, [1.0]])[:, None] * (ends[1] - ends[0])

@@ -2,6 +2,7 @@ import math
 import re
 import struct
 import tracemalloc
+from dataclasses import replace
 
 import numpy as np
 import pyproj
@@ -17,6 +18,7 @@ from uavcover.terrain import elevation_file, pixel_frame
 from uavcover.terrain.elevation_file import read_ground, read_height_amsl_m, read_heights_amsl_m
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import grid_ground
+from uavcover.terrain.tuning import FILES, PIXELS
 
 LAT, LON = 47.2, 11.4  # asymmetric, and in UTM zone 32
 FRAME = LocalFrame(LAT, LON, 600.0)
@@ -318,8 +320,8 @@ def test_a_large_file_is_read_by_strips_to_the_same_ground(tmp_path, monkeypatch
         return read_ground(path, datum, frame=FRAME, bounds_m=BOUNDS, grid_step_m=None).surface.up_m
 
     whole = nodes()
-    monkeypatch.setattr(elevation_file, "_MOST_PIXELS", 100)
-    monkeypatch.setattr(pixel_frame, "_STRIP_NODES", 70)
+    monkeypatch.setattr(elevation_file, "FILES", replace(FILES, most_pixels=100))
+    monkeypatch.setattr(pixel_frame, "PIXELS", replace(PIXELS, strip_nodes=70))
     assert np.allclose(nodes(), whole, rtol=0.0, atol=1e-9, equal_nan=True)
     assert whole.shape[0] > 10
 
@@ -327,7 +329,7 @@ def test_a_large_file_is_read_by_strips_to_the_same_ground(tmp_path, monkeypatch
 def test_a_wrong_height_in_a_later_strip_is_told_with_its_row(tmp_path, monkeypatch):
     values = bumps()
     values[21, 20] = 12_000.0
-    monkeypatch.setattr(elevation_file, "_MOST_PIXELS", 100)
+    monkeypatch.setattr(elevation_file, "FILES", replace(FILES, most_pixels=100))
     with pytest.raises(TerrainError, match="a height of 12000 m in row 21, column 20"):
         read_ground(
             write(tmp_path / "dem.tif", values), "EGM96", frame=FRAME, bounds_m=(-9e3, -9e3, 9e3, 9e3), grid_step_m=None
@@ -339,8 +341,8 @@ def test_a_wrong_height_in_a_later_strip_is_told_with_its_row(tmp_path, monkeypa
 def test_reading_takes_little_more_memory_than_the_ground(tmp_path, monkeypatch, datum):
     # 2.4e5 pixels of 3 m; half a degree around them is in the small geoid grid of the tests.
     path = write(tmp_path / "dem.tif", bumps((400, 600)), transform=from_origin(LON - 0.009, LAT + 0.006, 3e-5, 3e-5))
-    monkeypatch.setattr(elevation_file, "_MOST_PIXELS", 6_000)
-    monkeypatch.setattr(pixel_frame, "_STRIP_NODES", 6_000)
+    monkeypatch.setattr(elevation_file, "FILES", replace(FILES, most_pixels=6_000))
+    monkeypatch.setattr(pixel_frame, "PIXELS", replace(PIXELS, strip_nodes=6_000))
     monkeypatch.setattr(elevation_file, "measure_error_m", lambda *_: 0.0)
 
     def read_it():

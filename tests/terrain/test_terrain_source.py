@@ -3,6 +3,7 @@
 import gzip
 import math
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -16,6 +17,7 @@ from uavcover.terrain import terrain_source
 from uavcover.terrain.elevation_file import read_ground, read_height_amsl_m, read_heights_amsl_m
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.terrain_source import TerrainSource, find_tiles
+from uavcover.terrain.tuning import FILES
 
 LAT, LON = 46.55, 8.03
 FRAME = LocalFrame(LAT, LON, 500.0)
@@ -270,7 +272,7 @@ def test_bad_folders_and_patterns(tmp_path, monkeypatch):
     for name in ("empty", "none/*.tif"):
         with pytest.raises(TerrainError, match=r"has no tile .*; give files, a folder or a pattern that has"):
             find_tiles([name], folder=tmp_path, around=None)
-    monkeypatch.setattr(terrain_source, "MAX_TILES", 1)
+    monkeypatch.setattr(terrain_source, "FILES", replace(FILES, max_tiles=1))
     for name in ("a.tif", "b.tif"):
         (tmp_path / "empty" / name).write_bytes(b"x")
     with pytest.raises(TerrainError, match="2 tiles, more than 1"):

@@ -10,8 +10,9 @@ from tests.verification.flights import Flight, changed, make_site
 from uavcover.errors import TrackError
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
-from uavcover.verification.ends import NEAR_TERRAIN_M, SAME_HEIGHT_M, TrackEnd, track_ends
+from uavcover.verification.ends import TrackEnd, track_ends
 from uavcover.verification.phases import PlannedRoute
+from uavcover.verification.tuning import ENDS
 from uavcover.verification.verify import FlownTrack, verify_flight
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")
@@ -73,7 +74,8 @@ def test_a_continuation_counts_with_the_flight_that_it_goes_on_with(
     reports = [together(flight, half) for half in halves]
     assert all(report.verdict == "not proved" for report in reports)
     both = verify_flight(flight.site, flight.coverage, [FlownTrack(halves[k], flight.planned) for k in order]).report
-    assert not any("what came after" in doubt or "what was before" in doubt for doubt in both.doubts)
+    beside = ("the flight after it is unknown", "the flight before it is unknown")
+    assert not any(words in doubt for doubt in both.doubts for words in beside)
     assert both.reasons == ()
 
 
@@ -90,11 +92,11 @@ def test_one_that_cannot_go_on_with_it_does_not(flight: Flight, wrong: str) -> N
     text = "; ".join(report.doubts)
     if wrong == "much later":
         # It is the same flight, and half a minute of it is missing.
-        assert "what came after" not in text
+        assert "the flight after it is unknown" not in text
         assert "at most 10 s are allowed" in text
     else:
-        assert "what came after" in text
-        assert "what was before" in text
+        assert "the flight after it is unknown" in text
+        assert "the flight before it is unknown" in text
 
 
 def test_the_ways_there_and_home_have_a_highest_height() -> None:
@@ -166,9 +168,9 @@ def ends_of(
 def test_a_log_that_is_switched_off_on_touching_down_ends_within_metres_of_the_ground(side: float) -> None:
     # By the terrain, or by where it took off from, if that is the same place; the limit itself is within it.
     for by_terrain_m, by_start_m, aside_m, on_ground in (
-        (NEAR_TERRAIN_M, 4.0, 0.0, True),
+        (ENDS.near_terrain_m, 4.0, 0.0, True),
         (2.01, 4.0, 0.0, False),
-        (5.0, SAME_HEIGHT_M, 0.0, True),
+        (5.0, ENDS.same_height_m, 0.0, True),
         (5.0, 1.01, 0.0, False),
         (5.0, 0.0, 10.0, True),
         (5.0, 0.0, 10.1, False),

@@ -5,7 +5,8 @@ import pytest
 
 from tests.verification.flights import fly_along, make_site
 from uavcover.model.track import Track
-from uavcover.verification.waypoints_passed import LATENESS_S, Passing, contradiction, passing, plan_doubt
+from uavcover.verification.tuning import SAFETY
+from uavcover.verification.waypoints_passed import Passing, contradiction, passing, plan_doubt
 
 PLAN = np.array([[0.0, 0.0, 80.0], [100.0, 0.0, 80.0], [100.0, 50.0, 80.0], [0.0, 50.0, 80.0]])
 RADIUS_M = 5.0
@@ -112,7 +113,7 @@ def test_a_number_beyond_the_plan(flown: Track) -> None:
     assert said_of(flown, numbers) == "current_waypoint goes up to 4, and the plan has 4 waypoints"
 
 
-@pytest.mark.parametrize("late_s", [0.0, 1.0, LATENESS_S - 0.5])
+@pytest.mark.parametrize("late_s", [0.0, 1.0, SAFETY.lateness_s - 0.5])
 def test_a_number_may_come_late(flown: Track, late_s: float) -> None:
     late = np.roll(flown.current_waypoint, round(late_s * 5.0))
     late[: round(late_s * 5.0)] = -1

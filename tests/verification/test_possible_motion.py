@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from uavcover.model.track import Track
-from uavcover.verification.attitude import MAX_TILT_DEG, known_attitude
+from uavcover.verification.attitude import known_attitude
 from uavcover.verification.possible_motion import Motion, MotionLimits, judge_motion
+from uavcover.verification.tuning import ATTITUDE
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")
 
@@ -159,7 +160,7 @@ def test_one_that_stands_still_for_a_moment_is() -> None:
 def test_a_lean_that_nothing_flies_with_is_unknown_there(axis: int) -> None:
     leaning = measured()
     leaning[200:300, axis] = 70.0
-    leaning[300:310, axis] = MAX_TILT_DEG - 1.0
+    leaning[300:310, axis] = ATTITUDE.max_tilt_deg - 1.0
     leaning[300:310, 1 - axis] = 0.0
     attitude, problems = known(leaning)
     assert np.isnan(attitude[200:300]).all()

@@ -347,7 +347,7 @@ class PauseKey:
         except (OSError, ValueError, termios.error):  # no stdin, or none that is one
             return
         self._terminal = before
-        self._console.say(f"{PAUSE_KEY} pauses the flight, {PAUSE_KEY} again goes on; Ctrl-C brings it home")
+        self._console.say(f"{PAUSE_KEY} pauses the flight, {PAUSE_KEY} again goes on; Ctrl-C returns")
 
     def _take(self, number: int, frame: FrameType | None) -> None:
         del number, frame

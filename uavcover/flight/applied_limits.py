@@ -15,11 +15,11 @@ from uavcover.flight.flight_plan import FlightPlan
 from uavcover.flight.limit_table import Limit, Weight, limit_table, parameter_groups
 from uavcover.flight.precautions import Precautions
 from uavcover.flight.session import Session
+from uavcover.flight.tuning import PREPARATION
+from uavcover.missions.failsafe_parameters import failsafe_parameter_groups
+from uavcover.missions.return_advice import OwnReturns, ReturnAdvice
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
-
-_ANSWER_S = 3.0
-_FIRST_ANSWER_S, _LEAST_QUIET_S, _QUIET_ANSWERS = 0.7, 0.1, 3.0
-_AT_ONCE, _ROUNDS = 14, 6
+from uavcover.model.vehicle import AutopilotName
 
 
 def read_parameters(session: Session, groups: Iterable[Collection[str]]) -> dict[str, ParamValue]:
@@ -31,14 +31,14 @@ def read_parameters(session: Session, groups: Iterable[Collection[str]]) -> dict
     """
     found = dict[str, ParamValue]()
     wanted = [tuple(names) for names in groups]
-    quiet_s, found_at_once = _FIRST_ANSWER_S, 0
-    for number in range(_ROUNDS):
+    quiet_s, found_at_once = PREPARATION.first_limit_answer_s, 0
+    for number in range(PREPARATION.limit_rounds):
         left = [names for names in wanted if found.keys().isdisjoint(names)]
         found_at_once = len(found) if number == 1 else found_at_once
         if number > 1 and len(found) == found_at_once:
             break
-        for first in range(0, len(left), _AT_ONCE):
-            quiet_s = _ask(session, left[first : first + _AT_ONCE], found, quiet_s)
+        for first in range(0, len(left), PREPARATION.limits_at_once):
+            quiet_s = _ask(session, left[first : first + PREPARATION.limits_at_once], found, quiet_s)
     asked = {
         name for names in wanted for name in names
     }  # ArduPilot also broadcasts parameters that it counts by itself
@@ -51,14 +51,14 @@ def _ask(session: Session, groups: Collection[Collection[str]], found: dict[str,
     to, began_s = client.vehicle, client.clock.now()
     for name in (name for names in groups for name in names):
         client.send(ParamRequestRead(to.system_id, to.component_id, name))
-    until_s, longest_s = began_s + quiet_s, began_s + _ANSWER_S
+    until_s, longest_s = began_s + quiet_s, began_s + PREPARATION.limit_answer_s
     while any(found.keys().isdisjoint(names) for names in groups) and client.clock.now() < min(until_s, longest_s):
         for received in client.poll(0.1):
             ours = (received.system_id, received.component_id) == (to.system_id, to.component_id)
             if ours and isinstance(received.message, ParamValue):
                 found[received.message.name] = received.message
                 now = client.clock.now()
-                quiet_s = max(_LEAST_QUIET_S, _QUIET_ANSWERS * (now - began_s))
+                quiet_s = max(PREPARATION.least_quiet_s, PREPARATION.quiet_answers * (now - began_s))
                 until_s = now + quiet_s
     return quiet_s
 
@@ -81,7 +81,7 @@ def set_parameter(session: Session, name: str, number: float) -> None:
         raise VehicleSilentError(f"no answer about {name}")
     value = round(number) if is_whole(known.param_type) else number
     wire = float_of_value(value, known.param_type, bytewise=_is_px4(session), name=name)
-    client.set_parameter(name, wire, param_type=known.param_type, timeout_s=_ANSWER_S)
+    client.set_parameter(name, wire, param_type=known.param_type, timeout_s=PREPARATION.limit_answer_s)
 
 
 def _is_px4(session: Session) -> bool:
@@ -110,7 +110,7 @@ class AppliedLimits:
         """Put back what a flight that was killed has left changed."""
         if self._precautions.left_changed:
             self._before = dict(self._precautions.left_changed)
-            self._session.tell(EventKind.STAGE, "an earlier flight left parameters changed; they are put back")
+            self._session.tell(EventKind.STAGE, "an earlier flight left parameters changed; they are being restored")
             self.put_back()
 
     def check(self, plan: FlightPlan) -> None:
@@ -162,7 +162,7 @@ class AppliedLimits:
             text = ", ".join(f"{name} was {number:g}" for name, number in left.items())
             session.tell(EventKind.WARNING, f"left changed on the vehicle ({why}): {text}", alarm=True)
         else:
-            session.tell(EventKind.STAGE, "the vehicle's old parameters are back")
+            session.tell(EventKind.STAGE, "the vehicle's old parameters are restored")
 
     def _read(self, plan: FlightPlan) -> None:
         session = self._session
@@ -188,7 +188,7 @@ class AppliedLimits:
         old = numbers(read_parameters(session, [[name] for name in changes]), px4=px4)
         wanted = {name: row.wanted for name, row in changes.items() if row.wanted is not None and name in old}
         text = ", ".join(f"{name} {old[name]:g} -> {number:g}" for name, number in wanted.items())
-        if not self._precautions.agree(f"set for this flight, and back at its end: {text}"):
+        if not self._precautions.agree(f"set for this flight, restored afterwards: {text}"):
             session.tell(EventKind.WARNING, f"not changed: {text}")
             return
         self._before = {name: old[name] for name in wanted}
@@ -199,3 +199,41 @@ class AppliedLimits:
             except MissionIoError as error:
                 session.tell(EventKind.WARNING, f"{name} could not be set: {error}")
         session.tell(EventKind.STAGE, f"set for this flight: {text}")
+
+
+_MOST_SAID = 6
+
+
+def tell_own_returns(session: Session, returns: OwnReturns | None) -> ReturnAdvice | None:
+    """Read the parameters that failsafes and returns depend on, and warn of every unsafe interval; nothing is refused.
+
+    The advice can be asked for again with other parameters: :func:`tell_returns_by`.
+    """
+    if returns is None:
+        return None
+    return tell_returns_by(session, returns, read_return_parameters(session))
+
+
+def tell_returns_by(session: Session, returns: OwnReturns, parameters: Mapping[str, float]) -> ReturnAdvice:
+    """Warn of every unsafe interval of the vehicle's own returns by these parameters, as when they change in flight."""
+    advice = returns.advice(parameters)
+    for words in return_warnings(advice):
+        session.tell(EventKind.WARNING, words)
+    return advice
+
+
+def return_warnings(advice: ReturnAdvice) -> list[str]:
+    """Unsafe returns, one line for each interval, then the remedy."""
+    found = [f"the vehicle's own return is not safe {words}" for words in advice.sentences[:_MOST_SAID]]
+    if len(advice.sentences) > _MOST_SAID:
+        found.append(f"{len(advice.sentences) - _MOST_SAID} more parts of the flight have an unsafe return")
+    if found:
+        found.append(advice.remedy)
+    return found
+
+
+def read_return_parameters(session: Session) -> Mapping[str, float]:
+    """The vehicle's values of the parameters that its returns depend on, in their own units."""
+    px4 = session.client.vehicle.mav_autopilot == AutopilotId.PX4
+    name: AutopilotName = "px4" if px4 else "ardupilot"
+    return numbers(read_parameters(session, failsafe_parameter_groups(name)), px4=px4)

@@ -8,12 +8,9 @@ from mission_io.model.items import Command
 from mission_io.wire.messages import MissionCurrent, MissionSetCurrent
 from uavcover.flight.modes import Mode, custom_mode
 from uavcover.flight.session import Session, Stopped, TakenOverError, Timer
+from uavcover.flight.tuning import PREPARATION
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 
-_ANSWER_S = 3.0
-_TRIES = 4
-_REACHED_ITEMS = 2
-"""A vehicle that stands at an item's place goes on to the next one at once, and a picture is an item too."""
 _LACKS_TERRAIN = "terrain data"
 """Words of ArduPilot's refusal, "PreArm: waiting for terrain data"."""
 _AGAIN = (CommandResult.TEMPORARILY_REJECTED, CommandResult.FAILED)
@@ -86,8 +83,8 @@ def continue_mission(session: Session, seq: int | None = None) -> None:
         _steer(session, lambda: set_current_item(session, wanted))
     _steer(session, lambda: set_mode(session, Mode.MISSION))
     item = _reported_item(session)
-    for _ in range(_TRIES):
-        if wanted <= item <= wanted + _REACHED_ITEMS:
+    for _ in range(PREPARATION.arming_tries):
+        if wanted <= item <= wanted + PREPARATION.reached_items:
             return
         _steer(session, lambda: set_current_item(session, wanted))
         item = _reported_item(session)
@@ -106,7 +103,7 @@ def _steer(session: Session, act: Callable[[], object]) -> None:
 def _reported_item(session: Session) -> int:
     """The next reported item that the vehicle flies to; -1 without a report."""
     session.monitor.forget(MissionCurrent)
-    silent = Timer(session, _ANSWER_S)
+    silent = Timer(session, PREPARATION.arming_answer_s)
     while session.monitor.current_seq < 0 and not silent.over:
         session.pump()
     return session.monitor.current_seq
@@ -138,7 +135,7 @@ def wire_seq(session: Session, index: int) -> int:
 def set_current_item(session: Session, seq: int) -> None:
     """Go on with item ``seq``, by command, or by the older message where the command is not known."""
     try:
-        session.client.command(Command.DO_SET_MISSION_CURRENT, float(seq), timeout_s=_ANSWER_S)
+        session.client.command(Command.DO_SET_MISSION_CURRENT, float(seq), timeout_s=PREPARATION.arming_answer_s)
     except (CommandRefusedError, VehicleSilentError) as error:
         if isinstance(error, CommandRefusedError) and error.result != CommandResult.UNSUPPORTED:
             raise

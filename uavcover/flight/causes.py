@@ -11,14 +11,12 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
-from mission_io.model.enums import AutopilotId, EkfFlag
+from mission_io.model.enums import AutopilotId, EkfFlag, Severity
 from mission_io.wire import messages as m
 from uavcover.flight.client import VehicleClient
 from uavcover.flight.monitor import Monitor
+from uavcover.flight.tuning import WATCH
 from uavcover.model.outcome import Ending
-
-_WARNING_SEVERITY = 4
-_SEVERITIES = ("emergency", "alert", "critical", "error", "warning", "notice", "info", "debug")
 
 _WORDS: tuple[tuple[Ending, tuple[str, ...]], ...] = (
     (Ending.CRASHED, ("crash",)),
@@ -63,13 +61,6 @@ _BITS: tuple[tuple[int, Ending, str], ...] = (
 )
 _CRITICAL_STATES: Mapping[int, str] = MappingProxyType({5: "CRITICAL", 6: "EMERGENCY"})
 """MAV_STATE of a heartbeat while a failsafe acts."""
-_BAD_VARIANCE = 1.0
-_JUMP_M = 5.0
-_LOW_BATTERY_PERCENT = 15
-_KEEP = 200
-_FAILSAFE_GAP_S = 4.0
-"""Autopilots act on a lost ground station after 5 s or more."""
-_WITHIN_S = 10.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,10 +101,10 @@ class Cause:
     evidence: tuple[str, ...] = ()
 
 
-def cause_in(text: str, *, severity: int = _WARNING_SEVERITY) -> Ending | None:
+def cause_in(text: str, *, severity: int = Severity.WARNING) -> Ending | None:
     """The cause that a text of the vehicle names; None for unknown words, or an end that it reports."""
     words = text.lower()
-    if _OVER.search(words) or (severity > _WARNING_SEVERITY and not _SURE.search(words)):
+    if _OVER.search(words) or (severity > Severity.WARNING and not _SURE.search(words)):
         return None
     return next((cause for cause, known in _WORDS if any(word in words for word in known)), None)
 
@@ -128,7 +119,7 @@ class Causes:
 
     def __init__(self, client: VehicleClient, monitor: Monitor) -> None:
         self._client, self._monitor = client, monitor
-        self._signs: deque[Sign] = deque(maxlen=_KEEP)
+        self._signs: deque[Sign] = deque(maxlen=WATCH.most_signs)
         self._lasting: dict[Ending, Sign] = {}
         self._before: m.GlobalPositionInt | None = None
         self._pilot: Sign | None = None
@@ -137,10 +128,10 @@ class Causes:
         """Take note of a text of the vehicle."""
         cause = cause_in(said.text, severity=said.severity)
         if cause is not None:
-            name = _SEVERITIES[said.severity] if said.severity < len(_SEVERITIES) else str(said.severity)
+            name = Severity(said.severity).name.lower() if said.severity < len(Severity) else str(said.severity)
             self._note(cause, f'it says ({name}): "{said.text}"')
         elif _OVER.search(said.text.lower()) and (over := _named(said.text)) is not None:
-            self._signs = deque((sign for sign in self._signs if sign.cause is not over), maxlen=_KEEP)
+            self._signs = deque((sign for sign in self._signs if sign.cause is not over), maxlen=WATCH.most_signs)
 
     def take_event(self, event: m.Event) -> None:
         """Take note of an event of PX4."""
@@ -161,7 +152,7 @@ class Causes:
         if ekf is not None and self._client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT:
             if ekf.flags & EkfFlag.CONSTANT_POSITION or not ekf.flags & EkfFlag.POSITION_HORIZONTAL_ABSOLUTE:
                 self._last(Ending.GPS_LOST, "EKF_STATUS_REPORT has no position")
-            elif max(ekf.velocity_variance or 0.0, ekf.position_horizontal_variance or 0.0) >= _BAD_VARIANCE:
+            elif max(ekf.velocity_variance or 0.0, ekf.position_horizontal_variance or 0.0) >= WATCH.bad_variance:
                 self._last(Ending.GPS_LOST, "EKF_STATUS_REPORT has a variance of 1 or more")
         self._look_for_jump()
 
@@ -187,12 +178,12 @@ class Causes:
             unanswered: that it is heard and does not answer, so that it may not hear us; empty while it answers.
         """
         state = self._client.vehicle.system_status
-        found = self.recent(within_s=_WITHIN_S)
+        found = self.recent(within_s=WATCH.sign_within_s)
         if found is not None and found.kind is not Ending.FAILSAFE:
             return found
         signs = () if found is None else found.evidence
-        silent = self._client.clock.now() - self._monitor.gap_ended_at_s <= _WITHIN_S + self._monitor.gap_s
-        if silent and self._monitor.gap_s >= _FAILSAFE_GAP_S:
+        silent = self._client.clock.now() - self._monitor.gap_ended_at_s <= WATCH.sign_within_s + self._monitor.gap_s
+        if silent and self._monitor.gap_s >= WATCH.failsafe_gap_s:
             text = f"the link was silent for {self._monitor.gap_s:.0f} s"
             return Cause(Ending.LINK_LOST, text, (text, *signs))
         for kind in _ACTED_ON:
@@ -202,15 +193,15 @@ class Causes:
             return Cause(Ending.LINK_LOST, unanswered, (unanswered, *signs))
         if found is not None:
             return found
-        if self._pilot is not None and self._age_s(self._pilot) <= _WITHIN_S:
+        if self._pilot is not None and self._age_s(self._pilot) <= WATCH.sign_within_s:
             return Cause(Ending.PILOT_TOOK_OVER, self._pilot.text, (str(self._pilot),))
         if state in _CRITICAL_STATES:
-            text = f"its heartbeat reports the state {_CRITICAL_STATES[state]}, and nothing says why"
+            text = f"its heartbeat reports the state {_CRITICAL_STATES[state]}, without a reason"
             return Cause(Ending.FAILSAFE, text, (text,))
         gaps = (f"the link was silent for {self._monitor.gap_s:.0f} s",) if silent else ()
         doubts = (*gaps, *(text for kind, text in incidents.items() if kind not in _NO_CAUSE))
         if doubts:
-            return Cause(Ending.TAKEN_OVER, "the cause is not known", doubts)
+            return Cause(Ending.TAKEN_OVER, "the cause is unknown", doubts)
         text = "no failsafe is reported: a pilot or another ground station changed the mode"
         return Cause(Ending.PILOT_TOOK_OVER, text, (text,))
 
@@ -230,7 +221,7 @@ class Causes:
         east_m = (here.lon_deg - before.lon_deg) * 111_320.0 * math.cos(math.radians(here.lat_deg))
         speed_m_s = max(math.hypot(p.velocity_north_m_s, p.velocity_east_m_s) for p in (before, here))
         jump_m = math.hypot(north_m, east_m) - 1.5 * speed_m_s * (here.time_boot_s - before.time_boot_s)
-        if jump_m > _JUMP_M:
+        if jump_m > WATCH.jump_m:
             self._note(Ending.GPS_LOST, f"its position jumped by {jump_m:.0f} m")
 
     def _sign(self, cause: Ending, text: str) -> Sign:
@@ -243,7 +234,7 @@ class Causes:
     def _last(self, cause: Ending, text: str) -> None:
         """Note a state that lasts: its beginning is kept, and that it is still so."""
         known, seen = self._lasting.get(cause), self._sign(cause, text)
-        lasts = known is not None and known.text == text and self._age_s(known) <= _WITHIN_S
+        lasts = known is not None and known.text == text and self._age_s(known) <= WATCH.sign_within_s
         self._lasting[cause] = replace(seen, time_s=known.time_s) if lasts and known is not None else seen
 
 

@@ -9,7 +9,6 @@ from typing import Any
 
 from mission_io.clock import MonotonicClock, SystemClock
 from uavcover.errors import InputError, OutputError, UavcoverError
-from uavcover.flight.clearance import ALONE, Clearance
 from uavcover.flight.connect import (
     Connected,
     VehicleLink,
@@ -23,7 +22,7 @@ from uavcover.flight.connect import (
 )
 from uavcover.flight.flight_log import FlightLog, live_recording
 from uavcover.flight.flight_plan import FlightTimeouts
-from uavcover.flight.fly import Ending, FlightOutcome, Orders
+from uavcover.flight.fly import ALONE, Clearance, Ending, FlightOutcome, Orders
 from uavcover.flight.precautions import USUAL, Precautions
 from uavcover.flight.resume import Unfinished, find_unfinished, save_rest, took_off_s
 from uavcover.flight.upload import upload, upload_document

@@ -172,7 +172,7 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
 
 
 def home_of(site: Site) -> GeoPoint | None:
-    """Start position of a site's vehicle; none for a site without a place on Earth or without a home."""
+    """Start position of a site's vehicle; none for a site without a position on Earth or without a home."""
     if site.frame is None or site.home_m is None:
         return None
     lat, lon, alt = site.frame.geodetic_from_enu(site.home_m)
@@ -183,11 +183,11 @@ def require_home(site: Site) -> GeoPoint:
     """Where a site's vehicle starts.
 
     Raises:
-        InputError: the site has no place on Earth or no home, so there is nothing to fly.
+        InputError: the site has no position on Earth or no home, so there is nothing to fly.
     """
     home = home_of(site)
     if home is None:
-        lacks = "place on Earth" if site.frame is None else "[home]"
+        lacks = "position on Earth" if site.frame is None else "[home]"
         raise InputError(
             f"scenario {site.scenario.name}: has no {lacks}, so there is no mission to fly; give it an [origin] and a [home]"
         )
@@ -198,11 +198,11 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
     """The part of a compiled mission that a flight needs.
 
     Raises:
-        InputError: the site has no place on Earth or no home.
+        InputError: the site has no position on Earth or no home.
     """
     home = require_home(site)
     if site.frame is None or site.home_m is None:
-        raise InputError(f"scenario {site.scenario.name}: has no place on Earth")
+        raise InputError(f"scenario {site.scenario.name}: has no position on Earth")
     ground = float(site.bare_ground.heights_m(site.home_m[:2])[0])
     point = np.array([site.home_m[0], site.home_m[1], ground])
     return FlightPlan(

@@ -17,21 +17,11 @@ from types import MappingProxyType
 from mission_io.wire import messages as m
 from uavcover.flight.client import VehicleClient
 from uavcover.flight.monitor import Monitor
+from uavcover.flight.tuning import EVIDENCE
 
-_OLD_BEAT_S = 3.5
-"""A mode that was reported longer ago is not known: heartbeats come once a second, and three may be lost."""
-_BEHIND_S = 2.0
-"""What is older than this, beyond the shortest round trip of the link, may hide a failsafe: as long as a gap."""
-_ASK_S, _ASK_AGAIN_S = 1.0, 0.25
-"""Time from one question to the next, and while an answer is overdue."""
-_UNANSWERED_S = 10.0
-"""A vehicle that is heard, and answers no question for its time, is believed after this time without another gap."""
 _KINDS: Mapping[type[m.Message], str] = MappingProxyType(
     {m.ExtendedSysState: "EXTENDED_SYS_STATE", m.MissionCurrent: "MISSION_CURRENT"}
 )
-_AGREEING_BEATS = 2
-_REMEMBERED = 500
-"""Questions whose answers are still taken."""
 
 
 class Evidence:
@@ -58,7 +48,7 @@ class Evidence:
     def current(self) -> bool:
         """Whether mode, armed state, landed state and mission item are known since the last gap."""
         now, monitor = self._client.clock.now(), self._monitor
-        silent = monitor.has_gap(now) or self._client.heartbeat_age_s > _OLD_BEAT_S
+        silent = monitor.has_gap(now) or self._client.heartbeat_age_s > EVIDENCE.old_beat_s
         return not (silent or self._behind) and self._gap_ended_s == monitor.gap_ended_at_s and self._complete
 
     @property
@@ -69,15 +59,15 @@ class Evidence:
     @property
     def missing(self) -> str:
         """Messages that must arrive before the vehicle's state is known."""
-        if self._client.heartbeat_age_s > _OLD_BEAT_S:
+        if self._client.heartbeat_age_s > EVIDENCE.old_beat_s:
             return "a heartbeat"
         if self._behind:
-            return f"an answer to our question for its time (the last one took {self._latest_s:.0f} s)"
+            return f"an answer to the TIMESYNC request (the last one took {self._latest_s:.0f} s)"
         if self._proved_at_s is None:
-            return "an answer to our question for its time"
+            return "an answer to the TIMESYNC request"
         proved_at_s = self._proved_at_s
         lacking = [name for kind, name in _KINDS.items() if self._monitor.arrived_at_s(kind) < proved_at_s]
-        return " and ".join(lacking) or "two heartbeats that agree"
+        return " and ".join(lacking) or "two matching heartbeats"
 
     def look(self) -> None:
         """Ask for fresh evidence where it is needed, and take what has come; called whenever messages were received."""
@@ -91,8 +81,8 @@ class Evidence:
     @property
     def _behind(self) -> bool:
         """Whether the answer that came last took long. Where none comes, only our way to the vehicle is known to be lost."""
-        answers = self._client.clock.now() - self._answered_at_s <= _UNANSWERED_S
-        return answers and self._latest_s > _BEHIND_S + self._shortest_s
+        answers = self._client.clock.now() - self._answered_at_s <= EVIDENCE.unanswered_s
+        return answers and self._latest_s > EVIDENCE.behind_s + self._shortest_s
 
     def _look(self) -> None:
         now, monitor = self._client.clock.now(), self._monitor
@@ -108,20 +98,23 @@ class Evidence:
             return
         if self._proved_at_s is None:
             since_gap = (arrived_s for arrived_s, asked_s in answers if asked_s >= self._gap_ended_s)
-            self._proved_at_s = next(since_gap, now if now - self._gap_ended_s > _UNANSWERED_S else None)
+            self._proved_at_s = next(since_gap, now if now - self._gap_ended_s > EVIDENCE.unanswered_s else None)
         if self._proved_at_s is None:
             return
         beats = [beat for arrived_s, beat in monitor.beats if arrived_s >= self._proved_at_s]
-        agree = len(beats) >= _AGREEING_BEATS and len({(b.armed, b.custom_mode) for b in beats[-_AGREEING_BEATS:]}) == 1
+        agree = (
+            len(beats) >= EVIDENCE.agreeing_beats
+            and len({(b.armed, b.custom_mode) for b in beats[-EVIDENCE.agreeing_beats :]}) == 1
+        )
         self._complete = agree and all(monitor.arrived_at_s(kind) >= self._proved_at_s for kind in _KINDS)
 
     def _ask(self, now: float) -> None:
         number = round(now * 1e9) or 1
         self._asked_s[number] = now
-        while len(self._asked_s) > _REMEMBERED:
+        while len(self._asked_s) > EVIDENCE.remembered:
             del self._asked_s[next(iter(self._asked_s))]
         overdue = self._proved_at_s is None or self._behind
-        self._ask_at_s = now + (_ASK_AGAIN_S if overdue else _ASK_S)
+        self._ask_at_s = now + (EVIDENCE.ask_again_s if overdue else EVIDENCE.ask_s)
         self._client.send(m.TimeSync(answered_ns=0, asked_ns=number))
 
     def _take_answers(self) -> list[tuple[float, float]]:

@@ -9,19 +9,11 @@ from mission_io.model.items import Command
 from mission_io.wire import messages as m
 from uavcover.flight.flight_plan import FlightPlan
 from uavcover.flight.session import Session
+from uavcover.flight.tuning import FALL
 from uavcover.model.outcome import Ending, FlightFaultError
 
-_LEAST_FALL_M_S = 6.0
-_FALL_RATIO = 2.0
-"""A fall is faster than this many times the planned descent."""
-_LEAN_DEG = 60.0
-_TUMBLES_S = 0.5
 _HIT_M_S2, _HIT_FROM_M_S, _STOPPED_M_S = 20.0, 4.0, 1.5
 """No multirotor brakes so hard: autopilots limit their acceleration to a few metres per second squared."""
-_STILL_M_S = 0.3
-_NEAR_M, _LIES_M = 15.0, 2.5
-_ALOFT_M = 5.0
-_LIES_S, _HIT_STILL_S = 8.0, 3.0
 _LANDINGS = (Command.NAV_LAND, Command.NAV_RETURN_TO_LAUNCH)
 
 
@@ -36,7 +28,7 @@ class FallWatch:
     def __init__(self, session: Session, plan: FlightPlan | None) -> None:
         self._session, self._plan = session, plan
         descent_m_s = (None if plan is None else plan.max_descent_m_s) or 3.0
-        self._fall_m_s = max(_LEAST_FALL_M_S, _FALL_RATIO * descent_m_s)
+        self._fall_m_s = max(FALL.least_fall_m_s, FALL.fall_ratio * descent_m_s)
         self._seen: m.GlobalPositionInt | None = None
         self._fast = 0
         self._leans_since_s: float | None = None
@@ -56,7 +48,7 @@ class FallWatch:
             return
         before, self._seen = self._seen, here
         height_m = self._session.monitor.ground.height_m
-        self._aloft = self._aloft or height_m > _ALOFT_M
+        self._aloft = self._aloft or height_m > FALL.aloft_m
         if before is not None and here.time_boot_s > before.time_boot_s:
             self._look_for_hit(before, here)
         self._look_for_fall(here, height_m)
@@ -65,11 +57,11 @@ class FallWatch:
     def _look_for_fall(self, here: m.GlobalPositionInt, height_m: float) -> None:
         watch, lean_deg = self._session.watch, self._lean_deg()
         self._fast = self._fast + 1 if here.velocity_down_m_s > self._fall_m_s else 0
-        if lean_deg <= _LEAN_DEG:
+        if lean_deg <= FALL.lean_deg:
             self._leans_since_s = None
         elif self._leans_since_s is None:
             self._leans_since_s = here.time_boot_s
-        tumbles = self._leans_since_s is not None and here.time_boot_s - self._leans_since_s >= _TUMBLES_S
+        tumbles = self._leans_since_s is not None and here.time_boot_s - self._leans_since_s >= FALL.tumbles_s
         falls = self._aloft and (self._fast > 1 or tumbles)
         if falls and not watch.is_open(Ending.FALLING):
             self._from_m, self._fastest_m_s = height_m, 0.0
@@ -92,19 +84,19 @@ class FallWatch:
             self._hit_m_s = None
 
     def _look_whether_it_lies(self, here: m.GlobalPositionInt, height_m: float) -> None:
-        still = math.hypot(*_velocity(here)) < _STILL_M_S
+        still = math.hypot(*_velocity(here)) < FALL.still_m_s
         if not still or not self._aloft:
             self._still_since_s = None
             return
         if self._still_since_s is None:
             self._still_since_s = here.time_boot_s
         still_s = here.time_boot_s - self._still_since_s
-        if self._session.watch.is_open(Ending.FALLING) and height_m < _NEAR_M and still_s >= 1.0:
+        if self._session.watch.is_open(Ending.FALLING) and height_m < FALL.near_m and still_s >= 1.0:
             self._crashed(f"fell from {self._from_m:.0f} m at {self._fastest_m_s:.0f} m/s and lies")
-        if self._hit_m_s is not None and height_m < _NEAR_M and still_s >= _HIT_STILL_S:
-            self._crashed(f"was stopped at once at {self._hit_m_s:.0f} m/s and lies")
-        if height_m < _LIES_M and still_s >= _LIES_S and not self._may_stand():
-            self._crashed("is expected in the air and lies")
+        if self._hit_m_s is not None and height_m < FALL.near_m and still_s >= FALL.hit_still_s:
+            self._crashed(f"stopped abruptly at {self._hit_m_s:.0f} m/s and lies")
+        if height_m < FALL.lies_m and still_s >= FALL.lies_s and not self._may_stand():
+            self._crashed("should be in the air but lies")
 
     def _may_stand(self) -> bool:
         """Whether the vehicle may be on the ground: it lands, reports a landing, or its mode is unknown."""

@@ -12,6 +12,7 @@ from mission_io.wire import messages as m
 from uavcover.errors import OutputError
 from uavcover.flight.connect import Connected
 from uavcover.flight.modes import Mode, mode_from_custom
+from uavcover.flight.tuning import RECORDS
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import landing_time, leg_times, turn_times
 from uavcover.model.outcome import EventKind, FlightEvent
@@ -40,11 +41,6 @@ TELEMETRY_LOG = "flight.tlog"
 _GROWING = ".flight.rrd.growing"
 _GROWING_TELEMETRY = ".flight.tlog.growing"
 _log = logging.getLogger(__name__)
-_STATE_EVERY_S = 1.0
-_LINE_EVERY_S = 0.5
-"""On the link's clock: what the line says takes no time from following the vehicle."""
-_LINE_EVERY_FLOWN_S = 10.0
-"""In vehicle time, for a simulation that is fast."""
 
 
 def live_recording(run: RunFolder, site: Site, route: Route, *, viewer_url: str | None) -> LiveRecording | None:
@@ -135,7 +131,7 @@ class FlightLog:
     def take_sample(self, sample: TrackSample) -> None:
         """Write a sample: into the track first."""
         if self._writer is None:
-            raise OutputError(f"{self._run}: the record has not begun")
+            raise OutputError(f"{self._run}: the recording has not started")
         if self.error is None:
             room = self._reserve.held
             try:
@@ -143,12 +139,12 @@ class FlightLog:
                 self.sample_count += 1
             except OutputError as error:
                 self.error = error
-                self._user.warn(f"{error}; the flight goes on without a record")
+                self._user.warn(f"{error}; the flight continues without a recording")
             if room and not self._reserve.held:
-                self._user.warn(f"{self._run}: the disk is full; the track goes on in the room that was kept for it")
+                self._user.warn(f"{self._run}: the disk is full; the track continues in the reserved space")
         if self._live is not None:
             self._live.take_sample(sample)
-        if not self.states or sample.time_s - self.states[-1].time_s >= _STATE_EVERY_S:
+        if not self.states or sample.time_s - self.states[-1].time_s >= RECORDS.state_every_s:
             self.states.append(self._state(sample.time_s))
             if self._live is not None:
                 self._live.take_state(self.states[-1])
@@ -159,7 +155,7 @@ class FlightLog:
         """Show what the vehicle does, twice a second."""
         flown_s, now = self.flown_s(sample.time_s), self._vehicle.client.clock.now()
         if flown_s is None or (
-            now - self._line_at[0] < _LINE_EVERY_S and flown_s - self._line_at[1] < _LINE_EVERY_FLOWN_S
+            now - self._line_at[0] < RECORDS.line_every_s and flown_s - self._line_at[1] < RECORDS.line_every_flown_s
         ):
             return
         self._line_at = (now, flown_s)

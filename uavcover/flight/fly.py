@@ -5,20 +5,19 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from mission_io.errors import MissionIoError, TransferSilentError, VehicleSilentError
+from mission_io.model.items import Mission
 from uavcover.errors import VehicleError
-from uavcover.flight.applied_limits import AppliedLimits
+from uavcover.flight.applied_limits import AppliedLimits, tell_own_returns, tell_returns_by
 from uavcover.flight.arming import (
     arm_and_start,
     disarm_on_ground,
     is_flying,
 )
-from uavcover.flight.clearance import ALONE, Clearance
 from uavcover.flight.client import VehicleClient
 from uavcover.flight.flight_plan import FlightPlan, FlightTimeouts
 from uavcover.flight.follow import follow_mission, follow_taken
 from uavcover.flight.modes import Mode, require_multirotor
 from uavcover.flight.monitor import Monitor
-from uavcover.flight.own_returns import tell_own_returns, tell_returns_by
 from uavcover.flight.precautions import USUAL, Precautions, require_answers, simulated_by
 from uavcover.flight.preconditions import Preconditions
 from uavcover.flight.progress import MissionProgress
@@ -31,14 +30,33 @@ from uavcover.flight.readiness import (
 from uavcover.flight.recorder import Recorder
 from uavcover.flight.return_home import PlanReturn, return_home
 from uavcover.flight.session import Session, Stopped, TakenOverError
+from uavcover.flight.tuning import PREPARATION
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFailedError, FlightFaultError, FlightOutcome
 from uavcover.model.track import TrackSample
 
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Clearance:
+    """Permission to start or fly home, asked repeatedly while the vehicle waits, holds or flies.
+
+    Attributes:
+        may_start: whether it may arm and take off now.
+        may_go_home: whether it may fly these checked legs home now; raises InfeasibleError when it never may, and the vehicle is
+            left holding then.
+        must_go_home: why it must end its mission now and fly home along checked legs, as text, None while it may fly on;
+            without such a function its own battery and endurance decide.
+    """
+
+    may_start: Callable[[], bool] = lambda: True
+    may_go_home: Callable[[Mission], bool] = lambda _: True
+    must_go_home: Callable[[], str | None] | None = None
+
+
+ALONE = Clearance()
+"""No other vehicle is near."""
+
+
 __all__ = ["Ending", "FlightOutcome", "Orders", "fly"]
-
-
-_AFTER_RESTART_S = 3.0
-"""Time to listen to a vehicle that restarted, to report what it does now."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -199,7 +217,7 @@ class FlightRun:
                 raise FlightFaultError(
                     Ending.BATTERY_LOW, "the vehicle was left holding, and its reserve is being used"
                 )
-            how = "it was flown home along checked legs, and landed" if landed else "it was left holding"
+            how = "it returned along checked legs and landed" if landed else "it was left holding"
             raise FlightFaultError(cause, f"{self.session.watch.text_of(cause)}; {how}")
         return self.outcome(Ending.RETURNED if landed else Ending.LEFT_HOLDING)
 
@@ -219,7 +237,7 @@ class FlightRun:
                     continue
                 again, why = False, FlightFaultError(error.ending, str(error))
             except VehicleSilentError as error:
-                session.tell(EventKind.WARNING, f"{error}; it is followed all the same", alarm=True)
+                session.tell(EventKind.WARNING, f"{error}; following it anyway", alarm=True)
                 again, why = True, FlightFaultError(Ending.FAILED, str(error))
             landed = not session.client.vehicle.armed
             stops = max(stops, session.stop())
@@ -286,7 +304,7 @@ class FlightRun:
         else:
             ending = Ending.FAILED if self.touched else Ending.NOT_ARMED
         if ending is Ending.RESTARTED:
-            session.listen(_AFTER_RESTART_S)
+            session.listen(PREPARATION.after_restart_s)
         text = str(error)
         if isinstance(error, MissionIoError):
             text += session.recent_warnings

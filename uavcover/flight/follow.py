@@ -15,6 +15,7 @@ from uavcover.flight.preconditions import Preconditions
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.schedule import FlightSchedule, PhotoWatch
 from uavcover.flight.session import Session, Stopped, Timer
+from uavcover.flight.tuning import FOLLOWING
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 
 _CHANGES = (Ending.MISSION_CHANGED, Ending.HOME_MOVED, Ending.SETTINGS_CHANGED, Ending.FENCE_CHANGED)
@@ -25,9 +26,6 @@ _LASTING = (
     Ending.FENCE_BREACHED,
     Ending.RESERVE_USED,
 )
-_COMES_TO_REST_S = 10.0
-"""Time to wait for a disarmed vehicle to come to rest; one that has landed is at rest at once."""
-_LOOK_S = 0.1
 
 
 def follow_mission(
@@ -135,7 +133,7 @@ def follow_home(
         raise FlightFaultError(Ending.CRASHED, f"{fallen} on its return{session.recent_warnings}")
     if follower.cause is not None:
         raise FlightFaultError(
-            follower.cause, f"{follower.why}; it did not fly its return to the end, and it landed and disarmed"
+            follower.cause, f"{follower.why}; it did not complete its return, but landed and disarmed"
         )
     if guard is not None:
         guard.look_once_more()
@@ -223,10 +221,10 @@ def _fallen(session: Session, follower: Follower) -> str | None:
 
     It is listened to until it lies still.
     """
-    monitor, timer = session.monitor, Timer(session, _COMES_TO_REST_S)
+    monitor, timer = session.monitor, Timer(session, FOLLOWING.comes_to_rest_s)
     began_s = session.client.clock.now()
-    while not (monitor.on_ground or timer.over or session.client.clock.now() - began_s > _COMES_TO_REST_S):
-        session.listen(_LOOK_S)
+    while not (monitor.on_ground or timer.over or session.client.clock.now() - began_s > FOLLOWING.comes_to_rest_s):
+        session.listen(FOLLOWING.look_s)
         settled = monitor.ground.is_still(monitor.time_s) and monitor.ground.says_landed is not False
         if settled:
             break

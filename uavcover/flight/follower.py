@@ -16,16 +16,10 @@ from uavcover.flight.policy import Phase, policy, reaction
 from uavcover.flight.precautions import OnBreach
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.session import Session, Stopped, TakenOverError, Timer
+from uavcover.flight.tuning import FOLLOWING
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 
-_MOVED_M = 2.0
 _METRES_PER_DEGREE = 111_320.0
-_GOING_ON_S = 2.0
-"""After a pause the vehicle may still report for a moment that its mission is paused."""
-_EVIDENCE_S = 10.0
-"""Time to wait for evidence of how a flight ended that ended in a gap of the link."""
-_MOST_HOLDS = 3
-"""After as many holds for the same breach the mission is not continued by itself any more."""
 
 
 class Follower:
@@ -124,11 +118,11 @@ class Follower:
         monitor = self._session.monitor
         if monitor.gap_ended_at_s <= self._known_until_s:
             return ""
-        return f"; what happened in the silence of {monitor.gap_s:.0f} s before that is not known"
+        return f"; the events in the silence of {monitor.gap_s:.0f} s before that is not known"
 
     def settle(self) -> None:
         """Find the cause of what happened in the last moment, or in the gap before it."""
-        session, timer = self._session, Timer(self._session, _EVIDENCE_S)
+        session, timer = self._session, Timer(self._session, FOLLOWING.evidence_s)
         in_a_gap = not session.evidence.current
         while not (session.evidence.current or timer.over or session.silence_s > session.timeouts.deadman_s):
             session.pump()  # a vehicle that is switched off after its landing is not waited for
@@ -236,7 +230,7 @@ class Follower:
             session.paused = False
             return
         self._holds_for[breach] = self._holds_for.get(breach, 0) + 1
-        again = self._holds_for[breach] < _MOST_HOLDS and self._progress is not None
+        again = self._holds_for[breach] < FOLLOWING.most_holds and self._progress is not None
         self._hold = HoldWatch(session, breach, may_go_on=again)
         self._upside_down = not self._pause()
         then = "flies home: p continues, Ctrl-C flies it home now"
@@ -252,7 +246,7 @@ class Follower:
         session = self._session
         if self._obeys(Mode.LAND, "land"):
             session.paused, self._lands_for = True, breach
-            session.tell(EventKind.STOP, "the vehicle therefore lands where it is")
+            session.tell(EventKind.STOP, "the vehicle lands at its current position")
 
     def _obeys(self, mode: Mode, what: str) -> bool:
         """Change a vehicle in its mission to a mode; report a refusal or silence, and follow on."""
@@ -264,7 +258,9 @@ class Follower:
             return False
         except VehicleSilentError as error:
             session.tell(
-                EventKind.WARNING, f"the vehicle was commanded to {what}, and does not obey: {error}", alarm=True
+                EventKind.WARNING,
+                f"the vehicle was commanded to {what}, but did not follow the command: {error}",
+                alarm=True,
             )
             return False
         return True
@@ -277,7 +273,7 @@ class Follower:
         if state is HoldState.OVERDUE and hold.purpose is not None:
             session.tell(
                 EventKind.STOP,
-                f"the vehicle has held its position for {session.timeouts.held_s:g} s, and nothing continued it",
+                f"the vehicle has held its position for {session.timeouts.held_s:g} s, and the mission was not continued",
             )
             raise Stopped(hold.purpose)
         if state is HoldState.OVER:
@@ -285,7 +281,7 @@ class Follower:
             if problem is not None and hold.purpose is not None:
                 session.tell(EventKind.STOP, f"the mission is not continued: {problem}")
                 raise Stopped(hold.purpose)
-            if not self._goes_on("what it held for is over: the vehicle goes on with its mission"):
+            if not self._goes_on("the reason for the hold has ended: the vehicle continues its mission"):
                 raise Stopped(hold.purpose)
             self._upside_down = self._pause()
 
@@ -303,7 +299,7 @@ class Follower:
             session.tell(EventKind.WARNING, f"the mission is not continued: {error}", alarm=True)
             return False
         session.tell(EventKind.STOP, text)
-        self._going_on, self._hold = Timer(session, _GOING_ON_S), None
+        self._going_on, self._hold = Timer(session, FOLLOWING.going_on_s), None
         return True
 
     def _end_at_users_wish(self, stops: int) -> None:
@@ -314,7 +310,7 @@ class Follower:
             self._override.settle()
             if self.cause is None:
                 raise Stopped
-        why = "what the vehicle does is not known" if self.cause is None else self.why
+        why = "the state of the vehicle is unknown" if self.cause is None else self.why
         if self._record_goes_on or stops > self._stops_before + 1:
             raise FlightFaultError(
                 self.cause or Ending.STATE_UNKNOWN,
@@ -325,13 +321,13 @@ class Follower:
                 self._told_to_wait = True
                 session.tell(
                     EventKind.STOP,
-                    f"{why}: it is asked to return as soon as it is heard in its mission; once more ends the record",
+                    f"{why}: it is commanded to return as soon as it reports its mission; once more ends the record",
                 )
             return
         self._record_goes_on, self._stops_before = True, stops
         session.tell(
             EventKind.STOP,
-            "something else has the vehicle, so nothing is commanded; the record goes on until it is on the ground; once "
+            "another party controls the vehicle, so no command is sent; recording continues until it is on the ground; once "
             "more ends the record",
         )
 
@@ -366,7 +362,7 @@ class Follower:
             self._declined = pressed
             session.tell(EventKind.WARNING, f"the mission is not continued: {problem}; Ctrl-C flies home", alarm=True)
             return
-        if not self._goes_on("the vehicle goes on with its mission"):
+        if not self._goes_on("the vehicle continues its mission"):
             self._declined = pressed
 
     def _raise_stuck(self) -> None:
@@ -437,7 +433,7 @@ class Stillness:
         north = position.lat_deg * _METRES_PER_DEGREE
         east = position.lon_deg * _METRES_PER_DEGREE * math.cos(math.radians(position.lat_deg))
         now = (monitor.current_seq, east, north, position.alt_amsl_m)
-        if self._seen is None or self._seen[0] != now[0] or math.dist(self._seen[1:], now[1:]) > _MOVED_M:
+        if self._seen is None or self._seen[0] != now[0] or math.dist(self._seen[1:], now[1:]) > FOLLOWING.moved_m:
             self._seen = now
             self._timer.restart()
         return self._timer.over

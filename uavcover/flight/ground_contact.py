@@ -9,25 +9,13 @@ from dataclasses import dataclass
 
 from mission_io.model.enums import LandedState
 from mission_io.wire import messages as m
+from uavcover.flight.tuning import GROUND
 
 GroundAt = Callable[[float, float], float | None]
 """Height of the ground above sea level (metres) by latitude and longitude (degrees); None where unknown."""
 
-_SETTLE_S = 1.0
-"""Time for which landed state and motion must agree."""
-_STILL_SINK_M_S, _STILL_SPEED_M_S, _STILL_HEIGHT_M = 0.5, 1.0, 1.5
-_MOVES_SINK_M_S, _MOVES_SPEED_M_S = 1.5, 2.5
-_NEAR_M = 5.0
-"""Near the ground: combined error of barometer, satellites and terrain data."""
-_FALLS_M_S = 2.5
-"""A vehicle that sinks this fast with its motors off is falling; autopilots land at less than 1 m/s."""
 _FALL_GAINS_M_S2, _FAST_M_S = 4.0, 5.0
 """A fall begins with a far larger acceleration than any controller commands, and ends at terminal velocity."""
-_FALLEN_M = 3.0
-_BEFORE_S = 1.5
-"""A heartbeat may report this late that the motors stopped."""
-_OLD_S = 2.0
-_KEEP_S = 15.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,7 +92,7 @@ class GroundContact:
                 (here.velocity_north_m_s**2 + here.velocity_east_m_s**2) ** 0.5,
             )
         )
-        while self._places[-1].time_s - self._places[0].time_s > _KEEP_S:
+        while self._places[-1].time_s - self._places[0].time_s > GROUND.keep_s:
             self._places.popleft()
 
     def take_word(self, state: int, time_s: float | None) -> None:
@@ -133,13 +121,13 @@ class GroundContact:
         """
         if self._said is not True:
             return self._said
-        recent = self._since(now_s, _SETTLE_S)
+        recent = self._since(now_s, GROUND.settle_s)
         if len(recent) < 2 or now_s is None:
             return None
-        if all(abs(p.sink_m_s) > _MOVES_SINK_M_S or p.speed_m_s > _MOVES_SPEED_M_S for p in recent[-2:]):
+        if all(abs(p.sink_m_s) > GROUND.moves_sink_m_s or p.speed_m_s > GROUND.moves_speed_m_s for p in recent[-2:]):
             return False
-        settled = self._said_count > 1 and now_s - self._said_since_s >= _SETTLE_S
-        return True if settled and self._is_still(recent) and abs(recent[-1].height_m) <= _NEAR_M else None
+        settled = self._said_count > 1 and now_s - self._said_since_s >= GROUND.settle_s
+        return True if settled and self._is_still(recent) and abs(recent[-1].height_m) <= GROUND.near_m else None
 
     def fall(self, since_s: float | None, now_s: float | None) -> Fall | None:
         """Whether a vehicle without motors since about ``since_s`` has fallen or falls; None when it has not.
@@ -149,33 +137,33 @@ class GroundContact:
         """
         if since_s is None or not self._places:
             return None
-        after = [p for p in self._places if p.time_s >= since_s - _BEFORE_S] or [self._places[-1]]
+        after = [p for p in self._places if p.time_s >= since_s - GROUND.before_s] or [self._places[-1]]
         sink_m_s = max(p.sink_m_s for p in after)
         highest = max(after, key=lambda p: p.height_m)
         lost_m = highest.above_home_m - after[-1].above_home_m
-        sinks = sum(p.sink_m_s > _FALLS_M_S for p in after) > 1
-        lost = now_s is not None and now_s - after[-1].time_s > _OLD_S and after[-1].height_m > _NEAR_M
-        if not (sinks or lost or (lost_m > _FALLEN_M and sink_m_s > _STILL_SINK_M_S)):
+        sinks = sum(p.sink_m_s > GROUND.falls_m_s for p in after) > 1
+        lost = now_s is not None and now_s - after[-1].time_s > GROUND.old_s and after[-1].height_m > GROUND.near_m
+        if not (sinks or lost or (lost_m > GROUND.fallen_m and sink_m_s > GROUND.still_sink_m_s)):
             return None
         begin = _begin_of_fall(list(self._places), len(after)) if sinks else highest
         return Fall(begin.height_m, "home" if begin.above_ground_m is None else "the ground", sink_m_s)
 
     def is_still(self, now_s: float | None) -> bool:
         """Whether it has been at rest for a while."""
-        recent = self._since(now_s, _SETTLE_S)
+        recent = self._since(now_s, GROUND.settle_s)
         return len(recent) > 1 and self._is_still(recent)
 
     def _since(self, now_s: float | None, window_s: float) -> list[_Place]:
         """The latest reports, at least two; nothing when they are old."""
-        if now_s is None or not self._places or now_s - self._places[-1].time_s > _OLD_S:
+        if now_s is None or not self._places or now_s - self._places[-1].time_s > GROUND.old_s:
             return []
         recent = [p for p in self._places if p.time_s >= now_s - window_s]
         return recent if len(recent) > 1 else list(self._places)[-2:]
 
     @staticmethod
     def _is_still(places: list[_Place]) -> bool:
-        quiet = all(abs(p.sink_m_s) <= _STILL_SINK_M_S and p.speed_m_s <= _STILL_SPEED_M_S for p in places)
-        return quiet and abs(places[-1].above_home_m - places[0].above_home_m) <= _STILL_HEIGHT_M
+        quiet = all(abs(p.sink_m_s) <= GROUND.still_sink_m_s and p.speed_m_s <= GROUND.still_speed_m_s for p in places)
+        return quiet and abs(places[-1].above_home_m - places[0].above_home_m) <= GROUND.still_height_m
 
 
 def _begin_of_fall(places: list[_Place], latest: int) -> _Place:

@@ -5,12 +5,9 @@ from enum import Enum
 
 from mission_io.wire import messages as m
 from uavcover.flight.session import Session, Timer
+from uavcover.flight.tuning import FOLLOWING
 from uavcover.model.outcome import Ending
 
-_COMES_TO_REST_S = 10.0
-_DRIFT_M = 15.0
-_CALM_S = 5.0
-"""Time without the breach before the mission goes on."""
 _TRANSIENT = frozenset(
     {Ending.BAND_LEFT, Ending.FENCE_BREACHED, Ending.OFF_ROUTE, Ending.WIND_ABOVE_LIMITS, Ending.GROUND_UNKNOWN}
 )
@@ -20,9 +17,9 @@ _TRANSIENT = frozenset(
 class HoldState(Enum):
     """State of a hold."""
 
-    HOLDS = "the hold goes on"
-    OVER = "what it was for is over: the mission may go on"
-    OVERDUE = "its time is up"
+    HOLDS = "the hold continues"
+    OVER = "its reason has ended: the mission may continue"
+    OVERDUE = "its time limit has passed"
     LOST = "the vehicle does not hold its position"
 
 
@@ -39,7 +36,7 @@ class HoldWatch:
         self.purpose = purpose
         self._session = session
         self._may_go_on = may_go_on and purpose in _TRANSIENT
-        self._rest = Timer(session, _COMES_TO_REST_S)
+        self._rest = Timer(session, FOLLOWING.comes_to_rest_s)
         self._deadline = Timer(session, session.timeouts.held_s)
         self._calm: Timer | None = None
         self._place: m.GlobalPositionInt | None = None
@@ -58,7 +55,7 @@ class HoldWatch:
         if self._session.watch.is_open(self.purpose):
             self._calm = None
         elif self._calm is None:
-            self._calm = Timer(self._session, _CALM_S)
+            self._calm = Timer(self._session, FOLLOWING.calm_s)
         elif self._calm.over and self._may_go_on and self._place is not None:
             return HoldState.OVER
         return HoldState.OVERDUE if self._deadline.over else HoldState.HOLDS
@@ -81,8 +78,8 @@ class HoldWatch:
             return False
         drift_m = self.drift_m
         watch.measure(
-            Ending.HOLD_LOST, drift_m if drift_m > _DRIFT_M else None,
+            Ending.HOLD_LOST, drift_m if drift_m > FOLLOWING.drift_m else None,
             f"the vehicle does not hold its position: it is {drift_m:.0f} m away from it",
             "the vehicle is back at its hold position",
         )  # fmt: skip
-        return drift_m > _DRIFT_M
+        return drift_m > FOLLOWING.drift_m

@@ -11,15 +11,11 @@ import numpy as np
 from mission_io.model.items import Command, GeoPoint
 from mission_io.wire import messages as m
 from uavcover.flight.flight_plan import FlightPlan
-from uavcover.flight.limit_table import HOME_SLACK_M
 from uavcover.flight.session import Session
+from uavcover.flight.tuning import FOLLOWING, PREPARATION
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.outcome import Ending, EventKind
 from uavcover.terrain.frames import LocalFrame
-
-_ASIDE_M = 5.0
-"""A home that is farther aside was moved; arming sets it within the error of satellites."""
-_SAMPLES = 400
 
 
 class HomeWatch:
@@ -62,7 +58,7 @@ class HomeWatch:
             self._origin = origin if self._origin is None else self._origin
             moved_m = math.dist((0.0, 0.0, 0.0), _offset_m(_point(self._origin), _point(origin)))
         amount, text = self._amount, self._text
-        if amount is None and moved_m > HOME_SLACK_M:
+        if amount is None and moved_m > PREPARATION.home_slack_m:
             amount = moved_m
             text = f"the origin of the vehicle's heights and positions was moved by {moved_m:.1f} m in flight"
         watch = self._session.watch
@@ -74,27 +70,27 @@ class HomeWatch:
                 was = f"the vehicle's home was moved in flight and was put back, and meanwhile {left[-1]}"
                 watch.open(Ending.HOME_MOVED, was, math.inf)
             else:
-                watch.measure(Ending.HOME_MOVED, None, "", "the vehicle's home is where it was")
+                watch.measure(Ending.HOME_MOVED, None, "", "the vehicle's home was restored")
 
     def _judge(self, home: GeoPoint) -> tuple[float | None, str]:
         """By how much home was moved, and what comes of it; None for what arming alone explains."""
         offsets = [_offset_m(place, home) for place in self._checked] or [_offset_m(self._plan.home, home)]
         east, north, up = min(offsets, key=lambda offset: math.dist((0.0, 0.0, 0.0), offset))
         aside_m = math.hypot(east, north)
-        self.moved_up_m = up if abs(up) > HOME_SLACK_M else 0.0
-        if abs(up) <= HOME_SLACK_M and aside_m <= _ASIDE_M:
+        self.moved_up_m = up if abs(up) > PREPARATION.home_slack_m else 0.0
+        if abs(up) <= PREPARATION.home_slack_m and aside_m <= FOLLOWING.aside_m:
             if not self._settled:  # the home of this flight, from which a move counts
                 self._checked, self._settled = [home], True
             return None, ""
-        parts = [f"{abs(up):.1f} m {'higher' if up > 0.0 else 'lower'}"] if abs(up) > HOME_SLACK_M else []
-        parts += [f"{aside_m:.0f} m aside"] if aside_m > _ASIDE_M else []
+        parts = [f"{abs(up):.1f} m {'higher' if up > 0.0 else 'lower'}"] if abs(up) > PREPARATION.home_slack_m else []
+        parts += [f"{aside_m:.0f} m aside"] if aside_m > FOLLOWING.aside_m else []
         text = f"the vehicle's home was moved {' and '.join(parts)} in flight"
-        if abs(up) > HOME_SLACK_M:
+        if abs(up) > PREPARATION.home_slack_m:
             text += f": {self._lowered_by(home.alt_amsl_m - self._plan.home.alt_amsl_m)}"
-        if aside_m > _ASIDE_M:
-            text += "; a return of the autopilot's own ends at the new home, along an unchecked path"
-        if self._plan.is_way_home and abs(up) <= HOME_SLACK_M:  # its items stand where they stood
-            self._session.tell(EventKind.WARNING, f"{text}; our return does not depend on it", alarm=True)
+        if aside_m > FOLLOWING.aside_m:
+            text += "; the autopilot's own return ends at the new home, along an unchecked path"
+        if self._plan.is_way_home and abs(up) <= PREPARATION.home_slack_m:  # its items stand where they stood
+            self._session.tell(EventKind.WARNING, f"{text}; the return does not depend on it", alarm=True)
             return None, ""
         return math.hypot(aside_m, up), text
 
@@ -119,7 +115,7 @@ class HomeWatch:
         if plan.volume is None:
             return np.array([])
         legs_m = rest_of_legs(plan, session)
-        spacing = max(5.0, sum(float(np.linalg.norm(leg[1] - leg[0])) for leg in legs_m) / _SAMPLES)
+        spacing = max(5.0, sum(float(np.linalg.norm(leg[1] - leg[0])) for leg in legs_m) / FOLLOWING.home_samples)
         heights = []
         for leg in legs_m:
             count = max(2, math.ceil(float(np.linalg.norm(leg[1] - leg[0])) / spacing) + 1)

@@ -12,15 +12,12 @@ import numpy as np
 from mission_io.model.items import Command, Frame
 from uavcover.flight.flight_plan import FlightPlan
 from uavcover.flight.parameter_rules import Limit, Weight, parameter_table
+from uavcover.flight.tuning import PREPARATION
 from uavcover.kernels.flight_time import Pace, mission_time
 from uavcover.model.vehicle import MOTIONS
 
 __all__ = ["Limit", "Weight", "limit_table", "parameter_groups", "plan_facts"]
 
-HOME_SLACK_M = 3.0
-"""A home that is higher or lower by less is within the error of a barometer."""
-_LONGER = 1.1
-"""A flight that takes longer than planned by more than a tenth is a warning."""
 _GROUND_STATION = 255
 _POINTS_GIMBAL = (Command.DO_MOUNT_CONTROL, Command.DO_GIMBAL_MANAGER_PITCHYAW)
 _TAKES_PHOTO = (Command.DO_DIGICAM_CONTROL, Command.IMAGE_START_CAPTURE)
@@ -157,7 +154,7 @@ def _flight_time(values: Mapping[str, float], plan: FlightPlan, *, px4: bool) ->
     end_s, planned_s = needs.longest_flight_s, time_s(needs.pace)
     if end_s is None:
         weight, matters = Weight.NONE, "by the vehicle's own speeds and acceleration"
-        if with_turns_s > _LONGER * planned_s:
+        if with_turns_s > PREPARATION.late_ratio * planned_s:
             weight, matters = Weight.WARNING, f"it takes longer than planned {matters}: {_slower(own, needs.pace)}"
         return Limit("flight time", round(planned_s, 1), round(with_turns_s, 1), "s", "", weight, matters)
     longer = f"it takes longer than the {end_s:g} s that endurance and reserve allow"
@@ -188,7 +185,7 @@ def _home(plan: FlightPlan, alt_amsl_m: float) -> Limit:
     planned_m, around = plan.home.alt_amsl_m, plan.volume
     off_m = alt_amsl_m - planned_m
     weight, matters = Weight.NONE, "heights of the mission are above it"
-    if abs(off_m) > HOME_SLACK_M:
+    if abs(off_m) > PREPARATION.home_slack_m:
         side = "higher" if off_m > 0.0 else "lower"
         weight, matters = Weight.WARNING, f"the whole route is flown {abs(off_m):.1f} m {side} than planned"
         if around is not None:

@@ -15,15 +15,8 @@ from uavcover.flight.flight_plan import FlightPlan, OperatingVolume
 from uavcover.flight.modes import Mode, custom_mode
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.session import Session, Timer
+from uavcover.flight.tuning import GUARD
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
-
-_EVERY_S = 60.0
-"""Vehicle time between two periodic readings."""
-_BUSY_SHARE = 0.1
-"""Largest share of the link's time for periodic readings."""
-_LONGEST_S = 120.0
-_AGAIN_S = 5.0
-_LOOK_S = 0.1
 
 
 class ListReading:
@@ -51,7 +44,7 @@ class ListReading:
         meanwhile: Callable[[], None],
         *,
         mission_type: MissionType = MissionType.MISSION,
-        every_s: float = _EVERY_S,
+        every_s: float = GUARD.every_s,
     ) -> None:
         self._session, self._meanwhile = session, meanwhile
         self._wanted, self._type = tuple(wanted), mission_type
@@ -88,23 +81,23 @@ class ListReading:
         def stop() -> bool:
             nonlocal looked_s
             now = session.client.clock.now()
-            if now - looked_s < _LOOK_S:  # asked after every message; a busy vehicle sends thousands
+            if now - looked_s < GUARD.look_s:  # asked after every message; a busy vehicle sends thousands
                 return False
             looked_s = now
             session.attend()
             self._meanwhile()
             wanted_else = session.stop() != stops or session.pause() != pause
             wanted_else = wanted_else or session.client.vehicle.custom_mode != mode  # which is not ours to wait with
-            return wanted_else or now - began_s > _LONGEST_S
+            return wanted_else or now - began_s > GUARD.longest_s
 
         try:
             held = session.client.download(self._type, stop=stop)
         except FormatError as error:
             held = None
-            difference = f"it holds what no plan has: {error}"
+            difference = f"its mission matches no plan: {error}"
         except TransferCancelledError:
-            if session.client.clock.now() - began_s > _LONGEST_S:
-                self._note_failure(f"not read in {_LONGEST_S:g} s")
+            if session.client.clock.now() - began_s > GUARD.longest_s:
+                self._note_failure(f"not read in {GUARD.longest_s:g} s")
             self.asked = True
             return None
         except MissionIoError as error:
@@ -114,7 +107,7 @@ class ListReading:
         if self._failures:
             session.tell(EventKind.WARNING, f"the {self._name} has been read back again")
         self._failures = 0
-        self._rest_until_s = now + (now - began_s) / _BUSY_SHARE
+        self._rest_until_s = now + (now - began_s) / GUARD.busy_share
         self._not_before_s = now + max(1.0, now - began_s)
         self._every.restart()
         if held is None:
@@ -132,13 +125,9 @@ class ListReading:
             self._session.tell(
                 EventKind.WARNING, f"the {self._name} could not be read back in flight: {why}; tried again"
             )
-        self._not_before_s = self._session.client.clock.now() + _AGAIN_S * 2.0 ** min(self._failures, 4)
+        self._not_before_s = self._session.client.clock.now() + GUARD.again_s * 2.0 ** min(self._failures, 4)
         self._failures += 1
         self.asked = True
-
-
-_SETTLE_S = 2.0
-"""The heartbeat with the new mode may arrive before the text that gives the reason."""
 
 
 class ModeOverride:
@@ -174,7 +163,7 @@ class ModeOverride:
                 session.watch.given_back(f"the vehicle is back in {session.mode_name}")
             self._left = self.cause = None
         elif self._left is None:
-            self._left = Timer(session, _SETTLE_S)
+            self._left = Timer(session, GUARD.settle_s)
         elif self._left.over:
             self.settle()
 
@@ -189,16 +178,9 @@ class ModeOverride:
         session.watch.taken(self.cause, self.text, found.evidence)
 
 
-_DOUBT_S = 3.0
-_OFF_DOUBT_S = 1.0
-_OFF_ROUTE_RADII = 10.0
-_LEANS_DEG = 5.0
-"""A lean toward the leg while the vehicle stays away from it: the controller works against a wind."""
-_COMES_BACK_M_S = 1.0
-_CAUSE_WITHIN_S, _WARNED_WITHIN_S = 10.0, 60.0
 _WHY = {
-    Ending.WIND_ABOVE_LIMITS: ": the wind is above what it can fly against",
-    Ending.OFF_ROUTE: ", although it holds the planned mission; the cause is not known",
+    Ending.WIND_ABOVE_LIMITS: ": the wind is too strong for it",
+    Ending.OFF_ROUTE: ", although it holds the planned mission; the cause is unknown",
 }
 
 
@@ -275,7 +257,7 @@ class MissionGuard:
         if sign is None:
             self._doubt = None
         elif self._doubt is None:
-            self._doubt = Timer(self._session, _DOUBT_S)
+            self._doubt = Timer(self._session, GUARD.doubt_s)
         elif self._doubt.over:
             self._doubt = None
             self._changed(f"{sign}: another station set the item that is flown, or changed the mission")
@@ -289,7 +271,7 @@ class MissionGuard:
         self._farthest = max(self._farthest, number)
         past = self._plan.is_past_waypoints(current.seq, self._session.autopilot) and not progress.all_reached
         if number > progress.reached_count + 1 or (past and progress.reached_count < self._plan.waypoint_count - 1):
-            return f"the vehicle goes to item {current.seq} and leaves out waypoint {progress.reached_count}"
+            return f"the vehicle goes to item {current.seq} and skips waypoint {progress.reached_count}"
         return self._item_set_back(current.seq)
 
     def _item_set_back(self, seq: int) -> str | None:
@@ -306,14 +288,14 @@ class MissionGuard:
         """Look whether the vehicle is near its leg; called while it is in its mission, or holds, in the air."""
         session, off_m = self._session, self._progress.off_leg_m
         watch = session.watch
-        if off_m <= _OFF_ROUTE_RADII * self._plan.acceptance_radius_m:
+        if off_m <= GUARD.off_route_radii * self._plan.acceptance_radius_m:
             self._off_route = None
             for kind in (Ending.OFF_ROUTE, Ending.WIND_ABOVE_LIMITS):
                 watch.measure(kind, None, "", "the vehicle is back near its planned leg")
             return
         lean_deg = self._lean_toward_leg_deg()
         if self._off_route is None:
-            self._off_route = Timer(session, _OFF_DOUBT_S)
+            self._off_route = Timer(session, GUARD.off_doubt_s)
             return
         text = f"the vehicle is {off_m:.0f} m off the planned leg to item {session.monitor.current_seq}"
         for kind in (Ending.WIND_ABOVE_LIMITS, Ending.OFF_ROUTE, Ending.MISSION_CHANGED):
@@ -331,16 +313,16 @@ class MissionGuard:
         self._read_back(text)
         if watch.is_open(Ending.MISSION_CHANGED):
             return
-        position = watch.causes.recent(within_s=_CAUSE_WITHIN_S, among=(Ending.GPS_LOST,))
-        wind = watch.causes.recent(within_s=_WARNED_WITHIN_S, among=(Ending.WIND_ABOVE_LIMITS,))
-        leans = f"it leans by {lean_deg:.0f} degrees toward its leg, and drifts away from it all the same"
+        position = watch.causes.recent(within_s=GUARD.cause_within_s, among=(Ending.GPS_LOST,))
+        wind = watch.causes.recent(within_s=GUARD.warned_within_s, among=(Ending.WIND_ABOVE_LIMITS,))
+        leans = f"it leans by {lean_deg:.0f} degrees toward its leg, but still drifts away from it"
         if position is not None:
             watch.open(
-                Ending.OFF_ROUTE, f"{text}, by a position that may be wrong: {position.text}", off_m,
+                Ending.OFF_ROUTE, f"{text}, but the position may be wrong: {position.text}", off_m,
                 evidence=position.evidence,
             )  # fmt: skip
-        elif wind is not None or lean_deg > _LEANS_DEG:
-            evidence = (*(() if wind is None else wind.evidence), *([leans] if lean_deg > _LEANS_DEG else []))
+        elif wind is not None or lean_deg > GUARD.leans_deg:
+            evidence = (*(() if wind is None else wind.evidence), *([leans] if lean_deg > GUARD.leans_deg else []))
             watch.open(Ending.WIND_ABOVE_LIMITS, f"{text}{_WHY[Ending.WIND_ABOVE_LIMITS]}", off_m, evidence=evidence)
         else:
             watch.open(Ending.OFF_ROUTE, f"{text}{_WHY[Ending.OFF_ROUTE]}", off_m)
@@ -354,7 +336,7 @@ class MissionGuard:
         length, here = math.hypot(east, north), self._session.monitor.latest(m.GlobalPositionInt)
         if length == 0.0 or here is None:
             return 0.0
-        if (here.velocity_east_m_s * east + here.velocity_north_m_s * north) / length > _COMES_BACK_M_S:
+        if (here.velocity_east_m_s * east + here.velocity_north_m_s * north) / length > GUARD.comes_back_m_s:
             return 0.0
         yaw = attitude.yaw_rad
         forward, right = math.tan(-attitude.pitch_rad), math.tan(attitude.roll_rad)
@@ -375,11 +357,6 @@ class MissionGuard:
             else:
                 place = f"{sign}: " if sign else ""
                 self._changed(f"{place}another station changed the mission in flight: {difference}")
-
-
-_BAND_SLACK_M = 2.0
-"""Positions have errors: a smaller excursion from the band is left to the judge after the flight."""
-_FENCE_SLACK_M = 1.0
 
 
 class VolumeWatch:
@@ -406,8 +383,8 @@ class VolumeWatch:
         east_m, north_m, up_m = place_m.tolist()
         outside_m = around.outside_fence_m(east_m, north_m)
         self._watch.measure(
-            Ending.FENCE_BREACHED, outside_m if outside_m > _FENCE_SLACK_M else None,
-            f"the vehicle is {outside_m:.0f} m outside of its fence", "the vehicle is inside of its fence again",
+            Ending.FENCE_BREACHED, outside_m if outside_m > GUARD.fence_slack_m else None,
+            f"the vehicle is {outside_m:.0f} m outside its fence", "the vehicle is inside its fence again",
         )  # fmt: skip
         height_m = up_m - around.ground_up_m(east_m, north_m)
         unknown = math.isnan(height_m)
@@ -419,7 +396,7 @@ class VolumeWatch:
         on_route = on_route and self._progress.heading_for > 0
         outside_m, text = self._outside_band(around, height_m) if on_route and not unknown else (0.0, "")
         self._watch.measure(
-            Ending.BAND_LEFT, outside_m if outside_m > _BAND_SLACK_M else None, text,
+            Ending.BAND_LEFT, outside_m if outside_m > GUARD.band_slack_m else None, text,
             "the vehicle is in its height band again" if on_route else "the vehicle has left the planned route",
         )  # fmt: skip
 

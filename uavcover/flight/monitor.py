@@ -19,8 +19,7 @@ from mission_io.protocol.timing import Timing
 from mission_io.wire import messages as m
 from mission_io.wire.messages import StatusText
 from uavcover.flight.ground_contact import GroundContact
-
-_PIECE_LETTERS = 50
+from uavcover.flight.tuning import MONITOR
 
 
 class TextAssembler:
@@ -39,7 +38,7 @@ class TextAssembler:
             self._open = None
         begun = "" if self._open is None else self._open.text
         line = StatusText(piece.severity, begun + piece.text, piece.text_id)
-        if piece.text_id == 0 or len(piece.text) < _PIECE_LETTERS:
+        if piece.text_id == 0 or len(piece.text) < m.TEXT_LETTERS:
             self._open = None
             return [*whole, _tidy(line)]
         self._open, self._next_chunk = line, piece.chunk + 1
@@ -49,18 +48,6 @@ class TextAssembler:
 def _tidy(line: StatusText) -> StatusText:
     """Remove the tab by which PX4 marks a line that is also an event."""
     return StatusText(line.severity, line.text.strip())
-
-
-_LATE_S = 5.0
-"""Messages may come late by so much; a restart sets the time back further."""
-_STEP_S = 0.5
-"""A stamp that is ahead by more is doubted: positions come at least five times a second."""
-_LONGEST_STEP_S = 4.0
-"""Where messages are rare the step is learnt, up to this: less than what counts as late, so that no error reads as a restart."""
-_FASTEST = 100.0
-"""Vehicle seconds per second of the link's clock, at most."""
-_AGREE, _AGREE_RARE = 3, 5
-"""Consecutive stamps that agree with each other and replace the earlier clock; more where messages are rare."""
 
 
 class VehicleClock:
@@ -76,12 +63,12 @@ class VehicleClock:
         self.time_s: float | None = None
         self.restarted = False
         self.proven = 0
-        self._step_s = _STEP_S
+        self._step_s = MONITOR.step_s
         self._doubted: list[tuple[float, float]] = []
 
     def begin(self) -> None:
         """Forget everything, as before a new flight."""
-        self.time_s, self.restarted, self._step_s = None, False, _STEP_S
+        self.time_s, self.restarted, self._step_s = None, False, MONITOR.step_s
         self.proven = 0
         self._doubted.clear()
 
@@ -99,7 +86,7 @@ class VehicleClock:
         self.proven = 0
         if not (math.isfinite(stamp_s) and stamp_s >= 0.0):
             return False
-        if self.time_s is not None and -_LATE_S <= stamp_s - self.time_s <= self._step_s:
+        if self.time_s is not None and -MONITOR.late_s <= stamp_s - self.time_s <= self._step_s:
             self._doubted.clear()
             self.time_s = max(self.time_s, stamp_s)
             return True
@@ -108,9 +95,12 @@ class VehicleClock:
         self._doubted.append((stamp_s, now))
         stamps = [stamp for stamp, _ in self._doubted]
         longest_s = max((after - before for before, after in pairwise(stamps)), default=0.0)
-        if len(stamps) < (_AGREE if longest_s <= _STEP_S else _AGREE_RARE) or stamp_s <= stamps[0]:
+        if (
+            len(stamps) < (MONITOR.agreeing_stamps if longest_s <= MONITOR.step_s else MONITOR.agreeing_rare_stamps)
+            or stamp_s <= stamps[0]
+        ):
             return False
-        self._step_s = min(_LONGEST_STEP_S, max(self._step_s, 1.5 * longest_s))
+        self._step_s = min(MONITOR.longest_step_s, max(self._step_s, 1.5 * longest_s))
         self.restarted |= self.time_s is not None and stamp_s < self.time_s
         self.time_s = stamp_s
         self.proven = len(self._doubted) - 1
@@ -121,21 +111,14 @@ class VehicleClock:
         """Whether a stamp fits the doubted ones: close to the last, or as far on for rare messages."""
         before_s, then = self._doubted[-1]
         gap_s = stamp_s - before_s
-        if abs(gap_s) <= _STEP_S:
+        if abs(gap_s) <= MONITOR.step_s:
             return True
-        if not 0.0 < gap_s <= _FASTEST * (now - then):
+        if not 0.0 < gap_s <= MONITOR.fastest_ratio * (now - then):
             return False
         return len(self._doubted) < 2 or 0.5 <= gap_s / max(before_s - self._doubted[-2][0], 1e-3) <= 2.0
 
 
 MessageT = TypeVar("MessageT", bound=m.Message)
-
-
-_GAP_S = 2.0
-"""Time without any message of the vehicle, on the link's clock, after which what it does now is not known any more."""
-_MAX_TERRAIN_ASKED = 10_000
-_DOUBT_S = 1.0
-"""Time on the link's clock for which positions with doubted stamps count as arriving."""
 
 
 class Monitor:
@@ -243,7 +226,7 @@ class Monitor:
 
     def has_gap(self, now: float) -> bool:
         """Whether the silence at ``now`` on the link's clock is a gap, after which the vehicle's state is unknown."""
-        return now - self.heard_at_s > _GAP_S
+        return now - self.heard_at_s > MONITOR.gap_s
 
     def silence_s(self, now: float) -> float:
         """Time since the vehicle's last message, at ``now`` on the link's clock."""
@@ -325,7 +308,7 @@ class Monitor:
                 self.photos_taken = message.number + 1 - failed
             case m.MissionItemReached():
                 self.reached = max(self.reached, message.seq)
-            case m.TerrainRequest() if len(self.terrain_asked) < _MAX_TERRAIN_ASKED:
+            case m.TerrainRequest() if len(self.terrain_asked) < MONITOR.max_terrain_asked:
                 self.terrain_asked.add(message)
             case m.Event():
                 self.events.append(message)
@@ -348,7 +331,7 @@ class Monitor:
             return
         if self._doubted_since_s is None:
             self._doubted_since_s = now
-        if now - self._doubted_since_s <= _DOUBT_S:
+        if now - self._doubted_since_s <= MONITOR.doubt_s:
             self.position_at_s = now
 
     def _take_other(self, received: m.Received) -> None:

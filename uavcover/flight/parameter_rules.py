@@ -6,14 +6,14 @@ value with numbers or with facts of the plan; the first case that fits says how 
 
 import math
 import re
-import tomllib
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from enum import Enum
 from functools import cache
-from importlib import resources
 from types import MappingProxyType
 from typing import Any, Final
+
+from mission_io.data_tables import read_document
 
 Facts = Mapping[str, float]
 """What the plan counts on, by name; in metres, seconds and degrees, and 1 or 0 for yes or no."""
@@ -285,8 +285,7 @@ def parameter_table(*, px4: bool) -> ParameterTable:
         ValueError: the data has a key, category, weight, fact, parameter or comparison that there is not.
     """
     file = f"parameters_{'px4' if px4 else 'ardupilot'}.toml"
-    document = tomllib.loads((resources.files("uavcover") / "data" / file).read_text(encoding="utf-8"))
-    return read_table(document, file)
+    return read_table(read_document(f"uavcover/data/{file}"), file)
 
 
 def read_table(document: Mapping[str, Any], file: str) -> ParameterTable:

@@ -1,12 +1,11 @@
 """Reaction to a breach: one table of breach, phase and kind of vehicle (``data/breach_policy.toml``)."""
 
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 from functools import cache
-from importlib import resources
 
+from mission_io.data_tables import read_document
 from uavcover.flight.precautions import OnBreach
 from uavcover.model.outcome import Ending
 
@@ -41,9 +40,8 @@ class PolicyCell:
 @cache
 def policy() -> Mapping[tuple[Ending, Phase], PolicyCell]:
     """The table: a rule for each breach and phase with a reaction, or with a report only."""
-    text = resources.files("uavcover").joinpath("data", "breach_policy.toml").read_text("utf-8")
     rules: dict[tuple[Ending, Phase], PolicyCell] = {}
-    for row in tomllib.loads(text)["row"]:
+    for row in read_document("uavcover/data/breach_policy.toml")["row"]:
         rule = PolicyCell(OnBreach(row["simulated"]), OnBreach(row["real"]), row["choice"], row["reason"])
         for phase in row["phase"]:
             rules[Ending[row["breach"].upper()], Phase(phase)] = rule

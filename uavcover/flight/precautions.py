@@ -13,9 +13,9 @@ from mission_io.model.enums import AutopilotId
 from mission_io.wire import messages as m
 from uavcover.errors import VehicleError
 from uavcover.flight.client import VehicleClient
+from uavcover.flight.tuning import PREPARATION
 from uavcover.model.vehicle import MOCK_UID
 
-_ANSWER_S, _AGAIN_S = 8.0, 0.7
 _GCS_PARAMETERS = ("MAV_GCS_SYSID", "SYSID_MYGCS")
 """Newer and older: the ground station that ArduPilot minds, which every one of its vehicles has."""
 
@@ -31,13 +31,13 @@ def simulated_by(client: VehicleClient) -> str | None:
       flight controller's build could not have too, so it needs the user's word.
     """
     try:
-        if client.request_message(m.AutopilotVersion, timeout_s=_ANSWER_S).uid == MOCK_UID:
+        if client.request_message(m.AutopilotVersion, timeout_s=PREPARATION.proof_answer_s).uid == MOCK_UID:
             return "uavcover's mock vehicle"
     except VehicleSilentError:
         pass  # not every autopilot answers; the parameters may still tell
     name = "SYS_HITL" if client.vehicle.mav_autopilot == AutopilotId.PX4 else "SIM_SPEEDUP"
     try:
-        value = client.read_parameter(name, timeout_s=_ANSWER_S).value
+        value = client.read_parameter(name, timeout_s=PREPARATION.proof_answer_s).value
     except VehicleSilentError:
         return None
     if name == "SIM_SPEEDUP":
@@ -56,10 +56,10 @@ def require_answers(client: VehicleClient) -> None:
     vehicle = client.vehicle
     if vehicle.mav_autopilot != AutopilotId.ARDUPILOT:
         return
-    until_s, again_s = client.clock.now() + _ANSWER_S, -math.inf
+    until_s, again_s = client.clock.now() + PREPARATION.proof_answer_s, -math.inf
     while client.clock.now() < until_s:
         if client.clock.now() >= again_s:
-            again_s = client.clock.now() + _AGAIN_S
+            again_s = client.clock.now() + PREPARATION.proof_again_s
             for name in _GCS_PARAMETERS:
                 client.send(m.ParamRequestRead(vehicle.system_id, vehicle.component_id, name))
         for received in client.poll(0.1):
@@ -67,12 +67,12 @@ def require_answers(client: VehicleClient) -> None:
             # It also broadcasts parameters that it changes by itself, such as its running time.
             if ours and isinstance(received.message, m.ParamValue) and received.message.name in _GCS_PARAMETERS:
                 return
-    if client.heartbeat_age_s < _ANSWER_S:
+    if client.heartbeat_age_s < PREPARATION.proof_answer_s:
         own = client.local.system_id
         raise VehicleError(
             f"vehicle {vehicle.system_id} sends heartbeats, and answers nothing that we, system {own}, send"
-            f"{client.signing_advice()}; it may listen to one ground station alone (MAV_OPTIONS 1, SYSID_ENFORCE): say "
-            f"--own-system with the number in its MAV_GCS_SYSID (SYSID_MYGCS), or set that to {own}"
+            f"{client.signing_advice()}; it may accept only one ground station (MAV_OPTIONS 1, SYSID_ENFORCE): "
+            f"set --own-system to the number in its MAV_GCS_SYSID (SYSID_MYGCS), or set that to {own}"
         )
 
 

@@ -9,14 +9,9 @@ from mission_io.wire import messages as m
 from uavcover.flight.flight_plan import FlightPlan
 from uavcover.flight.resume_point import Passage
 from uavcover.flight.session import Session
+from uavcover.flight.tuning import PROGRESS
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.outcome import Ending, EventKind
-
-_UNSEEN_S = 1.0
-_TRUST_S = 5.0
-_STEP_M = 5.0
-_SLACK_M = 2.0
-"""Positions have errors; the same slack as that of the band."""
 
 
 class MissionProgress:
@@ -80,12 +75,12 @@ class MissionProgress:
         to = f"the straight line from here to waypoint {self.heading_for}"
         if any(math.isnan(height) for height in heights):
             return f"{to} leads over ground without elevation data"
-        if lowest < around.min_height_agl_m - _SLACK_M:
+        if lowest < around.min_height_agl_m - PROGRESS.slack_m:
             return f"{to} comes within {lowest:.0f} m of the ground, where {around.min_height_agl_m:g} m are required"
         highest = max(heights)
-        if highest > around.max_height_agl_m + _SLACK_M and self._climbs_first:
+        if highest > around.max_height_agl_m + PROGRESS.slack_m and self._climbs_first:
             return (
-                f"the vehicle climbs where it is before it flies to waypoint {self.heading_for}: up to {highest:.0f} m "
+                f"the vehicle climbs in place before it flies to waypoint {self.heading_for}: up to {highest:.0f} m "
                 f"above the ground, where {around.max_height_agl_m:g} m are allowed"
             )
         return None
@@ -138,7 +133,7 @@ class MissionProgress:
             text = f"to waypoint {number} of {plan.waypoint_count}"
             self._session.tell(EventKind.WAYPOINT, text, waypoint=number)
         elif self.all_reached:
-            self._session.tell(EventKind.STAGE, "all planned waypoints flown; on the return")
+            self._session.tell(EventKind.STAGE, "all planned waypoints flown, returning")
 
     @property
     def place_m(self) -> FloatArray | None:
@@ -156,8 +151,8 @@ class MissionProgress:
         here = self._session.monitor.latest(m.GlobalPositionInt)
         if here is None:
             return
-        if math.isfinite(self._seen_s) and here.time_boot_s - self._seen_s > _UNSEEN_S:
-            self._trust_until_s = here.time_boot_s + _TRUST_S
+        if math.isfinite(self._seen_s) and here.time_boot_s - self._seen_s > PROGRESS.unseen_s:
+            self._trust_until_s = here.time_boot_s + PROGRESS.trust_s
         self._seen_s = here.time_boot_s
 
 
@@ -169,7 +164,7 @@ def _pieces(way: FloatArray) -> list[FloatArray]:
 def _along(piece: FloatArray) -> FloatArray:
     """(n, 3) points along a (2, 3) piece, a few metres apart."""
     line = piece[1] - piece[0]
-    fractions = np.linspace(0.0, 1.0, 2 + math.ceil(float(np.linalg.norm(line)) / _STEP_M))
+    fractions = np.linspace(0.0, 1.0, 2 + math.ceil(float(np.linalg.norm(line)) / PROGRESS.step_m))
     points: FloatArray = piece[0] + fractions[:, None] * line
     return points
 

@@ -7,12 +7,13 @@ from dataclasses import dataclass
 from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.errors import CommandRefusedError
-from mission_io.model.enums import AutopilotId, CommandResult
+from mission_io.model.enums import AutopilotId, CommandResult, GpsFix
 from mission_io.model.items import GeoPoint, MissionType
 from mission_io.wire import messages as m
 from uavcover.errors import VehicleError
 from uavcover.flight.flight_plan import FlightPlan
 from uavcover.flight.session import Session, Stopped, Timer
+from uavcover.flight.tuning import PREPARATION
 from uavcover.flight.watch import has_position
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 from uavcover.terrain.frames import LocalFrame
@@ -42,10 +43,7 @@ _STREAMS: dict[type[m.Message], _Stream] = {
 _OF_ARDUPILOT: dict[type[m.Message], _Stream] = {m.EkfStatusReport: _Stream(1.0, 0.2)}
 _UNASKED_OF_PX4 = frozenset({m.MissionCurrent})
 """PX4 sends these by itself, and answers FAILED when it is asked."""
-_FIX_3D = 3
-_TRIES = 3
 _PREARM_CHECKS = 401
-_ASK_WHY_S = 15.0
 
 
 def request_telemetry(session: Session) -> None:
@@ -61,7 +59,7 @@ def check_telemetry(session: Session) -> None:
     """
     wanted = _streams(session)
     rare = _rare(session, wanted)
-    for _ in range(_TRIES - 1):
+    for _ in range(PREPARATION.telemetry_tries - 1):
         if not rare:
             return
         again = {kind: wanted[kind] for kind in rare}
@@ -73,7 +71,7 @@ def check_telemetry(session: Session) -> None:
     needed = " and ".join(f"{wanted[kind].least_hz:g}" for kind in rare)
     raise FlightFaultError(
         Ending.NOT_READY,
-        f"the vehicle sends {measured} of vehicle time after {_TRIES} requests; following needs {needed}; "
+        f"the vehicle sends {measured} of vehicle time after {PREPARATION.telemetry_tries} requests; following needs {needed}; "
         "not started: raise that rate in the autopilot, or use a faster link",
     )
 
@@ -144,7 +142,7 @@ class _Reasons:
 
     def __init__(self, session: Session) -> None:
         self._session = session
-        self._timer = Timer(session, _ASK_WHY_S)
+        self._timer = Timer(session, PREPARATION.ask_why_s)
         self._knows = session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT
 
     def ask(self) -> None:
@@ -163,7 +161,7 @@ def missing(session: Session) -> list[str]:
     monitor = session.monitor
     lacks: list[str] = []
     gps = monitor.latest(m.GpsRawInt)
-    if gps is None or gps.fix_type < _FIX_3D:
+    if gps is None or gps.fix_type < GpsFix.FIX_3D:
         lacks.append("satellite fix")
     if session.client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT:
         ekf = monitor.latest(m.EkfStatusReport)
@@ -222,7 +220,7 @@ def _check_place(plan: FlightPlan, name: str, place: GeoPoint) -> None:
     if abs(up) > most_m:
         raise VehicleError(
             f"{where} is at {place.alt_amsl_m:.1f} m above sea level, {abs(up):.1f} m {'above' if up > 0 else 'below'} "
-            f"the planned home, max_home_error_m is {most_m:g}; not armed: heights above home would be wrong by it"
+            f"the planned home, max_home_error_m is {most_m:g}; not armed: heights above home would be wrong by this amount"
         )
 
 

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from mission_io.wire import messages as m
+from uavcover.flight.tuning import RECORDS
 from uavcover.model.active_times import is_flight_time
 from uavcover.model.track import (
     VELOCITY_COLUMNS,
@@ -14,9 +15,6 @@ from uavcover.terrain.frames import LocalFrame
 
 if TYPE_CHECKING:
     from uavcover.flight.monitor import Monitor
-
-MAX_ATTITUDE_AGE_S = 1.0
-"""Largest age difference between an attitude and a position in one sample."""
 
 
 class Recorder:
@@ -67,7 +65,7 @@ class Recorder:
         attitude = self._monitor.latest(m.Attitude)
         age_s = math.nan if attitude is None else position.time_boot_s - attitude.time_boot_s
         roll = pitch = yaw = math.nan
-        if attitude is not None and abs(age_s) <= MAX_ATTITUDE_AGE_S:
+        if attitude is not None and abs(age_s) <= RECORDS.max_attitude_age_s:
             roll, pitch, yaw = attitude.roll_rad, attitude.pitch_rad, attitude.yaw_rad
         if math.isnan(yaw) and position.heading_deg is not None:
             yaw = math.radians(position.heading_deg)

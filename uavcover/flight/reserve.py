@@ -4,23 +4,15 @@ import math
 from dataclasses import dataclass
 from enum import Enum
 
+from uavcover.flight.tuning import RESERVE
 from uavcover.model.vehicle import Vehicle
-
-_ROUNDING = 1.0
-"""Percent by which a battery may hold less than it tells: it tells whole numbers."""
-_CLIMB_S, _MEASURED_S = 25.0, 50.0
-"""The climb uses more than the rest and does not count; after the second time the measured use is better than the endurance."""
-_USE_HOME, _USE_ON = 1.2, 1.05
-"""How much more than the mean so far a second may use on the return, straight into the wind, and on the rest of the mission."""
-TO_TURN_S = 20.0
-"""To stop, and to be sent the return."""
 
 
 class BatteryAllows(Enum):
     """Flight that a battery allows."""
 
-    GO_ON = "it is enough to fly on"
-    GO_HOME = "it is enough for the return, and not for more"
+    GO_ON = "it is sufficient to continue"
+    GO_HOME = "it is only sufficient for the return"
 
 
 @dataclass(slots=True)
@@ -43,38 +35,38 @@ class BatteryUse:
 
     def take(self, percent: float, *, aloft_s: float) -> None:
         """Take the battery's report at a time after take-off."""
-        if self.first is None and aloft_s >= _CLIMB_S:
+        if self.first is None and aloft_s >= RESERVE.climb_s:
             self.first = aloft_s, percent
         self.percent, self.aloft_s = percent, aloft_s
 
     @property
     def each_s(self) -> float:
         """Percent of the battery for a second in the air: planned at first, measured once it reports any use."""
-        if self.first is None or self.aloft_s - self.first[0] < _MEASURED_S or self.percent >= self.first[1]:
+        if self.first is None or self.aloft_s - self.first[0] < RESERVE.measured_s or self.percent >= self.first[1]:
             return self.planned_each_s
         return (self.first[1] - self.percent) / (self.aloft_s - self.first[0])
 
     @property
     def spare(self) -> float:
         """Percent above the reserve."""
-        return self.percent - _ROUNDING - 100.0 * self.vehicle.reserve_fraction
+        return self.percent - RESERVE.rounding_percent - 100.0 * self.vehicle.reserve_fraction
 
     def lasts_home(self, seconds: float) -> bool:
         """Whether the return can still be begun a moment later."""
-        return self.spare > _USE_HOME * self.each_s * (seconds + TO_TURN_S)
+        return self.spare > RESERVE.use_home_ratio * self.each_s * (seconds + RESERVE.to_turn_s)
 
     def lasts_on(self, seconds: float) -> bool:
         """Whether so much more of the mission keeps the reserve."""
-        return self.spare >= _USE_ON * self.each_s * seconds
+        return self.spare >= RESERVE.use_on_ratio * self.each_s * seconds
 
     def may_wait_s(self, seconds: float) -> float:
         """Time that it may hold before a rest of the mission; infinite while the battery reports nothing."""
         if math.isnan(self.percent):
             return math.inf
-        return self.spare / self.each_s - _USE_ON * seconds
+        return self.spare / self.each_s - RESERVE.use_on_ratio * seconds
 
     def allows(self, *, rest_s: float, home_s: float) -> BatteryAllows:
         """Flight that it allows, for ``rest_s`` to the landing by the mission and ``home_s`` straight home."""
-        if home_s + TO_TURN_S >= rest_s or self.lasts_home(home_s) or self.lasts_on(rest_s):
+        if home_s + RESERVE.to_turn_s >= rest_s or self.lasts_home(home_s) or self.lasts_on(rest_s):
             return BatteryAllows.GO_ON
         return BatteryAllows.GO_HOME

@@ -8,11 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from uavcover.flight.tuning import RESUME
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import Track
-
-_NEAR_RADII = 1.25
-"""The vehicle continues as soon as it is inside the radius, and its reported positions only sample its path."""
 
 
 class Passage:
@@ -32,7 +30,7 @@ class Passage:
     """
 
     def __init__(self, waypoints_m: FloatArray, *, radius_m: float) -> None:
-        self._waypoints_m, self._near_m = waypoints_m, _NEAR_RADII * radius_m
+        self._waypoints_m, self._near_m = waypoints_m, RESUME.near_radii * radius_m
         self._before_m: FloatArray | None = None
         self.reached, self.number = 0, -1
 
@@ -70,12 +68,6 @@ class Passage:
         return float(np.linalg.norm(start_m + share * way_m - waypoint_m)) <= self._near_m
 
 
-_UNSEEN_S = 1.0
-_CORRIDOR_RADII = 3.0
-_OVERLAP_RADII = 2.0
-_OVERLAP_M = 5.0
-
-
 @dataclass(frozen=True, slots=True)
 class ResumePoint:
     """The end of what was flown of a planned route.
@@ -102,7 +94,7 @@ def find_resume_point(track: Track, waypoints_m: FloatArray, *, radius_m: float)
     """
     passage = Passage(waypoints_m, radius_m=radius_m)
     numbers, begun, begun_at = track.current_waypoint.tolist(), False, 0
-    gaps = np.diff(track.time_s, prepend=track.time_s[:1]) > _UNSEEN_S
+    gaps = np.diff(track.time_s, prepend=track.time_s[:1]) > RESUME.unseen_s
     for row, (number, place_m) in enumerate(zip(numbers, track.enu_m, strict=True)):
         before = passage.reached
         if gaps[row] or (number >= 0 and not begun):
@@ -116,7 +108,7 @@ def find_resume_point(track: Track, waypoints_m: FloatArray, *, radius_m: float)
         rows = slice(begun_at, None)
         leg = waypoints_m[passage.reached - 1 : passage.reached + 1]
         on_leg = (track.current_waypoint[rows] == passage.reached) & ~gaps[rows]
-        flown_m = _along_m(track.enu_m[rows], on_leg, leg, corridor_m=_CORRIDOR_RADII * radius_m)
+        flown_m = _along_m(track.enu_m[rows], on_leg, leg, corridor_m=RESUME.corridor_radii * radius_m)
     return ResumePoint(passage.reached, flown_m)
 
 
@@ -140,7 +132,7 @@ def remaining_route(
         return left.copy()
     begin, end = waypoints_m[broken.waypoint - 1], waypoints_m[broken.waypoint]
     length_m = float(np.linalg.norm(end - begin))
-    again_m = max(0.0, broken.flown_m - _OVERLAP_RADII * radius_m - _OVERLAP_M)
+    again_m = max(0.0, broken.flown_m - RESUME.overlap_radii * radius_m - RESUME.overlap_m)
     entry = begin if length_m == 0.0 else begin + min(1.0, again_m / length_m) * (end - begin)
     return np.vstack([entry, left])
 

@@ -13,12 +13,10 @@ from uavcover.flight.follow import follow_home
 from uavcover.flight.modes import Mode
 from uavcover.flight.preconditions import Preconditions
 from uavcover.flight.session import Session, Stopped
+from uavcover.flight.tuning import FOLLOWING
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError
 
-_AT_REST_M_S = 0.3
 _ASKED = "second stop"
-_MOST_WAYS_HOME = 3
-"""After as many ways home that were disturbed the vehicle is left holding."""
 
 PlanReturn = Callable[[float, float, float], Mission]
 """Plans a mission home with checked legs from latitude, longitude (degrees) and height above sea level (metres)."""
@@ -38,12 +36,12 @@ def hold(session: Session, text: str = "stop: the vehicle is commanded to hold")
 
     def at_rest() -> bool:
         session.require_obedience(ours)
-        return _speed_m_s(session) <= _AT_REST_M_S
+        return _speed_m_s(session) <= FOLLOWING.at_rest_m_s
 
     session.wait(
         at_rest,
         timeout_s=session.timeouts.halt_s,
-        what=lambda: f"the vehicle, in {session.mode_name}, does not come to rest",
+        what=lambda: f"the vehicle, in {session.mode_name}, does not stop",
     )
     session.tell(EventKind.STOP, "the vehicle holds its position")
 
@@ -73,7 +71,7 @@ def return_home(
         TakenOverError: something else has the vehicle, or its state stays unknown.
         FlightFaultError: the vehicle is gone, or does something else.
     """
-    for _ in range(_MOST_WAYS_HOME):
+    for _ in range(FOLLOWING.most_ways_home):
         try:
             sent = _send(session, _hold_and_plan(session, plan_return, stops, clear), stops, preconditions)
         except _LeftHoldingError as left:
@@ -81,7 +79,7 @@ def return_home(
         plan = None if preconditions is None else preconditions.go_home(sent)
         session.monitor.forget(m.MissionCurrent)
         fly_from_item(session, first_seq(session))
-        session.tell(EventKind.STOP, "flying home along checked legs")
+        session.tell(EventKind.STOP, "returning along checked legs")
         try:
             follow_home(session, stops_before=stops, plan=plan, preconditions=preconditions)
         except Stopped as stop:
@@ -95,7 +93,7 @@ def return_home(
         else:
             return True
     hold(session)
-    return _leave(session, f"the return was disturbed {_MOST_WAYS_HOME} times; last, {why}")
+    return _leave(session, f"the return was disturbed {FOLLOWING.most_ways_home} times; last, {why}")
 
 
 def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear: Callable[[Mission], bool]) -> Mission:
@@ -107,7 +105,7 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
     except FlightFaultError as error:
         if error.ending is not Ending.FAILED:
             raise
-        session.tell(EventKind.WARNING, f"{error}: it is flown home all the same", alarm=True)  # as in a strong wind
+        session.tell(EventKind.WARNING, f"{error}: returning anyway", alarm=True)  # as in a strong wind
     if session.stop() > stops:
         raise _LeftHoldingError(_ASKED)
     here = session.monitor.latest(m.GlobalPositionInt)
@@ -119,7 +117,7 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
     except (UavcoverError, MissionIoError) as error:
         raise _LeftHoldingError(f"no checked return from here: {error}") from error
     if not is_clear:
-        session.tell(EventKind.STOP, "the vehicle holds until the return is free of the others")
+        session.tell(EventKind.STOP, "the vehicle holds until the return is clear of other vehicles")
     while not is_clear:
         if session.stop() > stops:
             raise _LeftHoldingError(_ASKED)
@@ -128,7 +126,7 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
         try:
             is_clear = clear(mission)
         except UavcoverError as error:
-            raise _LeftHoldingError(f"no return apart from the others: {error}") from error
+            raise _LeftHoldingError(f"no return that is separated from the other vehicles: {error}") from error
     return mission
 
 
@@ -137,18 +135,18 @@ def _send(session: Session, mission: Mission, stops: int, preconditions: Precond
     moved_m = 0.0 if preconditions is None else preconditions.home_moved_up_m()
     if moved_m:
         session.tell(
-            EventKind.STOP, f"home was moved by {moved_m:+.1f} m: the return is sent with heights that make up for it"
+            EventKind.STOP, f"home was moved by {moved_m:+.1f} m: the return is uploaded with corrected heights"
         )
         mission = _above_moved_home(mission, moved_m)
-    session.tell(EventKind.STOP, "the return is being sent")
+    session.tell(EventKind.STOP, "uploading the return")
     try:
         checked = session.steer(
             lambda: session.client.upload_and_verify(mission, in_flight=True), while_in=[hold_mode(session)]
         )
     except MissionIoError as error:
-        raise _LeftHoldingError(f"the return could not be sent: {error}") from error
+        raise _LeftHoldingError(f"the return could not be uploaded: {error}") from error
     if not checked.passed:
-        raise _LeftHoldingError("the return was read back changed")
+        raise _LeftHoldingError("the return differs after read-back")
     if session.stop() > stops:
         raise _LeftHoldingError(_ASKED)
     return mission

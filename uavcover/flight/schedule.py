@@ -12,18 +12,13 @@ from uavcover.flight.flight_plan import FlightPlan
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.reserve import BatteryAllows, BatteryUse
 from uavcover.flight.session import Session
+from uavcover.flight.tuning import SCHEDULE
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import Pace, landing_time, leg_times, takeoff_time, turn_times
 from uavcover.model.outcome import Ending
 from uavcover.model.vehicle import Vehicle
 
-_LATE_S, _LATE_RATIO = 20.0, 0.2
-"""Late by more than both is late."""
-_LOOK_EVERY_S = 2.0
 _TAKES_PHOTO = (Command.DO_DIGICAM_CONTROL, Command.IMAGE_START_CAPTURE)
-_FEWEST = 3
-_BY_CHANCE = 1e-5
-"""Photos in a row without a report are an alarm where the link loses as many messages in a row more rarely than this."""
 _WAITS = (Command.NAV_WAYPOINT, Command.NAV_DELAY, Command.NAV_LOITER_TIME)
 
 
@@ -112,7 +107,7 @@ class FlightSchedule:
         now_s, place_m = self._session.monitor.time_s, self._progress.place_m
         if now_s is None or place_m is None or now_s < self._next_s:
             return
-        self._next_s = now_s + _LOOK_EVERY_S
+        self._next_s = now_s + SCHEDULE.look_every_s
         index = self._plan.index_of(self._session.monitor.current_seq, self._session.autopilot)
         planned_s = None if self._table is None else self._table.planned_s(index, place_m)
         if self._began is None:
@@ -123,10 +118,10 @@ class FlightSchedule:
             return
         done_s, total_s = planned_s - offset_s, self._table.total_s - offset_s
         self.late_s = self.aloft_s - done_s
-        pace = max(1.0, self.aloft_s / done_s) if done_s > _LATE_S else 1.0
+        pace = max(1.0, self.aloft_s / done_s) if done_s > SCHEDULE.late_s else 1.0
         self.left_s = pace * (total_s - done_s)
         astray = self._session.watch.is_open(Ending.MISSION_CHANGED)  # what is flown then has another timetable
-        late = not astray and self.late_s > max(_LATE_S, _LATE_RATIO * done_s)
+        late = not astray and self.late_s > max(SCHEDULE.late_s, SCHEDULE.late_ratio * done_s)
         self._session.watch.measure(
             Ending.LATE, self.late_s if late else None,
             f"the flight is {self.late_s:.0f} s late: {self.aloft_s:.0f} s in the air where {done_s:.0f} s are planned; it "
@@ -155,7 +150,7 @@ class FlightSchedule:
             Ending.RESERVE_USED, 100.0 / max(1.0, percent) if below else None,
             f"the flight uses its reserve: {source} has {max(0.0, percent):.0f} % left, and "
             f"{100.0 * vehicle.reserve_fraction:.0f} % are to stay",
-            "the reserve is whole again",
+            "the battery is above the reserve again",
         )  # fmt: skip
         if self._home_s is None or self._must is not None or use.lasts_on(left_s):
             return
@@ -218,7 +213,7 @@ class PhotoWatch:
         lasts_s = now_s - (now_s if self._since_s is None else self._since_s)
         session.watch.measure(
             Ending.PHOTOS_MISSING, missing,
-            f"the camera has reported no photo for {self._flown_m:.0f} m, {lasts_s:.0f} s; {self._expected} were expected",
+            f"the camera reported no photo for {self._flown_m:.0f} m, {lasts_s:.0f} s; {self._expected} were expected",
             "the camera reports photos again",
         )  # fmt: skip
 
@@ -228,7 +223,11 @@ class PhotoWatch:
         lost = link.lost / max(1, link.lost + link.frames_in)
         if lost >= 1.0:
             return math.inf
-        return max(_FEWEST, math.ceil(math.log(_BY_CHANCE) / math.log(lost))) if lost > 0.0 else _FEWEST
+        return (
+            max(SCHEDULE.fewest_photos, math.ceil(math.log(SCHEDULE.by_chance) / math.log(lost)))
+            if lost > 0.0
+            else SCHEDULE.fewest_photos
+        )
 
     def _count(self, here_m: FloatArray) -> None:
         if self._last_m is not None:

@@ -6,7 +6,7 @@ from typing import TypeVar
 
 from mission_io.autopilots.autopilot import Autopilot
 from mission_io.errors import MisuseError, VehicleSilentError, WaitCancelledError
-from mission_io.model.enums import MissionState
+from mission_io.model.enums import MissionState, Severity
 from mission_io.wire import messages as m
 from uavcover.flight.client import VehicleClient
 from uavcover.flight.evidence import Evidence
@@ -14,15 +14,11 @@ from uavcover.flight.flight_plan import FlightTimeouts
 from uavcover.flight.modes import Mode, custom_mode, mode_from_custom
 from uavcover.flight.monitor import Monitor
 from uavcover.flight.precautions import OnBreach
+from uavcover.flight.tuning import FOLLOWING
 from uavcover.flight.watch import Watch
 from uavcover.model.outcome import Ending, EventKind, FlightEvent, FlightFaultError
 
 ResultT = TypeVar("ResultT")
-
-_POLL_S = 0.1
-_WARNING_SEVERITY = 4
-_UNKNOWN_S = 10.0
-"""Time for which a heard vehicle's state may be unknown before the alarm; evidence takes about 3 s."""
 
 
 class Stopped(Exception):  # noqa: N818 - the user's wish is no error
@@ -130,7 +126,7 @@ class Session:
             vehicle = self.client.vehicle
         except MisuseError:
             return "not heard"
-        unproved = "on the ground by its own word" if monitor.ground.says_landed else "somewhere"
+        unproved = "on the ground, as the vehicle reports" if monitor.ground.says_landed else "somewhere"
         where = {True: "on the ground", False: "in the air", None: unproved}[monitor.on_ground]
         parts = [where, "armed" if vehicle.armed else "disarmed", f"in {self.mode_name}"]
         here = monitor.latest(m.GlobalPositionInt)
@@ -150,7 +146,7 @@ class Session:
         Raises:
             FlightFaultError: it is gone, or it restarted.
         """
-        self.client.poll(_POLL_S)
+        self.client.poll(FOLLOWING.poll_s)
         self.attend()
 
     def attend(self) -> None:
@@ -161,7 +157,7 @@ class Session:
         """
         while self.monitor.texts:
             said = self.monitor.texts.popleft()
-            if said.severity <= _WARNING_SEVERITY:
+            if said.severity <= Severity.WARNING:
                 self._recent_warnings.append(said.text)
             self.watch.take_text(said)
             self.tell(EventKind.TEXT, said.text)
@@ -177,7 +173,7 @@ class Session:
     def _look_at_evidence(self) -> None:
         """Report a vehicle in flight that is heard with an unknown state; a lost heartbeat has its own report."""
         unknown_s, lost = self.evidence.unknown_s, self.watch.is_open(Ending.HEARTBEAT_LOST)
-        if unknown_s > _UNKNOWN_S and not lost and self.client.vehicle.armed:
+        if unknown_s > FOLLOWING.unknown_s and not lost and self.client.vehicle.armed:
             self.watch.open(Ending.STATE_UNKNOWN, self._unknown_text, unknown_s)
         else:
             self.watch.measure(Ending.STATE_UNKNOWN, None, "", "the vehicle's state is known again")
@@ -185,15 +181,15 @@ class Session:
     @property
     def _unknown_text(self) -> str:
         return (
-            f"the vehicle is heard, and its state has not been known for {self.evidence.unknown_s:.0f} s: "
-            f"{self.evidence.missing} is missing; nothing is commanded until it arrives"
+            f"the vehicle is heard, but its state has been unknown for {self.evidence.unknown_s:.0f} s: "
+            f"{self.evidence.missing} is missing; no command is sent until it arrives"
         )
 
     def listen(self, seconds: float) -> None:
         """Listen for some seconds on the link's clock, through all errors."""
         until_s = self.client.clock.now() + seconds
         while self.client.clock.now() < until_s:
-            self.client.poll(_POLL_S)
+            self.client.poll(FOLLOWING.poll_s)
 
     def obeys(self, modes: Collection[Mode]) -> bool:
         """Whether evidence that is newer than the last gap shows the vehicle armed, and in one of these modes."""
@@ -244,7 +240,7 @@ class Session:
 
     def _withheld(self) -> TakenOverError:
         how = f"armed, in {self.mode_name}" if self.client.vehicle.armed else "disarmed"
-        return TakenOverError(Ending.TAKEN_OVER, f"nothing was commanded: the vehicle is {how}")
+        return TakenOverError(Ending.TAKEN_OVER, f"no command was sent: the vehicle is {how}")
 
     def _command(self, act: Callable[[], ResultT], may: Callable[[], bool]) -> ResultT:
         began_s = self.client.clock.now()
@@ -255,8 +251,8 @@ class Session:
 
         while True:
             while not self.evidence.current:
-                if self.evidence.unknown_s > _UNKNOWN_S:
-                    raise TakenOverError(Ending.STATE_UNKNOWN, f"nothing was commanded: {self._unknown_text}")
+                if self.evidence.unknown_s > FOLLOWING.unknown_s:
+                    raise TakenOverError(Ending.STATE_UNKNOWN, f"no command was sent: {self._unknown_text}")
                 self.pump()
             if not may():
                 raise self._withheld()

@@ -12,11 +12,12 @@ from mission_io.client.client import Client
 from mission_io.client.commands import name_of
 from mission_io.client.read_back import ReadBack
 from mission_io.errors import TransferError, TransferInterrupted
+from uavcover.flight.applied_limits import read_return_parameters, return_warnings
 from uavcover.flight.connect import Connected, VehicleLink, check_home, connect, require_home
 from uavcover.flight.flight_plan import FlightTimeouts
 from uavcover.flight.modes import require_multirotor
-from uavcover.flight.own_returns import read_return_parameters, return_warnings
 from uavcover.flight.session import Session
+from uavcover.flight.tuning import PREPARATION
 from uavcover.missions.mission_compiler import CompiledMission
 from uavcover.missions.mission_files import compile_plan
 from uavcover.model.route import Route
@@ -76,7 +77,6 @@ def upload_document(site: Site, compiled: CompiledMission, url: str, results: Se
 
 
 UPLOAD_FILE = "upload.json"
-_SHOWN_ITEMS = 20
 
 
 def upload_run(
@@ -128,7 +128,7 @@ def send_and_compare(
         user.warn(words)
     user.say(
         f"set the autopilot's maximum height to at least {document['autopilot_max_height_above_home_m']:.0f} m above home "
-        "(fence items carry no height)"
+        "(fence items contain no height)"
     )
     return document
 
@@ -150,15 +150,15 @@ def telling_what_is_held(user: User) -> Iterator[None]:
 def _say_items(error: TransferError, user: User) -> None:
     if error.vehicle_holds == "unchanged" or not error.held_items:
         return
-    for number, item in enumerate(error.held_items[:_SHOWN_ITEMS]):
+    for number, item in enumerate(error.held_items[: PREPARATION.shown_items]):
         place = (
             f" at {item.lat_deg:.7f}, {item.lon_deg:.7f}, {item.alt_m:g} m {item.frame.name}"
             if item.has_position
             else ""
         )
         user.warn(f"held now: {number}: {name_of(item.command)}{place}")
-    if len(error.held_items) > _SHOWN_ITEMS:
-        user.warn(f"held now: {len(error.held_items) - _SHOWN_ITEMS} more; see: uavcover download")
+    if len(error.held_items) > PREPARATION.shown_items:
+        user.warn(f"held now: {len(error.held_items) - PREPARATION.shown_items} more; see: uavcover download")
 
 
 def say_comparison(user: User, result: ReadBack) -> None:

@@ -16,16 +16,18 @@ from mission_io.autopilots.terrain_grid import (
     Part,
     Place,
     TerrainBlock,
+    dat_bytes,
+    dat_name,
     parts_of_block,
     place_in_block,
     places_of_block,
     wrapped_deg,
 )
-from mission_io.client.client import Client
-from mission_io.client.terrain import answer_terrain_requests
-from mission_io.formats.terrain_dat import dat_bytes, dat_name
+from mission_io.client.client import Client, answer_terrain_requests
+from mission_io.model.places import EQUATOR_M_PER_DEG
 from mission_io.protocol.terrain import TerrainAnswers, TerrainCounts
 from uavcover.errors import InputError, OutputError, TerrainError
+from uavcover.flight.tuning import TERRAIN
 from uavcover.model.terrain import HeightUnit, RasterTerrain
 from uavcover.new.quantities import water_height_m
 from uavcover.new.terrain_look import possible_datums
@@ -38,12 +40,6 @@ from uavcover.terrain.terrain_source import Bounds, TerrainSource, find_tiles
 from uavcover.terrain.vertical import ELLIPSOID, datum_named
 
 _log = logging.getLogger(__name__)
-
-_POLL_S = 0.2
-_TELL_EVERY_S = 5.0
-_ASK_AGAIN_S = 30.0
-_M_PER_DEG = 111_319.0
-_MAX_BLOCKS = 20_000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,17 +157,17 @@ def answer_from_site(client: Client, site: Site) -> None:
 def serve_terrain(client: Client, heights: Heights, user: User) -> TerrainCounts:
     """Answer the vehicle's requests for terrain heights until the user stops it; returns their number."""
     answers = TerrainAnswers(heights, say=user.warn)
-    reported, report_at_s, ask_at_s = TerrainCounts(), client.clock.now() + _TELL_EVERY_S, -math.inf
+    reported, report_at_s, ask_at_s = TerrainCounts(), client.clock.now() + TERRAIN.tell_every_s, -math.inf
     with user.stop_requests("stopping") as stop:
         while not stop.any():
             now = client.clock.now()
             if now >= ask_at_s:  # the vehicle may have been switched off and on
-                ask_at_s = now + _ASK_AGAIN_S
+                ask_at_s = now + TERRAIN.ask_again_s
                 answer_terrain_requests(client, answers)
-            client.poll(_POLL_S)
+            client.poll(TERRAIN.poll_s)
             counts = answers.counts
             if counts != reported and now >= report_at_s:
-                reported, report_at_s = counts, now + _TELL_EVERY_S
+                reported, report_at_s = counts, now + TERRAIN.tell_every_s
                 user.say(f"{counts.blocks} blocks requested, {counts.parts_sent} parts of them sent")
     client.services.remove(answers)
     return answers.counts
@@ -205,8 +201,8 @@ def write_terrain_files(
         raise TerrainError("the elevation data has no height in any block of terrain around the area")
     if lacking:
         user.warn(
-            f"no elevation data for {lacking} of {PART_COUNT * len(known)} parts of {len(known)} blocks: they are left out, and "
-            "the vehicle will request them"
+            f"no elevation data for {lacking} of {PART_COUNT * len(known)} parts of {len(known)} blocks: they "
+            "are omitted, and the vehicle will request them"
         )
     files: dict[str, dict[TerrainBlock, tuple[Part | None, ...]]] = {}
     for block, parts in known.items():
@@ -230,15 +226,15 @@ def _blocks_in(around: Bounds, spacing_m: int) -> list[TerrainBlock]:
     if not 10 <= spacing_m <= 1000:
         raise InputError(f"--spacing: {spacing_m} m is not from 10 to 1000; give the vehicle's TERRAIN_SPACING")
     west, south, east, north = around
-    step_deg = 0.9 * STEP_NORTH * spacing_m / _M_PER_DEG
+    step_deg = 0.9 * STEP_NORTH * spacing_m / EQUATOR_M_PER_DEG
     scale = max(0.01, math.cos(math.radians(max(abs(south), abs(north)))))
     rows = np.append(np.arange(south, north, step_deg), north)
     columns = np.append(np.arange(west, east, step_deg / scale), east)
     rows, columns = _with_edges(rows), _with_edges(columns)
-    if len(rows) * len(columns) > _MAX_BLOCKS:
+    if len(rows) * len(columns) > TERRAIN.max_blocks:
         raise InputError(
-            f"the area takes about {len(rows) * len(columns)} blocks of terrain, more than {_MAX_BLOCKS}; give a part of it, or "
-            "a larger --spacing"
+            f"the area takes about {len(rows) * len(columns)} blocks of terrain, more than {TERRAIN.max_blocks}; "
+            "give a part of it, or a larger --spacing"
         )
     found = {place_in_block(float(lat), wrapped_deg(float(lon)), spacing_m).block for lat in rows for lon in columns}
     return sorted(found, key=lambda block: (block.south_deg, block.west_deg, block.north, block.east))

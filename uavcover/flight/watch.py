@@ -8,23 +8,21 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from mission_io.model.enums import AutopilotId, EkfFlag
+from mission_io.model.enums import AutopilotId, EkfFlag, GpsFix
 from mission_io.wire import messages as m
 from uavcover.flight.causes import Cause, Causes
 from uavcover.flight.client import VehicleClient
 from uavcover.flight.flight_plan import FlightTimeouts
 from uavcover.flight.monitor import Monitor
+from uavcover.flight.tuning import WATCH
 from uavcover.model.outcome import Ending, EventKind, FlightFaultError, Incident
-
-REPEAT_S = 30.0
-"""Interval at which a lasting alarm is repeated."""
 
 
 class ReportReason(Enum):
     """Reason for which an alarm is reported now."""
 
     BEGUN = "it has begun"
-    DOUBLED = "it is twice as much as at the last report"
+    DOUBLED = "it has doubled since the last report"
     LASTS = "it lasts"
     ENDED = "it is over"
 
@@ -42,7 +40,7 @@ class Alarm:
         largest: the largest amount since it began.
     """
 
-    def __init__(self, *, settle_s: float = 0.0, repeat_s: float = REPEAT_S) -> None:
+    def __init__(self, *, settle_s: float = 0.0, repeat_s: float = WATCH.repeat_s) -> None:
         self._settle_s, self._repeat_s = settle_s, repeat_s
         self._reported_at_s: float | None = None
         self._reported_amount = 0.0
@@ -82,14 +80,10 @@ class Alarm:
         return reason
 
 
-_FIX_3D = 3
 _OTHER_MISSION = ("changed", "received", "updated", "uploaded", "new")
 """Words beside "mission" or "flight plan" that speak of another one."""
 
 _SILENCE = frozenset({Ending.LINK_LOST, Ending.HEARTBEAT_LOST, Ending.POSITION_LOST})
-_SETTLE_S = 2.0
-_CAUSE_WITHIN_S = 10.0
-_LOW_BATTERY_PERCENT = 15
 
 
 @dataclass(slots=True)
@@ -173,7 +167,9 @@ class Watch:
         """Report a failure with an amount in its own unit: at once, when it doubles, and while it lasts."""
         going = self._open.get(kind)
         if going is None:
-            going = self._open[kind] = _Going(len(self.incidents), Alarm(settle_s=_SETTLE_S), self._client.clock.now())
+            going = self._open[kind] = _Going(
+                len(self.incidents), Alarm(settle_s=WATCH.settle_s), self._client.clock.now()
+            )
             self.incidents.append(Incident(kind, text, self._monitor.time_s, evidence=evidence))
         elif amount > going.alarm.largest:
             self.incidents[going.number] = replace(self.incidents[going.number], text=text)
@@ -245,7 +241,7 @@ class Watch:
 
     def cause_of_mode_change(self) -> Cause:
         """Reason for which the vehicle left the commanded mode a moment ago."""
-        return self.causes.of_mode_change(self._recent_incidents(_CAUSE_WITHIN_S), unanswered=self.unanswered)
+        return self.causes.of_mode_change(self._recent_incidents(WATCH.cause_within_s), unanswered=self.unanswered)
 
     def _recent_incidents(self, within_s: float) -> dict[Ending, str]:
         """Failures of the last seconds on the link's clock, by kind."""
@@ -263,7 +259,7 @@ class Watch:
         silence_s = self._monitor.silence_s(now)
         self._look_at_silence(silence_s)
         if self._monitor.restarted:
-            text = f"vehicle {self._client.vehicle.system_id} restarted: its clock began anew"
+            text = f"vehicle {self._client.vehicle.system_id} restarted: its clock started again"
             self.open(Ending.RESTARTED, text)
             raise FlightFaultError(Ending.RESTARTED, text)
         if silence_s <= self._timeouts.deadman_s:
@@ -284,7 +280,7 @@ class Watch:
         ):  # a pause of ours is no silence yet
             text = f"link lost: nothing from vehicle {vehicle} for {silence_s:.1f} s"
             self.open(Ending.LINK_LOST, text)
-            raise FlightFaultError(Ending.LINK_LOST, f"{text}; look for it, and at the link")
+            raise FlightFaultError(Ending.LINK_LOST, f"{text}; check the vehicle and the link")
         if silence_s > self._timeouts.deadman_s:
             self.open(
                 Ending.LINK_LOST,
@@ -302,8 +298,8 @@ class Watch:
         if age_s > self._timeouts.heartbeat_s:
             self.open(
                 Ending.HEARTBEAT_LOST,
-                f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages arrive; its mode, and "
-                "whether it is armed, are not known",
+                f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages "
+                "arrive; its mode, and armed state are unknown",
                 age_s,
             )
         elif self.is_open(Ending.HEARTBEAT_LOST):
@@ -316,7 +312,7 @@ class Watch:
         if now - heard_at > self._timeouts.deadman_s:
             self.open(
                 Ending.POSITION_LOST,
-                f"no position for {now - heard_at:.1f} s, although other messages of the vehicle come",
+                f"no position for {now - heard_at:.1f} s, although other messages arrive",
                 now - heard_at,
             )
         elif self.is_open(Ending.POSITION_LOST):
@@ -325,7 +321,7 @@ class Watch:
     def _look_at_fix(self) -> None:
         gps = self._monitor.latest(m.GpsRawInt)
         lacks = []
-        if gps is not None and gps.fix_type < _FIX_3D:
+        if gps is not None and gps.fix_type < GpsFix.FIX_3D:
             lacks.append(f"satellite fix (GPS fix type {gps.fix_type})")
         ekf = self._monitor.latest(m.EkfStatusReport)
         if self._client.vehicle.mav_autopilot == AutopilotId.ARDUPILOT and ekf is not None and not has_position(ekf):
@@ -341,7 +337,7 @@ class Watch:
         left = None if status is None else status.battery_remaining_percent
         if left is None or left < 0:
             return
-        low = left <= _LOW_BATTERY_PERCENT
+        low = left <= WATCH.low_battery_percent
         text = f"the battery has {left} % left"
         self.measure(Ending.BATTERY_LOW, 100.0 / max(left, 1) if low else None, text, f"{text} again")
 

@@ -286,14 +286,14 @@ def _compiled(
     if vehicle.longest_flight_s is not None and flown_s + time_s > vehicle.longest_flight_s:
         raise MissionTooLongError(
             f"the flight takes {time_s:.0f} s with its transits{before}, {longest_flight_in_words(vehicle)}; "
-            "ask for less coverage (--select), or plan a smaller area"
+            "require less coverage (--select), or plan a smaller area"
         )
     used_s = battery_used_s(FlightEnergy(site, autopilot), begin.energy_s, timed, home)
     # What it has used before is not known; by the mean of what is planned, and never less than hovering.
     before_s = flown_s * max(1.0, used_s / time_s)
     if before_s + used_s > usable_s(vehicle):
         raise MissionTooLongError(
-            f"the flight{before} uses {battery_in_words(site, before_s + used_s)}; ask for less coverage (--select), plan a "
+            f"the flight{before} uses {battery_in_words(site, before_s + used_s)}; require less coverage (--select), plan a "
             "smaller area, or fly in less wind"
         )
     returns, advice = returns_and_rally(

@@ -1,6 +1,6 @@
 """Flight, start-up, messages and transfers of the mock vehicle, by autopilot, as data.
 
-``OBSERVED`` reproduces two simulated vehicles (ArduCopter 4.7.0-dev and PX4 v1.17.0). ``quick`` is a vehicle without their
+``OBSERVED`` reproduces two simulated vehicles (``data/mock_behaviour.toml``). ``quick`` is a vehicle without their
 delays: ready in two seconds, with all streams on from the start, and with transfer timeouts on the link's clock.
 """
 
@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from enum import Enum
 from types import MappingProxyType
 
-from mission_io.model.enums import AutopilotId
+from mission_io.data_tables import data_table
+from mission_io.model.enums import AutopilotId, Severity
 from mission_io.wire import messages as m
 from uavcover.mock.guidance import Speeds
 from uavcover.model.vehicle import AutopilotMotion, AutopilotName, Vehicle
@@ -63,9 +64,6 @@ class Settings:
         return Speeds(self.cruise_m_s, self.climb_m_s, self.descent_m_s)
 
 
-_CRITICAL, _WARNING, _INFO = 2, 4, 6
-
-
 class TransferClock(Enum):
     """The clock on which mission transfers time out."""
 
@@ -78,46 +76,6 @@ class GroundSource(Enum):
 
     KNOWN = "it has the ground on its memory card"
     GROUND_STATION = "it asks with TERRAIN_REQUEST and has what was answered"
-
-
-@dataclass(frozen=True, slots=True)
-class StartText:
-    """A STATUSTEXT sent during start-up.
-
-    Attributes:
-        at_s: when, in seconds since it was switched on.
-        severity: 0 is an emergency, 7 is debug.
-        text: the line.
-    """
-
-    at_s: float
-    severity: int
-    text: str
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Behaviour:
-    """One way to behave.
-
-    Attributes:
-        fix_s: satellite fix, in seconds since it was switched on.
-        checks_pass_s: home is known and the pre-arm bit is good.
-        ready_s: arming works.
-        start_texts: the texts it sends until then.
-        streams_s: messages that it sends unasked, each with its interval in seconds.
-        transfer_clock: the clock on which transfers time out.
-        terrain: source of its terrain heights.
-        stale_read_back: share of the uploads after which a read-back still returns the previous list for a moment.
-    """
-
-    fix_s: float
-    checks_pass_s: float
-    ready_s: float
-    start_texts: tuple[StartText, ...]
-    streams_s: Mapping[type[m.Message], float]
-    transfer_clock: TransferClock
-    terrain: GroundSource
-    stale_read_back: float = 0.0
 
 
 _EVERYTHING: Mapping[type[m.Message], float] = MappingProxyType(
@@ -136,7 +94,53 @@ _EVERYTHING: Mapping[type[m.Message], float] = MappingProxyType(
         m.VfrHud: 1.0,
     }
 )
-_ONLY_HEARTBEATS: Mapping[type[m.Message], float] = MappingProxyType({m.Heartbeat: 1.0})
+
+
+class Streams(Enum):
+    """Messages that it sends unasked, each with its interval in seconds."""
+
+    EVERYTHING = _EVERYTHING
+    HEARTBEATS = MappingProxyType({m.Heartbeat: 1.0})
+
+
+@dataclass(frozen=True, slots=True)
+class StartText:
+    """A STATUSTEXT sent during start-up.
+
+    Attributes:
+        at_s: when, in seconds since it was switched on.
+        severity: how bad it is.
+        text: the line.
+    """
+
+    at_s: float
+    severity: Severity
+    text: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Behaviour:
+    """One way to behave.
+
+    Attributes:
+        fix_s: satellite fix, in seconds since it was switched on.
+        checks_pass_s: home is known and the pre-arm bit is good.
+        ready_s: arming works.
+        start_texts: the texts it sends until then.
+        streams: messages that it sends unasked.
+        transfer_clock: the clock on which transfers time out.
+        terrain: source of its terrain heights.
+        stale_read_back: share of the uploads after which a read-back still returns the previous list for a moment.
+    """
+
+    fix_s: float
+    checks_pass_s: float
+    ready_s: float
+    start_texts: tuple[StartText, ...]
+    streams: Streams
+    transfer_clock: TransferClock
+    terrain: GroundSource
+    stale_read_back: float
 
 
 def quick(ready_s: float = 2.0) -> Behaviour:
@@ -146,45 +150,17 @@ def quick(ready_s: float = 2.0) -> Behaviour:
         checks_pass_s=0.5 * ready_s,
         ready_s=ready_s,
         start_texts=(),
-        streams_s=_EVERYTHING,
+        streams=Streams.EVERYTHING,
         transfer_clock=TransferClock.LINK,
         terrain=GroundSource.KNOWN,
+        stale_read_back=0.0,
     )
 
 
 OBSERVED: Mapping[int, Behaviour] = MappingProxyType(
     {
-        AutopilotId.ARDUPILOT: Behaviour(
-            fix_s=8.0,
-            checks_pass_s=23.0,
-            ready_s=41.0,
-            start_texts=(
-                StartText(0.5, _INFO, "Initialising ArduPilot"),
-                StartText(2.0, _CRITICAL, "PreArm: GPS 1: Bad fix"),
-                StartText(3.0, _INFO, "EKF3 IMU0 initialised"),
-                StartText(6.0, _INFO, "EKF3 IMU0 tilt alignment complete"),
-                StartText(8.0, _INFO, "GPS 1: detected u-blox"),
-                StartText(23.0, _INFO, "EKF3 IMU0 origin set"),
-                StartText(32.0, _CRITICAL, "PreArm: Need Position Estimate"),
-                StartText(41.0, _INFO, "EKF3 IMU0 is using GPS"),
-            ),
-            streams_s=_ONLY_HEARTBEATS,
-            transfer_clock=TransferClock.VEHICLE,
-            terrain=GroundSource.GROUND_STATION,
-        ),
-        AutopilotId.PX4: Behaviour(
-            fix_s=1.0,
-            checks_pass_s=3.0,
-            ready_s=3.4,
-            start_texts=(
-                StartText(1.0, _WARNING, "Preflight Fail: ekf2 missing data"),
-                StartText(3.4, _INFO, "Ready for takeoff!"),
-            ),
-            streams_s=_EVERYTHING,
-            transfer_clock=TransferClock.VEHICLE,
-            terrain=GroundSource.KNOWN,
-            stale_read_back=1.0 / 60.0,
-        ),
+        autopilot: data_table(Behaviour, "uavcover/data/mock_behaviour.toml", autopilot.name.lower())
+        for autopilot in (AutopilotId.ARDUPILOT, AutopilotId.PX4)
     }
 )
 """By MAV_AUTOPILOT number."""

@@ -11,16 +11,9 @@ from mission_io.model.items import Command, Frame, GeoPoint, MissionItem
 from uavcover.mock.dynamics import Airframe, Battery, BatteryData, PointMass, Vector, WindField, WindModel
 from uavcover.mock.itinerary import Itinerary, Step
 from uavcover.mock.positioning import GpsError, Positioning
+from uavcover.mock.tuning import BODY
 from uavcover.model.vehicle import AutopilotMotion
 from uavcover.terrain.frames import LocalFrame
-
-STEP_S = 0.02
-"""One step of the simulation, seconds of vehicle time."""
-
-_SAME_PLACE_M = 0.05
-_TUMBLED_RAD = 1.9
-_TOUCH_M = 0.1
-"""A vehicle this far below the ground that is not landing has crashed; anything less counts as standing on it."""
 
 Ground = Callable[[float, float], float]
 """Height of the ground above mean sea level in metres, at a latitude and a longitude in degrees."""
@@ -63,10 +56,10 @@ class MockBody:
     ) -> None:
         self.home, self.home_m = home, (0.0, 0.0, 0.0)
         self.frame = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m)
-        self.point = PointMass(airframe, step_s=STEP_S, position_m=(0.0, 0.0, 0.0))
+        self.point = PointMass(airframe, step_s=BODY.step_s, position_m=(0.0, 0.0, 0.0))
         self.on_ground, self.crashed, self.falling = True, False, False
         self.motors_failed = False
-        self.air = WindField(wind, step_s=STEP_S, rng=rng)
+        self.air = WindField(wind, step_s=BODY.step_s, rng=rng)
         self.believed = Positioning(self.point, gps, rng=rng)
         self.battery = Battery(battery)
         self.itinerary = Itinerary((), self.believed, 0.0)
@@ -109,7 +102,7 @@ class MockBody:
     def set_home_here(self) -> None:
         """Set home to the believed position."""
         here = self.believed.position_m
-        if math.dist(here, self.home_m) > _SAME_PLACE_M:
+        if math.dist(here, self.home_m) > BODY.same_place_m:
             self.home, self.home_m = self.geodetic_of(here), here
 
     def set_home(self, home: GeoPoint) -> None:
@@ -151,7 +144,7 @@ class MockBody:
         else:
             self.point.step(self.itinerary.wanted_velocity(now, ground_up_m), wind)
         landing, above_m = self.itinerary.landing, self.point.position_m[2] - ground_up_m
-        if ((landing or self.falling) and above_m <= 0.0) or (self._ground is not None and above_m < -_TOUCH_M):
+        if ((landing or self.falling) and above_m <= 0.0) or (self._ground is not None and above_m < -BODY.touch_m):
             self.crashed = self.falling or not landing
             self.on_ground, self.falling = True, False
             self.point.rest(up_m=ground_up_m)
@@ -162,7 +155,7 @@ class MockBody:
             self.point.fall(wind_m_s)
         else:
             self.point.rest(up_m=ground_up_m)
-        self.point.roll_rad = _TUMBLED_RAD
+        self.point.roll_rad = BODY.tumbled_rad
 
     def _ground_up_m(self) -> float:
         """Height of the ground below in the vehicle's frame; the Earth's curvature is neglected."""

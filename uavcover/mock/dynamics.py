@@ -19,6 +19,7 @@ from typing import Self
 
 import numpy as np
 
+from uavcover.mock.tuning import BODY
 from uavcover.model.power import GRAVITY_M_S2, PowerModel
 from uavcover.model.vehicle import Vehicle
 
@@ -211,10 +212,6 @@ class WindModel:
         return (-self.speed_m_s * math.sin(angle), -self.speed_m_s * math.cos(angle), 0.0)
 
 
-_COMES_UP_S = 1.5
-_SAME_M_S = 1e-3
-
-
 class WindField:
     """The wind over time: an Ornstein-Uhlenbeck process around the steady wind, in exact steps of ``step_s``."""
 
@@ -223,7 +220,7 @@ class WindField:
     def __init__(self, wind: WindModel, *, step_s: float, rng: np.random.Generator) -> None:
         self._steady = wind.steady_m_s
         self._coming: Vector | None = None
-        self._coming_share = 1.0 - math.exp(-step_s / _COMES_UP_S)
+        self._coming_share = 1.0 - math.exp(-step_s / BODY.comes_up_s)
         self._rng = rng
         self._keep = math.exp(-step_s / wind.gust_time_s)
         scale = wind.gust_m_s * math.sqrt(1.0 - self._keep**2)
@@ -258,15 +255,9 @@ class WindField:
     def _come_up(self, coming: Vector) -> None:
         share, (east, north, up) = self._coming_share, self._steady
         east, north, up = (old + share * (new - old) for old, new in zip((east, north, up), coming, strict=True))
-        if math.dist((east, north, up), coming) < _SAME_M_S:
+        if math.dist((east, north, up), coming) < BODY.same_m_s:
             (east, north, up), self._coming = coming, None
         self._steady = self.velocity_m_s = (east, north, up)
-
-
-_CELLS = 4
-_FULL_V, _EMPTY_V = 4.2, 3.4
-_SAG_V = 0.12
-"""Voltage sag of a cell at hovering current."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -335,13 +326,13 @@ class Battery:
     @property
     def capacity_mah(self) -> float:
         """Capacity at nominal voltage."""
-        return 1000.0 * self.capacity_wh / (_CELLS * 0.5 * (_FULL_V + _EMPTY_V))
+        return 1000.0 * self.capacity_wh / (BODY.battery_cells * 0.5 * (BODY.full_v + BODY.empty_v))
 
     @property
     def voltage_v(self) -> float:
         """Terminal voltage under the present load."""
-        open_v = _EMPTY_V + (_FULL_V - _EMPTY_V) * self.remaining
-        return _CELLS * (open_v - _SAG_V * self.power_w / self.data.hover_w)
+        open_v = BODY.empty_v + (BODY.full_v - BODY.empty_v) * self.remaining
+        return BODY.battery_cells * (open_v - BODY.sag_v * self.power_w / self.data.hover_w)
 
     @property
     def current_a(self) -> float:

@@ -8,13 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from mission_io.autopilots.flight_modes import Mode
+from mission_io.model.enums import Severity
 from uavcover.mock.behaviour import TransferClock
 from uavcover.mock.flight_control import FlightControl
 from uavcover.mock.state import MockState
-
-_POSITION_TIMEOUT_S = 1.0
-_WARNING, _CRITICAL, _EMERGENCY = 4, 2, 0
-_LOW_CHARGE, _CRITICAL_CHARGE = 0.2, 0.1
+from uavcover.mock.tuning import BODY
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,16 +88,19 @@ class Failsafes:
             return
         if self._position_lost_at_s is None:
             self._position_lost_at_s = vehicle.time_s
-        if vehicle.time_s >= self._position_lost_at_s + _POSITION_TIMEOUT_S and self._once("position"):
+        if vehicle.time_s >= self._position_lost_at_s + BODY.position_timeout_s and self._once("position"):
             self._control.fail_safe("EKF" if vehicle.is_ardupilot else "No position", Mode.LAND)
 
     def _check_battery(self) -> None:
         vehicle = self._state
         battery = vehicle.body.battery
         if battery.remaining <= 0.0 and vehicle.flying:
-            vehicle.say(_EMERGENCY, "Battery 1 is empty")
+            vehicle.say(Severity.EMERGENCY, "Battery 1 is empty")
             self._control.disarm(force=True)
-        for level, word, severity in ((_LOW_CHARGE, "low", _WARNING), (_CRITICAL_CHARGE, "critical", _CRITICAL)):
+        for level, word, severity in (
+            (BODY.failsafe_low_charge, "low", Severity.WARNING),
+            (BODY.failsafe_critical_charge, "critical", Severity.CRITICAL),
+        ):
             if battery.remaining <= level < self._charge_told:
                 self._charge_told = level
                 volts = f"Battery 1 is {word} {battery.voltage_v:.2f}V"
@@ -136,7 +137,7 @@ class Failsafes:
             self._done.discard("fence")
         elif self._once("fence"):
             ardupilot = vehicle.is_ardupilot
-            vehicle.say(_CRITICAL, f"{limit} fence breached" if ardupilot else f"Geofence violation: {limit}")
+            vehicle.say(Severity.CRITICAL, f"{limit} fence breached" if ardupilot else f"Geofence violation: {limit}")
             action = _FENCE_ACTIONS[ardupilot].get(vehicle.parameters["FENCE_ACTION" if ardupilot else "GF_ACTION"])
             if action is not None:
                 self._act("Fence" if ardupilot else "Geofence", action)

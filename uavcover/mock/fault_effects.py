@@ -4,14 +4,12 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from mission_io.autopilots.flight_modes import Mode
+from mission_io.model.enums import Severity
 from mission_io.model.items import Command, MissionItem, MissionType
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.faults import Fault, FaultKind
 from uavcover.mock.flight_control import FlightControl
-
-_CRITICAL_CHARGE = 0.06
-_UPWIND_DEG = 270.0
-_INFO, _WARNING, _CRITICAL, _EMERGENCY = 6, 4, 2, 0
+from uavcover.mock.tuning import BODY
 
 
 def apply_faults(control: FlightControl) -> None:
@@ -28,21 +26,23 @@ def apply_faults(control: FlightControl) -> None:
 
 def _lose_fix(control: FlightControl, _: Fault) -> None:
     control.state.body.believed.lose_fix()
-    control.state.say(_CRITICAL, "GPS 1: lost fix" if control.state.is_ardupilot else "GNSS data fusion stopped")
+    control.state.say(
+        Severity.CRITICAL, "GPS 1: lost fix" if control.state.is_ardupilot else "GNSS data fusion stopped"
+    )
 
 
 def _find_fix(control: FlightControl) -> None:
     control.state.body.believed.find_fix()
-    control.state.say(_INFO, "GPS 1: fix is back" if control.state.is_ardupilot else "GNSS data fusion started")
+    control.state.say(Severity.INFO, "GPS 1: fix is back" if control.state.is_ardupilot else "GNSS data fusion started")
 
 
 def _drain_battery(control: FlightControl, fault: Fault) -> None:
     mode = fault.mode or Mode.RETURN
-    control.state.body.battery.drop_to(_CRITICAL_CHARGE)
+    control.state.body.battery.drop_to(BODY.fault_charge)
     battery = control.state.body.battery
     if control.state.is_ardupilot:
         used_mah = (1.0 - battery.remaining) * battery.capacity_mah
-        control.state.say(_CRITICAL, f"Battery 1 is critical {battery.voltage_v:.2f}V used {used_mah:.0f} mAh")
+        control.state.say(Severity.CRITICAL, f"Battery 1 is critical {battery.voltage_v:.2f}V used {used_mah:.0f} mAh")
     control.fail_safe("Battery", mode)
 
 
@@ -63,9 +63,9 @@ def _come_loose(control: FlightControl) -> None:
 
 
 def _blow(control: FlightControl, fault: Fault) -> None:
-    control.state.body.air.change(WindModel(speed_m_s=fault.number, from_deg=_UPWIND_DEG))
+    control.state.body.air.change(WindModel(speed_m_s=fault.number, from_deg=BODY.upwind_deg))
     if not control.state.is_ardupilot:
-        control.state.say(_WARNING, f"High wind speed detected ({fault.number:.1f} m/s)")
+        control.state.say(Severity.WARNING, f"High wind speed detected ({fault.number:.1f} m/s)")
 
 
 def _change_mission(control: FlightControl, _: Fault) -> None:
@@ -100,7 +100,7 @@ def _lower_mission(control: FlightControl, fault: Fault) -> None:
 def _upload(control: FlightControl, items: tuple[MissionItem, ...]) -> None:
     control.state.missions.replace(MissionType.MISSION, items)
     if control.state.is_ardupilot:
-        control.state.say(_INFO, "Flight plan received")
+        control.state.say(Severity.INFO, "Flight plan received")
     control.mission_changed()
 
 
@@ -113,19 +113,19 @@ def _fail_motors(control: FlightControl, _: Fault) -> None:
     """Motors give no thrust; the autopilot notices nothing but what it is commanded in vain."""
     control.state.body.motors_failed = control.state.flying
     if control.state.is_ardupilot:
-        control.state.say(_EMERGENCY, "Potential Thrust Loss (1)")
+        control.state.say(Severity.EMERGENCY, "Potential Thrust Loss (1)")
 
 
 def _glitch(control: FlightControl, fault: Fault) -> None:
     control.state.body.believed.glitch_m = fault.number
     if control.state.is_ardupilot:
-        control.state.say(_CRITICAL, "GPS Glitch or Compass error")
+        control.state.say(Severity.CRITICAL, "GPS Glitch or Compass error")
 
 
 def _end_glitch(control: FlightControl) -> None:
     control.state.body.believed.glitch_m = 0.0
     if control.state.is_ardupilot:
-        control.state.say(_CRITICAL, "Glitch cleared")
+        control.state.say(Severity.CRITICAL, "Glitch cleared")
 
 
 def _change_speed(control: FlightControl, fault: Fault) -> None:

@@ -8,6 +8,7 @@ from enum import Enum
 
 from mission_io.autopilots.flight_modes import Mode
 from uavcover.errors import InputError
+from uavcover.mock.tuning import BODY
 
 
 class FaultKind(Enum):
@@ -107,7 +108,6 @@ class Argument:
 
 
 _ON_THE_LINKS_CLOCK = (FaultKind.HEARTBEAT_LOSS, FaultKind.LINK_OUTAGE)
-_GLITCH_S = 20.0
 _SECONDS = "seconds of vehicle time, without it for good"
 _LINK_SECONDS = "seconds on the link's clock, without it for good"
 
@@ -253,7 +253,7 @@ class FaultSchedule:
             self._coming.remove(fault)
             self.begun.append(fault)
             per_second = self._link_speed if fault.kind in _ON_THE_LINKS_CLOCK else 1.0
-            lasts_s = _GLITCH_S if fault.kind is FaultKind.GPS_GLITCH else fault.number * per_second
+            lasts_s = BODY.glitch_s if fault.kind is FaultKind.GPS_GLITCH else fault.number * per_second
             self._going_on.append((powered_s + lasts_s, fault))
             yield fault
 

@@ -6,10 +6,9 @@ Results are answers to commands; refusals are worded as the autopilot words them
 from collections.abc import Callable
 
 from mission_io.autopilots.flight_modes import Mode, has_mode
-from mission_io.model.enums import CommandResult, MissionState
+from mission_io.model.enums import CommandResult, MissionState, Severity
 from mission_io.model.items import GeoPoint, MissionType
 from mission_io.wire import messages as m
-from uavcover.mock.body import STEP_S
 from uavcover.mock.faults import FaultKind
 from uavcover.mock.guidance import Speeds
 from uavcover.mock.itinerary import Step, StepKind
@@ -17,11 +16,10 @@ from uavcover.mock.mission_flight import MissionFlight
 from uavcover.mock.smart_return import SMART_RTL
 from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import tell
+from uavcover.mock.tuning import BODY
 from uavcover.mock.way_home import return_steps
 
-_INFO, _WARNING, _CRITICAL = 6, 4, 2
 _FAILSAFE_NAMES = {Mode.RETURN: "RTL Mode", Mode.LAND: "LAND Mode", Mode.HOLD: "BRAKE Mode"}
-_LOW_CHARGE = 0.1
 _ARMABLE = (Mode.MANUAL, Mode.GUIDED, Mode.HOLD)
 """The modes of this vehicle in which ArduPilot can be armed."""
 
@@ -71,7 +69,7 @@ class FlightControl:
         state.stay_armed()
         state.speeds = state.settings.speeds
         self.mission.rewind()
-        state.say(_INFO, "Arming motors" if state.is_ardupilot else "Armed by external command")
+        state.say(Severity.INFO, "Arming motors" if state.is_ardupilot else "Armed by external command")
         if state.mode is Mode.MISSION:  # PX4 takes off as soon as it is armed
             self._fly_mission()
         return CommandResult.ACCEPTED
@@ -82,7 +80,7 @@ class FlightControl:
         if not state.body.on_ground and not force:
             return CommandResult.DENIED
         if state.armed:
-            state.say(_INFO, "Disarming motors")
+            state.say(Severity.INFO, "Disarming motors")
         state.armed = False
         state.body.cut_motors()
         state.follow([])
@@ -95,17 +93,17 @@ class FlightControl:
         if not has_mode(state.autopilot, mode):
             return CommandResult.DENIED
         if mode is Mode.MISSION and not self.mission.there_is_one:
-            state.say(_WARNING, f"Mode change to {self._name(mode)} failed: {_NO_MISSION[state.is_ardupilot]}")
+            state.say(Severity.WARNING, f"Mode change to {self._name(mode)} failed: {_NO_MISSION[state.is_ardupilot]}")
             return CommandResult.FAILED
         if mode is Mode.MISSION and self._would_flip():
-            state.say(_CRITICAL, "Auto: Missing Takeoff Cmd")
-            state.say(_WARNING, f"Mode change to {self._name(mode)} failed: init failed")
+            state.say(Severity.CRITICAL, "Auto: Missing Takeoff Cmd")
+            state.say(Severity.WARNING, f"Mode change to {self._name(mode)} failed: init failed")
             return CommandResult.FAILED
         if mode not in (Mode.MANUAL, Mode.LAND) and not (state.home_known and not state.body.believed.lost):
-            state.say(_WARNING, f"Mode change to {self._name(mode)} failed: requires position")
+            state.say(Severity.WARNING, f"Mode change to {self._name(mode)} failed: requires position")
             return CommandResult.FAILED
         if number == SMART_RTL and not state.trail.is_active:
-            state.say(_WARNING, "Mode change to SMARTRTL failed: init failed")
+            state.say(Severity.WARNING, "Mode change to SMARTRTL failed: init failed")
             return CommandResult.FAILED
         before, was = state.custom_mode, state.mode
         state.mode, state.mode_number = mode, number
@@ -145,7 +143,7 @@ class FlightControl:
         """Continue with another mission item."""
         if not self.mission.go_to(seq):
             if not self.state.is_ardupilot:
-                self.state.say(_CRITICAL, f"There is no mission item {seq}")
+                self.state.say(Severity.CRITICAL, f"There is no mission item {seq}")
             return CommandResult.DENIED
         self._fly_on()
         tell(self.state, m.MissionCurrent)
@@ -178,12 +176,12 @@ class FlightControl:
         state = self.state
         if state.trail.is_active and not state.body.believed.lost:
             if state.flying and state.custom_mode != SMART_RTL:
-                state.say(_CRITICAL, f"{what} Failsafe: changed to SmartRTL Mode")
+                state.say(Severity.CRITICAL, f"{what} Failsafe: changed to SmartRTL Mode")
                 self.set_mode(Mode.RETURN, number=SMART_RTL)
             return
         if what != "Fence":
             next_best = "Trying RTL Mode" if otherwise is Mode.RETURN else "Using Land Mode"
-            state.say(_WARNING, f"SmartRTL Unavailable, {next_best}")
+            state.say(Severity.WARNING, f"SmartRTL Unavailable, {next_best}")
         self.fail_safe(what, otherwise)
 
     def fail_safe(self, what: str, mode: Mode, *, delay_s: float = 0.0) -> None:
@@ -195,9 +193,9 @@ class FlightControl:
         if not state.armed or state.body.on_ground or state.mode is mode:
             return
         if state.is_ardupilot:
-            state.say(_CRITICAL, f"{what} Failsafe: changed to {_FAILSAFE_NAMES[mode]}")
+            state.say(Severity.CRITICAL, f"{what} Failsafe: changed to {_FAILSAFE_NAMES[mode]}")
         else:
-            state.say(_CRITICAL, f"Failsafe activated: {what.lower()}, switching to {mode.value}")
+            state.say(Severity.CRITICAL, f"Failsafe activated: {what.lower()}, switching to {mode.value}")
         if delay_s > 0.0 and mode in (Mode.RETURN, Mode.LAND):
             self.set_mode(Mode.HOLD)
             self._delayed = (mode, state.time_s + delay_s)
@@ -222,7 +220,7 @@ class FlightControl:
         state.body.cut_motors()
         state.follow([])
         state.take_queued()
-        state.off_until_step = state.steps_done + round(seconds / STEP_S)
+        state.off_until_step = state.steps_done + round(seconds / BODY.step_s)
 
     def boot(self) -> None:
         """Boot after a loss of power: transfers, intervals and mission progress are forgotten, the lists are kept."""
@@ -254,7 +252,7 @@ class FlightControl:
         state = self.state
         if state.flying and state.mode is Mode.MISSION:
             if state.is_ardupilot:
-                state.say(_CRITICAL, "Auto mission changed, restarted command")
+                state.say(Severity.CRITICAL, "Auto mission changed, restarted command")
             self._fly_mission()
         elif not state.flying or not state.autopilot.home_in_item_0:
             self.mission.reset()
@@ -271,7 +269,7 @@ class FlightControl:
             return _NO_FIX[ardupilot]
         if not state.ready:
             return _NO_POSITION[ardupilot]
-        if state.body.battery.remaining < _LOW_CHARGE:
+        if state.body.battery.remaining < BODY.arming_charge:
             return _LOW_BATTERY[ardupilot]
         if self.mission.needs_terrain:
             return "PreArm: waiting for terrain data"
@@ -285,13 +283,13 @@ class FlightControl:
         ardupilot = state.is_ardupilot
         reason = self.reason_not_to_arm()
         if reason is not None:
-            state.say(_CRITICAL, reason)
+            state.say(Severity.CRITICAL, reason)
             return CommandResult.FAILED if ardupilot else CommandResult.TEMPORARILY_REJECTED
         if ardupilot and (state.mode not in _ARMABLE or state.custom_mode == _BRAKE):
-            state.say(_CRITICAL, f"Arm: {self._name(state.mode)} mode not armable")
+            state.say(Severity.CRITICAL, f"Arm: {self._name(state.mode)} mode not armable")
             return CommandResult.FAILED
         if state.mode is Mode.MISSION and not self.mission.there_is_one:
-            state.say(_CRITICAL, "Preflight Fail: no valid mission")
+            state.say(Severity.CRITICAL, "Preflight Fail: no valid mission")
             return CommandResult.TEMPORARILY_REJECTED
         return None
 
@@ -309,7 +307,7 @@ class FlightControl:
     def _fly_mission(self, begin: Callable[[], None] | None = None) -> None:
         """Fly the mission, or return home when terrain heights are missing."""
         if self.mission.needs_terrain:
-            self.state.say(_CRITICAL, "Failsafe: Terrain data missing")
+            self.state.say(Severity.CRITICAL, "Failsafe: Terrain data missing")
             self.set_mode(Mode.RETURN)
         else:
             (begin or self.mission.start)()

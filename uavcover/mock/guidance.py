@@ -10,12 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from uavcover.mock.dynamics import Airframe, Vector
-
-_BRAKING_SHARE = 0.6
-"""Share of the acceleration that braking is planned with; the rest is for wind and for the controller's delay."""
-_CORNER_SHARE = 0.5
-_CROSS_TRACK_GAIN_1_S = 0.9
-_APPROACH_GAIN_1_S = 1.2
+from uavcover.mock.tuning import GUIDANCE
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +62,13 @@ def passing_speeds(start_m: Vector, stops: Sequence[Stop], airframe: Airframe) -
             continue
         cosine = sum(a * b for a, b in zip(here, there, strict=True))
         half_sine = math.sqrt(max(0.0, 0.5 * (1.0 - cosine)))  # sin(t / 2)
-        corner = math.inf if half_sine < 1e-6 else math.sqrt(_CORNER_SHARE * acceleration * stop.radius_m / half_sine)
+        corner = (
+            math.inf
+            if half_sine < 1e-6
+            else math.sqrt(GUIDANCE.corner_share * acceleration * stop.radius_m / half_sine)
+        )
         room = max(0.0, length - stop.radius_m - stops[i + 1].radius_m)
-        result[i] = min(corner, math.sqrt(result[i + 1] ** 2 + 2.0 * _BRAKING_SHARE * acceleration * room))
+        result[i] = min(corner, math.sqrt(result[i + 1] ** 2 + 2.0 * GUIDANCE.braking_share * acceleration * room))
     return result
 
 
@@ -94,7 +93,7 @@ def velocity_along(
     rest = length - done
     if rest <= 0.0:  # past the end and not yet inside the radius: come back to it
         return velocity_to(position_m, stop.position_m, speeds=speeds, airframe=airframe)
-    gain = -_CROSS_TRACK_GAIN_1_S
+    gain = -GUIDANCE.cross_track_gain_1_s
     back = (
         gain * (offset[0] - done * unit[0]),
         gain * (offset[1] - done * unit[1]),
@@ -133,8 +132,8 @@ def _speed_with_room(room_m: float, end_m_s: float, unit: Vector, airframe: Airf
         airframe.max_acceleration_m_s2 / max(level, 1e-9),
         airframe.max_vertical_acceleration_m_s2 / max(abs(unit[2]), 1e-9),
     )
-    braking = math.sqrt(end_m_s**2 + 2.0 * _BRAKING_SHARE * acceleration * room_m)
-    return min(braking, end_m_s + _APPROACH_GAIN_1_S * room_m)
+    braking = math.sqrt(end_m_s**2 + 2.0 * GUIDANCE.braking_share * acceleration * room_m)
+    return min(braking, end_m_s + GUIDANCE.approach_gain_1_s * room_m)
 
 
 def _keeping(velocity: Vector, speeds: Speeds) -> Vector:

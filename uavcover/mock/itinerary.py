@@ -13,13 +13,8 @@ from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import Airframe, Vector
 from uavcover.mock.guidance import Speeds, Stop, passing_speeds, velocity_along, velocity_to
 from uavcover.mock.legs import Leg, Legs, legs_of
+from uavcover.mock.tuning import FLIGHT
 from uavcover.model.vehicle import AutopilotMotion
-
-_SLOW_LANDING_BELOW_M = 10.0
-_SETTLED_M = 0.5
-_CIRCLE_RADIUS_M = 10.0
-"""Of a loiter that names none: ArduPilot's CIRCLE_RADIUS."""
-_CIRCLE_LEG_M = 10.0
 
 
 class Mover(Protocol):
@@ -91,7 +86,7 @@ class Step:
     kind: StepKind
     speeds: Speeds
     point_m: Vector | None = None
-    radius_m: float = _SETTLED_M
+    radius_m: float = FLIGHT.settled_m
     wait_s: float = 0.0
     camera: tuple[CameraOrder, ...] = ()
 
@@ -153,9 +148,9 @@ def _turns(seq: int, item: MissionItem, center: Vector, settings: Settings, spee
     """Circles around a position, begun in the north: clockwise, or the other way with a negative radius."""
     turns, radius_m = item.params[0], item.params[2]
     if not (math.isfinite(radius_m) and radius_m != 0.0):
-        radius_m = _CIRCLE_RADIUS_M
+        radius_m = FLIGHT.circle_radius_m
     sense, radius_m = math.copysign(1.0, radius_m), abs(radius_m)
-    corners = max(12, math.ceil(math.tau * radius_m / _CIRCLE_LEG_M))
+    corners = max(12, math.ceil(math.tau * radius_m / FLIGHT.circle_leg_m))
     accept_m = min(settings.acceptance_radius_m, 0.25 * radius_m)
     steps: list[Step] = []
     for n in range(round(max(0.0, turns) * corners) + 1):
@@ -248,7 +243,7 @@ class Itinerary:
         """Downwards at a height above the ground: changed over a band of heights, where the autopilot does so."""
         motion = self._motion
         if motion is None:
-            return descent_m_s if above_m > _SLOW_LANDING_BELOW_M else self._land_m_s
+            return descent_m_s if above_m > FLIGHT.slow_landing_below_m else self._land_m_s
         slow = min(self._land_m_s, descent_m_s)
         share = max(0.0, min(1.0, (above_m - motion.land_slow_m) / motion.land_band_m))
         return slow + share * (descent_m_s - slow)

@@ -12,20 +12,8 @@ from typing import Protocol
 
 from uavcover.mock.dynamics import Vector
 from uavcover.mock.guidance import Speeds, along_speed, direction_and_length
+from uavcover.mock.tuning import BODY, GUIDANCE
 from uavcover.model.vehicle import AutopilotMotion
-
-_STEP_S = 0.02
-_FOLLOW_GAIN_1_S = 1.0
-_VELOCITY_GAIN_1_S = 3.0
-"""Of the controller (``Airframe.velocity_gain_1_s``): an acceleration is commanded as velocity, divided by this gain."""
-_LAG_M = 0.5
-_STANDS_LAG_M = 5.0
-"""The guided position slows down when the vehicle lags by more than the first, and waits at the second."""
-_HEIGHT_RADIUS_M = 0.8
-_LONGER = 2.0
-_LATE, _KEPT = 0.45, 0.7
-"""Share of its set speed that PX4 lacks when a leg begins, and share of that which speed kept at a waypoint makes up for."""
-_LEAST_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +57,7 @@ class _RestToRest:
         self.start_m, self.elapsed_s, self.total_s = start_m, 0.0, 0.0
         self._ramp: list[tuple[float, float, float]] = [(0.0, 0.0, 0.0)]
         self._cruise_s, self._slower = 0.0, 1.0
-        if self.length_m < _LEAST_M:
+        if self.length_m < GUIDANCE.least_m:
             return
         level, steep = math.hypot(self.unit[0], self.unit[1]), abs(self.unit[2])
         most = min(motion.acceleration_m_s2 / max(level, 1e-9), motion.vertical_acceleration_m_s2 / max(steep, 1e-9))
@@ -94,7 +82,7 @@ class _RestToRest:
     @property
     def ramp_s(self) -> float:
         """Seconds to its largest speed."""
-        return (len(self._ramp) - 1) * _STEP_S
+        return (len(self._ramp) - 1) * BODY.step_s
 
     @property
     def rest_s(self) -> float:
@@ -118,9 +106,9 @@ class _RestToRest:
         return self.length_m - way_m, speed_m_s, -acceleration
 
     def _on_ramp(self, time: float) -> tuple[float, float, float]:
-        before = min(int(time / _STEP_S), len(self._ramp) - 1)
+        before = min(int(time / BODY.step_s), len(self._ramp) - 1)
         way_m, speed_m_s, acceleration = self._ramp[before]
-        rest = time - before * _STEP_S
+        rest = time - before * BODY.step_s
         return way_m + speed_m_s * rest, speed_m_s + acceleration * rest, acceleration
 
 
@@ -130,10 +118,10 @@ def _ramp(speed_m_s: float, acceleration_m_s2: float, jerk_m_s3: float) -> list[
     way = speed = acceleration = 0.0
     while speed < speed_m_s:
         fall = acceleration * acceleration / (2.0 * jerk_m_s3) >= speed_m_s - speed
-        change = -jerk_m_s3 * _STEP_S if fall else jerk_m_s3 * _STEP_S
+        change = -jerk_m_s3 * BODY.step_s if fall else jerk_m_s3 * BODY.step_s
         acceleration = max(0.05 * acceleration_m_s2, min(acceleration_m_s2, acceleration + change))
-        faster = min(speed_m_s, speed + acceleration * _STEP_S)
-        way += 0.5 * (speed + faster) * _STEP_S
+        faster = min(speed_m_s, speed + acceleration * BODY.step_s)
+        way += 0.5 * (speed + faster) * BODY.step_s
         speed = faster
         states.append((way, speed, acceleration))
     return states
@@ -154,7 +142,10 @@ class BlendedLegs:
 
     def wanted_velocity(self, position_m: Vector) -> Vector:
         """The velocity to command, one step later."""
-        self._advance(_STEP_S * max(0.0, min(1.0, 1.0 - (self._behind_m - _LAG_M) / (_STANDS_LAG_M - _LAG_M))))
+        self._advance(
+            BODY.step_s
+            * max(0.0, min(1.0, 1.0 - (self._behind_m - GUIDANCE.lag_m) / (GUIDANCE.stands_lag_m - GUIDANCE.lag_m)))
+        )
         if self._this is None:
             place, velocity, acceleration = self._starts[-1], (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
         else:
@@ -183,7 +174,7 @@ class BlendedLegs:
             self._blending, self._wait_s = False, 0.0
 
     def _may_begin(self, this: _RestToRest, after: _RestToRest) -> bool:
-        if not this.slowing or this.rest_s > after.ramp_s or min(this.length_m, after.length_m) < _LEAST_M:
+        if not this.slowing or this.rest_s > after.ramp_s or min(this.length_m, after.length_m) < GUIDANCE.least_m:
             return False
         half_s = 0.5 * this.rest_s
         way, speed, acceleration = this.state(this.elapsed_s + half_s)
@@ -235,7 +226,10 @@ class BrakedLegs:
 
     def wanted_velocity(self, position_m: Vector) -> Vector:
         """The velocity to command, one step later."""
-        self._advance(_STEP_S * max(0.0, min(1.0, 1.0 - (self._behind_m - _LAG_M) / (_STANDS_LAG_M - _LAG_M))))
+        self._advance(
+            BODY.step_s
+            * max(0.0, min(1.0, 1.0 - (self._behind_m - GUIDANCE.lag_m) / (GUIDANCE.stands_lag_m - GUIDANCE.lag_m)))
+        )
         speed = math.sqrt(sum(v * v for v in self._velocity))
         off = tuple(a - b for a, b in zip(self._place, position_m, strict=True))
         self._behind_m = sum(o * v for o, v in zip(off, self._velocity, strict=True)) / speed if speed > 0.1 else 0.0
@@ -262,7 +256,7 @@ class BrakedLegs:
     def _reached(self, end_m: Vector) -> bool:
         x, y, z = self._place
         beside_m = math.hypot(end_m[0] - x, end_m[1] - y)
-        return beside_m <= self._motion.corner_radius_m and abs(end_m[2] - z) <= _HEIGHT_RADIUS_M
+        return beside_m <= self._motion.corner_radius_m and abs(end_m[2] - z) <= GUIDANCE.height_radius_m
 
     def _kept_share(self, speed_m_s: float) -> float:
         """Of its speed, along the next leg."""
@@ -278,7 +272,7 @@ class BrakedLegs:
     def _wanted(self) -> Vector:
         leg, motion = self._legs[self.passed], self._motion
         unit, length = direction_and_length(self._place, leg.end_m)
-        if length < _LEAST_M:
+        if length < GUIDANCE.least_m:
             return (0.0, 0.0, 0.0)
         level = math.hypot(unit[0], unit[1])
         speed = along_speed(unit, leg.speeds)
@@ -288,8 +282,10 @@ class BrakedLegs:
             speed = min(speed, self._speed_to(length, 0.0))
         # It follows its set speed late, the more the less of it was kept at the last waypoint.
         if level > 0.05 and motion.settling_s > 0.0:
-            late = _LATE * math.exp(-_LATE * self._leg_s / (_LONGER * motion.settling_s))
-            speed *= 1.0 - (1.0 - _KEPT * self._kept) * late
+            late = GUIDANCE.late_share * math.exp(
+                -GUIDANCE.late_share * self._leg_s / (GUIDANCE.longer_ratio * motion.settling_s)
+            )
+            speed *= 1.0 - (1.0 - GUIDANCE.kept_share * self._kept) * late
         return (speed * unit[0], speed * unit[1], speed * unit[2])
 
     def _passing_speed(self, unit: Vector, leg: Leg) -> float:
@@ -318,7 +314,7 @@ class BrakedLegs:
 def _following(off: Sequence[float], velocity: Vector, acceleration: Vector) -> Vector:
     """The velocity that keeps a vehicle at a moving position: its own, ahead by its acceleration, and back to it."""
     x, y, z = (
-        v + a / _VELOCITY_GAIN_1_S + _FOLLOW_GAIN_1_S * max(-5.0, min(5.0, o))
+        v + a / GUIDANCE.velocity_gain_1_s + GUIDANCE.follow_gain_1_s * max(-5.0, min(5.0, o))
         for o, v, a in zip(off, velocity, acceleration, strict=True)
     )
     return (x, y, z)

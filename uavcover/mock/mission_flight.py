@@ -2,23 +2,18 @@
 
 from collections.abc import Sequence
 
-from mission_io.model.enums import MissionState
-from mission_io.model.items import Command, Frame
+from mission_io.model.enums import MissionState, Severity
+from mission_io.model.items import LAST_NAVIGATION, Command, Frame
 from mission_io.wire import messages as m
 from uavcover.mock.faults import FaultKind
 from uavcover.mock.itinerary import Step, StepKind, mission_steps
 from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import tell
+from uavcover.mock.tuning import FLIGHT
 from uavcover.mock.way_home import mission_places, return_steps
 
-_NAV_LAST = 95
 _TAKEOFFS = (Command.NAV_TAKEOFF, 24, 84)
 """MAV_CMD_NAV_TAKEOFF, NAV_TAKEOFF_LOCAL and NAV_VTOL_TAKEOFF."""
-_REPEAT_S = 1.0
-_REPORT_S = 0.1
-_INFO = 6
-_CLIMB_FROM_M = 0.8
-"""NAV_MC_ALT_RAD: an item that is higher by less needs no climb of its own."""
 
 
 class MissionFlight:
@@ -48,7 +43,9 @@ class MissionFlight:
     def starts_with_takeoff(self) -> bool:
         """Whether the next item of ArduPilot's kind "nav" that is no delay is a take-off (AP_Mission::is_takeoff_next)."""
         items = self._state.mission_items[max(self.first_seq, self._state.current_seq) :]
-        navigates = (item.command for item in items if item.command < _NAV_LAST and item.command != Command.NAV_DELAY)
+        navigates = (
+            item.command for item in items if item.command < LAST_NAVIGATION and item.command != Command.NAV_DELAY
+        )
         return next(navigates, None) in _TAKEOFFS
 
     @property
@@ -77,13 +74,13 @@ class MissionFlight:
         """Fly it on after another mode: PX4 first climbs where it is to the next item's height (checkClimbRequired)."""
         state, here = self._state, self._state.body.believed.position_m
         ahead = [place[2] for seq, place in mission_places(state).items() if seq >= state.current_seq]
-        if state.is_ardupilot or not state.flying or not ahead or ahead[0] - here[2] <= _CLIMB_FROM_M:
+        if state.is_ardupilot or not state.flying or not ahead or ahead[0] - here[2] <= FLIGHT.climb_from_m:
             self.start()
             return
         seq = max(state.current_seq, self.first_seq)
-        top = Step(seq, StepKind.GO, state.speeds, (here[0], here[1], ahead[0]), _CLIMB_FROM_M)
+        top = Step(seq, StepKind.GO, state.speeds, (here[0], here[1], ahead[0]), FLIGHT.climb_from_m)
         self.start([top, Step(seq, StepKind.WAIT, state.speeds)])
-        state.say(_INFO, f"Climb to {ahead[0] - state.body.home_m[2]:.1f} meters above home")
+        state.say(Severity.INFO, f"Climb to {ahead[0] - state.body.home_m[2]:.1f} meters above home")
 
     def start(self, before: Sequence[Step] = ()) -> None:
         """Fly the mission from its current item on.
@@ -162,7 +159,7 @@ class MissionFlight:
             return
         # PX4 looks at intervals and repeats itself: items passed in between are never reported.
         self._reached = seq
-        self._reports_due = [now + _REPORT_S, now + _REPORT_S + _REPEAT_S]
+        self._reports_due = [now + FLIGHT.report_s, now + FLIGHT.report_s + FLIGHT.repeat_s]
 
     def _complete(self) -> None:
         self._state.mission_state = MissionState.COMPLETE

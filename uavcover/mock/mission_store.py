@@ -11,14 +11,11 @@ from mission_io.model.enums import AutopilotId, MissionResult
 from mission_io.model.items import GeoPoint, MissionItem, MissionType
 from mission_io.protocol.admission import list_is_whole, refusal_of
 from mission_io.protocol.exchange import Address
-from mission_io.protocol.list_ids import id_of_items
-from mission_io.protocol.server import ListChanged, MissionServer
+from mission_io.protocol.server import ListChanged, MissionServer, id_of_items
 from mission_io.protocol.tables import ServerState
 from mission_io.wire import messages as m
 from mission_io.wire.mission_items import message_from_item
-
-_STALE_S = 0.1
-"""For this long after an upload, a stale read-back returns the previous list."""
+from uavcover.mock.tuning import LINK
 
 
 class MissionStore:
@@ -117,7 +114,7 @@ class MissionStore:
         for event in events:
             stale = event.reason == "uploaded" and self._rng.random() < self._stale_read_back
             if self._stale_read_back and stale:
-                self._held_back.append((vehicle_s + _STALE_S, event.mission_type, event.items))
+                self._held_back.append((vehicle_s + LINK.stale_s, event.mission_type, event.items))
                 self._server.set_items(event.mission_type, self._before[event.mission_type])
         return events
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any
 
+from mission_io.data_tables import read_document, table_of
 from mission_io.model.enums import AutopilotId
 from mission_io.wire.messages import ParamValue
 from uavcover.mock.behaviour import Settings
@@ -30,105 +31,29 @@ class MockParameter:
     per_unit: float = 1.0
     whole: bool = False
 
+    def __post_init__(self) -> None:
+        if self.attribute and self.attribute not in Settings.__slots__:
+            raise ValueError(f"{self.attribute!r} is none of {', '.join(Settings.__slots__)}")
 
-def _bound(attribute: str, per_unit: float = 1.0) -> MockParameter:
-    return MockParameter(0.0, attribute, per_unit)
 
-
-def _whole(default: float) -> MockParameter:
-    return MockParameter(default, whole=True)
+def _parameters(autopilot: AutopilotId) -> Mapping[str, MockParameter]:
+    """Each row is a number, whole if it is written so, or names what of the settings it exposes."""
+    name, path = autopilot.name.lower(), "uavcover/data/mock_parameters.toml"
+    plain = {"default": 0.0, "attribute": "", "per_unit": 1.0, "whole": False}
+    return {
+        key: table_of(
+            MockParameter,
+            plain | (row if isinstance(row, dict) else {"default": row, "whole": isinstance(row, int)}),
+            where=f"{path}: {name}.{key}",
+        )
+        for key, row in read_document(path)[name].items()
+    }
 
 
 PARAMETERS: Mapping[int, Mapping[str, MockParameter]] = MappingProxyType(
-    {
-        AutopilotId.ARDUPILOT: {
-            "WPNAV_SPEED": _bound("cruise_m_s", 100.0),
-            "WPNAV_SPEED_UP": _bound("climb_m_s", 100.0),
-            "WPNAV_SPEED_DN": _bound("descent_m_s", 100.0),
-            "WPNAV_ACCEL": MockParameter(250.0),
-            "WPNAV_JERK": MockParameter(1.0),
-            "LAND_SPEED": _bound("land_m_s", 100.0),
-            "WPNAV_RADIUS": _bound("acceptance_radius_m", 100.0),
-            "RTL_ALT": _bound("return_height_m", 100.0),
-            "RTL_ALT_FINAL": MockParameter(0.0),  # above home; 0: land
-            "RTL_ALT_TYPE": _whole(0),  # 0 above home, 1 above the terrain
-            "RTL_CLIMB_MIN": MockParameter(0.0),
-            "RTL_CONE_SLOPE": MockParameter(3.0),
-            "RTL_LOIT_TIME": MockParameter(5000.0),
-            "RTL_SPEED": MockParameter(0.0),  # 0: WPNAV_SPEED
-            "SRTL_ACCURACY": MockParameter(2.0),
-            "SRTL_POINTS": _whole(300),  # 0: no SmartRTL
-            "RALLY_LIMIT_KM": MockParameter(0.3),
-            "RALLY_INCL_HOME": _whole(1),
-            "BATT_FS_LOW_ACT": _whole(0),  # 0 none, 1 land, 2 return, 3 and 4 SmartRTL
-            "BATT_FS_CRT_ACT": _whole(0),
-            "BATT_LOW_MAH": MockParameter(0.0),  # 0: no threshold
-            "BATT_CRT_MAH": MockParameter(0.0),
-            "FENCE_ENABLE": _whole(0),
-            "FENCE_ACTION": _whole(1),  # 0 report, 1 return, 2 land, 3 and 5 SmartRTL, 4 brake
-            "FENCE_ALT_MAX": MockParameter(100.0),
-            "FENCE_ALT_MIN": MockParameter(-10.0),
-            "FENCE_MARGIN": MockParameter(2.0),
-            "FENCE_RADIUS": MockParameter(300.0),
-            "FENCE_TYPE": _whole(7),  # 1 height, 2 circle around home, 4 polygons and circles, 8 least height
-            "FS_GCS_ENABLE": _whole(0),  # 0 none, 1 return, 3 and 4 SmartRTL, 5 land
-            "FS_GCS_TIMEOUT": MockParameter(5.0),
-            "FS_OPTIONS": _whole(16),  # 2: the mission goes on without a ground station
-            "FS_EKF_ACTION": _whole(1),  # it always lands; it has no remote control, and no dead reckoning
-            "FS_THR_ENABLE": _whole(0),
-            "FS_DR_ENABLE": _whole(0),
-            "FRAME_CLASS": _whole(1),
-            "FRAME_TYPE": _whole(1),
-            "MAV_GCS_SYSID": _whole(255),  # whose silence counts
-            "MAV_OPTIONS": _whole(0),  # 1 hears no other ground station
-            "MIS_RESTART": _whole(0),  # 1 begins the mission anew each time that it enters AUTO
-            "SYSID_THISMAV": _whole(1),
-            "TERRAIN_ENABLE": _whole(1),
-            "TERRAIN_SPACING": _whole(100),
-            "WP_YAW_BEHAVIOR": _whole(2),  # 0 never turns, 1 and 2 to the next waypoint, 3 along its course
-        },
-        AutopilotId.PX4: {
-            "MPC_XY_CRUISE": _bound("cruise_m_s"),
-            "MPC_Z_V_AUTO_UP": _bound("climb_m_s"),
-            "MPC_Z_V_AUTO_DN": _bound("descent_m_s"),
-            "MPC_ACC_HOR": MockParameter(3.0),
-            "MPC_JERK_AUTO": MockParameter(4.0),
-            "MPC_LAND_SPEED": _bound("land_m_s"),
-            "NAV_ACC_RAD": _bound("acceptance_radius_m"),
-            "RTL_RETURN_ALT": _bound("return_height_m"),
-            "RTL_CONE_ANG": _whole(45),
-            "RTL_DESCEND_ALT": MockParameter(10.0),  # of multirotors, by rc.mc_defaults
-            "RTL_LAND_DELAY": MockParameter(0.0),  # below 0: it waits there
-            "RTL_MIN_DIST": MockParameter(10.0),
-            "RTL_TYPE": _whole(0),  # 1 and 3: safe points, mission landing; 2 and 4: along the mission
-            "BAT_CRIT_THR": MockParameter(0.07),
-            "BAT_EMERGEN_THR": MockParameter(0.05),
-            "BAT_LOW_THR": MockParameter(0.15),
-            "COM_DL_LOSS_T": _whole(10),
-            "COM_HOME_EN": _whole(1),
-            "COM_FAIL_ACT_T": MockParameter(5.0),  # it holds for this long before it returns or lands
-            "COM_DLL_EXCEPT": _whole(0),
-            "COM_FLTT_LOW_ACT": _whole(0),  # these four, and NAV_RCL_ACT: it has no such failsafes
-            "COM_POS_LOW_ACT": _whole(0),
-            "COM_RCL_EXCEPT": _whole(0),
-            "COM_WIND_MAX_ACT": _whole(0),
-            "NAV_RCL_ACT": _whole(0),
-            "COM_LOW_BAT_ACT": _whole(0),  # 0 warn, 2 land, 3 return, land when nearly empty
-            "GF_ACTION": _whole(2),  # 0 none, 1 warn, 2 hold, 3 return, 5 land
-            "GF_MAX_HOR_DIST": MockParameter(0.0),  # 0: no limit
-            "GF_MAX_VER_DIST": MockParameter(0.0),
-            "MAV_SYS_ID": _whole(1),
-            "MIS_TAKEOFF_ALT": MockParameter(2.5),
-            "MPC_YAW_MODE": _whole(
-                0
-            ),  # 0 and 4 to the waypoint, 1 to home, 2 away from home, 3 along its course, 5 never turns
-            "NAV_DLL_ACT": _whole(0),  # 0 none, 1 hold, 2 return, 3 land
-            "SYS_AUTOSTART": _whole(10040),
-        },
-    }
+    {autopilot: _parameters(autopilot) for autopilot in (AutopilotId.ARDUPILOT, AutopilotId.PX4)}
 )
-"""By MAV_AUTOPILOT number and name. Names and defaults are those of the autopilots; all here have an effect, or say what
-ground stations look for when they connect."""
+"""By MAV_AUTOPILOT number and name."""
 
 
 class Parameters:

@@ -4,22 +4,15 @@ Pacing limits how far a vehicle that flies faster than real time may run ahead o
 """
 
 from collections.abc import Iterable
-from typing import Final, Generic, TypeVar
+from typing import Generic, TypeVar
 
 from mission_io.protocol.exchange import Address
 from mission_io.wire.codec import Codec
 from mission_io.wire.messages import Message, TimeSync
+from uavcover.mock.tuning import LINK
 from uavcover.mock.vehicle import MockVehicle
 
 PlaceT = TypeVar("PlaceT")
-
-_ASK_EVERY_S: Final = 0.5
-"""Vehicle time between two TIMESYNC requests."""
-_AHEAD_S: Final = 5.0
-"""Vehicle time of messages that may be in transit: far less than a socket buffer holds."""
-_ASK_AGAIN_S: Final = 0.05
-_PATIENCE_S: Final = 1.0
-"""After this real time without an answer a ground station is not waited for any more."""
 
 
 class Pacing(Generic[PlaceT]):
@@ -37,8 +30,8 @@ class Pacing(Generic[PlaceT]):
 
     def question(self, vehicle_s: float, now: float) -> TimeSync | None:
         """The request to send at a vehicle time, and at ``now`` on the link's clock; None when none is due."""
-        due = vehicle_s - self._asked_s >= _ASK_EVERY_S
-        again = self._waits_since is not None and now - self._asked_at >= _ASK_AGAIN_S
+        due = vehicle_s - self._asked_s >= LINK.ask_every_s
+        again = self._waits_since is not None and now - self._asked_at >= LINK.ask_again_s
         if not (due or again):
             return None
         self._asked_s, self._asked_at = vehicle_s, now
@@ -57,23 +50,18 @@ class Pacing(Generic[PlaceT]):
 
     def waits(self, vehicle_s: float, now: float) -> bool:
         """Whether vehicle time must stand still because a ground station lags behind."""
-        behind = [place for place, read_s in self._read_s.items() if vehicle_s - read_s > _AHEAD_S]
+        behind = [place for place, read_s in self._read_s.items() if vehicle_s - read_s > LINK.ahead_s]
         if not behind:
             self._waits_since = None
             return False
         if self._waits_since is None:
             self._waits_since = now
-        if now - self._waits_since <= _PATIENCE_S:
+        if now - self._waits_since <= LINK.unanswered_s:
             return True
         for place in behind:
             del self._read_s[place]
         self._waits_since = None
         return False
-
-
-_MOST_PLACES = 16
-_DATAGRAM_BYTES = 1200
-_TICK_S = 0.1
 
 
 class MockPeer(Generic[PlaceT]):
@@ -116,7 +104,7 @@ class MockPeer(Generic[PlaceT]):
             self._places[place] = None
             self._place_of[Address(received.system_id, received.component_id)] = place
             self.vehicle.receive(received, vehicle_now)
-        while len(self._places) > _MOST_PLACES:
+        while len(self._places) > LINK.most_places:
             oldest = next(iter(self._places))
             del self._places[oldest]
 
@@ -176,7 +164,7 @@ class InMemoryPeer(MockPeer[None]):
     def datagrams_to_send(self, now: float) -> list[bytes]:
         """Datagrams of the vehicle at ``now``."""
         if now >= self._next_tick_s:
-            self._next_tick_s = now + _TICK_S / self.speed
+            self._next_tick_s = now + LINK.peer_tick_s / self.speed
         return [data for _, data in self.datagrams(now)]
 
     def next_timer(self) -> float:
@@ -189,7 +177,7 @@ def _joined(parts: list[bytes]) -> list[bytes]:
     result: list[bytes] = []
     current = b""
     for part in parts:
-        if current and len(current) + len(part) > _DATAGRAM_BYTES:
+        if current and len(current) + len(part) > LINK.datagram_bytes:
             result.append(current)
             current = b""
         current += part

@@ -11,13 +11,12 @@ from mission_io.errors import LinkError
 from mission_io.links.stream import FramedChannel
 from mission_io.links.tcp import TcpChannel
 from uavcover.errors import VehicleError
+from uavcover.mock.tuning import LINK
 
 _log = logging.getLogger(__name__)
 
 Place = tuple[str, int]
 """Host and port of a ground station."""
-
-_MOST_CONNECTIONS = 16
 
 
 class Port(Protocol):
@@ -101,7 +100,7 @@ class TcpPort:
 
     def __init__(self, host: str, port: int) -> None:
         self._socket = _bound(socket.SOCK_STREAM, host, port)
-        self._socket.listen(_MOST_CONNECTIONS)
+        self._socket.listen(LINK.most_connections)
         self._clock = MonotonicClock()
         self._connections: dict[Place, FramedChannel] = {}
         self._newcomers: list[Place] = []
@@ -153,7 +152,7 @@ class TcpPort:
         self._socket.close()
 
     def _accept(self) -> None:
-        while len(self._connections) < _MOST_CONNECTIONS:
+        while len(self._connections) < LINK.most_connections:
             try:
                 sock, address = self._socket.accept()
             except OSError:

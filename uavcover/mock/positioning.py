@@ -17,13 +17,7 @@ import numpy as np
 
 from uavcover.errors import InputError
 from uavcover.mock.dynamics import Airframe, PointMass, Vector
-
-_RECEIVER_S = 0.2
-"""The satellite receiver reports a position five times a second."""
-_RECOVERY_S = 2.0
-"""After a fix is regained, the drift decays with this time constant."""
-_DRIFT_M_S = 0.6
-"""Without a fix the believed position drifts at this speed, in a seeded direction."""
+from uavcover.mock.tuning import BODY
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -78,8 +72,8 @@ class Positioning:
         self._noise: list[list[float]] = []
         self._drift_m_s: Vector = (0.0, 0.0, 0.0)
         self._receiver_due = 0
-        self._receiver_every = max(1, round(_RECEIVER_S / point.step_s))
-        self._told: deque[Vector] = deque(maxlen=round(error.latency_s / _RECEIVER_S) + 1)
+        self._receiver_every = max(1, round(BODY.receiver_s / point.step_s))
+        self._told: deque[Vector] = deque(maxlen=round(error.latency_s / BODY.receiver_s) + 1)
         self.position_m = self.receiver_m = _sum(point.position_m, self._wander_m)
 
     @property
@@ -101,7 +95,7 @@ class Positioning:
     def lose_fix(self) -> None:
         """Lose the satellite fix."""
         angle = float(self._rng.uniform(0.0, math.tau))
-        self._drift_m_s = (_DRIFT_M_S * math.sin(angle), _DRIFT_M_S * math.cos(angle), 0.0)
+        self._drift_m_s = (BODY.drift_m_s * math.sin(angle), BODY.drift_m_s * math.cos(angle), 0.0)
         self.lost = True
 
     def find_fix(self) -> None:
@@ -116,7 +110,7 @@ class Positioning:
         if self.lost:
             self._error_m = _sum(self._error_m, tuple(d * dt for d in self._drift_m_s))  # type: ignore[arg-type]
         elif self._error_m != (0.0, 0.0, 0.0):
-            keep = math.exp(-dt / _RECOVERY_S)
+            keep = math.exp(-dt / BODY.recovery_s)
             x, y, _ = self._error_m
             self._error_m = (x * keep, y * keep, 0.0) if math.hypot(x, y) > 1e-3 else (0.0, 0.0, 0.0)
         true = self._point.position_m

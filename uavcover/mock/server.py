@@ -13,13 +13,10 @@ from mission_io.links.opening import Link, LinkUrl, UdpLink, parse_link_url
 from uavcover.errors import InputError
 from uavcover.mock.peer import MockPeer
 from uavcover.mock.ports import Place, Port, TcpPort, UdpPort
+from uavcover.mock.tuning import LINK
 from uavcover.mock.vehicle import MockVehicle
 
 _log = logging.getLogger(__name__)
-
-_TICK_S = 0.01
-_LONGEST_TICK_S = 0.1
-"""After a longer pause (a busy machine) vehicle time is held back instead of catching up in one burst."""
 
 
 class MockServer:
@@ -71,10 +68,10 @@ class MockServer:
     def serve(self, stopped: Callable[[], bool]) -> None:
         """Fly and answer until ``stopped`` is true."""
         while not stopped():
-            self._port.wait(_TICK_S)
+            self._port.wait(LINK.tick_s)
             now = time.monotonic()
-            if now - self._now > _LONGEST_TICK_S:
-                self._peer.hold_time(now - _LONGEST_TICK_S)
+            if now - self._now > LINK.longest_tick_s:
+                self._peer.hold_time(now - LINK.longest_tick_s)
                 if not self._said_slow:
                     self._said_slow = True
                     _log.info("the machine is too busy for this speed; the vehicle's time runs slower")

@@ -10,13 +10,10 @@ from collections.abc import Sequence
 import numpy as np
 
 from uavcover.mock.dynamics import Vector
+from uavcover.mock.tuning import FLIGHT
 
 SMART_RTL = 21
 """Its flight mode number."""
-ABOVE_START_M = 2.0
-_TIMEOUT_S = 15.0
-_ROUTINE_POINTS, _LOW_SPACE = 50, 10
-_SIMPLIFY_SHARE, _PRUNE_SHARE = 0.5, 0.99
 
 
 class Trail:
@@ -46,7 +43,7 @@ class Trail:
         if not self.is_active:
             return None
         if here is None:
-            return self._end("bad position") if now - self._good_s > _TIMEOUT_S else None
+            return self._end("bad position") if now - self._good_s > FLIGHT.trail_timeout_s else None
         self._good_s = now
         if math.dist(self._points[-1], here) < self._accuracy_m:
             self._saved_s = now
@@ -54,12 +51,12 @@ class Trail:
         if len(self._points) < self._most:
             self._points.append(here)
             self._saved_s = now
-        new, is_low = len(self._points) - self._simplified, self._most - len(self._points) <= _LOW_SPACE
-        if new >= _ROUTINE_POINTS or (is_low and new >= _LOW_SPACE):
+        new, is_low = len(self._points) - self._simplified, self._most - len(self._points) <= FLIGHT.low_space
+        if new >= FLIGHT.routine_points or (is_low and new >= FLIGHT.low_space):
             self._simplify()
         elif is_low:
             self._prune()
-        return self._end("buffer full") if now - self._saved_s > _TIMEOUT_S else None
+        return self._end("buffer full") if now - self._saved_s > FLIGHT.trail_timeout_s else None
 
     def pop_near(self, here: Vector) -> None:
         """Forget the newest position once it is reached on the way back."""
@@ -79,7 +76,7 @@ class Trail:
     def _simplify(self) -> None:
         """Ramer-Douglas-Peucker on what was added since the last time."""
         first = max(0, self._simplified - 1)
-        self._points[first:] = _simplified(self._points[first:], _SIMPLIFY_SHARE * self._accuracy_m)
+        self._points[first:] = _simplified(self._points[first:], FLIGHT.simplify_share * self._accuracy_m)
         self._simplified = len(self._points)
 
     def _prune(self) -> None:
@@ -88,7 +85,7 @@ class Trail:
         for i in range(len(points) - 1, 3, -1):
             for j in range(1, i - 1):
                 found = _nearest(points[i], points[i - 1], points[j - 1], points[j])
-                if found is None or found[0] >= _PRUNE_SHARE * self._accuracy_m:
+                if found is None or found[0] >= FLIGHT.prune_share * self._accuracy_m:
                     continue
                 middle = found[1]
                 length = sum(math.dist(a, b) ** 2 for a, b in zip(points[j : i - 1], points[j + 1 : i], strict=True))

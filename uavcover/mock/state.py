@@ -18,7 +18,7 @@ from mission_io.protocol.exchange import Address
 from mission_io.protocol.ftp_server import FtpServer
 from mission_io.wire import messages as m
 from uavcover.mock.behaviour import Behaviour, GroundSource, Settings, TransferClock, quick
-from uavcover.mock.body import STEP_S, Ground, MockBody
+from uavcover.mock.body import Ground, MockBody
 from uavcover.mock.camera import MockCamera
 from uavcover.mock.dynamics import Airframe, BatteryData, Vector, WindModel, course_rad
 from uavcover.mock.faults import Fault, FaultKind, FaultSchedule
@@ -29,12 +29,8 @@ from uavcover.mock.parameters import Parameters
 from uavcover.mock.positioning import GpsError
 from uavcover.mock.smart_return import Trail
 from uavcover.mock.terrain_feed import TerrainFeed
+from uavcover.mock.tuning import BODY, FLIGHT
 from uavcover.model.vehicle import MOTIONS
-
-_DISARM_WHEN_IDLE_S = 10.0
-"""Time to wait for the ground station's next command: on the link's clock, however fast vehicle time runs."""
-_TOLERANCE_S = 1e-6
-_PIECE_LETTERS = 50
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -151,12 +147,12 @@ class MockState:
     @property
     def powered_s(self) -> float:
         """Vehicle time since it was first switched on, reboots included."""
-        return self.steps_done * STEP_S
+        return self.steps_done * BODY.step_s
 
     @property
     def time_s(self) -> float:
         """Vehicle time since it was last switched on."""
-        return (self.steps_done - self.boot_step) * STEP_S
+        return (self.steps_done - self.boot_step) * BODY.step_s
 
     @property
     def settings(self) -> Settings:
@@ -245,16 +241,16 @@ class MockState:
 
     def say(self, severity: int, text: str) -> None:
         """Send a STATUSTEXT, in pieces where it is long."""
-        if len(text) <= _PIECE_LETTERS:
+        if len(text) <= m.TEXT_LETTERS:
             self.send(m.StatusText(severity, text))
             return
         self._texts_in_pieces += 1
-        for chunk, begin in enumerate(range(0, len(text) + 1, _PIECE_LETTERS)):
-            self.send(m.StatusText(severity, text[begin : begin + _PIECE_LETTERS], self._texts_in_pieces, chunk))
+        for chunk, begin in enumerate(range(0, len(text) + 1, m.TEXT_LETTERS)):
+            self.send(m.StatusText(severity, text[begin : begin + m.TEXT_LETTERS], self._texts_in_pieces, chunk))
 
     def set_interval(self, kind: type[m.Message], interval_s: float | None) -> None:
         """Send a kind of message every ``interval_s`` seconds; 0 is its default, None is never."""
-        default_s = self.behaviour.streams_s.get(kind)
+        default_s = self.behaviour.streams.value.get(kind)
         self.streams.set_interval(kind, default_s if interval_s == 0.0 else interval_s, self.time_s)
 
     def follow(self, steps: list[Step]) -> None:
@@ -263,7 +259,7 @@ class MockState:
 
     def stay_armed(self) -> None:
         """Restart the time after which it disarms itself on the ground."""
-        self.disarm_at_s = self.time_s + _DISARM_WHEN_IDLE_S * self.speed
+        self.disarm_at_s = self.time_s + FLIGHT.disarm_when_idle_s * self.speed
 
     def place(self, item: MissionItem) -> Vector:
         """Position of a mission item in the vehicle's frame, with the ground as the vehicle knows it."""
@@ -288,7 +284,7 @@ class Streams:
 
     def reset(self) -> None:
         """Return to the default intervals, as after a reboot."""
-        self._interval_s = dict(self._behaviour.streams_s)
+        self._interval_s = dict(self._behaviour.streams.value)
         if not self._ardupilot:
             self._interval_s.pop(m.EkfStatusReport, None)
         self._due_s = dict(self._interval_s)
@@ -305,7 +301,7 @@ class Streams:
     def due(self, now: float) -> Iterator[type[m.Message]]:
         """The kinds that are due, each once."""
         for kind, due_s in self._due_s.items():
-            if due_s <= now + _TOLERANCE_S:
+            if due_s <= now + FLIGHT.tolerance_s:
                 self._due_s[kind] = max(due_s + self._interval_s[kind], now)
                 yield kind
         self.next_due_s = min(self._due_s.values(), default=math.inf)

@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 
 from mission_io.autopilots.flight_modes import Mode
-from mission_io.model.enums import EkfFlag, MissionState, ModeFlag
+from mission_io.model.enums import EkfFlag, GpsFix, MissionState, ModeFlag
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
@@ -20,7 +20,6 @@ _CAPABILITIES = {
 _VERSIONS = {True: 0x04070000, False: 0x011100FF}  # 4.7.0-dev, 1.17.0; ArduPilot under True
 _CHARGE_OK, _CHARGE_LOW, _CHARGE_CRITICAL = 1, 2, 3
 _STANDBY, _ACTIVE, _BOOT = 3, 4, 1
-_FIX_3D, _NO_FIX = 3, 1
 _SENSOR_GPS, _SENSOR_FENCE = 0x20, 0x100000
 _SENSORS = 0x2C | _SENSOR_FENCE | 0x8000 | m.PREARM_CHECK_BIT
 _EKF_GOOD = (
@@ -109,7 +108,7 @@ def _gps(vehicle: MockState) -> m.Message:
     believed = vehicle.body.believed
     here = vehicle.body.geodetic_of(believed.receiver_m)
     east, north, _ = vehicle.body.point.velocity_m_s
-    fix, satellites = (_FIX_3D, 14) if vehicle.has_fix else (_NO_FIX, 0)
+    fix, satellites = (GpsFix.FIX_3D, 14) if vehicle.has_fix else (GpsFix.NO_FIX, 0)
     speed_m_s = math.hypot(east, north)
     return m.GpsRawInt(
         vehicle.time_s, fix, here.lat_deg, here.lon_deg, here.alt_amsl_m, 0.8, 1.2, speed_m_s, None, satellites

@@ -17,12 +17,9 @@ from mission_io.autopilots.terrain_grid import (
     wrapped_deg,
 )
 from mission_io.model.items import Command, GeoPoint, MissionItem
+from mission_io.model.places import EQUATOR_M_PER_DEG
 from mission_io.wire.messages import TerrainData, TerrainReport, TerrainRequest
-
-_ASK_EVERY_S = 2.0
-_AROUND = 10
-"""Spacings from a waypoint to the four places around it whose blocks are requested too, as ArduPilot does it."""
-_M_PER_DEG = 111_319.0
+from uavcover.mock.tuning import LINK
 
 
 class TerrainFeed:
@@ -42,7 +39,7 @@ class TerrainFeed:
     def want_for(self, home: GeoPoint, items: Iterable[MissionItem]) -> None:
         """Request the blocks of home, of every waypoint, and of four positions around it."""
         self.want([(home.lat_deg, home.lon_deg)])
-        step_deg = _AROUND * self.spacing_m / _M_PER_DEG
+        step_deg = LINK.terrain_around_spacings * self.spacing_m / EQUATOR_M_PER_DEG
         for item in items:
             if item.command == Command.NAV_WAYPOINT and item.has_position:
                 lat, lon = item.lat_deg, item.lon_deg
@@ -53,7 +50,7 @@ class TerrainFeed:
     def request(self, now: float) -> TerrainRequest | None:
         """A request, at most each two seconds, while something is missing; block after block."""
         lacking = [block for block, parts in self._blocks.items() if len(parts) < PART_COUNT]
-        if not lacking or now < self._asked_at_s + _ASK_EVERY_S:
+        if not lacking or now < self._asked_at_s + LINK.terrain_ask_every_s:
             return None
         self._asked_at_s, self._next = now, self._next + 1
         block = lacking[self._next % len(lacking)]

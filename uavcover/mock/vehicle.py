@@ -7,9 +7,10 @@ equal flights.
 import numpy as np
 
 from mission_io.autopilots.autopilot import Autopilot
+from mission_io.model.enums import Severity
 from mission_io.model.items import GeoPoint
 from mission_io.wire import messages as m
-from uavcover.mock.body import STEP_S, Ground
+from uavcover.mock.body import Ground
 from uavcover.mock.commands import handle
 from uavcover.mock.failsafes import Failsafes
 from uavcover.mock.fault_effects import apply_faults
@@ -18,13 +19,9 @@ from uavcover.mock.positioning import OnTruth
 from uavcover.mock.smart_return import SMART_RTL
 from uavcover.mock.state import MockConfig, MockState
 from uavcover.mock.telemetry import tell, truth_sample
+from uavcover.mock.tuning import BODY, FLIGHT
 
 __all__ = ["MockConfig", "MockVehicle"]
-
-_DISARM_AFTER_LANDING_S = 2.0
-_CHECK_EVERY = 10
-"""Steps between two checks of battery and failsafes."""
-_INFO, _WARNING, _CRITICAL = 6, 4, 2
 
 
 class MockVehicle(MockState):
@@ -77,7 +74,7 @@ class MockVehicle(MockState):
 
     def advance(self, now: float) -> None:
         """Let vehicle time run to ``now``, counted from when it was first switched on; an earlier time does nothing."""
-        last = int(now / STEP_S + 1e-6)
+        last = int(now / BODY.step_s + 1e-6)
         while self.steps_done < last:
             self.steps_done += 1
             self._step()
@@ -102,7 +99,7 @@ class MockVehicle(MockState):
         if self.armed or body.falling:
             self._fly(now)
         body.believed.step()
-        if self.steps_done % _CHECK_EVERY == 0:
+        if self.steps_done % FLIGHT.check_every == 0:
             self._check()
         if now + 1e-9 >= self.streams.next_due_s:
             for kind in self.streams.due(now):
@@ -116,7 +113,7 @@ class MockVehicle(MockState):
 
     def _check(self) -> None:
         """Draw power, check the failsafes, send what mission transfers have due, and note what terrain is wanted."""
-        self.body.draw_power(_CHECK_EVERY * STEP_S, motors=self.flying)
+        self.body.draw_power(FLIGHT.check_every * BODY.step_s, motors=self.flying)
         self._note_trail()
         self.failsafes.check()
         self.send_all(self.missions.messages_to_send(self.powered_s))
@@ -130,7 +127,7 @@ class MockVehicle(MockState):
         here = None if self.body.believed.lost else self.body.believed.position_m
         if self.custom_mode != SMART_RTL:
             if (words := self.trail.note(here, self.time_s)) is not None:
-                self.say(_WARNING, words)
+                self.say(Severity.WARNING, words)
         elif here is not None:
             self.trail.pop_near(here)
 
@@ -159,12 +156,12 @@ class MockVehicle(MockState):
             if self.took_off_at_s is None:
                 self.took_off_at_s = self.powered_s
             return
-        self.disarm_at_s = now + _DISARM_AFTER_LANDING_S
+        self.disarm_at_s = now + FLIGHT.disarm_after_landing_s
         if self.body.crashed and not self.armed:
             return  # nothing detects a crash any more
         if self.body.crashed:
-            self.say(_CRITICAL, "Crash: Disarming: hit the ground")
+            self.say(Severity.CRITICAL, "Crash: Disarming: hit the ground")
             return
-        self.say(_INFO, "Landed")
+        self.say(Severity.INFO, "Landed")
         self.control.mission.landed(now)
         self.follow([])

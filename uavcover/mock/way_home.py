@@ -11,12 +11,10 @@ from mission_io.model.items import Command, Frame, MissionItem, MissionType
 from uavcover.mock.dynamics import Vector
 from uavcover.mock.guidance import Speeds
 from uavcover.mock.itinerary import Step, StepKind, halting_point
-from uavcover.mock.smart_return import ABOVE_START_M, SMART_RTL
+from uavcover.mock.smart_return import SMART_RTL
 from uavcover.mock.state import MockState
+from uavcover.mock.tuning import FLIGHT
 
-_TERRAIN_STEP_M = 30.0
-_SETTLED_M = 0.2
-_DO_LAND_START = 189
 _PATTERN = (16, 17, 19, 21, 22, 31, 84, 85)
 """Commands whose items have a position for PX4: waypoint, loiter, land, take-off (MissionBlock::item_contains_position)."""
 _LANDINGS, _TAKEOFFS = (21, 85), (22, 84)
@@ -51,9 +49,12 @@ def _smart_rtl(state: MockState, speeds: Speeds) -> list[Step]:
     """Back along the flown path to above where it was armed."""
     x, y, z = (back := state.trail.back())[-1]
     steps = [_brake(state, speeds, None)]
-    steps += [Step(None, StepKind.GO, speeds, point) for point in (*back[:-1], (x, y, z + ABOVE_START_M))]
+    steps += [Step(None, StepKind.GO, speeds, point) for point in (*back[:-1], (x, y, z + FLIGHT.above_start_m))]
     if (final_m := state.parameters["RTL_ALT_FINAL"] / 100.0) > 0.0:
-        return [*steps, Step(None, StepKind.GO, speeds, (x, y, state.body.home_m[2] + final_m), _SETTLED_M)]
+        return [
+            *steps,
+            Step(None, StepKind.GO, speeds, (x, y, state.body.home_m[2] + final_m), FLIGHT.return_settled_m),
+        ]
     return [*steps, Step(None, StepKind.DESCEND, speeds)]
 
 
@@ -84,7 +85,7 @@ def _rtl(state: MockState, speeds: Speeds, seq: int | None, begin: Vector | None
     steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=get["RTL_LOIT_TIME"] / 1000.0))
     if get["RTL_ALT_FINAL"] > 0.0:  # above home, wherever the rally point is
         end = (there[0], there[1], home[2] + get["RTL_ALT_FINAL"] / 100.0)
-        steps.append(Step(seq, StepKind.GO, speeds, end, _SETTLED_M))
+        steps.append(Step(seq, StepKind.GO, speeds, end, FLIGHT.return_settled_m))
     else:
         steps.append(Step(seq, StepKind.DESCEND, speeds))
     return steps
@@ -104,7 +105,7 @@ def _over_terrain(state: MockState, speeds: Speeds, seq: int | None, way: tuple[
     length = math.dist(rest[:2], there[:2])
     if get["RTL_CONE_SLOPE"] >= 0.5:
         wanted = min(wanted, max(length * get["RTL_CONE_SLOPE"], lowest))
-    pieces = max(1, math.ceil(length / _TERRAIN_STEP_M))
+    pieces = max(1, math.ceil(length / FLIGHT.terrain_step_m))
     steps = []
     for k in range(pieces + 1):
         east, north = (a + k / pieces * (b - a) for a, b in zip(rest[:2], there[:2], strict=True))
@@ -123,7 +124,7 @@ def _return_mode(state: MockState, speeds: Speeds, seq: int | None, begin: Vecto
         up = max(here[2], min(highest, _cone_m(state, here, there)))
     steps = []
     if up > here[2]:
-        steps.append(Step(seq, StepKind.GO, speeds, (here[0], here[1], up), _SETTLED_M))
+        steps.append(Step(seq, StepKind.GO, speeds, (here[0], here[1], up), FLIGHT.return_settled_m))
     elif begin is None:
         steps.append(_brake(state, speeds, seq))
     if is_landing:
@@ -131,7 +132,7 @@ def _return_mode(state: MockState, speeds: Speeds, seq: int | None, begin: Vecto
     steps.append(Step(seq, StepKind.GO, speeds, (there[0], there[1], up)))
     if get["RTL_LAND_DELAY"] != 0.0:
         waits = min(there[2] + get["RTL_DESCEND_ALT"], up)
-        steps.append(Step(seq, StepKind.GO, speeds, (there[0], there[1], waits), _SETTLED_M))
+        steps.append(Step(seq, StepKind.GO, speeds, (there[0], there[1], waits), FLIGHT.return_settled_m))
         delay = get["RTL_LAND_DELAY"]
         steps.append(Step(seq, StepKind.WAIT, speeds, wait_s=delay if delay > 0.0 else math.inf))
     steps.append(Step(seq, StepKind.DESCEND, speeds))
@@ -188,7 +189,7 @@ def _land_start(state: MockState) -> int | None:
     landing = next((n for n, command in enumerate(commands) if command in _LANDINGS), None)
     if landing is None:
         return None
-    return commands.index(_DO_LAND_START) if _DO_LAND_START in commands else landing
+    return commands.index(Command.DO_LAND_START) if Command.DO_LAND_START in commands else landing
 
 
 def _cone_m(state: MockState, here: Vector, there: Vector) -> float:

@@ -113,7 +113,7 @@ class SensorBase(ABC):
 
     @abstractmethod
     def in_view(self, rays: Rays) -> BoolArray:
-        """Whether places are in range and inside the field of view, whatever lies between.
+        """Whether places are in range and inside the field of view, without a test of what lies between.
 
         Limits of incidence and ground sample distance are tested elsewhere.
         """

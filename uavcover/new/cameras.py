@@ -6,11 +6,10 @@ from typing import Any
 
 from uavcover.errors import InputError
 from uavcover.new.catalog import checked_row, number_of, pair_of, read_catalog, read_row
+from uavcover.new.tuning import SURVEY
 
 _REQUIRED = ("sensor_mm", "pixels", "focal_length_mm")
 _OPTIONAL = ("min_interval_s",)
-LARGEST_PITCH_DIFFERENCE = 0.02
-"""Between the sizes of a pixel in both directions; more means that sensor and pixels do not belong together."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +78,7 @@ def _camera(name: str, row: dict[str, Any], *, where: str) -> CameraBody:
     focal = number_of(row, "focal_length_mm", where=where)
     if focal is None or across != int(across) or along != int(along):
         raise InputError(f"{where}: pixels: {row['pixels']} are not whole numbers; across the photo, then along it")
-    if abs(width / across / (height / along) - 1.0) > LARGEST_PITCH_DIFFERENCE:
+    if abs(width / across / (height / along) - 1.0) > SURVEY.largest_pitch_difference:
         raise InputError(
             f"{where}: pixels of {1000.0 * width / across:.2f} x {1000.0 * height / along:.2f} um are not square; sensor_mm and "
             "pixels do not belong together (both in landscape, of the same photo format)"

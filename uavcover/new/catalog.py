@@ -4,10 +4,10 @@ import difflib
 import re
 import tomllib
 from collections.abc import Mapping
-from importlib import resources
 from pathlib import Path
 from typing import Any
 
+from mission_io.data_tables import read_document
 from uavcover.errors import InputError
 
 _LONGEST_BITS = 1000
@@ -16,8 +16,7 @@ _MOST_NAMES = 8
 
 def read_catalog(name: str) -> dict[str, dict[str, Any]]:
     """The rows of a table in ``uavcover/data``, by name."""
-    text = (resources.files("uavcover") / "data" / name).read_text(encoding="utf-8")
-    return tomllib.loads(text)
+    return dict(read_document(f"uavcover/data/{name}"))
 
 
 def read_row(name: str, *, table: str, option: str, command: str = "new") -> tuple[str, dict[str, Any], str]:

@@ -17,7 +17,6 @@ from uavcover.model.vehicle import autopilot_name
 from uavcover.new import quantities
 from uavcover.new.cameras import CameraBody, camera_named
 from uavcover.new.elevation_questions import (
-    AROUND_M,
     NewRequest,
     ask_about_heights,
     ask_about_surface,
@@ -31,6 +30,7 @@ from uavcover.new.scenario_text import SurveyScenario, name_of, return_height_m,
 from uavcover.new.surface_look import SurfaceLook
 from uavcover.new.survey import SurveyDesign, SurveyWish, design_survey
 from uavcover.new.terrain_look import TerrainLook, look_at_terrain, place_for_home
+from uavcover.new.tuning import TERRAIN
 from uavcover.new.vehicles import vehicle_named
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planner.baselines.swaths import (
@@ -54,9 +54,6 @@ from uavcover.terrain.elevation_trust import trust_asked_for
 from uavcover.terrain.terrain_source import TerrainSource
 from uavcover.terrain.vertical import datum_named
 
-_FARTHEST_HOME_M = 10_000.0
-_BESIDE_ZONES_M = 5.0
-"""An automatic take-off position is this much farther from no-fly zones than required."""
 _MOUNTS = {"stabilised": "stabilised", "gimbal": "stabilised", "fixed": "fixed"}
 
 
@@ -111,7 +108,9 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
         user.warn(f"{request.area.source}: {note}")
     wish = _wish(request)
     dem = ground_asked_for(request, area)
-    look = look_at_terrain(dem, area.parts, where=request.area.source, around_m=AROUND_M, datum=_wanted_datum(request))
+    look = look_at_terrain(
+        dem, area.parts, where=request.area.source, around_m=TERRAIN.around_m, datum=_wanted_datum(request)
+    )
     if dem.water_height_m is not None:
         user.warn(
             f"--water-height: ground without data in {dem.name}, and around it, count as open water "
@@ -120,7 +119,7 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
     closed = _closed_to_home(request, look, user)
     dem = over_lakes(dem, look, user)
     datum, stated = _datum(look, user)
-    around = look.area.convex_hull.buffer(AROUND_M)
+    around = look.area.convex_hull.buffer(TERRAIN.around_m)
     trust = trust_asked_for(dem, datum, around, look.frame, user, trusted=request.trust_dem)
     surface = surface_asked_for(request, area, dem, look, datum)
     ask_about_surface(dem, user, beside_surface=surface is not None)
@@ -203,7 +202,7 @@ def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
         hidden = f"hide {100.0 * surface.hidden_share:.0f} % of the ground, which no flight can observe"
         user.say(f"{'trees and roofs':18}up to {surface.tallest_m:.0f} m above the ground; they {hidden}")
     low, high = design.min_height_agl_m, design.max_height_agl_m
-    gsd = f"{100.0 * design.gsd_at_m(low):.2f} to {100.0 * design.gsd_at_m(high):.2f} cm a pixel"
+    gsd = f"{100.0 * design.gsd_at_m(low):.2f} to {100.0 * design.gsd_at_m(high):.2f} cm per pixel"
     above = "ground" if scenario.surface is None else "ground, trees and roofs"
     user.say(f"{'height band':18}{low:g} to {high:g} m above {above}, {gsd}")
     if design.is_capped:
@@ -281,10 +280,10 @@ def _closed_to_home(request: NewRequest, look: TerrainLook, user: User) -> shape
         zones = [zone for zone in near if zone.in_force(window)]
         idle = f", {len(near) - len(zones)} are not in force then" if len(zones) < len(near) else ""
         user.say(f"--no-fly: {len(zones)} zones of {file} count{idle}")
-        around = look.area.buffer(_FARTHEST_HOME_M)
+        around = look.area.buffer(TERRAIN.farthest_home_m)
         for zone in local_zones(zones, look.frame, around):
             if zone.entry.floor_agl_m is None and zone.entry.floor_amsl_m is None:
-                shapes.append(zone.grown(zone.entry.margin_m + _BESIDE_ZONES_M))
+                shapes.append(zone.grown(zone.entry.margin_m + TERRAIN.beside_zones_m))
     return shapely.union_all(shapes)
 
 
@@ -335,9 +334,9 @@ def _near(text: str, look: TerrainLook) -> tuple[float, float]:
     lat, lon = quantities.lat_lon(text, option="--home")
     place = shapely.Point(look.frame.enu_from_geodetic(lat, lon, 0.0)[0, :2])
     away_m = float(look.area.distance(place))
-    if not away_m <= _FARTHEST_HOME_M:
+    if not away_m <= TERRAIN.farthest_home_m:
         raise InputError(
-            f"--home: {text} is {away_m / 1000.0:.0f} km from the area, {_FARTHEST_HOME_M / 1000.0:g} km are allowed; "
+            f"--home: {text} is {away_m / 1000.0:.0f} km from the area, {TERRAIN.farthest_home_m / 1000.0:g} km are allowed; "
             "give a position beside it, latitude first"
         )
     return lat, lon

@@ -12,12 +12,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.detection import DetectionTable, detection_table
 from uavcover.model.detection import INDEPENDENT, DetectionCurve
 from uavcover.new.catalog import checked_row, find_name, number_of, read_catalog, read_own_row
-
-_PIXELS_FOR_HALF = 2.0
-"""Across a target that half of the observers notice: Johnson's line pair."""
-_FINEST, _COARSEST, _STEPS = 500.0, 0.02, 800
-"""Pixels across the target by those for half of the observers, between which the formula is tabulated; error below 0.001."""
-_MOST_VALUES = 10_000
+from uavcover.new.tuning import SURVEY
 
 
 def all_curves() -> tuple[DetectionCurve, ...]:
@@ -74,10 +69,10 @@ def _curve(name: str, row: dict[str, Any], *, where: str) -> DetectionCurve:
 
 def _by_pixels(row: dict[str, Any], *, where: str) -> DetectionTable:
     target_m = number_of(row, "target_m", where=where) or 0.0
-    pixels = number_of(row, "pixels_for_half", where=where) or _PIXELS_FOR_HALF
+    pixels = number_of(row, "pixels_for_half", where=where) or SURVEY.pixels_for_half
     at_best = _share(row, "found_at_best", 1.0, where=where)
     hidden = _share(row, "hidden_from_above", 0.0, where=where)
-    ratio = np.geomspace(_FINEST, _COARSEST, _STEPS)
+    ratio = np.geomspace(SURVEY.finest_ratio, SURVEY.coarsest_ratio, SURVEY.ratio_steps)
     angles_deg = np.array([0.0, 90.0]) if hidden == 0.0 else np.arange(91.0)
     # Of leaves spread at random, each step along the line of sight hides the same share (Nilson, 1971: Beer's law for gaps).
     slant = 1.0 / np.maximum(np.cos(np.radians(angles_deg)), 1e-9)
@@ -122,7 +117,7 @@ def _own_table(row: dict[str, Any], *, where: str) -> DetectionTable:
 
 def _numbers(values: object, key: str, *, where: str) -> FloatArray:
     """Finite numbers that rise."""
-    if not isinstance(values, list) or not 0 < len(values) <= _MOST_VALUES:
+    if not isinstance(values, list) or not 0 < len(values) <= SURVEY.most_values:
         raise InputError(f"{where}: {key}: {str(values)[:60]} is no list of numbers")
     for value in values:
         if not _is_number(value):

@@ -12,12 +12,10 @@ from uavcover.new.elevation_words import bands_in_words, feet_in_words, shading_
 from uavcover.new.surface_look import SurfaceLook, look_at_surface, read_as_needed
 from uavcover.new.survey import SurveyDesign
 from uavcover.new.terrain_look import TerrainLook, known_margin_m
+from uavcover.new.tuning import TERRAIN
 from uavcover.run.user import User
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
 from uavcover.terrain.terrain_source import TerrainSource, find_tiles
-
-AROUND_M = 200.0
-"""Around the area the ground is looked at for the way home: the fence is 150 m outside."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,7 +105,7 @@ def surface_asked_for(
         key="terrain.surface_file",
     )  # fmt: skip
     source = read_as_needed(source, crs=request.dem_crs, height_unit=dem.height_unit)
-    return look_at_surface(source, dem, look, ground_datum=datum, around_m=AROUND_M)
+    return look_at_surface(source, dem, look, ground_datum=datum, around_m=TERRAIN.around_m)
 
 
 def ground_asked_for(request: NewRequest, area: FoundArea) -> TerrainSource:
@@ -130,8 +128,8 @@ def over_lakes(dem: TerrainSource, look: TerrainLook, user: User) -> TerrainSour
     if look.gap_m == 0.0 or dem.fill_no_data_m >= look.gap_m:
         return dem
     user.warn(
-        f"the elevation data has gaps in holes of the area, up to {look.gap_m:.0f} m long: they are interpolated "
-        "from their rim, and flights may cross them"
+        f"the elevation data has gaps in holes of the area, up to {look.gap_m:.0f} m long: they are "
+        "interpolated from their edge, and flights may cross them"
     )
     return replace(dem, fill_no_data_m=look.gap_m)
 
@@ -177,10 +175,10 @@ def ask_about_heights(source: TerrainSource, user: User, *, option: str) -> None
         option: that named it, such as "--dem".
     """
     if (why := feet_in_words(source)) is not None:
-        user.warn(f"{option}: are its heights in feet? {why}; they are taken as metres; --height-unit ft or m says it")
+        user.warn(f"{option}: are its heights in feet? {why}; they are taken as metres; set --height-unit ft or m")
     if (why := shading_in_words(source)) is not None:
         user.warn(
             f"{option}: are these heights? {why}; they are taken as metres; a hillshade or a slope is no elevation model"
         )
     if (bands := bands_in_words(source)) is not None:
-        user.warn(f"{option}: has several bands ({bands}): the first is taken as the heights; --band says which it is")
+        user.warn(f"{option}: has several bands ({bands}): the first is taken as the heights; select one with --band")

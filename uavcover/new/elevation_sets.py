@@ -1,22 +1,19 @@
 """Free elevation data: which tiles of which sets an area needs, by name, and which of them a folder has. Nothing is fetched."""
 
 import math
-import tomllib
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
-from importlib import resources
 from pathlib import Path
 
 import numpy as np
 import shapely
 
+from mission_io.data_tables import read_document
+from mission_io.model.places import M_PER_DEG
 from uavcover.errors import InputError
 from uavcover.model.area import Rings
-
-MAX_TILES = 2000
-_M_PER_DEG = 111_195.0
-_LEAST_SCALE = 0.01
+from uavcover.new.tuning import TERRAIN
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,8 +108,7 @@ class NeededTiles:
 
 @cache
 def _table() -> tuple[tuple[ElevationSet, ...], tuple[NationalSource, ...]]:
-    text = (resources.files("uavcover") / "data" / "elevation_data.toml").read_text(encoding="utf-8")
-    table = tomllib.loads(text)
+    table = read_document("uavcover/data/elevation_data.toml")
     sets = tuple(ElevationSet(**{**row, "files": tuple(row["files"])}) for row in table["set"])
     return sets, tuple(NationalSource(row["title"], tuple(row["box"]), row["address"]) for row in table["national"])
 
@@ -163,12 +159,12 @@ def _touched(
 ) -> Iterator[tuple[int, int]]:
     """South-west corners of the tiles that an outline with so much around it touches."""
     lon, lat = _unwrapped(ring)
-    scale = max(_LEAST_SCALE, math.cos(math.radians(min(90.0, float(np.abs(lat).max()) + around_m / _M_PER_DEG))))
-    grown = shapely.Polygon(np.column_stack([lon * scale, lat])).buffer(around_m / _M_PER_DEG)
+    scale = max(TERRAIN.least_scale, math.cos(math.radians(min(90.0, float(np.abs(lat).max()) + around_m / M_PER_DEG))))
+    grown = shapely.Polygon(np.column_stack([lon * scale, lat])).buffer(around_m / M_PER_DEG)
     west, south, east, north = grown.bounds
     rows = range(math.floor(max(south, -90.0) / side), math.ceil(min(north, 90.0) / side))
     columns = range(math.floor(west / scale / side), math.ceil(east / scale / side))
-    if len(rows) * len(columns) > MAX_TILES:
+    if len(rows) * len(columns) > TERRAIN.max_tiles:
         raise InputError(f"{where}: spans {len(rows) * len(columns)} tiles of {side} degrees; give a part of it")
     for row in rows:
         for column in columns:

@@ -4,12 +4,9 @@ import math
 from dataclasses import dataclass
 
 from uavcover.errors import InputError
+from uavcover.new.tuning import SURVEY
 
 PATTERNS = ("single", "crosshatch", "oblique")
-OBLIQUE_PITCH_DEG = -45.0
-OBLIQUE_SAMPLE = 1.8
-"""Times the ground sample distance from straight above. At 45 degrees level ground in the middle of a photo has 1.68 times it:
-sqrt(2) for the distance, and the fourth root of 2 for the angle."""
 _COMPASS = (("north", 0.0), ("east", 90.0), ("south", 180.0), ("west", 270.0))
 
 
@@ -55,7 +52,7 @@ def views_of(pattern: str | None, *, along_deg: float) -> tuple[View, ...]:
             along = _whole(along_deg)
             return (View("along", -90.0, None, along), View("across", -90.0, None, (along + 90.0) % 180.0))
         case "oblique":
-            tilted = (View(name, OBLIQUE_PITCH_DEG, heading, heading) for name, heading in _COMPASS)
+            tilted = (View(name, SURVEY.oblique_pitch_deg, heading, heading) for name, heading in _COMPASS)
             return (View("nadir", -90.0, None, _whole(along_deg)), *tilted)
     raise InputError(f"--pattern: {pattern!r} is not known; give {', '.join(PATTERNS[:-1])} or {PATTERNS[-1]}")
 

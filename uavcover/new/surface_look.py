@@ -10,13 +10,10 @@ import shapely
 from uavcover.errors import InputError, TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.new.terrain_look import TerrainLook, possible_datums
+from uavcover.new.tuning import TERRAIN
 from uavcover.scenario.surface_model import of_surface, refuse_other_heights
 from uavcover.terrain.elevation_file import read_heights_amsl_m
 from uavcover.terrain.terrain_source import TerrainSource
-
-HIDES_M = 2.0
-"""The default of ``terrain.surface_hides_m``."""
-_GRID = 250
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +38,7 @@ class SurfaceLook:
 
     def is_open(self, east_north_m: FloatArray) -> np.ndarray:
         """(n,) whether nothing stands at (n, 2) places; False where it is not known."""
-        return np.asarray(self.above_ground_m(east_north_m) <= HIDES_M)
+        return np.asarray(self.above_ground_m(east_north_m) <= TERRAIN.hides_m)
 
 
 def read_as_needed(source: TerrainSource, *, crs: str | None, height_unit: str | None) -> TerrainSource:
@@ -107,9 +104,10 @@ def look_at_surface(
 
     zone = look.area.convex_hull.buffer(around_m)
     west, south, east, north = zone.bounds
-    grid = np.stack(np.meshgrid(np.linspace(west, east, _GRID), np.linspace(south, north, _GRID)), axis=-1).reshape(
-        -1, 2
-    )
+    grid = np.stack(
+        np.meshgrid(np.linspace(west, east, TERRAIN.surface_grid), np.linspace(south, north, TERRAIN.surface_grid)),
+        axis=-1,
+    ).reshape(-1, 2)
     grid = grid[shapely.contains_xy(zone, grid[:, 0], grid[:, 1])]
     top = surface_m(grid)
     bare = heights(ground, ground_datum, grid)
@@ -119,12 +117,12 @@ def look_at_surface(
         lat, lon, _ = look.frame.geodetic_from_enu([[*grid[lacking][0], 0.0]])
         raise InputError(
             f"--dsm: {source} has no height in {100.0 * lacking.sum() / inside.sum():.0f} % of the area, first at latitude "
-            f"{lat[0]:.5f}, longitude {lon[0]:.5f}; give a surface model that covers it, or leave --dsm out"
+            f"{lat[0]:.5f}, longitude {lon[0]:.5f}; give a surface model that covers it, or omit --dsm"
         )
     refuse_other_heights(bare, top, surface=source.name)
     above = top - bare
     known = above[inside & np.isfinite(above)]
     return SurfaceLook(
         source, None if datum == ground_datum else datum, float(np.nanmax(top)), max(0.0, float(np.nanmax(above))),
-        float((known > HIDES_M).mean()) if known.size else 0.0, above_ground_m,
+        float((known > TERRAIN.hides_m).mean()) if known.size else 0.0, above_ground_m,
     )  # fmt: skip

@@ -5,22 +5,8 @@ from dataclasses import dataclass
 
 from uavcover.errors import InputError
 from uavcover.new.cameras import CameraBody
+from uavcover.new.tuning import SURVEY
 from uavcover.new.vehicles import VehicleType
-
-USUAL_CEILING_M = 120.0
-"""Height above ground that most countries allow without a permission (EU open category; 400 ft in the United States)."""
-LOWEST_TOP_M = 25.0
-LOWEST_BOTTOM_M = 15.0
-"""Lowest end of the band above trees and roofs."""
-_SLOWEST_M_S = 2.0
-_USUAL_SPEED_M_S = 10.0
-_SPEED_SHARE = 0.8
-"""Share of the largest speed, where no usual speed is known: room for wind and for catching up."""
-_TRIGGER_SLACK = 1.1
-"""A trigger by distance fires at the first position beyond it, a tenth of the distance late at worst."""
-_FLAT_DEG, _STEEP_DEG = 8.0, 25.0
-_USUAL_CLIMB_DEG, _CLIMB_OVER_SLOPE_DEG, _STEEPEST_CLIMB_DEG = 30.0, 15.0, 80.0
-_CELLS, _FINEST_CELL_M = 25_000, 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -113,21 +99,21 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float, step_m:
     """
     camera = wish.camera
     gsd_height_m = wish.gsd_m * camera.focal_px
-    ceiling_m = USUAL_CEILING_M if wish.ceiling_agl_m is None else wish.ceiling_agl_m
+    ceiling_m = SURVEY.usual_ceiling_m if wish.ceiling_agl_m is None else wish.ceiling_agl_m
     top_m = math.floor(10.0 * min(gsd_height_m, ceiling_m)) / 10.0
-    if top_m < LOWEST_TOP_M:
+    if top_m < SURVEY.lowest_top_m:
         _refuse_height(wish, gsd_height_m, top_m)
-    steepness = min(max((slope_deg - _FLAT_DEG) / (_STEEP_DEG - _FLAT_DEG), 0.0), 1.0)
+    steepness = min(max((slope_deg - SURVEY.flat_deg) / (SURVEY.steep_deg - SURVEY.flat_deg), 0.0), 1.0)
     bottom_m = math.ceil(min((0.75 - 0.15 * steepness) * top_m, top_m - 15.0))
     height_margin_m = 5.0 if top_m - bottom_m >= 20.0 else 3.5
     if step_m > 0.0:
         height_margin_m = 5.0
         bottom_m = min(bottom_m, math.floor(top_m - step_m - 2.0 * height_margin_m - 1.0))
-        if bottom_m < LOWEST_BOTTOM_M:
+        if bottom_m < SURVEY.lowest_bottom_m:
             raise InputError(
-                f"--dsm: what stands there is up to {step_m:.0f} m tall, and lines between {LOWEST_BOTTOM_M:g} m above it and "
-                f"{top_m:g} m above open ground have no room; ask for a coarser --gsd or a larger --max-height, or cut it out of "
-                "the area"
+                f"--dsm: objects there are up to {step_m:.0f} m tall, and lines between "
+                f"{SURVEY.lowest_bottom_m:g} m above it and {top_m:g} m above open ground have no room; "
+                "use a coarser --gsd or a larger --max-height, or remove it from the area"
             )
     across = camera.sensor_across_mm / camera.focal_length_mm
     along = camera.sensor_along_mm / camera.focal_length_mm
@@ -139,7 +125,7 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float, step_m:
         # A place at the edge is in as many photos as one inside when lines, and photos along them, reach as far beyond
         # the edge as a photo overlaps the next: f L along, s W / 2 across (docs/how-to/survey_from_files.md).
         margin_m = math.ceil(max(wish.forward_overlap * along, 0.5 * wish.side_overlap * across) * top_m)
-    cell_m = min(max(math.sqrt(area_m2 / _CELLS), _FINEST_CELL_M), max(line_distance_m / 4.0, 0.5))
+    cell_m = min(max(math.sqrt(area_m2 / SURVEY.cells), SURVEY.finest_cell_m), max(line_distance_m / 4.0, 0.5))
     endurance_s = wish.endurance_s or (wish.vehicle.endurance_s if wish.vehicle is not None else None)
     diagonal = 0.5 * math.hypot(across, along)
     return SurveyDesign(
@@ -153,19 +139,19 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float, step_m:
 
 def _climb_angle_deg(slope_deg: float) -> float:
     """Steepest leg over sloping ground, in steps of 5 degrees. It is steeper than the ground: lines across it end at the foot."""
-    wanted_deg = 5.0 * math.ceil((slope_deg + _CLIMB_OVER_SLOPE_DEG) / 5.0)
-    return min(max(wanted_deg, _USUAL_CLIMB_DEG), _STEEPEST_CLIMB_DEG)
+    wanted_deg = 5.0 * math.ceil((slope_deg + SURVEY.climb_over_slope_deg) / 5.0)
+    return min(max(wanted_deg, SURVEY.usual_climb_deg), SURVEY.steepest_climb_deg)
 
 
 def _refuse_height(wish: SurveyWish, gsd_height_m: float, top_m: float) -> None:
-    if gsd_height_m < LOWEST_TOP_M:
-        coarser_cm = 100.0 * LOWEST_TOP_M / wish.camera.focal_px
+    if gsd_height_m < SURVEY.lowest_top_m:
+        coarser_cm = 100.0 * SURVEY.lowest_top_m / wish.camera.focal_px
         raise InputError(
             f"--gsd: {100.0 * wish.gsd_m:g} cm with {wish.camera.name} means flying at {gsd_height_m:.1f} m above ground, below "
-            f"{LOWEST_TOP_M:g} m; ask for {coarser_cm:.2g} cm or more, or take a camera with a longer lens"
+            f"{SURVEY.lowest_top_m:g} m; ask for {coarser_cm:.2g} cm or more, or use a camera with a longer lens"
         )
     raise InputError(
-        f"--max-height: {top_m:g} m leaves no height band above trees and houses; give {LOWEST_TOP_M:g} m or more"
+        f"--max-height: {top_m:g} m leaves no height band above trees and houses; give {SURVEY.lowest_top_m:g} m or more"
     )
 
 
@@ -178,22 +164,22 @@ def _speed(wish: SurveyWish, picture_distance_m: float) -> tuple[float, str]:
             f"--speed: {wish.speed_m_s:g} m/s is more than the {largest:g} m/s of {wish.vehicle and wish.vehicle.name}; "
             "give a lower one"
         )
-    usual = _USUAL_SPEED_M_S
+    usual = SURVEY.usual_speed_m_s
     if vehicle is not None and vehicle.cruise_speed_m_s is not None:
         usual = vehicle.cruise_speed_m_s
     elif largest is not None:
-        usual = min(usual, _SPEED_SHARE * largest)
+        usual = min(usual, SURVEY.speed_share * largest)
     speed = usual if wish.speed_m_s is None else wish.speed_m_s
     interval_s = wish.camera.min_interval_s
     if interval_s is None:
         return speed, ""
-    fastest = picture_distance_m / (interval_s * _TRIGGER_SLACK)
+    fastest = picture_distance_m / (interval_s * SURVEY.trigger_slack)
     if speed <= fastest:
         return speed, ""
     needed = f"a photo every {picture_distance_m:.1f} m and {interval_s:g} s at least between two of {wish.camera.name}"
-    if wish.speed_m_s is not None or fastest < _SLOWEST_M_S:
+    if wish.speed_m_s is not None or fastest < SURVEY.slowest_m_s:
         raise InputError(
-            f"{'--speed' if wish.speed_m_s is not None else '--overlap'}: {needed} allow {fastest:.1f} m/s; ask for less forward "
-            "overlap, a coarser --gsd or a lower --speed, or take a faster camera"
+            f"{'--speed' if wish.speed_m_s is not None else '--overlap'}: {needed} allow {fastest:.1f} m/s; "
+            "use less forward overlap, a coarser --gsd or a lower --speed, or use a faster camera"
         )
     return math.floor(10.0 * fastest) / 10.0, f"{needed} allow no more"

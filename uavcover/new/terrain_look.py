@@ -13,19 +13,11 @@ from pyproj.exceptions import ProjError
 from uavcover.errors import InputError, TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.area import Rings
+from uavcover.new.tuning import TERRAIN
 from uavcover.terrain.elevation_file import read_height_amsl_m, read_heights_amsl_m
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.terrain_source import TerrainSource
 from uavcover.terrain.vertical import ELLIPSOID, SEA_LEVEL_DATUMS
-
-_GRID, _GAP_GRID = 60, 160
-_ROUND_M = 10.0
-_RIM_SHARE = 0.25
-"""Share of a gap that may lie in the area beside a hole: shores are drawn by hand."""
-_EDGE_STEPS = 240
-_SLOPE_REACH_M = 15.0
-_HOME_SLOPE_DEG = 8.0
-_LARGEST_KM = 40.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,9 +65,9 @@ def look_at_terrain(
     frame = _middle(parts)
     area = _in_frame(parts, frame)
     west, south, east, north = area.bounds
-    if max(east - west, north - south) > 1000.0 * _LARGEST_KM:
+    if max(east - west, north - south) > 1000.0 * TERRAIN.largest_km:
         raise InputError(
-            f"{where}: {0.001 * (east - west):.0f} km by {0.001 * (north - south):.0f} km, more than {_LARGEST_KM:g} km; "
+            f"{where}: {0.001 * (east - west):.0f} km by {0.001 * (north - south):.0f} km, more than {TERRAIN.largest_km:g} km; "
             "give a part of it (--feature, or a smaller polygon)"
         )
     _require_ground(file, datums[0], parts, where=where, frame=frame, area=area)
@@ -104,31 +96,31 @@ def _gaps_in_holes_m(
         InputError: there is no elevation under a part of the area.
     """
     west, south, east, north = area.bounds
-    easts, norths = np.linspace(west, east, _GAP_GRID), np.linspace(south, north, _GAP_GRID)
+    easts, norths = np.linspace(west, east, TERRAIN.gap_grid), np.linspace(south, north, TERRAIN.gap_grid)
     places = np.stack(np.meshgrid(easts, norths), axis=-1).reshape(-1, 2)
     gaps = np.isnan(_heights(file, datum, frame, places)) & shapely.contains_xy(
         area.convex_hull, places[:, 0], places[:, 1]
     )
     if not gaps.any():
         return 0.0
-    covered = shapely.contains_xy(area, places[:, 0], places[:, 1]).reshape(_GAP_GRID, _GAP_GRID)
+    covered = shapely.contains_xy(area, places[:, 0], places[:, 1]).reshape(TERRAIN.gap_grid, TERRAIN.gap_grid)
     from scipy import ndimage  # a third of a second to load, and most elevation data has no gaps
 
-    labels, _ = ndimage.label(gaps.reshape(_GAP_GRID, _GAP_GRID), structure=np.ones((3, 3)))
+    labels, _ = ndimage.label(gaps.reshape(TERRAIN.gap_grid, TERRAIN.gap_grid), structure=np.ones((3, 3)))
     steps_m = np.array([norths[1] - norths[0], easts[1] - easts[0]])
     largest_m = 0.0
     for number, place in enumerate(ndimage.find_objects(labels), start=1):
         gap = labels[place] == number
-        length_m = _ROUND_M * math.ceil(float(max(np.array(gap.shape) * steps_m)) / _ROUND_M + 2.0)
+        length_m = TERRAIN.round_m * math.ceil(float(max(np.array(gap.shape) * steps_m)) / TERRAIN.round_m + 2.0)
         inside = gap & covered[place]
-        if inside.mean(where=gap) > _RIM_SHARE:
+        if inside.mean(where=gap) > TERRAIN.rim_share:
             if length_m > file.fill_no_data_m:
                 row, column = np.argwhere(inside)[0] + (place[0].start, place[1].start)
                 lat, lon, _ = frame.geodetic_from_enu([[easts[column], norths[row], 0.0]])
                 raise InputError(
                     f"{where}: no elevation in {file} at latitude {lat[0]:.5f}, longitude {lon[0]:.5f}, inside the area; "
-                    f"--fill-lakes {length_m:g}m interpolates the gap, --water-height 0m takes it for the sea; or cut it out "
-                    "of the area, or give other data"
+                    f"--fill-lakes {length_m:g}m interpolates the gap, --water-height 0m takes it for the sea; "
+                    "or remove it from the area, or give other data"
                 )
         else:
             largest_m = max(largest_m, length_m)
@@ -164,7 +156,7 @@ def place_for_home(
     """
     file = replace(file, water_height_m=None)  # home is never on open water
     rings = [part.exterior for part in shapely.get_parts(look.area)]
-    step_m = max(5.0, sum(ring.length for ring in rings) / _EDGE_STEPS)
+    step_m = max(5.0, sum(ring.length for ring in rings) / TERRAIN.edge_steps)
     places = np.vstack([shapely.get_coordinates(shapely.segmentize(ring, step_m)) for ring in rings])
     heights = _heights(file, look.datums[0], look.frame, places)
     slopes = _slopes_deg(file, look.datums[0], look.frame, places)
@@ -184,7 +176,7 @@ def place_for_home(
             )
     if not known.any():
         raise InputError("--home: no elevation at the edge of the area; give the take-off position as --home LAT,LON")
-    level = known & (slopes <= max(_HOME_SLOPE_DEG, float(np.min(slopes[known])) + 1.0))
+    level = known & (slopes <= max(TERRAIN.home_slope_deg, float(np.min(slopes[known])) + 1.0))
     best = places[level][int(np.argmin(heights[level]))]
     lat, lon, _ = look.frame.geodetic_from_enu([[best[0], best[1], 0.0]])
     return round(float(lat[0]), 6), round(float(lon[0]), 6)
@@ -292,7 +284,7 @@ def _reach(file: TerrainSource, datum: str, frame: LocalFrame) -> str:
 
 def _grid(zone: shapely.Polygon) -> FloatArray:
     west, south, east, north = zone.bounds
-    easts, norths = np.meshgrid(np.linspace(west, east, _GRID), np.linspace(south, north, _GRID))
+    easts, norths = np.meshgrid(np.linspace(west, east, TERRAIN.grid), np.linspace(south, north, TERRAIN.grid))
     places = np.column_stack([easts.ravel(), norths.ravel()])
     return np.asarray(places[shapely.contains_xy(zone, places[:, 0], places[:, 1])])
 
@@ -303,7 +295,7 @@ def _heights(file: TerrainSource, datum: str, frame: LocalFrame, places: FloatAr
 
 
 def _slopes_deg(file: TerrainSource, datum: str, frame: LocalFrame, places: FloatArray) -> FloatArray:
-    reach = _SLOPE_REACH_M
+    reach = TERRAIN.slope_reach_m
     steps = np.array([(reach, 0.0), (-reach, 0.0), (0.0, reach), (0.0, -reach)])
     around = _heights(file, datum, frame, (places[:, None, :] + steps).reshape(-1, 2)).reshape(-1, 4)
     rise = np.hypot(around[:, 0] - around[:, 1], around[:, 2] - around[:, 3]) / (2.0 * reach)

@@ -194,7 +194,7 @@ class _Builder:
             InfeasibleError: it sees nothing.
         """
         if not self.seen.any():
-            raise InfeasibleError("no allowed position observes any of the gaps; they stay open")
+            raise InfeasibleError("no allowed position observes any of the gaps; they remain open")
         return ClosingRoute(
             Route(self._laid(self.corners)), self._area_m2(np.ones_like(self.seen)), self._area_m2(self.seen)
         )

@@ -73,7 +73,7 @@ class Division:
 
 
 class LargeAreas(Protocol):
-    """What an entry of the group ``uavcover.large_areas`` provides."""
+    """Interface of an entry of the group ``uavcover.large_areas``."""
 
     def divided(self, site: Site, settings: PlannerSettings, request: SearchRequest) -> Division:
         """The requested division, within the memory limit."""
@@ -183,7 +183,7 @@ def _plan_one(
     if division.parts > 1 and not known:
         raise InputError(f"parts: {settings.parts} requires the planner's own local search, not another optimizer")
     if request.scheduler is not None and settings.parts == 1 and division.parts == 1:
-        raise InputError("--scheduler: shares out the parts of a large area; give --parts N or --parts auto with it")
+        raise InputError("--scheduler: distributes the parts of a large area; give --parts N or --parts auto with it")
     if division.parts > 1:
         site = in_blocks(site)
         result = _large_areas("planner.parts").plan_divided(

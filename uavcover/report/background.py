@@ -13,7 +13,7 @@ import sqlite3
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, Literal
+from typing import Literal
 
 import numpy as np
 import rasterio
@@ -28,16 +28,9 @@ from scipy.ndimage import map_coordinates
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import ByteArray, FloatArray
 from uavcover.report.cell_layers import Bounds, data_uri
+from uavcover.report.tuning import BACKGROUND
 from uavcover.scenario.site import Site
 
-PIXELS: Final = 1400
-"""Along the longer side of the picture in the page."""
-
-_QUALITY = 80
-_NODES = 65
-"""Along each side of the lattice on which places are converted; between its nodes a map of a few kilometres is even."""
-
-_MOST_TILES = 1024
 _TILE_PIXELS = (64, 2048)
 _SQLITE = b"SQLite format 3\0"
 _MERCATOR_HALF_M = 20037508.342789244
@@ -91,12 +84,15 @@ def read_background(path: Path, site: Site, bounds_m: Bounds) -> Background:
     if not path.is_file():
         raise InputError(f"--background: {path}: no such file; give a GeoTIFF or MBTiles file")
     west, south, east, north = bounds_m
-    grid_e, grid_n = np.meshgrid(np.linspace(west, east, _NODES), np.linspace(north, south, _NODES))
+    grid_e, grid_n = np.meshgrid(np.linspace(west, east, BACKGROUND.nodes), np.linspace(north, south, BACKGROUND.nodes))
     middle_up = float(np.nan_to_num(site.ground.heights_m(np.array([[(west + east) / 2.0, (south + north) / 2.0]]))[0]))
     places = np.column_stack([grid_e.ravel(), grid_n.ravel(), np.full(grid_e.size, middle_up)])
     lat, lon, _ = (values.reshape(grid_e.shape) for values in site.frame.geodetic_from_enu(places))
     longer = max(east - west, north - south)
-    size = max(1, round(PIXELS * (east - west) / longer)), max(1, round(PIXELS * (north - south) / longer))
+    size = (
+        max(1, round(BACKGROUND.pixels * (east - west) / longer)),
+        max(1, round(BACKGROUND.pixels * (north - south) / longer)),
+    )
     try:
         with path.open("rb") as file:
             is_sqlite = file.read(len(_SQLITE)) == _SQLITE
@@ -112,15 +108,15 @@ def read_background(path: Path, site: Site, bounds_m: Bounds) -> Background:
             f"--background: {path}: has nothing where the map is, around latitude {lat.mean():.5f}, longitude {lon.mean():.5f}; "
             "give a file of this location"
         )
-    return Background(data_uri(warped, "WEBP", quality=_QUALITY), picture.attribution, path.name)
+    return Background(data_uri(warped, "WEBP", quality=BACKGROUND.quality), picture.attribution, path.name)
 
 
 def _warped(picture: _Picture, size: tuple[int, int]) -> ByteArray:
     """The pixels of a picture at the middles of (columns, rows) pixels of the rectangle."""
     columns, rows = size
     grid = np.meshgrid(
-        (np.arange(rows) + 0.5) / rows * (_NODES - 1),
-        (np.arange(columns) + 0.5) / columns * (_NODES - 1),
+        (np.arange(rows) + 0.5) / rows * (BACKGROUND.nodes - 1),
+        (np.arange(columns) + 0.5) / columns * (BACKGROUND.nodes - 1),
         indexing="ij",
     )
     at = [map_coordinates(nodes, grid, order=1) - 0.5 for nodes in (picture.row, picture.column)]
@@ -211,7 +207,7 @@ def _mercator_shares(lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, Floa
 def _zoom(x: FloatArray, y: FloatArray, zooms: list[int], size: tuple[int, int]) -> int:
     """The coarsest zoom whose tiles are as fine as the page's image, or the finest that is not too large."""
     across, down = float(np.ptp(x)), float(np.ptp(y))
-    few = [z for z in zooms if (across * 2**z + 2.0) * (down * 2**z + 2.0) <= _MOST_TILES]
+    few = [z for z in zooms if (across * 2**z + 2.0) * (down * 2**z + 2.0) <= BACKGROUND.most_tiles]
     if not few:
         return zooms[0]
     fine = [z for z in few if across * 2**z * 256.0 >= size[0]]
@@ -223,7 +219,7 @@ def _mosaic(
 ) -> tuple[ByteArray, int]:
     """Tiles from the first to the last (column, row from the north) side by side, and the pixels along a tile."""
     columns, rows = last[0] - first[0] + 1, last[1] - first[1] + 1
-    if columns * rows > _MOST_TILES:
+    if columns * rows > BACKGROUND.most_tiles:
         raise InputError(
             f"--background: {path}: its coarsest tiles are too many for the map; give one with lower zooms"
         )

@@ -15,6 +15,7 @@ from PIL import Image
 
 from uavcover.kernels.arrays import BoolArray, ByteArray, FloatArray
 from uavcover.report.content import PlannedView, ReportContent
+from uavcover.report.tuning import FIGURES
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, pictures_asked
 from uavcover.verification.flown_coverage import FlownCoverage
@@ -24,7 +25,6 @@ from uavcover.verification.verify import Verdict
 Bounds = tuple[float, float, float, float]
 Rgb = tuple[int, int, int]
 
-_RAMP_STEPS = 9
 
 # Distinguishable with any colour vision (palette of Okabe and Ito).
 SURE_RGB: Rgb = (0, 114, 96)
@@ -43,12 +43,12 @@ _REASON_RGB: tuple[Rgb, ...] = (
 )
 REASON_WORDS = {
     "never-in-range": "never in range and field of view",
-    "too-oblique": "observed too obliquely only",
-    "occluded": "hidden behind ground",
+    "too-oblique": "observed at too flat an angle",
+    "occluded": "hidden by terrain or obstacles",
     "out-of-limits": "not visible from inside the limits",
-    "too-coarse": "a pixel saw too much ground",
+    "too-coarse": "ground sample distance too large",
     "too-few-looks": "too few observations",
-    "attitude-not-known": "possibly observed, the camera's direction is not known",
+    "attitude-not-known": "possibly observed, but the camera direction is unknown",
 }
 
 
@@ -111,7 +111,7 @@ def _flown_layers(coverage: CoverageMap, verdict: Verdict) -> list[CellLayer | N
     return [
         ramp_layer(coverage, key, title, values, colors, label)
         for key, title, values, colors, label in (
-            ("looks", "Observing passes", passes, "viridis", label("{:.0f}")),
+            ("looks", "Number of observations", passes, "viridis", label("{:.0f}")),
             ("first-seen", "First observation", (flown.first_seen_s - start_s) / 60.0, "cividis", label("{:.1f} min")),
             ("sample", "Ground sample distance", 100.0 * sample_m, "plasma_r", label("{:.1f} cm")),
             ("incidence", "Incidence angle", flown.incidence_deg, "magma_r", label("{:.0f}°")),
@@ -196,7 +196,7 @@ def coverage_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
     if exact:
         kinds.append((SEEN_RGB, "observed", flown.seen))
     else:
-        kinds.append((POSSIBLE_RGB, "possibly observed, by the stated uncertainty", flown.possibly_seen))
+        kinds.append((POSSIBLE_RGB, "possibly observed", flown.possibly_seen))
         kinds.append((SEEN_RGB, "observed, but not surely", flown.seen))
         kinds.append((SURE_RGB, "surely observed", flown.surely_seen))
     return _classes_layer(coverage, "coverage", "Coverage", kinds)
@@ -226,7 +226,7 @@ def ramp_layer(
     share = np.zeros(values.size) if high == low else (np.where(known, values, low) - low) / (high - low)
     rgba = np.asarray(colormaps[colors](share, bytes=True), dtype=np.uint8)
     rgba[:, 3] = np.where(known, 190, 0)
-    steps = np.linspace(0.0, 1.0, _RAMP_STEPS if high > low else 1)
+    steps = np.linspace(0.0, 1.0, FIGURES.ramp_steps if high > low else 1)
     ends = {0: label(low), len(steps) - 1: label(high)}
     legend = tuple(
         LegendEntry(_hex(tuple(round(255 * c) for c in colormaps[colors](float(s))[:3])), ends.get(i, ""))

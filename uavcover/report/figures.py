@@ -14,19 +14,17 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.planner.pareto_file import ParetoRow, trade_off_axis
 from uavcover.report.content import ReportContent
 from uavcover.report.map_data import bounds_m
+from uavcover.report.tuning import FIGURES
 from uavcover.terrain.shaded_relief import relief_grid
 
 FIGURE_NAMES = ("side-view.png", "top-view.png")
 
-_DPI = 150
-_SIDE_NODES, _TOP_NODES = 120, 500
 _OBSTACLE = "#8e6fc1"
 _NO_FLY = "#e0245e"
 _PLANNED, _CHOSEN, _BASELINE = "#1f3f8f", "#d55e00", "#6b7075"
 _PLANNED_LINE, _PLANNED_WIDTH, _FLOWN_WIDTH = "#a9c4ff", 4.5, 1.1
 """The planned line is broad and pale, under the flown line: both are visible where they agree."""
 _FLOWN = ("#d55e00", "#b0208f", "#00786c", "#6a3fc4", "#806000", "#0f7fc0", "#38801c", "#c93a6e")
-_MAX_NUMBERS = 60
 
 
 def save_figures(content: ReportContent, folder: Path) -> list[Path]:
@@ -84,9 +82,9 @@ def save_pareto_plot(members: tuple[ParetoRow, ...], plan: dict[str, object], pa
 def _side_view(content: ReportContent) -> Figure:
     figure = Figure(figsize=(9.0, 6.0), layout="constrained")
     axes: Axes3D = figure.add_subplot(projection="3d", computed_zorder=False)
-    grid = relief_grid(content.site.ground, bounds_m(content.site), nodes=_SIDE_NODES)
+    grid = relief_grid(content.site.ground, bounds_m(content.site), nodes=FIGURES.side_nodes)
     axes.plot_surface(
-        grid.east_m, grid.north_m, grid.up_m, facecolors=grid.rgb / 255.0, rcount=_SIDE_NODES, ccount=_SIDE_NODES,
+        grid.east_m, grid.north_m, grid.up_m, facecolors=grid.rgb / 255.0, rcount=FIGURES.side_nodes, ccount=FIGURES.side_nodes,
         shade=False, linewidth=0.0, antialiased=False, zorder=1,
     )  # fmt: skip
     for name, color, width, route in _routes(content):
@@ -106,7 +104,7 @@ def _side_view(content: ReportContent) -> Figure:
 def _top_view(content: ReportContent) -> Figure:
     figure = Figure(figsize=(8.0, 8.0), layout="constrained")
     axes: Axes = figure.add_subplot()
-    grid = relief_grid(content.site.ground, bounds_m(content.site), nodes=_TOP_NODES)
+    grid = relief_grid(content.site.ground, bounds_m(content.site), nodes=FIGURES.top_nodes)
     west, south, east, north = bounds_m(content.site)
     axes.imshow(grid.rgb, extent=(west, east, south, north), origin="lower", interpolation="bilinear")
     if np.isfinite(grid.up_m).any():
@@ -132,7 +130,7 @@ def _top_view(content: ReportContent) -> Figure:
         axes.plot(route[:, 0], route[:, 1], color=color, linewidth=width, label=name)
     waypoints = content.planned.route.waypoints_m
     axes.scatter(waypoints[:, 0], waypoints[:, 1], color=_PLANNED, s=12, zorder=3)
-    if len(waypoints) <= _MAX_NUMBERS:
+    if len(waypoints) <= FIGURES.max_numbers:
         for number, place in enumerate(waypoints):
             axes.annotate(str(number), place[:2], xytext=(3, 3), textcoords="offset points", fontsize=6, color="white")
     axes.set(xlabel="east, m", ylabel="north, m", title=content.site.scenario.name, aspect="equal")
@@ -158,7 +156,7 @@ def _save(figure: Figure, path: Path) -> Path:
     try:
         # No date and no version, so that equal runs give equal figures.
         no_date = {"Date": None} if path.suffix == ".svg" else {"CreationDate": None} if path.suffix == ".pdf" else {}
-        figure.savefig(path, dpi=_DPI, metadata=no_date)
+        figure.savefig(path, dpi=FIGURES.dpi, metadata=no_date)
     except ValueError as error:
         raise OutputError(f"{path}: {error}; use .png, .svg or .pdf") from error
     except OSError as error:

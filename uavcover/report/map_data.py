@@ -17,6 +17,7 @@ from uavcover.model.verdict import Gap
 from uavcover.report.cell_layers import REASON_WORDS, Bounds, cell_layers, cells_bounds_m, data_uri
 from uavcover.report.content import Flight, ReportContent
 from uavcover.report.plots import flight_style
+from uavcover.report.tuning import FIGURES
 from uavcover.scenario.airspace.zone_lines import zone_lines_m
 from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.obstacles import Prism
@@ -25,20 +26,6 @@ from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
 from uavcover.terrain.shaded_relief import relief_grid
 from uavcover.verification.verify import Verdict
-
-RELIEF_PIXELS = 900
-"""Along the longer side of the relief."""
-
-_JPEG_QUALITY = 82
-
-SURFACE_NODES = 110
-"""Along the longer side of the ground in the 3D view."""
-
-MAX_SAMPLES = 4000
-"""Samples of the flown line; a longer track is drawn through every second, third... sample."""
-
-PAD_M = 30.0
-"""Pictures farther from the area do not widen the map."""
 
 
 def map_data(content: ReportContent) -> dict[str, Any]:
@@ -76,19 +63,19 @@ def map_data(content: ReportContent) -> dict[str, Any]:
 
 def drawn_every(samples: int) -> int:
     """Every how many samples one is drawn."""
-    return max(1, math.ceil(samples / MAX_SAMPLES))
+    return max(1, math.ceil(samples / FIGURES.max_samples))
 
 
 def bounds_m(site: Site) -> Bounds:
     """The displayed bounds: fence and area with a margin."""
     west, south, east, north = shapely.union_all([site.area, site.fence]).bounds
-    return west - PAD_M, south - PAD_M, east + PAD_M, north + PAD_M
+    return west - FIGURES.pad_m, south - FIGURES.pad_m, east + FIGURES.pad_m, north + FIGURES.pad_m
 
 
 def relief_image(ground: Ground, bounds_m: Bounds) -> str:
     """A relief of a rectangle (west, south, east, north) as a JPEG data URI."""
-    grid = relief_grid(ground, bounds_m, nodes=RELIEF_PIXELS)
-    return data_uri(grid.rgb[::-1], "JPEG", quality=_JPEG_QUALITY)
+    grid = relief_grid(ground, bounds_m, nodes=FIGURES.relief_pixels)
+    return data_uri(grid.rgb[::-1], "JPEG", quality=FIGURES.jpeg_quality)
 
 
 def rings_of(polygons: shapely.Polygon | shapely.MultiPolygon) -> list[FloatArray]:
@@ -217,7 +204,7 @@ def _unsafe_returns(site: Site, routes_m: Sequence[FloatArray]) -> list[dict[str
 def _surface(site: Site, bounds: Bounds) -> dict[str, Any]:
     """Heights at the nodes of a grid, rows from the north, in tenths of a metre; null without elevation."""
     west, south, east, north = bounds
-    step = max(east - west, north - south) / (SURFACE_NODES - 1)
+    step = max(east - west, north - south) / (FIGURES.surface_nodes - 1)
     columns = max(2, math.ceil((east - west) / step) + 1)
     rows = max(2, math.ceil((north - south) / step) + 1)
     grid_e, grid_n = np.meshgrid(np.linspace(west, east, columns), np.linspace(north, south, rows))

@@ -20,6 +20,7 @@ from uavcover.report.background import Background, read_background
 from uavcover.report.cell_layers import REASON_WORDS
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.map_data import bounds_m, drawn_every, map_data
+from uavcover.report.tuning import FIGURES
 from uavcover.run.documents import bounds_in_words
 from uavcover.run.folder import REPORT_FILE, RunFolder, write_text
 from uavcover.run.judged_inputs import (
@@ -41,11 +42,10 @@ _HERE = Path(__file__).parent
 _PAGE = _HERE / "page"
 _LEAFLET = _HERE / "vendor" / "leaflet"
 
-_MAX_TABLE_ROWS = 30
 
 BOUND_WORDS = {
-    "coverable_fraction": "share of the area that some allowed position observes",
-    "length_reference_m": "area over swath width (a reference, no bound)",
+    "coverable_fraction": "fraction of the area that permitted positions can observe",
+    "length_reference_m": "area divided by swath width (an estimate, not a bound)",
 }
 
 
@@ -147,7 +147,7 @@ def _facts(content: ReportContent) -> dict[str, Any]:
         "reason_words": REASON_WORDS,
         "drawn_every": max((drawn_every(len(flight.track)) for flight in content.flights), default=1),
         "duration_s": sum(flight.duration_s for flight in content.flights),
-        "max_rows": _MAX_TABLE_ROWS,
+        "max_rows": FIGURES.max_table_rows,
     }
 
 
@@ -163,7 +163,7 @@ def _planned_tiles(content: ReportContent) -> list[tuple[str, str]]:
     if pictures is not None:
         rows.append(("Photos", str(pictures.taken)))
         if pictures.ground_sample_median_m is not None:
-            rows.append(("Ground sample, median", f"{100.0 * pictures.ground_sample_median_m:.2f} cm"))
+            rows.append(("Ground sample distance, median", f"{100.0 * pictures.ground_sample_median_m:.2f} cm"))
     return [*rows, ("Route made by", str(content.plan.get("made_by", "unknown")))]
 
 
@@ -316,14 +316,12 @@ def standing(run: RunFolder, logs: Sequence[Path]) -> list[str]:
     accepted = set() if verdict is None else accepted_in(verdict)
     left = replace(inputs, changes=tuple(c for c in inputs.changes if c not in accepted))
     refuse_changes(run, left, (), who_accepts=to_paste("verify", run))
-    notices = [f"accepted although it changed since planning or flight: {change}" for change in inputs.changes]
+    notices = [f"a change since planning or flight was accepted: {change}" for change in inputs.changes]
     notices += [unsealed_in_words(name) for name in inputs.unsealed]
     if flown and verdict is None:
-        notices.append(
-            "there is no verdict of uavcover verify in the run folder; this was judged for this report alone"
-        )
+        notices.append("the run folder contains no verdict of uavcover verify, so this report computed its own")
     elif verdict is not None and not same_inputs(verdict, inputs):
-        notices.append("verification.json judged other inputs than this report; uavcover verify makes it anew")
+        notices.append("verification.json was computed from other inputs than this report; run uavcover verify again")
     return notices
 
 

@@ -20,10 +20,11 @@ from uavcover.scenario.airspace.zones import Zone, ZoneCheck, local_zones
 from uavcover.scenario.obstacles import Footprint, Prism, stand_on
 from uavcover.scenario.scenario_file import load_scenario, terrain_source
 from uavcover.scenario.surface_model import check_home_is_open, with_surface_over
-from uavcover.terrain.elevation_file import MAX_ERROR_M, read_ground, read_height_amsl_m
+from uavcover.terrain.elevation_file import read_ground, read_height_amsl_m
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground, sine_cosine_ground
 from uavcover.terrain.terrain_source import TerrainSource
+from uavcover.terrain.tuning import FILES
 
 MAX_REACH_M = 100_000.0
 """A position in a scenario farther from the origin is treated as a mistake."""
@@ -108,14 +109,14 @@ class Site:
 
     @property
     def ground_error_m(self) -> float:
-        """Largest error of heights above a resampled ground; 0 where the ground equals the file within ``MAX_ERROR_M``."""
-        return self.ground.error_m if self.ground.error_m > MAX_ERROR_M else 0.0
+        """Largest error of heights above a resampled ground; 0 where the ground equals the file within ``max_error_m``."""
+        return self.ground.error_m if self.ground.error_m > FILES.max_error_m else 0.0
 
     @property
     def vertical_uncertainty_m(self) -> float:
         """Largest error of a height above ground in a verdict: the stated one plus the ground's own.
 
-        Without a stated uncertainty, measurements are taken as exact, and so is a ground within ``MAX_ERROR_M`` of its file.
+        Without a stated uncertainty, measurements are taken as exact, and so is a ground within ``max_error_m`` of its file.
         """
         stated = self.scenario.uncertainty
         if stated == Uncertainty():
@@ -412,7 +413,7 @@ def _ground(
         terrain_file, terrain.vertical_datum, frame=frame, bounds_m=_with_margin(bounds_m), grid_step_m=terrain.grid_step_m
     )  # fmt: skip
     margin_m = scenario.limits.height_margin_m
-    if ground.error_m > max(MAX_ERROR_M, margin_m):
+    if ground.error_m > max(FILES.max_error_m, margin_m):
         raise ScenarioError(
             f"terrain.grid_step_m: a grid of {terrain.grid_step_m:g} m differs from the file's ground by up to "
             f"{ground.error_m:.1f} m, and limits.height_margin_m is {margin_m:g} m: leave grid_step_m out, which takes the "

@@ -12,10 +12,11 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.scenario import Scenario
 from uavcover.model.terrain import RasterTerrain
 from uavcover.scenario.scenario_file import surface_source
-from uavcover.terrain.elevation_file import MAX_ERROR_M, read_ground
+from uavcover.terrain.elevation_file import read_ground
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground, ground_of_nodes
 from uavcover.terrain.pixel_frame import Bounds, finish_frame, places_of_nodes_m
+from uavcover.terrain.tuning import FILES
 
 _log = logging.getLogger(__name__)
 
@@ -57,7 +58,7 @@ def with_surface_over(scenario: Scenario, frame: LocalFrame, bounds_m: Bounds, b
         raise of_surface(error) from error
     ground = higher_of(bare, surface, bounds_m=bounds_m, alt_amsl_offset_m=frame.alt_amsl_m)
     margin_m = scenario.limits.height_margin_m
-    if ground.error_m > max(MAX_ERROR_M, margin_m):
+    if ground.error_m > max(FILES.max_error_m, margin_m):
         raise ScenarioError(
             f"terrain.surface_file: between the pixels of the finer model the other one is up to {ground.error_m:.1f} m higher, "
             f"and limits.height_margin_m is {margin_m:g} m; set it to at least {ground.error_m + 0.05:.1f}"

@@ -113,7 +113,7 @@ def make_cells(site: Site, cell_size_m: float, *, rows: range | None = None) -> 
 
 
 def cut_for(site: Site) -> Callable[..., CellGrid]:
-    """How results are judged on cells: the paper's surface has no pixels, and its cells are their centres."""
+    """Cells on which results are judged: the paper's surface has no pixels, and its cells are their centres."""
     return make_cells if isinstance(site.scenario.terrain, SineCosineTerrain) else make_sampled_cells
 
 

@@ -28,7 +28,7 @@ _WIDE = 1e9
 
 
 class SensorPose(NamedTuple):
-    """Where a sensor observes from, and unit vectors along its axis and to the top of its photo; each (3,) ENU."""
+    """Position of a sensor, and unit vectors along its axis and to the top of its photo; each (3,) ENU."""
 
     eye_m: FloatArray
     axis: FloatArray
@@ -48,7 +48,7 @@ def wide_open(sight: Sight) -> Sight:
 def seen_often(
     site: Site, cells: Cells, places_m: FloatArray, headings: FloatArray, looks: tuple[int, float] = (1, 0.0)
 ) -> IntArray:
-    """(cells,) number of the observation by which a view of its own sees each cell as often as needed; -1 where none does.
+    """(cells,) number of the observation by which each cell is seen as often as needed; -1 where none does.
 
     Args:
         site: with such a sensor, on a level vehicle.

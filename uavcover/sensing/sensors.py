@@ -1,4 +1,4 @@
-"""Observations that a scenario asks of its sensor: how far apart they are, and views that contain or keep inside its own."""
+"""Observations of a scenario's sensor: their distance, and views that contain its own or lie inside it."""
 
 import itertools
 import math

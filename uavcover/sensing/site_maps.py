@@ -1,4 +1,4 @@
-"""The maps of a site: on which cells a planner searches, and on which results are judged; each is built once."""
+"""The maps of a site, each built once: for the search, and for judging results."""
 
 import numpy as np
 

@@ -23,19 +23,14 @@ from uavcover.kernels.grid import GridFrame, places_on_grid
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground, grid_ground, ground_of_nodes
 from uavcover.terrain.no_data import fill_gaps
-from uavcover.terrain.pixel_frame import STRAIGHT_WITHIN_M, Bounds, finish_frame, fit_frame, node_ups_m
+from uavcover.terrain.pixel_frame import Bounds, finish_frame, fit_frame, node_ups_m
 from uavcover.terrain.terrain_source import TerrainSource, as_source, unreadable
+from uavcover.terrain.tuning import FILES, PIXELS
 from uavcover.terrain.vertical import DATUMS, ELLIPSOID, Undulation, refuse_feet_by_guess, unit_of_heights_m
 
 _log = logging.getLogger(__name__)
 
 LOWEST_PLAUSIBLE_M, HIGHEST_PLAUSIBLE_M = -500.0, 9000.0
-MAX_NODES = 120_000_000
-MAX_ERROR_M = 0.1
-"""Largest permitted difference between the ground and its file's own surface."""
-_BLOCKS, _PIXELS_OF_BLOCK, _PLACES_OF_BLOCK = 60, 40.0, 400
-_ABOVE_M = 120.0
-_MOST_PIXELS = 4_000_000
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -102,10 +97,10 @@ class _Raster:
         return out
 
     def sample_scattered_m(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:
-        """As :meth:`sample_m`, for positions with many pixels between them: never more than ``_MOST_PIXELS`` at once."""
+        """As :meth:`sample_m`, for positions with many pixels between them: never more than ``FILES.most_pixels`` at once."""
         spans = np.ptp(self.pixels_at(lat_deg, lon_deg), axis=0) + 2.0
         half = len(lat_deg) // 2
-        if half == 0 or float(np.prod(spans)) <= _MOST_PIXELS:
+        if half == 0 or float(np.prod(spans)) <= FILES.most_pixels:
             return self.sample_m(lat_deg, lon_deg)
         parts = [self.sample_scattered_m(lat_deg[part], lon_deg[part]) for part in (slice(half), slice(half, None))]
         return np.concatenate(parts)
@@ -118,7 +113,7 @@ class _Raster:
     def read(self, window: Window) -> FloatArray:
         """(rows, columns) heights above sea level, NaN without data; read by strips to save memory."""
         columns, rows = int(window.width), int(window.height)
-        step = max(1, _MOST_PIXELS // max(columns, 1))
+        step = max(1, FILES.most_pixels // max(columns, 1))
         if rows <= step:
             return self._read_strip(window)
         heights = np.empty((rows, columns))
@@ -266,7 +261,7 @@ def read_ground(
 
     Raises:
         TerrainError: the file cannot be used, has too many pixels there, or cannot be represented in the local frame within
-            ``MAX_ERROR_M``.
+            ``FILES.max_error_m``.
     """
     with open_raster(path, vertical_datum) as raster:
         if grid_step_m is None:
@@ -274,10 +269,11 @@ def read_ground(
         else:
             ground = _resampled_ground(raster, frame, bounds_m, grid_step_m)
         error_m = measure_error_m(ground, raster, frame, bounds_m)
-    if grid_step_m is None and error_m > MAX_ERROR_M:
+    if grid_step_m is None and error_m > FILES.max_error_m:
         raise TerrainError(
-            f"{path}: laid into the local frame, its heights are wrong by up to {error_m:.2f} m, {MAX_ERROR_M:g} m are allowed; "
-            "take a smaller area, or convert the file to a projection for this location (gdalwarp -t_srs, the UTM zone)"
+            f"{path}: laid into the local frame, its heights are wrong by up to {error_m:.2f} m, "
+            f"{FILES.max_error_m:g} m are allowed; take a smaller area, "
+            "or convert the file to a projection for this location (gdalwarp -t_srs, the UTM zone)"
         )
     return dataclasses.replace(ground, error_m=error_m)
 
@@ -290,10 +286,10 @@ def _ground_of_pixels(raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> G
         raise TerrainError(f"{raster.path}: {error} ({_extent(raster)})") from error
     first, last = _pixels_needed(raster, frame, rough, bounds_m)
     columns, rows = (last - first).tolist()
-    if columns * rows > MAX_NODES:
+    if columns * rows > FILES.max_nodes:
         raise TerrainError(
-            f"{raster.path}: {columns} x {rows} pixels under the scenario's area are more than {MAX_NODES:,}; take a smaller "
-            "area, or coarser data (gdalwarp -tr)"
+            f"{raster.path}: {columns} x {rows} pixels under the scenario's area are more than {FILES.max_nodes:,}; "
+            "take a smaller area, or coarser data (gdalwarp -tr)"
         )
     if min(columns, rows) >= 2:
         up = raster.read(Window(first[0], first[1], columns, rows))
@@ -312,7 +308,7 @@ def _ground_of_pixels(raster: _Raster, frame: LocalFrame, bounds_m: Bounds) -> G
         up, grid, step_m=1.0 / max(grid.per_column, grid.per_row) if known.any() else math.inf,
         source=f"{raster.path.name} ({_extent(raster)})", vertical_datum=raster.vertical_datum,
         sha256=sha256,
-        cut_error_m=2.0 * STRAIGHT_WITHIN_M,
+        cut_error_m=2.0 * PIXELS.straight_within_m,
     )  # fmt: skip
 
 
@@ -359,9 +355,9 @@ def _resampled_ground(raster: _Raster, frame: LocalFrame, bounds_m: Bounds, step
     """A square grid: each node gets the file's height at the position with the node's east and north."""
     west, south, east, north = bounds_m
     wide, high = (east - west) / step + 3.0, (north - south) / step + 3.0
-    if wide * high > MAX_NODES:
+    if wide * high > FILES.max_nodes:
         raise TerrainError(
-            f"terrain.grid_step_m: {wide:.0f} x {high:.0f} nodes of {step:g} m are more than {MAX_NODES:,}; "
+            f"terrain.grid_step_m: {wide:.0f} x {high:.0f} nodes of {step:g} m are more than {FILES.max_nodes:,}; "
             "set a larger step (in metres) or a smaller area"
         )
     columns = np.arange(np.floor(west / step) - 1, np.ceil(east / step) + 2)
@@ -403,18 +399,18 @@ def measure_error_m(ground: Ground, raster: _Raster, frame: LocalFrame, bounds_m
     rng = np.random.default_rng(20_261_114)
     west, south, east, north = bounds_m
     worst = 0.0
-    for _ in range(_BLOCKS):
+    for _ in range(FILES.checked_blocks):
         centre = [[rng.uniform(west, east), rng.uniform(south, north), 0.0]]
         lat, lon, _alt = frame.geodetic_from_enu(centre)
         middle = raster.pixels_at(lat, lon)
         if not np.isfinite(middle).all():
             continue
-        pixels = middle + rng.uniform(-0.5, 0.5, (_PLACES_OF_BLOCK, 2)) * _PIXELS_OF_BLOCK
-        beside = rng.random(_PLACES_OF_BLOCK) < 0.5
+        pixels = middle + rng.uniform(-0.5, 0.5, (FILES.places_of_block, 2)) * FILES.pixels_of_block
+        beside = rng.random(FILES.places_of_block) < 0.5
         pixels[beside] = np.round(pixels[beside]) + rng.normal(0.0, 0.01, (int(beside.sum()), 2))
         lat, lon = raster.places_of(pixels)
         alt = raster.sample_m(lat, lon)
-        agl = rng.choice([0.0, _ABOVE_M], _PLACES_OF_BLOCK)
+        agl = rng.choice([0.0, FILES.above_m], FILES.places_of_block)
         places = frame.enu_from_geodetic(lat, lon, alt + agl)
         e, n = places[:, 0], places[:, 1]
         inside = np.isfinite(alt) & (e >= west) & (e <= east) & (n >= south) & (n <= north)

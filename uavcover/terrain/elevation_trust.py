@@ -10,8 +10,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.suspect_heights import suspect_places
 from uavcover.terrain.terrain_source import TerrainSource
-
-_MOST_SUSPECTS = 5
+from uavcover.terrain.tuning import FILES
 
 
 class Asked(Protocol):
@@ -52,7 +51,7 @@ def trust_asked_for(
     found = suspect_places(source, datum, on_earth.bounds, on_earth)
     if not found:
         return False
-    for one in found[:_MOST_SUSPECTS]:
+    for one in found[: FILES.most_suspects]:
         user.warn(f"{source.name} has {one.words}")
     if user.agrees("is the ground really like that?"):
         return True

@@ -7,15 +7,12 @@ from functools import lru_cache
 from pathlib import Path
 
 from uavcover.errors import TerrainError
+from uavcover.terrain.tuning import FILES
 
 RASTERS = (".tif", ".tiff", ".hgt", ".img", ".asc", ".dt1", ".dt2")
 _GZIPPED = tuple(f"{suffix}.gz" for suffix in RASTERS)
 _OTHER_ARCHIVES = (".gz", ".tgz", ".tar", ".bz2", ".xz", ".zst", ".7z", ".rar")
 MAX_ZIP_ENTRIES, MAX_ZIP_BYTES, MAX_ZIP_RATIO = 500, 2_000_000_000, 200.0
-HARMLESS_ZIP_BYTES = 100_000_000
-"""Up to this size any ratio is accepted: a tile of open sea packs to a thousandth."""
-MAX_GZIP_BYTES = 300_000_000
-"""Unpacked. A gzip file is unpacked from its start for each look further back, and states its size modulo 4 GiB only."""
 _BLOCK_BYTES = 1 << 20
 
 
@@ -62,7 +59,7 @@ def _inside_zip(file: Path) -> str:
         )
     (entry,) = rasters
     ratio = entry.file_size / max(entry.compress_size, 1)
-    if entry.file_size > MAX_ZIP_BYTES or (entry.file_size > HARMLESS_ZIP_BYTES and ratio > MAX_ZIP_RATIO):
+    if entry.file_size > MAX_ZIP_BYTES or (entry.file_size > FILES.harmless_zip_bytes and ratio > MAX_ZIP_RATIO):
         raise TerrainError(
             f"{file}: {entry.filename} unpacks to {entry.file_size:,} bytes, {ratio:.0f} times its packed size; "
             "unpack it if you trust it"
@@ -78,9 +75,9 @@ def _check_gzip(file: Path, _packed_bytes: int, _changed_ns: int) -> None:
         with gzip.open(file) as stream:
             while block := stream.read(_BLOCK_BYTES):
                 size += len(block)
-                if size > MAX_GZIP_BYTES:
+                if size > FILES.max_gzip_bytes:
                     raise TerrainError(
-                        f"{file}: unpacks to more than {MAX_GZIP_BYTES:,} bytes; unpack it (gunzip) if you trust it"
+                        f"{file}: unpacks to more than {FILES.max_gzip_bytes:,} bytes; unpack it (gunzip) if you trust it"
                     )
     except (OSError, EOFError, zlib.error) as error:
         raise TerrainError(f"{file}: cannot be unpacked ({error}); fetch it again") from error

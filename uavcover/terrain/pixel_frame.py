@@ -6,10 +6,12 @@ from collections.abc import Callable
 import numpy as np
 from numpy.polynomial.chebyshev import chebpts1, chebvander
 
+from mission_io.model.places import MEAN_RADIUS_M
 from uavcover.errors import TerrainError
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.grid import GridFrame, growth_on_grid, places_on_grid, steepest_of_finite
 from uavcover.terrain.frames import LocalFrame
+from uavcover.terrain.tuning import PIXELS
 
 Bounds = tuple[float, float, float, float]
 
@@ -18,21 +20,6 @@ ToPixels = Callable[[FloatArray, FloatArray], FloatArray]
 
 FromPixels = Callable[[FloatArray], tuple[FloatArray, FloatArray]]
 """Latitudes (n,) and longitudes (n,) of (n, 2) columns and rows."""
-
-STRAIGHT_WITHIN_M = 5e-4
-"""Largest error of a height above ground from treating a piece of a line as straight on the grid."""
-
-_LATTICE = 13
-_WIDER = 1.5
-"""Columns and rows are fitted this far beyond the requested ground, where a rotated raster has its corners."""
-_LONGEST_PIECE_M = 1_000.0
-_CURVE_LENGTH_M = 1_000.0
-_SAFE = 1.001
-"""Safety factor on maxima over a lattice of positions."""
-_EARTH_RADIUS_M = 6_371_000.0
-_STRIP_NODES = 4_000_000
-_UP_DEGREE = 5
-"""Degree of the polynomials from heights above sea level to up coordinates, along columns and along rows."""
 
 
 def fit_frame(to_pixels: ToPixels, frame: LocalFrame, bounds_m: Bounds, *, level_up_m: float) -> GridFrame:
@@ -51,8 +38,8 @@ def fit_frame(to_pixels: ToPixels, frame: LocalFrame, bounds_m: Bounds, *, level
     """
     west, south, east, north = bounds_m
     middle = np.array([0.5 * (west + east), 0.5 * (south + north)])
-    scale = 0.5 * max(east - west, north - south, 1.0) * _WIDER
-    across = chebpts1(_LATTICE)
+    scale = 0.5 * max(east - west, north - south, 1.0) * PIXELS.wider
+    across = chebpts1(PIXELS.lattice)
     unit = np.column_stack([axis.ravel() for axis in np.meshgrid(across, across)])
     lat, lon, _ = frame.geodetic_from_enu(np.column_stack([middle + scale * unit, np.full(len(unit), level_up_m)]))
     pixels = to_pixels(lat, lon)
@@ -60,7 +47,7 @@ def fit_frame(to_pixels: ToPixels, frame: LocalFrame, bounds_m: Bounds, *, level
         raise TerrainError("its coordinate system does not reach all of the scenario's area")
     terms = np.ascontiguousarray(np.linalg.lstsq(_cubic(unit), pixels, rcond=None)[0].T)
     terms.flags.writeable = False
-    lean_per_m = 1.0 / (_EARTH_RADIUS_M + frame.alt_amsl_m)
+    lean_per_m = 1.0 / (MEAN_RADIUS_M + frame.alt_amsl_m)
     lean = lean_per_m * float(np.hypot(*(np.abs(middle) + scale)))
     return GridFrame(
         float(middle[0]), float(middle[1]), scale, terms, level_up_m, lean_per_m, lean, 0.0, 0.0, 0.0, math.inf, 0.0
@@ -83,15 +70,17 @@ def finish_frame(grid: GridFrame, up_m: FloatArray) -> GridFrame:
     growths = np.array([growth_on_grid(grid, *place) for place in lattice])
     columns, rows = growths[:, 0, :2], growths[:, 1, :2]
     per_column, per_row = (np.hypot(*part.T) for part in (columns, rows))
-    skew = float(np.max(np.abs((columns * rows).sum(axis=1)) / (per_column * per_row))) * _SAFE
+    skew = float(np.max(np.abs((columns * rows).sum(axis=1)) / (per_column * per_row))) * PIXELS.safe
     grid = grid._replace(
-        per_column=float(per_column.max()) * _SAFE, per_row=float(per_row.max()) * _SAFE, skew=min(1.0, skew + 1e-6)
+        per_column=float(per_column.max()) * PIXELS.safe,
+        per_row=float(per_row.max()) * PIXELS.safe,
+        skew=min(1.0, skew + 1e-6),
     )
-    bend = _bend_per_m(grid, lattice, growths) * _SAFE
+    bend = _bend_per_m(grid, lattice, growths) * PIXELS.safe
     steepest = steepest_of_finite(up_m, grid)
-    piece_m = _LONGEST_PIECE_M
+    piece_m = PIXELS.longest_piece_m
     if bend * steepest > 0.0:
-        piece_m = min(piece_m, math.sqrt(8.0 * STRAIGHT_WITHIN_M / (bend * steepest)))
+        piece_m = min(piece_m, math.sqrt(8.0 * PIXELS.straight_within_m / (bend * steepest)))
     # A line across the fitted square deviates by its curvature, and the ground by its lean.
     aside_m = bend * (2.0 * math.sqrt(2.0) * grid.scale_m) ** 2 / 8.0 + grid.lean * (highest - lowest)
     return grid._replace(piece_m=piece_m, leeway=aside_m * max(grid.per_column, grid.per_row))
@@ -104,11 +93,11 @@ def _bend_per_m(grid: GridFrame, lattice_m: FloatArray, growths: FloatArray) -> 
     steep = np.vstack([level * (1.0, 1.0, 0.0) * math.sqrt(0.5) + (0.0, 0.0, s * math.sqrt(0.5)) for s in (-1.0, 1.0)])
     worst = 0.0
     for direction in np.vstack([level, steep]):
-        half = 0.5 * _CURVE_LENGTH_M * direction
+        half = 0.5 * PIXELS.curve_length_m * direction
         before, here, after = (places_on_grid(grid, lattice_m + shift) for shift in (-half, np.zeros(3), half))
         aside = np.linalg.solve(growths[:, :, :2], (here - 0.5 * (before + after))[:, :, None])[:, :, 0]
         worst = max(worst, float(np.hypot(*aside.T).max()))
-    return 8.0 * worst / _CURVE_LENGTH_M**2
+    return 8.0 * worst / PIXELS.curve_length_m**2
 
 
 def node_ups_m(from_pixels: FromPixels, frame: LocalFrame, heights_amsl_m: FloatArray) -> FloatArray:
@@ -118,16 +107,16 @@ def node_ups_m(from_pixels: FromPixels, frame: LocalFrame, heights_amsl_m: Float
     positions suffice; pyproj at each of 30 million nodes would take a minute. By strips, because there may be many.
     """
     rows, columns = heights_amsl_m.shape
-    points = chebpts1(2 * _UP_DEGREE)
+    points = chebpts1(2 * PIXELS.up_degree)
     grid_c, grid_r = np.meshgrid(0.5 * (points + 1.0) * (columns - 1), 0.5 * (points + 1.0) * (rows - 1))
     lat, lon = from_pixels(np.column_stack([grid_c.ravel(), grid_r.ravel()]))
     sea = frame.enu_from_geodetic(lat, lon, 0.0)[:, 2]
     per_metre = (frame.enu_from_geodetic(lat, lon, 1_000.0)[:, 2] - sea) / 1_000.0
-    inverse = np.linalg.pinv(chebvander(points, _UP_DEGREE))
-    along, across = (chebvander(np.linspace(-1.0, 1.0, size), _UP_DEGREE) for size in (rows, columns))
+    inverse = np.linalg.pinv(chebvander(points, PIXELS.up_degree))
+    along, across = (chebvander(np.linspace(-1.0, 1.0, size), PIXELS.up_degree) for size in (rows, columns))
     factor, level = (inverse @ each.reshape(grid_c.shape) @ inverse.T for each in (per_metre, sea))
     ups = np.empty(heights_amsl_m.shape)
-    step = max(1, _STRIP_NODES // columns)
+    step = max(1, PIXELS.strip_nodes // columns)
     for first in range(0, rows, step):
         strip = slice(first, first + step)
         ups[strip] = along[strip] @ factor @ across.T

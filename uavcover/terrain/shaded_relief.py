@@ -9,10 +9,7 @@ from numpy.typing import NDArray
 from uavcover.kernels.arrays import ByteArray, FloatArray
 from uavcover.kernels.surface import GRID
 from uavcover.terrain.ground import Ground
-
-_LIGHT_AZIMUTH_DEG = 315.0
-_LIGHT_ELEVATION_DEG = 45.0
-_AMBIENT = 0.2
+from uavcover.terrain.tuning import RELIEF
 
 # Low to high, muted, so that paths and cells stand out: sage, straw, clay, stone.
 _RAMP = np.array([[96, 116, 92], [150, 146, 108], [140, 116, 92], [186, 182, 178]], dtype=float)
@@ -20,7 +17,7 @@ _RAMP = np.array([[96, 116, 92], [150, 146, 108], [140, 116, 92], [186, 182, 178
 
 def hillshade(gradients: FloatArray) -> FloatArray:
     """Brightness (n,) of ground with slopes (n, 2) under light from the north-west; 1 is level ground, 0 without data."""
-    azimuth, elevation = math.radians(_LIGHT_AZIMUTH_DEG), math.radians(_LIGHT_ELEVATION_DEG)
+    azimuth, elevation = math.radians(RELIEF.light_azimuth_deg), math.radians(RELIEF.light_elevation_deg)
     light = (
         math.sin(azimuth) * math.cos(elevation),
         math.cos(azimuth) * math.cos(elevation),
@@ -28,7 +25,7 @@ def hillshade(gradients: FloatArray) -> FloatArray:
     )
     facing = -gradients[:, 0] * light[0] - gradients[:, 1] * light[1] + light[2]
     facing = np.maximum(facing / np.sqrt(1.0 + (gradients**2).sum(axis=1)), 0.0) / light[2]
-    return np.asarray(np.nan_to_num(_AMBIENT + (1.0 - _AMBIENT) * facing))
+    return np.asarray(np.nan_to_num(RELIEF.ambient + (1.0 - RELIEF.ambient) * facing))
 
 
 def shaded(rgb: tuple[int, int, int], brightness: FloatArray) -> ByteArray:
@@ -48,9 +45,6 @@ def _height_colors(up_m: FloatArray) -> FloatArray:
     share = np.nan_to_num((up_m - low) / (high - low)) if high > low else np.zeros(up_m.size)
     stops = np.linspace(0.0, 1.0, len(_RAMP))
     return np.column_stack([np.interp(share, stops, _RAMP[:, channel]) for channel in range(3)])
-
-
-_SMOOTH_STEPS = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -93,7 +87,7 @@ def _smooth_slopes(ground: Ground, places_m: FloatArray) -> FloatArray:
     """Slopes (n, 2) across a few steps of the grid. The ground's own slopes jump from square to square and look like tiles."""
     if ground.surface.kind != GRID:
         return ground.gradients(places_m)
-    reach = _SMOOTH_STEPS * ground.surface.step_m
+    reach = RELIEF.smooth_steps * ground.surface.step_m
     slopes = [
         (ground.heights_m(places_m + offset) - ground.heights_m(places_m - offset)) / (2.0 * reach)
         for offset in ((reach, 0.0), (0.0, reach))

@@ -22,33 +22,11 @@ from uavcover.terrain.elevation_file import open_raster
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.pixel_frame import Bounds
 from uavcover.terrain.terrain_source import TerrainSource
+from uavcover.terrain.tuning import SUSPECTS
 
 Kind = Literal["block", "spike", "step"]
 
 _AROUND = np.ones((3, 3), dtype=int)
-_TIP_PIXELS = 40
-"""Pixels of a block that reach beyond it, narrower than two pixels."""
-_LEAST_SQUARES = 3
-"""Number of squares of 2 x 2 equal pixels that make a block."""
-_RIM_PIXELS, _SLOPE_PIXELS = 3, 4
-"""A rim is examined this far outside, because a warp blends nearer pixels; the slope of the ground over these pixels beyond."""
-_RIM_TIMES, _RIM_M = 2.0, 5.0
-"""A rim is steep if it rises this many times as fast as the ground beyond, and by at least this height more."""
-_RIM_SHARE = 0.75
-"""Share of a block's rim that is steep to one side, up or down: shores are gentle somewhere, and a terrace has both."""
-_ROOF_M = 100.0
-"""A block that is not so far above its rim may be a roof, and hides no hill."""
-_SPIKE_TIMES, _SPIKE_M = 3.0, 20.0
-"""A spike exceeds all ground around by this multiple of that ground's range, and by this height or a pixel's length."""
-_ALONE_TIMES, _ALONE_PIXELS, _ALONE_SLOPE = 3.0, 10, 0.4
-"""A pixel is a spike, too, if it differs from its neighbours' mean by this multiple of any other within these pixels (real relief
-reaches 1.5), and by this share of a pixel's length."""
-_STEP_PIXELS, _STEP_M, _STEP_ERRORS, _STEP_TIMES, _STEP_SHARE = 64, 2.0, 10.0, 1.5, 0.7
-"""A seam is straight over this number of pixels. Its median step beyond the slope beside it has this height, this multiple of its
-standard error (real relief reaches 7) and of the bend beside it; at this share of the pixels it has one direction."""
-_STRIP_PIXELS = 16_000_000
-_AROUND_PIXELS = 300
-"""Looked at beyond the places that matter: a block shows by its rim."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -96,7 +74,7 @@ def suspect_pixels(heights_m: FloatArray, pixel_m: tuple[float, float]) -> list[
             to place, such as the geoid's, would hide that a block has one value.
         pixel_m: height and width of a pixel.
     """
-    if min(heights_m.shape) < 2 * (_RIM_PIXELS + 1):
+    if min(heights_m.shape) < 2 * (SUSPECTS.rim_pixels + 1):
         return []
     blocks = _blocks(heights_m)
     left = heights_m
@@ -125,8 +103,8 @@ def _blocks(heights: FloatArray) -> list[SuspectPixels]:
     squares = np.bincount(labels.ravel(), minlength=count + 1)
     whole, below, above, rims = _rims(heights, pixels.astype(np.int64), count)
     with np.errstate(invalid="ignore", divide="ignore"):
-        steep = np.maximum(below, above) >= _RIM_SHARE * whole
-        chosen = (whole >= 4) & steep & (squares >= _LEAST_SQUARES)
+        steep = np.maximum(below, above) >= SUSPECTS.rim_share * whole
+        chosen = (whole >= 4) & steep & (squares >= SUSPECTS.least_squares)
     found = []
     taken = np.zeros(heights.shape, dtype=bool)
     places = ndimage.find_objects(pixels)
@@ -137,12 +115,13 @@ def _blocks(heights: FloatArray) -> list[SuspectPixels]:
         # With what is narrower than two pixels and joined to it, such as the tip of a wedge.
         value = float(heights[places[number - 1]][core][0])
         rows, columns = (
-            _grown(part, size, _TIP_PIXELS) for part, size in zip(places[number - 1], heights.shape, strict=True)
+            _grown(part, size, SUSPECTS.tip_pixels)
+            for part, size in zip(places[number - 1], heights.shape, strict=True)
         )
         alike, _ = ndimage.label(heights[rows, columns] == value, structure=_AROUND)
         block = alike == alike[pixels[rows, columns] == number][0]
         taken[rows, columns] |= block
-        mask = ndimage.binary_dilation(block, _AROUND, _RIM_PIXELS)
+        mask = ndimage.binary_dilation(block, _AROUND, SUSPECTS.rim_pixels)
         (box,) = ndimage.find_objects(mask.astype(np.int8))
         first = (rows.start + box[0].start, columns.start + box[1].start)
         found.append(SuspectPixels("block", first, mask[box], value, float(rims[number])))
@@ -157,19 +136,19 @@ def _rims(heights: FloatArray, pixels: IntArray, count: int) -> tuple[FloatArray
     """Of every block by its number: rim positions, those steeply above and below the block, and their mean height.
 
     Places count where the ground beyond is known. In each of the four directions a rim is a pixel of the block, the ground
-    ``_RIM_PIXELS`` farther, and the mean slope beyond.
+    ``SUSPECTS.rim_pixels`` farther, and the mean slope beyond.
     """
     rises, slopes, numbers, grounds = [], [], [], []
-    reach = _RIM_PIXELS + _SLOPE_PIXELS
+    reach = SUSPECTS.rim_pixels + SUSPECTS.slope_pixels
     for turned in range(4):
         h, n = np.rot90(heights, turned), np.rot90(pixels, turned)
         edge = (n[:, :-reach] > 0) & (n[:, 1 : 1 - reach] != n[:, :-reach])
         row, column = np.nonzero(edge)
         number = n[row, column]
-        ground = h[row, column + _RIM_PIXELS]
+        ground = h[row, column + SUSPECTS.rim_pixels]
         rise = ground - h[row, column]
         slope = np.mean(
-            [np.abs(h[row, column + k + 1] - h[row, column + k]) for k in range(_RIM_PIXELS, reach)], axis=0
+            [np.abs(h[row, column + k + 1] - h[row, column + k]) for k in range(SUSPECTS.rim_pixels, reach)], axis=0
         )
         beyond = np.all([n[row, column + k] != number for k in range(1, reach + 1)], axis=0)
         good = np.isfinite(rise) & np.isfinite(slope) & beyond
@@ -182,9 +161,9 @@ def _rims(heights: FloatArray, pixels: IntArray, count: int) -> tuple[FloatArray
     with np.errstate(invalid="ignore", divide="ignore"):
         usual = np.bincount(number, slope, count + 1) / whole
         mean = np.bincount(number, ground, count + 1) / whole
-    usually = _RIM_TIMES * _RIM_PIXELS * np.maximum(slope, usual[number])
-    below = np.bincount(number[rise > usually + _RIM_M], minlength=count + 1)
-    return whole, below, np.bincount(number[-rise > usually + _ROOF_M], minlength=count + 1), mean
+    usually = SUSPECTS.rim_times * SUSPECTS.rim_pixels * np.maximum(slope, usual[number])
+    below = np.bincount(number[rise > usually + SUSPECTS.rim_m], minlength=count + 1)
+    return whole, below, np.bincount(number[-rise > usually + SUSPECTS.roof_m], minlength=count + 1), mean
 
 
 def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPixels]:
@@ -195,7 +174,7 @@ def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPi
     low = np.where(np.isnan(heights), np.inf, heights)
     top, bottom = _ring(high, np.maximum), _ring(low, np.minimum)
     with np.errstate(invalid="ignore"):
-        beyond = _SPIKE_TIMES * (top - bottom) + max(_SPIKE_M, *pixel_m)
+        beyond = SUSPECTS.spike_times * (top - bottom) + max(SUSPECTS.spike_m, *pixel_m)
         spike = np.isfinite(beyond) & ((heights - top > beyond) | (bottom - heights > beyond))
     spike |= _rough_alone(heights, pixel_m)
     if not spike.any():
@@ -203,7 +182,10 @@ def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPi
     labels, _ = ndimage.label(spike, structure=_AROUND)
     found = []
     for number, (rows, columns) in enumerate(ndimage.find_objects(labels), start=1):
-        grown = _grown(rows, heights.shape[0], _RIM_PIXELS), _grown(columns, heights.shape[1], _RIM_PIXELS)
+        grown = (
+            _grown(rows, heights.shape[0], SUSPECTS.rim_pixels),
+            _grown(columns, heights.shape[1], SUSPECTS.rim_pixels),
+        )
         mask = ndimage.binary_dilation(labels[grown] == number, _AROUND)
         own = labels[rows, columns] == number
         inside = heights[rows, columns][own]
@@ -221,11 +203,11 @@ def _rough_alone(heights: FloatArray, pixel_m: tuple[float, float]) -> BoolArray
     around[1, 1] = 0.0
     off_m = np.abs(heights - ndimage.convolve(heights, around, mode="nearest"))
     off_m[np.isnan(off_m)] = 0.0
-    rough = off_m > max(_SPIKE_M, _ALONE_SLOPE * max(pixel_m))
+    rough = off_m > max(SUSPECTS.spike_m, SUSPECTS.alone_slope * max(pixel_m))
     if not rough.any():
         return rough
     # The square around each pixel without the 3 x 3 in its middle, as four rectangles.
-    far, rows, columns = _ALONE_PIXELS, *off_m.shape
+    far, rows, columns = SUSPECTS.alone_pixels, *off_m.shape
     padded, others, half = np.pad(off_m, far), np.zeros_like(off_m), (far + 2) // 2
     for size, (row, column) in (
         ((far - 1, 2 * far + 1), (-half, 0)), ((far - 1, 2 * far + 1), (half, 0)),
@@ -234,7 +216,7 @@ def _rough_alone(heights: FloatArray, pixel_m: tuple[float, float]) -> BoolArray
         found = ndimage.maximum_filter(padded, size=size, mode="constant")
         first, left = far + row, far + column
         np.maximum(others, found[first : first + rows, left : left + columns], out=others)
-    return rough & (off_m > _ALONE_TIMES * others)
+    return rough & (off_m > SUSPECTS.alone_times * others)
 
 
 def _ring(values: FloatArray, extreme: np.ufunc) -> FloatArray:
@@ -261,11 +243,11 @@ def _steps(heights: FloatArray) -> list[SuspectPixels]:
 
 def _seams(heights: FloatArray) -> list[tuple[int, int, int, float]]:
     """Straight steps between two columns: first row, column left of it, number of rows, step."""
-    if heights.shape[0] < _STEP_PIXELS or heights.shape[1] < 4:
+    if heights.shape[0] < SUSPECTS.step_pixels or heights.shape[1] < 4:
         return []
     rises = np.diff(heights, axis=1)
     own = rises[:, 1:-1] - 0.5 * (rises[:, :-2] + rises[:, 2:])
-    size, half = _STEP_PIXELS, _STEP_PIXELS // 2
+    size, half = SUSPECTS.step_pixels, SUSPECTS.step_pixels // 2
     firsts = range(0, len(own) - size + 1, half)
     steps = np.zeros((len(firsts), own.shape[1]))
     errors = np.ones_like(steps)
@@ -276,19 +258,19 @@ def _seams(heights: FloatArray) -> list[tuple[int, int, int, float]]:
             continue
         part = part[:, enough]
         median = np.nanmedian(part, axis=0)
-        alike = np.nanmean(np.sign(part) == np.sign(median), axis=0) >= _STEP_SHARE
+        alike = np.nanmean(np.sign(part) == np.sign(median), axis=0) >= SUSPECTS.step_share
         # Beside a step half of it shows as a bend.
         padded = np.concatenate([[0.0], np.abs(median), [0.0]])
-        peak = padded[1:-1] > _STEP_TIMES * np.maximum(padded[:-2], padded[2:])
-        steps[row, enough] = np.where(alike & peak & (np.abs(median) > _STEP_M), median, 0.0)
+        peak = padded[1:-1] > SUSPECTS.step_times * np.maximum(padded[:-2], padded[2:])
+        steps[row, enough] = np.where(alike & peak & (np.abs(median) > SUSPECTS.step_m), median, 0.0)
         spread = 1.4826 * np.nanmedian(np.abs(part - median), axis=0)
         errors[row, enough] = np.maximum(1.2533 * spread / math.sqrt(size), 1e-6)
     found = []
-    for column in np.flatnonzero((np.abs(steps) > _STEP_ERRORS * errors).any(axis=0)).tolist():
+    for column in np.flatnonzero((np.abs(steps) > SUSPECTS.step_errors * errors).any(axis=0)).tolist():
         # Where a seam is certain somewhere, it goes on as far as there is a step.
         goes_on = np.flatnonzero(np.diff(np.concatenate([[0.0], np.sign(steps[:, column]), [0.0]])))
         for begin, end in pairwise(goes_on.tolist()):
-            if (np.abs(steps) > _STEP_ERRORS * errors)[begin:end, column].any():
+            if (np.abs(steps) > SUSPECTS.step_errors * errors)[begin:end, column].any():
                 last = firsts[end - 1] + size
                 found.append((firsts[begin], column + 1, last - firsts[begin], float(steps[begin:end, column].mean())))
     return found
@@ -329,7 +311,7 @@ def suspect_places(
     """
     region = shapely.box(*around_deg) if near is None else near
     found = []
-    for window in _pixels_around(source, vertical_datum, around_deg, margin=_AROUND_PIXELS):
+    for window in _pixels_around(source, vertical_datum, around_deg, margin=SUSPECTS.around_pixels):
         for one in suspect_pixels(window.heights_m, window.pixel_m):
             shape = _outline(one, window.lon_lat_deg)
             if region.intersects(shape):
@@ -392,7 +374,7 @@ def _pixels_around(
         water_m = raster.path.water_height_m
         if water_m is not None and raster.undulation is not None:
             water_m += float(raster.undulation.heights_m(at[:1, 0], at[:1, 1])[0])
-        step = max(4 * margin, _STRIP_PIXELS // columns)
+        step = max(4 * margin, SUSPECTS.strip_pixels // columns)
         for row in range(0, rows, step):
             top, bottom = max(0, row - margin), min(rows, row + step + margin)
             corner = first + np.array([0, top])

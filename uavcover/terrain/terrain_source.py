@@ -17,17 +17,11 @@ from pyproj import CRS
 from pyproj.exceptions import CRSError
 from rasterio.warp import transform_bounds
 
+from mission_io.model.places import M_PER_DEG
 from uavcover.errors import TerrainError
 from uavcover.terrain.packed_raster import RASTERS, gdal_name, is_tile
+from uavcover.terrain.tuning import FILES
 
-MAX_TILES = 400
-"""Tiles of a folder or a pattern; each is opened once to find its extent."""
-_AROUND_DEG = 0.05
-"""Tiles farther from area and home are left out; a fence is seldom 5 km wide."""
-_OFF_GRID = 0.01
-_WATER_M = 30_000.0
-"""Open water around the files reaches so far."""
-_DEGREE_M = 111_195.0
 _CACHE_BYTES = 128 * 2**20
 _HEIGHTS = re.compile(r"elev|height|altitude|h(ö|oe)he|(?<![a-z])(dem|dtm|dsm|dgm|mnt|mdt|z)(?![a-z])", re.IGNORECASE)
 """In the name of a band."""
@@ -84,7 +78,7 @@ class TerrainSource:
                 )
             if file.stat().st_size == 0:
                 raise TerrainError(f"{file}: the file is empty; fetch it again")
-        around_m = 0.0 if self.water_height_m is None else _WATER_M
+        around_m = 0.0 if self.water_height_m is None else FILES.water_m
         name = (
             _mosaic(self.files, self.band, self.crs, around_m=around_m)
             if self._is_virtual
@@ -191,8 +185,8 @@ def find_tiles(
             )
         found += tiles
     found = list(dict.fromkeys(found))
-    if len(found) > MAX_TILES:
-        raise TerrainError(f"{key}: {len(found)} tiles, more than {MAX_TILES}; give those of the area")
+    if len(found) > FILES.max_tiles:
+        raise TerrainError(f"{key}: {len(found)} tiles, more than {FILES.max_tiles}; give those of the area")
     if len(found) > 1 and around is not None:
         near = [tile for tile in found if _is_near(tile, around)]
         if not near:
@@ -225,7 +219,7 @@ def _is_near(tile: Path, around: Bounds) -> bool:
         return True  # its own error tells more
     low, bottom, high, top = bounds
     high += 360.0 if high < low else 0.0
-    margin = _AROUND_DEG
+    margin = FILES.around_deg
     if bottom > north + margin or top < south - margin:
         return False
     return any(low + turn <= east + margin and high + turn >= west - margin for turn in (-360.0, 0.0, 360.0))
@@ -270,7 +264,7 @@ def _mosaic(files: Sequence[Path], band: int | str | None, crs: str | None, *, a
         # Tiles that meet at 180 degrees are side by side.
         turn = tile.turn / a
         column -= turn * round(column / turn) if turn else 0.0
-        if size_differs or max(abs(column - round(column)), abs(row - round(row))) > _OFF_GRID:
+        if size_differs or max(abs(column - round(column)), abs(row - round(row))) > FILES.off_grid:
             raise TerrainError(
                 f"{tile.file}: its pixels lie on another grid than {first.file.name}; merge the tiles first (gdalwarp)"
             )
@@ -328,7 +322,7 @@ def _full_turn(wkt: str) -> tuple[float, float]:
     """360 degrees in the unit of a system's longitudes, 0 where it has none. Also the approximate metres of its unit."""
     crs = CRS.from_wkt(wkt)
     unit = crs.axis_info[0].unit_conversion_factor
-    return (2.0 * math.pi / unit, math.degrees(unit) * _DEGREE_M) if crs.is_geographic else (0.0, unit)
+    return (2.0 * math.pi / unit, math.degrees(unit) * M_PER_DEG) if crs.is_geographic else (0.0, unit)
 
 
 def unreadable(named: object, file: Path, reason: str) -> str:

@@ -20,28 +20,10 @@ import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
-from uavcover.verification.lean_fit import MOST_LATE_S, SMALLEST_SIGNAL, lean_fits, mean_over, thrust_m_s2
+from uavcover.verification.lean_fit import lean_fits, mean_over, thrust_m_s2
 from uavcover.verification.motion_windows import Windows
 from uavcover.verification.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG
-
-MOST_UNEXPLAINED_M_S2 = 2.0
-"""Root mean square over a flight. Simulated autopilots reach 0.8, mock flights in gusts with errors of metres 1.1."""
-MOST_UNEXPLAINED_IN_BLOCK_M_S2 = 3.0
-"""Root mean square over ``BLOCK_S``; they reach 1.5 and 1.9."""
-BLOCK_S = 20.0
-MOST_NOISE_M_S2 = 2.0
-"""Upper bound of the additional allowance for position noise."""
-MOST_SIDEWAYS_DEG = 6.0
-"""A constant lean to one side of the vehicle on all headings: the autopilot's mounting error."""
-MOST_BACKWARDS_DEG = 6.0
-"""A constant lean against the direction of flight: drag is never negative."""
-
-_WINDOW_S = 1.0
-_LONGEST_S = 1.6
-_MOVES_M_S = 2.0
-_ENOUGH_BLOCKS, _ENOUGH_IN_BLOCK = 20, 5
-_OWN = 0.3
-"""Fraction of a term that the others must not explain."""
+from uavcover.verification.tuning import ATTITUDE, LEAN
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,16 +68,16 @@ def _unexplained(
     time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray
 ) -> LeanProblem | None:
     """The problem of an attitude by which large accelerations remain unexplained; None where too little is known."""
-    windows = Windows.of(time_s, enu_m, window_s=_WINDOW_S, joined=joined)
+    windows = Windows.of(time_s, enu_m, window_s=ATTITUDE.window_s, joined=joined)
     before, middle, after = windows.before, windows.middle, windows.after
     velocity, acceleration = windows.velocity_m_s[:, :2], windows.acceleration_m_s2[:, :2]
     half_s = np.maximum(time_s[middle] - time_s[before], time_s[after] - time_s[middle])
     thrust = mean_over(time_s, thrust_m_s2(attitude_deg), time_s[middle], half_s)
-    good = np.isfinite(thrust).all(axis=1) & (half_s <= _LONGEST_S)
-    good &= np.hypot(velocity[:, 0], velocity[:, 1]) > _MOVES_M_S
+    good = np.isfinite(thrust).all(axis=1) & (half_s <= ATTITUDE.longest_s)
+    good &= np.hypot(velocity[:, 0], velocity[:, 1]) > ATTITUDE.moves_m_s
     # Larger accelerations are not flight, and are judged as such elsewhere.
     good &= windows.level_m_s2 <= GRAVITY_M_S2 * np.tan(np.radians(MAX_LEAN_DEG))
-    if good.sum() < _ENOUGH_BLOCKS:
+    if good.sum() < ATTITUDE.enough_blocks:
         return None
     yaw = np.radians(attitude_deg[middle, 2])
     terms = _terms(velocity[good], np.column_stack([np.cos(yaw), -np.sin(yaw)])[good])
@@ -105,36 +87,37 @@ def _unexplained(
     along_m_s2 = fitted[0] * float(np.sqrt((velocity[good] ** 2).sum(axis=1).mean()))
     along_deg, sideways_deg = np.degrees(np.arctan([along_m_s2 / GRAVITY_M_S2, fitted[3] / GRAVITY_M_S2]))
     everywhere = np.ones(len(time_s), dtype=bool)
-    if abs(sideways_deg) > MOST_SIDEWAYS_DEG and _stands_alone(columns, 3):
+    if abs(sideways_deg) > ATTITUDE.most_sideways_deg and _stands_alone(columns, 3):
         return LeanProblem(
             f"roll and pitch lean by {abs(sideways_deg):.0f} degrees to one side on all headings, with nothing to lean against",
             everywhere,
             "contradicted",
         )
-    if along_deg < -MOST_BACKWARDS_DEG and _stands_alone(columns, 0):
+    if along_deg < -ATTITUDE.most_backwards_deg and _stands_alone(columns, 0):
         return LeanProblem(
             f"roll and pitch lean by {-along_deg:.0f} degrees against the direction of flight",
             everywhere,
             "contradicted",
         )
     left = drag - terms @ fitted
-    noise_m_s2 = min(windows.noise_m[0] / _WINDOW_S**2, MOST_NOISE_M_S2)
+    noise_m_s2 = min(windows.noise_m[0] / ATTITUDE.window_s**2, ATTITUDE.most_noise_m_s2)
     left_m_s2 = float(np.sqrt((left**2).sum(axis=1).mean()))
-    if left_m_s2 > MOST_UNEXPLAINED_M_S2 + noise_m_s2:
+    if left_m_s2 > ATTITUDE.most_unexplained_m_s2 + noise_m_s2:
         return LeanProblem(
             f"roll and pitch do not fit the accelerations that were flown: they are off by {left_m_s2:.1f} m/s2 (rms)",
             everywhere,
             "unexplained",
         )
-    block = ((time_s - time_s[0]) // BLOCK_S).astype(np.int64)
+    block = ((time_s - time_s[0]) // ATTITUDE.block_s).astype(np.int64)
     in_block_m_s2 = _rms_by_block(block[middle[good]], left, int(block[-1]) + 1)
-    bad = in_block_m_s2 > MOST_UNEXPLAINED_IN_BLOCK_M_S2 + noise_m_s2
+    bad = in_block_m_s2 > ATTITUDE.most_unexplained_in_block_m_s2 + noise_m_s2
     if not bad.any():
         return None
     worst = int(np.argmax(in_block_m_s2))
     return LeanProblem(
-        f"roll and pitch do not fit the accelerations that were flown for about {BLOCK_S * bad.sum():.0f} s, most around "
-        f"{time_s[0] + (worst + 0.5) * BLOCK_S:.0f} s: they are off by {in_block_m_s2[worst]:.1f} m/s2 (rms)",
+        f"roll and pitch do not fit the accelerations that were flown for about {ATTITUDE.block_s * bad.sum():.0f} s, "
+        f"most around {time_s[0] + (worst + 0.5) * ATTITUDE.block_s:.0f} s: "
+        f"they are off by {in_block_m_s2[worst]:.1f} m/s2 (rms)",
         bad[block],
         "unexplained",
     )
@@ -151,7 +134,7 @@ def _unconfirmed(
             "too little motion or attitude to test whether roll and pitch were measured", everywhere, "unconfirmed"
         )
     own, best = fits.late[0.0], max(fits.late, key=lambda late_s: fits.late[late_s].correlation)
-    if abs(best) > MOST_LATE_S and fits.late[best].signal > SMALLEST_SIGNAL:
+    if abs(best) > LEAN.most_late_s and fits.late[best].signal > LEAN.smallest_signal:
         side = "late" if best > 0.0 else "early"
         return LeanProblem(
             f"roll and pitch fit the accelerations that were flown {abs(best):g} s {side}", everywhere, "contradicted"
@@ -190,7 +173,7 @@ def _rms_by_block(block: IntArray, left: FloatArray, count: int) -> FloatArray:
     """(count,) root mean squares of (k, 2) vectors by block, 0 for a block with few of them."""
     numbers = np.bincount(block, minlength=count)
     squares = np.bincount(block, weights=(left**2).sum(axis=1), minlength=count)
-    return np.asarray(np.sqrt(np.where(numbers >= _ENOUGH_IN_BLOCK, squares / np.maximum(numbers, 1), 0.0)))
+    return np.asarray(np.sqrt(np.where(numbers >= ATTITUDE.enough_in_block, squares / np.maximum(numbers, 1), 0.0)))
 
 
 def _stands_alone(columns: FloatArray, number: int) -> bool:
@@ -198,23 +181,7 @@ def _stands_alone(columns: FloatArray, number: int) -> bool:
     others = np.delete(columns, number, axis=1)
     one = columns[:, number]
     rest = one - others @ np.linalg.lstsq(others, one, rcond=None)[0]
-    return bool((rest**2).sum() > _OWN * (one**2).sum())
-
-
-MAX_AGE_S = 1.0
-"""Largest difference in time between a position and its attitude."""
-MAX_TILT_DEG = 60.0
-"""At a larger lean a multirotor needs twice its weight as thrust to hold its height."""
-_STUCK_S, _TURNED_DEG = 5.0, 60.0
-_COURSE_S = 2.0
-_RADIANS_AT_MOST = 6.3
-_AGREES_DEG, _DIFFERS_DEG = 25.0, 40.0
-_COURSE_M_S = 2.0
-"""Below this speed there is no course to compare a heading with."""
-_BRISK_M_S2 = 2.0
-"""A multirotor leans by 11 degrees for this acceleration."""
-_LEANS_AT_LEAST = 0.35
-_ENOUGH = 5
+    return bool((rest**2).sum() > ATTITUDE.own_share * (one**2).sum())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -246,7 +213,7 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownA
     """
     attitude = track.attitude_deg.copy()
     problems: list[str] = []
-    old = np.abs(track.attitude_age_s) > MAX_AGE_S
+    old = np.abs(track.attitude_age_s) > ATTITUDE.max_age_s
     # A heading without roll and pitch was derived from the positions themselves.
     attitude[old & np.isfinite(attitude[:, :2]).any(axis=1)] = np.nan
     low, high = np.array([-180.0, -90.0, -180.0]), np.array([180.0, 90.0, 360.0])
@@ -260,11 +227,11 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownA
         )
         attitude[wrong] = np.nan
     tilt = np.degrees(np.arccos(np.prod(np.cos(np.radians(attitude[:, :2])), axis=1)))
-    tilted = np.flatnonzero(tilt > MAX_TILT_DEG)
+    tilted = np.flatnonzero(tilt > ATTITUDE.max_tilt_deg)
     if tilted.size:
         first = tilted[0]
         problems.append(
-            f"{tilted.size} attitudes lean by more than {MAX_TILT_DEG:g} degrees, first by {tilt[first]:.0f} at "
+            f"{tilted.size} attitudes lean by more than {ATTITUDE.max_tilt_deg:g} degrees, first by {tilt[first]:.0f} at "
             f"{track.time_s[first]:.1f} s: nothing flies a route like that"
         )
         attitude[tilted] = np.nan
@@ -313,24 +280,24 @@ def _stuck(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> Itera
     starts = np.flatnonzero(same & ~np.insert(same[:-1], 0, False))
     for start in starts:
         last = int(start) + int(np.argmin(same[start:]))
-        if time_s[last] - time_s[start] < _STUCK_S:
+        if time_s[last] - time_s[start] < ATTITUDE.stuck_s:
             continue
         # Positions far enough apart in time that noise does not determine the course.
-        steps = np.unique(np.searchsorted(time_s, np.arange(time_s[start], time_s[last], _COURSE_S)))
+        steps = np.unique(np.searchsorted(time_s, np.arange(time_s[start], time_s[last], ATTITUDE.course_s)))
         way = np.diff(enu_m[steps, :2], axis=0)
-        fast = np.hypot(way[:, 0], way[:, 1]) > _COURSE_M_S * np.diff(time_s[steps])
+        fast = np.hypot(way[:, 0], way[:, 1]) > ATTITUDE.course_m_s * np.diff(time_s[steps])
         course = np.degrees(np.unwrap(np.arctan2(way[fast, 0], way[fast, 1])))
-        if course.size and (turn := float(np.ptp(course))) > _TURNED_DEG:
+        if course.size and (turn := float(np.ptp(course))) > ATTITUDE.turned_deg:
             yield int(start), last, turn
 
 
 def _in_radians(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> bool:
     """Whether the headings agree with the courses as radians and not as degrees."""
-    if float(np.nanmax(np.abs(attitude))) > _RADIANS_AT_MOST or len(time_s) < 3:
+    if float(np.nanmax(np.abs(attitude))) > ATTITUDE.most_radians or len(time_s) < 3:
         return False
     velocity = np.gradient(enu_m[:, :2], time_s, axis=0)
-    moving = (np.hypot(velocity[:, 0], velocity[:, 1]) > _COURSE_M_S) & np.isfinite(attitude[:, 2])
-    if moving.sum() < _ENOUGH:
+    moving = (np.hypot(velocity[:, 0], velocity[:, 1]) > ATTITUDE.course_m_s) & np.isfinite(attitude[:, 2])
+    if moving.sum() < ATTITUDE.enough_windows:
         return False
     course = np.degrees(np.arctan2(velocity[moving, 0], velocity[moving, 1]))
     yaw = attitude[moving, 2]
@@ -338,23 +305,23 @@ def _in_radians(time_s: FloatArray, enu_m: FloatArray, attitude: FloatArray) -> 
     def median_off(heading_deg: FloatArray) -> float:
         return float(np.median(np.abs((heading_deg - course + 180.0) % 360.0 - 180.0)))
 
-    return median_off(np.degrees(yaw)) < _AGREES_DEG and median_off(yaw) > _DIFFERS_DEG
+    return median_off(np.degrees(yaw)) < ATTITUDE.agrees_deg and median_off(yaw) > ATTITUDE.differs_deg
 
 
 def _never_leans(
     time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude: FloatArray
 ) -> tuple[float, float] | None:
     """The largest lean in degrees and the largest acceleration, when the lean is far too small for it."""
-    brisk = np.zeros(_ENOUGH)
+    brisk = np.zeros(ATTITUDE.enough_windows)
     # The longer window suppresses noise, the shorter one shows short turns.
     for window_s in (1.0, 2.0):
         windows = Windows.of(time_s, enu_m, window_s=window_s, joined=joined)
-        most = np.sort(windows.level_m_s2 - windows.allowance_m_s2(0))[-_ENOUGH:]
-        if most.size == _ENOUGH and most[0] > brisk[0]:
+        most = np.sort(windows.level_m_s2 - windows.allowance_m_s2(0))[-ATTITUDE.enough_windows :]
+        if most.size == ATTITUDE.enough_windows and most[0] > brisk[0]:
             brisk = most
-    if brisk[0] < _BRISK_M_S2:
+    if brisk[0] < ATTITUDE.brisk_m_s2:
         return None
     lean = float(np.nanmax(np.abs(attitude[:, :2])))
-    if lean >= _LEANS_AT_LEAST * np.degrees(np.arctan2(brisk[0], GRAVITY_M_S2)):
+    if lean >= ATTITUDE.least_lean_share * np.degrees(np.arctan2(brisk[0], GRAVITY_M_S2)):
         return None
     return lean, float(brisk[-1])

@@ -274,7 +274,7 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
             f"{len(report.separation)} pairs of flights at the same time"
         )
     missed = sum(gap.area_m2 for gap in report.gaps)
-    user.say(f"gaps              {len(report.gaps)}, {missed:.0f} square metres in all")
+    user.say(f"gaps              {len(report.gaps)}, {missed:.0f} square metres in total")
     for violation in report.violations[:_SHOWN_VIOLATIONS]:
         place = (
             f"{violation.lat_deg:.6f}, {violation.lon_deg:.6f}"
@@ -325,7 +325,7 @@ def _say_pictures(user: User, report: VerificationReport) -> None:
         f"{pictures.median:g} (median)"
     )
     if pictures.asked is not None and pictures.overlap_fraction is not None:
-        holds = "holds" if pictures.overlap_holds else "DOES NOT HOLD"
+        holds = "holds" if pictures.overlap_holds else "NOT MET"
         user.say(
             f"required overlap {holds}: {percent(pictures.overlap_fraction)} of the area as drawn is in at least "
             f"{pictures.asked} photos"

@@ -25,6 +25,7 @@ from uavcover.verification.observations import level_observations
 from uavcover.verification.photo_evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.verification.possible_motion import motion_limits
 from uavcover.verification.separation import NOT_ASKED, Separation
+from uavcover.verification.tuning import TRACK
 from uavcover.verification.unobserved import (
     length_of_m,
     place_of,
@@ -33,9 +34,6 @@ from uavcover.verification.unobserved import (
     way_before_m,
     ways_between_m,
 )
-
-_MOMENTS = 200
-"""Number of moments, evenly spread over the observations' time, at which coverage over time is reported."""
 
 
 def cell_statistics(coverage: CoverageMap, flown: FlownCoverage) -> CellStatistics:
@@ -67,15 +65,9 @@ def coverage_by_time(coverage: CoverageMap, flown: FlownCoverage, times_s: Float
     order = order[np.argsort(flown.first_seen_s[order], kind="stable")]
     weight = coverage.grid.weight_m2
     so_far = np.append(0.0, np.cumsum(weight[order])) / coverage.grid.area_m2
-    moments = np.linspace(times_s[0], times_s[-1], _MOMENTS) if times_s[-1] > times_s[0] else times_s[:1]
+    moments = np.linspace(times_s[0], times_s[-1], TRACK.moments) if times_s[-1] > times_s[0] else times_s[:1]
     shares = so_far[np.searchsorted(flown.first_seen_s[order], moments, side="right")]
     return tuple(CoverageMoment(float(t), float(share)) for t, share in zip(moments, shares, strict=True))
-
-
-MAX_UNOBSERVED_WAYS_FRACTION = 0.2
-"""Fraction of the time in transit; on the route the scenario allows much less."""
-
-_SHOWN = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +124,7 @@ def decide(
         which = f"track {number + 1}: " if len(judged) > 1 else ""
         found = [*(unproved("ends", line) for line in _end_doubts(site, number, j, links)), *j.findings]
         for line in j.attitude_problems:
-            text = f"{line}: its attitude is not known there"
+            text = f"{line}: its attitude is unknown there"
             found.append(unproved("coverage", text) if unknown_attitude_looks else noted(text))
         findings += [replace(finding, text=which + finding.text) for finding in found]
     fraction, ways_fraction = _fractions(judged, unobserved)
@@ -144,19 +136,19 @@ def decide(
             f"{100 * requirements.max_unobserved_fraction:g} %{_longest(site, unobserved, 'route')}"
         )
         findings.append(unproved("unobserved-fraction", text))
-    if ways_fraction > MAX_UNOBSERVED_WAYS_FRACTION:
+    if ways_fraction > TRACK.max_unobserved_ways_fraction:
         text = (
             f"{100 * ways_fraction:.0f} % of the outbound and return transits was not observed, more than "
-            f"{100 * MAX_UNOBSERVED_WAYS_FRACTION:g} %{_longest(site, unobserved, 'transit')}"
+            f"{100 * TRACK.max_unobserved_ways_fraction:g} %{_longest(site, unobserved, 'transit')}"
         )
         findings.append(unproved("transit-observed", text))
     long = [s for s in unobserved if s.in_flight and s.duration_s > requirements.max_unobserved_gap_s]
     gaps = [
         f"{_told(site, stretch)}; at most {requirements.max_unobserved_gap_s:g} s are allowed"
-        for stretch in long[:_SHOWN]
+        for stretch in long[: TRACK.shown]
     ]
-    if len(long) > _SHOWN:
-        gaps.append(f"and {len(long) - _SHOWN} more stretches as long")
+    if len(long) > TRACK.shown:
+        gaps.append(f"and {len(long) - TRACK.shown} more stretches as long")
     findings += [unproved("unobserved-gap", text) for text in gaps]
 
     @cache
@@ -272,10 +264,12 @@ def _end_doubts(site: Site, number: int, j: JudgedTrack, links: Sequence[FlightC
     doubts = []
     if not j.begin.on_ground and not any(link.after == number for link in links):
         doubts.append(
-            f"{j.begin}, at {place_of(site, j.begin.enu_m)}, {j.begin.time_s:.1f} s: what was before is not known"
+            f"{j.begin}, at {place_of(site, j.begin.enu_m)}, {j.begin.time_s:.1f} s: the flight before it is unknown"
         )
     if not j.end.on_ground and not any(link.before == number for link in links):
-        doubts.append(f"{j.end}, at {place_of(site, j.end.enu_m)}, {j.end.time_s:.1f} s: what came after is not known")
+        doubts.append(
+            f"{j.end}, at {place_of(site, j.end.enu_m)}, {j.end.time_s:.1f} s: the flight after it is unknown"
+        )
     return doubts
 
 

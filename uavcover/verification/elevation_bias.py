@@ -12,11 +12,7 @@ from uavcover.model.limits import FlightLimits
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.scenario.site import Site
-
-_FEWEST = 20
-"""Readings that say something: less than a second of most rangefinders."""
-_SPREADS = 2.0
-"""A bound reaches this number of spreads beyond the bias; of a normal distribution 95 % lie within 2."""
+from uavcover.verification.tuning import TRACK
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,7 +34,7 @@ class ElevationBias:
     @property
     def bound_m(self) -> float:
         """Largest plausible error of a height of the elevation data."""
-        return abs(self.bias_m) + _SPREADS * self.spread_m
+        return abs(self.bias_m) + TRACK.spreads * self.spread_m
 
     def __str__(self) -> str:
         side = "above" if self.bias_m >= 0.0 else "below"
@@ -62,7 +58,7 @@ def elevation_biases(site: Site, tracks: Sequence[Track]) -> tuple[ElevationBias
         differences = _differences_m(
             site, np.concatenate([np.empty((0, 3)), *readings]), with_surface=source == "rangefinder"
         )
-        if len(differences) < _FEWEST:
+        if len(differences) < TRACK.fewest_samples:
             continue
         low, middle, high = np.percentile(differences, (16.0, 50.0, 84.0))
         found.append(ElevationBias(source, len(differences), float(middle), float(0.5 * (high - low))))

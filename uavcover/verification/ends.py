@@ -9,22 +9,7 @@ import numpy as np
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.scenario import Scenario
 from uavcover.verification.possible_motion import MAX_JUMP_M, MotionLimits
-
-STILL_S = 2.0
-"""A vehicle on the ground stands still for this long."""
-STILL_LEVEL_M_S = 1.0
-STILL_VERTICAL_M_S = 0.3
-"""Below the speed of any landing."""
-NOISE_MEDIANS = 10.0
-"""Multiple of the position noise allowed over that time: three standard deviations of a drifting error."""
-NEAR_TERRAIN_M = 2.0
-"""A moving vehicle this close to the terrain counts as on the ground: receivers err by as much, and a record that
-begins with arming begins a second before the climb."""
-SAME_HEIGHT_M = 1.0
-"""... and this close to the height of the other end at the same position."""
-DRIFT_M = 5.0
-"""An end this much higher than the other at the same place, which is at the terrain, is in the air: heights drift less."""
-SAME_PLACE_M = 10.0
+from uavcover.verification.tuning import ENDS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +35,7 @@ class TrackEnd:
     def __str__(self) -> str:
         """Description for people."""
         if np.isnan(self.height_agl_m):
-            return f"the track {self.which} where the height above ground is not known"
+            return f"the track {self.which} where the height above ground is unknown"
         side = "above" if self.height_agl_m >= 0.0 else "under"
         moving = "" if self.still else ", in motion"
         return f"the track {self.which} {abs(self.height_agl_m):.1f} m {side} the ground{moving}"
@@ -84,17 +69,21 @@ def track_ends(
     tolerance_m = ground_tolerance_m(scenario)
     last = len(time_s) - 1
     rests = (
-        _still(enu_m, 0, int(np.searchsorted(time_s, time_s[0] + STILL_S)), time_s, noise_m),
-        _still(enu_m, int(np.searchsorted(time_s, time_s[-1] - STILL_S, side="right")) - 1, last, time_s, noise_m),
+        _still(enu_m, 0, int(np.searchsorted(time_s, time_s[0] + ENDS.still_s)), time_s, noise_m),
+        _still(enu_m, int(np.searchsorted(time_s, time_s[-1] - ENDS.still_s, side="right")) - 1, last, time_s, noise_m),
     )
-    same_place = float(np.hypot(*(enu_m[0, :2] - enu_m[-1, :2]))) <= SAME_PLACE_M
+    same_place = float(np.hypot(*(enu_m[0, :2] - enu_m[-1, :2]))) <= ENDS.same_place_m
     ends = []
     for number, (sample, other) in enumerate(((0, last), (last, 0))):
         height = float(heights_agl_m[sample])
-        as_low = abs(height) <= NEAR_TERRAIN_M
-        as_other = same_place and rests[1 - number] and abs(float(enu_m[sample, 2] - enu_m[other, 2])) <= SAME_HEIGHT_M
+        as_low = abs(height) <= ENDS.near_terrain_m
+        as_other = (
+            same_place and rests[1 - number] and abs(float(enu_m[sample, 2] - enu_m[other, 2])) <= ENDS.same_height_m
+        )
         above_other_m = float(enu_m[sample, 2] - enu_m[other, 2])
-        in_the_air = same_place and abs(float(heights_agl_m[other])) <= NEAR_TERRAIN_M and above_other_m > DRIFT_M
+        in_the_air = (
+            same_place and abs(float(heights_agl_m[other])) <= ENDS.near_terrain_m and above_other_m > ENDS.drift_m
+        )
         on_ground = abs(height) <= tolerance_m and (rests[number] or as_low or as_other) and not in_the_air
         which: Literal["begins", "ends"] = "begins" if number == 0 else "ends"
         ends.append(TrackEnd(which, float(time_s[sample]), enu_m[sample], height, on_ground, rests[number]))
@@ -107,8 +96,8 @@ def _still(enu_m: FloatArray, first: int, last: int, time_s: FloatArray, noise_m
     way = enu_m[last] - enu_m[first]
     level, vertical = float(np.hypot(way[0], way[1])), abs(float(way[2]))
     return (
-        level <= STILL_LEVEL_M_S * seconds + NOISE_MEDIANS * noise_m[0]
-        and vertical <= STILL_VERTICAL_M_S * seconds + NOISE_MEDIANS * noise_m[1]
+        level <= ENDS.still_level_m_s * seconds + ENDS.noise_medians * noise_m[0]
+        and vertical <= ENDS.still_vertical_m_s * seconds + ENDS.noise_medians * noise_m[1]
     )
 
 

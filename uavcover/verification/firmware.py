@@ -5,23 +5,18 @@ AUTOPILOT_VERSION that a ground station received. A track of ours has its teleme
 """
 
 import re
-import tomllib
-from collections.abc import Mapping
 from dataclasses import dataclass
-from datetime import UTC, date, datetime, time
-from functools import cache
-from importlib import resources
+from datetime import UTC, datetime, time
 from pathlib import Path
 
-_HEAD_BYTES = 8_000_000
-"""The version is sent when a log or a link begins."""
+from mission_io.data_tables import read_document
+from uavcover.verification.tuning import CLOCK
+
 _ARDUPILOT = re.compile(rb"Ardu(?:Copter|Plane|Rover|Sub) V(\d+)\.(\d+)\.\d+(-?[a-z]*)")
 _PX4 = re.compile(rb"uint32_t ver_sw_release(.{4})", re.DOTALL)
 _MESSAGE = re.compile(rb"\xfd[\x14-\xff].{5}\x94\x00\x00.{16}(.{4})", re.DOTALL)
 """AUTOPILOT_VERSION (148) as MAVLink 2: the version comes after two numbers of 64 bits."""
 _OFFICIAL = 255
-_UNRELEASED_VERSIONS = 2
-"""Builds of the next versions are flown from before a version's release on."""
 _TELEMETRY = "flight.tlog"
 
 
@@ -49,15 +44,9 @@ class Firmware:
     @property
     def released_s(self) -> float | None:
         """Release date of the firmware in seconds since 1970: no earlier flight is possible. None where it is not known."""
-        minor = self.minor if self.official else self.minor - _UNRELEASED_VERSIONS
-        released = _releases()[self.autopilot].get(f"{self.major}.{minor}")
+        minor = self.minor if self.official else self.minor - CLOCK.unreleased_versions
+        released = read_document("uavcover/data/firmware_releases.toml")[self.autopilot].get(f"{self.major}.{minor}")
         return None if released is None else datetime.combine(released, time(), UTC).timestamp()
-
-
-@cache
-def _releases() -> Mapping[str, Mapping[str, date]]:
-    text = (resources.files("uavcover") / "data" / "firmware_releases.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
 
 
 def firmware_of(log: Path) -> Firmware | None:
@@ -66,7 +55,7 @@ def firmware_of(log: Path) -> Firmware | None:
     if not path.is_file():
         return None
     with path.open("rb") as file:
-        head = file.read(_HEAD_BYTES)
+        head = file.read(CLOCK.head_bytes)
     kind = path.suffix.lower()
     if kind == ".bin":
         found = _ARDUPILOT.search(head)

@@ -19,7 +19,6 @@ from uavcover.verification.phases import PlannedRoute, on_route
 from uavcover.verification.possible_motion import judge_motion, motion_limits
 from uavcover.verification.reported_photos import REACHED_RADII, TrackPhotos, photos_of, reports_photos
 from uavcover.verification.safety import (
-    TOLERANCE,
     Heights,
     Phases,
     SampleValues,
@@ -31,19 +30,9 @@ from uavcover.verification.safety import (
     track_heights,
     zones_at_unknown_time,
 )
+from uavcover.verification.tuning import SAFETY, TRACK
 from uavcover.verification.unobserved import place_of, unobserved_stretches
 from uavcover.verification.waypoints_passed import Passing, contradiction, passing, plan_doubt
-
-MAX_CONTRADICTION_M = 1.0
-"""Largest difference between a track's local columns and its latitudes and longitudes."""
-
-TOLD_HEIGHT_M = 3.0
-"""A vehicle that stands further above or below the scenario's ground is reported."""
-
-_ROLL_M = 5.0
-"""Where no plan divides a flight, its first and last stretches lower than this are take-off and landing."""
-_PLACE_MARGIN_M = 2.0
-"""Tolerance for a position (home during climb and landing, a waypoint): two acceptance radii, plus an allowance for wind."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -159,7 +148,7 @@ def judge_track(
         None if passed is None or not route.any() else plan_doubt(passed),
         None if misnumbered is None else f"{misnumbered}: its numbers are ignored, the positions decide",
     ]
-    if not contradiction_m <= MAX_CONTRADICTION_M:
+    if not contradiction_m <= TRACK.max_contradiction_m:
         unbelieved.append(
             "the track contradicts itself: east, north, up differ from latitude, longitude, height by up to "
             f"{contradiction_m:.1f} m"
@@ -205,7 +194,7 @@ def judge_track(
             *(
                 []
                 if known.unconfirmed is None
-                else [noted(f"{known.unconfirmed}: observations that depend on it are only possible")]
+                else [noted(f"{known.unconfirmed}: observations that depend on it are only possibly observed")]
             ),
         ),
         attitude_problems=known.problems,
@@ -271,10 +260,10 @@ def _reasons(
         concerns = tuple(dict.fromkeys(LIMIT_OF[kind] for kind in kinds))
         reasons.append(fails(concerns, f"{len(violations)} violations of the limits ({', '.join(kinds)})"))
     off, most_m = largest(deviations), requirements.max_deviation_m
-    if most_m is not None and off is not None and off > most_m + TOLERANCE:
+    if most_m is not None and off is not None and off > most_m + SAFETY.speed_tolerance:
         reasons.append(fails("deviation", f"the deviation from the planned route, {off:.1f} m, is above {most_m} m"))
     fastest, allowed = largest(speeds_m_s[phases.route]), requirements.max_ground_speed_m_s
-    if allowed is not None and fastest is not None and fastest > allowed + TOLERANCE:
+    if allowed is not None and fastest is not None and fastest > allowed + SAFETY.speed_tolerance:
         reasons.append(fails("ground-speed", f"the speed over ground, {fastest:.1f} m/s, is above {allowed} m/s"))
     return reasons
 
@@ -309,7 +298,7 @@ def _findings(site: Site, begin: TrackEnd, end: TrackEnd) -> list[str]:
     """Irregularities of the take-off and landing positions."""
     findings = []
     for did, where in (("took off", begin), ("landed", end)):
-        if where.on_ground and abs(where.height_agl_m) > TOLD_HEIGHT_M:
+        if where.on_ground and abs(where.height_agl_m) > TRACK.reported_height_m:
             side = "above" if where.height_agl_m > 0.0 else "under"
             findings.append(
                 f"the vehicle {did} {abs(where.height_agl_m):.1f} m {side} the ground of the scenario: all heights above "
@@ -327,7 +316,7 @@ def _findings(site: Site, begin: TrackEnd, end: TrackEnd) -> list[str]:
 
 
 def _place_radius_m(site: Site) -> float:
-    return REACHED_RADII * site.scenario.vehicle.acceptance_radius_m + _PLACE_MARGIN_M
+    return REACHED_RADII * site.scenario.vehicle.acceptance_radius_m + TRACK.place_margin_m
 
 
 def _take_off_and_landing(
@@ -335,7 +324,7 @@ def _take_off_and_landing(
 ) -> BoolArray:
     """(n,) samples of take-off and landing of a flight without a plan: straight above them, or as low as a roll."""
     found = np.zeros(len(enu_m), dtype=bool)
-    low = height_agl_m < _ROLL_M
+    low = height_agl_m < TRACK.roll_m
     if begin.on_ground:
         found |= np.cumsum(~(_at(site, enu_m, begin.enu_m) | low)) == 0
     if end.on_ground:

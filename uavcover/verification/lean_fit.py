@@ -14,33 +14,13 @@ import numpy as np
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.verification.motion_windows import NOISE_MEDIANS, Windows
 from uavcover.verification.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG
+from uavcover.verification.tuning import LEAN
 
-SURE = 3.0
-"""Standard errors by which a figure has to differ."""
-SMALLEST_SIGNAL = 3.0
-"""The signal level: the correlation of lean and acceleration, in standard errors, above which an attitude is confirmed. Mock
-flights in gusts of 2 m/s with errors of 2 m reach 7, simulated autopilots in a storm 5, attitudes of another time 0 to 3."""
 LEAST_ACCELERATION_OF_LEAN, MOST_ACCELERATION_OF_LEAN = 0.5, 1.4
 """Acceleration of the track in that of the lean. Simulated autopilots: 0.8 to 1.0, in gusts 0.5, reversed in time 0.3."""
 LEAST_LEAN_OF_ACCELERATION, MOST_LEAN_OF_ACCELERATION = 0.25, 1.4
 """The same the other way round."""
-GUST_LEAN_M_S2 = 0.45
-"""Root mean square of the lean against gusts of 2 m/s, which accelerates nothing; mock flights reach 0.38."""
-MODEL = 0.9
-"""Correlation that drag leaves which is not as it is modelled."""
-MOST_LATE_S = 1.0
-"""An attitude may be as old as ``MAX_AGE_S``."""
 _LATE_S = np.arange(-3.0, 3.1, 0.5)
-_SLOW_S = 5.0
-"""Wind and drag that change over longer times than twice this are left out."""
-_STEP_S = 0.1
-_NOISE = 1.2
-"""Root mean square of a Rayleigh distribution, in medians."""
-_LEAST_M_S = 0.5
-_LONGEST_HALF_S = 2.1
-_WINDOW_S = 1.0
-_ENOUGH = 20
-_LEAST_SHARE = 0.3
 _POINTS = np.linspace(-1.0, 1.0, 9)
 _WEIGHTS = (1.0 - np.abs(_POINTS)) / (1.0 - np.abs(_POINTS)).sum()
 """A divided difference of positions is the mean of the accelerations with these weights."""
@@ -99,7 +79,7 @@ class LeanFit:
             correlation,
             float(np.arctanh(correlation) * np.sqrt(count - 3.0)),
             (al / ll, float(left * np.sqrt(aa / ll))),
-            1.0 - len(lean) * GUST_LEAN_M_S2**2 / ll,
+            1.0 - len(lean) * LEAN.gust_lean_m_s2**2 / ll,
             (al / aa, float(left * np.sqrt(ll / aa))),
             1.0 - len(acceleration) * noise_m_s2**2 / aa,
             count,
@@ -110,30 +90,36 @@ class LeanFit:
         """In what the lean contradicts the accelerations."""
         slope, error = self.acceleration_of_lean
         # Leaning against gusts makes this slope smaller, and never larger.
-        if self.steady > _LEAST_SHARE and slope + SURE * error < LEAST_ACCELERATION_OF_LEAN * self.steady:
+        if (
+            self.steady > LEAN.least_share
+            and slope + LEAN.sure_deviations * error < LEAST_ACCELERATION_OF_LEAN * self.steady
+        ):
             return "the vehicle leans and does not accelerate as it leans"
-        if slope - SURE * error > MOST_ACCELERATION_OF_LEAN:
+        if slope - LEAN.sure_deviations * error > MOST_ACCELERATION_OF_LEAN:
             return f"the vehicle accelerates {slope:.1f} times as much as it leans"
         slope, error = self.lean_of_acceleration
         # Noise of the positions makes this slope smaller, and never larger.
-        if self.known > _LEAST_SHARE and slope + SURE * error < LEAST_LEAN_OF_ACCELERATION * self.known:
+        if (
+            self.known > LEAN.least_share
+            and slope + LEAN.sure_deviations * error < LEAST_LEAN_OF_ACCELERATION * self.known
+        ):
             return "the vehicle accelerates and does not lean as it accelerates"
-        if slope - SURE * error > MOST_LEAN_OF_ACCELERATION:
+        if slope - LEAN.sure_deviations * error > MOST_LEAN_OF_ACCELERATION:
             return f"the vehicle leans {slope:.1f} times as much as it accelerates"
         return None
 
     @property
     def confirms(self) -> bool:
         """Whether lean and acceleration are related, and as closely as gusts and noise of the positions leave them."""
-        return self.signal >= SMALLEST_SIGNAL and not self.loose
+        return self.signal >= LEAN.smallest_signal and not self.loose
 
     @property
     def loose(self) -> bool:
         """Whether lean and acceleration are surely less related than gusts and noise of the positions leave them."""
-        expected = MODEL * np.sqrt(max(0.0, self.known) * max(0.0, self.steady))
+        expected = LEAN.model_share * np.sqrt(max(0.0, self.known) * max(0.0, self.steady))
         # Fisher's transform: its standard error does not depend on the correlation.
         less = np.arctanh(expected) - np.arctanh(self.correlation)
-        return bool(less * np.sqrt(max(0.0, self.count - 3.0)) > SURE)
+        return bool(less * np.sqrt(max(0.0, self.count - 3.0)) > LEAN.sure_deviations)
 
 
 @dataclass(frozen=True, slots=True)
@@ -173,25 +159,27 @@ def lean_fits(time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude
         joined: (n - 1,) legs that were observed.
         attitude_deg: (n, 3) roll, pitch and yaw, NaN where they are not known.
     """
-    windows = Windows.of(time_s, enu_m, window_s=_WINDOW_S, joined=joined)
-    some = np.diff(np.floor(time_s[windows.middle] / _STEP_S), prepend=-np.inf) > 0.0
+    windows = Windows.of(time_s, enu_m, window_s=LEAN.window_s, joined=joined)
+    some = np.diff(np.floor(time_s[windows.middle] / LEAN.step_s), prepend=-np.inf) > 0.0
     before, middle, after = windows.before[some], windows.middle[some], windows.after[some]
     velocity, acceleration = windows.velocity_m_s[some, :2], windows.acceleration_m_s2[some, :2]
     half_s = np.maximum(time_s[middle] - time_s[before], time_s[after] - time_s[middle])
-    good = (half_s <= _LONGEST_HALF_S) & (np.hypot(velocity[:, 0], velocity[:, 1]) > _LEAST_M_S)
+    good = (half_s <= LEAN.longest_half_s) & (np.hypot(velocity[:, 0], velocity[:, 1]) > LEAN.least_m_s)
     good &= np.hypot(acceleration[:, 0], acceleration[:, 1]) <= GRAVITY_M_S2 * np.tan(np.radians(MAX_LEAN_DEG))
     thrust = thrust_m_s2(attitude_deg)
-    noise_m_s2 = float(_NOISE * min(windows.noise_m[0], windows.most_noise_m[0] / NOISE_MEDIANS) / _WINDOW_S**2)
+    noise_m_s2 = float(
+        LEAN.noise_ratio * min(windows.noise_m[0], windows.most_noise_m[0] / NOISE_MEDIANS) / LEAN.window_s**2
+    )
     fits: dict[float, LeanFit] = {}
     bad: tuple[BadStretch, ...] = ()
     for late_s in _LATE_S:
         lean = mean_over(time_s, thrust, time_s[middle] + late_s, half_s)
         known = good & np.isfinite(lean).all(axis=1) & np.isfinite(attitude_deg[middle, 2])
-        if known.sum() < _ENOUGH:
+        if known.sum() < LEAN.enough_windows:
             continue
         at_s, yaw = time_s[middle][known], np.radians(attitude_deg[middle, 2][known])
         a, b = _without_drag(at_s, velocity[known], yaw, acceleration[known], lean[known])
-        each = max(1.0, 2.0 * float(np.median(half_s[known])) / max(_STEP_S, float(np.median(np.diff(at_s)))))
+        each = max(1.0, 2.0 * float(np.median(half_s[known])) / max(LEAN.step_s, float(np.median(np.diff(at_s)))))
         fits[float(late_s)] = LeanFit.of(a, b, count=len(a) / each, noise_m_s2=noise_m_s2)
         if late_s == 0.0:
             bad = _bad_stretches(at_s, a, b, yaw, each=each, noise_m_s2=noise_m_s2)
@@ -200,13 +188,8 @@ def lean_fits(time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude
 
 STRETCHES_S = (40.0, 80.0, 160.0, np.inf)
 """Lengths of the stretches that are tested, each overlapping the next by half."""
-MODEL_ERROR = 0.1
-"""Of the concordance of lean and acceleration: drag, and attitudes that are up to a second old."""
 MOST_LEAN, LEAST_LEAN = 1.35, 0.7
 """Lean in that of the accelerations, after two standard errors. Honest: 0.80 to 1.26 on the mock, 0.97 to 1.18 in simulations."""
-_AXES_FROM_S = 80.0
-_QUIET_S, _QUIET_PERCENT = 20.0, 30.0
-"""The unrelated part of lean and acceleration is taken from the stretches of this length that have least of it."""
 
 
 def _bad_stretches(
@@ -224,26 +207,26 @@ def _bad_stretches(
     for name, axes in (("", np.ones((len(yaw), 2))), (" ahead", ahead), (" to the right", right)):
         a, b = (acceleration, lean) if not name else ((v * axes).sum(axis=1)[:, None] for v in (acceleration, lean))
         sums = np.vstack([np.zeros(3), np.cumsum([(a * a).sum(1), (b * b).sum(1), (a * b).sum(1)], axis=1).T])
-        gusts, noise = (0.5 * a.shape[1] * rms**2 for rms in (GUST_LEAN_M_S2, noise_m_s2))
-        first, last = _stretches(time_s, _QUIET_S)
+        gusts, noise = (0.5 * a.shape[1] * rms**2 for rms in (LEAN.gust_lean_m_s2, noise_m_s2))
+        first, last = _stretches(time_s, LEAN.quiet_s)
         aa, bb, ab = ((sums[last] - sums[first]) / (last - first)[:, None]).T
-        unrelated = float(np.clip(np.percentile(aa + bb - 2.0 * ab, _QUIET_PERCENT), gusts, gusts + noise))
+        unrelated = float(np.clip(np.percentile(aa + bb - 2.0 * ab, LEAN.quiet_percent), gusts, gusts + noise))
         for length_s in STRETCHES_S:
-            if name and length_s < _AXES_FROM_S:
+            if name and length_s < LEAN.axes_from_s:
                 continue
             first, last = _stretches(time_s, length_s)
-            enough = last - first >= _ENOUGH
+            enough = last - first >= LEAN.enough_windows
             first, last = first[enough], last[enough]
             aa, bb, ab = ((sums[last] - sums[first]) / (last - first)[:, None]).T
             count = np.maximum(1.0, a.shape[1] * (last - first) / each)
             energy = np.maximum(0.5 * (aa + bb - unrelated), 1e-9)
             error = np.sqrt((energy * unrelated + unrelated**2 / 4.0) / count) / energy
-            apart = (1.0 - ab / energy) / np.hypot(error, MODEL_ERROR) > SURE
+            apart = (1.0 - ab / energy) / np.hypot(error, LEAN.model_error) > LEAN.sure_deviations
             whys = np.where(apart, f"it does not lean{name} as it accelerates", "")
             if not name:
                 # Gusts and noise make the first slope smaller, and the second larger.
                 wide = 1.0 + 2.0 * error
-                clear = ~apart & (error < 1.0 / SURE) & (ab > 0.0)
+                clear = ~apart & (error < 1.0 / LEAN.sure_deviations) & (ab > 0.0)
                 whys = np.where(clear & (ab > MOST_LEAN * wide * aa), "it leans more than it accelerates", whys)
                 whys = np.where(clear & (bb * wide < LEAST_LEAN * ab), "it leans less than it accelerates", whys)
             for k in np.flatnonzero(whys != ""):
@@ -255,8 +238,8 @@ def _bad_stretches(
 
 def _stretches(time_s: FloatArray, length_s: float) -> tuple[IntArray, IntArray]:
     """First samples, and those after the last, of overlapping stretches; of the whole where it is shorter."""
-    length_s = min(length_s, float(time_s[-1] - time_s[0]) + _STEP_S)
-    begin_s = np.arange(time_s[0], max(time_s[-1] - 0.7 * length_s, time_s[0] + _STEP_S), 0.5 * length_s)
+    length_s = min(length_s, float(time_s[-1] - time_s[0]) + LEAN.step_s)
+    begin_s = np.arange(time_s[0], max(time_s[-1] - 0.7 * length_s, time_s[0] + LEAN.step_s), 0.5 * length_s)
     first, last = np.searchsorted(time_s, begin_s), np.searchsorted(time_s, begin_s + length_s)
     return first[last > first], last[last > first]
 
@@ -281,7 +264,7 @@ def _fast(time_s: FloatArray, values: FloatArray) -> FloatArray:
     """(k, 2) values less their means over the seconds around each."""
     steps = 0.5 * (values[1:] + values[:-1]) * np.diff(time_s)[:, None]
     sums = np.vstack([np.zeros(values.shape[1]), np.cumsum(steps, axis=0)])
-    begin, end = np.maximum(time_s - _SLOW_S, time_s[0]), np.minimum(time_s + _SLOW_S, time_s[-1])
+    begin, end = np.maximum(time_s - LEAN.slow_s, time_s[0]), np.minimum(time_s + LEAN.slow_s, time_s[-1])
     means = [
         (np.interp(end, time_s, axis) - np.interp(begin, time_s, axis)) / np.maximum(end - begin, 1e-9)
         for axis in sums.T

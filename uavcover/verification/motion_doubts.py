@@ -15,14 +15,8 @@ from uavcover.scenario.site import Site
 from uavcover.verification.attitude import KnownAttitude
 from uavcover.verification.motion_windows import COARSE_STEP_S, Windows
 from uavcover.verification.possible_motion import ACCELERATION_WINDOWS_S, ImpossibleMove, Motion, MotionLimits
+from uavcover.verification.tuning import TRACK
 from uavcover.verification.unobserved import place_of
-
-MAX_IMPOSSIBLE_MOVES = 3
-"""A receiver may lose and regain its position a few times in a flight; more impossible moves mean it was not flown."""
-_AROUND_S = 1.0
-"""Motion before and after a move that has to continue without its jump."""
-_MOST_LEGS = 8
-"""Of those in a move, the ones with the largest jumps are tried."""
 
 
 def motion_doubts(
@@ -47,15 +41,15 @@ def motion_doubts(
     if steps:
         step = max(steps, key=lambda move: move.step_m_s)
         doubts.append(
-            f"the velocity changes at once {at(step)}, by {step.step_m_s:.1f} m/s more than it can: flight is missing there, "
-            "and how much is not known"
+            f"the velocity changes at once {at(step)}, by {step.step_m_s:.1f} m/s more than it can: an unknown "
+            "part of the flight is missing there"
         )
     if (move := motion.contradiction) is not None:
         doubts.append(
             f"reported velocity and positions contradict each other over {motion.contradicted_fraction:.0%} of the time, from "
             f"{track.time_s[move.first]:.1f} s, {place_of(site, enu_m[move.first])}: {move}; one of the two was not measured"
         )
-    if len(motion.moves) > MAX_IMPOSSIBLE_MOVES:
+    if len(motion.moves) > TRACK.max_impossible_moves:
         first = motion.moves[0]
         doubts.append(
             f"the vehicle cannot have moved like this at {len(motion.moves)} positions, first {at(first)}: {first}"
@@ -68,8 +62,8 @@ def motion_doubts(
         for move in motion.moves:
             if not _is_jump(track.time_s, enu_m, move, limits, shortest):
                 doubts.append(
-                    f"the vehicle cannot have moved like this {at(move)}: {move}, and without a jump of its receiver it "
-                    "cannot either: time was inserted there, or flight is missing"
+                    f"the vehicle cannot have moved like this {at(move)}: {move}, and a receiver jump does not "
+                    "explain it: time was inserted or a part of the flight is missing"
                 )
                 break
     return doubts
@@ -81,8 +75,8 @@ def _is_jump(
     """Whether a jump of the position, there or there and back, is all that is impossible in a move."""
     if move.kind in ("out of reach", "velocity"):
         return True  # judged by its place, or by what the vehicle reported: those samples are no evidence
-    begin = int(np.searchsorted(time_s, time_s[move.first] - _AROUND_S))
-    end = int(np.searchsorted(time_s, time_s[move.last] + _AROUND_S, side="right"))
+    begin = int(np.searchsorted(time_s, time_s[move.first] - TRACK.around_s))
+    end = int(np.searchsorted(time_s, time_s[move.last] + TRACK.around_s, side="right"))
     times, places = time_s[begin:end], enu_m[begin:end]
     allowed = (shortest.allowance_m(0), shortest.allowance_m(1))
     return any(
@@ -97,7 +91,7 @@ def _without_a_jump(time_s: FloatArray, enu_m: FloatArray, first: int, last: int
     velocity = np.diff(enu_m, axis=0) / steps_s
     around = np.vstack([velocity[:1], velocity, velocity[-1:]])
     unlike_m = np.linalg.norm((velocity - 0.5 * (around[:-2] + around[2:])) * steps_s, axis=1)
-    legs = first + np.argsort(-unlike_m[first:last], kind="stable")[:_MOST_LEGS]
+    legs = first + np.argsort(-unlike_m[first:last], kind="stable")[: TRACK.most_legs]
     for leg in sorted(legs.tolist()):
         for back in range(leg, last):
             jump_m = (velocity[leg] - 0.5 * (around[leg] + around[back + 2])) * steps_s[leg]
@@ -122,14 +116,15 @@ def sampling_doubts(track: Track, motion: Motion, known: KnownAttitude) -> list[
     doubts = []
     if motion.white_m > 0.0:
         doubts.append(
-            f"the positions are off by {motion.white_m:.1f} m from one sample to the next, each independently of the others: "
-            "no receiver and no autopilot reports such positions"
+            f"the positions are off by {motion.white_m:.1f} m from one sample to the next, each independently: "
+            "no receiver or autopilot reports such positions"
         )
     steps_s = np.diff(track.time_s)
     coarse = steps_s > COARSE_STEP_S
     if steps_s[coarse].sum() > 0.5 * steps_s.sum() and not known.confirmed:
         doubts.append(
-            f"the samples are {np.median(steps_s[coarse]):.1f} s apart and no attitude confirms them: whether a vehicle can "
-            f"have turned as they do is not known; record at least one position in {COARSE_STEP_S:g} s"
+            f"the samples are {np.median(steps_s[coarse]):.1f} s apart and no attitude confirms them, so it is "
+            f"unknown whether a vehicle can fly these turns; record at least one position in {COARSE_STEP_S:g} "
+            "s"
         )
     return doubts

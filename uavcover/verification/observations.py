@@ -11,10 +11,7 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import sample_spacing_m, turns_with_legs
 from uavcover.verification.phases import observed_stretches
 from uavcover.verification.reported_photos import TrackPhotos
-
-_LARGEST_TURN_DEG = 2.0
-"""Between two observations. At 60 degrees a second ten samples a second are 6 degrees apart, and the corners of what a camera
-shows in between are a point of a small area (tests/random_kinds.py, case 23)."""
+from uavcover.verification.tuning import TRACK
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -113,7 +110,7 @@ def _between(
     legs = np.linalg.norm(np.diff(enu_m[run], axis=0), axis=1)
     pieces = np.maximum(1, np.ceil(legs / spacing_m - 1e-9).astype(np.int64))
     if turns_deg is not None:
-        pieces = np.maximum(pieces, np.ceil(turns_deg[run[:-1]] / _LARGEST_TURN_DEG - 1e-9).astype(np.int64))
+        pieces = np.maximum(pieces, np.ceil(turns_deg[run[:-1]] / TRACK.largest_turn_deg - 1e-9).astype(np.int64))
     leg = np.repeat(np.arange(len(legs)), pieces)
     piece = np.arange(len(leg)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     return np.append(run[leg], run[-1]), np.append(piece / pieces[leg], 0.0)

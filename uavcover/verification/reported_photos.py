@@ -176,7 +176,7 @@ def _trigger_points(enu_m: FloatArray, run: NDArray[np.int64], trigger_m: float)
 def _reached(site: Site, enu_m: FloatArray, planned: PlannedRoute | None) -> IntArray:
     """Numbers of the samples nearest to each planned waypoint that was reached."""
     if planned is None:
-        raise TrackError("the sensor looks from the waypoints; without plan.json it is not known where these are")
+        raise TrackError("the sensor observes at waypoints, which are unknown without plan.json")
     radius = REACHED_RADII * site.scenario.vehicle.acceptance_radius_m
     chosen = []
     for point in planned.waypoints_m:

@@ -15,24 +15,13 @@ from typing import Literal, Self
 import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.verification.tuning import VELOCITY
 
 AGREEMENT_WINDOWS_S = (2.0, 5.0, 10.0, 20.0, 40.0)
 """Short ones find jumps and turns; in long ones the error of the positions counts least."""
 CHANGE_WINDOWS_S = (0.2, 0.5, 1.0)
-DEVIATIONS = 5.0
-"""Allowed change of the error of the positions, in standard deviations: of 200,000 independent windows one reaches it."""
 VELOCITY_ERROR_M_S = (0.2, 0.5)
 """Lasting error of an estimator's velocity over ground and vertically, where a barometer drifts and accelerometers clip."""
-RESET_M_S = 1.0
-"""An estimator may change its velocity by this at once, as when it regains a fix."""
-SKEW_S = 0.3
-"""A receiver's velocity may be of this much another moment than its position."""
-STAMP_S = 0.1
-"""Resolution of the times of coarse logs."""
-LONGEST_STEP_S = 2.0
-"""Velocities further apart are not joined."""
-_ROUNDING_M = 0.25
-_ROUNDING_S = 1e-6
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,13 +81,13 @@ def contradictions(
         time_s: (n,) vehicle time, increasing.
         enu_m: (n, 3) positions.
         velocity_m_s: (n, 3) reported velocity, east, north, up; NaN where it is not reported. Such samples are left out, and
-            windows in which it is unknown for longer than ``LONGEST_STEP_S``.
+            windows in which it is unknown for longer than ``VELOCITY.longest_step_s``.
         error: of the positions.
         acceleration_m_s2: the most of the vehicle.
     """
     known = np.flatnonzero(np.isfinite(velocity_m_s).all(axis=1))
     time_s, enu_m, velocity_m_s = time_s[known], enu_m[known], velocity_m_s[known]
-    silent = np.append(0, np.cumsum(np.diff(time_s) > LONGEST_STEP_S))
+    silent = np.append(0, np.cumsum(np.diff(time_s) > VELOCITY.longest_step_s))
     kinds: tuple[tuple[ContradictionKind, tuple[float, ...]], ...] = (
         ("acceleration", CHANGE_WINDOWS_S),
         ("velocity", AGREEMENT_WINDOWS_S),
@@ -142,13 +131,13 @@ def _against_positions(
         # A trapezium is off by at most half of the change of velocity in its step, or by a dip between two samples.
         trapezia = np.append(0.0, np.cumsum(0.5 * step_s * np.linalg.norm(change[:, columns], axis=1)))
         most = (
-            DEVIATIONS * error.change_m(seconds, axis)
+            VELOCITY.deviations * error.change_m(seconds, axis)
             + VELOCITY_ERROR_M_S[axis] * seconds
-            + SKEW_S * np.linalg.norm(turned[:, columns], axis=1)
-            + STAMP_S * np.linalg.norm(way[:, columns], axis=1) / seconds
+            + VELOCITY.skew_s * np.linalg.norm(turned[:, columns], axis=1)
+            + VELOCITY.stamp_s * np.linalg.norm(way[:, columns], axis=1) / seconds
             + (trapezia[last] - trapezia[first])
             + 0.5 * acceleration_m_s2 * longest_s**2
-            + _ROUNDING_M
+            + VELOCITY.rounding_m
         )
         parts.append((np.linalg.norm(off[:, columns], axis=1) / seconds, most / seconds))
     return WindowFigures.larger(first, last, parts)
@@ -160,12 +149,12 @@ def _changes(
     """Accelerations of the reported velocity in m/s2, with the most that the vehicle and a reset can make of it."""
     seconds = time_s[last] - time_s[first]
     change = (velocity_m_s[last] - velocity_m_s[first]) / seconds[:, None]
-    most = acceleration_m_s2 + RESET_M_S / seconds
+    most = acceleration_m_s2 + VELOCITY.reset_m_s / seconds
     return WindowFigures.larger(first, last, [(np.hypot(*change[:, :2].T), most), (np.abs(change[:, 2]), most)])
 
 
 def _windows(time_s: FloatArray, window_s: float) -> tuple[IntArray, IntArray]:
     """Numbers of the first and the last sample of the windows of at least this length."""
-    last = np.searchsorted(time_s, time_s + window_s - _ROUNDING_S)
+    last = np.searchsorted(time_s, time_s + window_s - VELOCITY.rounding_s)
     inside = np.flatnonzero(last < len(time_s))
     return inside, last[inside]

@@ -21,14 +21,7 @@ from uavcover.scenario.airspace.zones import Zone, ZoneBreach
 from uavcover.scenario.obstacles import leg_breaches, waypoint_breaches
 from uavcover.scenario.site import Site
 from uavcover.verification.phases import PlannedRoute, observed_stretches
-
-SPEED_WINDOW_S = 1.0
-"""Speed is averaged over this time: between two samples alone, the rounding of a log's times has too much effect."""
-
-_SUSTAINED_S = 5.0
-_UNDER_WAY = 0.5
-"""Above this fraction of the cruise speed a vehicle is under way, not turning or landing."""
-_TOO_SLOW = 0.4
+from uavcover.verification.tuning import SAFETY
 
 
 def ground_speeds_m_s(track: Track, enu_m: FloatArray, joined: BoolArray) -> FloatArray:
@@ -43,8 +36,8 @@ def ground_speeds_m_s(track: Track, enu_m: FloatArray, joined: BoolArray) -> Flo
         time = track.time_s[run]
         legs = np.hypot(*np.diff(enu_m[run, :2], axis=0).T)
         flown = np.concatenate([[0.0], np.cumsum(legs)])
-        begin = np.maximum(time - 0.5 * SPEED_WINDOW_S, time[0])
-        end = np.minimum(time + 0.5 * SPEED_WINDOW_S, time[-1])
+        begin = np.maximum(time - 0.5 * SAFETY.speed_window_s, time[0])
+        end = np.minimum(time + 0.5 * SAFETY.speed_window_s, time[-1])
         speeds[run] = (np.interp(end, time, flown) - np.interp(begin, time, flown)) / (end - begin)
     return speeds
 
@@ -83,7 +76,7 @@ def commanded_pace_doubt(
         passed: (k,) the planned waypoints that the vehicle passed: a leg between others was not flown; none: all were.
     """
     time = track.time_s
-    last = np.searchsorted(time, time + _SUSTAINED_S)
+    last = np.searchsorted(time, time + SAFETY.sustained_s)
     gaps = np.concatenate([[0], np.cumsum(~joined)])
     first = np.flatnonzero(last < len(time))
     first = first[gaps[last[first]] == gaps[first]]
@@ -92,9 +85,9 @@ def commanded_pace_doubt(
     seconds = time[last[first]] - time[first]
     way = enu_m[last[first]] - enu_m[first]
     level, vertical = np.hypot(way[:, 0], way[:, 1]) / seconds, way[:, 2] / seconds
-    under_way = level > _UNDER_WAY * vehicle.cruise_speed_m_s
+    under_way = level > SAFETY.under_way * vehicle.cruise_speed_m_s
     cruise = vehicle.cruise_speed_m_s
-    tell = "; the clock or the positions are scaled, or it was flown otherwise than planned"
+    tell = "; the clock or the positions are scaled, or the flight differs from the plan"
     for what, sustained, wanted, most in (
         (
             "flies",
@@ -113,25 +106,19 @@ def commanded_pace_doubt(
     ways = np.hypot(legs[:, 0], legs[:, 1])
     steep = np.maximum(legs[:, 2] / vehicle.max_climb_m_s, -legs[:, 2] / vehicle.max_descent_m_s)
     pace = ways / np.maximum(np.maximum(ways / cruise, steep), 1e-9)
-    long_enough = ways >= 2.0 * _SUSTAINED_S * cruise
+    long_enough = ways >= 2.0 * SAFETY.sustained_s * cruise
     if passed is not None:
         long_enough &= passed[:-1] & passed[1:]
     if not long_enough.any():
         return None
     expected, fastest = float(pace[long_enough].max()), float(level.max())
-    if fastest < _TOO_SLOW * expected:
+    if fastest < SAFETY.too_slow * expected:
         return f"the vehicle never flies faster than {fastest:.1f} m/s, where {expected:.1f} m/s are planned{tell}"
     return None
 
 
 Phase = Literal["route", "transit"]
 Unit = Literal["m", "m/s"]
-
-TOLERANCE = 1e-6
-"""Tolerance in the unit of each limit: rounding is no violation."""
-
-_FENCE_STEP_M = 0.25
-_ON_THE_FENCE_M = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -226,7 +213,7 @@ class ViolationFinder:
         unit: Unit = "m",
     ) -> Iterator[Violation]:
         """Stretches of the samples ``where`` (n,) with a value above the limit."""
-        for run in _runs(where & (figures.values > limit + TOLERANCE)):
+        for run in _runs(where & (figures.values > limit + SAFETY.speed_tolerance)):
             worst = int(run[int(np.argmax(figures.values[run]))])
             yield self._violation(kind, run, worst, figures, limit, float(figures.values[worst]) - limit, phase, unit)
 
@@ -234,7 +221,7 @@ class ViolationFinder:
         self, kind: ViolationKind, where: BoolArray, figures: SampleValues, limit: float, *, phase: Phase
     ) -> Iterator[Violation]:
         """Stretches of the samples ``where`` (n,) with a value below the limit."""
-        for run in _runs(where & (figures.values < limit - TOLERANCE)):
+        for run in _runs(where & (figures.values < limit - SAFETY.speed_tolerance)):
             worst = int(run[int(np.argmin(figures.values[run]))])
             yield self._violation(kind, run, worst, figures, limit, limit - float(figures.values[worst]), phase, "m")
 
@@ -369,7 +356,7 @@ def _inside_zones(
             continue
         _, inside = entered.setdefault(breach.zone, (zone, SampleValues(np.zeros(len(enu_m)), numbers.copy())))
         # To be in a zone at all is a violation, however little it is.
-        depth_m = max(breach.depth_m, 2.0 * TOLERANCE)
+        depth_m = max(breach.depth_m, 2.0 * SAFETY.speed_tolerance)
         for sample in samples:
             if depth_m > inside.values[sample]:
                 inside.values[sample], inside.at[sample] = depth_m, breach.leg + breach.at
@@ -387,9 +374,9 @@ def _outside_fence_m(site: Site, enu_m: FloatArray, joined: BoolArray) -> FloatA
     ends_inside = (distance[:-1] == 0.0) & (distance[1:] == 0.0)
     across = np.flatnonzero(joined & ends_inside & ~shapely.covers(site.fence, lines))
     for k in across:
-        parts = shapely.get_coordinates(shapely.segmentize(lines[k].difference(site.fence), _FENCE_STEP_M))
+        parts = shapely.get_coordinates(shapely.segmentize(lines[k].difference(site.fence), SAFETY.fence_step_m))
         furthest = float(np.max(shapely.distance(site.fence, shapely.points(parts)), initial=0.0))
-        if furthest > _ON_THE_FENCE_M:
+        if furthest > SAFETY.on_the_fence_m:
             distance[k : k + 2] = np.maximum(distance[k : k + 2], furthest)
     return distance
 

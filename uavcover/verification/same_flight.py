@@ -9,28 +9,7 @@ from numpy.typing import NDArray
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import Track
 from uavcover.verification.judged_track import JudgedTrack
-
-AGREE_M = 0.3
-"""Tolerance between copies of a record: rounding of positions, and interpolation between samples."""
-RECEIVER_M = 3.0
-"""Tolerance between records of one flight by different sources: the error of a receiver without corrections."""
-ONE_VEHICLE_M = 20.0
-"""Two vehicles do not fly nearer to each other for most of a flight: tracks of the same time that are nearer are of one."""
-_PERCENTILE = 95.0
-ENOUGH_FRACTION = 0.9
-"""Fraction of the time covered by both records that has to agree."""
-LEAST_S = 20.0
-LEAST_SHARE = 0.25
-"""Fraction of the time in which the shorter record moves: less may be a single leg that both flew at the same speed."""
-
-_STEP_S = 0.5
-_MOVES_M_S = 1.0
-_PROBES = 40
-_CANDIDATES = 5
-_BIN_S = 0.5
-_MAX_GAP_S = 2.5
-_NEAR_S = 1.0
-"""Shorter than the time between two passes: where one record ends, the pass continues in the other."""
+from uavcover.verification.tuning import SAME_FLIGHT
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +33,7 @@ class SameFlight:
     @property
     def disagrees(self) -> bool:
         """Whether they differ by more than rounding."""
-        return max(self.aside_m, self.above_m) > AGREE_M
+        return max(self.aside_m, self.above_m) > SAME_FLIGHT.agree_m
 
 
 def same_flight(one: Track, one_m: FloatArray, other: Track, other_m: FloatArray) -> SameFlight | None:
@@ -76,26 +55,28 @@ def same_flight(one: Track, one_m: FloatArray, other: Track, other_m: FloatArray
     shifts_s: list[tuple[float, float]] = []
     excluded = common is not None and not common.overlaps
     if common is not None and common.overlaps:
-        shifts_s.append((common.shift_s, ONE_VEHICLE_M))
+        shifts_s.append((common.shift_s, SAME_FLIGHT.one_vehicle_m))
     if not excluded and _same_stamps(one.time_s, other.time_s):
-        shifts_s.append((0.0, ONE_VEHICLE_M))
-    near_m = AGREE_M if excluded else RECEIVER_M
+        shifts_s.append((0.0, SAME_FLIGHT.one_vehicle_m))
+    near_m = SAME_FLIGHT.agree_m if excluded else SAME_FLIGHT.receiver_m
     first, second = _Moving.of(one.time_s, one_m), _Moving.of(other.time_s, other_m)
     shifts_s += [(shift_s, near_m) for shift_s in [0.0, *_likely_shifts_s(first, second, near_m)]]
-    least_s = max(LEAST_S, LEAST_SHARE * _STEP_S * min(len(first.times_s), len(second.times_s)))
+    least_s = max(
+        SAME_FLIGHT.least_s, SAME_FLIGHT.least_share * SAME_FLIGHT.step_s * min(len(first.times_s), len(second.times_s))
+    )
     for shift_s, within_m in shifts_s:
         times_s = second.times_s + shift_s
         both = _observed_at(one.time_s, times_s)
-        duration_s = _STEP_S * float(both.sum())
+        duration_s = SAME_FLIGHT.step_s * float(both.sum())
         if duration_s < least_s:
             continue
         off_m = _at(one.time_s, one_m, times_s[both]) - second.places_m[both]
         apart_m = np.linalg.norm(off_m, axis=1)
-        if (apart_m <= within_m).mean() >= ENOUGH_FRACTION:
+        if (apart_m <= within_m).mean() >= SAME_FLIGHT.enough_fraction:
             aside_m, above_m = np.hypot(off_m[:, 0], off_m[:, 1]), np.abs(off_m[:, 2])
             return SameFlight(
                 duration_s, shift_s, float(np.median(apart_m)),
-                float(np.percentile(aside_m, _PERCENTILE)), float(np.percentile(above_m, _PERCENTILE)),
+                float(np.percentile(aside_m, SAME_FLIGHT.percentile)), float(np.percentile(above_m, SAME_FLIGHT.percentile)),
             )  # fmt: skip
     return None
 
@@ -128,14 +109,14 @@ def common_time(one: Track, other: Track) -> CommonTime | None:
         if not inside.any():
             return CommonTime(False, 0.0)
         shifts_s = np.interp(second[inside], first, one_s) - other_s[inside]
-        return CommonTime(float(np.ptp(other_s[inside])) >= LEAST_S, float(np.median(shifts_s)))
+        return CommonTime(float(np.ptp(other_s[inside])) >= SAME_FLIGHT.least_s, float(np.median(shifts_s)))
     return None
 
 
 def _same_stamps(one_s: FloatArray, other_s: FloatArray) -> bool:
     """Whether nearly all times of the shorter track are times of the other, to the digit."""
     shared = np.intersect1d(one_s, other_s).size
-    return bool(shared >= ENOUGH_FRACTION * min(len(one_s), len(other_s)))
+    return bool(shared >= SAME_FLIGHT.enough_fraction * min(len(one_s), len(other_s)))
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,13 +137,13 @@ class Records:
         """Description for people."""
         text = (
             f"tracks {self.first + 1} and {self.second + 1} are records of one flight: they agree within "
-            f"{self.same.median_m:.2f} m (median) for {self.same.duration_s:.0f} s; what both observed counts once"
+            f"{self.same.median_m:.2f} m (median) for {self.same.duration_s:.0f} s; common observations count once"
         )
         if not self.same.disagrees:
             return text
         return (
             f"{text}; they disagree by up to {self.same.aside_m:.1f} m aside and {self.same.above_m:.1f} m in height "
-            f"({_PERCENTILE:g} % of the time less): positions are as uncertain as that"
+            f"({SAME_FLIGHT.percentile:g} % of the time less): the positions are at least this uncertain"
         )
 
 
@@ -199,14 +180,14 @@ def has_near(times_s: FloatArray, asked_s: FloatArray) -> NDArray[np.bool_]:
         return np.zeros(asked_s.shape, dtype=bool)
     after = np.searchsorted(times_s, asked_s)
     before_s, after_s = times_s[np.maximum(after - 1, 0)], times_s[np.minimum(after, times_s.size - 1)]
-    return np.asarray(np.minimum(np.abs(asked_s - before_s), np.abs(after_s - asked_s)) <= _NEAR_S)
+    return np.asarray(np.minimum(np.abs(asked_s - before_s), np.abs(after_s - asked_s)) <= SAME_FLIGHT.near_s)
 
 
 def _observed_at(time_s: FloatArray, times_s: FloatArray) -> NDArray[np.bool_]:
     """Select those of (k,) times that lie between two of (n,) samples close to each other in time."""
     after = np.clip(np.searchsorted(time_s, times_s), 1, len(time_s) - 1)
     inside = (times_s >= time_s[0]) & (times_s <= time_s[-1])
-    return np.asarray(inside & (time_s[after] - time_s[after - 1] <= _MAX_GAP_S))
+    return np.asarray(inside & (time_s[after] - time_s[after - 1] <= SAME_FLIGHT.max_gap_s))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -219,11 +200,11 @@ class _Moving:
 
     @classmethod
     def of(cls, time_s: FloatArray, enu_m: FloatArray) -> "_Moving":
-        times_s = np.arange(time_s[0], time_s[-1], _STEP_S)
-        times_s = times_s[_observed_at(time_s, times_s) & _observed_at(time_s, times_s + _STEP_S)]
+        times_s = np.arange(time_s[0], time_s[-1], SAME_FLIGHT.step_s)
+        times_s = times_s[_observed_at(time_s, times_s) & _observed_at(time_s, times_s + SAME_FLIGHT.step_s)]
         places_m = _at(time_s, enu_m, times_s)
-        velocities_m_s = (_at(time_s, enu_m, times_s + _STEP_S) - places_m) / _STEP_S
-        moves = np.hypot(velocities_m_s[:, 0], velocities_m_s[:, 1]) > _MOVES_M_S
+        velocities_m_s = (_at(time_s, enu_m, times_s + SAME_FLIGHT.step_s) - places_m) / SAME_FLIGHT.step_s
+        moves = np.hypot(velocities_m_s[:, 0], velocities_m_s[:, 1]) > SAME_FLIGHT.moves_m_s
         return cls(times_s[moves], places_m[moves], velocities_m_s[moves])
 
 
@@ -236,16 +217,16 @@ def _likely_shifts_s(one: _Moving, other: _Moving, near_m: float) -> list[float]
     if not (len(one.times_s) and len(other.times_s)):
         return []
     found: list[FloatArray] = []
-    for probe in np.unique(np.linspace(0, len(other.times_s) - 1, _PROBES).astype(int)):
+    for probe in np.unique(np.linspace(0, len(other.times_s) - 1, SAME_FLIGHT.probes).astype(int)):
         off_m = other.places_m[probe] - one.places_m
         # Nearest approach within each half second of the first track.
         speed2 = (one.velocities_m_s**2).sum(axis=1)
-        along_s = np.clip((off_m * one.velocities_m_s).sum(axis=1) / speed2, 0.0, _STEP_S)
+        along_s = np.clip((off_m * one.velocities_m_s).sum(axis=1) / speed2, 0.0, SAME_FLIGHT.step_s)
         near = np.linalg.norm(off_m - along_s[:, None] * one.velocities_m_s, axis=1) <= near_m
         found.append((one.times_s + along_s - other.times_s[probe])[near])
     shifts_s = np.concatenate(found)
     if not shifts_s.size:
         return []
-    _, inverse, votes = np.unique(np.round(shifts_s / _BIN_S), return_inverse=True, return_counts=True)
-    best = np.argsort(-votes, kind="stable")[:_CANDIDATES]
+    _, inverse, votes = np.unique(np.round(shifts_s / SAME_FLIGHT.bin_s), return_inverse=True, return_counts=True)
+    best = np.argsort(-votes, kind="stable")[: SAME_FLIGHT.candidates]
     return [float(np.median(shifts_s[inverse == k])) for k in best]

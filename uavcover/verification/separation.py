@@ -13,13 +13,7 @@ from uavcover.model.verdict import PairSeparation, Violation
 from uavcover.scenario.site import Site
 from uavcover.verification.possible_motion import MotionLimits, motion_limits
 from uavcover.verification.shared_clock import SharedTimes, shared_times
-
-_GROUND_M = 1.0
-"""A vehicle stands where it is not higher above its first, or its last, position than this, and not farther beside it."""
-_SHIFTS = 9
-"""Shifts of one clock against the other that are tried, evenly from the earliest to the latest."""
-_LONGEST_S = 2.5
-"""Between two samples farther apart in vehicle time the vehicle may have been elsewhere than on the straight line."""
+from uavcover.verification.tuning import SAFETY
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +52,8 @@ def judge_separation(
     if without:
         listed = ", ".join(map(str, without))
         doubts.append(
-            f"the separation of the vehicles: track {listed} has no arrival times of its positions, so it is not known "
-            "where the others were at the time"
+            f"the separation of the vehicles: track {listed} has no arrival times of its positions, so the "
+            "positions of the others at that time are unknown"
         )
     pairs: list[PairSeparation] = []
     violations: list[Violation] = []
@@ -114,10 +108,10 @@ def _judge_pair(
     limits = motion_limits(site.scenario.vehicle, site.scenario.wind)
     slack = _unknown_m(track, times, moments, limits) + _unknown_m(second, second_times, moments, limits)
     possible = least
-    for shift_s in np.linspace(-error_s, error_s, _SHIFTS):
+    for shift_s in np.linspace(-error_s, error_s, SAFETY.shifts):
         possible = np.minimum(possible, _nearest(a, _places(second, second_times, moments + shift_s), moments)[0])
     # Between two shifts that are tried the other vehicle moves on by half their distance at most.
-    between_m = limits.speed_m_s * (error_s / pace) / (_SHIFTS - 1) if fleet.clock_error_s > 0.0 else 0.0
+    between_m = limits.speed_m_s * (error_s / pace) / (SAFETY.shifts - 1) if fleet.clock_error_s > 0.0 else 0.0
     possible = np.where(pieces, possible - slack, np.inf) - between_m - 2.0 * site.scenario.uncertainty.position_m
     k = int(np.argmin(least))
     pair = PairSeparation(
@@ -143,7 +137,7 @@ def _stands(track: Track, times: SharedTimes, moments: FloatArray) -> BoolArray:
 
     def near(place_m: FloatArray) -> BoolArray:
         off = track.enu_m - place_m
-        return np.asarray((np.hypot(off[:, 0], off[:, 1]) <= _GROUND_M) & (np.abs(off[:, 2]) <= _GROUND_M))
+        return np.asarray((np.hypot(off[:, 0], off[:, 1]) <= SAFETY.ground_m) & (np.abs(off[:, 2]) <= SAFETY.ground_m))
 
     before, after = near(track.enu_m[0]), near(track.enu_m[-1])
     leaves = len(track) if before.all() else int(np.argmin(before))
@@ -165,7 +159,9 @@ def _unknown_m(track: Track, times: SharedTimes, moments: FloatArray, limits: Mo
     """(n - 1,) possible metres beside the straight line between moments, where a vehicle's samples are rare."""
     after = np.clip(np.searchsorted(times.taken_utc_s, moments, side="right"), 1, len(track) - 1)
     gaps_s = np.diff(track.time_s)[after - 1]
-    reach_m = np.where(gaps_s > _LONGEST_S, 0.5 * gaps_s * np.hypot(limits.speed_m_s, limits.climb_m_s), 0.0)
+    reach_m = np.where(
+        gaps_s > SAFETY.separation_longest_s, 0.5 * gaps_s * np.hypot(limits.speed_m_s, limits.climb_m_s), 0.0
+    )
     return np.asarray(np.maximum(reach_m[:-1], reach_m[1:]))
 
 

@@ -19,18 +19,13 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.active_times import flown_window, window_in_words
 from uavcover.model.track import Track
 from uavcover.verification.firmware import Firmware
+from uavcover.verification.tuning import CLOCK
 
 ROLLOVER_S = 1024 * 604_800.0
 FIRST_LOG_S = 1_420_070_400.0
 """2015: no firmware that writes the logs read here is older."""
 BEFORE_PLAN_S, AFTER_FILE_S = 600.0, 86_400.0
 """Differences that clocks of computers have; files on memory cards have the local time."""
-DISAGREES_S = 1800.0
-"""Between the receiver's clock and that of the ground station; simulations that run fast differ by minutes."""
-JUMP_S = 3600.0
-CLOCK_STEP_S = 5.0
-"""Between the clocks of vehicle and satellites, in flight. A receiver that learns the leap seconds steps by up to 3 s."""
-_CLOCKS_COMPARED_S, _ALIKE_S = 5.0, 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +54,7 @@ def dated(track: Track, bounds: DateBounds) -> tuple[Track, tuple[str, ...]]:
     wrong = [*_date_problems(track, bounds)]
     if not wrong:
         return track, ()
-    text = f"the track's date, {window_in_words(window)}, is not believed: {'; '.join(wrong)}"
+    text = f"the track's date, {window_in_words(window)}, is not plausible: {'; '.join(wrong)}"
     later_s = track.unix_time_s + ROLLOVER_S
     if (
         not [*_date_problems(replace(track, unix_time_s=later_s), bounds)]
@@ -78,18 +73,18 @@ def clocks_apart(track: Track) -> str | None:
     """Find where one of two clocks that run alike advances more than the other: the record lost or gained time."""
     known = np.isfinite(track.unix_time_s)
     own_s, apart_s = track.time_s[known], track.unix_time_s[known] - track.time_s[known]
-    if not own_s.size or np.ptp(apart_s) <= CLOCK_STEP_S:
+    if not own_s.size or np.ptp(apart_s) <= CLOCK.clock_step_s:
         return None
-    at_s = np.append(np.arange(own_s[0], own_s[-1], _CLOCKS_COMPARED_S), own_s[-1])
+    at_s = np.append(np.arange(own_s[0], own_s[-1], CLOCK.clocks_compared_s), own_s[-1])
     drift_s = np.diff(np.interp(at_s, own_s, apart_s))
     # A simulation that runs fast, or waits, drifts all the time.
-    if np.median(np.abs(drift_s)) > _ALIKE_S and np.abs(np.diff(apart_s)).max() <= CLOCK_STEP_S:
+    if np.median(np.abs(drift_s)) > CLOCK.alike_s and np.abs(np.diff(apart_s)).max() <= CLOCK.clock_step_s:
         return None
     worst = int(np.argmax(np.abs(drift_s)))
     further, other = ("satellites'", "vehicle's") if drift_s[worst] > 0.0 else ("vehicle's", "satellites'")
     return (
         f"from {at_s[worst]:.1f} s to {at_s[worst + 1]:.1f} s the {further} clock goes {abs(drift_s[worst]):.1f} s further than "
-        f"the {other}: time was inserted there, or taken out"
+        f"the {other}: time was inserted or removed there"
     )
 
 
@@ -98,7 +93,7 @@ def _date_problems(track: Track, bounds: DateBounds) -> Iterator[str]:
     unix_s, own_s = track.unix_time_s[known], track.time_s[known]
     first_s, last_s = float(unix_s.min()), float(unix_s.max())
     jumps_s = np.diff(unix_s) - np.diff(own_s)
-    if jumps_s.size and np.abs(jumps_s).max() > JUMP_S:
+    if jumps_s.size and np.abs(jumps_s).max() > CLOCK.jump_s:
         at = int(np.argmax(np.abs(jumps_s)))
         yield f"its clock jumps by {jumps_s[at] / 3600.0:.1f} hours at {own_s[at + 1]:.1f} s"
     released_s = None if bounds.firmware is None else bounds.firmware.released_s
@@ -111,16 +106,12 @@ def _date_problems(track: Track, bounds: DateBounds) -> Iterator[str]:
     if bounds.written_s is not None and last_s > bounds.written_s + AFTER_FILE_S:
         yield f"its file is of {_day(bounds.written_s)}"
     late_s = track.received_utc_s[known] - unix_s
-    if np.isfinite(late_s).any() and abs(float(np.nanmedian(late_s))) > DISAGREES_S:
+    if np.isfinite(late_s).any() and abs(float(np.nanmedian(late_s))) > CLOCK.disagrees_s:
         yield f"the ground station received it on {_day(float(np.nanmedian(track.received_utc_s)))}"
 
 
 def _day(unix_s: float) -> str:
     return f"{datetime.fromtimestamp(unix_s, UTC):%Y-%m-%d %H:%M}"
-
-
-_WINDOW_S = 30.0
-"""So far before and after a sample the least late one is looked for, vehicle time: clocks drift, and simulations wait."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -145,7 +136,7 @@ def shared_times(track: Track) -> SharedTimes | None:
     if not pace > 0.0:
         return None
     late_s = received - pace * own
-    first = np.searchsorted(own, own - _WINDOW_S)
-    last = np.searchsorted(own, own + _WINDOW_S, side="right")
+    first = np.searchsorted(own, own - CLOCK.window_s)
+    last = np.searchsorted(own, own + CLOCK.window_s, side="right")
     least = np.array([late_s[a:b].min() for a, b in zip(first, last, strict=True)])
     return SharedTimes(np.maximum.accumulate(np.minimum(pace * own + least, received)), pace)

@@ -289,7 +289,7 @@ def _time_findings(site: Site, window: Window | None) -> list[str]:
         return []
     planned = site.scenario.flight_window
     if window is None:
-        judged = "as in force all the time" if planned is None else "as in flight_window_utc"
+        judged = "as always in force" if planned is None else "as in flight_window_utc"
         return [f"the track has no time of day: {timed} no-fly zones with times are judged {judged}"]
     if planned is None or (planned[0] <= window[0] and window[1] <= planned[1]):
         return []

@@ -7,15 +7,7 @@ import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
-
-_OVERTAKEN_S = 1.0
-"""A number that goes back for less than this was in a datagram that a later one has overtaken."""
-LATENESS_S = 5.0
-"""Largest delay of a waypoint change in the record: the message comes once a second and may be lost."""
-
-_KEPT_AT_LEAST = 0.5
-_ORDER_OF = 4
-"""Fewer waypoints have no meaningful order."""
+from uavcover.verification.tuning import SAFETY
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -133,12 +125,12 @@ def contradiction(
         changes, before = np.append(changes, numbered[-1] + 1), np.append(before, numbered[-1])
     for old, new in zip(before, changes, strict=True):
         # Recorded late: the vehicle was there within the last seconds.
-        since = int(np.searchsorted(track.time_s, track.time_s[new] - LATENESS_S))
+        since = int(np.searchsorted(track.time_s, track.time_s[new] - SAFETY.lateness_s))
         if gaps[new] > gaps[min(old, since)]:
             continue
         left, reached = int(numbers[old]), int(numbers[new])
         if reached >= 0 and reached < left:
-            soon = int(np.searchsorted(track.time_s, track.time_s[new] + _OVERTAKEN_S, side="right"))
+            soon = int(np.searchsorted(track.time_s, track.time_s[new] + SAFETY.overtaken_s, side="right"))
             if (numbers[new:soon] >= left).any():
                 continue  # a message that a later one has overtaken
             return f"current_waypoint goes back from {left} to {reached} at {track.time_s[new]:.1f} s"
@@ -163,11 +155,11 @@ def plan_doubt(passed: Passing) -> str | None:
             "the track is of another flight, or its positions are moved"
         )
     kept = int(passed.passed.sum())
-    if near >= _ORDER_OF and kept < _KEPT_AT_LEAST * near:
+    if near >= SAFETY.order_of and kept < SAFETY.kept_at_least * near:
         return f"of {near} planned waypoints that were passed only {kept} come in the order of the plan"
     reached = np.flatnonzero(passed.passed)
     missed = int(reached[-1]) + 1 - kept
-    if missed > (1.0 - _KEPT_AT_LEAST) * (int(reached[-1]) + 1):
+    if missed > (1.0 - SAFETY.kept_at_least) * (int(reached[-1]) + 1):
         worst = float(passed.nearest_m[: int(reached[-1]) + 1].max())
         return f"{missed} of the first {int(reached[-1]) + 1} planned waypoints were missed, by up to {worst:.0f} m"
     return None

@@ -140,7 +140,7 @@ def test_the_whole_way(browser: Any, served: Client, cli: Any) -> None:
     members = p.until("window.uavcover.state.scene.members")
     if len(members) > 1:
         page.evaluate("() => { window.before = window.uavcover.state.scene; }")
-        page.locator("circle.member").first.focus()
+        page.locator("circle.member").last.focus()
         page.keyboard.press("Enter")
         p.job_ended("select")
         p.until("window.uavcover.state.scene !== window.before")

@@ -136,7 +136,7 @@ def test_a_whole_command(served: Client) -> None:
     # An edited plan is a plan like any other; one that breaks a limit is refused by the command.
     edit(served, scene["route"][:-1], code=0)
     assert served.get("/api/scene?name=valley-edited")["plan"]["made_by"] == "edited"
-    edit(served, high, code=3)
+    edit(served, high, code=4)
     assert not (served.root / "valley-edited-2").exists()
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from uavcover.extras.check.return_lines import cut, with_gaps
+from uavcover.extras.check.return_checks import cut, with_gaps
 
 
 def test_pieces_are_those_of_linspace() -> None:

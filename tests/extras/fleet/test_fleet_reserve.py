@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.extras.fleet.scripted_fleet import SITE
-from uavcover.extras.fleet.reserve import ReserveWatch
+from uavcover.extras.fleet.sortie import ReserveWatch
 from uavcover.flight.reserve import BatteryAllows, BatteryUse
 from uavcover.model.vehicle import Vehicle
 
@@ -62,7 +62,7 @@ def test_no_way_home_is_shorter_than_the_mission_itself() -> None:
 
 
 def watch(monkeypatch: pytest.MonkeyPatch, percent: int | None, *, free: bool = True) -> ReserveWatch:
-    monkeypatch.setattr("uavcover.extras.fleet.reserve.way_home", lambda *_: (np.zeros((2, 3)), 60.0))
+    monkeypatch.setattr("uavcover.extras.fleet.sortie.way_home", lambda *_: (np.zeros((2, 3)), 60.0))
     status = None if percent is None else SimpleNamespace(battery_remaining_percent=percent)
     connected: Any = SimpleNamespace(monitor=SimpleNamespace(latest=lambda _: status))
     traffic: Any = SimpleNamespace(

@@ -12,20 +12,10 @@ from mission_io.conformance.tricks import as_float
 from mission_io.links.base import WrappingLink
 from mission_io.links.opening import Link
 from mission_io.model.items import MissionType
+from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
-from mission_io.wire.messages import (
-    CommandLong,
-    Message,
-    MissionAck,
-    MissionCount,
-    MissionItemFloat,
-    MissionItemInt,
-    MissionRequest,
-    MissionRequestInt,
-    MissionSetCurrent,
-)
 
-ITEMS = (MissionItemInt, MissionItemFloat)
+ITEMS = (m.MissionItemInt, m.MissionItemFloat)
 
 
 def begun(case: ClientCase) -> Callable[[Client], None]:
@@ -61,8 +51,8 @@ class FaultyClient(WrappingLink):
         self,
         link: Link,
         *,
-        sends: Callable[["FaultyClient", Any], Sequence[Message]] | None = None,
-        hears: Callable[["FaultyClient", Any, int], Sequence[Message]] | None = None,
+        sends: Callable[["FaultyClient", Any], Sequence[m.Message]] | None = None,
+        hears: Callable[["FaultyClient", Any, int], Sequence[m.Message]] | None = None,
     ) -> None:
         super().__init__(link)
         self._sends, self._hears = sends, hears
@@ -95,18 +85,18 @@ Mutant = Callable[[Link], Link]
 
 def sending(rewrite: Callable[[FaultyClient, Any], Any]) -> Mutant:
     """A client that sends ``rewrite(link, message)`` in place of a message; None is nothing."""
-    return lambda link: FaultyClient(link, sends=lambda c, m: [x] if (x := rewrite(c, m)) is not None else [])
+    return lambda link: FaultyClient(link, sends=lambda c, it: [x] if (x := rewrite(c, it)) is not None else [])
 
 
-def sending_also(kinds: Any, extra: Callable[[Any], Message]) -> Mutant:
-    return lambda link: FaultyClient(link, sends=lambda _, m: [m, extra(m)] if isinstance(m, kinds) else [m])
+def sending_also(kinds: Any, extra: Callable[[Any], m.Message]) -> Mutant:
+    return lambda link: FaultyClient(link, sends=lambda _, it: [it, extra(it)] if isinstance(it, kinds) else [it])
 
 
 def _once(client: FaultyClient, message: Any) -> Any:
     """Nothing a second time."""
     if not hasattr(message, "target_system"):
         return message
-    sets = isinstance(message, MissionSetCurrent) or (isinstance(message, CommandLong) and message.command == 224)
+    sets = isinstance(message, m.MissionSetCurrent) or (isinstance(message, m.CommandLong) and message.command == 224)
     key = "sets the current item" if sets else message
     client.seen[key] += 1
     return message if client.seen[key] == 1 else None
@@ -118,11 +108,11 @@ def _goes_away(client: FaultyClient, message: Any) -> Any:
     return message if client.seen["sent"] <= 2 else None
 
 
-def _swallows_errors(_: FaultyClient, message: Any, system_id: int) -> Sequence[Message]:
-    return [] if isinstance(message, MissionAck) and message.result else [message]
+def _swallows_errors(_: FaultyClient, message: Any, system_id: int) -> Sequence[m.Message]:
+    return [] if isinstance(message, m.MissionAck) and message.result else [message]
 
 
-def _believes_all(_: FaultyClient, message: Any, system_id: int) -> Sequence[Message]:
+def _believes_all(_: FaultyClient, message: Any, system_id: int) -> Sequence[m.Message]:
     """Takes everything for its own: other vehicles, other stations, other lists."""
     if not hasattr(message, "mission_type"):
         return [message] if system_id == 1 else []
@@ -133,21 +123,21 @@ NO_REPEATS = sending(_once)
 GOES_AWAY = sending(_goes_away)
 IGNORES_ERRORS: Mutant = lambda link: FaultyClient(link, hears=_swallows_errors)  # noqa: E731
 BELIEVES_ALL: Mutant = lambda link: FaultyClient(link, hears=_believes_all)  # noqa: E731
-FLOATS = sending(lambda _, m: as_float(m))
-OTHER_LIST = sending(lambda _, m: replace(m, mission_type=(m.mission_type + 1) % 3) if isinstance(m, ITEMS) else m)
-FLOAT_FRAMES = sending(lambda _, m: replace(m, frame=3) if isinstance(m, MissionItemInt) else m)
-BEYOND = sending_also(ITEMS, lambda m: replace(m, seq=60000))
-STRANGE_ITEMS = sending_also(ITEMS, lambda m: replace(m, mission_type=(m.mission_type + 1) % 3))
-NO_CANCEL = sending(lambda _, m: None if isinstance(m, MissionAck) and m.result == 15 else m)
-NO_THANKS = sending(lambda _, m: None if isinstance(m, MissionAck) and m.result == 0 else m)
+FLOATS = sending(lambda _, it: as_float(it))
+OTHER_LIST = sending(lambda _, it: replace(it, mission_type=(it.mission_type + 1) % 3) if isinstance(it, ITEMS) else it)
+FLOAT_FRAMES = sending(lambda _, it: replace(it, frame=3) if isinstance(it, m.MissionItemInt) else it)
+BEYOND = sending_also(ITEMS, lambda it: replace(it, seq=60000))
+STRANGE_ITEMS = sending_also(ITEMS, lambda it: replace(it, mission_type=(it.mission_type + 1) % 3))
+NO_CANCEL = sending(lambda _, it: None if isinstance(it, m.MissionAck) and it.result == 15 else it)
+NO_THANKS = sending(lambda _, it: None if isinstance(it, m.MissionAck) and it.result == 0 else it)
 OLD_REQUESTS = sending(
-    lambda _, m: (
-        MissionRequest(m.target_system, m.target_component, m.seq, m.mission_type)
-        if isinstance(m, MissionRequestInt)
-        else m
+    lambda _, it: (
+        m.MissionRequest(it.target_system, it.target_component, it.seq, it.mission_type)
+        if isinstance(it, m.MissionRequestInt)
+        else it
     )
 )
-WRONG_ITEM = sending(lambda _, m: replace(m, seq=(m.seq + 1) % 4) if isinstance(m, MissionRequestInt) else m)
+WRONG_ITEM = sending(lambda _, it: replace(it, seq=(it.seq + 1) % 4) if isinstance(it, m.MissionRequestInt) else it)
 AHEAD: Mutant = lambda link: link  # noqa: E731 - our client as it is: it sends an item ahead
 
 
@@ -162,7 +152,7 @@ def chattering(case: ClientCase) -> Callable[[Client], None]:
             vehicle = client.vehicle
             mission_type = case.mission_type or 0
             while client.clock.now() < until:
-                client.send(MissionCount(vehicle.system_id, vehicle.component_id, 3, mission_type))
+                client.send(m.MissionCount(vehicle.system_id, vehicle.component_id, 3, mission_type))
                 pause = client.clock.now() + 2.0
                 while client.clock.now() < pause:
                     client.poll(pause - client.clock.now())

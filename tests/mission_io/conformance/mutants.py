@@ -11,25 +11,10 @@ from mission_io.conformance.tricks import Said, as_float
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import GeoPoint, MissionType
 from mission_io.protocol.server import MissionServer
-from mission_io.wire.messages import (
-    AutopilotVersion,
-    Message,
-    MissionAck,
-    MissionClearAll,
-    MissionCount,
-    MissionCurrent,
-    MissionItemFloat,
-    MissionItemInt,
-    MissionRequest,
-    MissionRequestInt,
-    MissionRequestList,
-    MissionSetCurrent,
-    Received,
-    StatusText,
-)
+from mission_io.wire import messages as m
 
-ITEMS = (MissionItemInt, MissionItemFloat)
-REQUESTS = (MissionRequest, MissionRequestInt)
+ITEMS = (m.MissionItemInt, m.MissionItemFloat)
+REQUESTS = (m.MissionRequest, m.MissionRequestInt)
 MISSION = MissionType.MISSION
 FOREVER_S = 1e6
 
@@ -44,8 +29,8 @@ class Faulty(FakeVehicle):
     def __init__(
         self,
         *,
-        hears: Callable[[Any, Received], Sequence[Received]] | None = None,
-        says: Callable[[Any, Message], Sequence[Message]] | None = None,
+        hears: Callable[[Any, m.Received], Sequence[m.Received]] | None = None,
+        says: Callable[[Any, m.Message], Sequence[m.Message]] | None = None,
         **changes: Any,
     ) -> None:
         self._hears, self._says = hears, says
@@ -60,7 +45,7 @@ class Faulty(FakeVehicle):
     def incoming(self) -> Any:
         return self.server._incoming
 
-    def _receive(self, received: Received, now: float) -> None:
+    def _receive(self, received: m.Received, now: float) -> None:
         for taken in [received] if self._hears is None else self._hears(self, received):
             super()._receive(taken, now)
 
@@ -73,7 +58,7 @@ def hearing(**changes: Any) -> Callable[[Callable[[Any, Any], Any]], Callable[[]
     """A vehicle that hears ``rewrite(vehicle, message)`` in place of a message; None is nothing."""
 
     def made(rewrite: Callable[[Any, Any], Any]) -> Callable[[], Faulty]:
-        def hears(vehicle: Any, received: Received) -> Sequence[Received]:
+        def hears(vehicle: Any, received: m.Received) -> Sequence[m.Received]:
             changed = rewrite(vehicle, received.message)
             return [] if changed is None else [replace(received, message=changed)]
 
@@ -84,7 +69,7 @@ def hearing(**changes: Any) -> Callable[[Callable[[Any, Any], Any]], Callable[[]
 
 def saying(rewrite: Callable[[Any, Any], Any]) -> Callable[[], Faulty]:
     """A vehicle that says ``rewrite(vehicle, message)``; None is nothing."""
-    return lambda: Faulty(says=lambda v, m: [c] if (c := rewrite(v, m)) is not None else [])
+    return lambda: Faulty(says=lambda v, it: [c] if (c := rewrite(v, it)) is not None else [])
 
 
 def changed(**changes: Any) -> Callable[[], Faulty]:
@@ -92,11 +77,11 @@ def changed(**changes: Any) -> Callable[[], Faulty]:
 
 
 def hears(kinds: Any, rewrite: Callable[[Any, Any], Any], **changes: Any) -> Callable[[], Faulty]:
-    return hearing(**changes)(lambda v, m: rewrite(v, m) if isinstance(m, kinds) else m)
+    return hearing(**changes)(lambda v, it: rewrite(v, it) if isinstance(it, kinds) else it)
 
 
 def says(kinds: Any, rewrite: Callable[[Any, Any], Any]) -> Callable[[], Faulty]:
-    return saying(lambda v, m: rewrite(v, m) if isinstance(m, kinds) else m)
+    return saying(lambda v, it: rewrite(v, it) if isinstance(it, kinds) else it)
 
 
 def emptying(kinds: Any, when: Callable[[Any, Any], bool]) -> Callable[[], Faulty]:
@@ -110,18 +95,18 @@ def emptying(kinds: Any, when: Callable[[Any, Any], bool]) -> Callable[[], Fault
     return hears(kinds, rewrite)
 
 
-def _as_next(v: Any, m: Any) -> Any:
-    return m if v.incoming is None else replace(m, seq=len(v.incoming.items))
+def _as_next(v: Any, it: Any) -> Any:
+    return it if v.incoming is None else replace(it, seq=len(v.incoming.items))
 
 
-def _first_only(v: Any, m: Any) -> Any:
+def _first_only(v: Any, it: Any) -> Any:
     """Hears only the first COUNT."""
     v.seen["count"] += 1
-    return m if v.seen["count"] == 1 else None
+    return it if v.seen["count"] == 1 else None
 
 
-def _cancelled_by(v: Any, m: Any) -> Any:
-    return MissionAck(m.target_system, m.target_component, MissionResult.ERROR, m.mission_type)
+def _cancelled_by(v: Any, it: Any) -> Any:
+    return m.MissionAck(it.target_system, it.target_component, MissionResult.ERROR, it.mission_type)
 
 
 def _after_ack(change: Callable[[Any], None]) -> Callable[[], Faulty]:
@@ -132,16 +117,16 @@ def _after_ack(change: Callable[[Any], None]) -> Callable[[], Faulty]:
             change(vehicle)
         return message
 
-    return says(MissionAck, rewrite)
+    return says(m.MissionAck, rewrite)
 
 
 def _keeps_the_tail(v: Any) -> None:
     v.server.set_items(MISSION, (*v.server.items(MISSION)[:3], *sample(MISSION, 7)[3:]))
 
 
-def _only_acked(v: Any, m: Any) -> Any:
+def _only_acked(v: Any, it: Any) -> Any:
     """Acknowledged, and nothing else."""
-    v._say(Said(MissionAck(255, 190, MissionResult.ACCEPTED, m.mission_type)), v.now)
+    v._say(Said(m.MissionAck(255, 190, MissionResult.ACCEPTED, it.mission_type)), v.now)
 
 
 class Timed(Faulty):
@@ -157,7 +142,7 @@ class Timed(Faulty):
 def acks_only(kinds: Any, when: Callable[[Any], bool]) -> Callable[[], Faulty]:
     """Acknowledges something without doing it."""
 
-    def hears_it(vehicle: Any, received: Received) -> Sequence[Received]:
+    def hears_it(vehicle: Any, received: m.Received) -> Sequence[m.Received]:
         if isinstance(received.message, kinds) and when(received.message):
             _only_acked(vehicle, received.message)
             return []
@@ -166,45 +151,45 @@ def acks_only(kinds: Any, when: Callable[[Any], bool]) -> Callable[[], Faulty]:
     return lambda: Timed(hears=hears_it)
 
 
-def _senders(rewrite: Callable[[Any, Received], Sequence[Received]], **changes: Any) -> Callable[[], Faulty]:
+def _senders(rewrite: Callable[[Any, m.Received], Sequence[m.Received]], **changes: Any) -> Callable[[], Faulty]:
     return lambda: Faulty(hears=rewrite, **changes)
 
 
-def _anybody_uploads(v: Any, r: Received) -> Sequence[Received]:
-    if isinstance(r.message, MissionCount) and r.system_id != 255:
-        stop = MissionAck(1, 1, MissionResult.ERROR, MISSION)
-        return [Received(stop, 255, 190), r]
+def _anybody_uploads(v: Any, r: m.Received) -> Sequence[m.Received]:
+    if isinstance(r.message, m.MissionCount) and r.system_id != 255:
+        stop = m.MissionAck(1, 1, MissionResult.ERROR, MISSION)
+        return [m.Received(stop, 255, 190), r]
     return [r]
 
 
-def _anybodys_items(v: Any, r: Received) -> Sequence[Received]:
+def _anybodys_items(v: Any, r: m.Received) -> Sequence[m.Received]:
     return [replace(r, system_id=255)] if isinstance(r.message, ITEMS) else [r]
 
 
-def _deaf_after_other_list(v: Any, r: Received) -> Sequence[Received]:
-    if isinstance(r.message, MissionRequestList) and r.system_id != 255:
+def _deaf_after_other_list(v: Any, r: m.Received) -> Sequence[m.Received]:
+    if isinstance(r.message, m.MissionRequestList) and r.system_id != 255:
         v.seen["other"] += 1
     return [] if v.seen["other"] and isinstance(r.message, REQUESTS) and r.system_id == 255 else [r]
 
 
-def _list_until_ack(v: Any, m: Any) -> Any:
-    if isinstance(m, MissionAck):
+def _list_until_ack(v: Any, it: Any) -> Any:
+    if isinstance(it, m.MissionAck):
         v.seen.clear()
-        return m
+        return it
     v.seen["list"] += 1
-    return m if v.seen["list"] == 1 else None
+    return it if v.seen["list"] == 1 else None
 
 
-def _other_at_second_time(v: Any, m: Any) -> Any:
-    v.seen[m.mission_type, m.seq] += 1
-    return replace(m, z=m.z + 1.0) if v.seen[m.mission_type, m.seq] % 2 == 0 else m
+def _other_at_second_time(v: Any, it: Any) -> Any:
+    v.seen[it.mission_type, it.seq] += 1
+    return replace(it, z=it.z + 1.0) if v.seen[it.mission_type, it.seq] % 2 == 0 else it
 
 
 class Impatient(Timed):
     """Serves no item that is asked for more than a second after the one before."""
 
-    def _receive(self, received: Received, now: float) -> None:
-        if isinstance(received.message, MissionRequestList):
+    def _receive(self, received: m.Received, now: float) -> None:
+        if isinstance(received.message, m.MissionRequestList):
             self.seen["last"] = 0
         if isinstance(received.message, REQUESTS):
             last, self.seen["last"] = self.seen["last"], now  # type: ignore[assignment]
@@ -228,7 +213,7 @@ NOT_ATOMIC: Any = {"atomic": frozenset()}
 NEVER_STOPPED: Any = {"stopped_by": frozenset({MissionResult.OPERATION_CANCELLED})}
 
 MUTANTS: dict[str, Callable[[], Faulty]] = {
-    **_each("upload-in-order", says(REQUESTS, lambda v, m: replace(m, seq=m.seq + 1))),
+    **_each("upload-in-order", says(REQUESTS, lambda v, it: replace(it, seq=it.seq + 1))),
     **_each("upload-silence", changed(**NOT_ATOMIC)),
     "upload-shorter": _after_ack(_keeps_the_tail),
     "upload-100": _after_ack(lambda v: v.server.set_items(MISSION, v.server.items(MISSION)[:50])),
@@ -236,52 +221,54 @@ MUTANTS: dict[str, Callable[[], Faulty]] = {
     "upload-int-requests": changed(legacy_requests=True),
     "upload-item-lost": changed(rerequest_s=FOREVER_S, give_up_s=FOREVER_S),
     "upload-second-item-lost": changed(rerequest_s=FOREVER_S, give_up_s=FOREVER_S),
-    "upload-after-silence": hears(MissionCount, _first_only),
+    "upload-after-silence": hears(m.MissionCount, _first_only),
     "upload-items-twice": hears(ITEMS, _as_next),
     "upload-out-of-order": changed(wrong_sequence_result=MissionResult.INVALID_SEQUENCE),
     "upload-beyond-count": hears(ITEMS, _as_next),
-    "upload-count-twice": acks_only(MissionCount, lambda m: True),
-    "upload-count-late": hears(MissionCount, lambda v, m: m if v.incoming is None else _cancelled_by(v, m)),
-    "upload-last-item-again": emptying(ITEMS, lambda v, m: v.incoming is None),
+    "upload-count-twice": acks_only(m.MissionCount, lambda it: True),
+    "upload-count-late": hears(m.MissionCount, lambda v, it: it if v.incoming is None else _cancelled_by(v, it)),
+    "upload-last-item-again": emptying(ITEMS, lambda v, it: v.incoming is None),
     "upload-slow": changed(give_up_s=1.0),
-    "upload-float-items": hears(MissionItemFloat, lambda v, m: replace(m, x=m.x * 1.1)),
+    "upload-float-items": hears(m.MissionItemFloat, lambda v, it: replace(it, x=it.x * 1.1)),
     **_each("upload-cancelled", changed(**NOT_ATOMIC)),
     **{f"upload-stopped-by-{name}": changed(**NEVER_STOPPED) for name in ("ERROR", "UNSUPPORTED", "INVALID", "DENIED")},
     "upload-bad-item": changed(**NOT_ATOMIC),
-    "upload-too-many": emptying(MissionCount, lambda v, m: m.count > 1000),
-    **_each("upload-empty", acks_only(MissionCount, lambda m: m.count == 0)),
+    "upload-too-many": emptying(m.MissionCount, lambda v, it: it.count > 1000),
+    **_each("upload-empty", acks_only(m.MissionCount, lambda it: it.count == 0)),
     "upload-second-station": _senders(_anybody_uploads),
     "upload-foreign-items": _senders(_anybodys_items),
-    "upload-other-list": hears(ITEMS, lambda v, m: replace(m, mission_type=0)),
-    "upload-other-target": hears(MissionCount, lambda v, m: replace(m, target_system=1)),
-    "upload-strange-type": hears(MissionCount, lambda v, m: replace(m, mission_type=m.mission_type % 7)),
-    "upload-nonsense": emptying(ITEMS, lambda v, m: v.incoming is None),
+    "upload-other-list": hears(ITEMS, lambda v, it: replace(it, mission_type=0)),
+    "upload-other-target": hears(m.MissionCount, lambda v, it: replace(it, target_system=1)),
+    "upload-strange-type": hears(m.MissionCount, lambda v, it: replace(it, mission_type=it.mission_type % 7)),
+    "upload-nonsense": emptying(ITEMS, lambda v, it: v.incoming is None),
     "upload-lists-apart": _after_ack(lambda v: v.server.set_items(MissionType.FENCE, ())),
-    **_each("download-in-order", says(MissionCount, lambda v, m: replace(m, count=max(0, m.count - 1)))),
-    **_each("download-empty", says(MissionCount, lambda v, m: replace(m, count=m.count or 2))),
-    "download-int-items": says(MissionItemInt, lambda v, m: as_float(m)),
+    **_each("download-in-order", says(m.MissionCount, lambda v, it: replace(it, count=max(0, it.count - 1)))),
+    **_each("download-empty", says(m.MissionCount, lambda v, it: replace(it, count=it.count or 2))),
+    "download-int-items": says(m.MissionItemInt, lambda v, it: as_float(it)),
     "download-int-frames": changed(returns_int_frames=False),
-    "download-list-twice": hears((MissionRequestList, MissionAck), _list_until_ack),
-    "download-item-twice": says(MissionItemInt, _other_at_second_time),
-    "download-beyond-count": hears(MissionRequestInt, lambda v, m: replace(m, seq=m.seq % 4)),
-    "download-skipping": hears(MissionRequestInt, lambda v, m: replace(m, seq=0) if m.seq == 2 else m),
+    "download-list-twice": hears((m.MissionRequestList, m.MissionAck), _list_until_ack),
+    "download-item-twice": says(m.MissionItemInt, _other_at_second_time),
+    "download-beyond-count": hears(m.MissionRequestInt, lambda v, it: replace(it, seq=it.seq % 4)),
+    "download-skipping": hears(m.MissionRequestInt, lambda v, it: replace(it, seq=0) if it.seq == 2 else it),
     "download-abandoned": changed(download_blocks_s=FOREVER_S),
     "download-cancelled": hears(
-        MissionAck, lambda v, m: None if m.result == MissionResult.OPERATION_CANCELLED else m, download_blocks_s=30.0
+        m.MissionAck,
+        lambda v, it: None if it.result == MissionResult.OPERATION_CANCELLED else it,
+        download_blocks_s=30.0,
     ),
     "download-slow": Impatient,
     "download-second-station": _senders(_deaf_after_other_list),
-    "download-other-target": hears(MissionRequestList, lambda v, m: replace(m, target_system=1)),
-    "download-strange-type": hears(MissionRequestList, lambda v, m: replace(m, mission_type=m.mission_type % 7)),
-    **_each("clear", acks_only(MissionClearAll, lambda m: True)),
-    "clear-alone": hears(MissionClearAll, lambda v, m: replace(m, mission_type=255)),
-    "clear-all": hears(MissionClearAll, lambda v, m: replace(m, mission_type=0)),
-    "current-set": hears(MissionSetCurrent, lambda v, m: None),
-    "current-beyond": says(StatusText, lambda v, m: None),
-    "current-streamed": says(MissionCurrent, lambda v, m: None),
-    "ids-agree": says(MissionCount, lambda v, m: replace(m, opaque_id=m.opaque_id + 1)),
-    "ids-differ": says(MissionAck, lambda v, m: replace(m, opaque_id=7)),
-    "capabilities": says(AutopilotVersion, lambda v, m: replace(m, capabilities=0)),
+    "download-other-target": hears(m.MissionRequestList, lambda v, it: replace(it, target_system=1)),
+    "download-strange-type": hears(m.MissionRequestList, lambda v, it: replace(it, mission_type=it.mission_type % 7)),
+    **_each("clear", acks_only(m.MissionClearAll, lambda it: True)),
+    "clear-alone": hears(m.MissionClearAll, lambda v, it: replace(it, mission_type=255)),
+    "clear-all": hears(m.MissionClearAll, lambda v, it: replace(it, mission_type=0)),
+    "current-set": hears(m.MissionSetCurrent, lambda v, it: None),
+    "current-beyond": says(m.StatusText, lambda v, it: None),
+    "current-streamed": says(m.MissionCurrent, lambda v, it: None),
+    "ids-agree": says(m.MissionCount, lambda v, it: replace(it, opaque_id=it.opaque_id + 1)),
+    "ids-differ": says(m.MissionAck, lambda v, it: replace(it, opaque_id=7)),
+    "capabilities": says(m.AutopilotVersion, lambda v, it: replace(it, capabilities=0)),
 }
 
 
@@ -290,12 +277,12 @@ class _RefusesEmptyClear(Faulty):
 
     def _say(self, said: Said, now: float) -> None:
         message = said.message
-        if isinstance(message, MissionAck) and self.seen["empty"]:
+        if isinstance(message, m.MissionAck) and self.seen["empty"]:
             said = replace(said, message=replace(message, result=MissionResult.ERROR))
         super()._say(said, now)
 
-    def _receive(self, received: Received, now: float) -> None:
-        if isinstance(received.message, MissionClearAll):
+    def _receive(self, received: m.Received, now: float) -> None:
+        if isinstance(received.message, m.MissionClearAll):
             self.seen["empty"] = int(not self.server.items(MISSION))
         super()._receive(received, now)
 
@@ -303,8 +290,8 @@ class _RefusesEmptyClear(Faulty):
 class _OldRequestsAsFloat(Faulty):
     """Answers MISSION_REQUEST with MISSION_ITEM."""
 
-    def _receive(self, received: Received, now: float) -> None:
-        self.seen["old"] = int(isinstance(received.message, MissionRequest))
+    def _receive(self, received: m.Received, now: float) -> None:
+        self.seen["old"] = int(isinstance(received.message, m.MissionRequest))
         super()._receive(received, now)
 
     def _say(self, said: Said, now: float) -> None:

@@ -5,7 +5,7 @@ from itertools import product
 import pytest
 
 from mission_io.errors import FormatError
-from mission_io.formats import csv, litchi_reader, poly, rally_lines, wpl
+from mission_io.formats import csv, litchi, poly, wpl
 from mission_io.formats.dialects import sniff, words_of
 
 ITEMS = [
@@ -21,7 +21,7 @@ LITCHI = [
 ]
 TABLES = {
     "items": (ITEMS, lambda text: csv.read_mission(text).mission),
-    "litchi": (LITCHI, lambda text: litchi_reader.read_route(text).mission),
+    "litchi": (LITCHI, lambda text: litchi.read_route(text).mission),
 }
 
 
@@ -52,7 +52,7 @@ def test_a_table_is_the_same_in_every_dialect(table):
     for dialect in DIALECTS:
         text = written(rows, **dialect)
         assert repr(read(text)) == repr(plain), dialect
-        assert litchi_reader.is_litchi(text) is (table == "litchi")
+        assert litchi.is_litchi(text) is (table == "litchi")
 
 
 @pytest.mark.parametrize("table", TABLES)
@@ -103,7 +103,7 @@ def test_lines_of_numbers_are_the_same_in_every_dialect(between, decimal, quoted
     assert wpl.read(f"QGC WPL 110\n{row}\n").home == wpl.read("QGC WPL 110\n" + "\t".join(item) + "\n").home
     point = ("RALLY", "46.5", "8.5", "40.5", "0", "0", "0")
     row = between.join(word.replace(".", decimal) for word in point)
-    assert rally_lines.read_rally(row).rally == rally_lines.read_rally(" ".join(point)).rally
+    assert poly.read_rally(row).rally == poly.read_rally(" ".join(point)).rally
 
 
 @pytest.mark.parametrize(("line", "count"), [("46,51234,8,0123", 2), ("0,1,0,16,0,0,0,0,46,5,8,5,500,5,1", 12)])

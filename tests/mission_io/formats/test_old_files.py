@@ -10,7 +10,7 @@ from mission_io.errors import FormatError
 from mission_io.formats import plan, poly, wpl
 from mission_io.formats.files import mission_text, read_file, read_mission
 from mission_io.formats.old_qgc_json import read
-from mission_io.formats.rally_lines import read_rally
+from mission_io.formats.poly import read_rally
 from mission_io.model.areas import Fence, FencePolygon, FramedPoint, RallyPoints
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem, MissionType
 from tests.mission_io.formats.samples import FENCE, HOME, MISSION, RALLY

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mission_io.errors import FormatError
-from mission_io.formats import gpx, kml_route, litchi_reader, wpml_reader
+from mission_io.formats import gpx, kml, litchi, wpml_reader
 from mission_io.formats.litchi import write_csv
 from mission_io.formats.point_route import PointRoute
 from mission_io.formats.wpml import write_kmz
@@ -21,7 +21,7 @@ from uavcover.extras.exports.command import all_dji_aircraft
 
 POINTS = [(46.5, 8.25, 40.0), (46.501, 8.252, 55.5), (46.499, 8.26, 61.0)]
 READERS: dict[str, Callable[[str], PointRoute]] = {
-    ".gpx": gpx.read_route, ".kml": kml_route.read_route, ".csv": litchi_reader.read_route, ".wpml": wpml_reader.read_route,
+    ".gpx": gpx.read_route, ".kml": kml.read_route, ".csv": litchi.read_route, ".wpml": wpml_reader.read_route,
 }  # fmt: skip
 
 
@@ -59,7 +59,7 @@ def test_our_own_files_read_back(seed: int) -> None:
 
 def test_speeds_that_differ_are_items() -> None:
     text = ROUTES[".csv"](POINTS, 1.0).replace(",0,7.5\n", ",0,4\n", 1)
-    route = litchi_reader.read_route(text)
+    route = litchi.read_route(text)
     assert [one.params[1] for one in route.mission.items if one.command == Command.DO_CHANGE_SPEED] == [4.0, 7.5]
     assert route.numbers == (2, 5, 8), "a speed and a heading of its own behind the first two"
     assert "2 headings" in route.repairs[-1]
@@ -72,11 +72,11 @@ def test_the_climb_of_dji_is_no_lower_than_its_security_height() -> None:
 
 def test_heights_above_ground() -> None:
     assert (
-        kml_route.read_route(ROUTES[".kml"](POINTS, 0.0).replace("absolute", "relativeToGround")).mission.items[1].frame
+        kml.read_route(ROUTES[".kml"](POINTS, 0.0).replace("absolute", "relativeToGround")).mission.items[1].frame
         is Frame.ABOVE_TERRAIN
     )
     assert (
-        litchi_reader.read_route(ROUTES[".csv"](POINTS, 1.0).replace(",0,7.5", ",1,7.5")).mission.items[1].frame
+        litchi.read_route(ROUTES[".csv"](POINTS, 1.0).replace(",0,7.5", ",1,7.5")).mission.items[1].frame
         is Frame.ABOVE_TERRAIN
     )
 
@@ -86,7 +86,7 @@ def test_curves_are_told() -> None:
         "</wpml:waypointSpeed>", "</wpml:waypointSpeed><wpml:useStraightLine>0</wpml:useStraightLine>"
     )
     assert "3 legs are curved" in wpml_reader.read_route(text).repairs[0]
-    assert "corners" in litchi_reader.read_route(ROUTES[".csv"](POINTS, 1.0).replace(",90,0,", ",90,5,")).repairs[0]
+    assert "corners" in litchi.read_route(ROUTES[".csv"](POINTS, 1.0).replace(",90,0,", ",90,5,")).repairs[0]
 
 
 @pytest.mark.parametrize(
@@ -183,7 +183,7 @@ def test_actions_of_litchi() -> None:
     lines[0] += ",photo_timeinterval,photo_distinterval"
     lines[1] = lines[1].replace(",-1,0" * 15, ",0,2500,5,-45,1,0,4,30" + ",-1,0" * 11) + ",2,-1"
     lines[2], lines[3] = f"{lines[2]},-1,-1", f"{lines[3]},-1,-1"
-    items = litchi_reader.read_route("\n".join(lines)).mission.items
+    items = litchi.read_route("\n".join(lines)).mission.items
     assert [(int(one.command), *one.params[:3]) for one in items[2:8]] == [
         (93, 2.5, -1.0, -1.0), (1000, -45.0, pytest.approx(float("nan"), nan_ok=True), pytest.approx(float("nan"), nan_ok=True)),
         (115, 30.0, 0.0, 0.0), (2000, 0.0, 0.0, 1.0), (2000, 0.0, 2.0, 0.0), (16, 0.0, 0.0, 0.0),

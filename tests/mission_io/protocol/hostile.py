@@ -24,25 +24,13 @@ from mission_io.model.areas import (
 )
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import Frame, MissionItem, MissionType, waypoint
-from mission_io.wire.messages import (
-    Heartbeat,
-    Message,
-    MissionAck,
-    MissionClearAll,
-    MissionCount,
-    MissionItemFloat,
-    MissionItemInt,
-    MissionRequest,
-    MissionRequestInt,
-    MissionRequestList,
-    Received,
-)
+from mission_io.wire import messages as m
 from mission_io.wire.mission_items import degrees_on_wire
 from tests.mission_io.vehicle import VehiclePeer
 
 GROUND = (255, 190)
-_ITEMS = (MissionItemInt, MissionItemFloat)
-_REQUESTS = (MissionRequest, MissionRequestInt)
+_ITEMS = (m.MissionItemInt, m.MissionItemFloat)
+_REQUESTS = (m.MissionRequest, m.MissionRequestInt)
 _RESULTS = (*range(16), 77)
 
 
@@ -53,23 +41,23 @@ class Trick:
         self.rng, self.mission_type = rng, mission_type
         self.now = 0.0
 
-    def hears(self, message: Message) -> Iterable[Message] | None:
+    def hears(self, message: m.Message) -> Iterable[m.Message] | None:
         """What the vehicle says instead of letting its server answer; None lets it."""
         del message
         return None
 
-    def says(self, message: Message) -> Iterable[Message]:
+    def says(self, message: m.Message) -> Iterable[m.Message]:
         """What goes out for a message of the server."""
         return [message]
 
-    def ack(self, result: int | None = None) -> MissionAck:
-        return MissionAck(*GROUND, self.rng.choice(_RESULTS) if result is None else result, self.mission_type)
+    def ack(self, result: int | None = None) -> m.MissionAck:
+        return m.MissionAck(*GROUND, self.rng.choice(_RESULTS) if result is None else result, self.mission_type)
 
-    def request(self, seq: int) -> MissionRequestInt:
-        return MissionRequestInt(*GROUND, seq, self.mission_type)
+    def request(self, seq: int) -> m.MissionRequestInt:
+        return m.MissionRequestInt(*GROUND, seq, self.mission_type)
 
-    def count(self, count: int) -> MissionCount:
-        return MissionCount(*GROUND, count, self.mission_type)
+    def count(self, count: int) -> m.MissionCount:
+        return m.MissionCount(*GROUND, count, self.mission_type)
 
 
 class WrongCount(Trick):
@@ -79,8 +67,8 @@ class WrongCount(Trick):
         super().__init__(*args)
         self.by = self.rng.choice([-2, -1, 1, 2, 500, 65535])
 
-    def says(self, message: Message) -> Iterable[Message]:
-        if isinstance(message, MissionCount):
+    def says(self, message: m.Message) -> Iterable[m.Message]:
+        if isinstance(message, m.MissionCount):
             return [replace(message, count=min(65535, max(0, message.count + self.by)))]
         return [message]
 
@@ -92,8 +80,8 @@ class ChangingCount(Trick):
         super().__init__(*args)
         self.twice = self.rng.random() < 0.5
 
-    def says(self, message: Message) -> Iterable[Message]:
-        if not isinstance(message, MissionCount):
+    def says(self, message: m.Message) -> Iterable[m.Message]:
+        if not isinstance(message, m.MissionCount):
             return [message]
         counts = [self.rng.randrange(1, 40) for _ in range(1 + self.twice)]
         return [replace(message, count=count) for count in counts]
@@ -102,7 +90,7 @@ class ChangingCount(Trick):
 class CountAfterItems(Trick):
     """Names a number of items after each item."""
 
-    def says(self, message: Message) -> Iterable[Message]:
+    def says(self, message: m.Message) -> Iterable[m.Message]:
         return [message, self.count(self.rng.randrange(50))] if isinstance(message, _ITEMS) else [message]
 
 
@@ -114,7 +102,7 @@ class ErrorAtItem(Trick):
         self.seq, self.result = self.rng.randrange(10), self.rng.choice(_RESULTS)
         self.left = self.rng.choice([2, 10_000_000])
 
-    def hears(self, message: Message) -> Iterable[Message] | None:
+    def hears(self, message: m.Message) -> Iterable[m.Message] | None:
         if isinstance(message, (*_REQUESTS, *_ITEMS)) and message.seq == self.seq and self.left:
             self.left -= 1
             return [self.ack(self.result)]
@@ -128,15 +116,15 @@ class EndlessRequests(Trick):
         super().__init__(*args)
         self.loop = itertools.cycle(self.rng.sample(range(12), self.rng.choice([1, 2, 3, 7])))
 
-    def hears(self, message: Message) -> Iterable[Message] | None:
-        return [self.request(next(self.loop))] if isinstance(message, (MissionCount, *_ITEMS)) else None
+    def hears(self, message: m.Message) -> Iterable[m.Message] | None:
+        return [self.request(next(self.loop))] if isinstance(message, (m.MissionCount, *_ITEMS)) else None
 
 
 class LoopOfThree(Trick):
     """Asks 0, 1, 2, 0, 1, 2."""
 
-    def hears(self, message: Message) -> Iterable[Message] | None:
-        if isinstance(message, MissionCount):
+    def hears(self, message: m.Message) -> Iterable[m.Message] | None:
+        if isinstance(message, m.MissionCount):
             return [self.request(0)]
         return [self.request((message.seq + 1) % 3)] if isinstance(message, _ITEMS) else None
 
@@ -144,7 +132,7 @@ class LoopOfThree(Trick):
 class WrongRequests(Trick):
     """Asks for items that do not exist, or skips and repeats."""
 
-    def says(self, message: Message) -> Iterable[Message]:
+    def says(self, message: m.Message) -> Iterable[m.Message]:
         if isinstance(message, _REQUESTS) and self.rng.random() < 0.7:
             return [self.request(self.rng.choice([0, message.seq + 1, message.seq + 3, 40, 65535]))]
         return [message]
@@ -153,10 +141,10 @@ class WrongRequests(Trick):
 class Flood(Trick):
     """Many messages for each that it hears."""
 
-    def hears(self, message: Message) -> Iterable[Message] | None:
-        if isinstance(message, Heartbeat):
+    def hears(self, message: m.Message) -> Iterable[m.Message] | None:
+        if isinstance(message, m.Heartbeat):
             return None
-        makers: list[Callable[[], Message]] = [
+        makers: list[Callable[[], m.Message]] = [
             self.ack,
             lambda: self.request(self.rng.randrange(15)),
             lambda: self.count(self.rng.randrange(15)),
@@ -172,8 +160,8 @@ class Silence(Trick):
         self.after, self.lasts_s = self.rng.choice([0, 1, 2, 5, 9]), self.rng.choice([4.0, 12.0, 30.0, math.inf])
         self.until = -math.inf
 
-    def hears(self, message: Message) -> Iterable[Message] | None:
-        if isinstance(message, Heartbeat):
+    def hears(self, message: m.Message) -> Iterable[m.Message] | None:
+        if isinstance(message, m.Heartbeat):
             return None
         self.after -= 1
         if self.after == -1:
@@ -184,8 +172,8 @@ class Silence(Trick):
 class BadNumbers(Trick):
     """Items with numbers that are none, or of nowhere."""
 
-    def says(self, message: Message) -> Iterable[Message]:
-        if not isinstance(message, MissionItemInt):
+    def says(self, message: m.Message) -> Iterable[m.Message]:
+        if not isinstance(message, m.MissionItemInt):
             return [message]
         bad = self.rng.choice([math.nan, math.inf, -math.inf, 2.0**120])
         changes: list[dict[str, Any]] = [
@@ -205,7 +193,7 @@ class ForeignTypes(Trick):
         super().__init__(*args)
         self.share = self.rng.choice([0.3, 1.0])
 
-    def says(self, message: Message) -> Iterable[Message]:
+    def says(self, message: m.Message) -> Iterable[m.Message]:
         if hasattr(message, "mission_type") and self.rng.random() < self.share:
             return [replace(message, mission_type=(self.mission_type + self.rng.choice([1, 2, 7])) % 256)]  # type: ignore[call-arg]
         return [message]
@@ -216,10 +204,10 @@ class Shuffled(Trick):
 
     def __init__(self, *args: Any) -> None:
         super().__init__(*args)
-        self.kept: list[Message] = []
+        self.kept: list[m.Message] = []
 
-    def says(self, message: Message) -> Iterable[Message]:
-        if not isinstance(message, MissionItemInt):
+    def says(self, message: m.Message) -> Iterable[m.Message]:
+        if not isinstance(message, m.MissionItemInt):
             return [message]
         self.kept.append(message)
         out = [self.rng.choice(self.kept), replace(message, seq=self.rng.randrange(65536))]
@@ -229,7 +217,7 @@ class Shuffled(Trick):
 class StrayAcks(Trick):
     """Acknowledgements of any kind at any time."""
 
-    def says(self, message: Message) -> Iterable[Message]:
+    def says(self, message: m.Message) -> Iterable[m.Message]:
         return [message, self.ack()] if self.rng.random() < 0.4 else [message]
 
 
@@ -240,8 +228,8 @@ class OnlyAcks(Trick):
         super().__init__(*args)
         self.result = self.rng.choice(_RESULTS)
 
-    def hears(self, message: Message) -> Iterable[Message] | None:
-        return None if isinstance(message, Heartbeat) else [self.ack(self.result)]
+    def hears(self, message: m.Message) -> Iterable[m.Message] | None:
+        return None if isinstance(message, m.Heartbeat) else [self.ack(self.result)]
 
 
 class EarlyAck(Trick):
@@ -251,7 +239,7 @@ class EarlyAck(Trick):
         super().__init__(*args)
         self.seq = self.rng.randrange(4)
 
-    def hears(self, message: Message) -> Iterable[Message] | None:
+    def hears(self, message: m.Message) -> Iterable[m.Message] | None:
         early = isinstance(message, _ITEMS) and message.seq >= self.seq
         return [self.ack(MissionResult.ACCEPTED)] if early else None
 
@@ -263,16 +251,16 @@ class SaysClearedAndIsNot(Trick):
         super().__init__(*args)
         self.result = self.rng.choice([0, 0, *_RESULTS])
 
-    def hears(self, message: Message) -> Iterable[Message] | None:
-        return [self.ack(self.result)] if isinstance(message, MissionClearAll) else None
+    def hears(self, message: m.Message) -> Iterable[m.Message] | None:
+        return [self.ack(self.result)] if isinstance(message, m.MissionClearAll) else None
 
 
 class SameItemForEver(Trick):
     """Serves one item whatever is asked for."""
 
-    def hears(self, message: Message) -> Iterable[Message] | None:
+    def hears(self, message: m.Message) -> Iterable[m.Message] | None:
         return (
-            [MissionItemInt(*GROUND, 1, 3, 16, (0.0,) * 4, 461234567, 71234567, 1.0, mission_type=self.mission_type)]
+            [m.MissionItemInt(*GROUND, 1, 3, 16, (0.0,) * 4, 461234567, 71234567, 1.0, mission_type=self.mission_type)]
             if (isinstance(message, _REQUESTS))
             else None
         )
@@ -285,8 +273,8 @@ class BreaksOffAndServes(Trick):
         super().__init__(*args)
         self.served, self.room = 0, 1
 
-    def hears(self, message: Message) -> Iterable[Message] | None:
-        if isinstance(message, MissionRequestList | MissionCount):
+    def hears(self, message: m.Message) -> Iterable[m.Message] | None:
+        if isinstance(message, m.MissionRequestList | m.MissionCount):
             self.served, self.room = 0, self.rng.randrange(1, 8)
         if isinstance(message, (*_REQUESTS, *_ITEMS)):
             self.served += 1
@@ -319,8 +307,8 @@ class HostileVehicle(VehiclePeer):
         self.delay_s = rng.choice([0.0, 0.0, 0.0, 0.05, 0.7, 3.0])
         self.server.set_items(mission_type, valid_items(held, mission_type))
         self.sent_count = 0
-        self.said: list[Message] = []
-        self._queue: list[tuple[float, int, Message]] = []
+        self.said: list[m.Message] = []
+        self._queue: list[tuple[float, int, m.Message]] = []
         self._order = itertools.count()
 
     @property
@@ -331,7 +319,7 @@ class HostileVehicle(VehiclePeer):
 
     def receive_datagram(self, data: bytes, now: float) -> None:
         for received in self.codec.decode(data):
-            if not isinstance(received.message, Heartbeat):
+            if not isinstance(received.message, m.Heartbeat):
                 self.sent_count += 1
             for trick in self.tricks:
                 trick.now = now
@@ -345,13 +333,13 @@ class HostileVehicle(VehiclePeer):
 
     def datagrams_to_send(self, now: float) -> list[bytes]:
         self._serve(now)
-        out: list[Message] = []
+        out: list[m.Message] = []
         while self._queue and self._queue[0][0] <= now:
             out.append(heapq.heappop(self._queue)[2])
         self.said += out
         if now >= self._beat_at:
             self._beat_at = now + 1.0
-            out.append(Heartbeat(self.autopilot.mav_autopilot, 2, 0, 0, 3))
+            out.append(m.Heartbeat(self.autopilot.mav_autopilot, 2, 0, 0, 3))
         return [self.codec.encode(message) for message in out]
 
     def next_timer(self) -> float | None:
@@ -361,12 +349,12 @@ class HostileVehicle(VehiclePeer):
 
     def _serve(self, now: float) -> None:
         for message in self.server.messages_to_send(now):
-            out: list[Message] = [message]
+            out: list[m.Message] = [message]
             for trick in self.tricks:
                 out = [said for one in out for said in trick.says(one)]
             self._put(out, now)
 
-    def _put(self, messages: Iterable[Message], now: float) -> None:
+    def _put(self, messages: Iterable[m.Message], now: float) -> None:
         for message in messages:
             heapq.heappush(self._queue, (now + self.delay_s, next(self._order), message))
 
@@ -377,17 +365,17 @@ class SlowVehicle(VehiclePeer):
     def __init__(self, autopilot: Autopilot, answer_s: float) -> None:
         super().__init__(autopilot)
         self.answer_s = answer_s
-        self._due: list[tuple[float, Message]] = []
+        self._due: list[tuple[float, m.Message]] = []
         self._answered: set[tuple[type, int]] = set()
 
     def receive_datagram(self, data: bytes, now: float) -> None:
         for received in self.codec.decode(data):
             message = received.message
             key = (type(message), getattr(message, "seq", -1))
-            if isinstance(message, Heartbeat) or key in self._answered:
+            if isinstance(message, m.Heartbeat) or key in self._answered:
                 continue
             self._answered.add(key)
-            self.server.receive(Received(message, received.system_id, received.component_id), now)
+            self.server.receive(m.Received(message, received.system_id, received.component_id), now)
             self._due += [(now + self.answer_s, answer) for answer in self.server.messages_to_send(now)]
 
     def datagrams_to_send(self, now: float) -> list[bytes]:
@@ -395,7 +383,7 @@ class SlowVehicle(VehiclePeer):
         self._due = [(due, message) for due, message in self._due if due > now]
         if now >= self._beat_at:
             self._beat_at = now + 1.0
-            out.append(Heartbeat(self.autopilot.mav_autopilot, 2, 0, 0, 3))
+            out.append(m.Heartbeat(self.autopilot.mav_autopilot, 2, 0, 0, 3))
         return [self.codec.encode(message) for message in out]
 
     def next_timer(self) -> float | None:

@@ -10,18 +10,7 @@ from typing import Any
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import Frame, MissionItem, MissionType, waypoint
 from mission_io.protocol.exchange import Address
-from mission_io.wire.messages import (
-    Message,
-    MissionAck,
-    MissionClearAll,
-    MissionCount,
-    MissionItemFloat,
-    MissionItemInt,
-    MissionRequest,
-    MissionRequestInt,
-    MissionRequestList,
-    Received,
-)
+from mission_io.wire import messages as m
 from mission_io.wire.mission_items import degrees_on_wire, message_from_item
 
 GROUND, VEHICLE = Address(255, 190), Address(1, 1)
@@ -50,7 +39,7 @@ def items(count: int) -> tuple[MissionItem, ...]:
     )
 
 
-def message(step: str, to: Address) -> Message:
+def message(step: str, to: Address) -> m.Message:
     words = step.split()
     kind, *arguments = words
     address = (to.system_id, to.component_id)
@@ -58,65 +47,65 @@ def message(step: str, to: Address) -> Message:
     if "/unknown" in arguments:
         mission_type = 7  # type: ignore[assignment]
     if kind == "ack":
-        return MissionAck(*address, MissionResult[arguments[0]], mission_type)
+        return m.MissionAck(*address, MissionResult[arguments[0]], mission_type)
     if kind == "list":
-        return MissionRequestList(*address, mission_type)
+        return m.MissionRequestList(*address, mission_type)
     if kind == "clear":
-        return MissionClearAll(*address, 255 if "/all" in arguments else mission_type)
+        return m.MissionClearAll(*address, 255 if "/all" in arguments else mission_type)
     number = int(arguments[0])
     if kind == "count":
-        return MissionCount(*address, number, mission_type)
+        return m.MissionCount(*address, number, mission_type)
     if kind == "req":
-        return MissionRequestInt(*address, number, mission_type)
+        return m.MissionRequestInt(*address, number, mission_type)
     if kind == "oldreq":
-        return MissionRequest(*address, number, mission_type)
+        return m.MissionRequest(*address, number, mission_type)
     item = items(number + 1)[number]
     sent = message_from_item(
         item, number, mission_type=mission_type, target_system=to.system_id, target_component=to.component_id
     )
     if "bad" in arguments:
-        fields = {name: getattr(sent, name) for name in MissionItemInt.__dataclass_fields__}
-        return MissionItemInt(**{**fields, "frame": 1})
+        fields = {name: getattr(sent, name) for name in m.MissionItemInt.__dataclass_fields__}
+        return m.MissionItemInt(**{**fields, "frame": 1})
     return sent
 
 
-def text(sent: Message) -> str:
+def text(sent: m.Message) -> str:
     match sent:
-        case MissionCount():
+        case m.MissionCount():
             return f"count {sent.count}"
-        case MissionRequest():
+        case m.MissionRequest():
             return f"oldreq {sent.seq}"
-        case MissionRequestInt():
+        case m.MissionRequestInt():
             return f"req {sent.seq}"
-        case MissionItemInt():
+        case m.MissionItemInt():
             return f"item {sent.seq}"
-        case MissionItemFloat():
+        case m.MissionItemFloat():
             return f"olditem {sent.seq}"
-        case MissionAck():
+        case m.MissionAck():
             return f"ack {MissionResult(sent.result).name}"
-        case MissionRequestList():
+        case m.MissionRequestList():
             return "list"
-        case MissionClearAll():
+        case m.MissionClearAll():
             return "clear"
     raise AssertionError(sent)
 
 
 def play(machine: Any, steps: str, *, sender: Address, to: Address, now: float = 0.0) -> list[str]:
     """Play the steps; what was sent during the last one. The machine is polled at its timers, as a driver would."""
-    sent = [text(m) for m in machine.messages_to_send(now)]
+    sent = [text(it) for it in machine.messages_to_send(now)]
     for step in filter(None, (step.strip() for step in steps.split(","))):
         sent = []
         if step.startswith("wait "):
             end = now + float(step.split()[1])
             while (timer := machine.next_timer()) is not None and timer <= end:
                 now = max(now, timer)
-                sent += [text(m) for m in machine.messages_to_send(now)]
+                sent += [text(it) for it in machine.messages_to_send(now)]
             now = end
         elif step == "cancel":
             machine.cancel(now)
         else:
             step, _, system = step.partition("@")
             origin = Address(int(system), sender.component_id) if system else sender
-            machine.receive(Received(message(step, to), origin.system_id, origin.component_id), now)
-        sent += [text(m) for m in machine.messages_to_send(now)]
+            machine.receive(m.Received(message(step, to), origin.system_id, origin.component_id), now)
+        sent += [text(it) for it in machine.messages_to_send(now)]
     return sent

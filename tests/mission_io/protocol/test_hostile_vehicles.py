@@ -5,15 +5,9 @@ import pytest
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.errors import TransferError, TransferSilentError
 from mission_io.model.items import MissionType
-from mission_io.protocol.timing import RESTARTS, Timing, longest_times
-from mission_io.wire.messages import (
-    MissionAck,
-    MissionCount,
-    MissionItemInt,
-    MissionRequestInt,
-    MissionRequestList,
-    Received,
-)
+from mission_io.protocol.timing import Timing, longest_times
+from mission_io.protocol.tuning import TRANSFERS
+from mission_io.wire import messages as m
 from tests.mission_io.protocol.attacks import CALLS, attack
 from tests.mission_io.protocol.hostile import TRICKS, HostileVehicle, SlowVehicle, valid_items
 from tests.mission_io.protocol.two_sides import BOTH, held
@@ -62,8 +56,8 @@ class ErrorForItem2(VehiclePeer):
         for received in self.codec.decode(data):
             message = received.message
             self.heard.append(received)
-            if isinstance(message, MissionRequestInt) and message.seq == 2:
-                self.outbox.append(MissionAck(255, 190, 1))
+            if isinstance(message, m.MissionRequestInt) and message.seq == 2:
+                self.outbox.append(m.MissionAck(255, 190, 1))
             else:
                 self.server.receive(received, now)
 
@@ -73,11 +67,11 @@ class AnotherCountEachTime(VehiclePeer):
 
     count = 10
 
-    def on_message(self, received: Received, now: float) -> None:
+    def on_message(self, received: m.Received, now: float) -> None:
         del now
-        if isinstance(received.message, MissionRequestList):
+        if isinstance(received.message, m.MissionRequestList):
             self.count += 1
-            self.outbox += [MissionCount(255, 190, self.count), MissionCount(255, 190, self.count + 1)]
+            self.outbox += [m.MissionCount(255, 190, self.count), m.MissionCount(255, 190, self.count + 1)]
 
 
 @BOTH
@@ -85,7 +79,7 @@ class AnotherCountEachTime(VehiclePeer):
     ("kind", "says"),
     [
         (ErrorForItem2, "refused with ERROR after [23] of 9"),
-        (AnotherCountEachTime, "repeatedly names another number of items"),
+        (AnotherCountEachTime, "repeatedly changes the number of items"),
     ],
 )
 def test_a_download_that_cannot_end_ends_at_once_and_asks_seldom(
@@ -99,7 +93,7 @@ def test_a_download_that_cannot_end_ends_at_once_and_asks_seldom(
     with pytest.raises(TransferError, match=says):
         client.download(MissionType.MISSION)
     assert client.clock.now() - began_at < 5.0
-    assert len([r for r in peer.heard if isinstance(r.message, MissionRequestList)]) <= RESTARTS
+    assert len([r for r in peer.heard if isinstance(r.message, m.MissionRequestList)]) <= TRANSFERS.restarts
 
 
 class LoopsOverThree(VehiclePeer):
@@ -111,11 +105,11 @@ class LoopsOverThree(VehiclePeer):
         for received in self.codec.decode(data):
             message = received.message
             self.heard.append(received)
-            self.stopped |= isinstance(message, MissionAck) and message.result == 15
-            if isinstance(message, MissionCount):
-                self.outbox.append(MissionRequestInt(255, 190, 0))
-            elif isinstance(message, MissionItemInt):
-                self.outbox.append(MissionRequestInt(255, 190, (message.seq + 1) % 3))
+            self.stopped |= isinstance(message, m.MissionAck) and message.result == 15
+            if isinstance(message, m.MissionCount):
+                self.outbox.append(m.MissionRequestInt(255, 190, 0))
+            elif isinstance(message, m.MissionItemInt):
+                self.outbox.append(m.MissionRequestInt(255, 190, (message.seq + 1) % 3))
             else:
                 self.server.receive(received, now)
 
@@ -125,7 +119,7 @@ def test_an_upload_that_goes_round_ends_is_cancelled_and_tells_what_is_held(auto
     """It once took 1.19 million messages."""
     peer = LoopsOverThree(autopilot)
     peer.server.set_items(MissionType.MISSION, valid_items(4, MissionType.MISSION))
-    with pytest.raises(TransferError, match=r"does not get on for 60 s after 2 of 9 items; .* \(4 items") as caught:
+    with pytest.raises(TransferError, match=r"makes no progress for 60 s after 2 of 9 items; .* \(4 items") as caught:
         connected(peer).upload(MissionType.MISSION, valid_items(9, MissionType.MISSION))
     assert peer.stopped
     assert len(caught.value.held_items or ()) == len(held(peer)) == 4
@@ -138,14 +132,14 @@ def test_an_early_acknowledgement_fails_at_once(autopilot: Autopilot) -> None:
         def receive_datagram(self, data: bytes, now: float) -> None:
             for received in self.codec.decode(data):
                 message = received.message
-                if isinstance(message, MissionItemInt) and message.seq >= 1:
-                    self.outbox.append(MissionAck(255, 190, 0))
+                if isinstance(message, m.MissionItemInt) and message.seq >= 1:
+                    self.outbox.append(m.MissionAck(255, 190, 0))
                 else:
                     self.server.receive(received, now)
 
     client = connected(AcksItem1(autopilot))
     began_at = client.clock.now()
-    with pytest.raises(TransferError, match="accepted the list before it had asked for every item"):
+    with pytest.raises(TransferError, match="accepted the list before it had requested every item"):
         client.upload(MissionType.MISSION, valid_items(9, MissionType.MISSION))
     assert client.clock.now() - began_at < (
         10.0 if autopilot is ARDUPILOT else 8.0
@@ -165,7 +159,7 @@ def test_a_vehicle_that_only_beats_is_silent_after_its_time() -> None:
 
 
 def test_longest_times_grow_with_the_list() -> None:
-    assert longest_times(Timing(), 0).stuck_s == pytest.approx(60.0 + RESTARTS * 0.5 + 2.5)
+    assert longest_times(Timing(), 0).stuck_s == pytest.approx(60.0 + TRANSFERS.restarts * 0.5 + 2.5)
     short, long = longest_times(Timing(), 10), longest_times(Timing(), 100)
     assert short.stuck_s < short.clear_s < short.verified_upload_s < long.upload_s < long.verified_upload_s
     assert longest_times(Timing(no_progress_s=5.0), 10).download_s < short.download_s / 4.0

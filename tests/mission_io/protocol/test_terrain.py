@@ -7,7 +7,8 @@ import pytest
 from mission_io.autopilots.terrain_grid import ALL_PARTS, PART_COUNT, place_in_block
 from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions
-from mission_io.protocol.terrain import MAX_WAITING, TerrainAnswers
+from mission_io.protocol.terrain import TerrainAnswers
+from mission_io.protocol.tuning import VALUES
 from mission_io.wire.messages import Heartbeat, Received, TerrainData, TerrainRequest
 from tests.mission_io.vehicle import VehiclePeer, connected
 
@@ -123,7 +124,7 @@ def test_a_flood_of_nonsense_stays_within_limits(seed: int) -> None:
     assert sent <= 35.0 * (now + 1.0)
     assert calls <= 35.0 * (now + 1.0)  # blocks are reckoned as seldom as parts are sent
     assert len(told) <= 10
-    assert len(everything(answers, now, 1e6)) <= MAX_WAITING * PART_COUNT
+    assert len(everything(answers, now, 1e6)) <= VALUES.max_waiting * PART_COUNT
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, math.inf, math.nan])

@@ -22,8 +22,9 @@ from uavcover.errors import TrackError
 from uavcover.model.sensor import SphereSensor
 from uavcover.model.track import ReadTrack
 from uavcover.verification.reported_photos import reports_photos
-from uavcover.verification.track_logs.assembly import PICTURE_PLACE_ERROR_M, LoggedRows, assemble_track
+from uavcover.verification.track_logs.assembly import LoggedRows, assemble_track
 from uavcover.verification.track_logs.readers import read_foreign_log
+from uavcover.verification.tuning import LOGS
 
 WRITERS = {"x.tlog": write_tlog, "x.bin": write_dataflash, "x.ulg": write_ulog}
 formats = pytest.mark.parametrize("name", WRITERS)
@@ -90,7 +91,7 @@ def test_a_picture_whose_message_the_link_lost_is_counted_by_the_next_one(tmp_pa
 
 def moved(picture: Picture, rng: np.random.Generator) -> Picture:
     """Somewhere else: farther than any error, up to two kilometres."""
-    away_m, angle = rng.uniform(3.0 * PICTURE_PLACE_ERROR_M, 2000.0), rng.uniform(0.0, 2.0 * np.pi)
+    away_m, angle = rng.uniform(3.0 * LOGS.picture_place_error_m, 2000.0), rng.uniform(0.0, 2.0 * np.pi)
     lat = picture.lat_deg + away_m * np.sin(angle) / 111_000.0
     return dataclasses.replace(picture, lat_deg=lat, lon_deg=picture.lon_deg + away_m * np.cos(angle) / 89_000.0)
 

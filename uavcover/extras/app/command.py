@@ -89,7 +89,7 @@ def _serve(
         console.say(f"{workspace.root}: {address}")
         if host not in _LOOPBACK:
             console.warn(
-                f"--host {host}: other machines can reach the page, unencrypted; whoever has the token can use it"
+                f"--host {host}: other machines can reach the page, unencrypted; the token is their only barrier"
             )
         if flights_allowed:
             console.warn("--allow-flight: the page can arm real vehicles")

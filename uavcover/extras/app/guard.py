@@ -1,4 +1,4 @@
-"""Who may ask: this machine's page with the token of this start, and nobody else.
+"""Refusal of every request that has not the token of this start, or comes from another origin.
 
 Every answer forbids other origins to read, frame or script it.
 """

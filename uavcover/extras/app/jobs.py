@@ -57,7 +57,7 @@ class Job:
         return None if self._is_starting() or _is_alive(self._process()) else self._code_of_the_dead()
 
     def _is_starting(self) -> bool:
-        """Whether its process has not told its number yet."""
+        """Whether its process has not written its number yet."""
         try:
             age_s = time.time() - (self.folder / "job.json").stat().st_mtime
         except OSError:
@@ -220,7 +220,7 @@ def _is_alive(process: tuple[int, str]) -> bool:
 
 
 def detach(folder: Path) -> None:
-    """Go on as a process that is nobody's child, whose number is kept in the folder; the caller's process ends."""
+    """Continue as a detached process, whose number is kept in the folder; the caller's process ends."""
     if pid := os.fork():
         about = {"pid": pid, "began": _began(pid)}
         (folder / "process.json").write_text(json.dumps(about), encoding="utf-8")

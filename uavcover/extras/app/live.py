@@ -1,6 +1,6 @@
 """A flight while it goes on: samples as they come into ``track.csv``, and the cells that they saw.
 
-The flight is another process. It writes its track whoever looks, and does not know that anybody does.
+The flight is another process, which does not depend on this one.
 """
 
 import csv

@@ -1,4 +1,4 @@
-"""What the map shows of a scenario or a run folder: shapes in longitude and latitude, layers of cells as images.
+"""Content of the map for a scenario or a run folder: shapes in longitude and latitude, layers of cells as images.
 
 A scenario without a position on Earth is drawn around latitude 0, longitude 0; the page says so.
 """
@@ -262,7 +262,7 @@ def verdict_document(scene: Scene, content: ReportContent) -> dict[str, Any]:
 
 
 def route_check(scene: Scene, waypoints: Sequence[Sequence[float]]) -> dict[str, Any]:
-    """Which legs of an edited route break which limit, by the same checks as the plan's; its height profile.
+    """The legs of an edited route that break a limit, by the same checks as for a plan, and its height profile.
 
     Raises:
         InputError: the waypoints cannot be read.
@@ -281,7 +281,7 @@ def route_check(scene: Scene, waypoints: Sequence[Sequence[float]]) -> dict[str,
 
 
 def route_coverage(scene: Scene, waypoints: Sequence[Sequence[float]]) -> dict[str, Any]:
-    """What an edited route sees, as a share and as an image."""
+    """Coverage of an edited route, as a share and as an image."""
     seen = scene.coverage.seen(scene.enu(waypoints))
     return {
         "coverage": scene.coverage.share_of_coverable(seen),

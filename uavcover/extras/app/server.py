@@ -39,7 +39,7 @@ _MOST_SAMPLES_SENT = 2000
 
 
 class Server:
-    """What the routes share.
+    """State that the routes share.
 
     Args:
         workspace: the folder.

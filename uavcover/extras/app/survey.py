@@ -73,7 +73,7 @@ def area_document(workspace: Workspace, name: str) -> dict[str, Any]:
 
 
 def designed(workspace: Workspace, form: dict[str, Any]) -> dict[str, Any]:
-    """What follows from the form: height band, distances, photos, minutes, batteries; or what is wrong with which field."""
+    """Height band, distances, photos, minutes and batteries of a form; or the error, with its field."""
     user = Messages()
     try:
         with _drawn(workspace, form) as request:

@@ -122,7 +122,7 @@ def _is_scenario(path: Path) -> bool:
 
 
 def _state_of(folder: Path) -> dict[str, Any]:
-    """What a run folder has, for the list."""
+    """State of a run folder, for the list."""
     run = RunFolder(folder)
     return {
         "uploaded": run.file("upload.json").is_file(),

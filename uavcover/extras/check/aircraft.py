@@ -6,15 +6,14 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final, Literal
 
+from uavcover.extras.check.tuning import CHECKS
+from uavcover.model.power import GRAVITY_M_S2
 from uavcover.model.vehicle import MOTIONS, AutopilotName
 
 Kind = Literal["multirotor", "fixed-wing", "vtol"]
 KINDS: Final[tuple[Kind, ...]] = ("multirotor", "fixed-wing", "vtol")
 BANK_DEG: Final[Mapping[AutopilotName, float]] = MappingProxyType({"ardupilot": 45.0, "px4": 50.0})
 """LIM_ROLL_CD (ROLL_LIMIT_DEG) and FW_R_LIM."""
-_GRAVITY_M_S2 = 9.80665
-_CONE_SLOPE, _CONE_CLIMB_M = 3.0, 2.0
-"""RTL_CONE_SLOPE and RTL_ALT_MIN of ArduCopter: near home it climbs less before it returns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -98,17 +97,17 @@ def default_aircraft(autopilot: AutopilotName, kind: Kind) -> Aircraft:
 
 def radius_of_bank_m(speed_m_s: float, bank_deg: float) -> float:
     """Radius of a level turn at a bank: v^2 / (g tan bank)."""
-    return speed_m_s**2 / (_GRAVITY_M_S2 * math.tan(math.radians(bank_deg)))
+    return speed_m_s**2 / (GRAVITY_M_S2 * math.tan(math.radians(bank_deg)))
 
 
 def return_height_m(height_above_home_m: float, distance_m: float, aircraft: Aircraft) -> float:
     """Height above home at which an autopilot returns from a place.
 
-    ArduCopter climbs to RTL_ALT, near home no higher than ``_CONE_SLOPE`` times the distance (ModeRTL::compute_return_target).
+    ArduCopter climbs to RTL_ALT, near home no higher than ``cone_slope`` times the distance (ModeRTL::compute_return_target).
     """
     wanted = aircraft.return_height_m
     if aircraft.autopilot == "ardupilot" and not aircraft.has_wings:
-        wanted = min(wanted, max(_CONE_SLOPE * distance_m, _CONE_CLIMB_M))
+        wanted = min(wanted, max(CHECKS.cone_slope * distance_m, CHECKS.cone_climb_m))
     elif aircraft.has_wings and aircraft.autopilot == "ardupilot":
         return wanted
     return max(wanted, height_above_home_m)

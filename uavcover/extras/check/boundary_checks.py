@@ -9,13 +9,10 @@ from shapely.geometry.base import BaseGeometry
 from uavcover.extras.check.findings import CheckFinding, joined
 from uavcover.extras.check.limits import Limits, LocalFence, Surroundings
 from uavcover.extras.check.segments import FlownPath, Segment
+from uavcover.extras.check.tuning import CHECKS
 from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.airspace.zones import ZoneCheck
-
-TOLERANCE_M = 0.1
-"""A path along an edge keeps it: files are rounded to some centimetres."""
-_STEP_M = 5.0
 
 
 def fence_findings(path: FlownPath, world: World, fence: LocalFence) -> list[CheckFinding]:
@@ -58,7 +55,7 @@ def beyond_fence(line: FloatArray, fence: LocalFence) -> tuple[float, tuple[floa
     if keep_in:
         worst.append(_beyond_all(line, fence) if fence.any_inside and len(keep_in) > 1 else max(keep_in))
     depth = max(worst, default=(0.0, (0.0, 0.0)))
-    return depth if depth[0] > TOLERANCE_M else None
+    return depth if depth[0] > CHECKS.boundary_tolerance_m else None
 
 
 def _beyond_all(line: FloatArray, fence: LocalFence) -> tuple[float, tuple[float, float]]:
@@ -72,7 +69,7 @@ def _farthest(part: BaseGeometry, shape: shapely.Geometry) -> tuple[float, tuple
     """The place of a part of a line that is farthest from a shape."""
     if part.is_empty:
         return 0.0, (0.0, 0.0)
-    places = shapely.get_coordinates(shapely.segmentize(part, _STEP_M) if part.length > 0.0 else part)
+    places = shapely.get_coordinates(shapely.segmentize(part, CHECKS.boundary_step_m) if part.length > 0.0 else part)
     depths = np.atleast_1d(shapely.distance(shapely.points(places), shape))
     k = int(np.argmax(depths))
     return float(depths[k]), (float(places[k, 0]), float(places[k, 1]))
@@ -110,7 +107,7 @@ def distance_findings(path: FlownPath, world: World, limits: Limits) -> list[Che
     for segment in path.distinct:
         distances = np.hypot(segment.enu_m[:, 0], segment.enu_m[:, 1])
         k = int(np.argmax(distances))
-        if distances[k] > limits.max_distance_m + TOLERANCE_M:
+        if distances[k] > limits.max_distance_m + CHECKS.boundary_tolerance_m:
             over_m = float(distances[k]) - limits.max_distance_m
             found.append(
                 CheckFinding(

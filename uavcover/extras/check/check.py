@@ -9,35 +9,40 @@ import numpy as np
 import shapely
 
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
-from mission_io.model.places import FAR_FROM_HOME_M, ground_distance_m
+from mission_io.model.places import FAR_FROM_HOME_M, MEAN_RADIUS_M, ground_distance_m
 from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.boundary_checks import distance_findings, fence_findings, zone_findings
 from uavcover.extras.check.endurance_checks import endurance_findings, speed_findings, wing_findings
-from uavcover.extras.check.fences import FenceSource, local_fence
 from uavcover.extras.check.findings import CheckFinding, joined
 from uavcover.extras.check.flown_path import flown_path
-from uavcover.extras.check.ground_checks import TOLERANCE_M, height_findings
+from uavcover.extras.check.ground_checks import height_findings
 from uavcover.extras.check.item_values import impossible_numbers, value_findings
-from uavcover.extras.check.limits import Limits, Surroundings
+from uavcover.extras.check.limits import FenceSource, Limits, Surroundings, local_fence
 from uavcover.extras.check.obstacle_checks import obstacle_findings, with_obstacles
 from uavcover.extras.check.places import Doubt, Heights, believed, places_of
-from uavcover.extras.check.return_checks import OwnReturn, return_findings
-from uavcover.extras.check.return_lines import PIECE_M, Lines, cut, lowest_of, places_along, with_gaps
+from uavcover.extras.check.return_checks import (
+    Lines,
+    OwnReturn,
+    cut,
+    lowest_of,
+    places_along,
+    return_findings,
+    with_gaps,
+)
 from uavcover.extras.check.segments import FlownPath
+from uavcover.extras.check.tuning import CHECKS, WORLD
 from uavcover.extras.check.turns import in_turns, turns_of
 from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.judgement import Judgement, VerdictName
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle
-from uavcover.new.surface_look import HIDES_M
+from uavcover.new.tuning import TERRAIN
 from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.obstacles import Prism
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
 
-_AROUND_M = 300.0
-_EYE_M = 1.6
 _CIRCLES = (Command.NAV_LOITER_UNLIM, Command.NAV_LOITER_TURNS, Command.NAV_LOITER_TIME)
 
 Bounds = tuple[float, float, float, float]
@@ -203,7 +208,7 @@ def _world(
         for point in request.own_return.rally
         if ground_distance_m(home.lat_deg, home.lon_deg, point.lat_deg, point.lon_deg) < FAR_FROM_HOME_M
     ]
-    around_m = _AROUND_M + 2.0 * request.aircraft.loiter_radius_m
+    around_m = WORLD.around_m + 2.0 * request.aircraft.loiter_radius_m
     splines = False
     for number, item in enumerate(request.mission.items, 1):
         if number in skipped or not item.has_position or not math.isfinite(item.lat_deg + item.lon_deg):
@@ -212,7 +217,9 @@ def _world(
             lat_lon.append((item.lat_deg, item.lon_deg))
         splines |= item.command == Command.NAV_SPLINE_WAYPOINT
         if item.command in _CIRCLES:
-            around_m = max(around_m, _AROUND_M + 2.0 * abs(item.params[2] if math.isfinite(item.params[2]) else 0.0))
+            around_m = max(
+                around_m, WORLD.around_m + 2.0 * abs(item.params[2] if math.isfinite(item.params[2]) else 0.0)
+            )
     lats, lons = np.array(lat_lon).T
     en = frame.enu_from_geodetic(lats, lons, home.alt_amsl_m)[:, :2]
     if splines and len(en) > 1:
@@ -234,7 +241,7 @@ def _surroundings(request: CheckRequest, world: World, path: FlownPath, read_zon
     entries = read_zones((float(lon.min()), float(lat.min()), float(lon.max()), float(lat.max())))
     box = shapely.box(*places[:, :2].min(axis=0), *places[:, :2].max(axis=0)).buffer(1.0)
     pilot = (0.0, 0.0) if request.pilot is None else world.place(*request.pilot)
-    eye = world.above_ground([pilot], _EYE_M)[0]
+    eye = world.above_ground([pilot], WORLD.eye_m)[0]
     return Surroundings(
         fence=local_fence(request.fence, world, request.aircraft.autopilot),
         zones=local_zones(entries, world.frame, box),
@@ -244,8 +251,6 @@ def _surroundings(request: CheckRequest, world: World, path: FlownPath, read_zon
 
 
 _FOOT_M = 0.3048
-_SLACK_M = 5.0
-_MOST_M = 150.0
 
 
 def with_hints(findings: Sequence[CheckFinding], mission: Mission, world: World, limits: Limits) -> list[CheckFinding]:
@@ -281,8 +286,8 @@ def _agl_m(item: MissionItem, world: World, frame: Frame, alt_m: float) -> float
 
 
 def _fits(height_agl_m: float, limits: Limits) -> bool:
-    most = _MOST_M if limits.max_height_agl_m is None else limits.max_height_agl_m
-    return limits.min_height_agl_m - _SLACK_M <= height_agl_m <= most + _SLACK_M
+    most = WORLD.most_m if limits.max_height_agl_m is None else limits.max_height_agl_m
+    return limits.min_height_agl_m - WORLD.slack_m <= height_agl_m <= most + WORLD.slack_m
 
 
 def _as_amsl(item: MissionItem, world: World, limits: Limits) -> bool:
@@ -314,7 +319,6 @@ _CHANGES = {
 }
 
 
-_EARTH_RADIUS_M = 6_371_000.0
 _BENDING = 1.0 - 1.0 / (4.0 / 3.0)
 """Radio waves bend with the Earth as if it were 4/3 as large (ITU-R P.834)."""
 
@@ -322,7 +326,7 @@ _BENDING = 1.0 - 1.0 / (4.0 / 3.0)
 def sight_findings(path: FlownPath, world: World, pilot_m: FloatArray) -> list[CheckFinding]:
     """Segments that terrain, trees or roofs hide from the pilot, or from the radio beside him."""
     under_m = -float(world.clearances_m(pilot_m)[0])
-    if under_m > HIDES_M:
+    if under_m > TERRAIN.hides_m:
         return [
             CheckFinding(
                 kind="sight", weight="look", by=under_m, unit="m",
@@ -337,7 +341,7 @@ def sight_findings(path: FlownPath, world: World, pilot_m: FloatArray) -> list[C
             continue
         places = places_along(segment)
         lowest, _, begin = lowest_of(world, _bent_lines(pilot_m, places))
-        if lowest < -TOLERANCE_M:
+        if lowest < -CHECKS.clearance_tolerance_m:
             hidden.append(
                 CheckFinding(
                     kind="sight",
@@ -356,7 +360,7 @@ def _bent_lines(pilot_m: FloatArray, places_m: FloatArray) -> Lines:
     """Lines from the pilot to (n, 3) places, as radio waves see the ground between them."""
     away = places_m - pilot_m
     distances_m = np.hypot(away[:, 0], away[:, 1])
-    owner, t = cut(np.maximum(2, np.ceil(distances_m / PIECE_M)).astype(np.int64))
+    owner, t = cut(np.maximum(2, np.ceil(distances_m / CHECKS.return_line_piece_m)).astype(np.int64))
     lines = pilot_m + t[:, None] * away[owner]
-    lines[:, 2] += t * (1.0 - t) * distances_m[owner] ** 2 / (2.0 * _EARTH_RADIUS_M) * _BENDING
+    lines[:, 2] += t * (1.0 - t) * distances_m[owner] ** 2 / (2.0 * MEAN_RADIUS_M) * _BENDING
     return with_gaps(lines, owner)

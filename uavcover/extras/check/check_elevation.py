@@ -10,6 +10,7 @@ import numpy as np
 from mission_io.model.items import Mission
 from uavcover.errors import TerrainError
 from uavcover.extras.check.check import Bounds
+from uavcover.extras.check.tuning import WORLD
 from uavcover.flight.vehicle_terrain import ElevationData, open_elevation_data
 from uavcover.kernels.arrays import FloatArray
 from uavcover.new.elevation_questions import ask_about_heights, ask_about_surface
@@ -22,10 +23,6 @@ from uavcover.terrain.ground import Ground
 from uavcover.terrain.suspect_heights import SuspectPlace, is_suspect, suspect_places
 from uavcover.terrain.terrain_source import TerrainSource
 
-_REACH_DEG = 1.0
-_FLOWN_DEG, _AROUND_DEG = 0.3, 0.005
-"""Places farther from most others are mistakes; around the others the ground matters."""
-_MOST_SUSPECTS = 5
 _AS_OPTIONS = (
     (r'; set terrain\.(?:surface_)?height_unit to "ft"', "; convert it to metres, or give --height-unit ft"),
     (r"; set terrain\.surface_vertical_datum or surface_height_unit", "; bring both to one datum and unit"),
@@ -126,7 +123,7 @@ def open_check_elevation(
     ground, datum = _opened(data, mission, home)
     ask_about_heights(ground, user, option="--dem")
     suspects = () if trusted else _suspects(ground, datum, mission, home)
-    for one in suspects[:_MOST_SUSPECTS]:
+    for one in suspects[: WORLD.most_suspects]:
         user.warn(f"--dem: {ground.name} has {one.words}: its heights count as unknown there (--trust-dem: as ground)")
     if not surface:
         return CheckElevation(ground, datum, suspects=suspects)
@@ -160,10 +157,10 @@ def _suspects(
     real = _real_places(mission, home)
     if not len(real):
         return ()
-    near = real[(np.abs(real - np.median(real, axis=0)) < _FLOWN_DEG).all(axis=1)]
+    near = real[(np.abs(real - np.median(real, axis=0)) < WORLD.flown_deg).all(axis=1)]
     near = near if len(near) else real[:1]
-    south, west = near.min(axis=0) - _AROUND_DEG
-    north, east = near.max(axis=0) + _AROUND_DEG
+    south, west = near.min(axis=0) - WORLD.flown_around_deg
+    north, east = near.max(axis=0) + WORLD.flown_around_deg
     return suspect_places(ground, datum, (west, max(south, -90.0), east, min(north, 90.0)))
 
 
@@ -173,7 +170,12 @@ def _opened(data: ElevationData, mission: Mission, home: tuple[float, float] | N
         return open_elevation_data(data)
     # Around what most places are near to: one wrong place must not bring the tiles of half the Earth.
     lat, lon = np.median(real, axis=0)
-    around = (lon - _REACH_DEG, max(-90.0, lat - _REACH_DEG), lon + _REACH_DEG, min(90.0, lat + _REACH_DEG))
+    around = (
+        lon - WORLD.reach_deg,
+        max(-90.0, lat - WORLD.reach_deg),
+        lon + WORLD.reach_deg,
+        min(90.0, lat + WORLD.reach_deg),
+    )
     try:
         return open_elevation_data(data, around=around)
     except TerrainError as error:

@@ -13,6 +13,7 @@ from uavcover.extras.check.findings import CheckFinding
 from uavcover.extras.check.limits import Limits, LocalFence
 from uavcover.extras.check.mission_file import CheckOutcome, CheckQuery
 from uavcover.extras.check.segments import Segment
+from uavcover.extras.check.tuning import PAGE
 from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import FloatArray
 from uavcover.report.charts import Chart, Plot
@@ -21,10 +22,6 @@ from uavcover.report.page import rendered_page
 from uavcover.run.file_group import write_file
 
 _SCRIPT = Path(__file__).parent / "check.js"
-_PAD_M = 60.0
-_PROFILE_STEPS = 60
-_CIRCLE_CORNERS = 96
-_MOST_LEGS = 4000
 
 
 def write_check_page(query: CheckQuery, outcome: CheckOutcome, path: Path) -> None:
@@ -77,7 +74,7 @@ def _is_broken(segment: Segment, broken: list[tuple[int, int]]) -> bool:
 def _legs(checked: Checked, world: World) -> list[dict[str, Any]]:
     broken = _broken_items(checked.findings)
     legs = []
-    for segment in () if checked.path is None else checked.path.distinct[:_MOST_LEGS]:
+    for segment in () if checked.path is None else checked.path.distinct[: PAGE.most_legs]:
         line = segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)]
         if len(line) < 2:
             continue
@@ -97,7 +94,7 @@ def _legs(checked: Checked, world: World) -> list[dict[str, Any]]:
 def _sampled(line: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Distances along a line, and places there, for its profile."""
     reached = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(line, axis=0), axis=1))])
-    at = np.linspace(0.0, reached[-1], _PROFILE_STEPS)
+    at = np.linspace(0.0, reached[-1], PAGE.profile_steps)
     return at, np.column_stack([np.interp(at, reached, line[:, axis]) for axis in range(3)])
 
 
@@ -105,7 +102,7 @@ def _profile(world: World, segments: tuple[Segment, ...], findings: tuple[CheckF
     """Ground, the least height above it, and the path, broken legs apart, along the way."""
     broken = _broken_items(findings)
     begin, parts = 0.0, []
-    for segment in segments[:_MOST_LEGS]:
+    for segment in segments[: PAGE.most_legs]:
         line = segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)]
         if len(line) < 2:
             continue
@@ -138,7 +135,7 @@ def _data(checked: Checked, world: World, outcome: CheckOutcome, legs: list[dict
     points = np.vstack([np.zeros((1, 2)), *(np.array(leg["points"], float) for leg in legs)])
     shapes = [shapely.MultiPoint(points), *(shapely.LinearRing(ring["points"]) for ring in fence)]
     west, south, east, north = shapely.union_all(shapes).bounds
-    bounds = (west - _PAD_M, south - _PAD_M, east + _PAD_M, north + _PAD_M)
+    bounds = (west - PAGE.pad_m, south - PAGE.pad_m, east + PAGE.pad_m, north + PAGE.pad_m)
     unseen = None if outcome.view is None else outcome.view.unseen_m
     return {
         "bounds": rounded(np.array(bounds)),
@@ -165,7 +162,7 @@ def _finding(number: int, one: CheckFinding, world: World) -> dict[str, Any]:
 
 
 def _fence(fence: LocalFence) -> list[dict[str, Any]]:
-    angles = np.linspace(0.0, 2.0 * np.pi, _CIRCLE_CORNERS, endpoint=False)
+    angles = np.linspace(0.0, 2.0 * np.pi, PAGE.circle_corners, endpoint=False)
     rings = [(ring, True) for polygon in fence.inside for ring in rings_of(polygon)]
     rings += [(ring, False) for polygon in fence.outside for ring in rings_of(polygon)]
     rings += [

@@ -9,20 +9,18 @@ from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.findings import CheckFinding, joined
 from uavcover.extras.check.limits import Limits
 from uavcover.extras.check.segments import FlownPath, Segment
+from uavcover.extras.check.tuning import CHECKS
 from uavcover.extras.check.world import World
 from uavcover.kernels import flight_time as kernels
 from uavcover.kernels.flight_time import Pace
 from uavcover.model.vehicle import MOTIONS
 from uavcover.scenario.pace import moving_pace
 
-_DIRECTIONS = 12
-_LEAST_SPEED_M_S = 0.5
-
 
 def flight_time_s(path: FlownPath, aircraft: Aircraft, wind_m_s: float) -> float:
     """Seconds from take-off to the end, in constant wind from the worst of twelve directions; infinite where wind wins."""
-    directions = range(_DIRECTIONS if wind_m_s > 0.0 else 1)
-    times = [_time_s(path, aircraft, wind_m_s, 2.0 * math.pi * k / _DIRECTIONS) for k in directions]
+    directions = range(CHECKS.directions if wind_m_s > 0.0 else 1)
+    times = [_time_s(path, aircraft, wind_m_s, 2.0 * math.pi * k / CHECKS.directions) for k in directions]
     return max(times)
 
 
@@ -88,7 +86,7 @@ def _time_s(path: FlownPath, aircraft: Aircraft, wind_m_s: float, to_rad: float)
             total += kernels.landing_time(pace, max(0.0, float(points[0, 2] - points[-1, 2])))
         else:
             ends = np.ascontiguousarray(points[[0, -1]])
-            if _slowest_m_s(ends, segment, aircraft, wind) < _LEAST_SPEED_M_S:
+            if _slowest_m_s(ends, segment, aircraft, wind) < CHECKS.least_speed_m_s:
                 return math.inf
             total += float(kernels.leg_times(pace, ends).sum())
             if (
@@ -139,7 +137,7 @@ def _slowest_m_s(points: np.ndarray, segment: Segment, aircraft: Aircraft, wind:
 
 def _steady_s(points: np.ndarray, segment: Segment, aircraft: Aircraft, wind: np.ndarray) -> float:
     """Seconds along a curve at steady speed, no faster than it may climb and descend."""
-    if _slowest_m_s(points, segment, aircraft, wind) < _LEAST_SPEED_M_S:
+    if _slowest_m_s(points, segment, aircraft, wind) < CHECKS.least_speed_m_s:
         return math.inf
     steps = np.diff(points, axis=0)
     lengths = np.hypot(steps[:, 0], steps[:, 1])

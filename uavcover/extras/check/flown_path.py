@@ -11,21 +11,16 @@ from typing import Final, Literal
 
 import numpy as np
 
-from mission_io.model.items import Command, Frame, Mission, MissionItem, SpeedType
+from mission_io.model.items import LAST_NAVIGATION, Command, Frame, Mission, MissionItem, SpeedType
 from uavcover.extras.check.aircraft import Aircraft, return_height_m
 from uavcover.extras.check.findings import CheckFinding
 from uavcover.extras.check.item_values import order_of
 from uavcover.extras.check.segments import Deed, FlownPath, Phase, Segment
+from uavcover.extras.check.tuning import PATH
 from uavcover.extras.check.turns import circle, spline, straight
 from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import FloatArray
 
-_LEG_STEP_M = 400.0
-"""A leg keeps its height above the sea, which a straight line in space does not: 3 mm in pieces this long."""
-_TERRAIN_STEP_M = 10.0
-_SPLINE_STEP_M = 2.0
-_LAST_NAVIGATION = 95
-"""MAV_CMD_NAV_LAST: commands up to here fly somewhere."""
 _REGION_OF_INTEREST, _GUIDED_ENABLE = 80, 92
 _FREE_FLIGHT: Final = frozenset({42702, 42703})
 """ArduPilot's NAV_SCRIPT_TIME and NAV_ATTITUDE_TIME: a script, or angles, fly in place of the mission."""
@@ -108,7 +103,7 @@ class _Flight:
         elif item.command in _FREE_FLIGHT or (item.command == _GUIDED_ENABLE and item.params[0] != 0.0):
             self._look(number, "meaning", f"command {item.command} hands over to another controller, its path is not known",
                        "judge that part by itself", "unknown")  # fmt: skip
-        elif item.command > _LAST_NAVIGATION or item.command in (_REGION_OF_INTEREST, _GUIDED_ENABLE):
+        elif item.command > LAST_NAVIGATION or item.command in (_REGION_OF_INTEREST, _GUIDED_ENABLE):
             self.deeds.append(Deed(number, len(self.segments)))
         elif item.has_position and self._has_place(item):
             self._look(number, "meaning", f"command {item.command} is judged as a straight path to its position",
@@ -121,7 +116,7 @@ class _Flight:
     def end(self, skipped: frozenset[int]) -> None:
         """Note what a whole flight has and this one has not, and the items that it never comes to."""
         ways = [
-            n for n, item in enumerate(self._items, 1) if item.command in _COMMANDS and item.command <= _LAST_NAVIGATION
+            n for n, item in enumerate(self._items, 1) if item.command in _COMMANDS and item.command <= LAST_NAVIGATION
         ]
         missed = [n for n in ways if n not in self._flown and n not in skipped]
         if missed and self.segments:
@@ -168,14 +163,14 @@ class _Flight:
         begin = self._in_kind(self._at, over_terrain=target.over_terrain)
         begin_vector = self._vector_m if same and self._vector_m is not None else np.zeros(3)
         end_vector = np.zeros(3)
-        follower = next((n for n in self._then if self._items[n - 1].command <= _LAST_NAVIGATION), None)
+        follower = next((n for n in self._then if self._items[n - 1].command <= LAST_NAVIGATION), None)
         if follower is not None and _number(item.params[0]) == 0.0:
             next_item = self._items[follower - 1]
             onward = self._target(next_item, after=target) if next_item.has_position else target
             if onward.over_terrain == target.over_terrain:
                 is_spline = next_item.command == Command.NAV_SPLINE_WAYPOINT
                 end_vector = onward.array - (begin.array if is_spline else target.array)
-        points = spline(begin.array, target.array, begin_vector, end_vector, step_m=_SPLINE_STEP_M)
+        points = spline(begin.array, target.array, begin_vector, end_vector, step_m=PATH.spline_step_m)
         self._add(number, self._enu(points, target.over_terrain), wait_s=_number(item.params[0]), is_straight=False)
         self._at = target
         self._vector_m = end_vector if np.any(end_vector) else None
@@ -304,7 +299,7 @@ class _Flight:
 
     def _go(self, number: int, to: _Place, *, phase: Phase = "route", wait_s: float = 0.0, doubt: str = "") -> None:
         begin = self._in_kind(self._at, over_terrain=to.over_terrain)
-        step_m = _TERRAIN_STEP_M if to.over_terrain else _LEG_STEP_M
+        step_m = PATH.terrain_step_m if to.over_terrain else PATH.leg_step_m
         points = straight(begin.array, to.array, step_m=step_m)
         self._add(
             number, self._enu(points, to.over_terrain), phase=phase, wait_s=wait_s, doubt=doubt,

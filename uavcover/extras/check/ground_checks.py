@@ -11,14 +11,10 @@ from uavcover.extras.check.findings import CheckFinding, joined
 from uavcover.extras.check.limits import Limits
 from uavcover.extras.check.places import OTHER_DATA
 from uavcover.extras.check.segments import FlownPath, Segment
+from uavcover.extras.check.tuning import CHECKS
 from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import FloatArray
-from uavcover.new.surface_look import HIDES_M
-
-TOLERANCE_M = 0.05
-"""Heights this near to a limit keep it: files are rounded, and so are elevation models."""
-_LANDED_M = 0.5
-"""Take-off and landing may be so far below the ground; below a surface model ``HIDES_M``, which grass and its errors reach."""
+from uavcover.new.tuning import TERRAIN
 
 
 def height_findings(path: FlownPath, world: World, limits: Limits) -> list[CheckFinding]:
@@ -61,9 +57,9 @@ def _too_low(segment: Segment, world: World, limits: Limits, ranges: FloatArray)
     lowest_m = float(ranges[piece, 0])
     where = place_of(segment, piece, float(ranges[piece, 1]))
     # Take-off and landing touch the ground at their ends, and nowhere else.
-    landed_m = _LANDED_M if world.surface is None else HIDES_M
+    landed_m = CHECKS.landed_m if world.surface is None else TERRAIN.hides_m
     limit_m = limits.min_height_agl_m if segment.phase in ("route", "return") else -landed_m
-    if lowest_m >= limit_m - TOLERANCE_M:
+    if lowest_m >= limit_m - CHECKS.clearance_tolerance_m:
         return []
     short_m = limit_m - lowest_m
     words = height_in_words(lowest_m, where, world)
@@ -96,7 +92,7 @@ def height_in_words(lowest_m: float, place_m: FloatArray, world: World) -> str:
     if world.surface is None:
         return f"{side} the ground"
     bare_m = float(world.ground.heights_agl_m(place_m)[0])
-    if not bare_m - lowest_m > HIDES_M:
+    if not bare_m - lowest_m > TERRAIN.hides_m:
         return f"{side} the ground"
     return f"{side} the top of trees or roofs ({bare_m:.1f} m above the ground)"
 
@@ -104,7 +100,7 @@ def height_in_words(lowest_m: float, place_m: FloatArray, world: World) -> str:
 def _too_high(segment: Segment, world: World, limits: Limits, ranges: FloatArray) -> list[CheckFinding]:
     piece = int(np.nanargmax(ranges[:, 2]))
     highest_m = float(ranges[piece, 2])
-    if limits.max_height_agl_m is None or highest_m <= limits.max_height_agl_m + TOLERANCE_M:
+    if limits.max_height_agl_m is None or highest_m <= limits.max_height_agl_m + CHECKS.clearance_tolerance_m:
         return []
     if segment.phase in ("return", "landing"):
         return []  # the band is that of the route; an autopilot's own return is high on purpose
@@ -130,7 +126,7 @@ def _above_home(segment: Segment, world: World, limits: Limits) -> list[CheckFin
         return []
     k = int(np.nanargmax(alts))
     over_m = float(alts[k]) - world.home_alt_amsl_m - limits.max_above_home_m
-    if over_m <= TOLERANCE_M:
+    if over_m <= CHECKS.clearance_tolerance_m:
         return []
     return [
         CheckFinding(

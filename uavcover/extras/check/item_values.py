@@ -11,24 +11,21 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Final
 
-from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem, SpeedType
+from mission_io.model.items import LAST_NAVIGATION, Command, Frame, GeoPoint, Mission, MissionItem, SpeedType
 from mission_io.model.places import ground_distance_m
 from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.findings import CheckFinding, Weight
+from uavcover.extras.check.tuning import PATH
 
-_HIGHEST_M, _WIDEST_M, _MOST_TURNS = 20_000.0, 20_000.0, 1000.0
-_FASTEST_M_S = 150.0
 _ARDUPILOT_TURNS, _ARDUPILOT_RADIUS_M, _ARDUPILOT_WAIT_S = 255.0, 2550.0, 65_535.0
 """ArduPilot keeps a circle in two bytes, and a time too."""
 _TIMED: Final = (Command.NAV_WAYPOINT, Command.NAV_SPLINE_WAYPOINT, Command.NAV_LOITER_TIME)
-_SAME_HOME_M = 5.0
 _CIRCLES: Final = (Command.NAV_LOITER_UNLIM, Command.NAV_LOITER_TURNS, Command.NAV_LOITER_TIME)
 _TAKEOFFS: Final = (Command.NAV_TAKEOFF, Command.NAV_VTOL_TAKEOFF)
 _PLACES: Final = (
     *_CIRCLES, *_TAKEOFFS, Command.NAV_WAYPOINT, Command.NAV_SPLINE_WAYPOINT, Command.NAV_LOITER_TO_ALT, Command.NAV_LAND,
     Command.NAV_VTOL_LAND,
 )  # fmt: skip
-_SET_HOME = 179
 _WAITS: Final = {
     int(Command.NAV_WAYPOINT): "waits", int(Command.NAV_SPLINE_WAYPOINT): "waits", int(Command.NAV_LOITER_TIME): "circles",
     int(Command.NAV_DELAY): "waits", int(Command.CONDITION_DELAY): "delays what follows",
@@ -42,13 +39,13 @@ def impossible_numbers(mission: Mission) -> list[CheckFinding]:
     found = []
     for number, item in enumerate(mission.items, 1):
         problems = []
-        if item.has_position and abs(item.alt_m) > _HIGHEST_M:
+        if item.has_position and abs(item.alt_m) > PATH.highest_m:
             problems.append(f"a height of {item.alt_m:g} m")
-        if item.command in _CIRCLES and abs(item.params[2]) > _WIDEST_M:
+        if item.command in _CIRCLES and abs(item.params[2]) > PATH.widest_m:
             problems.append(f"a circle of {item.params[2]:g} m")
-        if item.command == Command.NAV_LOITER_TURNS and abs(item.params[0]) > _MOST_TURNS:
+        if item.command == Command.NAV_LOITER_TURNS and abs(item.params[0]) > PATH.most_turns:
             problems.append(f"{item.params[0]:g} turns")
-        if item.command == Command.DO_CHANGE_SPEED and item.params[1] > _FASTEST_M_S:
+        if item.command == Command.DO_CHANGE_SPEED and item.params[1] > PATH.fastest_m_s:
             problems.append(f"a speed of {item.params[1]:g} m/s")
         if item.command in _WAITS and math.isinf(item.params[0]):
             problems.append(f"{item.params[0]:g} s of waiting")
@@ -79,7 +76,7 @@ def value_findings(mission: Mission, aircraft: Aircraft, home: GeoPoint | None) 
         problems = [*_frames(item), *_waits(item, aircraft), *_circles(item, aircraft), *_taking_over(item)]
         if item.command == Command.DO_CHANGE_SPEED:
             problems += _speeds(item, aircraft)
-        if item.command == _SET_HOME:
+        if item.command == Command.DO_SET_HOME:
             problems += _homes(item, home)
         if item.command == Command.DO_LAND_START:
             land_starts += 1
@@ -166,7 +163,7 @@ def _homes(item: MissionItem, home: GeoPoint | None) -> Iterator[_Problem]:
     if item.params[0] != 1.0 and home is not None and item.has_position:
         away_m = ground_distance_m(home.lat_deg, home.lon_deg, item.lat_deg, item.lon_deg)
         above_m = item.alt_m - (home.alt_amsl_m if item.frame is Frame.AMSL else 0.0)
-        if away_m < _SAME_HOME_M and abs(above_m) < _SAME_HOME_M:
+        if away_m < PATH.same_home_m and abs(above_m) < PATH.same_home_m:
             return
     yield "unknown", moved, "remove it, or judge the mission in two parts (--home)"
 
@@ -201,12 +198,7 @@ _TAKE_OVER: Final[Mapping[int, tuple[Weight, str, Callable[[tuple[float, float, 
 )  # fmt: skip
 
 
-ENDLESS_PASSES = 2
-"""Number of times that a jump without an end is followed."""
 _JUMP_TAG, _DO_JUMP_TAG = 600, 601
-_LAST_NAVIGATION = 95
-MAX_STEPS = 20_000
-"""Items that are flown, repetitions counted; no battery lasts for more."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -259,7 +251,7 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
                 at += 1
                 continue
             round_only = (
-                [] if target > at else [n for n in range(int(target), at) if items[n - 1].command <= _LAST_NAVIGATION]
+                [] if target > at else [n for n in range(int(target), at) if items[n - 1].command <= LAST_NAVIGATION]
             )
             if target <= at and not round_only and times != 0:
                 findings.append(
@@ -276,20 +268,20 @@ def order_of(items: Sequence[MissionItem]) -> ItemOrder:
                 findings.append(
                     CheckFinding(
                         kind="endless", weight="look", items=(at, at),
-                        what=f"jumps back to item {target:g} without end; {ENDLESS_PASSES} rounds were judged",
+                        what=f"jumps back to item {target:g} without end; {PATH.endless_passes} rounds were judged",
                         do="state how often, or watch the battery",
                     )
                 )  # fmt: skip
-            if taken[at] < (ENDLESS_PASSES if times < 0 else times):
+            if taken[at] < (PATH.endless_passes if times < 0 else times):
                 taken[at] += 1
                 at = int(target)
             else:
                 at += 1
-        if len(order) >= MAX_STEPS or sum(taken.values()) >= MAX_STEPS:
+        if len(order) >= PATH.max_steps or sum(taken.values()) >= PATH.max_steps:
             findings.append(
                 CheckFinding(
                     kind="endless", weight="unknown", items=(at, at),
-                    what=f"jumps make more than {MAX_STEPS} items; what follows was not judged",
+                    what=f"jumps make more than {PATH.max_steps} items; what follows was not judged",
                     do="let jumps repeat less often",
                 )
             )  # fmt: skip

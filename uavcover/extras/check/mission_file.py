@@ -20,9 +20,8 @@ from uavcover.errors import InputError, ScenarioError
 from uavcover.extras.check.aircraft import BANK_DEG, KINDS, Aircraft, Kind, default_aircraft, radius_of_bank_m
 from uavcover.extras.check.check import Bounds, Checked, CheckRequest, check_mission
 from uavcover.extras.check.check_elevation import open_check_elevation
-from uavcover.extras.check.fences import FenceSource
 from uavcover.extras.check.findings import CheckFinding
-from uavcover.extras.check.limits import Limits
+from uavcover.extras.check.limits import FenceSource, Limits
 from uavcover.extras.check.obstacle_checks import with_obstacles
 from uavcover.extras.check.planned_view import MissionView, ViewQuery, planned_view
 from uavcover.extras.check.return_checks import OwnReturn
@@ -204,7 +203,7 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
                 f"{len(found) - len(counting)} of {len(found)} no-fly zones are not in force then and do not count"
             )
         elif timed and window is None:
-            user.say(f"{timed} no-fly zones have times and count as in force all the time; --at says when it is flown")
+            user.say(f"{timed} no-fly zones have times and count as always in force; --at says when it is flown")
         return counting
 
     surface = None if elevation.over is None else elevation.read_surface

@@ -9,14 +9,13 @@ from uavcover.errors import InputError
 from uavcover.extras.check.findings import CheckFinding, joined
 from uavcover.extras.check.limits import Surroundings
 from uavcover.extras.check.segments import FlownPath
+from uavcover.extras.check.tuning import CHECKS
 from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.scenario.obstacles import Footprint, Prism, leg_breaches, stand_on
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
-
-TOLERANCE_M = 0.05
 
 
 def with_obstacles(
@@ -104,7 +103,7 @@ def nearest_obstacle(points_m: FloatArray, world: World, around: Surroundings) -
     pairs = np.stack([points_m[legs], points_m[legs + 1]], axis=1).reshape(-1, 3)
     rows = leg_breaches(world.ground, pairs, wanted)[0::2]
     k = int(np.argmax(rows[:, 1]))
-    if rows[k, 0] < 0 or rows[k, 1] <= TOLERANCE_M:
+    if rows[k, 0] < 0 or rows[k, 1] <= CHECKS.clearance_tolerance_m:
         return None
     begin, end = points_m[legs[k]], points_m[legs[k] + 1]
     return float(rows[k, 1]), around.prisms[int(rows[k, 0])].footprint.name, begin + rows[k, 2] * (end - begin)

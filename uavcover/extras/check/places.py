@@ -9,6 +9,7 @@ import numpy as np
 from mission_io.model.items import Command, GeoPoint, Mission
 from mission_io.model.places import FAR_FROM_HOME_M, ground_distance_m
 from uavcover.extras.check.findings import CheckFinding
+from uavcover.extras.check.tuning import PATH
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.vehicle import AutopilotName
 
@@ -16,13 +17,9 @@ Heights = Callable[[FloatArray, FloatArray], FloatArray]
 """Heights of the ground above sea level at latitudes and longitudes, NaN where there is none."""
 Doubt = Callable[[float, float], str]
 """Reason to distrust the height at a latitude and longitude; empty if there is none."""
-HOME_DIFFERENCE_M = 15.0
-"""A planned home whose height differs from the ground by more is reported: elevation models differ by less."""
 
 OTHER_DATA = "give other data, or mark its missing heights (gdal_edit.py -a_nodata); if it is right, --trust-dem"
 """Remedy for heights that do not look like ground."""
-
-_NEAR_DEG = 0.02
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,7 +104,7 @@ def _heights(heights: Heights, lat: FloatArray, lon: FloatArray) -> FloatArray:
     # Places near to each other at once: far ones in one window would read all between them.
     parts: dict[tuple[float, float], list[int]] = {}
     for k in np.flatnonzero(real).tolist():
-        parts.setdefault((lat[k] // _NEAR_DEG, lon[k] // _NEAR_DEG), []).append(k)
+        parts.setdefault((lat[k] // PATH.near_deg, lon[k] // PATH.near_deg), []).append(k)
     for numbers in parts.values():
         out[numbers] = heights(lat[numbers], lon[numbers])
     return out
@@ -151,7 +148,7 @@ def _home_elsewhere(at: tuple[float, float], heights: Heights, *, known: bool) -
 
 
 def _compare_home(stated_m: float, at: tuple[float, float], height_m: float, findings: list[CheckFinding]) -> None:
-    if math.isfinite(stated_m) and abs(stated_m - height_m) > HOME_DIFFERENCE_M:
+    if math.isfinite(stated_m) and abs(stated_m - height_m) > PATH.home_difference_m:
         findings.append(
             CheckFinding(
                 kind="home",

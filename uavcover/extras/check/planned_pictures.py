@@ -14,12 +14,12 @@ import numpy as np
 from mission_io.model.items import Command, Frame, Mission, MissionItem
 from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.segments import FlownPath, Segment
+from uavcover.extras.check.tuning import PATH
 from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.kernels.coverage import picture_places
 
 _ROI_AT_A_PLACE, _ANGLES, _YAW_LOCK = 3.0, 2.0, 16
-_MOST_PICTURES = 200_000
 
 
 class _Also(IntEnum):
@@ -289,7 +289,7 @@ class _Shooting:
             row[0, 4] = self._camera.nose_deg
         row = self._looking(row)
         row[0, 6] = number
-        self._taken.append(np.repeat(row, min(times, _MOST_PICTURES), axis=0))
+        self._taken.append(np.repeat(row, min(times, PATH.most_pictures), axis=0))
 
     def _stop_distance(self) -> None:
         stretch, self._by_distance = self._by_distance, None
@@ -297,8 +297,8 @@ class _Shooting:
             return
         rows = np.vstack(stretch.points)
         over_ground = float(np.hypot(*np.diff(rows[:, :2], axis=0).T).sum()) if len(rows) > 1 else 0.0
-        if over_ground / stretch.distance_m > _MOST_PICTURES:
-            self._notes[f"more than {_MOST_PICTURES} photos by distance are not counted"] = None
+        if over_ground / stretch.distance_m > PATH.most_pictures:
+            self._notes[f"more than {PATH.most_pictures} photos by distance are not counted"] = None
             return
         legs, shares = picture_places(np.ascontiguousarray(rows[:, :3]), stretch.distance_m)
         taken = _between(rows, legs, shares)
@@ -312,8 +312,8 @@ class _Shooting:
         count = int((rows[-1, 3] - rows[0, 3]) / stretch.interval_s + 1e-9) + 1
         if stretch.most is not None:
             count = min(count, stretch.most)
-        if count > _MOST_PICTURES:
-            self._notes[f"more than {_MOST_PICTURES} photos by time are not counted"] = None
+        if count > PATH.most_pictures:
+            self._notes[f"more than {PATH.most_pictures} photos by time are not counted"] = None
             return
         times = rows[0, 3] + stretch.interval_s * np.arange(count)
         legs = np.clip(np.searchsorted(rows[:, 3], times, side="left") - 1, 0, max(len(rows) - 2, 0))

@@ -14,6 +14,7 @@ from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.check import Bounds, Checked
 from uavcover.extras.check.findings import CheckFinding
 from uavcover.extras.check.planned_pictures import PlannedPictures, Series, planned_pictures
+from uavcover.extras.check.tuning import PATH
 from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
@@ -43,9 +44,6 @@ from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
 from uavcover.verification.gaps import cells_outline
 
-_CELLS, _FINEST_CELL_M = 25_000, 1.0
-_AROUND_M = 50.0
-_MOST_OBLIQUE_DEG = 75.0
 GroundReader = Callable[[LocalFrame, Bounds], tuple[Ground, Ground | None]]
 """Reader of the occluding surface within west, south, east, north, and of the bare ground below a surface model."""
 
@@ -143,14 +141,19 @@ def _map(
     away_m = float(shapely.distance(outline, shapely.Point(0.0, 0.0)))
     if away_m > 50_000.0:
         raise InputError(f"--area: lies {away_m / 1000.0:.0f} km from home; are latitude and longitude swapped?")
-    cell_m = round(max(math.sqrt(outline.area / _CELLS), _FINEST_CELL_M), 1)
+    cell_m = round(max(math.sqrt(outline.area / PATH.cells), PATH.finest_cell_m), 1)
     west, south, east, north = shapely.union_all([outline, shapely.MultiPoint(pictures.places_m[:, :2])]).bounds
-    bounds = (west - _AROUND_M, south - _AROUND_M, east + _AROUND_M, north + _AROUND_M)
+    bounds = (
+        west - PATH.view_around_m,
+        south - PATH.view_around_m,
+        east + PATH.view_around_m,
+        north + PATH.view_around_m,
+    )
     ground, bare = read_ground(world.frame, bounds)
     forward, side = (None, 0.0) if query.overlap is None else overlaps(query.overlap)
     sensor = FrameCamera(
         kind="frame-camera", fov_across_deg=camera.fov_across_deg, fov_along_deg=camera.fov_along_deg,
-        range_m=_range_m(camera, pictures, bare or ground), max_incidence_deg=_MOST_OBLIQUE_DEG, mount="stabilised",
+        range_m=_range_m(camera, pictures, bare or ground), max_incidence_deg=PATH.most_oblique_deg, mount="stabilised",
         pixels_across=camera.pixels_across, forward_overlap=forward, side_overlap=side,
     )  # fmt: skip
     scenario = Scenario(
@@ -171,7 +174,7 @@ def _range_m(camera: CameraBody, pictures: PlannedPictures, ground: Ground) -> f
     highest_m = float(pictures.places_m[:, 2].max() - np.nanmin(ground.surface.up_m))
     half_angles = (0.5 * camera.fov_across_deg, 0.5 * camera.fov_along_deg)
     corner_deg = math.degrees(math.atan(math.hypot(*(math.tan(math.radians(each)) for each in half_angles))))
-    lean_deg = min(float(np.max(90.0 + pictures.pitch_deg)) + corner_deg, _MOST_OBLIQUE_DEG)
+    lean_deg = min(float(np.max(90.0 + pictures.pitch_deg)) + corner_deg, PATH.most_oblique_deg)
     return max(20.0, highest_m / math.cos(math.radians(lean_deg)))
 
 

@@ -15,20 +15,16 @@ from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionIte
 from uavcover.errors import InputError, OutputError
 from uavcover.extras.check.check import Checked
 from uavcover.extras.check.flown_path import flown_path
-from uavcover.extras.check.ground_checks import TOLERANCE_M, place_of
+from uavcover.extras.check.ground_checks import place_of
 from uavcover.extras.check.limits import Limits
 from uavcover.extras.check.mission_file import CheckQuery, aircraft_of, read_mission_file
 from uavcover.extras.check.segments import FlownPath, Segment
 from uavcover.extras.check.split import parts_of
+from uavcover.extras.check.tuning import CHECKS, REPAIR
 from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import FloatArray
 from uavcover.run.file_group import numbered, write_file
 from uavcover.run.user import User
-
-_SPARE_M = 1.0
-_NEAR_M = 5.0
-"""Nearer to a waypoint than this, the waypoint is raised; farther away, the leg gets another one."""
-_ROUNDS = 40
 
 Fly = Callable[[Mission], FlownPath]
 
@@ -70,7 +66,7 @@ def repaired(mission: Mission, world: World, limits: Limits, fly: Fly) -> Repair
     """
     raised: set[int] = set()
     inserted: set[int] = set()
-    for _ in range(_ROUNDS):
+    for _ in range(REPAIR.rounds):
         low = _lowest(fly(mission), world, limits)
         rises: dict[int, float] = {}
         for leg in low:
@@ -101,8 +97,8 @@ def _lowest(path: FlownPath, world: World, limits: Limits) -> list[_Low]:
             continue
         piece = int(np.argmin(ranges[:, 0]))
         short_m = limits.min_height_agl_m - float(ranges[piece, 0])
-        if short_m > TOLERANCE_M:
-            found.append(_Low(segment, short_m + _SPARE_M, place_of(segment, piece, float(ranges[piece, 1]))))
+        if short_m > CHECKS.clearance_tolerance_m:
+            found.append(_Low(segment, short_m + REPAIR.spare_m, place_of(segment, piece, float(ranges[piece, 1]))))
     return found
 
 
@@ -118,7 +114,7 @@ def _is_plain(mission: Mission, number: int) -> bool:
 def _to_raise(leg: _Low, mission: Mission) -> int | None:
     """The waypoint at or beside which a leg is lowest, if it may be raised."""
     for end, number in ((-1, leg.segment.items[1]), (0, leg.segment.items[0])):
-        if math.hypot(*(leg.place_m - leg.segment.enu_m[end])[:2]) < _NEAR_M and _is_plain(mission, number):
+        if math.hypot(*(leg.place_m - leg.segment.enu_m[end])[:2]) < REPAIR.near_m and _is_plain(mission, number):
             return number
     return None
 

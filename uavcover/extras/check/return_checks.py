@@ -14,8 +14,9 @@ from uavcover.extras.check.aircraft import Aircraft, default_aircraft
 from uavcover.extras.check.findings import CheckFinding, Weight
 from uavcover.extras.check.limits import Limits, LocalFence, Surroundings
 from uavcover.extras.check.segments import FlownPath, Segment
+from uavcover.extras.check.tuning import CHECKS
 from uavcover.extras.check.world import World
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.missions.failsafe_checks import ReturnLimits, judge_paths, judge_returns
 from uavcover.missions.failsafe_parameters import FailsafeSettings, failsafe_settings
 from uavcover.missions.failsafe_path import wings_return
@@ -24,14 +25,9 @@ from uavcover.missions.unsafe_returns import Danger, UnsafeReturn
 from uavcover.model.obstacles import Obstacles
 from uavcover.scenario.airspace.zones import ZoneCheck
 
-_STEP_S, _MOST_STEP_M = 1.0, 20.0
-"""Returns begin once a second along the path, and at least this often in metres."""
 _LANDING_STARTS = (188, 189)
 """DO_RETURN_PATH_START and DO_LAND_START."""
 _KINDS: Mapping[Danger, str] = {"fence": "return-fence", "obstacle": "return-obstacle", "zone": "return-no-fly"}
-_GROUND_TOLERANCE_M = 5.0
-"""Elevation models, and ArduPilot's rally points in whole metres, are this exact."""
-_FAR_M = 1e6
 _HEIGHT_NAMES = {("ardupilot", False): "RTL_ALT", ("ardupilot", True): "RTL_ALTITUDE"}
 
 
@@ -99,7 +95,7 @@ def _states(segments: Sequence[Segment], world: World) -> FlightStates:
         steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
         reached = np.concatenate([[0.0], np.cumsum(steps)])
         speed = max(segment.speed_m_s, 0.1)
-        count = max(1, math.ceil(reached[-1] / min(_MOST_STEP_M, speed * _STEP_S)))
+        count = max(1, math.ceil(reached[-1] / min(CHECKS.return_step_m, speed * CHECKS.return_step_s)))
         at = np.linspace(0.0, reached[-1], count + 1)
         here = np.column_stack([np.interp(at, reached, line[:, axis]) for axis in range(3)])
         way = np.gradient(here[:, :2], axis=0)
@@ -148,7 +144,9 @@ def _finding(
     name = _HEIGHT_NAMES.get((aircraft.autopilot, aircraft.has_wings), "RTL_RETURN_ALT")
     assumed = f"; {name} is taken as its default, {settings['return_height_m']:g} m" if name in settings.assumed else ""
     height = (
-        f"set {name} to {math.ceil(enough_m)} m or more, and give it with --return-height" if enough_m < _FAR_M else ""
+        f"set {name} to {math.ceil(enough_m)} m or more, and give it with --return-height"
+        if enough_m < CHECKS.far_m
+        else ""
     )
     do = {
         "terrain": height or "give elevation data below the returns",
@@ -178,7 +176,7 @@ def allowed_area(fence: LocalFence) -> shapely.Geometry | None:
         return None
     circles = [(shapely.Point(e, n).buffer(r, quad_segs=256), stays) for e, n, r, stays in fence.circles]
     inside: list[BaseGeometry] = [*fence.inside, *(circle for circle, stays in circles if stays)]
-    area: BaseGeometry = shapely.box(-_FAR_M, -_FAR_M, _FAR_M, _FAR_M)
+    area: BaseGeometry = shapely.box(-CHECKS.far_m, -CHECKS.far_m, CHECKS.far_m, CHECKS.far_m)
     if inside:
         area = shapely.union_all(inside) if fence.any_inside else shapely.intersection_all(inside)
     outside = [*fence.outside, *(circle for circle, stays in circles if not stays)]
@@ -224,7 +222,7 @@ def rally_findings(
             found.append(
                 _rally(number, where, "unknown", 0.0, "its height or the ground there is unknown", "give both")
             )
-        elif high < -_GROUND_TOLERANCE_M:
+        elif high < -CHECKS.ground_tolerance_m:
             found.append(
                 _rally(
                     number, where, "breaks", -high, f"it is {-high:.0f} m below the ground", "give a height above it"
@@ -260,3 +258,62 @@ def _rally(
     return CheckFinding(
         kind="rally", weight=weight, by=float(by), unit="m", what=f"rally point {number}: {what}", do=do
     ).at(where)
+
+
+def places_along(segment: Segment) -> FloatArray:
+    """(n, 3) places of a segment, ``CHECKS.return_line_step_m`` apart or nearer."""
+    line = segment.enu_m[np.isfinite(segment.enu_m).all(axis=1)]
+    if len(line) < 2:
+        return line
+    steps = np.linalg.norm(np.diff(line, axis=0), axis=1)
+    reached = np.concatenate([[0.0], np.cumsum(steps)])
+    count = max(1, math.ceil(reached[-1] / CHECKS.return_line_step_m))
+    at = np.union1d(np.linspace(0.0, reached[-1], count + 1), reached if len(line) <= 3 else reached[[0, -1]])
+    return np.column_stack([np.interp(at, reached, line[:, axis]) for axis in range(3)])
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Lines:
+    """Many lines in one array, so that each question about them is asked once.
+
+    Attributes:
+        points_m: (m, 3) ENU; a row of NaN ends each line.
+        owner: (m,) number of the line that a row belongs to.
+    """
+
+    points_m: FloatArray
+    owner: IntArray
+
+    def __add__(self, other: "Lines") -> "Lines":
+        """Lines of both, those of the same number beside each other."""
+        owner = np.concatenate([self.owner, other.owner])
+        order = np.argsort(owner, kind="stable")
+        return Lines(np.vstack([self.points_m, other.points_m])[order], owner[order])
+
+
+def cut(pieces: IntArray) -> tuple[IntArray, FloatArray]:
+    """For lines of ``pieces`` (n,) pieces: the line number and the fraction 0..1 of each of their points, ends included."""
+    ends = np.repeat(pieces, pieces + 1)
+    owner = np.repeat(np.arange(len(pieces)), pieces + 1)
+    begins = np.cumsum(pieces + 1) - (pieces + 1)
+    k = np.arange(len(owner)) - begins[owner]
+    return owner, np.where(k == ends, 1.0, k * (1.0 / ends))
+
+
+def with_gaps(points_m: FloatArray, owner: IntArray) -> Lines:
+    """Points (m, 3) of lines, by their numbers (m,) in order, as lines."""
+    last = np.flatnonzero(np.diff(owner, append=-1)) + 1
+    return Lines(np.insert(points_m, last, np.nan, axis=0), np.insert(owner, last, owner[last - 1]))
+
+
+def lowest_of(world: World, lines: Lines) -> tuple[float, FloatArray, int]:
+    """Least height above ground of some lines, its position, and the line number; infinite if no height is known."""
+    points = lines.points_m
+    if len(points) < 2:
+        return math.inf, np.zeros(3), 0
+    ranges = world.leg_height_ranges_m(points)
+    if not np.isfinite(ranges[:, 0]).any():
+        return math.inf, np.zeros(3), 0
+    k = int(np.nanargmin(ranges[:, 0]))
+    place = points[k] + ranges[k, 1] * (points[k + 1] - points[k])
+    return float(ranges[k, 0]), place, int(lines.owner[k])

@@ -6,7 +6,7 @@ from types import MappingProxyType
 from typing import Final
 
 from mission_io.errors import FormatError
-from mission_io.formats import gpx, kml_route, litchi_reader, wpml_reader
+from mission_io.formats import gpx, kml, litchi, wpml_reader
 from mission_io.formats.point_route import PointRoute
 from mission_io.formats.text import text_from_bytes
 from uavcover.errors import InputError
@@ -15,7 +15,7 @@ from uavcover.scenario.areas.kmz import entry_of, kml_of
 ROUTE_SUFFIXES: Final = (".gpx", ".kml", ".kmz", ".wpml")
 MOST_BYTES: Final = 64 * 1024 * 1024
 _READERS: Final[Mapping[str, Callable[[str], PointRoute]]] = MappingProxyType(
-    {".gpx": gpx.read_route, ".kml": kml_route.read_route, ".wpml": wpml_reader.read_route}
+    {".gpx": gpx.read_route, ".kml": kml.read_route, ".wpml": wpml_reader.read_route}
 )
 
 
@@ -36,7 +36,7 @@ def read_route_file(path: Path) -> PointRoute | None:
             return _read_kmz(path)
         text = text_from_bytes(path.read_bytes()).text
         if suffix == ".csv":
-            return litchi_reader.read_route(text) if litchi_reader.is_litchi(text) else None
+            return litchi.read_route(text) if litchi.is_litchi(text) else None
         return _READERS[suffix](text)
     except FormatError as error:
         where = f"{path}: {error.where}" if error.where else str(path)
@@ -55,4 +55,4 @@ def _read_kmz(path: Path) -> PointRoute:
         )  # fmt: skip
     if flight is not None:
         return wpml_reader.read_route(text_from_bytes(flight).text)
-    return kml_route.read_route(text_from_bytes(kml_of(path)).text)
+    return kml.read_route(text_from_bytes(kml_of(path)).text)

@@ -9,10 +9,9 @@ from mission_io.model.items import Command, Frame, Mission, MissionItem, land, r
 from uavcover.errors import InputError
 from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.limits import Limits
-from uavcover.extras.check.return_lines import PIECE_M
+from uavcover.extras.check.tuning import CHECKS, REPAIR
 from uavcover.extras.check.world import World
 
-_SPARE_M, _AT_HOME_M = 1.0, 3.0
 _TRIGGERS = (int(Command.DO_SET_CAM_TRIGG_DIST), int(Command.IMAGE_START_CAPTURE), 214)
 _STOPS = {int(Command.IMAGE_STOP_CAPTURE): int(Command.IMAGE_START_CAPTURE)}
 _KEPT = (
@@ -119,7 +118,7 @@ def _refuse_another_landing(mission: Mission, world: World) -> None:
     place = landing
     if (landing.lat_deg, landing.lon_deg) == (0.0, 0.0):
         place = [item for item in mission.items if item.command == Command.NAV_WAYPOINT][-1]
-    if math.hypot(*world.place(place.lat_deg, place.lon_deg)) > _AT_HOME_M:
+    if math.hypot(*world.place(place.lat_deg, place.lon_deg)) > REPAIR.at_home_m:
         raise InputError("--fix: the mission lands elsewhere than at home: it is not split; do that by hand")
 
 
@@ -152,13 +151,13 @@ def _stop(trigger: MissionItem) -> MissionItem:
 def _over_m(point: MissionItem, world: World, limits: Limits) -> float:
     """Height above home at which the straight path between home and a waypoint keeps the least height, not below the waypoint."""
     east, north = world.place(point.lat_deg, point.lon_deg)
-    pieces = max(1, math.ceil(math.hypot(east, north) / PIECE_M))
+    pieces = max(1, math.ceil(math.hypot(east, north) / CHECKS.return_line_piece_m))
     t = np.linspace(0.0, 1.0, pieces + 1)[:, None]
     line = world.at_alts(t * np.array([east, north]), world.home_alt_amsl_m)
     ranges = world.leg_height_ranges_m(line)
     if not np.isfinite(ranges[:, 0]).all():
         raise InputError("--fix: the elevation data ends before the path to a part does; give more of it")
-    needed_m = limits.min_height_agl_m + _SPARE_M - float(ranges[:, 0].min())
+    needed_m = limits.min_height_agl_m + REPAIR.spare_m - float(ranges[:, 0].min())
     return math.ceil(max(needed_m, _above_home_m(point, world)))
 
 

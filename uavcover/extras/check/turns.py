@@ -11,15 +11,10 @@ from mission_io.model.items import Command, Mission
 from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.findings import CheckFinding
 from uavcover.extras.check.segments import FlownPath, Segment
+from uavcover.extras.check.tuning import PATH
 from uavcover.kernels.arrays import FloatArray
 
-_STEP_DEG = 5.0
-_BACK_DEG = 30.0
-"""At which angle wings that have passed a corner come back to the next leg."""
-_CIRCLE_POINTS = 73
-"""Points of one turn, as ``curves.circle`` has them."""
 _SHARES = (0.0, 0.34, 0.67, 1.0)
-_STRAIGHT_DEG, _ABOUT_DEG = 3.0, 175.0
 
 
 def turns_of(path: FlownPath, mission: Mission, aircraft: Aircraft) -> FlownPath:
@@ -71,7 +66,7 @@ def _is_corner(one: Segment, two: Segment) -> bool:
 
 def _leaves_circle(one: Segment, two: Segment) -> bool:
     meet = float(np.linalg.norm(one.enu_m[-1] - two.enu_m[0])) < 0.5
-    circles = not one.is_straight and one.items[0] == one.items[1] and len(one.enu_m) >= _CIRCLE_POINTS
+    circles = not one.is_straight and one.items[0] == one.items[1] and len(one.enu_m) >= PATH.circle_points
     return circles and meet and two.is_straight and two.phase in ("route", "return", "landing")
 
 
@@ -80,7 +75,7 @@ def _ways_out(circle: Segment, leg: Segment) -> list[Segment]:
 
     ArduPlane flies on from there (parameter 4 of 1) or comes back to the line from the centre (0): both ways, and lines between.
     """
-    points = circle.enu_m[:_CIRCLE_POINTS, :2]
+    points = circle.enu_m[: PATH.circle_points, :2]
     center = 0.5 * (points.min(axis=0) + points.max(axis=0))
     radius_m = float(np.hypot(*(points[0] - center)))
     to = leg.enu_m[-1]
@@ -109,13 +104,13 @@ def _turns(one: Segment, two: Segment, mission: Mission, aircraft: Aircraft) -> 
         return []
     u, v = -before[:2] / in_m, after[:2] / out_m
     turn_deg = math.degrees(math.atan2(float(u[0] * v[1] - u[1] * v[0]), float(u @ v)))  # to the left is positive
-    if abs(turn_deg) < _STRAIGHT_DEG:
+    if abs(turn_deg) < PATH.straight_deg:
         return []
     rises = before[2] / in_m, after[2] / out_m
     radius_m = aircraft.turn_radius_at(one.speed_m_s)
     cut_m = _cut_m(abs(turn_deg), radius_m, one.items[1], mission, aircraft)
     lines = []
-    if cut_m > 0.0 and abs(turn_deg) < _ABOUT_DEG:
+    if cut_m > 0.0 and abs(turn_deg) < PATH.about_deg:
         # PX4's multirotors are at the waypoint's own height before they go on (NAV_MC_ALT_RAD).
         climbs = rises if aircraft.has_wings else (0.0, rises[1])
         lines.append(_early(corner, u, turn_deg, min(cut_m, in_m, out_m), climbs))
@@ -133,7 +128,7 @@ def _cut_m(turn_deg: float, radius_m: float, number: int, mission: Mission, airc
         own_m = max(0.0, item.params[1])
     if not aircraft.has_wings:
         return (own_m or aircraft.acceptance_m) if aircraft.autopilot == "px4" else 0.0
-    needed_m = radius_m * math.tan(math.radians(min(turn_deg, _ABOUT_DEG)) / 2.0)
+    needed_m = radius_m * math.tan(math.radians(min(turn_deg, PATH.about_deg)) / 2.0)
     # ArduPlane: turn_distance(wp_radius, angle) shrinks it for turns of less than 90 degrees.
     switch_m = (own_m or aircraft.acceptance_m) * min(1.0, turn_deg / 90.0)
     return max(needed_m, switch_m)
@@ -163,7 +158,7 @@ def _late(
     """Turn after the waypoint: an arc as tight as possible until the path leads back to the leg, and the path back."""
     left = math.copysign(1.0, turn_deg)
     center = corner[:2] + np.array([-u[1], u[0]]) * left * radius_m
-    turned = np.radians(_steps_deg(min(abs(turn_deg) + _BACK_DEG, 355.0)))
+    turned = np.radians(_steps_deg(min(abs(turn_deg) + PATH.back_deg, 355.0)))
     spoke = corner[:2] - center
     arc = center + np.column_stack([
         spoke[0] * np.cos(turned) - left * spoke[1] * np.sin(turned),
@@ -177,7 +172,7 @@ def _late(
     along = (arc - corner[:2]) @ v
     last_beside = float(beside[len(arc) - 1])
     if last_beside > 0.0:
-        back = corner[:2] + v * (float(along[-1]) + last_beside / math.tan(math.radians(_BACK_DEG)))
+        back = corner[:2] + v * (float(along[-1]) + last_beside / math.tan(math.radians(PATH.back_deg)))
         arc = np.vstack([arc, back])
         along = np.append(along, (back - corner[:2]) @ v)
     ups = corner[2] + rise * np.clip(along, 0.0, out_m)
@@ -185,11 +180,7 @@ def _late(
 
 
 def _steps_deg(turn_deg: float) -> FloatArray:
-    return np.linspace(0.0, turn_deg, max(2, math.ceil(turn_deg / _STEP_DEG) + 1))
-
-
-SPLINE_FACTOR = 4.0
-"""Factor of ArduPilot: the vectors at both ends of a spline are together at most this many times its chord."""
+    return np.linspace(0.0, turn_deg, max(2, math.ceil(turn_deg / PATH.step_deg) + 1))
 
 
 def straight(begin_m: FloatArray, end_m: FloatArray, *, step_m: float) -> FloatArray:
@@ -204,13 +195,13 @@ def spline(
     """Points on the curve that ArduPilot flies to a spline waypoint: a cubic Hermite polynomial.
 
     Source: ArduPilot, libraries/AP_Math/SplineCurve.cpp, set_origin_and_destination and update_solution: the two vectors are
-    scaled down together where their lengths sum to more than ``SPLINE_FACTOR`` chords.
+    scaled down together where their lengths sum to more than ``PATH.spline_factor`` chords.
     """
     chord_m = float(np.linalg.norm(end_m - begin_m))
     if chord_m == 0.0:
         return np.array([begin_m, end_m])
     vectors_m = float(np.linalg.norm(begin_vector_m) + np.linalg.norm(end_vector_m))
-    scale = min(1.0, SPLINE_FACTOR * chord_m / vectors_m) if vectors_m > 0.0 else 1.0
+    scale = min(1.0, PATH.spline_factor * chord_m / vectors_m) if vectors_m > 0.0 else 1.0
     v0, v1 = begin_vector_m * scale, end_vector_m * scale
     longest_m = chord_m + float(np.linalg.norm(v0) + np.linalg.norm(v1))  # no shorter than the curve
     t = np.linspace(0.0, 1.0, max(8, math.ceil(longest_m / step_m)) + 1)[:, None]

@@ -11,9 +11,9 @@ import numpy as np
 from uavcover.errors import InputError, UavcoverError, VehicleError
 from uavcover.extras.fleet.board import Board
 from uavcover.extras.fleet.clock import FleetClock, RealClock
-from uavcover.extras.fleet.flight import FleetFlight
+from uavcover.extras.fleet.flight import FleetFlight, FleetOrders, Opening
 from uavcover.extras.fleet.jobs import OnLoss, planned_jobs
-from uavcover.extras.fleet.orders import FleetOrders, Opening
+from uavcover.extras.fleet.tuning import FLEET
 from uavcover.flight.command import ENDED_BY_USER, FlightOptions, refuse_older_flight
 from uavcover.flight.connect import VehicleLink, connect
 from uavcover.flight.own_links import VehiclePlace, require_different
@@ -31,8 +31,6 @@ from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.shared_clock import shared_times
 from uavcover.verification.verify import flown_coverage
 
-_LOOK_S = 0.2
-_TABLE_EVERY_S = 60.0
 _FIRST_STOP = (
     "stopping: all hold, then home along checked legs, one after the other; once more: all hold and are left there; "
     "a third time: abort at once"
@@ -115,13 +113,13 @@ def fly_fleet(
         while any(thread.is_alive() for thread in threads):
             try:
                 for thread in threads:
-                    thread.join(_LOOK_S / len(threads))
+                    thread.join(FLEET.look_s / len(threads))
             except KeyboardInterrupt:
                 flight.aborted = True
             since_s = flight.traffic.since_first_s(clocks[0].now())
             flown = sum(record.outcome.waypoints_reached for record in flight.flown if record.outcome is not None)
             bar.update(flown + sum(row.waypoint for row in board.rows.values() if row.late_s is not None))
-            if since_s - shown_s >= _TABLE_EVERY_S:
+            if since_s - shown_s >= FLEET.table_every_s:
                 shown_s = since_s
                 for line in board.lines(since_s):
                     board.say(line)
@@ -197,7 +195,6 @@ def _result(run: RunFolder, flight: FleetFlight, user: User, more: dict[str, Any
 
 
 FLEET_RECORDING = "fleet.rrd"
-_LEAST_STEP_S = 1e-6
 
 
 def write_fleet_recording(run: RunFolder, folders: Sequence[RunFolder]) -> Path | None:
@@ -244,7 +241,7 @@ def write_fleet_recording(run: RunFolder, folders: Sequence[RunFolder]) -> Path 
     tracks = {}
     for name, (taken_utc_s, enu_m) in shared.items():
         time_s = since_first_s(taken_utc_s)
-        kept = np.concatenate([[True], np.diff(time_s) > _LEAST_STEP_S])
+        kept = np.concatenate([[True], np.diff(time_s) > FLEET.least_step_s])
         tracks[name] = (time_s[kept], enu_m[kept])
     path = run.file(FLEET_RECORDING)
     record_fleet(path, coverage=coverage, planned=planned.route, tracks=tracks, first_seen_s=seen)

@@ -4,7 +4,8 @@ import math
 import sys
 import threading
 from collections.abc import Callable, Container, Iterable, Sequence
-from dataclasses import replace
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -14,13 +15,12 @@ from mission_io.model.items import Mission
 from uavcover.errors import UavcoverError, VehicleError
 from uavcover.extras.fleet.board import Board, VehicleUser
 from uavcover.extras.fleet.clock import FleetClock
-from uavcover.extras.fleet.jobs import Job
-from uavcover.extras.fleet.lost import LostVehicle
-from uavcover.extras.fleet.orders import FleetOrders
+from uavcover.extras.fleet.jobs import Job, OnLoss
 from uavcover.extras.fleet.position import FleetPhase
-from uavcover.extras.fleet.reserve import ReserveWatch
 from uavcover.extras.fleet.sortie import (
     FlownSortie,
+    LostVehicle,
+    ReserveWatch,
     is_down,
     lacking_battery,
     places_m,
@@ -29,10 +29,11 @@ from uavcover.extras.fleet.sortie import (
     whose_home,
 )
 from uavcover.extras.fleet.traffic import Traffic
+from uavcover.extras.fleet.tuning import FLEET
 from uavcover.extras.fleet.work import FleetWork
-from uavcover.flight.clearance import Clearance
 from uavcover.flight.command import FlightOptions, record_flight
-from uavcover.flight.connect import Connected, fly
+from uavcover.flight.connect import Connected, VehicleLink, fly
+from uavcover.flight.fly import Clearance
 from uavcover.flight.upload import UPLOAD_FILE, upload, upload_document
 from uavcover.missions.mission_compiler import CompiledMission
 from uavcover.missions.mission_files import compile_plan
@@ -41,11 +42,34 @@ from uavcover.model.track import TrackSample
 from uavcover.run.flight_folders import TRACK
 from uavcover.run.folder import FLIGHT_FILES, RunFolder
 from uavcover.run.provenance import note_files
+from uavcover.scenario.site import Site
 
-_READY_BEFORE_S = 60.0
-"""Time before its take-off at which a vehicle is looked for and gets its next sortie."""
-_NEW_BATTERY_S = 300.0
-"""Time for which a vehicle whose battery lasts for little of its sortie keeps the next ones waiting."""
+Opening = Callable[[VehicleLink, Site], AbstractContextManager[Connected]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FleetOrders:
+    """The user's orders for the fleet.
+
+    Attributes:
+        links: where each vehicle is, vehicle 1 first.
+        flight: options of each flight.
+        on_loss: treatment of a lost vehicle's unobserved cells.
+        opening: opens the link to a vehicle.
+        clocks: of each vehicle.
+        stops: how often the user has asked to stop.
+        paused: whether the user wants all to hold their places.
+    """
+
+    links: Sequence[VehicleLink]
+    flight: FlightOptions
+    on_loss: OnLoss
+    opening: Opening
+    clocks: Sequence[FleetClock]
+    stops: Callable[[], int]
+    paused: Callable[[], bool]
+
+
 _LOOK_EVERY_S, _PLACE_EVERY_S = 1.0, 0.5
 _IN_ORDER = "give --to in the order of the vehicles, vehicle 1 first"
 
@@ -123,7 +147,7 @@ class FleetFlight:
         due_s = self.work.free_s.get(vehicle)
         while due_s is not None:
             now = clock.now()
-            due_s = max(due_s, now + job.planned_s - self.traffic.since_first_s(now) - _READY_BEFORE_S)
+            due_s = max(due_s, now + job.planned_s - self.traffic.since_first_s(now) - FLEET.ready_before_s)
             if now >= due_s:
                 break
             if self._stopped:
@@ -263,8 +287,8 @@ class FleetFlight:
                 if lacks_since_s is None:
                     lacks_since_s = clock.now()
                     self.board.warn(f"vehicle {vehicle}: {lacks} for sortie {job.sortie}: change its battery")
-                elif clock.now() - lacks_since_s > _NEW_BATTERY_S:
-                    raise VehicleError(f"{lacks} for {_NEW_BATTERY_S:.0f} s; not armed")
+                elif clock.now() - lacks_since_s > FLEET.new_battery_s:
+                    raise VehicleError(f"{lacks} for {FLEET.new_battery_s:.0f} s; not armed")
                 return False
             if not self.traffic.start(job.name, clock.now()):
                 return False

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 from enum import StrEnum
 
 from uavcover.errors import InfeasibleError, InputError
+from uavcover.extras.fleet.tuning import FLEET
 from uavcover.extras.fleet.upload import require_at_once
 from uavcover.flight.connect import require_home
 from uavcover.flight.resume import find_unfinished, save_part, save_rest, scenario_of_fleet
@@ -18,8 +19,6 @@ from uavcover.run.flown_by import is_alike
 from uavcover.run.folder import RunFolder
 from uavcover.run.planned import read_planned
 from uavcover.scenario.site import Site
-
-_LEAST_GAIN_M = 20.0
 
 
 class OnLoss(StrEnum):
@@ -91,7 +90,7 @@ def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
         asked = [(int(row["number"]), int(row["vehicle"]), float(row["takeoff_s"])) for row in rows]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{run.file('plan.json')}: sorties is none ({type(error).__name__}: {error}); make it again with: uavcover plan"
+            f"{run.file('plan.json')}: sorties is none ({type(error).__name__}: {error}); create it again with: uavcover plan"
         ) from error
     jobs = [_planned_job(run, number, vehicle, takeoff_s) for number, vehicle, takeoff_s in asked]
     flyers, all_of_them = {job.vehicle for job in jobs}, set(range(1, vehicles + 1))
@@ -191,7 +190,7 @@ def require_gain(job: Job, rest: Job) -> None:
     Raises:
         InfeasibleError: barely less is left than the flight had to fly.
     """
-    if len(rest.route) >= len(job.route) and rest.route.length_m > job.route.length_m - _LEAST_GAIN_M:
+    if len(rest.route) >= len(job.route) and rest.route.length_m > job.route.length_m - FLEET.least_gain_m:
         raise InfeasibleError("a battery lasts there and back, and for nothing between")
 
 

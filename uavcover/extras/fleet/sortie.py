@@ -1,5 +1,6 @@
 """A sortie of a fleet: its ending, its vehicle's landing, its battery, and its return."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -10,22 +11,20 @@ from mission_io.autopilots.autopilot import wire_items
 from mission_io.autopilots.comparison import compare_items, fault_text
 from mission_io.errors import MissionIoError, VehicleSilentError
 from mission_io.model.items import Frame, Mission, MissionType
-from mission_io.wire.messages import HomePosition, SysStatus
-from uavcover.errors import InputError, VehicleError
+from mission_io.wire.messages import GlobalPositionInt, HomePosition, SysStatus
+from uavcover.errors import InputError, UavcoverError, VehicleError
 from uavcover.extras.fleet.clock import FleetClock
 from uavcover.extras.fleet.jobs import Job
+from uavcover.extras.fleet.traffic import Traffic
+from uavcover.extras.fleet.tuning import FLEET
 from uavcover.flight.connect import Connected, check_home
+from uavcover.flight.reserve import BatteryAllows, BatteryUse
+from uavcover.flight.tuning import RESERVE
 from uavcover.kernels.arrays import FloatArray
+from uavcover.missions.flight_costs import way_home
 from uavcover.missions.mission_compiler import AUTOPILOTS, CompiledMission
 from uavcover.model.outcome import Ending, FlightOutcome
 from uavcover.scenario.site import Site
-
-_LESS_AT_START = 5.0
-"""Percent by which a battery may tell less than the whole sortie needs: whole numbers, and a while of standing ready. What it
-lacks in the end is left to another sortie: a vehicle in flight goes home before it uses its reserve."""
-_LATELY_S = 5.0
-_KNOWS_HOME_S = 120.0
-"""Time that a vehicle may take after power-up until it knows its position."""
 
 
 @dataclass(slots=True)
@@ -71,7 +70,7 @@ def is_down(connected: Connected) -> bool:
     """Whether a vehicle is known to be on the ground, by its last messages, if they are recent."""
     client, monitor = connected.client, connected.monitor
     try:
-        fresh = client.heartbeat_age_s < _LATELY_S and monitor.silence_s(client.clock.now()) < _LATELY_S
+        fresh = client.heartbeat_age_s < FLEET.lately_s and monitor.silence_s(client.clock.now()) < FLEET.lately_s
         return fresh and (not client.vehicle.armed or monitor.on_ground is True)
     except MissionIoError:
         return False
@@ -86,7 +85,7 @@ def wait_for_home(
         VehicleSilentError: it does not tell it.
         VehicleError: it is not the planned one.
     """
-    until_s = clock.now() + _KNOWS_HOME_S
+    until_s = clock.now() + FLEET.knows_home_s
     while True:
         try:
             return check_home(connected, site, compiled)
@@ -142,7 +141,7 @@ def lacking_battery(job: Job, connected: Connected) -> str | None:
     if job.battery_used is None or percent is None:
         return None
     needed = 100.0 * (job.battery_used + vehicle.reserve_fraction)
-    return None if percent + _LESS_AT_START >= min(needed, 100.0) else f"battery {percent:.0f} of {needed:.0f} %"
+    return None if percent + FLEET.less_at_start >= min(needed, 100.0) else f"battery {percent:.0f} of {needed:.0f} %"
 
 
 def pace_home_m_s(site: Site) -> tuple[float, float]:
@@ -154,7 +153,7 @@ def pace_home_m_s(site: Site) -> tuple[float, float]:
 def places_m(mission: Mission, site: Site) -> FloatArray:
     """(k, 3) ENU, the positions of a mission home; at least two."""
     if site.frame is None or mission.home is None:
-        raise InputError(f"scenario {site.scenario.name}: has no place on Earth")
+        raise InputError(f"scenario {site.scenario.name}: has no position on Earth")
     places = [
         site.frame.enu_from_geodetic(
             item.lat_deg,
@@ -165,3 +164,99 @@ def places_m(mission: Mission, site: Site) -> FloatArray:
         if item.has_position
     ]
     return np.array([places[0], *places])
+
+
+_STAYS_OUT = (
+    "it gets no more sorties: what it did unheard, and its battery, are unknown, and what it had left is given away already; "
+    "look at it, and fly what is left at the end"
+)
+
+
+class LostVehicle:
+    """Messages of a vehicle whose flight was given up because it was silent.
+
+    Args:
+        job: what it flew.
+        connected: its link, still open.
+        traffic: that keeps the others apart.
+    """
+
+    def __init__(self, job: Job, connected: Connected, traffic: Traffic) -> None:
+        self._job, self._connected, self._traffic = job, connected, traffic
+        self._heard = False
+
+    def look(self, clock: FleetClock, seconds: float) -> str | None:
+        """Listen for at most this time, and inform the others of each message.
+
+        Returns:
+            What the user must know: that it is heard again, or is down; none when there is nothing new.
+        """
+        client, monitor, site = self._connected.client, self._connected.monitor, self._job.site
+        client.poll(seconds)
+        now = clock.now()
+        here = monitor.latest(GlobalPositionInt)
+        if here is None or site.frame is None or monitor.silence_s(client.clock.now()) > FLEET.lately_s:
+            return None
+        place_m = site.frame.enu_from_geodetic(here.lat_deg, here.lon_deg, here.alt_amsl_m)[0]
+        where = f"at {here.lat_deg:.6f}, {here.lon_deg:.6f}"
+        if is_down(self._connected):
+            self._traffic.landed(self._job.name, now)
+            return f"is heard again, on the ground {where}; {_STAYS_OUT}"
+        self._traffic.moved(self._job.name, now, np.asarray(place_m))
+        again = f"is heard again, in the air {where}; the others keep apart from it; {_STAYS_OUT}"
+        message, self._heard = None if self._heard else again, True
+        return message
+
+
+class ReserveWatch:
+    """Check repeatedly whether a vehicle in flight must return for its battery.
+
+    Args:
+        job: what it flies.
+        connected: tells its battery.
+        traffic: knows where it is.
+    """
+
+    def __init__(self, job: Job, connected: Connected, traffic: Traffic) -> None:
+        self._job, self._connected, self._traffic = job, connected, traffic
+        vehicle, flight_s = job.site.scenario.vehicle, job.timeline.duration_s
+        self._use = BatteryUse(vehicle, 100.0 * (job.battery_used or 0.0) / flight_s)
+        self._next_s = -math.inf
+
+    def may_wait_s(self, now: float) -> float:
+        """Time that its battery lets it hold before it flies its mission to the end."""
+        return self._use.may_wait_s(self._traffic.lands_s(self._job.name) - now)
+
+    def must_go_home(self, now: float, *, aloft_s: float) -> str | None:
+        """Reason to return now, as text; none while it may fly on, or reports no battery.
+
+        Its return is given to it before it stops. While others are in that way it flies on: the mission is kept apart from
+        theirs and brings it home, too; to hold and wait would only empty the battery.
+
+        Args:
+            now: present time.
+            aloft_s: time since its take-off.
+        """
+        status = self._connected.monitor.latest(SysStatus)
+        percent = None if status is None else status.battery_remaining_percent
+        if percent is None or self._use.vehicle.endurance_s is None or now < self._next_s:
+            return None
+        self._next_s = now + FLEET.reserve_every_s
+        use, rest_s = self._use, self._traffic.lands_s(self._job.name) - now
+        use.take(percent, aloft_s=aloft_s)
+        if use.lasts_home(rest_s) or use.lasts_on(rest_s):  # the return is shorter than that
+            return None
+        try:
+            way_m, home_s = way_home(self._job.site, self._traffic.place_m(self._job.name))
+        except UavcoverError:  # the ground below the way is not known
+            return None
+        if use.allows(rest_s=rest_s, home_s=home_s) is BatteryAllows.GO_ON:
+            return None
+        if not self._traffic.give_way_home(self._job.name, now, way_m, within_s=home_s + RESERVE.to_turn_s):
+            return None
+        reserve = 100.0 * use.vehicle.reserve_fraction
+        return (
+            f"the battery has {percent:.0f} % left and uses {60.0 * use.each_s:.1f} % a minute: the return takes "
+            f"{home_s:.0f} s and the rest of the sortie {rest_s:.0f} s, which would use the reserve of {reserve:.0f} %; it "
+            "flies home, and another sortie goes on here"
+        )

@@ -12,6 +12,7 @@ import numpy as np
 
 from uavcover.errors import InfeasibleError
 from uavcover.extras.fleet.position import FleetPhase, FleetPosition
+from uavcover.extras.fleet.tuning import FLEET
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.separation import pieces_of, segment_distances_m, unsafe_starts
 from uavcover.missions.timeline import Timeline
@@ -19,11 +20,8 @@ from uavcover.model.fleet import Fleet
 
 _AHEAD_S, _AHEAD_TO_GO_ON_S = 45.0, 60.0
 """So far ahead two vehicles are looked at; farther before one that holds goes on, so that it does not stop again at once."""
-_STEP_S = 0.5
 _ERROR_S, _ERROR_FRACTION = 2.0, 0.02
 """By how much the next moments may differ from what is reckoned: at once, and for each second ahead."""
-_HOLDS_WITHIN_S = 60.0
-"""A vehicle without a hold this time after the command counts as flying on: a pilot or a failsafe may have it."""
 _BACK_S, _BEYOND_S = 2.0, 20.0
 """A vehicle is looked for in the plan from a little before where it was to a little after where it may be by now."""
 
@@ -163,7 +161,7 @@ class Traffic:
             others = [f for _, f in self._others(name) if self._counts(f, now)]
             if any(f.phase in (FleetPhase.HOMEWARD, FleetPhase.HOLDING) for f in others):
                 return False
-            times_s = np.arange(0.0, within_s + _STEP_S, _STEP_S)
+            times_s = np.arange(0.0, within_s + FLEET.step_s, FLEET.step_s)
             for other in others:
                 if other.phase is FleetPhase.DOWN and now + within_s >= other.free_s:
                     continue
@@ -198,7 +196,7 @@ class Traffic:
                 own.way_m = way_m
                 return True
             own.phase, own.way_m, own.asked_s = FleetPhase.HOLDING, way_m, min(own.asked_s, now)
-            all_return = all_return and now - own.asked_s < _HOLDS_WITHIN_S
+            all_return = all_return and now - own.asked_s < FLEET.holds_within_s
             others = [f for _, f in self._others(name) if f.phase in _IN_THE_AIR and self._counts(f, now)]
             if any(f.phase is FleetPhase.HOMEWARD or (all_return and f.phase is FleetPhase.FLYING) for f in others):
                 return False
@@ -303,7 +301,7 @@ class Traffic:
         return lambda times_s: np.where((times_s > gone_s)[:, None], math.inf, ahead(times_s))
 
     def _meets(self, one: _Ahead, other: _Ahead, ahead_s: float) -> bool:
-        times_s = np.arange(0.0, ahead_s + _STEP_S, _STEP_S)
+        times_s = np.arange(0.0, ahead_s + FLEET.step_s, FLEET.step_s)
         a, b = one(times_s), np.broadcast_to(other(times_s), (len(times_s), 3))
         apart_m = np.linalg.norm(a[:, None] - b[None], axis=2)
         error_s = _ERROR_S + _ERROR_FRACTION * times_s
@@ -312,7 +310,7 @@ class Traffic:
 
     def _meets_way(self, own: FleetPosition, homeward: FleetPosition, ahead_s: float) -> bool:
         """Whether a flight comes near the return of another one, or near where that is, within a time."""
-        places = own.timeline.places_m(own.progress_s + np.arange(0.0, ahead_s, _STEP_S))
+        places = own.timeline.places_m(own.progress_s + np.arange(0.0, ahead_s, FLEET.step_s))
         way = np.vstack([homeward.place_m, homeward.way_m])
         return self._least_m(places, way) < self._fleet.held_apart_m
 
@@ -323,7 +321,7 @@ class Traffic:
         return now + _way_s(own) < landed.free_s
 
     def _stands_in_way(self, holder: FleetPosition, flight: FleetPosition, ahead_s: float) -> bool:
-        places = flight.timeline.places_m(flight.progress_s + np.arange(0.0, ahead_s, _STEP_S))
+        places = flight.timeline.places_m(flight.progress_s + np.arange(0.0, ahead_s, FLEET.step_s))
         return float(np.linalg.norm(places - holder.place_m, axis=1).min()) < self._fleet.held_apart_m
 
     def _passes_holders(self, own: FleetPosition, holders: list[FleetPosition]) -> bool:

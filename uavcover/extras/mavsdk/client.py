@@ -25,24 +25,14 @@ from mission_io.links.opening import Link
 from mission_io.model.enums import CommandResult, MissionResult
 from mission_io.model.items import Command, MissionItem, MissionType
 from mission_io.protocol.exchange import Address
+from mission_io.wire import messages as m
 from mission_io.wire.codec import message_id
-from mission_io.wire.messages import (
-    CommandAck,
-    Message,
-    MissionAck,
-    MissionCount,
-    MissionItemInt,
-    MissionRequest,
-    MissionRequestInt,
-    Received,
-    TimeSync,
-)
 from mission_io.wire.signing import SigningKey
 from uavcover.extras.mavsdk.session import Answer, Call, MavsdkSession, TappedLink, contents_of
 
-MessageT = TypeVar("MessageT", bound=Message)
+MessageT = TypeVar("MessageT", bound=m.Message)
 ResultT = TypeVar("ResultT")
-Heard = Callable[[Received], None]
+Heard = Callable[[m.Received], None]
 
 _log = logging.getLogger(__name__)
 
@@ -92,7 +82,7 @@ class MavsdkClient(Client):
     """
 
     def __init__(
-        self, link: Link, *, system_id: int = 255, listener: Callable[[Received, float], None] | None = None
+        self, link: Link, *, system_id: int = 255, listener: Callable[[m.Received, float], None] | None = None
     ) -> None:
         self._session = MavsdkSession(Address(system_id, 190))
         super().__init__(TappedLink(link, self._session), system_id=system_id, listener=listener)
@@ -138,12 +128,12 @@ class MavsdkClient(Client):
         accepted = False  # MAVSDK takes the acknowledgement of another list as that of this one
         across = _Across(len(items), progress)
 
-        def hear(received: Received) -> None:
+        def hear(received: m.Received) -> None:
             nonlocal accepted
             match received.message:
-                case MissionRequest() | MissionRequestInt() as request if request.mission_type == mission_type:
+                case m.MissionRequest() | m.MissionRequestInt() as request if request.mission_type == mission_type:
                     across.count(request.seq)
-                case MissionAck(mission_type=kind, result=MissionResult.ACCEPTED) if kind == mission_type:
+                case m.MissionAck(mission_type=kind, result=MissionResult.ACCEPTED) if kind == mission_type:
                     accepted = True
 
         self._transfer(
@@ -162,11 +152,11 @@ class MavsdkClient(Client):
         """One of the vehicle's lists, as it is on the wire; errors as ``Client.download``, after up to ``TRIES`` tries."""
         across = _Across(0, progress)
 
-        def hear(received: Received) -> None:
+        def hear(received: m.Received) -> None:
             match received.message:
-                case MissionCount() as found if found.mission_type == mission_type:
+                case m.MissionCount() as found if found.mission_type == mission_type:
                     across.total = found.count
-                case MissionItemInt() as item if item.mission_type == mission_type:
+                case m.MissionItemInt() as item if item.mission_type == mission_type:
                     across.count(item.seq + 1)
 
         return self._transfer(
@@ -180,7 +170,7 @@ class MavsdkClient(Client):
 
     # Commands.
 
-    def command(self, command: int, *params: float, timeout_s: float = _ANSWER_S) -> CommandAck:
+    def command(self, command: int, *params: float, timeout_s: float = _ANSWER_S) -> m.CommandAck:
         """Send a command until it is answered; errors as ``commands.send_command``."""
         return self._command(command, params, timeout_s, lambda _: None)
 
@@ -190,8 +180,8 @@ class MavsdkClient(Client):
         commands.await_mode(self, custom_mode, timeout_s=timeout_s)
 
     def request_message_interval(
-        self, kind: type[Message], interval_s: float, *, timeout_s: float = _ANSWER_S
-    ) -> CommandAck:
+        self, kind: type[m.Message], interval_s: float, *, timeout_s: float = _ANSWER_S
+    ) -> m.CommandAck:
         """Ask for a kind of message each ``interval_s`` seconds."""
         return self.command(
             Command.SET_MESSAGE_INTERVAL, float(message_id(kind)), interval_s * 1e6, timeout_s=timeout_s
@@ -201,7 +191,7 @@ class MavsdkClient(Client):
         """Ask for one message of a kind and wait for it; errors as ``commands.request_message``."""
         found: list[MessageT] = []
 
-        def hear(received: Received) -> None:
+        def hear(received: m.Received) -> None:
             if isinstance(received.message, kind):
                 found.append(received.message)
 
@@ -227,10 +217,10 @@ class MavsdkClient(Client):
     def _send_heartbeat(self) -> None:
         """MAVSDK sends its own, with our ids."""
 
-    def _answer_time(self, question: TimeSync) -> None:
+    def _answer_time(self, question: m.TimeSync) -> None:
         """MAVSDK answers."""
 
-    def _command(self, command: int, params: tuple[float, ...], timeout_s: float, hear: Heard) -> CommandAck:
+    def _command(self, command: int, params: tuple[float, ...], timeout_s: float, hear: Heard) -> m.CommandAck:
         if len(params) > 7:
             raise MisuseError(f"command {commands.name_of(command)} with {len(params)} parameters; there are seven")
         seven = (*params, *(0.0,) * (7 - len(params)))
@@ -241,7 +231,7 @@ class MavsdkClient(Client):
                 continue
             if answer.result != "SUCCESS":
                 raise MisuseError(f"MAVSDK does not send {commands.name_of(command)}: {answer.result}")
-            ack = CommandAck(command, answer.content, target_system=self.local.system_id)
+            ack = m.CommandAck(command, answer.content, target_system=self.local.system_id)
             if ack.result != CommandResult.ACCEPTED:
                 raise commands.refusal(self.vehicle.system_id, ack)
             return ack

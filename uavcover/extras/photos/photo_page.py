@@ -19,8 +19,9 @@ from uavcover.report.cell_layers import (
     picture_layers,
     ramp_layer,
 )
-from uavcover.report.map_data import PAD_M, gap_data, geodetic_fit, layer_data, relief_image, rings_of, rounded
+from uavcover.report.map_data import gap_data, geodetic_fit, layer_data, relief_image, rings_of, rounded
 from uavcover.report.page import map_script, rendered_page
+from uavcover.report.tuning import FIGURES
 from uavcover.run.folder import write_text
 from uavcover.run.user import User, percent
 from uavcover.scenario.site import area_as_drawn
@@ -122,7 +123,12 @@ def photo_map_data(verdict: PhotoVerdict) -> dict[str, Any]:
     if len(near):
         west, south = min(west, near[:, 0].min()), min(south, near[:, 1].min())
         east, north = max(east, near[:, 0].max()), max(north, near[:, 1].max())
-    bounds = (float(west) - PAD_M, float(south) - PAD_M, float(east) + PAD_M, float(north) + PAD_M)
+    bounds = (
+        float(west) - FIGURES.pad_m,
+        float(south) - FIGURES.pad_m,
+        float(east) + FIGURES.pad_m,
+        float(north) + FIGURES.pad_m,
+    )
     return {
         "bounds": rounded(np.array(bounds)),
         "relief": relief_image(site.ground, bounds),

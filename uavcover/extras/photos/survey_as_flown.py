@@ -13,7 +13,7 @@ from uavcover.extras.photos.picture import Picture
 from uavcover.new.cameras import CameraBody, camera_named
 from uavcover.new.command import NewScenario, new_scenario
 from uavcover.new.elevation_questions import NewRequest
-from uavcover.new.survey import LOWEST_TOP_M
+from uavcover.new.tuning import SURVEY
 from uavcover.run.folder import RunFolder
 from uavcover.run.user import Unattended, User
 from uavcover.scenario.site import Site
@@ -23,7 +23,7 @@ FILM_DIAGONAL_MM = math.hypot(36.0, 24.0)
 LENS_DIFFERS = 0.1
 """Share by which the focal lengths of one lens may differ, as photos round them."""
 _FIRST_HEIGHT_M = 80.0
-_LOWEST_M = 1.02 * LOWEST_TOP_M
+_LOWEST_M = 1.02 * SURVEY.lowest_top_m
 """A flight for what is missing is planned no lower."""
 
 

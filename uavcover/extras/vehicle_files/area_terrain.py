@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import shapely
 
+from mission_io.model.places import M_PER_DEG
 from uavcover.errors import InputError, TerrainError
 from uavcover.flight.vehicle_terrain import ElevationData, open_elevation_data
 from uavcover.new.elevation_sets import (
@@ -20,7 +21,6 @@ from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.terrain.elevation_file import read_heights_amsl_m
 from uavcover.terrain.terrain_source import Bounds
 
-_M_PER_DEG = 111_195.0
 _GRID = 60
 _SHOWN = 12
 
@@ -60,7 +60,7 @@ def terrain_of_area(query: AreaQuery, *, around_m: float) -> AreaTerrain:
     ]
     whole = shapely.union_all(polygons)
     west, south, east, north = whole.bounds
-    up = around_m / _M_PER_DEG
+    up = around_m / M_PER_DEG
     side = up / max(0.01, float(np.cos(np.radians(min(89.99, max(abs(south), abs(north)) + up)))))
     grid = np.stack(np.meshgrid(np.linspace(west, east, _GRID), np.linspace(south, north, _GRID)), axis=-1)
     places = grid.reshape(-1, 2)

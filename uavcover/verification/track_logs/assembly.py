@@ -10,27 +10,7 @@ from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.model.active_times import is_flight_time
 from uavcover.model.track import VELOCITY_COLUMNS, ReadTrack, Track
 from uavcover.terrain.frames import LocalFrame
-from uavcover.verification.shared_clock import JUMP_S
-
-PICTURE_PLACE_ERROR_M = 10.0
-"""A photo that names a place farther than this from where the vehicle was then is no photo."""
-
-PICTURE_TIME_ERROR_S = 0.5
-"""So much earlier or later it may have been there: autopilots note a photo when the camera answers."""
-
-_CLOCK_SPREAD_S = 5.0
-"""Clocks of one flight run together; of a simulator that is faster than real time they do not."""
-
-_MOST_LEAN_COS = 0.94
-"""Largest lean of a vehicle whose rangefinder counts: 20 degrees.
-
-A wide beam hits what is nearest, which then is not on its axis.
-"""
-
-MAX_ATTITUDE_GAP_S = 1.0
-"""Largest time between the two rows around a position from which its attitude is interpolated."""
-MAX_VELOCITY_GAP_S = 0.5
-"""The same for its velocity."""
+from uavcover.verification.tuning import CLOCK, LOGS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,10 +54,10 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
     positions = rows.positions.reshape(-1, 4)
     has_fix = (positions[:, 1] != 0.0) | (positions[:, 2] != 0.0)
     if not has_fix.all():
-        warnings.append(f"{path}: {int((~has_fix).sum())} positions before the first fix (0, 0) are left out")
+        warnings.append(f"{path}: {int((~has_fix).sum())} positions before the first fix (0, 0) are ignored")
         positions = positions[has_fix]
     if len(positions) == 0:
-        raise TrackError(f"{path}: there are no positions in it")
+        raise TrackError(f"{path}: it contains no positions")
     # The largest time so far: any row not later than that repeats or goes back.
     before = np.concatenate([[-np.inf], np.maximum.accumulate(positions[:, 0])[:-1]])
     back = positions[:, 0] < before
@@ -89,7 +69,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
         )
     repeated = positions[:, 0] == before
     if repeated.any():
-        warnings.append(f"{path}: {int(repeated.sum())} positions at a time that was there already are left out")
+        warnings.append(f"{path}: {int(repeated.sum())} positions with a repeated time are ignored")
         positions = positions[~repeated]
     bad = ~(np.isfinite(positions).all(axis=1) & (np.abs(positions[:, 1]) <= 90.0) & (np.abs(positions[:, 2]) <= 180.0))
     if bad.any():
@@ -133,9 +113,9 @@ def _ranged(frame: LocalFrame, positions: FloatArray, attitudes: FloatArray, ran
     if len(positions) < 2 or not len(ranges):
         return np.empty((0, 3))
     gaps = positions[after, 0] - positions[after - 1, 0]
-    inside = (times >= positions[0, 0]) & (times <= positions[-1, 0]) & (gaps <= MAX_ATTITUDE_GAP_S)
+    inside = (times >= positions[0, 0]) & (times <= positions[-1, 0]) & (gaps <= LOGS.max_attitude_gap_s)
     roll, pitch, yaw = np.radians(attitudes_at(times, attitudes)).T
-    known = inside & np.isfinite(roll + pitch + yaw) & (np.cos(roll) * np.cos(pitch) > _MOST_LEAN_COS)
+    known = inside & np.isfinite(roll + pitch + yaw) & (np.cos(roll) * np.cos(pitch) > LOGS.most_lean_cos)
     if not known.any():
         return np.empty((0, 3))
     roll, pitch, yaw, times, distance = roll[known], pitch[known], yaw[known], times[known], ranges[known, 1]
@@ -159,9 +139,9 @@ def _unix_offsets_s(clock: FloatArray, time_s: FloatArray) -> FloatArray:
     offsets = plausible[:, 1] - plausible[:, 0]
     if offsets.size == 0:
         return np.full(len(time_s), np.nan)
-    if np.abs(np.diff(offsets)).max(initial=0.0) > JUMP_S:
+    if np.abs(np.diff(offsets)).max(initial=0.0) > CLOCK.jump_s:
         return np.asarray(offsets[np.maximum(np.searchsorted(plausible[:, 0], time_s, side="right") - 1, 0)])
-    if np.ptp(np.percentile(offsets, (5.0, 95.0))) > _CLOCK_SPREAD_S:
+    if np.ptp(np.percentile(offsets, (5.0, 95.0))) > LOGS.clock_spread_s:
         return np.full(len(time_s), np.nan)
     return np.full(len(time_s), float(np.median(offsets)))
 
@@ -178,7 +158,7 @@ def _pictures_taken(
     inside = (pictures[:, 0] > times[0]) & (pictures[:, 0] <= times[-1])
     if not inside.all():
         doubted.append(
-            f"{int((~inside).sum())} of {len(pictures)} photos have a time outside the track: they are no evidence"
+            f"{int((~inside).sum())} of {len(pictures)} photos have a time outside the track: they do not count as evidence"
         )
     lost = lost[inside] if lost.size else np.zeros(int(inside.sum()), dtype=np.int64)
     pictures = pictures[inside]
@@ -187,15 +167,15 @@ def _pictures_taken(
     heights = np.interp(pictures[placed, 0], times, positions[:, 3])
     reported_m = frame.enu_from_geodetic(pictures[placed, 1], pictures[placed, 2], heights)
     off_m = np.full(int(placed.sum()), np.inf)
-    for shift_s in (-PICTURE_TIME_ERROR_S, 0.0, PICTURE_TIME_ERROR_S):
+    for shift_s in (-LOGS.picture_time_error_s, 0.0, LOGS.picture_time_error_s):
         flown = np.column_stack([np.interp(pictures[placed, 0] + shift_s, times, enu[:, axis]) for axis in range(2)])
         off_m = np.minimum(off_m, np.hypot(*(reported_m[:, :2] - flown).T))
     elsewhere = np.zeros(len(pictures), dtype=bool)
-    elsewhere[placed] = ~(off_m <= PICTURE_PLACE_ERROR_M)
+    elsewhere[placed] = ~(off_m <= LOGS.picture_place_error_m)
     if elsewhere.any():
         doubted.append(
             f"{int(elsewhere.sum())} of {len(pictures)} photos name a position where the vehicle was not (up to "
-            f"{float(off_m.max()):.0f} m away): they are no evidence"
+            f"{float(off_m.max()):.0f} m away): they do not count as evidence"
         )
     at = np.searchsorted(times, pictures[~elsewhere, 0])
     taken = np.zeros(len(times))
@@ -217,7 +197,7 @@ def attitudes_at(time_s: FloatArray, attitudes: FloatArray) -> FloatArray:
     # At the ends of the log the same row serves as the one before and the one after.
     gap = np.where(before == after, np.abs(known[after, 0] - time_s), known[after, 0] - known[before, 0])
     off_end = np.maximum(known[0, 0] - time_s, time_s - known[-1, 0])
-    near = np.maximum(np.where(off_end > 0.0, 0.0, gap), off_end) <= MAX_ATTITUDE_GAP_S
+    near = np.maximum(np.where(off_end > 0.0, 0.0, gap), off_end) <= LOGS.max_attitude_gap_s
     turned = np.unwrap(known[:, 1:], axis=0, period=360.0)
     for axis in range(3):
         out[near, axis] = np.interp(time_s[near], known[:, 0], turned[:, axis])
@@ -240,7 +220,7 @@ def _velocities_at(time_s: FloatArray, velocities: FloatArray) -> FloatArray:
     known = known[np.argsort(known[:, 0], kind="stable")]
     after = np.minimum(np.searchsorted(known[:, 0], time_s), len(known) - 1)
     gap_s = known[after, 0] - known[np.maximum(after - 1, 0), 0]
-    inside = (time_s > known[0, 0]) & (time_s < known[-1, 0]) & (gap_s <= MAX_VELOCITY_GAP_S)
+    inside = (time_s > known[0, 0]) & (time_s < known[-1, 0]) & (gap_s <= LOGS.max_velocity_gap_s)
     near = inside | (known[after, 0] == time_s)
     out[near] = np.column_stack([np.interp(time_s[near], known[:, 0], known[:, axis]) for axis in (1, 2, 3)])
     return out

@@ -1,0 +1,70 @@
+"""Tables of numbers in TOML files beside the code, checked and read once into frozen dataclasses."""
+
+import math
+import tomllib
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from enum import EnumType
+from functools import cache
+from importlib import resources
+from typing import Any, TypeVar, get_args
+
+TableT = TypeVar("TableT")
+
+
+@cache
+def read_document(path: str) -> Mapping[str, Any]:
+    """A TOML file of an installed package, by a path like ``uavcover/data/flight.toml``."""
+    package, _, file = path.partition("/")
+    return tomllib.loads((resources.files(package) / file).read_text(encoding="utf-8"))
+
+
+def data_table(kind: type[TableT], path: str, section: str) -> TableT:
+    """One section of a file; each key is a field of the dataclass and each field is a key.
+
+    Raises:
+        ValueError: a section or key is missing or unknown, or a value is of another type, not finite, or a share outside 0 to 1.
+    """
+    try:
+        return table_of(kind, read_document(path)[section], where=f"{path}: {section}")
+    except KeyError:
+        raise ValueError(f"{path}: {section}: no such section") from None
+
+
+def data_rows(kind: type[TableT], path: str, section: str) -> dict[str, TableT]:
+    """Each table of a section, by its name; errors as ``data_table``."""
+    rows = read_document(path)[section]
+    return {name: table_of(kind, row, where=f"{path}: {section}.{name}") for name, row in rows.items()}
+
+
+def table_of(kind: type[TableT], row: Mapping[str, Any], *, where: str) -> TableT:
+    """As ``data_table``, of a table that has been read."""
+    wanted: dict[str, Any] = {field.name: field.type for field in fields(kind)}  # type: ignore[arg-type]
+    for key in (*row, *wanted):
+        if key not in wanted or key not in row:
+            raise ValueError(f"{where}.{key}: {'missing key' if key in wanted else 'unknown key'}")
+    values = {key: _checked(row[key], wanted[key], f"{where}.{key}") for key in wanted}
+    try:
+        return kind(**values)
+    except ValueError as error:  # of the dataclass's own checks
+        raise ValueError(f"{where}: {error}") from None
+
+
+def _checked(value: object, kind: Any, where: str) -> object:
+    """A value of a field's type: float, int, str, bool, the name of an enum's member, a dataclass, or a tuple of these."""
+    if parts := get_args(kind):
+        inner = parts[:1] * len(value) if parts[-1] is ... and isinstance(value, list) else parts
+        if not isinstance(value, list) or len(value) != len(inner):
+            raise ValueError(f"{where}: {value!r} is not a list of the expected length")
+        return tuple(_checked(part, part_kind, where) for part, part_kind in zip(value, inner, strict=True))
+    if isinstance(kind, type) and is_dataclass(kind) and isinstance(value, dict):
+        return table_of(kind, value, where=where)
+    if isinstance(kind, EnumType) and isinstance(value, str) and value in kind.__members__:
+        return kind[value]
+    if not isinstance(value, (int, float) if kind is float else kind) or isinstance(value, bool) is not (kind is bool):
+        raise ValueError(f"{where}: {value!r} is not of type {kind.__name__}")
+    if isinstance(value, int | float) and not math.isfinite(value):
+        raise ValueError(f"{where}: {value} is not finite")
+    if isinstance(value, float) and where.endswith(("_share", "_fraction")) and not 0.0 <= value <= 1.0:
+        raise ValueError(f"{where}: {value} is not between 0 and 1")
+    return float(value) if kind is float and isinstance(value, int) else value
