@@ -12,7 +12,6 @@ from tests.falsifying.of_time import at_date, clocks_apart, has_timed_zones
 from tests.falsifying.of_unreported_photos import honest_reports
 from tests.falsifying.of_velocity import honest_velocities
 from tests.falsifying.way import Way, family
-from uavcover.model.sensor import Camera
 from uavcover.model.track import COLUMNS
 
 
@@ -72,7 +71,7 @@ def _for_half(change: Change) -> Change:
 def attitude(flown: Flown, rng: np.random.Generator) -> Iterator[Way]:
     """Where the camera looked; only for one that turns with the vehicle."""
     sensor = flown.site.scenario.sensor
-    if not isinstance(sensor, Camera) or sensor.mount != "fixed":
+    if sensor.mount != "fixed":
         return
     share = float(rng.uniform(0.2, 0.5))
     unknown = "where a camera looked that turns with the vehicle is not known"
