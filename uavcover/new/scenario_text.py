@@ -19,7 +19,7 @@ from uavcover.terrain.terrain_source import TerrainSource
 
 _COMMENT_AT = 44
 _NOTHING = "\0\n"
-"""A line of the template without a value: it is taken out."""
+"""A line of the template without a value; it is removed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,7 +114,7 @@ def name_of(text: str) -> str:
 
 
 def _line(key: str, value: object, reason: str) -> str:
-    """One line of the file; ``_NOTHING``, which goes with its line, for no value."""
+    """One line of the file; ``_NOTHING`` for no value, which is removed with its line."""
     if value is None:
         return _NOTHING[:-1]
     return f"{f'{key} = {_toml(value)}':{_COMMENT_AT}} # {plain_text(reason)}"
