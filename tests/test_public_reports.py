@@ -345,7 +345,7 @@ REPORTS = (
     Report(
         "a ground station counts as a vehicle", station_with_a_position, "^40 positions; .*choose one with --system$"
     ),
-    Report("a log has GPS positions alone", log_without_an_estimate, "the positions of its receiver are taken"),
+    Report("a log has GPS positions alone", log_without_an_estimate, "the positions of its receiver are used"),
     Report(
         "semicolons, quoted headers and decimal commas",
         table_of_another_country,

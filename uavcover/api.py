@@ -25,7 +25,7 @@ from uavcover.run.planned import read_planned
 from uavcover.run.track_file import read_track
 from uavcover.run.user import Unattended, User
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.command import verify_run
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.verify import FlownTrack, Verdict, verify_flight

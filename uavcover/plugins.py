@@ -20,7 +20,7 @@ GROUPS: Final[Mapping[str, str]] = MappingProxyType(
         "uavcover.fleets": "several vehicles at the same time: the module uavcover.extras.fleet",
         "uavcover.large_areas": "planning by parts (uavcover.planner.plan_search.LargeAreas)",
         "uavcover.exporters": "formats for export: a function of uavcover.missions.mission_files.Exporter's form",
-        "uavcover.sensors": "sensors: a function from a table of the scenario to that of a built-in sensor",
+        "uavcover.sensors": "sensors: a class derived from a built-in one (uavcover.model.sensor), or a function to its table",
         "uavcover.area_readers": "formats of areas by suffix, without its dot: a function of text and name (AreaDocument)",
         "uavcover.log_readers": "formats of flight logs by suffix, without its dot: a function of the path (LoggedRows)",
         "uavcover.algorithms": "optimizers by name: a class with ask and tell (docs/reference/optimizers.md)",

@@ -393,7 +393,7 @@ class Client(Connection):
         doing, advice = f"upload of the {list_name(mission_type)}", self.signing_advice()
         error = failure(doing, upload, how_far, vehicle_holds=holds, held_items=held, advice=advice)
         if silent and not isinstance(error, TransferSilentError | TransferCancelledError):
-            return TransferSilentError(f"{error} (it fell silent){advice}", vehicle_holds=holds)
+            return TransferSilentError(f"{error} (it stopped answering){advice}", vehicle_holds=holds)
         return error
 
     def _refuse_armed(self, what: str, *, in_flight: bool) -> None:

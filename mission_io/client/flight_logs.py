@@ -83,7 +83,7 @@ class FlightLogDownloads:
             raise TransferCancelledError(
                 f"log {entry.log_id}: stopped after {here} of {total} bytes", vehicle_holds="unchanged"
             )
-        raise TransferSilentError(f"{who} fell silent after {here} of {total} bytes", vehicle_holds="unchanged")
+        raise TransferSilentError(f"{who} stopped answering after {here} of {total} bytes", vehicle_holds="unchanged")
 
 
 def download_flight_log(

@@ -40,7 +40,7 @@ def ask_vehicle(
     _refuse_armed(probe)
     kept = keep(probe.client)
     if kept.copy is not None:
-        tell(f"the vehicle's lists are kept, also in {kept.copy}, until they are put back")
+        tell(f"the vehicle's lists are kept, also in {kept.copy}, until they are being restored")
     results: list[CaseResult] = []
     try:
         for case in cases:

@@ -61,7 +61,7 @@ class LandedState(IntEnum):
 
 
 class Severity(IntEnum):
-    """How bad it is what a StatusText says (MAV_SEVERITY)."""
+    """Severity of a StatusText (MAV_SEVERITY)."""
 
     EMERGENCY = 0
     ALERT = 1
@@ -74,7 +74,7 @@ class Severity(IntEnum):
 
 
 class GpsFix(IntEnum):
-    """What a satellite receiver knows (GPS_FIX_TYPE), as far as mission_io distinguishes it."""
+    """Fix of a satellite receiver (GPS_FIX_TYPE), as far as mission_io distinguishes it."""
 
     NO_FIX = 1
     FIX_3D = 3

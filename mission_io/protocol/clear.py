@@ -13,12 +13,12 @@ from mission_io.wire.messages import Message, MissionAck, MissionClearAll
 class ClearState(Enum):
     """State of a clear."""
 
-    ASKED = "asked to empty the list"
-    BACKING_OFF = "the vehicle was busy; it is asked again later"
-    CLEARED = "the vehicle emptied the list"
+    ASKED = "the client requested an empty list"
+    BACKING_OFF = "the vehicle was busy, and the request is sent again later"
+    CLEARED = "the vehicle cleared the list"
     REFUSED = "the vehicle refused"
-    SILENT = "the vehicle fell silent"
-    STUCK = "the vehicle answers but does not get on"
+    SILENT = "the vehicle stopped answering"
+    STUCK = "the vehicle answers but makes no progress"
 
 
 class ClearEvent(Enum):

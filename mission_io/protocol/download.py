@@ -22,16 +22,16 @@ from mission_io.wire.mission_items import item_from_message
 class DownloadState(Enum):
     """State of a download."""
 
-    LISTING = "asked how many items there are"
-    FETCHING = "asking for one item after the other"
-    BACKING_OFF = "the vehicle was busy; the list is requested again later"
-    DONE = "every item is here"
+    LISTING = "the client requested the number of items"
+    FETCHING = "the client requests the items"
+    BACKING_OFF = "the vehicle was busy, and the list is requested again later"
+    DONE = "the client has all items"
     REFUSED = "the vehicle refused"
-    VEHICLE_CANCELLED = "the vehicle cancelled"
-    CANCELLED = "this side cancelled"
-    SILENT = "the vehicle fell silent"
-    CHANGING = "the vehicle repeatedly names another number of items"
-    STUCK = "the vehicle answers but does not get on"
+    VEHICLE_CANCELLED = "the vehicle cancelled the transfer"
+    CANCELLED = "the client cancelled the transfer"
+    SILENT = "the vehicle stopped answering"
+    CHANGING = "the vehicle repeatedly changes the number of items"
+    STUCK = "the vehicle answers but makes no progress"
 
 
 class DownloadEvent(Enum):

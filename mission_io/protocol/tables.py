@@ -62,7 +62,7 @@ def mermaid(table: Table[StateT, EventT], start: StateT) -> str:
         if row.state is not row.next_state or row.action:
             arrows.setdefault((row.state.name, row.next_state.name, row.action), []).append(row.event.name)
     for (state, next_state, action), events in arrows.items():
-        lines.append(f"    {state} --> {next_state}: {', '.join(events)}" + (f" / {action}" if action else ""))
+        lines.append(f"    {state} --> {next_state}: {', '.join(events)}" + (f"/{action}" if action else ""))
     sources = {row.state for row in table.rows}
     ends = dict.fromkeys(row.next_state.name for row in table.rows if row.next_state not in sources)
     lines.extend(f"    {end} --> [*]" for end in ends)
@@ -73,8 +73,8 @@ class ServerState(Enum):
     """State of the vehicle's mission protocol."""
 
     IDLE = "no transfer"
-    RECEIVING = "an upload is going on"
-    SENDING = "a download is going on that keeps uploads out"
+    RECEIVING = "an upload is in progress"
+    SENDING = "a download is in progress and blocks uploads"
 
 
 class ServerEvent(Enum):
@@ -166,22 +166,22 @@ SERVER_TABLE: Table[ServerState, ServerEvent] = Table(
 class UploadState(Enum):
     """State of an upload."""
 
-    ANNOUNCED = "COUNT sent, no item asked for yet"
-    SERVING = "items are being asked for"
-    CONFIRMING = "every item was sent; the final acknowledgement is awaited"
-    ACKED_EARLY = "an acknowledgement came before every item was sent; it may be about an earlier transfer"
-    DOUBTING = "an ERROR came that may only answer a duplicate"
-    RECHECKING = "an ERROR came after everything was sent; the list may be there already"
-    BACKING_OFF = "the vehicle was busy; COUNT goes out again later"
-    CANCELLING = "the cancellation of the upload is on its way to the vehicle"
-    ACCEPTED = "the vehicle took the list"
-    UNCONFIRMED = "everything was sent, the final answer is missing or doubtful"
+    ANNOUNCED = "COUNT was sent, and no item was requested yet"
+    SERVING = "the vehicle requests items"
+    CONFIRMING = "all items were sent, and the client waits for the final acknowledgement"
+    ACKED_EARLY = "an acknowledgement arrived too early and may belong to an earlier transfer"
+    DOUBTING = "an ERROR arrived that may only answer a duplicate"
+    RECHECKING = "an ERROR arrived after all items were sent, but the vehicle may have the list"
+    BACKING_OFF = "the vehicle was busy, and COUNT is sent again later"
+    CANCELLING = "the client is cancelling the upload"
+    ACCEPTED = "the vehicle accepted the list"
+    UNCONFIRMED = "all items were sent, but the final answer is missing or unclear"
     REFUSED = "the vehicle refused"
-    VEHICLE_CANCELLED = "the vehicle cancelled"
-    CANCELLED = "this side cancelled"
-    SILENT = "the vehicle fell silent"
-    ACCEPTED_EARLY = "the vehicle accepted the list before it had asked for every item"
-    STUCK = "the vehicle answers but does not get on"
+    VEHICLE_CANCELLED = "the vehicle cancelled the transfer"
+    CANCELLED = "the client cancelled the transfer"
+    SILENT = "the vehicle stopped answering"
+    ACCEPTED_EARLY = "the vehicle accepted the list before it had requested every item"
+    STUCK = "the vehicle answers but makes no progress"
 
 
 class UploadEvent(Enum):

@@ -60,7 +60,7 @@ from uavcover.planner.plan_files import save_plan
 from uavcover.run.folder import RunFolder
 from uavcover.run.planned import read_planned
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 SCENARIO = "jacksboro"
 FIRST_S, LAST_S = 30.0, 260.0

@@ -50,8 +50,7 @@ from uavcover.planner.baselines.boustrophedon import evaluated, fly_rows, scanne
 from uavcover.planner.baselines.swaths import fly_layout, long_side_angle_rad, regular_layout, width_across_m
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import finer_map, judging_map
-from uavcover.sensing.sensors import reach_at_height_m
+from uavcover.sensing.site_maps import finer_map, judging_map
 
 _LEG_STEP_M = 2.0
 _EQUAL = 0.0005
@@ -107,14 +106,14 @@ def simple_lines(site: Site) -> list[Route]:
     """Parallel lines in every direction, or rows of nodes where the sensor looks from waypoints."""
     limits = site.scenario.limits
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
-    if site.scenario.sensor.sensing == "at-waypoints":
+    if not site.scenario.sensor.looks_along_path:
         return [fly_rows(site, layout) for layout in scanned_rows(site, most_nodes=_MOST_NODES)]
     routes = []
     for turn in range(12):
         angle = long_side_angle_rad(site.area) + turn * math.pi / 12
         for share in (0.5, 0.75, 0.95):
             height_m = low + share * (high - low)
-            strip_m = 2.0 * max(reach_at_height_m(site.scenario.sensor, height_m), site.scenario.area.cell_size_m)
+            strip_m = 2.0 * max(site.scenario.sensor.half_width_m(height_m), site.scenario.area.cell_size_m)
             counts = {max(1, round(more * width_across_m(site, angle) / strip_m)) for more in np.linspace(0.7, 1.9, 10)}
             for lines in sorted(counts):
                 for inset in (0.0, 0.4, 0.8):

@@ -34,7 +34,7 @@ from uavcover.missions.objectives import judge_member
 from uavcover.planner.baselines.boustrophedon import boustrophedons
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import load_site
-from uavcover.sensing.coverage_map import judging_map, planning_map
+from uavcover.sensing.site_maps import judging_map, planning_map
 
 ASKED = 0.98
 CELL_M = 10.0

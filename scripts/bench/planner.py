@@ -44,7 +44,6 @@ from uavcover.scenario.scenario_file import dump_scenario, load_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.cells import make_scattered_cells
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import reach_at_height_m
 
 S1 = "ridge-25km2"
 BUNDLED = (S1, "jacksboro", "ridge-obstacles", "paper-r1", "paper-R2", "paper-planar")
@@ -87,20 +86,20 @@ def window(side_m: float, cell_m: float) -> Scenario:
 def searched_cell_m(site: Site) -> float:
     """Size of the cells that the local search counts on."""
     scenario = site.scenario
-    along_path = scenario.sensor.sensing == "along-path"
+    along_path = scenario.sensor.looks_along_path
     return scenario.area.cell_size_m if along_path else scenario.planning_cell_size_m
 
 
 def searched_map(site: Site, cell_m: float) -> CoverageMap:
     """The cells that the local search counts on."""
-    if site.scenario.sensor.sensing == "along-path":
+    if site.scenario.sensor.looks_along_path:
         return CoverageMap(site, cell_size_m=cell_m, cut=make_scattered_cells)
     return CoverageMap(site, cell_size_m=cell_m)
 
 
 def usual_route(site: Site) -> Route:
     """What the local search begins with: balanced or straight lines, or 42 nodes."""
-    if site.scenario.sensor.sensing == "at-waypoints":
+    if not site.scenario.sensor.looks_along_path:
         return fly_rows(site, NodeRows(rows=6, columns=7, stagger=0.5, height_share=0.5))
     if can_be_adapted(site):
         routes = adaptive_swaths(site, long_side_angle_rad(site.area))
@@ -111,7 +110,7 @@ def usual_route(site: Site) -> Route:
 def chain_on(coverage: CoverageMap) -> Chain:
     """A chain as :mod:`uavcover.planner.search.goal_search` begins one, at a middle temperature."""
     site = coverage.site
-    reach_m = max(reach_at_height_m(site.scenario.sensor, best_height_agl_m(site)), coverage.grid.cells.size_m)
+    reach_m = max(site.scenario.sensor.half_width_m(best_height_agl_m(site)), coverage.grid.cells.size_m)
     problem: RouteProblem = route_problem(coverage, margin_m=0.0, reach_m=reach_m)
     route = usual_route(site)
     capacity = 3 * len(route) + 100

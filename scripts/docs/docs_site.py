@@ -91,7 +91,16 @@ _EXAMPLES = {
     "obstacles.prisms": "[{ height_m = 12.0, rings_east_north_m = [[[0.0, 0.0], [9.0, 0.0], [9.0, 5.0]]] }]",
     "obstacles.prisms.rings_lon_lat_deg": "[[[8.01, 46.51], [8.011, 46.51], [8.011, 46.511]]]",
     "planner.cell_size_m": "10.0",
+    "planner.initial": '["boustrophedon", "contour-lines"]',
+    "planner.line_heading_deg": "30.0",
+    "planner.waypoint_price": "0.1",
+    "requirements.max_deviation_m": "10.0",
+    "requirements.max_ground_speed_m_s": "12.0",
+    "requirements.min_overlap_fraction": "0.97",
+    "requirements.min_sure_coverage_of_coverable": "0.9",
     "sensor.trigger_distance_m": "25.0",
+    "vehicle.jerk_m_s3": "1.0",
+    "vehicle.max_mission_items": "400",
     "terrain.band": "1",
     "terrain.crs": '"EPSG:32632"',
     "terrain.fill_no_data_m": "300.0",
@@ -105,7 +114,7 @@ _EXAMPLES = {
     "terrain.surface_hides_m": "3.0",
     "terrain.surface_vertical_datum": '"EGM2008"',
 }
-"""Of keys that no bundled scenario and no page gives, or only for the paper's small world."""
+"""Examples of keys that no bundled scenario and no page contains."""
 _PHRASES = (
     (r"is outside (.+?)\.\.(.+)", r"\1 to \2"),
     (r"must be (above 0|below [\d.]+.*|at most [\d.]+.*)", r"\1"),
@@ -116,7 +125,7 @@ _PHRASES = (
     (r"must not be negative", "at least 0"),
 )
 """What an error says of a value, and the range that it means."""
-_NOTE = "*Generated from the code: every value on this page is the one that the program uses.*"
+_NOTE = "*This page is generated from the code of uavcover.*"
 
 
 def command_reference() -> str:
@@ -137,7 +146,7 @@ def command_reference() -> str:
 def scenario_reference() -> str:
     """Markdown: each section of a scenario file with its keys, types, ranges, defaults, examples and meanings."""
     lines = ["# Scenario keys", "", _NOTE, ""]
-    lines += ["What the sections are for, with examples: [the scenario file](scenario.md).", ""]
+    lines += ["[The scenario file](scenario.md) explains the sections with examples.", ""]
     hints = typing.get_type_hints(Scenario)
     fields = [field for field in dataclasses.fields(Scenario) if field.name != "vehicles"]  # as [[vehicle]] says it
     sections = {field.name: _dataclasses_in(hints[field.name]) for field in fields}
@@ -167,7 +176,7 @@ def product_reference() -> str:
     """Markdown: the cameras and vehicles that `new` knows by name, with the source of each row."""
     lines = ["# Cameras and vehicles", "", _NOTE, ""]
     lines += [
-        "By these names `uavcover new` knows them; spelling and case do not matter. Empty: no source states it.",
+        "`uavcover new` accepts these names in any spelling and case. An empty cell means that no source states the value.",
         "",
     ]
     lines += ["## Cameras", "", "| name | camera | sensor, mm | pixels | lens, mm | shortest interval, s | source |"]
@@ -180,7 +189,7 @@ def product_reference() -> str:
         )
     lines += ["", "## Vehicles", ""]
     lines += [
-        "| name | vehicle | in the air, min | usual speed, m/s | largest speed, m/s | climb, m/s | descent, m/s | source |"
+        "| name | vehicle | flight time, min | cruise speed, m/s | maximum speed, m/s | climb, m/s | descent, m/s | source |"
     ]
     lines += ["|---|---|---:|---:|---:|---:|---:|---|"]
     for one in all_vehicles():

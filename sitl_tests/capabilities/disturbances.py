@@ -164,7 +164,8 @@ def hold_ends(case: Case) -> Finding:
         )
     require(any("therefore holds its position" in event for event in case.events), "it did not hold")
     require(
-        any("what it held for is over" in event for event in case.events), f"the hold did not end: {case.events[-1]}"
+        any("the reason for the hold has ended" in event for event in case.events),
+        f"the hold did not end: {case.events[-1]}",
     )
     return Finding(outcome.ending.key, f"farthest {max(north for _, north, _ in path.enu_m):.0f} m north")
 
@@ -240,7 +241,7 @@ def _disturbed(case: Case, disturbance: Disturbance) -> Finding:
 
         def listen(event: FlightEvent) -> None:
             begin(event)
-            if event.alarm and over and "the wind is above" in event.text:
+            if event.alarm and over and "the wind is too strong" in event.text:
                 act(*over.pop())
 
         outcome, path = fly_mission(case, first, route_mission(case.vehicle.home, disturbance.route_m), on_event=listen)

@@ -83,7 +83,7 @@ BAD = {
     "overlap of everything": (("AREA", "OPTIONS", "--overlap", "100/70"), "is outside 0 to 95 percent"),
     "too much overlap": (
         ("AREA", "--dem", "DEM", "--camera", "mini 3 pro", "--gsd", "1cm", "--overlap", "95/70"),
-        "ask for less forward overlap, a coarser --gsd",
+        "use less forward overlap, a coarser --gsd",
     ),
     "battery": (("AREA", "OPTIONS", "--battery", "25"), "has no unit; write it as 25min"),
     "negative battery": (("AREA", "OPTIONS", "--battery", "-5min"), "must be above 0"),
@@ -190,8 +190,8 @@ SURFACES = {
     "ground and surface swapped": ({"trees_m": -25.0}, "are the two swapped"),
     "a surface model in feet": ({"factor": 1.0 / 0.3048}, "the surface seems to be in feet"),
     "a surface model above the ellipsoid": ({"shift_m": -31.0}, "vertical datums or units seem to differ"),
-    "a surface model of a part": ({"until": 0.5}, "give a surface model that covers it, or leave --dsm out"),
-    "towers in the surface model": ({"trees_m": 90.0}, "ask for a coarser --gsd or a larger --max-height"),
+    "a surface model of a part": ({"until": 0.5}, "give a surface model that covers it, or omit --dsm"),
+    "towers in the surface model": ({"trees_m": 90.0}, "use a coarser --gsd or a larger --max-height"),
     "a surface model that says another datum": ({"crs": "EPSG:4326+5703"}, "terrain.surface_vertical_datum: the scenario says"),
 }  # fmt: skip
 

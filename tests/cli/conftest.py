@@ -175,7 +175,7 @@ def planned(demo_run: DemoRun, tmp_path: Path) -> Path:
 
 @pytest.fixture(scope="session")
 def nowhere_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A plan of a scenario that has no place on Earth."""
+    """A plan of a scenario that has no position on Earth."""
     folder = tmp_path_factory.mktemp("nowhere") / "run"
     ended = in_process("plan", "paper-planar", "--evaluations", 100, "-o", folder)
     assert ended.code == 0

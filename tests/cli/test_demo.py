@@ -75,7 +75,7 @@ def test_nothing_is_overwritten_without_force(cli: Cli, demo_run: DemoRun) -> No
 def test_scenario_without_a_place_is_refused_before_planning(cli: Cli, tmp_path: object) -> None:
     ended = cli("demo", "-o", f"{tmp_path}/run", "--scenario", "paper-R2")
     assert ended.code == 2
-    assert "no place on Earth" in ended.error
+    assert "no position on Earth" in ended.error
 
 
 def test_bad_speed(cli: Cli, tmp_path: object) -> None:

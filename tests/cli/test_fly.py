@@ -98,8 +98,8 @@ def test_interrupt_brings_it_home(cli: Cli, planned: Path) -> None:
             process.send_signal(signal.SIGINT)
             out, err = process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 130, err
-    assert "flying home along checked legs" in out
-    assert "flown home along checked legs, landed and disarmed" in out
+    assert "returning along checked legs" in out
+    assert "returned along checked legs, landed and disarmed" in out
     assert json.loads((planned / "run.json").read_text())["flight"]["ending"] == "returned"
     track = read_track(planned / "track.csv")
     assert len(read_recorded_track(planned / "flight.rrd")) == len(track)
@@ -183,8 +183,8 @@ def test_pause_makes_it_wait_and_go_on(cli: Cli, planned: Path) -> None:
             process.send_signal(signal.SIGUSR1)
             out, err = process.communicate(timeout=WATCHDOG_S)
     assert process.returncode == 0, err
-    assert "the vehicle goes on with its mission" in out
-    assert "flown to the end" in out
+    assert "the vehicle continues its mission" in out
+    assert "mission completed" in out
 
 
 def test_bad_usage(cli: Cli, tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from uavcover.missions.mission_files import compile_plan
 from uavcover.run.folder import RunFolder
 from uavcover.run.planned import read_planned
 from uavcover.run.provenance import seal_flight
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 
 def sealed(run: Path) -> None:

@@ -18,8 +18,8 @@ from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.run.user import Unattended
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site
-from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import FLOWN_OVERLAP_FRACTION, count_pictures, picture_statistics, planned_poses
+from uavcover.sensing.site_maps import judging_map
 
 
 @pytest.fixture(scope="module")
@@ -166,7 +166,7 @@ def test_a_lake_in_the_area_is_asked_about(cli, tmp_path):
     ended = cli("new", area, *options(dem), "-o", tmp_path / "s.toml")
     assert ended.code == 2
     assert (
-        "--fill-lakes 130m interpolates the gap, --water-height 0m takes it for the sea; or cut it out of the area"
+        "--fill-lakes 130m interpolates the gap, --water-height 0m takes it for the sea; or remove it from the area"
         in ended.error
     )
     assert cli("new", area, *options(dem), "-o", tmp_path / "s.toml", "--fill-lakes", "130m").code == 0

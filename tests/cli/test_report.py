@@ -75,7 +75,7 @@ def test_a_map_of_the_users_own(cli: Cli, flown: Path, tmp_path: Path) -> None:
     behind = write_mbtiles(tmp_path / "map.mbtiles", extent_of(site), zooms=(14,))
     page = tmp_path / "with.html"
     assert cli("report", flown, "-o", page, "--background", behind).code == 0
-    assert "Background: map.mbtiles (the file names no source)" in page.read_text(encoding="utf-8")
+    assert "Background: map.mbtiles (the file states no source)" in page.read_text(encoding="utf-8")
     ended = cli("report", flown, "-o", tmp_path / "other.html", "--background", tmp_path / "no.tif")
     assert ended.code == 2
     assert "no.tif: no such file" in ended.error
@@ -87,9 +87,9 @@ def test_it_judges_the_logs_that_the_verdict_judged(cli: Cli, flown: Path) -> No
     other = Path(shutil.copy(flown / "track.csv", flown.parent / "gaps.csv"))
     assert cli("verify", flown, "--log", flown / "track.csv", "--log", other).code == 0
     assert cli("report", flown).code == 0
-    assert "judged other inputs" not in (flown / "report.html").read_text()
+    assert "was computed from other inputs" not in (flown / "report.html").read_text()
     other.unlink()
     ended = cli("report", flown)
     assert ended.code == 0
     assert "gaps.csv, which is not here" in ended.err
-    assert "judged other inputs" in (flown / "report.html").read_text()
+    assert "was computed from other inputs" in (flown / "report.html").read_text()

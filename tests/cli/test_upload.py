@@ -192,7 +192,7 @@ def test_ctrl_c_says_what_the_vehicle_holds(planned: Path) -> None:
         upload.append(stack.enter_context(started(arguments)))
         _, err = upload[0].communicate(timeout=WATCHDOG_S)
     assert upload[0].returncode == 130
-    assert "this side cancelled" in err
+    assert "the client cancelled the transfer" in err
     assert re.search(r"list is now mixed \(\d+ items, of which the first \d+ are new\); upload again, or clear it", err)
     assert re.search(r"held now: 0: NAV_WAYPOINT \(16\) at 36\.\d+, -84\.\d+", err)
     assert err.rstrip().endswith("interrupted")

@@ -100,7 +100,7 @@ def test_no_other_vehicle_than_a_multirotor_is_touched(cli: Cli, run: Path, kind
     with speaking_to(port, vehicle):
         ended = cli(*arguments_of(name, run, f"udpin://127.0.0.1:{port}"), "-q")
     assert ended.code == 3
-    assert "uavcover plans for and flies multirotors only" in ended.err
+    assert "uavcover supports only multirotors" in ended.err
     assert f"MAV_TYPE {parse_type(kind)}" in ended.err
     assert not vehicle.armed
     assert vehicle.missions.items(MissionType.MISSION) == ()

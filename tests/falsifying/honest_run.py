@@ -37,7 +37,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.planned import read_planned
 from uavcover.run.user import Unattended
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.frames import LocalFrame
 from uavcover.verification.geotiff import Band, geotiff
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from tests.falsifying.flown import Change, Flown
 from tests.falsifying.way import Way, family
-from uavcover.verification.reported_photos import looks_singly
+from uavcover.sensing.sensors import looks_singly
 
 FEWER = "the vehicle reported too few photos"
 

@@ -154,7 +154,7 @@ def test_a_return_because_the_vehicle_hears_nothing_of_us_is_a_lost_link_and_no_
 
     outcome, text = fly_with(scene, cut, at_waypoint=0)
     assert outcome.ending is Ending.LINK_LOST, text
-    assert "has not answered" in text
+    assert "did not answer" in text
     assert not scene.vehicle.armed
 
 

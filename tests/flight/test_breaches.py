@@ -88,11 +88,11 @@ def test_hold_holds_and_does_not_wait_for_ever(autopilot, kind):
     scene = scene_of(autopilot)
     outcome, text = failed(scene, BREACHES[kind], OnBreach.HOLD)
     assert outcome.ending is kind
-    assert "it was flown home along checked legs, and landed" in text
+    assert "it returned along checked legs and landed" in text
     assert not scene.vehicle.armed
     stops = scene.told(EventKind.STOP)
     assert any("holds its position in" in told and "for at most 20 s, then flies home" in told for told in stops)
-    assert any("has held its position for 20 s, and nothing continued it" in told for told in stops)
+    assert any("has held its position for 20 s, and the mission was not continued" in told for told in stops)
     [begun] = [i.begin_s for i in outcome.incidents if i.kind is kind][:1]
     held = [s for s in scene.samples if begun + 10.0 < s.time_s < begun + 20.0]
     assert math.dist((held[0].east_m, held[0].north_m), (held[-1].east_m, held[-1].north_m)) < 1.0
@@ -104,7 +104,7 @@ def test_return_flies_home_along_checked_legs(autopilot, kind):
     scene = scene_of(autopilot)
     outcome, text = failed(scene, BREACHES[kind], OnBreach.RETURN)
     assert outcome.ending is kind
-    assert "flown home along checked legs, and landed" in text
+    assert "returned along checked legs and landed" in text
     assert not scene.vehicle.armed
     assert outcome.waypoints_reached < 4
 

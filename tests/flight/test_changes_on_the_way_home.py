@@ -24,7 +24,7 @@ def stopped(scene: Scene, change: Change, *, on_breach: OnBreach | None = None) 
     def listen(event) -> None:
         nonlocal begun
         scene.events.append(event)
-        if event.text.startswith("flying home along checked legs") and not begun:
+        if event.text.startswith("returning along checked legs") and not begun:
             begun = True
             now = scene.vehicle.powered_s
             go_on = scene.vehicle.control.mission.go_on
@@ -50,7 +50,7 @@ def incident_texts(outcome: FlightOutcome, kind: Ending) -> list[str]:
 
 def heights_on_the_way_home(scene: Scene) -> list[float]:
     """Above the planned home, far from it, after the climb with which the way home begins."""
-    begun = next(e.time_s for e in scene.events if e.text.startswith("flying home along checked legs"))
+    begun = next(e.time_s for e in scene.events if e.text.startswith("returning along checked legs"))
     return [
         s.alt_amsl_m - HOME.alt_amsl_m
         for s in scene.samples
@@ -86,7 +86,7 @@ def test_home_moved_lower_has_the_way_home_sent_again_with_its_planned_heights(a
     assert "its clearance above the ground goes from " in text
     assert "are required" not in text, "the band is that of the route"
     told = scene.told(EventKind.STOP)
-    assert any("home was moved by -25.0 m: the return is sent with heights that make up for it" in one for one in told)
+    assert any("home was moved by -25.0 m: the return is uploaded with corrected heights" in one for one in told)
     assert outcome.ending is Ending.RETURNED
     over_home = [s.alt_amsl_m for s in scene.samples if abs(s.lat_deg - HOME.lat_deg) < 1e-5 and s.time_s > 60.0]
     assert max(over_home) == pytest.approx(HOME.alt_amsl_m + 30.0, abs=2.0)
@@ -98,7 +98,7 @@ def test_home_moved_is_only_an_alarm_where_the_user_says_so(autopilot):
     outcome, text = stopped(scene, lambda scene: second_station(scene, home_at(up=-5.0)), on_breach=OnBreach.TELL)
     assert outcome.ending is Ending.HOME_MOVED
     assert "on its return it landed and disarmed" in text
-    assert scene.told(EventKind.STOP).count("the return is being sent") == 1
+    assert scene.told(EventKind.STOP).count("uploading the return") == 1
 
 
 def test_home_moved_twice_is_made_up_for_twice():
@@ -110,7 +110,7 @@ def test_home_moved_twice_is_made_up_for_twice():
 
         def listen(now: float) -> None:
             go_on(now)
-            if any(e.text.startswith("flying home") for e in scene.events[again:]):
+            if any(e.text.startswith("returning") for e in scene.events[again:]):
                 scene.vehicle.control.mission.go_on = go_on
                 second_station(scene, home_at(up=10.0))
 
@@ -127,8 +127,8 @@ def test_home_moved_aside_does_not_change_our_way_home():
     scene = scene_of()
     outcome, _ = stopped(scene, lambda scene: second_station(scene, home_at(north=60.0)))
     assert outcome.ending is Ending.RETURNED
-    assert [text for text in scene.told(EventKind.WARNING) if "our return does not depend on it" in text]
-    assert scene.told(EventKind.STOP).count("the return is being sent") == 1
+    assert [text for text in scene.told(EventKind.WARNING) if "the return does not depend on it" in text]
+    assert scene.told(EventKind.STOP).count("uploading the return") == 1
     assert scene.samples[-1].lat_deg == pytest.approx(HOME.lat_deg, abs=1e-5)
 
 
@@ -153,7 +153,7 @@ def test_a_station_that_sends_its_mission_again_and_again_ends_in_a_hold():
         def listen(now: float) -> None:
             nonlocal sent
             go_on(now)
-            ways = scene.told(EventKind.STOP).count("flying home along checked legs")
+            ways = scene.told(EventKind.STOP).count("returning along checked legs")
             if ways > sent:
                 sent = ways
                 set_mission(scene, (150.0, -150.0, 30.0), (150.0, -60.0, 30.0))
@@ -169,7 +169,7 @@ def test_a_station_that_sends_its_mission_again_and_again_ends_in_a_hold():
     ("parameter", "value", "kind", "said"),
     [
         ("MIS_RESTART", 1, None, "MIS_RESTART was changed in flight from 0 to 1"),
-        ("FENCE_ALT_MAX", 25, Ending.SETTINGS_CHANGED, "the vehicle would break it off"),
+        ("FENCE_ALT_MAX", 25, Ending.SETTINGS_CHANGED, "the vehicle would interrupt it"),
         ("FENCE_MARGIN", 3, None, "the return does not depend on it"),
     ],
 )

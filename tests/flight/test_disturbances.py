@@ -76,7 +76,7 @@ def test_a_glitch_of_the_position_is_no_wind(autopilot):
     scene = scene_of(autopilot, "gps-glitch:60@40s")
     outcome, _ = flown(scene, precautions=Precautions(on_breach=OnBreach.TELL))
     found = incident(outcome, Ending.OFF_ROUTE)
-    assert "by a position that may be wrong" in found.text
+    assert "but the position may be wrong" in found.text
     assert any("jumped by" in sign or "Glitch" in sign for sign in found.evidence)
     assert all("vehicle time" in sign for sign in found.evidence)
     assert Ending.WIND_ABOVE_LIMITS not in [i.kind for i in outcome.incidents]
@@ -147,7 +147,7 @@ def test_a_hold_ends_when_its_breach_is_over_and_the_mission_goes_on(autopilot):
     assert outcome.ending is Ending.LANDED, text
     stops = scene.told(EventKind.STOP)
     assert any("the vehicle therefore holds its position" in told for told in stops)
-    assert any("what it held for is over: the vehicle goes on" in told for told in stops)
+    assert any("the reason for the hold has ended: the vehicle goes on" in told for told in stops)
     assert outcome.waypoints_reached == 4
 
 

@@ -65,7 +65,13 @@ def ended(scene: Scene, **options) -> tuple[FlightOutcome, str]:
             "no failsafe is reported: a pilot or another ground station changed the mode",
             "disarmed, in land mode",
         ),
-        (PX4, "reboot@30s", "RESTARTED", "restarted: its clock began anew", "on the ground, disarmed, in manual mode"),
+        (
+            PX4,
+            "reboot@30s",
+            "RESTARTED",
+            "restarted: its clock started again",
+            "on the ground, disarmed, in manual mode",
+        ),
         (
             ARDUPILOT,
             "link-outage:40@20s",
@@ -156,7 +162,7 @@ def test_a_jump_by_another_ground_station_passes_no_waypoints():
         if event.waypoint == 1:
             scene.vehicle.control.set_current(7)
 
-    with pytest.raises(FlightFailedError, match="leaves out waypoint 1: another station set the item") as caught:
+    with pytest.raises(FlightFailedError, match="skips waypoint 1: another station set the item") as caught:
         scene.fly(on_event=jump)
     assert caught.value.outcome.ending is Ending.MISSION_CHANGED
     assert caught.value.outcome.waypoints_reached == 1
@@ -185,7 +191,7 @@ def test_a_stop_does_not_fight_the_pilot():
     outcome, text = ended(scene, stop=lambda: sum((scene.monitor.time_s or 0.0) > at_s for at_s in (32.0, 40.0)))
     assert outcome.ending is Ending.PILOT_TOOK_OVER
     assert 40.0 <= scene.samples[-1].time_s < 42.0, "the first stop does not end the record"
-    assert any("the record goes on until it is on the ground" in said for said in scene.told(EventKind.STOP))
+    assert any("recording continues until it is on the ground" in said for said in scene.told(EventKind.STOP))
     assert "stopped following: the vehicle is left to the pilot or station that controls it" in text
     assert scene.vehicle.armed
     assert outcome.vehicle_now.startswith("in the air, armed, in guided mode")
@@ -225,7 +231,7 @@ def test_a_pause_holds_the_vehicle_and_then_it_goes_on(autopilot):
     assert max(s.east_m for s in held) - min(s.east_m for s in held) < 1.0
     assert [text.split(":")[0] for text in scene.told(EventKind.STOP)] == [
         "paused",
-        "the vehicle goes on with its mission",
+        "the vehicle continues its mission",
     ]
 
 
@@ -234,7 +240,7 @@ def test_an_empty_battery_on_the_way_home_is_no_return():
 
     def drain(event) -> None:
         scene.events.append(event)
-        if "flying home" in event.text:
+        if "returning along" in event.text:
             scene.vehicle.body.battery.drop_to(0.00001)
 
     outcome, text = ended(scene, stop=lambda: int((scene.monitor.time_s or 0.0) > 35.0), on_event=drain)

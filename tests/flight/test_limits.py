@@ -195,7 +195,7 @@ def test_a_fence_in_force_that_is_too_low_keeps_it_on_the_ground(autopilot):
     low = {"FENCE_ENABLE": 1.0, "FENCE_ALT_MAX": 60.0} if autopilot is ARDUPILOT else {"GF_MAX_VER_DIST": 60.0}
     scene = scene_with(autopilot, **low)
     with pytest.raises(
-        FlightFailedError, match=r"the vehicle would break it off; not armed: set it, or add --apply"
+        FlightFailedError, match=r"the vehicle would interrupt it; not armed: set it, or add --apply"
     ) as caught:
         scene.fly(plan=the_plan())
     assert caught.value.outcome.ending is Ending.NOT_ARMED

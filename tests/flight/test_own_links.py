@@ -91,7 +91,7 @@ def test_one_link_with_a_system_for_each_vehicle(tmp_path: Path) -> None:
         (["udp::1", "udp::2"], [1, 2, 3], "--system: is given 3 times, and --to 2 times"),
         ([], [1, 2], "--system: selects vehicles on one link: give that link with --to"),
         (["udp::1"], [4, 4], "--system: 4 at udp::1 is given twice"),
-        (["udp::1", "udp::1"], [], "--to: udp::1 is given 2 times; each vehicle needs a link of its own, or its --system"),
+        (["udp::1", "udp::1"], [], "--to: udp::1 is given 2 times; each vehicle needs its own link, or its --system"),
         (["udp::1", "udp::1"], [3], "--system: 3 at udp::1 is given twice"),
     ],
 )  # fmt: skip
@@ -114,11 +114,11 @@ def test_vehicles_at_one_place() -> None:
     [
         (
             f"[[vehicle]]\n{ONE}[[vehicle]]\n{OTHER}[[vehicle]]\n{ONE}",
-            "is that of vehicle.0; each vehicle needs a link of its own",
+            "is that of vehicle.0; each vehicle needs its own link",
         ),
         (
             f"[[vehicle]]\n{ONE}system_id = 3\n[[vehicle]]\n{ONE}",
-            "vehicle.1.link: udpin://127.0.0.1:14550 is that of vehicle.0; each vehicle needs a link of its own, or a system_id",
+            "vehicle.1.link: udpin://127.0.0.1:14550 is that of vehicle.0; each vehicle needs its own link, or a system_id",
         ),
         (
             f"[[vehicle]]\n{ONE}system_id = 3\n[[vehicle]]\n{ONE}system_id = 3\nendurance_s = 900.0\n",

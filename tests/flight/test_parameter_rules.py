@@ -13,7 +13,7 @@ from uavcover.flight.limit_table import limit_table
 from uavcover.flight.parameter_rules import CATEGORIES, Weight, parameter_table, read_table
 
 BOTH = pytest.mark.parametrize("px4", [False, True], ids=["ArduPilot", "PX4"])
-TURNS = "the camera turns with it: it does not see what was planned"
+TURNS = "the camera turns with it: it does not observe the planned ground"
 
 
 def judged(px4: bool, plan=None, **values: float):
@@ -47,13 +47,13 @@ def test_each_category_has_decisions_and_each_row_a_reason(px4):
         (True, {"MPC_YAW_MODE": 0}, Weight.NONE, None, ""),
         (False, {"AUTO_OPTIONS": 131, "WVANE_ENABLE": 1}, Weight.REFUSED, 3.0, TURNS),
         (False, {"ATC_SLEW_YAW": 2000}, Weight.WARNING, 6000.0, "later in corners"),
-        (False, {"FENCE_ALT_MIN": 45, "FENCE_TYPE": 15, "FENCE_ENABLE": 1}, Weight.REFUSED, 34.0, "break it off"),
-        (False, {"FENCE_ALT_MIN": 45, "FENCE_TYPE": 8, "FENCE_AUTOENABLE": 3}, Weight.REFUSED, 34.0, "break it off"),
-        (False, {"FENCE_ALT_MIN": 45, "FENCE_TYPE": 15}, Weight.NOTE, 34.0, "once the fence is in force"),
+        (False, {"FENCE_ALT_MIN": 45, "FENCE_TYPE": 15, "FENCE_ENABLE": 1}, Weight.REFUSED, 34.0, "interrupt it"),
+        (False, {"FENCE_ALT_MIN": 45, "FENCE_TYPE": 8, "FENCE_AUTOENABLE": 3}, Weight.REFUSED, 34.0, "interrupt it"),
+        (False, {"FENCE_ALT_MIN": 45, "FENCE_TYPE": 15}, Weight.NOTE, 34.0, "if the fence is active"),
         (False, {"FENCE_ALT_MIN": 30, "FENCE_TYPE": 15, "FENCE_ENABLE": 1}, Weight.NONE, None, ""),
         (False, {"WPNAV_RADIUS": 800}, Weight.WARNING, 300.0, "cuts corners"),
         (True, {"NAV_ACC_RAD": 8}, Weight.WARNING, 3.0, "corners are cut"),
-        (True, {"COM_FLT_TIME_MAX": 30}, Weight.REFUSED, -1.0, "break it off"),
+        (True, {"COM_FLT_TIME_MAX": 30}, Weight.REFUSED, -1.0, "interrupt it"),
         (True, {"COM_FLT_TIME_MAX": -1}, Weight.NONE, None, ""),
         (True, {"GF_ACTION": 4}, Weight.WARNING, 2.0, "stops its motors"),
         (False, {"RTL_ALT_FINAL": 1000}, Weight.WARNING, 0.0, "does not land"),

@@ -98,7 +98,7 @@ def test_a_home_that_is_put_back_is_an_incident_that_is_over():
     )
     [moved] = [incident for incident in outcome.incidents if incident.kind is Ending.HOME_MOVED]
     assert moved.end_s is not None
-    assert "the vehicle's home is where it was" in scene.told(EventKind.WARNING)
+    assert "the vehicle's home was restored" in scene.told(EventKind.WARNING)
 
 
 def test_a_home_that_is_put_back_after_the_band_was_left_is_no_good_ending():
@@ -136,7 +136,7 @@ def test_the_way_home_that_we_fly_then_has_its_planned_heights(autopilot, up):
     scene = scene_of(autopilot)
     outcome, text = flown(scene, lambda scene: second_station(scene, home_at(up=up)), on_breach=OnBreach.RETURN)
     assert outcome.ending is Ending.HOME_MOVED
-    assert "flown home along checked legs" in text
+    assert "returned along checked legs" in text
     assert not scene.vehicle.armed
     over_home = [
         s.alt_amsl_m
@@ -150,12 +150,12 @@ def test_the_way_home_that_we_fly_then_has_its_planned_heights(autopilot, up):
     ("autopilot", "parameter", "value", "ending", "said"),
     [
         (ARDUPILOT, "MIS_RESTART", 1, Ending.LANDED, "MIS_RESTART was changed in flight from 0 to 1"),
-        (ARDUPILOT, "RTL_ALT", 1000, Ending.LANDED, "were planned for the other height; they are predicted anew with it"),
-        (ARDUPILOT, "FENCE_ALT_MAX", 60, Ending.SETTINGS_CHANGED, "the mission goes beyond it: the vehicle would break it off"),
+        (ARDUPILOT, "RTL_ALT", 1000, Ending.LANDED, "they are predicted again with this height"),
+        (ARDUPILOT, "FENCE_ALT_MAX", 60, Ending.SETTINGS_CHANGED, "the mission leaves this fence"),
         (ARDUPILOT, "WPNAV_SPEED", 200, Ending.LANDED, "the vehicle flies at it at once"),
         (ARDUPILOT, "FENCE_MARGIN", 3, Ending.LANDED, "the mission does not depend on it"),
         (PX4, "MPC_YAW_MODE", 5, Ending.LANDED, "the mission does not depend on it"),
-        (PX4, "GF_MAX_VER_DIST", 60, Ending.SETTINGS_CHANGED, "would break it off"),
+        (PX4, "GF_MAX_VER_DIST", 60, Ending.SETTINGS_CHANGED, "would interrupt it"),
     ],
 )  # fmt: skip
 def test_a_parameter_that_is_changed_in_flight_is_judged(autopilot, parameter, value, ending, said):
@@ -237,7 +237,7 @@ def test_a_fence_put_out_of_force_by_command_is_a_breach():
     scene = scene_of(FENCE_ENABLE=1, FENCE_ALT_MAX=120, FENCE_RADIUS=400, RTL_ALT=6000)
     outcome, text = flown(scene, lambda scene: second_station(scene, command(Command.DO_FENCE_ENABLE, 0.0)))
     assert outcome.ending is Ending.FENCE_CHANGED
-    assert "put out of force in flight" in text
+    assert "disabled in flight" in text
 
 
 def test_a_station_with_our_system_id_is_told_once():
@@ -247,7 +247,7 @@ def test_a_station_with_our_system_id_is_told_once():
         scene.client.peers.take(m.Received(m.Heartbeat(8, 6), 255, 191))
 
     flown(scene, appear)
-    told = [text for text in scene.told(EventKind.WARNING) if "uses our system id 255" in text]
+    told = [text for text in scene.told(EventKind.WARNING) if "uses the system id of uavcover, 255" in text]
     assert len(told) == 1
     assert "--own-system" in told[0]
     assert scene.vehicle.mode is not Mode.GUIDED
@@ -261,4 +261,4 @@ def test_a_vehicle_that_does_not_listen_any_more_is_told():
         scene.vehicle.parameters.put("MAV_OPTIONS", 1)
 
     flown(scene, turn_away, at=0)
-    assert len([text for text in scene.told(EventKind.WARNING) if "has not answered 8 questions in a row" in text]) == 1
+    assert len([text for text in scene.told(EventKind.WARNING) if "did not answer 8 consecutive requests" in text]) == 1

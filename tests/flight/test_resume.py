@@ -40,7 +40,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.judged_inputs import inspect_inputs
 from uavcover.run.track_file import TrackWriter, read_track
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.command import judge_tracks
 from uavcover.verification.run_logs import planned_for, read_planned_route
 
@@ -206,7 +206,7 @@ def test_after_the_client_was_killed_in_the_air(site, run, undisturbed, autopilo
     second = field.resume()
     assert second is not None
     assert second.ending is Ending.LANDED
-    assert "the rest of the mission is being sent" in field.said
+    assert "uploading the rest of the mission" in field.said
     check_together(field, undisturbed, 2)
 
 
@@ -260,7 +260,7 @@ def test_held_where_it_left_the_route_it_goes_on_with_the_mission_that_it_has(si
     second = field.resume()
     assert second is not None
     assert second.ending is Ending.LANDED
-    assert "the rest of the mission is being sent" not in field.said
+    assert "uploading the rest of the mission" not in field.said
     check_together(field, undisturbed, 2)
 
 

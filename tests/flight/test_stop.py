@@ -83,7 +83,7 @@ def test_a_way_home_that_the_vehicle_does_not_take_leaves_it_holding():
 
     outcome = scene.fly(stop=presses(scene, 35.0), plan_return=too_long)
     assert outcome.ending is Ending.LEFT_HOLDING
-    assert "the return could not be sent" in scene.told(EventKind.STOP)[-1]
+    assert "the return could not be uploaded" in scene.told(EventKind.STOP)[-1]
 
 
 def test_before_it_is_ready_nothing_is_armed():

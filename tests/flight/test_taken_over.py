@@ -78,7 +78,7 @@ def test_a_vehicle_that_is_heard_and_not_known_is_an_alarm_that_says_what_is_mis
     outcome, text = flown(scene, on_event=at_waypoint(scene, 1, lambda: scene.link.go_dark(2.5)))
     unknown = [i for i in outcome.incidents if i.kind is Ending.STATE_UNKNOWN]
     assert len(unknown) == 1, text
-    assert "EXTENDED_SYS_STATE is missing; nothing is commanded until it arrives" in unknown[0].text
+    assert "EXTENDED_SYS_STATE is missing; no command is sent until it arrives" in unknown[0].text
     assert unknown[0].end_s is not None
     assert outcome.ending is Ending.LANDED, text
     assert sum("state is known again" in told for told in scene.told(EventKind.WARNING)) == 1
@@ -183,7 +183,7 @@ def test_a_flight_that_ended_in_the_dark_says_that_it_is_not_known_how():
 
     outcome, text = flown(scene, on_event=at_waypoint(scene, 0, lambda: scene.link.go_dark(80.0)), pause=pause)
     assert outcome.ending is Ending.ENDED_EARLY
-    assert "what happened in the silence of 80 s before that is not known" in text
+    assert "the events in the silence of 80 s before that is not known" in text
 
 
 def test_a_pause_of_this_process_alone_is_no_lost_link():
@@ -262,7 +262,7 @@ def test_a_stop_that_the_vehicle_does_not_hear_ends_no_record(autopilot):
     assert not scene.vehicle.armed, text
     assert outcome.ending is Ending.FAILED
     assert "it was followed, and landed and disarmed" in text
-    assert any("it is followed all the same" in told for told in scene.told(EventKind.WARNING))
+    assert any("following it anyway" in told for told in scene.told(EventKind.WARNING))
 
 
 @AUTOPILOTS
@@ -326,7 +326,7 @@ def test_px4_climbs_first_when_its_mission_is_continued_and_that_is_judged(monke
     monkeypatch.setattr(MissionProgress, "place_m", np.array([*FRAME.enu_from_geodetic(*_point())[0]]))
     monkeypatch.setattr(MissionProgress, "_index", 4)
     progress.heading_for = 1
-    assert "climbs where it is before it flies to waypoint 1: up to 90 m" in (progress.line_problem() or "")
+    assert "climbs in place before it flies to waypoint 1: up to 90 m" in (progress.line_problem() or "")
 
 
 def _point() -> tuple[float, float, float]:

@@ -37,7 +37,7 @@ def received(monkeypatch) -> list[m.Message]:
 def test_what_is_no_multirotor_is_not_touched(autopilot, vehicle_type, received):
     scene = make_scene(autopilot, vehicle_type=vehicle_type)
     scene.vehicle.missions.replace(MissionType.MISSION, ())
-    said = rf"says that it is an? .*, MAV_TYPE {vehicle_type}; uavcover plans for and flies multirotors only"
+    said = rf"says that it is an? .*, MAV_TYPE {vehicle_type}; uavcover supports only multirotors"
     with pytest.raises(FlightFailedError, match=said) as failed:
         scene.fly()
     assert failed.value.outcome.ending is Ending.NOT_ARMED

@@ -63,7 +63,7 @@ def test_a_document_without_its_marks_is_refused(tmp_path: Path, capsys: pytest.
     text = document.read_text()
     assert text.startswith("a\n<!-- clear table: begin -->\n```mermaid\nstateDiagram-v2\n    [*] --> ASKED\n")
     assert text.endswith("<!-- clear table: end -->\nb\n")
-    assert "- `ASKED`: asked to empty the list\n" in text
+    assert "- `ASKED`: the client requested an empty list\n" in text
 
 
 def test_the_protocol_page_s_example_makes_a_client() -> None:

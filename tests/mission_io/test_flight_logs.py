@@ -67,7 +67,7 @@ def test_a_vehicle_that_falls_silent_is_said_with_how_much_had_come() -> None:
     peer.gives_out_at = 60_000
     client = connected(peer)
     entry = list_flight_logs(client)[0]
-    with pytest.raises(TransferSilentError, match=r"log 3: vehicle 1 fell silent after 60030 of 200001 bytes"):
+    with pytest.raises(TransferSilentError, match=r"log 3: vehicle 1 stopped answering after 60030 of 200001 bytes"):
         download_flight_log(client, entry, timeout_s=3.0)
 
 

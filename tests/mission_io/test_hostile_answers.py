@@ -126,7 +126,7 @@ def test_a_log_in_pieces_that_are_none_is_given_up(count: int, padded: tuple[int
                     m.LogData(3, 2**31, 90, (0,) * 90),
                 ]
 
-    with pytest.raises(TransferSilentError, match=f"fell silent after {taken} of 50000 bytes"):
+    with pytest.raises(TransferSilentError, match=f"stopped answering after {taken} of 50000 bytes"):
         download_flight_log(connected(Pieces()), LOG, timeout_s=2.0)
 
 

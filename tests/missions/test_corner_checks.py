@@ -22,7 +22,7 @@ from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.route import Route
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 CORNER_M = 100.0
 AROUND = np.array([[50.0, 186.6, 80.0], [CORNER_M, CORNER_M, 80.0], [186.6, 50.0, 80.0]])

@@ -31,7 +31,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.planned import read_planned
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.command import judge_tracks
 from uavcover.verification.run_logs import planned_for
 

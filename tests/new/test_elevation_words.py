@@ -48,7 +48,7 @@ def test_metadata_tell_too(tmp_path):
     assert surface_in_words(source) is None
     with rasterio.open(source.files[0], "r+") as file:
         file.update_tags(TIFFTAG_IMAGEDESCRIPTION="Digital Surface Model, 1 m")
-    assert surface_in_words(source) == 'its metadata say "Surface Model"'
+    assert surface_in_words(source) == 'its metadata contain "Surface Model"'
     with rasterio.open(source.files[0], "r+") as file:
         file.update_tags(TIFFTAG_IMAGEDESCRIPTION="Digital Terrain Model; the surface model is sold apart")
     assert surface_in_words(source) is None
@@ -63,7 +63,7 @@ def test_metadata_tell_too(tmp_path):
 )  # fmt: skip
 def test_feet_are_asked_about(tmp_path, name, word):
     path = write_models(tmp_path).ground.rename(tmp_path / name)
-    assert feet_in_words(TerrainSource((path,))) == (None if word is None else f'its name says "{word}"')
+    assert feet_in_words(TerrainSource((path,))) == (None if word is None else f'its name contains "{word}"')
     assert feet_in_words(TerrainSource((path,), height_unit="m")) is None
 
 
@@ -71,7 +71,7 @@ def test_feet_in_metadata_are_asked_about_unless_the_file_states_its_unit(tmp_pa
     path = write_models(tmp_path).ground
     with rasterio.open(path, "r+") as file:
         file.update_tags(TIFFTAG_IMAGEDESCRIPTION="LiDAR bare earth, US survey feet")
-    assert feet_in_words(TerrainSource((path,))) == 'its metadata say "feet"'
+    assert feet_in_words(TerrainSource((path,))) == 'its metadata contain "feet"'
     with rasterio.open(path, "r+") as file:
         file.units = ("m",)
     assert feet_in_words(TerrainSource((path,))) is None
@@ -81,7 +81,8 @@ def test_pictures_of_heights_are_asked_about(tmp_path):
     ground = write_models(tmp_path).ground
     assert shading_in_words(TerrainSource((ground,))) is None
     assert (
-        shading_in_words(TerrainSource((ground.rename(tmp_path / "hillshade_10m.tif"),))) == 'its name says "hillshade"'
+        shading_in_words(TerrainSource((ground.rename(tmp_path / "hillshade_10m.tif"),)))
+        == 'its name contains "hillshade"'
     )
     with rasterio.open(tmp_path / "hillshade_10m.tif") as file:
         values, profile = file.read(1), file.profile

@@ -63,7 +63,7 @@ def test_the_speed_obeys_the_camera():
     assert "2 s at least between two of dji-mini-3-pro" in found.speed_reason
     with pytest.raises(InputError, match=r"^--speed: .* a coarser --gsd or a lower --speed"):
         design(camera=camera, speed_m_s=10.0)
-    with pytest.raises(InputError, match=r"^--overlap: .* ask for less forward overlap"):
+    with pytest.raises(InputError, match=r"^--overlap: .* use less forward overlap"):
         design(camera=camera, forward_overlap=0.95)
 
 

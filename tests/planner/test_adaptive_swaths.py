@@ -14,7 +14,6 @@ from uavcover.planner.baselines.adaptive_swaths import adaptive_swaths, bend_lin
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
 from uavcover.planner.baselines.swaths import SwathLayout, regular_layout, width_across_m
 from uavcover.scenario.site import Site
-from uavcover.sensing.sensors import reach_at_height_m
 
 STRIP = ((0.0, 0.0), (400.0, 0.0), (400.0, 30.0), (0.0, 30.0))
 
@@ -59,7 +58,7 @@ def fitting(site: Site, angle: float) -> SwathLayout:
     limits = site.scenario.limits
     tolerance_m = 0.0025 * (limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m)
     height_m = best_height_agl_m(site, tolerance_m=tolerance_m)
-    swath_m = 2.0 * reach_at_height_m(site.scenario.sensor, height_m)
+    swath_m = 2.0 * site.scenario.sensor.half_width_m(height_m)
     return regular_layout(
         angle_rad=angle, lines=max(1, int(width_across_m(site, angle) / swath_m)), height_agl_m=height_m, inset=0.0,
         tolerance_m=tolerance_m,

@@ -18,7 +18,7 @@ from uavcover.planner.search.closing import closed_beginning, closed_end, with_g
 from uavcover.planner.search.route_judge import SAFETY, RouteJudge
 from uavcover.planner.search.starts import SearchStart
 from uavcover.planner.search.tuning import TUNED
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 
 @pytest.mark.parametrize("ups", [flat, hills], ids=["flat", "hills"])

@@ -20,7 +20,7 @@ from uavcover.planner.baselines.contour_lines import (
 from uavcover.planner.baselines.initial_routes import constructed_routes, initial_names
 from uavcover.planner.baselines.swaths import fly_layout
 from uavcover.planner.planner import Effort, plan_routes
-from uavcover.sensing.coverage_map import planning_map
+from uavcover.sensing.site_maps import planning_map
 
 SQUARE = ((0.0, 0.0), (600.0, 0.0), (600.0, 600.0), (0.0, 600.0))
 

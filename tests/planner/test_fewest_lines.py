@@ -19,7 +19,7 @@ from uavcover.planner.baselines.boustrophedon import (
     taken_until_near,
 )
 from uavcover.planner.baselines.swaths import fly_layout, is_same_direction, long_side_angle_rad, regular_layout
-from uavcover.sensing.coverage_map import planning_map
+from uavcover.sensing.site_maps import planning_map
 
 WIDE = ((0.0, 0.0), (900.0, 100.0), (800.0, 700.0), (100.0, 600.0))
 

@@ -18,7 +18,7 @@ from uavcover.planner.front import judge_members
 from uavcover.planner.search.closing import with_viewpoints
 from uavcover.planner.selection_rule import parse_rule
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import finer_map, judging_map
+from uavcover.sensing.site_maps import finer_map, judging_map
 
 ASKED = 0.984
 

@@ -31,8 +31,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicle_site import vehicle_sites
-from uavcover.sensing.coverage_map import judging_map
-from uavcover.sensing.fleet_map import map_for
+from uavcover.sensing.site_maps import judging_map, map_for
 
 assert no_recording_of_single_flights  # a fixture that every flight here uses
 _SEARCH = {"evaluations": 20, "population_size": 20}
@@ -174,7 +173,7 @@ def test_a_route_of_another_number_of_parts_is_refused(planned: RunFolder, tmp_p
         compile_flights(site, Route(whole.waypoints_m))
     path = run.file("pareto_routes.csv")
     path.write_text("\n".join(line.rpartition(",")[0] for line in path.read_text().splitlines()) + "\n")
-    with pytest.raises(InputError, match=r"a route has another number of parts than 2; make it again"):
+    with pytest.raises(InputError, match=r"a route has another number of parts than 2; create it again"):
         read_members(run, site)
 
 

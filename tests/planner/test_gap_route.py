@@ -8,11 +8,11 @@ from uavcover.errors import InfeasibleError
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_mission
 from uavcover.model.sensor import FrameCamera, SphereSensor
-from uavcover.planner.gap_route import _for_every_heading, plan_closing_route
+from uavcover.planner.gap_route import plan_closing_route
 from uavcover.planner.viewpoints import MissingCells
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
-from uavcover.sensing.sensors import sight_of
+from uavcover.sensing.sensors import inside_every_heading
 
 
 def missing_in(coverage: CoverageMap, *boxes: tuple[float, float, float, float]) -> np.ndarray:
@@ -189,8 +189,8 @@ def test_what_a_frame_camera_sees_for_every_heading_is_the_cone_inside_its_pictu
             pitch_deg=pitch_deg,
         )  # fmt: skip
 
-    sight = sight_of(camera(-90.0))
-    (cone,) = _for_every_heading(sight)
+    sight = camera(-90.0).sight
+    (cone,) = inside_every_heading(sight)
     assert cone.tan_half_fov == sight.tan_half_along < sight.tan_half_fov
-    assert _for_every_heading(sight_of(camera(-50.0))) == []
-    assert _for_every_heading(cone) == []
+    assert inside_every_heading(camera(-50.0).sight) == []
+    assert inside_every_heading(cone) == []

@@ -12,7 +12,7 @@ from uavcover.model.sensor import SphereSensor
 from uavcover.planner.search.closing import _detours_m, with_gaps_closed, with_viewpoints
 from uavcover.planner.search.tuning import TUNED
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 SPHERE = SphereSensor(kind="sphere", range_m=110.0, sensing="at-waypoints")
 

@@ -25,7 +25,8 @@ from uavcover.planner.search.route_judge import OneAfterTheOther
 from uavcover.planner.search.route_problem import narrowed, route_problem, state_of
 from uavcover.planner.search.starts import SearchStart, best_starts, starts_worth_looking_at
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import judging_map
 
 LIMITS = {"height_margin_m": 5.0}
 SPHERE = SphereSensor(kind="sphere", range_m=110.0)

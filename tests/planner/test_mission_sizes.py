@@ -26,7 +26,7 @@ from uavcover.planner.pareto_file import ParetoRow, read_pareto
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 
 def small_battery(folder: Path, *, vehicles: int = 1) -> Site:

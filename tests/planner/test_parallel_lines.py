@@ -20,7 +20,7 @@ from uavcover.planner.baselines.swaths import (
 )
 from uavcover.planner.plan_search import SearchRequest, plan
 from uavcover.planner.planner import Effort, plan_routes
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 SURVEY = FrameCamera(
     kind="frame-camera", fov_across_deg=70.0, fov_along_deg=56.0, range_m=400.0, mount="stabilised", forward_overlap=0.7,

@@ -266,7 +266,7 @@ def test_a_band_too_narrow_for_the_climb_limit() -> None:
     with pytest.raises(InfeasibleError) as caught:
         make_plan(site, evaluations=20)
     text = str(caught.value)
-    assert text.startswith("no route keeps the limits of the scenario; the best one found breaks: leg to waypoint ")
+    assert text.startswith("no route keeps the limits of the scenario; the best one exceeds: leg to waypoint ")
     assert "too high" in text
     assert "m above ground against 49.0 m above ground at " in text
     assert "limits.height_margin_m = 1 m taken off" in text

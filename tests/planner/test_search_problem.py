@@ -12,7 +12,7 @@ from uavcover.planner.search.route_problem import RouteProblem, state_of
 from uavcover.planner.search.search_cells import counted_as_judged, search_problem
 from uavcover.planner.search.starts import SearchStart
 from uavcover.scenario.site import load_site
-from uavcover.sensing.coverage_map import judging_map, planning_map
+from uavcover.sensing.site_maps import judging_map, planning_map
 
 
 @pytest.mark.parametrize("fewest_places", [0, 25_000])

@@ -20,7 +20,7 @@ from uavcover.planner.search.route_problem import route_problem, state_of
 from uavcover.planner.search.simplify import simplified, thinned_out
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import judging_maps, planning_map
+from uavcover.sensing.site_maps import judging_maps, planning_map
 
 LIMITS = {"height_margin_m": 5.0}
 PICTURES = FrameCamera(

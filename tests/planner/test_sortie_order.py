@@ -23,7 +23,7 @@ from uavcover.planner.sortie_order.reorder import OrderEffort, better_order, has
 from uavcover.planner.sortie_order.stretches import Stretches, first_place, last_place, stretches_of
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map, judging_maps
+from uavcover.sensing.site_maps import judging_map, judging_maps
 
 
 def lines(site: Site, order: tuple[int, ...] = (0, 2, 4, 1, 3)) -> Route:

@@ -10,8 +10,8 @@ from tests.terrain_kinds import write_scenario
 from uavcover.model.route import Route
 from uavcover.planner.sure_pictures import LEAST_SPARE_M, surely, unsure_pictures, with_sure_pictures
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.flown_line import line_flown
+from uavcover.sensing.site_maps import judging_map
 
 DISTANCE_M = 40.0
 UP_M = 80.0

@@ -11,7 +11,7 @@ from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
 from uavcover.planner.search.improve import with_waiting_turns
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 UP_M = 80.0
 THERE_AND_BACK = np.array([[100.0, 100.0, UP_M], [300.0, 100.0, UP_M], [300.0, 250.0, UP_M], [100.0, 250.0, UP_M]])

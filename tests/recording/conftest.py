@@ -32,5 +32,5 @@ def recorded(flight: Flight, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="session")
 def nowhere_flight() -> Flight:
-    """Over the paper's analytic surface, which has no place on Earth."""
+    """Over the paper's analytic surface, which has no position on Earth."""
     return make_flight("paper-R2", cell_size_m=0.5, line_spacing_m=2.0, speed_m_s=0.5, rate_hz=5.0)

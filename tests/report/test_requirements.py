@@ -63,12 +63,12 @@ def test_a_share_is_compared_with_what_was_asked(content: ReportContent) -> None
         ("below-band", "Height above ground on the route"),
         ("above-band", "Height above ground on the route"),
         ("clearance", "Clearance on outbound and return transit"),
-        ("above-transit-height", "Height above ground on outbound and return transit"),
-        ("above-sea-level-limit", "Height above sea level"),
+        ("above-transit-height", "Height height above ground on transit legs"),
+        ("above-sea-level-limit", "Altitude above sea level"),
         ("fence", "Inside the fence"),
-        ("obstacle", "Clear of obstacles"),
-        ("ground-speed", "Speed over ground on the route"),
-        ("deviation", "Distance from the planned route"),
+        ("obstacle", "Clearance from obstacles"),
+        ("ground-speed", "Ground speed on the route"),
+        ("deviation", "Deviation from the planned route"),
     ],
 )
 def test_a_violation_fails_its_own_line(content: ReportContent, kind: ViolationKind, name: str) -> None:
@@ -82,17 +82,17 @@ def test_a_violation_fails_its_own_line(content: ReportContent, kind: ViolationK
 
 
 def test_what_is_not_required_has_no_line(content: ReportContent) -> None:
-    assert "Speed over ground on the route" not in rows_of(content)
-    assert "Distance from the planned route" not in rows_of(content)
-    assert "Sure coverage of visible ground" in rows_of(content, min_sure_coverage_of_coverable=0.1)
+    assert "Ground speed on the route" not in rows_of(content)
+    assert "Deviation from the planned route" not in rows_of(content)
+    assert "Surely observed visible ground" in rows_of(content, min_sure_coverage_of_coverable=0.1)
 
 
 def test_where_too_little_was_observed_no_limit_is_said_to_hold(content: ReportContent) -> None:
     missing = {"unobserved_route_fraction": 0.02}
     little = (unproved("unobserved-fraction", "2 % were not observed"),)
     rows = rows_of(content, violation("clearance"), found=missing, findings=little, min_coverage_of_coverable=0.0)
-    assert rows["Not observed, of the route's time"].holds == "not proved"
-    assert rows["Not observed, of the route's time"].found == "2.00 %"
+    assert rows["Route time without evidence"].holds == "not proved"
+    assert rows["Route time without evidence"].found == "2.00 %"
     fence = rows["Inside the fence"]
     assert (fence.holds, fence.found) == ("not proved", "kept where it was observed")
     # What was seen to be broken is broken all the same.

@@ -93,7 +93,7 @@ def test_arguments_out_of_range(changes: dict[str, object]) -> None:
 def test_no_place_on_earth_no_home() -> None:
     site = load_site("paper-R2")
     assert home_of(site) is None
-    with pytest.raises((InputError, OptimizerError), match="no place on Earth"):
+    with pytest.raises((InputError, OptimizerError), match="no position on Earth"):
         require_home(site)
 
 

@@ -217,5 +217,5 @@ def test_a_file_half_written_when_killed_goes_with_the_next_command(tmp_path: Pa
 def test_a_journal_that_cannot_be_finished_is_named(tmp_path: Path) -> None:
     (tmp_path / file_group.JOURNAL).write_text("{")
     run = RunFolder(tmp_path)
-    with pytest.raises(OutputError, match="its files were being replaced"):
+    with pytest.raises(OutputError, match="replacing its files was interrupted"):
         run.existing("plan.json", made_by="uavcover plan")

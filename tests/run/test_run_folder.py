@@ -98,7 +98,7 @@ def test_missing_files_say_who_makes_them(tmp_path: Path) -> None:
 @pytest.mark.parametrize("text", ["", "{", "[1]", "\x00", "[" * 100_000])
 def test_broken_json(tmp_path: Path, text: str) -> None:
     (tmp_path / "x.json").write_text(text)
-    with pytest.raises(InputError, match=r"x\.json.*make it again with: uavcover plan"):
+    with pytest.raises(InputError, match=r"x\.json.*create it again with: uavcover plan"):
         RunFolder(tmp_path).read_json("x.json", made_by="uavcover plan")
 
 

@@ -148,7 +148,7 @@ def test_a_vehicles_own_part_is_an_outline_as_the_area_is(tmp_path):
         ),
         (
             2 * "[[vehicle]]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",
-            "home: every [[vehicle]] has a home of its own; leave [home] out",
+            "home: every [[vehicle]] has its own home; leave [home] out",
         ),
         (
             "[vehicle]\nhome = { lat_deg = 36.474, lon_deg = -84.216 }\n",

@@ -13,7 +13,7 @@ from tests.planner.test_planner import make_plan
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.planner.plan_words import say_steps
 from uavcover.run.user import Unattended
-from uavcover.scenario.airspace.flyable import flyable_area, share_flyable_area
+from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.ground_steps import least_width_m, parts_between_steps
 from uavcover.terrain.ground import sine_cosine_ground
 
@@ -171,9 +171,7 @@ def test_a_part_of_the_area_is_flown_on_the_side_of_the_whole():
     site = make_site(cliff(110.0, lambda _: 110.0), ring=AREA, limits={"max_height_agl_m": 90.0})
     part = dataclasses.replace(site, area=shapely.box(0.0, 0.0, 300.0, 60.0))
     assert flyable_area(part).polygon.bounds[3] < 110.0
-    again = dataclasses.replace(part)
-    share_flyable_area(site, again)
-    assert flyable_area(again).polygon.equals(flyable_area(site).polygon)
+    assert flyable_area(dataclasses.replace(part, whole=site)).polygon.equals(flyable_area(site).polygon)
 
 
 def test_where_only_waypoints_are_held_to_the_limits_steps_part_nothing():

@@ -22,7 +22,8 @@ from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planner.baselines.swaths import fly_layout
 from uavcover.scenario.scenario_file import dump_scenario, parse_scenario
 from uavcover.scenario.site import load_site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.elevation_file import read_heights_amsl_m
 
 SURFACE = 'surface_file = "dsm.tif"'

@@ -12,8 +12,9 @@ from uavcover.errors import ScenarioError
 from uavcover.extras.bounds.bounds import are_quick, farthest_looks_m, least_path_length_m
 from uavcover.scenario.site import Site
 from uavcover.sensing import block_map
-from uavcover.sensing.block_map import BlockMap, judge_by_blocks, look_at_all, look_at_block, one_after_the_other
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.block_map import BlockMap, in_blocks, look_at_all, look_at_block, one_after_the_other
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import judging_map
 
 
 def lines(site: Site) -> list[np.ndarray]:
@@ -29,8 +30,7 @@ def lines(site: Site) -> list[np.ndarray]:
 def of_blocks(monkeypatch: pytest.MonkeyPatch) -> Site:
     monkeypatch.setattr(block_map, "_MOST_AT_ONCE", 100)
     monkeypatch.setattr(block_map, "_BLOCK_CELLS", 250)
-    site = hard_site()
-    judge_by_blocks(site)
+    site = in_blocks(hard_site())
     made = judging_map(site)
     assert isinstance(made, BlockMap)
     assert len(list(made.blocks())) > 4
@@ -130,14 +130,12 @@ def test_a_short_route_is_looked_at_where_it_is(of_blocks: Site, whole: Coverage
 
 
 def test_small_areas_and_those_with_too_many_cells_are_looked_at_in_one_piece(monkeypatch: pytest.MonkeyPatch) -> None:
-    site = hard_site()
-    judge_by_blocks(site)
+    site = in_blocks(hard_site())
     assert not isinstance(judging_map(site), BlockMap)
     monkeypatch.setattr(block_map, "_MOST_AT_ONCE", 100)
     monkeypatch.setattr(block_map, "MAX_CELLS", 200)
     monkeypatch.setattr("uavcover.sensing.cells.MAX_CELLS", 200)
-    site = hard_site()
-    judge_by_blocks(site)
+    site = in_blocks(hard_site())
     with pytest.raises(ScenarioError, match="more than 200; use larger cells"):
         judging_map(site)
 
@@ -146,6 +144,6 @@ def test_an_area_without_cells_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(block_map, "_MOST_AT_ONCE", 0)
     # The centre of the only cell lies outside.
     site = make_site(hills, ring=((0.0, 0.0), (1.0, 0.0), (60.0, 59.0), (60.0, 60.0), (59.0, 60.0)), cell_m=150.0)
-    judge_by_blocks(site)
+    site = in_blocks(site)
     with pytest.raises(ScenarioError, match="no centre of a cell of 150 m lies in the area"):
         judging_map(site).seen(np.array([[0.0, 0.0, 60.0]]))

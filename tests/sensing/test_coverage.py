@@ -11,7 +11,6 @@ from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import build_site
 from uavcover.sensing.cells import make_cells
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
-from uavcover.sensing.sensors import reach_at_height_m
 from uavcover.terrain.ground import grid_ground
 
 
@@ -183,7 +182,7 @@ def test_areas_that_cannot_be_cut_or_have_no_ground():
     ],
 )
 def test_reach_on_flat_ground(sensor, height, reach):
-    assert reach_at_height_m(sensor, height) == pytest.approx(reach)
+    assert sensor.half_width_m(height) == pytest.approx(reach)
 
 
 @pytest.mark.parametrize("count", [0, 1, 2, 63, 64, 65, 1000])

@@ -16,8 +16,8 @@ from tests.terrain_kinds import write_scenario
 from uavcover.model.vehicle import MOTIONS
 from uavcover.scenario.pace import moving_pace
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.flown_line import corners_matter, line_flown, places_passed_m, rounded_corners
+from uavcover.sensing.site_maps import judging_map
 
 PACE = moving_pace(
     MOTIONS["ardupilot"], cruise_m_s=10.0, climb_m_s=4.0, descent_m_s=3.0, airspeed_m_s=None, wind_m_s=(0.0, 0.0)

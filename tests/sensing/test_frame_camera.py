@@ -14,7 +14,7 @@ from uavcover.kernels.coverage import seen_from_points
 from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.scenario.scenario_file import dump_scenario, parse_scenario
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
-from uavcover.sensing.sensors import camera_turn, flat_picture, reach_at_height_m, whatever_heading
+from uavcover.sensing.sensors import whatever_heading
 from uavcover.verification.observations import observations_of
 from uavcover.verification.reported_photos import photos_of
 from uavcover.verification.verify import flown_coverage
@@ -44,7 +44,7 @@ def test_a_tilted_camera_looks_ahead_of_the_vehicle():
     near, far = (50.0 + 50.0 * math.tan(math.radians(35.0 + side)) for side in (-20.0, 20.0))
     assert seen[:, 0].min() == pytest.approx(near, abs=5.0)
     assert seen[:, 0].max() == pytest.approx(far, abs=5.0)
-    picture = flat_picture(AHEAD, 50.0)
+    picture = AHEAD.flat_picture(50.0)
     assert (50.0 + picture.near_m, 50.0 + picture.far_m) == pytest.approx((near, far))
     assert np.ptp(seen[:, 1]) == pytest.approx(2.0 * picture.half_width_m, abs=15.0)
     back = seen_along(AHEAD, [[250.0, 100.0, 50.0], [249.0, 100.0, 50.0]])
@@ -53,7 +53,7 @@ def test_a_tilted_camera_looks_ahead_of_the_vehicle():
 
 def test_an_overlap_to_the_side_narrows_what_counts():
     half = dataclasses.replace(FRAME, side_overlap=0.5)
-    assert reach_at_height_m(half, 80.0) == pytest.approx(0.5 * reach_at_height_m(FRAME, 80.0))
+    assert half.half_width_m(80.0) == pytest.approx(0.5 * FRAME.half_width_m(80.0))
     seen = seen_along(half, [[100.0, 100.0, 80.0], [200.0, 100.0, 80.0]])
     assert np.ptp(seen[:, 1]) == pytest.approx(67.1, abs=5.0)
     assert np.ptp(seen[:, 0]) == 155.0
@@ -141,15 +141,15 @@ def test_pictures_by_distance_are_the_looks_of_a_flight():
 
 
 def test_how_a_camera_is_turned():
-    right_angles = camera_turn(AHEAD, np.array([[0.0, 0.0, 90.0], [20.0, -10.0, 200.0]]))
+    right_angles = AHEAD.camera_turn(np.array([[0.0, 0.0, 90.0], [20.0, -10.0, 200.0]]))
     s, c = math.sin(math.radians(35.0)), math.cos(math.radians(35.0))
     np.testing.assert_allclose(right_angles.axes[0], [s, 0.0, -c], atol=1e-12)
     np.testing.assert_allclose(right_angles.tops[0], [c, 0.0, s], atol=1e-12)
     np.testing.assert_allclose((right_angles.axes * right_angles.tops).sum(axis=1), 0.0, atol=1e-12)
     gimbal = dataclasses.replace(AHEAD, mount="stabilised", heading_deg=180.0)
-    turn = camera_turn(gimbal, np.array([[20.0, -10.0, 200.0]]))
+    turn = gimbal.camera_turn(np.array([[20.0, -10.0, 200.0]]))
     np.testing.assert_allclose(turn.axes[0], [0.0, -s, -c], atol=1e-12)
-    unknown = camera_turn(dataclasses.replace(AHEAD, mount="stabilised"), np.full((1, 3), math.nan), np.array([270.0]))
+    unknown = dataclasses.replace(AHEAD, mount="stabilised").camera_turn(np.full((1, 3), math.nan), np.array([270.0]))
     np.testing.assert_allclose(unknown.axes[0], [-s, 0.0, -c], atol=1e-12)
     assert ((~turn.known).sum(), (~unknown.known).sum()) == (0, 1)
 

@@ -10,8 +10,9 @@ from tests.terrain_kinds import write_scenario
 from uavcover.model.scenario import Scenario
 from uavcover.planner.baselines.swaths import fly_layout, regular_layout
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import finer_map, judging_block, judging_map, judging_maps, row_blocks
-from uavcover.sensing.judged_cells import MOST_PLACES, evenness, is_judged_on_smaller_cells, judged_cell_size_m
+from uavcover.sensing.block_map import judging_block, row_blocks
+from uavcover.sensing.cells import MOST_PLACES, evenness, is_judged_on_smaller_cells, judged_cell_size_m
+from uavcover.sensing.site_maps import finer_map, judging_map, judging_maps
 
 
 @pytest.fixture(scope="module")

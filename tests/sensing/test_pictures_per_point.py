@@ -16,7 +16,6 @@ from uavcover.model.obstacles import Obstacles
 from uavcover.model.sensor import FrameCamera, NadirCamera, SphereSensor
 from uavcover.scenario.site import area_as_drawn, load_site
 from uavcover.sensing import pictures
-from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import (
     count_pictures,
     overlap_rule,
@@ -25,6 +24,7 @@ from uavcover.sensing.pictures import (
     planned_poses,
     takes_pictures,
 )
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.requirements import requirement_rows
 from uavcover.verification.verify import FlownTrack, verify_flight
@@ -230,7 +230,7 @@ def test_an_overlap_that_is_required_decides(spacing_m, blind, holds):
     assert any(line.startswith(said) for line in report.doubts) == (holds == "not proved")
     assert not any("overlap" in line for line in report.findings)
     (row,) = [
-        row for row in requirement_rows(site.scenario, report) if row.name.startswith("Ground in at least 6 photos")
+        row for row in requirement_rows(site.scenario, report) if row.name.startswith("Area in at least 6 photos")
     ]
     assert row.holds == holds
 

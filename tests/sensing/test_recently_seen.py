@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from uavcover.sensing.recently_seen import RecentlySeen
+from uavcover.sensing.coverage_map import RecentlySeen
 
 
 def test_a_route_is_judged_once_and_another_one_by_itself() -> None:

@@ -11,7 +11,7 @@ from uavcover.errors import ScenarioError
 from uavcover.scenario.scenario_file import bundled_scenarios, load_scenario, parse_scenario
 from uavcover.scenario.site import build_site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
-from uavcover.sensing.sensors import LONGEST_SPACING_M, reach_at_height_m, sample_spacing_m
+from uavcover.sensing.sensors import LONGEST_SPACING_M, sample_spacing_m
 from uavcover.verification.observations import level_observations
 
 HEIGHT_M = 20.0
@@ -49,7 +49,7 @@ def site_of(sensor: str, *, side_m: float = 10.0, cell_m: float = 0.2):
 
 @pytest.mark.parametrize("sensor", SENSORS.values(), ids=SENSORS.keys())
 def test_a_swath_counts_in_full(sensor):
-    reach_m = reach_at_height_m(site_of(sensor).scenario.sensor, HEIGHT_M)
+    reach_m = site_of(sensor).scenario.sensor.half_width_m(HEIGHT_M)
     side_m = 12.0 * reach_m
     site = site_of(sensor, side_m=side_m, cell_m=reach_m / 12.0)
     # Long legs: a planned one has no places in between, and a track may have a sample every ten metres and more.
@@ -90,7 +90,7 @@ def test_wide_footprints_and_bundled_scenarios_are_sampled_as_before():
         assert sample_spacing_m(site_of(SENSORS[name]).scenario) == LONGEST_SPACING_M
     for name in bundled_scenarios():
         scenario = load_scenario(name)
-        if scenario.sensor.sensing == "along-path":
+        if scenario.sensor.looks_along_path:
             assert sample_spacing_m(scenario) == 10.0
 
 

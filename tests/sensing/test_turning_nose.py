@@ -13,8 +13,8 @@ from tests.terrain_kinds import write_scenario
 from uavcover.model.sensor import FrameCamera
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.flown_line import line_flown
+from uavcover.sensing.site_maps import judging_map
 
 FORWARD = FrameCamera(
     kind="frame-camera", fov_across_deg=50.0, fov_along_deg=40.0, range_m=250.0, pitch_deg=-50.0, mount="stabilised"

@@ -6,9 +6,15 @@ import os
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from tests.planner.sites import make_site
+from tests.third_party.surveykit import TwinCamera
+from uavcover.sensing.coverage_map import CoverageMap
 
 ENTRY_POINTS = """[uavcover.commands]
 surveykit = surveykit:COMMANDS
@@ -18,6 +24,8 @@ broken = surveykit:there_is_no_such_function
 wpml = surveykit:write_points
 [uavcover.sensors]
 line-scanner = surveykit:line_scanner
+twin-camera = surveykit:TwinCamera
+not-derived = surveykit:Path
 [uavcover.log_readers]
 xyzt = surveykit:read_xyzt
 bin = surveykit:read_xyzt
@@ -83,6 +91,54 @@ def test_a_mistake_in_a_sensor_is_one_line(run_with, planned, tmp_path):
     assert ended.returncode == 2
     assert ended.stderr.count("\n") == 1
     assert "sensor: line-scanner: swath_deg: 190 is outside 0..180 degrees" in ended.stderr
+
+
+TWIN = 'kind = "twin-camera"\ntilt_deg = 30.0\nfov_across_deg = 40.0\nfov_along_deg = 40.0\nmount = "stabilised"\n'
+
+
+def test_a_sensor_with_a_view_of_its_own_plans_flies_and_is_verified_by_it(run_with, planned, tmp_path):
+    text = (planned / "scan.toml").read_text().replace('kind = "line-scanner"\nswath_deg = 70.0\n', TWIN)
+    (tmp_path / "twin.toml").write_text(text.replace("cell_size_m = 5.0", "cell_size_m = 20.0\nfewest_places = 0"))
+    run = tmp_path / "run"
+    ended = run_with(
+        "plan", tmp_path / "twin.toml", "-o", run, "--algorithm", "lines", "--evaluations", 60, "--seed", 1, "--json"
+    )
+    assert ended.returncode == 0, ended.stderr
+    kept = tomllib.loads((run / "scenario.toml").read_text())["sensor"]
+    assert (kept["kind"], kept["tilt_deg"], kept["fov_across_deg"]) == ("twin-camera", 30.0, 40.0)
+    flown = run_with("fly", run, "--to", "mock:", "--mock-speed", 20, "--yes", "--json")
+    assert flown.returncode == 0, flown.stderr
+    judged = json.loads(run_with("verify", run, "--json").stdout)
+    planned_coverage = json.loads((run / "plan.json").read_text())["metrics"]["coverage_of_coverable"]
+    assert judged["verdict"] == "passed"
+    assert judged["coverage_of_coverable"] == pytest.approx(planned_coverage, abs=0.02)
+
+
+def test_twin_cameras_see_to_both_sides_and_not_the_middle():
+    twin = TwinCamera(kind="twin-camera", tilt_deg=30.0, fov_across_deg=40.0, fov_along_deg=40.0, range_m=200.0)
+    coverage = CoverageMap(make_site(sensor=twin, cell_m=2.0), cell_size_m=2.0)
+    seen = coverage.seen(np.array([[0.0, 100.0, 80.0], [300.0, 100.0, 80.0]]))
+    middle = np.abs(coverage.grid.middles_m[:, 0] - 150.0) < 20.0
+    off_deg = np.degrees(np.arctan2(np.abs(coverage.grid.middles_m[:, 1] - 100.0), 80.0))
+    assert seen[middle & (off_deg > 11.0) & (off_deg < 49.0)].all()
+    assert not seen[(off_deg < 9.0) | (off_deg > 51.0)].any()
+
+
+@pytest.mark.parametrize(
+    ("kind", "message"),
+    [
+        ("twin-camera", "sensor: twin-camera: tilt_deg: 60 is outside 0..45 degrees"),
+        ("not-derived", "sensor: not-derived: Path is not derived from a built-in sensor (uavcover.model.sensor)"),
+    ],
+)
+def test_a_mistake_in_a_class_of_a_sensor_is_one_line(run_with, planned, tmp_path, kind, message):
+    table = TWIN.replace("twin-camera", kind).replace("tilt_deg = 30.0", "tilt_deg = 60.0")
+    text = (planned / "scan.toml").read_text().replace('kind = "line-scanner"\nswath_deg = 70.0\n', table)
+    (tmp_path / "twin.toml").write_text(text)
+    ended = run_with("plan", tmp_path / "twin.toml", "-o", tmp_path / "run")
+    assert ended.returncode == 2
+    assert ended.stderr.count("\n") == 1
+    assert message in ended.stderr
 
 
 def test_an_exporter_is_a_format(run_with, planned, tmp_path):

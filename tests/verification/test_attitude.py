@@ -10,7 +10,6 @@ from tests.planner.sites import CAMERA
 from tests.verification.flights import changed, fly_along, make_site, track_of
 from uavcover.model.sensor import FrameCamera, NadirCamera, SphereSensor
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import camera_turn
 from uavcover.verification.verify import flown_coverage, verify_track
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")
@@ -28,7 +27,7 @@ def middle_north(coverage, seen):
 
 def test_axes_are_those_of_scipys_rotations():
     attitude = np.random.default_rng(3).uniform([-40.0, -30.0, 0.0], [40.0, 30.0, 360.0], (50, 3))
-    turn = camera_turn(CAMERA, attitude)
+    turn = CAMERA.camera_turn(attitude)
     # Yaw, pitch, roll of the body (forward, right, down) against north-east-down; the camera looks down in the body.
     ned = Rotation.from_euler("ZYX", attitude[:, ::-1], degrees=True).apply([0.0, 0.0, 1.0])
     np.testing.assert_allclose(turn.axes, ned[:, [1, 0, 2]] * [1.0, 1.0, -1.0], atol=1e-12)
@@ -45,7 +44,7 @@ def test_axes_are_those_of_scipys_rotations():
     ],
 )
 def test_which_way_it_looks(attitude, points):
-    turn = camera_turn(CAMERA, np.array([attitude]))
+    turn = CAMERA.camera_turn(np.array([attitude]))
     np.testing.assert_allclose(turn.axes[0], [*points, -math.cos(math.radians(30.0))], atol=1e-12)
 
 

@@ -29,7 +29,7 @@ def test_an_entry_with_time_place_and_depth():
     assert violation.start_s == pytest.approx(105.0, abs=0.21)
     assert violation.end_s == pytest.approx(115.0, abs=0.21)
     assert verdict.report.verdict == "failed"
-    (row,) = [row for row in requirement_rows(site.scenario, verdict.report) if row.name == "Outside of no-fly zones"]
+    (row,) = [row for row in requirement_rows(site.scenario, verdict.report) if row.name == "Outside no-fly zones"]
     assert (row.asked, row.found, row.holds) == ("1 zone", "left 1 time", "no")
 
 
@@ -101,7 +101,7 @@ WEDNESDAY_NOON = 1_780_488_000.0  # 2026-06-03 12:00 UTC
         ("WED 14:00-15:00Z", ("2026-06-03T14:00Z", "2026-06-03T15:00Z"), WEDNESDAY_NOON, "free", "flown from 2026-06-03 12:0"),
         ("WED 11:00-13:00Z", None, WEDNESDAY_NOON, "entered", None),
         ("THU", None, WEDNESDAY_NOON, "free", None),
-        ("THU", None, None, "entered", "judged as in force all the time"),
+        ("THU", None, None, "entered", "judged as always in force"),
         ("THU", ("2026-06-04T14:00Z", "2026-06-04T15:00Z"), None, "entered", "judged as in flight_window_utc"),
         ("WED", ("2026-06-04T14:00Z", "2026-06-04T15:00Z"), None, "unknown", "judged as in flight_window_utc"),
     ],
@@ -120,7 +120,7 @@ def test_zones_with_times_are_judged_by_the_time_of_day_of_the_track(active, win
     assert findings == [] if said is None else said in findings[0]
     assert (report.flown_utc is None) == (unix_s is None)
     rows = {row.name: row.asked for row in requirement_rows(site.scenario, report)}
-    assert rows["Outside of no-fly zones"] == ("1 zone" if verdict == "entered" else "0 zones")
+    assert rows["Outside no-fly zones"] == ("1 zone" if verdict == "entered" else "0 zones")
 
 
 def test_a_zone_whose_hours_end_in_the_middle_of_the_flight_counts_until_then():

@@ -12,7 +12,7 @@ from uavcover.model.sensor import SphereSensor
 from uavcover.run.folder import RunFolder
 from uavcover.run.planned import read_planned
 from uavcover.run.track_file import read_track
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.reported_photos import reports_photos
 from uavcover.verification.verify import verify_track

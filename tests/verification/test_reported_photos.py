@@ -13,7 +13,7 @@ from uavcover.planner.close_gaps import plan_gap_mission
 from uavcover.run.folder import RunFolder
 from uavcover.run.planned import read_planned
 from uavcover.run.track_file import read_track
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.photo_evidence import PictureEvidence
 from uavcover.verification.verify import FlownTrack, verify_flight
@@ -76,7 +76,7 @@ def test_a_camera_that_stopped_is_an_alarm_and_proves_nothing_more(tmp_path):
     assert stretch.expected > 170
     assert stretch.length_m > 1500.0
     (alarm,) = [i for i in survey.outcome.incidents if i.kind.name == "PHOTOS_MISSING"]
-    assert "the camera has reported no photo for" in alarm.text
+    assert "the camera reported no photo for" in alarm.text
 
 
 def test_the_gap_mission_flies_what_was_not_photographed(whole):

@@ -10,13 +10,13 @@ from uavcover.cli import options
 def clear(
     to: options.To,
     *,
-    kind: Annotated[str, typer.Option("--type", help="mission, fence, rally or all.")] = "mission",
+    kind: Annotated[str, typer.Option("--type", help="The list to clear: mission, fence, rally or all.")] = "mission",
     vehicle: options.VehicleOptions,
     link: options.LinkKind = "default",
-    in_flight: Annotated[bool, typer.Option("--in-flight", help="Clear a vehicle that is armed.")] = False,
+    in_flight: Annotated[bool, typer.Option("--in-flight", help="Allow the command on an armed vehicle.")] = False,
     output: options.Output,
 ) -> int:
-    """Empty a vehicle's mission, fence or rally points, and read back that they are empty."""
+    """Clear the mission, fence or rally points on a vehicle, and verify that they are empty."""
     from mission_io.model.items import MissionType
     from uavcover.cli.mission_files import KINDS
     from uavcover.errors import InputError

@@ -2,6 +2,7 @@
 
 import contextlib
 import logging
+import math
 import os
 import select
 import signal
@@ -24,7 +25,7 @@ from uavcover.errors import OutputError
 from uavcover.run.folder import json_line
 
 _SHOW_AFTER_S = 2.0
-_STATUS_EVERY_S, _LINE_EVERY_S = 30.0, 60.0
+_STATUS_EVERY_S, _LINE_EVERY_S, _EVENT_EVERY_S = 30.0, 60.0, 0.2
 _BAR_WIDTH = 24
 """So that a note of 36 characters fits beside it into 80."""
 
@@ -143,6 +144,34 @@ class Console:
         return PauseKey(self)
 
 
+class EventConsole(Console):
+    """Writes messages and progress as JSON lines to stderr: objects with ``say``, ``warn``, ``next``, ``progress`` or ``status``.
+
+    Progress is written five times a second at most. Docs: docs/reference/commands.md, ``--events``.
+    """
+
+    def say(self, line: str = "") -> None:
+        """A message."""
+        self.write_event({"say": line})
+
+    def suggest(self, *commands: str) -> None:
+        """The commands to run next."""
+        self.write_event({"next": list(commands)})
+
+    def warn(self, line: str) -> None:
+        """A message that should not be missed."""
+        self.write_event({"warn": line})
+
+    def write_event(self, event: dict[str, Any]) -> None:
+        """Write one line."""
+        self._write(sys.stderr, json_line(plain_values(event)))
+
+    @contextmanager
+    def progress(self, what: str, total: float | None = None) -> Iterator["Bar"]:
+        """Progress as events, the first one at once."""
+        yield _EventBar(self, what, total)
+
+
 class _OneLine(Progress):
     """A progress bar, or the line of its task's status as far as it fits."""
 
@@ -190,6 +219,31 @@ class Bar:
         elif line and at_s >= self._said_s + _STATUS_EVERY_S:
             self._said_s = at_s
             self._console.say(f"  {at_s:.1f} s {line}")
+
+
+class _EventBar(Bar):
+    """Progress and status as events."""
+
+    def __init__(
+        self, console: EventConsole, what: str, total: float | None, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        super().__init__(None, None, console, what=what, total=total, clock=clock)
+        self._events = console
+        self._written_s = -math.inf
+        self.update(0.0)
+
+    def update(self, done: float, *, total: float | None = None, note: str = "") -> None:
+        """Write how far it is."""
+        self._total = total if total is not None else self._total
+        if self._clock() >= self._written_s + _EVENT_EVERY_S or (self._total and done >= self._total):
+            self._written_s = self._clock()
+            progress = {"what": self._what, "done": done, "total": self._total, "note": note}
+            self._events.write_event({"progress": progress})
+
+    def status(self, line: str, *, at_s: float) -> None:
+        """Write the vehicle's status."""
+        if line:
+            self._events.write_event({"status": line, "at_s": at_s})
 
 
 class Interrupts:
@@ -293,7 +347,7 @@ class PauseKey:
         except (OSError, ValueError, termios.error):  # no stdin, or none that is one
             return
         self._terminal = before
-        self._console.say(f"{PAUSE_KEY} pauses the flight, {PAUSE_KEY} again goes on; Ctrl-C brings it home")
+        self._console.say(f"{PAUSE_KEY} pauses the flight, {PAUSE_KEY} again goes on; Ctrl-C returns")
 
     def _take(self, number: int, frame: FrameType | None) -> None:
         del number, frame

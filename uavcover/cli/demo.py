@@ -11,16 +11,20 @@ from uavcover.cli import options
 
 def demo(
     *,
-    run: Annotated[Path, typer.Option("-o", "--out", help="Run folder to write.", metavar="RUN")] = Path("out"),
-    scenario: Annotated[str, typer.Option(help="Another scenario.")] = "jacksboro",
-    evaluations: Annotated[int | None, typer.Option(help="Evaluations of the optimizer.")] = None,
+    run: Annotated[
+        Path, typer.Option("-o", "--out", help="Folder for the results (the run folder).", metavar="RUN")
+    ] = Path("out"),
+    scenario: Annotated[str, typer.Option(help="Scenario to fly.")] = "jacksboro",
+    evaluations: Annotated[
+        int | None, typer.Option(help=("Number of route evaluations; default: that of the scenario."))
+    ] = None,
     seed: options.Seed = None,
     autopilot: options.Autopilot = None,
-    speed: Annotated[float, typer.Option(help="How fast the mock vehicle flies, times real time.")] = 100.0,
+    speed: Annotated[float, typer.Option(help="Speed of the mock vehicle, as a multiple of real time.")] = 100.0,
     force: options.ForcePlan = False,
     output: options.Output,
 ) -> int:
-    """Plan on real terrain, upload to a mock vehicle over UDP, read back, fly, record, verify."""
+    """Plan a mission, upload it to a mock vehicle over UDP, fly it, record it and verify it."""
     from uavcover.cli.whole_chain import demonstrate
     from uavcover.planner.command import PlanRequest
 

@@ -28,7 +28,7 @@ from uavcover.planner.plan_bounds import bounds
 from uavcover.planner.plan_search import SearchRequest, plan
 from uavcover.run.user import User
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.verify import FlownTrack, verify_flight
 
@@ -159,12 +159,12 @@ _VULKAN = ("/usr/share/vulkan/icd.d", "/etc/vulkan/icd.d")
 
 def doctor(
     output: options.Output,
-    imports: Annotated[bool, typer.Option(help="Try every package, not only look it up.")] = True,
+    imports: Annotated[bool, typer.Option(help="Import every package instead of only looking it up.")] = True,
     compile_ahead: Annotated[
-        bool, typer.Option("--compile", help="Compile the numeric kernels now, so that no search waits for it.")
+        bool, typer.Option("--compile", help="Compile the numeric kernels now instead of during the first search.")
     ] = False,
 ) -> int:
-    """Say what is installed, what works, and what each optional part would need."""
+    """Check the installation, and list the requirements of each optional feature."""
     console = output.console()
     if compile_ahead:
         wall_s = compile_kernels(console)

@@ -9,15 +9,19 @@ from uavcover.cli import options
 
 
 def download(
-    url: Annotated[str, typer.Option("--from", help="Where the vehicle is; see plan-upload --to.", metavar="URL")],
-    out: Annotated[Path, typer.Option("-o", "--out", help="A .waypoints file (one list) or a .plan file (all three).")],
+    url: Annotated[str, typer.Option("--from", help="URL of the vehicle; see plan-upload --to.", metavar="URL")],
+    out: Annotated[
+        Path, typer.Option("-o", "--out", help=("Output file: .waypoints for one list, or .plan for all three lists."))
+    ],
     *,
-    kind: Annotated[str, typer.Option("--type", help="mission, fence, rally or all (.plan).")] = "mission",
+    kind: Annotated[
+        str, typer.Option("--type", help=("The list to download: mission, fence, rally or all (.plan only)."))
+    ] = "mission",
     vehicle: options.TransferOptions,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Download a vehicle's mission, fence or rally points into a file."""
+    """Download the mission, fence or rally points of a vehicle to a file."""
     from mission_io.model.items import MissionType
     from uavcover.cli.mission_files import check_output, text_of
     from uavcover.flight.connect import connect

@@ -1,7 +1,10 @@
 """``uavcover fly``: arm, start, follow, record, land."""
 
+import atexit
+import contextlib
 import json
 import math
+import subprocess
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -28,7 +31,7 @@ class FlyingVehicle(options.EachVehicleOptions):
 
     client: options.ClientKind = "native"
     mock_speed: Annotated[
-        float, typer.Option(metavar="X", help="How fast the vehicle of mock: flies, times real time.")
+        float, typer.Option(metavar="X", help="Speed of the vehicle of mock:, as a multiple of real time.")
     ] = 20.0
 
 
@@ -36,12 +39,15 @@ class FlyingVehicle(options.EachVehicleOptions):
 class FlightWatch:
     """Supervision of the flight, and the reaction to a breach."""
 
-    live: Annotated[bool, typer.Option("--live", help="Show the flight live in the rerun viewer.")] = False
+    live: Annotated[bool, typer.Option("--live", help="Show the flight in the rerun viewer.")] = False
+    web: Annotated[
+        bool, typer.Option("--web", help="Show the flight live on a map in the browser; see uavcover serve.")
+    ] = False
     deadman_s: Annotated[
-        float, typer.Option("--deadman", metavar="S", help="Warn after this time without a position.")
+        float, typer.Option("--deadman", metavar="S", help="Seconds without a position before a warning.")
     ] = 3.0
     link_lost_s: Annotated[
-        float, typer.Option("--link-lost", metavar="S", help="Give the vehicle up after this time without a message.")
+        float, typer.Option("--link-lost", metavar="S", help="Seconds without any message before the command stops.")
     ] = 30.0
     on_breach: options.OnBreachAction = None
     require_photos: options.RequirePhotos = False
@@ -49,7 +55,10 @@ class FlightWatch:
         bool,
         typer.Option(
             "--apply-limits",
-            help="Set the parameters that the plan needs, after asking (--yes: without), and put the old ones back at the end.",
+            help=(
+                "Set the parameters that the plan needs, and restore the old values after the flight. Asks "
+                "first, unless you add --yes."
+            ),
         ),
     ] = False
 
@@ -60,15 +69,15 @@ class OlderFlight:
 
     resume: Annotated[
         bool,
-        typer.Option("--resume", help="Go on with the flight that was not finished, from the ground or in the air."),
+        typer.Option("--resume", help="Continue an unfinished flight, on the ground or in the air."),
     ] = False
     force: Annotated[
-        bool, typer.Option("--force", help="Replace the track, recording and verdict of an older flight.")
+        bool, typer.Option("--force", help="Replace the track, recording and verdict of the previous flight.")
     ] = False
 
 
 def fly(
-    run: Annotated[Path, typer.Argument(help="Run folder whose mission the vehicle holds.")],
+    run: Annotated[Path, typer.Argument(help="Run folder with the mission that is on the vehicle.")],
     to: options.ToEach = None,
     *,
     sortie: options.Sortie = None,
@@ -76,21 +85,26 @@ def fly(
         str,
         typer.Option(
             "--on-loss",
-            help="With several --to: what a lost vehicle leaves is flown by the others (share), or planned apart (gaps).",
+            help=(
+                "If one of several vehicles is lost: let the others fly its remaining route (share), or plan a "
+                "gap mission (gaps)."
+            ),
             metavar="share|gaps",
         ),
     ] = "share",
-    yes: Annotated[bool, typer.Option("--yes", help="Arm a vehicle that is not simulated.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help="Allow arming a real vehicle.")] = False,
     vehicle: FlyingVehicle,
     watch: FlightWatch,
     older: OlderFlight,
     output: options.Output,
 ) -> int:
-    """Wait until ready, arm, start, follow, record, land. With --to several times all vehicles of the plan fly at once.
+    """Wait until the vehicle is ready, arm it, fly the mission, record the flight and land.
 
-    Ctrl-C: hold, then home along checked legs, and land; twice: hold, and leave it there; both end with 130. The key p (without
-    a terminal: SIGUSR1) pauses: the vehicle holds; p again, and it goes on. --resume goes on with a flight that ended early,
-    for any reason, in a folder of its own inside RUN; verify counts both.
+    With several --to, all vehicles of the plan fly at the same time.
+
+    Press Ctrl-C to hold, return along checked legs and land. Press it twice to keep holding. Both exit with 130. Press
+    p to pause or continue; without a terminal, send SIGUSR1. --resume continues a flight that ended early. The new
+    track is in its own folder inside RUN, and verify judges both tracks together.
     """
     from uavcover.errors import INTERRUPTED, InputError
     from uavcover.flight.command import ENDED_BY_USER, FlightOptions, commands_after_flight, fly_run, resume_run
@@ -122,6 +136,8 @@ def fly(
     )
     precautions = replace(precautions, photos_required=watch.require_photos)
     timeouts = FlightTimeouts(deadman_s=watch.deadman_s, link_lost_s=watch.link_lost_s)
+    if watch.web:
+        show_page(run)
     viewer_url = None
     if watch.live:
         from uavcover.recording.viewer import open_live_viewer
@@ -155,6 +171,21 @@ def fly(
     console.suggest(*commands_after_flight(folder, outcome.ending, options.words_of(links)))
     console.result(document)
     return INTERRUPTED if outcome.ending in ENDED_BY_USER else 0
+
+
+def show_page(run: Path) -> None:
+    """Start ``uavcover serve`` for a run as a process of its own, which ends with this one. It cannot delay the flight."""
+    page = subprocess.Popen(
+        [sys.executable, "-m", "uavcover", "serve", str(run), "--port", "0"],
+        stdin=subprocess.DEVNULL, stdout=sys.stderr, start_new_session=True,
+    )  # fmt: skip
+
+    def end() -> None:
+        page.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            page.wait(5.0)
+
+    atexit.register(end)
 
 
 def precautions_for(

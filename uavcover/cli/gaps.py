@@ -10,33 +10,29 @@ from uavcover.cli import options
 
 
 def gaps(
-    run: Annotated[Path, typer.Argument(help="Run folder of a flight.")],
+    run: Annotated[Path, typer.Argument(help="Run folder with a flight.")],
     *,
     logs: options.Logs = None,
     system: options.LogSystem = None,
     accept_changed: options.AcceptChanged = None,
     target: Annotated[
         float | None,
-        typer.Option(
-            help="Required coverage of the visible ground, such as 0.98; default: all of it.", metavar="SHARE"
-        ),
+        typer.Option(help="Required coverage of the visible ground, such as 0.98; default: 1.", metavar="SHARE"),
     ] = None,
     min_area_m2: Annotated[
-        float, typer.Option("--min-area", help="Leave smaller gaps open, square metres.", metavar="M2")
+        float, typer.Option("--min-area", help="Ignore gaps smaller than this, in square metres.", metavar="M2")
     ] = 0.0,
     start: Annotated[
         str,
-        typer.Option(
-            help="Where the mission begins: home, or the last sample of the last log, in the air.", metavar="home|last"
-        ),
+        typer.Option(help="Start of the mission: home, or the last position in the log (last).", metavar="home|last"),
     ] = "home",
-    force: Annotated[bool, typer.Option("--force", help="Replace an older gap mission, and its flight.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing gap mission and its flight.")] = False,
     output: options.Output,
 ) -> int:
-    """Group the unobserved cells by position and reason, and plan the mission that closes the gaps.
+    """List the gaps in coverage with their reasons, and plan a mission that closes them.
 
-    Writes gaps.geojson, gap_mission.waypoints, and RUN/gaps, a run folder to upload, fly and verify. Exit 1 when the mission
-    cannot reach the required coverage.
+    The command writes gaps.geojson, gap_mission.waypoints, and the run folder RUN/gaps, which you can upload, fly and
+    verify. The exit code is 1 if the mission cannot reach the required coverage.
     """
     from uavcover.errors import InputError
     from uavcover.planner.close_gaps import GapRequest, GapStart, close_gaps, commands_after_gaps

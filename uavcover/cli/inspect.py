@@ -11,17 +11,17 @@ from uavcover.cli import options
 def inspect(
     run: Annotated[Path, typer.Argument(help="Run folder with flight.rrd, or a .rrd file.")],
     *,
-    text: Annotated[bool, typer.Option("--text", help="Print what is in the recording.")] = False,
+    text: Annotated[bool, typer.Option("--text", help="Print the content of the recording.")] = False,
     screenshot: Annotated[
-        Path | None, typer.Option(help="Write a screenshot; needs no screen.", metavar="FILE.png")
+        Path | None, typer.Option(help="Write a screenshot. This works without a display.", metavar="FILE.png")
     ] = None,
     at: Annotated[
-        float, typer.Option(help="Moment of the screenshot: 0 the start of the flight, 1 its end.", metavar="SHARE")
+        float, typer.Option(help="Time of the screenshot, from 0 (start of the flight) to 1 (end).", metavar="SHARE")
     ] = 1.0,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Open the recording in the rerun viewer; or print it; or write a screenshot of it."""
+    """Open the recording in the rerun viewer, print its content, or write a screenshot."""
     import dataclasses
 
     from uavcover.errors import OutputError

@@ -14,19 +14,19 @@ _CORE: dict[str, dict[str, Entry]] = {
     "Start": {
         "demo": (
             "uavcover.cli.demo",
-            "the whole chain on real terrain, with a mock vehicle",
+            "plan, fly and verify a mission with a mock vehicle",
             ("uavcover demo", "uavcover demo -o RUN --autopilot px4"),
         ),
         "doctor": (
             "uavcover.cli.doctor",
-            "what is installed, what works, what is missing",
+            "check the installation",
             ("uavcover doctor", "uavcover doctor --compile"),
         ),
     },
     "Plan": {
         "new": (
             "uavcover.cli.new",
-            "a scenario from your area, elevation data and camera",
+            "create a scenario from an area, elevation data, camera",
             (
                 "uavcover new area.kml --dem dem.tif --camera dji-m3e --gsd 2.5cm -o survey.toml",
                 "uavcover new --camera list",
@@ -34,7 +34,7 @@ _CORE: dict[str, dict[str, Entry]] = {
         ),
         "plan": (
             "uavcover.cli.plan",
-            "a route that covers the area, and its mission files",
+            "plan a route and write its mission files",
             (
                 "uavcover plan jacksboro -o RUN --budget 30s",
                 "uavcover plan area.kml --dem dem.tif --camera dji-m3e --gsd 2.5cm -o RUN",
@@ -42,7 +42,7 @@ _CORE: dict[str, dict[str, Entry]] = {
         ),
         "pareto": (
             "uavcover.cli.pareto",
-            "the trade-off of a plan; select takes another route",
+            "list the routes of a plan; select chooses one",
             ("uavcover pareto RUN", "uavcover pareto RUN --plot tradeoff.png"),
         ),
         "select": (
@@ -54,7 +54,7 @@ _CORE: dict[str, dict[str, Entry]] = {
     "Vehicle": {
         "plan-upload": (
             "uavcover.cli.plan_upload",
-            "plan if needed, check, upload, read back, compare",
+            "check the mission, upload it and read it back",
             (
                 "uavcover plan-upload RUN --to udp:127.0.0.1:14550",
                 "uavcover plan-upload area.toml --to /dev/ttyACM0 --link telemetry-radio",
@@ -62,7 +62,7 @@ _CORE: dict[str, dict[str, Entry]] = {
         ),
         "upload": (
             "uavcover.cli.upload",
-            "send any .waypoints or .plan file, read it back",
+            "upload a .waypoints or .plan file and read it back",
             (
                 "uavcover upload mission.waypoints --to udp:127.0.0.1:14550",
                 "uavcover upload fence.plan --type fence --to tcp:127.0.0.1:5760",
@@ -70,7 +70,7 @@ _CORE: dict[str, dict[str, Entry]] = {
         ),
         "download": (
             "uavcover.cli.download",
-            "a vehicle's mission, fence or rally as a file",
+            "download the mission, fence or rally points",
             (
                 "uavcover download --from udp:127.0.0.1:14550 -o mission.waypoints",
                 "uavcover download --from tcp:127.0.0.1:5760 --type all -o all.plan",
@@ -78,17 +78,17 @@ _CORE: dict[str, dict[str, Entry]] = {
         ),
         "clear": (
             "uavcover.cli.clear",
-            "empty a vehicle's mission, fence or rally points",
+            "clear the mission, fence or rally points",
             ("uavcover clear --to udp:127.0.0.1:14550", "uavcover clear --to udp:127.0.0.1:14550 --type fence"),
         ),
         "fly": (
             "uavcover.cli.fly",
-            "arm, start, follow, record, land",
+            "arm, fly the mission, record the flight and land",
             ("uavcover fly RUN --to mock:", "uavcover fly RUN --to udp:127.0.0.1:14550 --resume"),
         ),
         "mock-vehicle": (
             "uavcover.cli.mock_vehicle",
-            "a MAVLink vehicle for any ground station",
+            "simulate a MAVLink vehicle for any ground station",
             (
                 "uavcover mock-vehicle --listen udpin://127.0.0.1:14550",
                 "uavcover mock-vehicle --listen tcpin://127.0.0.1:5760 --autopilot px4 --loss 0.2",
@@ -98,7 +98,7 @@ _CORE: dict[str, dict[str, Entry]] = {
     "After": {
         "verify": (
             "uavcover.cli.verify",
-            "coverage and safety of what was flown",
+            "judge coverage and safety of a flight",
             (
                 "uavcover verify RUN --log flight.bin",
                 "uavcover verify flight.bin --photos DCIM/ --area area.kml --dem dem.tif",
@@ -106,12 +106,12 @@ _CORE: dict[str, dict[str, Entry]] = {
         ),
         "gaps": (
             "uavcover.cli.gaps",
-            "unobserved cells, and a mission that flies only them",
+            "plan a mission for unobserved cells",
             ("uavcover gaps RUN", "uavcover gaps RUN --target 0.98 --min-area 50"),
         ),
         "report": (
             "uavcover.cli.report",
-            "one HTML file about a run, opens offline",
+            "write an HTML report of a run",
             ("uavcover report RUN", "uavcover report RUN -o flight.html"),
         ),
         "inspect": (
@@ -139,7 +139,7 @@ _GROUPS: Groups = _with_extras(_CORE)
 app = typer.Typer(
     name="uavcover",
     cls=overview_of(_GROUPS),
-    help="Plan flights that cover all of a rugged terrain, fly them, prove the coverage.",
+    help="Plan flights that cover rugged terrain, fly them, and verify the coverage.",
     add_completion=True,
     rich_markup_mode=None,
     pretty_exceptions_enable=False,
@@ -155,7 +155,7 @@ def _tell_version(wanted: bool) -> None:
 
 @app.callback()
 def _root(
-    debug: bool = typer.Option(False, "--debug", help="Show the trace of an error."),
+    debug: bool = typer.Option(False, "--debug", help="Show the traceback of an error."),
     _: bool = typer.Option(
         False, "--version", help="Show the version.", callback=_tell_version, is_eager=True, expose_value=False
     ),

@@ -28,17 +28,17 @@ class Imitated:
         str,
         typer.Option(
             "--type",
-            help="Vehicle type that it reports: quadrotor, plane, rover, helicopter, vtol, ...",
+            help="Vehicle type to report: quadrotor, plane, rover, helicopter, vtol and others.",
             metavar="NAME",
         ),
     ] = "quadrotor"
-    system: Annotated[int, typer.Option("--system", help="Its MAVLink system id.", metavar="N", min=1, max=255)] = 1
-    scenario: Annotated[str, typer.Option(help="Stands at this scenario's home and flies like its vehicle.")] = (
+    system: Annotated[
+        int, typer.Option("--system", help="MAVLink system id of the vehicle.", metavar="N", min=1, max=255)
+    ] = 1
+    scenario: Annotated[str, typer.Option(help="Scenario that defines the home and performance of the vehicle.")] = (
         "jacksboro"
     )
-    home: Annotated[
-        str | None, typer.Option(help="Stands here instead, on flat ground.", metavar="LAT,LON,ALT_AMSL")
-    ] = None
+    home: Annotated[str | None, typer.Option(help="Home position, on flat ground.", metavar="LAT,LON,ALT_AMSL")] = None
 
     def configured(self) -> "tuple[AutopilotName, GeoPoint, MockConfig]":
         """Its autopilot, its home, and what kind of vehicle it is.
@@ -61,7 +61,9 @@ class Imitated:
         site = load_site(self.scenario)
         place, vehicle = home_of(site), site.scenario.vehicle
         if place is None:
-            raise InputError(f"scenario {self.scenario}: has no place on Earth or no home: add --home LAT,LON,ALT_AMSL")
+            raise InputError(
+                f"scenario {self.scenario}: has no position on Earth or no home: add --home LAT,LON,ALT_AMSL"
+            )
         name = autopilot_name(self.autopilot, vehicle.autopilot)
         settings = Settings.for_vehicle(vehicle, name)
         return name, place, replace(config, settings=settings, battery=BatteryData.for_vehicle(vehicle))
@@ -71,18 +73,24 @@ class Imitated:
 class FlightConditions:
     """Time factor, link loss, wind and performance of the mock vehicle."""
 
-    speed: Annotated[float, typer.Option(help="Vehicle seconds per second.")] = 1.0
-    loss: Annotated[float, typer.Option(help="Fraction of the datagrams that are lost, each way.")] = 0.0
-    wind_m_s: Annotated[float, typer.Option("--wind", help="Steady wind, m/s.")] = 0.0
-    wind_from_deg: Annotated[float, typer.Option("--wind-from", help="Direction it blows from, degrees.")] = 270.0
-    gust_m_s: Annotated[float, typer.Option("--gust", help="Standard deviation of the gusts, m/s.")] = 0.0
-    gps_noise_m: Annotated[float, typer.Option("--gps-noise", help="Standard deviation of its position, m.")] = 0.0
-    gps_latency_s: Annotated[float, typer.Option("--gps-latency", help="Age of its satellite positions, s.")] = 0.0
+    speed: Annotated[float, typer.Option(help="Speed as a multiple of real time.")] = 1.0
+    loss: Annotated[float, typer.Option(help="Fraction of datagrams lost in each direction.")] = 0.0
+    wind_m_s: Annotated[float, typer.Option("--wind", help="Speed of the steady wind, in m/s.")] = 0.0
+    wind_from_deg: Annotated[
+        float, typer.Option("--wind-from", help=("Direction from which the wind blows, in degrees."))
+    ] = 270.0
+    gust_m_s: Annotated[float, typer.Option("--gust", help="Standard deviation of the gusts, in m/s.")] = 0.0
+    gps_noise_m: Annotated[
+        float, typer.Option("--gps-noise", help="Standard deviation of the position, in metres.")
+    ] = 0.0
+    gps_latency_s: Annotated[float, typer.Option("--gps-latency", help="Delay of satellite positions, in seconds.")] = (
+        0.0
+    )
     endurance_s: Annotated[
-        float | None, typer.Option("--endurance", help="For how long its full battery hovers, s.")
+        float | None, typer.Option("--endurance", help="Hover time of a full battery, in seconds.")
     ] = None
     behaviour: Annotated[
-        str, typer.Option(help="quick: ready in 2 s. observed: as the real autopilots start up, talk and wait.")
+        str, typer.Option(help="quick: ready after 2 s. observed: same timing and messages as the real autopilots.")
     ] = "quick"
 
     def added_to(self, config: "MockConfig", autopilot: "Autopilot") -> "MockConfig":
@@ -118,32 +126,36 @@ class FlightConditions:
 
 def mock_vehicle(
     listen: Annotated[
-        str, typer.Option("--listen", help="udpin:// or tcpin://HOST:PORT; port 0 is any free one.", metavar="URL")
+        str,
+        typer.Option(
+            "--listen", help="udpin://HOST:PORT or tcpin://HOST:PORT. Port 0 selects a free port.", metavar="URL"
+        ),
     ],
     *,
     imitated: Imitated,
     conditions: FlightConditions,
     truth: Annotated[
-        Path | None, typer.Option(help="Where it really is, as CSV.", metavar="FILE.csv", show_default=False)
+        Path | None, typer.Option(help="CSV file for the true positions.", metavar="FILE.csv", show_default=False)
     ] = None,
     fault: Annotated[
         list[str] | None,
-        typer.Option(help="Fault and its time; repeatable. See below.", metavar="NAME[:ARG][@MOMENT]"),
+        typer.Option(help="Fault to simulate, as listed above. Can be repeated.", metavar="NAME[:ARG][@MOMENT]"),
     ] = None,
     until_eof: Annotated[
         bool,
-        typer.Option("--until-eof", help="End when standard input ends, as it does with the program that holds it."),
+        typer.Option("--until-eof", help="Exit when standard input closes."),
     ] = False,
     seed: options.Seed = None,
     output: options.Output,
 ) -> int:
-    """Be a vehicle on a port until Ctrl-C; prints the port it bound.
+    """Simulate a MAVLink vehicle on a port until Ctrl-C, and print the port.
 
-    Faults: heartbeat-loss[:S], gps-loss[:S], battery-failsafe[:return|land], pilot-mode[:MODE], reboot[:S],
-    link-outage[:S], stuck[:S], arming-refused[:S], strong-wind[:M_S], mission-changed,
+    A fault is NAME[:ARGUMENT][@MOMENT]. Faults: heartbeat-loss[:S], gps-loss[:S], battery-failsafe[:return|land],
+    pilot-mode[:MODE], reboot[:S], link-outage[:S], stuck[:S], arming-refused[:S], strong-wind[:M_S], mission-changed,
     mission-lowered[:M], force-disarm, motor-failure, gps-glitch[:M], speed-changed[:M_S], item-set-back,
-    camera-stops[:N], camera-skips[:N], camera-silent. Moments: @40s after
-    take-off, @boot+40s after it was switched on, @item5 when it flies to that item.
+    camera-stops[:N], camera-skips[:N], camera-silent.
+
+    Moments: @40s is 40 s after take-off, @boot+40s is 40 s after the start, and @item5 is when the vehicle flies to item 5.
     """
     import numpy as np
 

@@ -16,22 +16,25 @@ def new(
     area: Annotated[
         str | None,
         typer.Argument(
-            help="GeoJSON, KML, KMZ, GeoPackage, Shapefile, WKT, .plan, .poly; WEST,SOUTH,EAST,NORTH; or LAT,LON,RADIUS.",
+            help=(
+                "Area to cover: a GeoJSON, KML, KMZ, GeoPackage, Shapefile, WKT, .plan or .poly file; "
+                "WEST,SOUTH,EAST,NORTH; or LAT,LON,RADIUS."
+            ),
         ),
     ] = None,
     *,
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", help="Scenario to write; default: the area's name.", metavar="FILE.toml"),
+        typer.Option("-o", "--out", help="Scenario file to write; default: named after the area.", metavar="FILE.toml"),
     ] = None,
     survey: SurveyOptions,
     autopilot: options.Autopilot = None,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Write a commented scenario that plans at once, and show the derived values.
+    """Create a scenario file from an area, an elevation model and a camera, and print the derived values.
 
-    Every key that it writes has its reason as a comment. --camera list and --vehicle list show the tables.
+    The file explains each key in a comment. To show known cameras or vehicles, use --camera list or --vehicle list.
     """
     from uavcover.errors import InputError, OutputError
 

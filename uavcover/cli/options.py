@@ -35,7 +35,7 @@ class Overview(TyperGroup):
                 continue
             title, group = "" if of_group == group else of_group, of_group
             formatter.write(f"{title:{_GROUP_WIDTH}}{name:{_NAME_WIDTH}}{short}\n")
-        formatter.write("COMMAND --help shows its options; all take --json, -q, -v. --install-completion\n")
+        formatter.write("COMMAND --help lists its options. All take --json, -q, -v. --install-completion\n")
 
 
 if TYPE_CHECKING:
@@ -45,26 +45,32 @@ if TYPE_CHECKING:
     from uavcover.flight.own_links import VehiclePlace
     from uavcover.flight.precautions import OnBreach
 
-Json = Annotated[bool, typer.Option("--json", help="One JSON object on stdout; everything else on stderr.")]
+Events = Annotated[
+    bool,
+    typer.Option("--events", help="Write messages and progress to stderr as JSON lines, for use by other programs."),
+]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout, and everything else to stderr.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show only warnings and errors.")]
-Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Show logs; -vv for more.")]
+Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Show log messages. Use -vv for more.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
 ForcePlan = Annotated[
     bool,
     typer.Option(
         "--force",
-        help="Replace the existing plan and its files; a flown plan moves to RUN/older-N.",
+        help="Replace an existing plan. If it was flown, it moves to RUN/older-N.",
     ),
 ]
 Autopilot = Annotated[
-    str | None, typer.Option(help="ardupilot or px4; default: the scenario's.", metavar="ardupilot|px4")
+    str | None, typer.Option(help="ardupilot or px4; default: that of the scenario.", metavar="ardupilot|px4")
 ]
-Seed = Annotated[int | None, typer.Option(help="Seed of every random number; default: the scenario's.")]
+Seed = Annotated[int | None, typer.Option(help="Seed of the random numbers; default: that of the scenario.")]
 Scheduler = Annotated[
     str | None,
     typer.Option(
-        help="Who does the tasks: local:N starts N worker processes here, tcp://HOST:PORT is a Dask scheduler. The result "
-        "does not depend on it. Needs the extra cluster.",
+        help=(
+            "Distribute the work: local:N starts N worker processes, tcp://HOST:PORT uses a Dask scheduler. "
+            "The result does not depend on it. Requires the extra cluster."
+        ),
         metavar="local:N|tcp://HOST:PORT",
     ),
 ]
@@ -72,7 +78,10 @@ To = Annotated[
     str,
     typer.Option(
         "--to",
-        help="Where the vehicle is: mock:, udpin://HOST:PORT (wait for it), udpout://HOST:PORT (speak first), udp:HOST:PORT.",
+        help=(
+            "URL of the vehicle: mock:, udpin://HOST:PORT (listen), udpout://HOST:PORT (send), "
+            "udp:HOST:PORT, tcp:HOST:PORT or a serial port."
+        ),
         metavar="URL",
     ),
 ]
@@ -80,8 +89,11 @@ ToEach = Annotated[
     list[str] | None,
     typer.Option(
         "--to",
-        help="Where the vehicle is: mock:, udpin://HOST:PORT (wait for it), udpout://HOST:PORT (speak first), udp:HOST:PORT. "
-        "Again for more: vehicle 2, 3, ... of the plan, each gets its first sortie. Default: link of each [[vehicle]].",
+        help=(
+            "URL of the vehicle: mock:, udpin://HOST:PORT (listen), udpout://HOST:PORT (send), "
+            "udp:HOST:PORT, tcp:HOST:PORT or a serial port. For several vehicles, repeat the option: the "
+            "first is vehicle 1. Default: the link of each [[vehicle]]."
+        ),
         metavar="URL",
     ),
 ]
@@ -90,14 +102,14 @@ Logs = Annotated[
     typer.Option(
         "--log",
         "--track",
-        help="A flown track: .csv, .rrd, .bin, .tlog, .ulg or .gpx; can be given several times. Default: RUN/track.csv.",
+        help="Track of the flight: .csv, .rrd, .bin, .tlog, .ulg or .gpx. Can be repeated. Default: RUN/track.csv.",
     ),
 ]
 LogSystem = Annotated[
     int | None,
     typer.Option(
         "--system",
-        help="Which vehicle is meant, where a .tlog has several; default: the only one.",
+        help="System id of the vehicle, if a .tlog contains several.",
         metavar="N",
         min=1,
         max=255,
@@ -107,33 +119,39 @@ AcceptChanged = Annotated[
     list[str] | None,
     typer.Option(
         "--accept-changed",
-        help="Judge although this changed since planning or flight, and say so in the verdict: scenario, terrain, surface, "
-        "obstacles, plan, mission, track, version, record (run.json) or all; again for more.",
+        help=(
+            "Judge the flight although this input was changed: scenario, terrain, surface, obstacles, plan, "
+            "mission, track, version, record (run.json) or all. The verdict states it. Can be repeated."
+        ),
         metavar="WHAT",
     ),
 ]
 Sortie = Annotated[
-    int | None, typer.Option("--sortie", help="Which flight of a plan that is flown as several.", metavar="N", min=1)
+    int | None, typer.Option("--sortie", help="Number of the sortie, if the plan has several.", metavar="N", min=1)
 ]
 Vehicles = Annotated[
     int | None,
     typer.Option(
-        "--vehicles", help="How many equal vehicles fly it at the same time; default: the scenario's.", metavar="N"
+        "--vehicles",
+        help="Number of equal vehicles that fly at the same time; default: that of the scenario.",
+        metavar="N",
     ),
 ]
 Timeout = Annotated[
-    float, typer.Option("--timeout", help="Seconds to wait for the vehicle's first heartbeat.", metavar="SECONDS")
+    float, typer.Option("--timeout", help="Seconds to wait for the first heartbeat.", metavar="SECONDS")
 ]
 
 System = Annotated[
     int | None,
-    typer.Option("--system", help="Which vehicle is meant, where several share the link.", metavar="N", min=1, max=255),
+    typer.Option("--system", help="System id of the vehicle, if several share the link.", metavar="N", min=1, max=255),
 ]
 SystemEach = Annotated[
     list[int] | None,
     typer.Option(
         "--system",
-        help="Which vehicle is meant, where several share the link. Again for more: vehicle 2, 3, ... on one --to.",
+        help=(
+            "System id of the vehicle, if several share the link. For several vehicles on one --to, repeat the option."
+        ),
         metavar="N",
         min=1,
         max=255,
@@ -142,7 +160,11 @@ SystemEach = Annotated[
 Component = Annotated[
     int | None,
     typer.Option(
-        "--component", help="Its autopilot's component; default: 1, or the only one.", metavar="N", min=1, max=255
+        "--component",
+        help="Component id of the autopilot; default: 1, or the only autopilot.",
+        metavar="N",
+        min=1,
+        max=255,
     ),
 ]
 
@@ -150,7 +172,7 @@ OwnSystem = Annotated[
     int,
     typer.Option(
         "--own-system",
-        help="Our own MAVLink system id; for a vehicle that minds one ground station, its number.",
+        help="MAVLink system id of uavcover. Some vehicles accept only the id of one ground station.",
         metavar="N",
         min=1,
         max=255,
@@ -161,7 +183,10 @@ LinkKind = Annotated[
     str,
     typer.Option(
         "--link",
-        help="What the link is like: default, telemetry-radio or satellite. Times adapt to it anyway; this saves the start.",
+        help=(
+            "Type of link: default, telemetry-radio or satellite. It sets the initial timeouts, which then "
+            "adapt to the link."
+        ),
         metavar="KIND",
     ),
 ]
@@ -170,7 +195,7 @@ SigningKeyFile = Annotated[
     Path | None,
     typer.Option(
         "--signing-key",
-        help="Sign every message with the key in this file (MAVLink 2), and believe nothing unsigned.",
+        help="Sign all messages with the key in this file (MAVLink 2), and reject unsigned messages.",
         metavar="FILE",
     ),
 ]
@@ -179,7 +204,7 @@ ClientKind = Annotated[
     str,
     typer.Option(
         "--client",
-        help="Who conducts transfers and commands: native, or mavsdk as a second opinion.",
+        help="Client for transfers and commands: native or mavsdk.",
         metavar="native|mavsdk",
     ),
 ]
@@ -187,15 +212,21 @@ ClientKind = Annotated[
 RequirePhotos = Annotated[
     bool,
     typer.Option(
-        "--require-photos", help="Not proved unless the vehicle reported its photos; in flight, silence is an alarm."
+        "--require-photos",
+        help=(
+            "Require that the vehicle reports its photos. Otherwise, the flight is not proved. In flight, "
+            "missing reports raise an alarm."
+        ),
     ),
 ]
 OnBreachAction = Annotated[
     str | None,
     typer.Option(
         "--on-breach",
-        help="When it leaves route, fence, height band or known ground, or its mission was changed. Default: tell; hold for a "
-        "simulated vehicle.",
+        help=(
+            "Action if the vehicle leaves the route, fence, height band or known ground, or if its mission "
+            "changes: tell, hold, return or land. Default: tell; hold for a simulated vehicle."
+        ),
         metavar="tell|hold|return|land",
     ),
 ]
@@ -234,13 +265,16 @@ class Output:
     """Output options of a command."""
 
     as_json: Json = False
+    events: Events = False
     quiet: Quiet = False
     verbose: Verbose = 0
 
     def console(self) -> "Console":
         """Where the command writes to."""
-        from uavcover.cli.console import Console
+        from uavcover.cli.console import Console, EventConsole
 
+        if self.events:
+            return EventConsole(as_json=self.as_json)
         return Console(as_json=self.as_json, verbosity=-1 if self.quiet else self.verbose)
 
 

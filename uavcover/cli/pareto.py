@@ -15,11 +15,13 @@ if TYPE_CHECKING:
 def pareto(
     run: Annotated[Path, typer.Argument(help="Run folder with a plan.")],
     *,
-    plot: Annotated[Path | None, typer.Option(help="Draw it; .png, .svg or .pdf.", metavar="FILE.png")] = None,
+    plot: Annotated[
+        Path | None, typer.Option(help="Draw the set to a .png, .svg or .pdf file.", metavar="FILE.png")
+    ] = None,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """List the Pareto set of a plan: coverage, waypoints, length, time and sorties of every member; or draw it."""
+    """List the routes of a plan with coverage, waypoints, length, time and sorties, or draw them."""
     from uavcover.errors import OutputError
     from uavcover.planner.pareto_file import read_pareto
     from uavcover.planner.plan_words import sizes_by_vehicles_in_words

@@ -16,30 +16,36 @@ class PhotoOptions:
 
     takeoff: Annotated[
         str | None,
-        typer.Option("--takeoff", help="Where the vehicle took off: heights above it count.", metavar="LAT,LON"),
+        typer.Option(
+            "--takeoff",
+            help="Take-off position of the vehicle. Photo heights are then relative to it.",
+            metavar="LAT,LON",
+        ),
     ] = None
     geoid_height: Annotated[
         float | None,
         typer.Option(
-            "--geoid-height", help="Of the sea level above the ellipsoid, where PROJ has no grid.", metavar="METRES"
+            "--geoid-height",
+            help="Height of sea level above the ellipsoid, if PROJ has no geoid grid.",
+            metavar="METRES",
         ),
     ] = None
     position_error: Annotated[
-        float, typer.Option("--position-error", help="Of photos' positions that state none.", metavar="METRES")
+        float, typer.Option("--position-error", help="Position error of photos that state none.", metavar="METRES")
     ] = 3.0
     height_error: Annotated[
-        float, typer.Option("--height-error", help="Of photos' heights that state none.", metavar="METRES")
+        float, typer.Option("--height-error", help="Height error of photos that state none.", metavar="METRES")
     ] = 10.0
     angle_error: Annotated[
         float,
-        typer.Option("--angle-error", help="Of the camera's angles, where photos record them.", metavar="DEGREES"),
+        typer.Option("--angle-error", help="Error of the camera angles in the photos.", metavar="DEGREES"),
     ] = 2.0
 
     max_blur: Annotated[
         float | None,
         typer.Option(
             "--max-blur",
-            help="Photos with more motion of the ground during the exposure do not count.",
+            help="Ignore photos in which the ground moves more than this during the exposure.",
             metavar="PIXELS",
         ),
     ] = None
@@ -84,13 +90,13 @@ class SearchOptions:
         str | None,
         typer.Option(
             "--detection",
-            help="Probability that one photo finds the target: list, a name, or a TOML file of your own.",
+            help="Detection curve: a name, your own TOML file, or list to show the names.",
             metavar="NAME|FILE.toml",
         ),
     ] = None
     pod: Annotated[
         float | None,
-        typer.Option("--pod", help="Required probability of detection, mean of the area, such as 0.8."),
+        typer.Option("--pod", help="Required mean probability of detection, such as 0.8."),
     ] = None
 
     def curve(self) -> "DetectionCurve | None":
@@ -118,7 +124,7 @@ def list_curves(console: "Console") -> int:
     curves = all_curves()
     console.say(f"{'curve':20}{'half of the looks find it at':>30}  title")
     for one in curves:
-        console.say(f"{one.name:20}{f'{100.0 * one.half_at_m:.3g} cm a pixel':>30}  {one.title}")
+        console.say(f"{one.name:20}{f'{100.0 * one.half_at_m:.3g} cm per pixel':>30}  {one.title}")
     console.say("They are examples, rules of thumb; measure a curve of your own (docs/reference/detection.md)")
     console.result({"curves": [one.name for one in curves]})
     return 0

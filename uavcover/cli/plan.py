@@ -22,65 +22,73 @@ class Search:
     algorithm: Annotated[
         str | None,
         typer.Option(
-            help="memetic, local-search, imodbo, modbo, nsga2, moead, pymoo:NSGA3 or your own module:Class; default: the "
-            "scenario's."
+            help=(
+                "memetic, local-search, imodbo, modbo, nsga2, moead, pymoo:NSGA3 or your own module:Class; "
+                "default: that of the scenario."
+            )
         ),
     ] = None
     budget: Annotated[
-        str | None, typer.Option(help="Search this long (30s, 5m) instead of a number of evaluations.")
+        str | None, typer.Option(help="Time limit, such as 30s or 5m, instead of a number of evaluations.")
     ] = None
     evaluations: Annotated[
-        int | None, typer.Option(help="Route evaluations; 50 proposals of the local search count as one.")
+        int | None, typer.Option(help="Number of route evaluations. 50 proposals of the local search count as one.")
     ] = None
     max_waypoints: Annotated[
-        int | None, typer.Option(help="Of the route; where the encoding is waypoints, of its nodes.")
+        int | None,
+        typer.Option(help=("Largest number of waypoints of the route, or of nodes if the encoding is waypoints.")),
     ] = None
     parts: Annotated[
         str | None,
         typer.Option(
-            help="Divide a large area into N parts, or auto; each is searched by itself and along its seams. Default: the "
-            "scenario's.",
+            help="Divide a large area into N parts, or auto. Default: that of the scenario.",
             metavar="N|auto",
         ),
     ] = None
     waypoint_price: Annotated[
         float | None,
         typer.Option(
-            help="Cost of a waypoint, in seconds (in metres where the objective is length): higher for fewer mission items."
+            help=(
+                "Penalty for each waypoint, in seconds, or in metres if the objective is length. A higher "
+                "penalty gives fewer waypoints."
+            )
         ),
     ] = None
     select: Annotated[
         str | None,
         typer.Option(
-            help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N; conditions after it: ,sorties<=N "
-            ",vehicles<=N ,done<=40m.",
+            help=(
+                "Rule that selects the route: weighted[:w1,w2,w3], knee, max-coverage, coverage>=X or index:N. "
+                "You can add conditions: ,sorties<=N ,vehicles<=N ,done<=40m."
+            ),
             metavar="RULE",
         ),
     ] = None
     bounds: Annotated[
         str | None,
-        typer.Option(
-            help="After the search, prove for about this long (30s) how few waypoints or how short a path, or how much coverage, "
-            "there can be."
-        ),
+        typer.Option(help="Time to compute bounds after the search, such as 30s: limits that no route can improve on."),
     ] = None
     rally: Annotated[
         str | None,
         typer.Option(
-            help="auto: propose rally points where the autopilot's own return home is not safe; home: home alone. Default: the "
-            "scenario's.",
+            help=(
+                "auto: propose rally points if the autopilot's own return is unsafe. home: use home only. "
+                "Default: that of the scenario."
+            ),
             metavar="auto|home",
         ),
     ] = None
     autopilot: options.Autopilot = None
     vehicles: options.Vehicles = None
-    workers: Annotated[int | None, typer.Option(help="Threads; the result does not depend on it.")] = None
+    workers: Annotated[int | None, typer.Option(help="Number of threads. The result does not depend on it.")] = None
     scheduler: options.Scheduler = None
     memory: Annotated[
         str | None,
         typer.Option(
-            help="What planning may take on this machine (4GiB, 800MiB): a large area is divided into more parts, and fewer are "
-            "searched at a time, as far as needed.",
+            help=(
+                "Memory limit on this machine, such as 4GiB or 800MiB. If necessary, a large area is divided "
+                "into more parts, and fewer are searched at a time."
+            ),
             metavar="SIZE",
         ),
     ] = None
@@ -91,10 +99,10 @@ def plan(
     scenario: Annotated[
         str,
         typer.Argument(
-            help="A scenario file, the name of a bundled one (see doctor), or an area with --dem and --camera."
+            help="A scenario file, the name of a bundled scenario (see doctor), or an area with --dem and --camera."
         ),
     ],
-    run: Annotated[Path, typer.Option("-o", "--out", help="Run folder to write.", metavar="RUN")],
+    run: Annotated[Path, typer.Option("-o", "--out", help="Folder for the results (the run folder).", metavar="RUN")],
     *,
     search: Search,
     survey: SurveyOptions,
@@ -103,8 +111,8 @@ def plan(
 ) -> int:
     """Plan a route that observes the area, and write its mission files.
 
-    An area in place of a scenario is planned as `uavcover new` would describe it; RUN/scenario.toml then says how.
-    Ctrl-C writes the best route so far and ends with 130.
+    If you pass an area instead of a scenario, the command creates the scenario as `uavcover new` does and writes it to
+    RUN/scenario.toml. Press Ctrl-C to stop the search and write the best route so far. The exit code is then 130.
     """
     from uavcover.new.quantities import memory_bytes
     from uavcover.planner.command import PlanRequest, plan_into

@@ -29,11 +29,11 @@ class Planning:
     """Planning options, for a run without a plan."""
 
     run: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Run folder to plan into; default: the scenario's name.")
+        Path | None, typer.Option("-o", "--out", help="Run folder for the plan; default: named after the scenario.")
     ] = None
-    select: Annotated[str | None, typer.Option(help="Selection rule, when planning.", metavar="RULE")] = None
-    budget: Annotated[str | None, typer.Option(help="Search this long, when planning.")] = None
-    evaluations: Annotated[int | None, typer.Option(help="Evaluations, when planning.")] = None
+    select: Annotated[str | None, typer.Option(help="Selection rule for the plan.", metavar="RULE")] = None
+    budget: Annotated[str | None, typer.Option(help="Time limit of the planning.")] = None
+    evaluations: Annotated[int | None, typer.Option(help="Number of route evaluations of the planning.")] = None
     seed: options.Seed = None
 
     def given(self) -> list[str]:
@@ -46,20 +46,22 @@ class Planning:
 
 
 def plan_upload(
-    source: Annotated[str, typer.Argument(help="A scenario (planned first), or a run folder.", metavar="SCENARIO|RUN")],
+    source: Annotated[
+        str, typer.Argument(help="A scenario, which is planned first, or a run folder.", metavar="SCENARIO|RUN")
+    ],
     to: options.ToEach = None,
     *,
     sortie: options.Sortie = None,
     planning: Planning,
     vehicle: EachTransfer,
-    in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload to a vehicle that is armed.")] = False,
+    in_flight: Annotated[bool, typer.Option("--in-flight", help="Allow the upload to an armed vehicle.")] = False,
     force: options.ForcePlan = False,
     output: options.Output,
 ) -> int:
-    """Plan if needed, check every leg, upload mission, fence and rally points, read back and compare.
+    """Check the mission, upload it with its fence and rally points, read them back and compare them.
 
-    With several --to all vehicles are checked before anything is sent; a scenario is planned for this number of vehicles.
-    upload.json describes the last upload and replaces an older one.
+    A scenario is planned first. With several --to, all vehicles are checked before anything is sent, and a scenario is
+    planned for this number of vehicles. upload.json describes the latest upload.
     """
     from uavcover.errors import InputError
     from uavcover.flight.connect import require_home

@@ -9,27 +9,27 @@ from uavcover.cli import options
 
 
 def report(
-    run: Annotated[Path, typer.Argument(help="Run folder with a plan; with track.csv where it was flown.")],
+    run: Annotated[Path, typer.Argument(help="Run folder with a plan, and with track.csv if it was flown.")],
     *,
     page: Annotated[
-        Path | None, typer.Option("-o", "--output", help="Default: RUN/report.html.", metavar="FILE.html")
+        Path | None, typer.Option("-o", "--output", help="Output file; default: RUN/report.html.", metavar="FILE.html")
     ] = None,
     log: Annotated[
         list[Path] | None,
-        typer.Option("--log", help="A flown track, as verify takes it; again for more. Default RUN/track.csv."),
+        typer.Option("--log", help="Track of the flight, as for verify. Can be repeated. Default: RUN/track.csv."),
     ] = None,
     figures: Annotated[
         Path | None,
-        typer.Option(help="Also draw the ground and the routes from the side and from above.", metavar="DIR"),
+        typer.Option(help="Folder for figures of the ground and routes, from the side and from above.", metavar="DIR"),
     ] = None,
     background: Annotated[
-        Path | None, typer.Option(help="A map of your own behind the report's: GeoTIFF or MBTiles.", metavar="FILE")
+        Path | None, typer.Option(help="Your own background map: GeoTIFF or MBTiles.", metavar="FILE")
     ] = None,
-    show: Annotated[bool, typer.Option("--open", help="Open it in your browser.")] = False,
+    show: Annotated[bool, typer.Option("--open", help="Open the report in your browser.")] = False,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Write report.html: map, 3D view, heights, coverage, requirements, alternatives; one file, opens offline."""
+    """Write an HTML report with map, 3D view, heights, coverage, requirements and alternatives. It opens offline."""
     from uavcover.errors import OutputError
     from uavcover.report.page import draw_figures, save_report
     from uavcover.run.folder import REPORT_FILE, RunFolder

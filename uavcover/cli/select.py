@@ -14,8 +14,11 @@ def select(
     rule: Annotated[
         str,
         typer.Argument(
-            help="weighted[:w1,w2,w3], knee, max-coverage, coverage>=0.95 or index:N (as `uavcover pareto` numbers them); "
-            "conditions after it: ,sorties<=N ,vehicles<=N ,done<=40m.",
+            help=(
+                "Rule that selects the route: weighted[:w1,w2,w3], knee, max-coverage, coverage>=0.95 or "
+                "index:N (a row of `uavcover pareto`). You can add conditions: ,sorties<=N ,vehicles<=N "
+                ",done<=40m."
+            ),
             metavar="RULE",
         ),
     ],
@@ -25,14 +28,14 @@ def select(
         bool,
         typer.Option(
             "--force",
-            help="Also replace a flown route: it moves to RUN/older-N with its flight.",
+            help="Replace a flown route. It moves to RUN/older-N with its flight.",
         ),
     ] = False,
     output: options.Output,
 ) -> int:
-    """Choose another route of the Pareto set, and write plan.json and the mission files for it.
+    """Select another route of the Pareto set, and rewrite plan.json and the mission files.
 
-    Exit 1 when no route meets the rule; the best there is is written then.
+    If no route meets the rule, the command writes the best route and exits with 1.
     """
     import dataclasses
 

@@ -13,39 +13,48 @@ if TYPE_CHECKING:
 Dem = Annotated[
     list[str] | None,
     typer.Option(
-        "--dem", help="Elevation data: a raster, a folder or pattern of tiles; again for more.", metavar="FILE"
+        "--dem", help="Elevation data: a raster, or a folder or pattern of tiles. Can be repeated.", metavar="FILE"
     ),
 ]
 Dsm = Annotated[
     list[str] | None,
     typer.Option(
         "--dsm",
-        help="A surface model (trees, roofs) beside the ground of --dem; flights keep above it. Again for more tiles.",
+        help=(
+            "Surface model with trees and roofs, in addition to the ground of --dem. Heights above ground "
+            "then refer to the higher of both. Can be repeated."
+        ),
         metavar="FILE",
     ),
 ]
 VerticalDatum = Annotated[
     str | None,
-    typer.Option("--vertical-datum", help="Of the elevation data: EGM96, EGM2008, ellipsoid.", metavar="DATUM"),
+    typer.Option(
+        "--vertical-datum", help="Vertical datum of the elevation data: EGM96, EGM2008 or ellipsoid.", metavar="DATUM"
+    ),
 ]
 DemCrs = Annotated[
     str | None,
     typer.Option(
-        "--dem-crs", help="Coordinate system of the elevation data, where the file has none.", metavar="EPSG:N"
+        "--dem-crs", help="Coordinate system of the elevation data, if the file does not state it.", metavar="EPSG:N"
     ),
 ]
 HeightUnit = Annotated[
     str | None,
     typer.Option(
-        "--height-unit", help="Of the elevation data, where the file has none: m, cm, ft, us-ft.", metavar="UNIT"
+        "--height-unit",
+        help="Unit of the elevation data, if the file does not state it: m, cm, ft or us-ft.",
+        metavar="UNIT",
     ),
 ]
 At = Annotated[
     str | None,
     typer.Option(
         "--at",
-        help="When it is flown, as START/END or START/2h (START alone: 2h), such as 2026-07-01T09:00Z: no-fly zones that are not "
-        "in force then do not count.",
+        help=(
+            "Time of the flight, as START/END or START/2h, such as 2026-07-01T09:00Z/2h. The default "
+            "duration is 2h. No-fly zones that are inactive then do not count."
+        ),
         metavar="TIME",
     ),
 ]
@@ -53,7 +62,7 @@ WaterHeight = Annotated[
     str | None,
     typer.Option(
         "--water-height",
-        help="Open water where the elevation data has no heights, at this height above sea level, such as 0m.",
+        help="Treat missing elevation data as open water at this altitude, such as 0m.",
         metavar="HEIGHT",
     ),
 ]
@@ -61,11 +70,11 @@ TrustDem = Annotated[
     bool,
     typer.Option(
         "--trust-dem",
-        help="Take heights as they are where they look like a filled void, a warp's collar, a spike or a step between tiles.",
+        help="Accept suspicious elevation data, such as filled voids, spikes and steps between tiles.",
     ),
 ]
 Band = Annotated[
-    str | None, typer.Option("--band", help="Number or name of the elevation data's band; default: the first.")
+    str | None, typer.Option("--band", help="Number or name of the band with the heights; default: the first band.")
 ]
 
 
@@ -101,43 +110,52 @@ class SurveyOptions:
     dem: Dem = None
     dsm: Dsm = None
     camera: Annotated[
-        str | None, typer.Option("--camera", help="A camera: list, a name, or a TOML file of your own.", metavar="NAME")
+        str | None,
+        typer.Option("--camera", help="Camera: a name, your own TOML file, or list to show the names.", metavar="NAME"),
     ] = None
     gsd: Annotated[
         str | None, typer.Option("--gsd", help="Largest ground sample distance, such as 2.5cm.", metavar="LENGTH")
     ] = None
     overlap: Annotated[
-        str | None, typer.Option("--overlap", help="Forward/side overlap in percent; default: 75/70.", metavar="F/S")
+        str | None,
+        typer.Option("--overlap", help="Forward and side overlap in percent; default: 75/70.", metavar="F/S"),
     ] = None
     battery: Annotated[
-        str | None, typer.Option("--battery", help="Time in the air on a full battery, such as 25min.", metavar="TIME")
+        str | None, typer.Option("--battery", help="Flight time of a full battery, such as 25min.", metavar="TIME")
     ] = None
     vehicle: Annotated[
         str | None,
-        typer.Option("--vehicle", help="A vehicle: list, a name, or a TOML file of your own.", metavar="NAME"),
+        typer.Option(
+            "--vehicle", help="Vehicle: a name, your own TOML file, or list to show the names.", metavar="NAME"
+        ),
     ] = None
     home: Annotated[
         str | None,
         typer.Option(
-            "--home", help="Take-off position; default: the lowest level ground at the edge.", metavar="LAT,LON"
+            "--home",
+            help="Take-off position; default: the lowest level ground at the edge of the area.",
+            metavar="LAT,LON",
         ),
     ] = None
     max_height: Annotated[
         str | None,
-        typer.Option("--max-height", help="Largest height above ground; default: 120m.", metavar="LENGTH"),
+        typer.Option("--max-height", help="Greatest height above ground; default: 120m.", metavar="LENGTH"),
     ] = None
     speed: Annotated[
-        str | None, typer.Option("--speed", help="Over ground; default: the vehicle's, or 10m/s.", metavar="SPEED")
+        str | None,
+        typer.Option("--speed", help="Ground speed; default: that of the vehicle, or 10m/s.", metavar="SPEED"),
     ] = None
     margin: Annotated[
         str | None,
         typer.Option(
             "--margin",
-            help="How far the area is grown; default: so that overlap holds to its edge; 0: not.",
+            help="Distance by which the area is extended; default: far enough for full overlap at its edge.",
             metavar="LENGTH",
         ),
     ] = None
-    mount: Annotated[str | None, typer.Option("--mount", help="stabilised (default) or fixed.", metavar="MOUNT")] = None
+    mount: Annotated[
+        str | None, typer.Option("--mount", help="Mount of the camera: stabilised (default) or fixed.", metavar="MOUNT")
+    ] = None
     vertical_datum: VerticalDatum = None
     dem_crs: DemCrs = None
     height_unit: HeightUnit = None
@@ -145,14 +163,21 @@ class SurveyOptions:
     trust_dem: TrustDem = False
     fill_lakes: Annotated[
         str | None,
-        typer.Option("--fill-lakes", help="Interpolate gaps of the elevation data up to this long.", metavar="LENGTH"),
+        typer.Option(
+            "--fill-lakes",
+            help="Interpolate gaps in the elevation data up to this length, such as 200m.",
+            metavar="LENGTH",
+        ),
     ] = None
     water_height: WaterHeight = None
     no_fly: Annotated[
         list[str] | None,
         typer.Option(
             "--no-fly",
-            help="No-fly zones: ED-269 or ED-318 JSON, OpenAir, GeoJSON, KML, ...; again for more files.",
+            help=(
+                "No-fly zones: an ED-269, ED-318, OpenAir, GeoJSON or KML file, or another area format. Can be "
+                "repeated."
+            ),
             metavar="FILE",
         ),
     ] = None
@@ -161,22 +186,27 @@ class SurveyOptions:
         str | None,
         typer.Option(
             "--pattern",
-            help="single (default); crosshatch: two flights whose lines cross; oblique: straight down and four tilted.",
+            help=(
+                "Flights over the area: single (default), crosshatch (two crossing flights) or oblique (one "
+                "vertical and four tilted flights)."
+            ),
             metavar="NAME",
         ),
     ] = None
-    layer: Annotated[str | None, typer.Option("--layer", help="Layer or folder of the area's file.")] = None
+    layer: Annotated[str | None, typer.Option("--layer", help="Layer or folder in the area file.")] = None
     feature: Annotated[
-        str | None, typer.Option("--feature", help="Name or number (from 1) of one feature of the area's file.")
+        str | None, typer.Option("--feature", help="Name or number (from 1) of a feature in the area file.")
     ] = None
     crs: Annotated[
         str | None,
-        typer.Option("--crs", help="Coordinate system of the area's file, where it has none.", metavar="EPSG:N"),
+        typer.Option(
+            "--crs", help="Coordinate system of the area file, if the file does not state it.", metavar="EPSG:N"
+        ),
     ] = None
     make_valid: Annotated[
-        bool, typer.Option("--make-valid", help="Repair outlines that cross themselves, close open rings.")
+        bool, typer.Option("--make-valid", help="Repair outlines that cross themselves, and close open rings.")
     ] = False
-    swap_axes: Annotated[bool, typer.Option("--swap-axes", help="The area's file has latitude, or north, first.")] = (
+    swap_axes: Annotated[bool, typer.Option("--swap-axes", help="Read latitude or north first in the area file.")] = (
         False
     )
 

@@ -17,20 +17,27 @@ if TYPE_CHECKING:
 
 
 def upload(
-    file: Annotated[Path, typer.Argument(help="A .waypoints, .plan, .csv or .fen file.")],
+    file: Annotated[Path, typer.Argument(help="File to upload: .waypoints, .plan, .csv or .fen.")],
     to: options.To,
     *,
     kind: Annotated[
-        str | None, typer.Option("--type", help="mission, fence, rally or all; default: what the file holds.")
+        str | None,
+        typer.Option(
+            "--type", help=("The list to upload: mission, fence, rally or all; default: the content of the file.")
+        ),
     ] = None,
     vehicle: options.TransferOptions,
-    in_flight: Annotated[bool, typer.Option("--in-flight", help="Upload to a vehicle that is armed.")] = False,
+    in_flight: Annotated[bool, typer.Option("--in-flight", help="Allow the upload to an armed vehicle.")] = False,
     as_file: Annotated[
-        bool, typer.Option("--as-file", help="As one file by MAVLink FTP (ArduPilot); item by item where that fails.")
+        bool,
+        typer.Option(
+            "--as-file",
+            help=("Upload the list as one file with MAVLink FTP (ArduPilot). If this fails, upload it item by item."),
+        ),
     ] = False,
     output: options.Output,
 ) -> int:
-    """Upload a mission, fence or rally file, read it back and compare; the terrain is not checked."""
+    """Upload a mission, fence or rally file, read it back and compare it. The terrain is not checked."""
     from uavcover.cli.mission_files import home_of, read_contents, warn_of_home
     from uavcover.flight.connect import connect
     from uavcover.flight.upload import say_comparison, telling_what_is_held

@@ -14,9 +14,7 @@ from uavcover.cli.survey_options import SurveyOptions
 def verify(
     run: Annotated[
         Path | None,
-        typer.Argument(
-            help="Run folder with scenario.toml; plan.json and track.csv where there are. With --area: a log, or photos."
-        ),
+        typer.Argument(help="Run folder. With --area: a flight log or photos."),
     ] = None,
     *,
     logs: options.Logs = None,
@@ -25,16 +23,24 @@ def verify(
         list[Path] | None,
         typer.Option(
             "--photos",
-            help="Photos of the flight, as judge-photos takes them: they give its coverage. Repeatable.",
+            help=(
+                "Photos of the flight, as for judge-photos. Coverage is then computed from the photos. Can be repeated."
+            ),
             metavar="FOLDER",
         ),
     ] = None,
     area: Annotated[
         str | None,
-        typer.Option("--area", help="For a flight without a run folder: the area to observe, as new takes it."),
+        typer.Option("--area", help="Area to observe, as for new, for a flight without a run folder."),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Folder for its verdict; default: verdict.", metavar="FOLDER")
+        Path | None,
+        typer.Option(
+            "-o",
+            "--out",
+            help=("Folder for the verdict of a flight without a run folder; default: verdict."),
+            metavar="FOLDER",
+        ),
     ] = None,
     survey: SurveyOptions,
     belief: PhotoOptions,
@@ -45,11 +51,13 @@ def verify(
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Recompute coverage and safety from the flown track; exit 1 when it does not pass.
+    """Compute coverage and safety from the flown track. The exit code is 1 unless the flight passes.
 
-    Several logs count as one flight: what any of them saw was seen, and each has to keep the limits. What changed since it was
-    planned or flown (scenario, terrain, obstacles, plan, mission files, track, version) is named and not judged, unless accepted.
-    Any flight at all: verify FLIGHT.bin --area A --dem DEM --camera C, or --photos FOLDER.
+    Several logs count as one flight. A cell is observed if any log observes it, and each log must meet the limits. If
+    the scenario, terrain, obstacles, plan, mission files, track or version changed since planning or flight, the
+    command refuses to judge unless you accept the change.
+
+    To verify a flight without a run folder, use verify FLIGHT.bin --area A --dem DEM --camera C, or --photos FOLDER.
     """
     from uavcover.errors import InputError
     from uavcover.plugins import loaded

@@ -110,7 +110,7 @@ class AppliedLimits:
         """Put back what a flight that was killed has left changed."""
         if self._precautions.left_changed:
             self._before = dict(self._precautions.left_changed)
-            self._session.tell(EventKind.STAGE, "an earlier flight left parameters changed; they are put back")
+            self._session.tell(EventKind.STAGE, "an earlier flight left parameters changed; they are being restored")
             self.put_back()
 
     def check(self, plan: FlightPlan) -> None:
@@ -162,7 +162,7 @@ class AppliedLimits:
             text = ", ".join(f"{name} was {number:g}" for name, number in left.items())
             session.tell(EventKind.WARNING, f"left changed on the vehicle ({why}): {text}", alarm=True)
         else:
-            session.tell(EventKind.STAGE, "the vehicle's old parameters are back")
+            session.tell(EventKind.STAGE, "the vehicle's old parameters are restored")
 
     def _read(self, plan: FlightPlan) -> None:
         session = self._session
@@ -188,7 +188,7 @@ class AppliedLimits:
         old = numbers(read_parameters(session, [[name] for name in changes]), px4=px4)
         wanted = {name: row.wanted for name, row in changes.items() if row.wanted is not None and name in old}
         text = ", ".join(f"{name} {old[name]:g} -> {number:g}" for name, number in wanted.items())
-        if not self._precautions.agree(f"set for this flight, and back at its end: {text}"):
+        if not self._precautions.agree(f"set for this flight, restored afterwards: {text}"):
             session.tell(EventKind.WARNING, f"not changed: {text}")
             return
         self._before = {name: old[name] for name in wanted}

@@ -196,12 +196,12 @@ class Causes:
         if self._pilot is not None and self._age_s(self._pilot) <= WATCH.sign_within_s:
             return Cause(Ending.PILOT_TOOK_OVER, self._pilot.text, (str(self._pilot),))
         if state in _CRITICAL_STATES:
-            text = f"its heartbeat reports the state {_CRITICAL_STATES[state]}, and nothing says why"
+            text = f"its heartbeat reports the state {_CRITICAL_STATES[state]}, without a reason"
             return Cause(Ending.FAILSAFE, text, (text,))
         gaps = (f"the link was silent for {self._monitor.gap_s:.0f} s",) if silent else ()
         doubts = (*gaps, *(text for kind, text in incidents.items() if kind not in _NO_CAUSE))
         if doubts:
-            return Cause(Ending.TAKEN_OVER, "the cause is not known", doubts)
+            return Cause(Ending.TAKEN_OVER, "the cause is unknown", doubts)
         text = "no failsafe is reported: a pilot or another ground station changed the mode"
         return Cause(Ending.PILOT_TOOK_OVER, text, (text,))
 

@@ -40,7 +40,7 @@ from uavcover.run.provenance import note_files, seal_flight
 from uavcover.run.track_file import SpaceReserve, read_track, record_bytes
 from uavcover.run.user import User, to_paste
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.verify import flown_coverage
 

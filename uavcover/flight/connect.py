@@ -43,7 +43,6 @@ from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.server import mock_endpoint
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Route
-from uavcover.model.sensor import FrameCamera
 from uavcover.model.vehicle import AutopilotName
 from uavcover.plugins import load
 from uavcover.scenario.pace import pace_of
@@ -173,7 +172,7 @@ def connect(to: str | VehicleLink, site: Site | None = None, *, home: GeoPoint |
 
 
 def home_of(site: Site) -> GeoPoint | None:
-    """Start position of a site's vehicle; none for a site without a place on Earth or without a home."""
+    """Start position of a site's vehicle; none for a site without a position on Earth or without a home."""
     if site.frame is None or site.home_m is None:
         return None
     lat, lon, alt = site.frame.geodetic_from_enu(site.home_m)
@@ -184,11 +183,11 @@ def require_home(site: Site) -> GeoPoint:
     """Where a site's vehicle starts.
 
     Raises:
-        InputError: the site has no place on Earth or no home, so there is nothing to fly.
+        InputError: the site has no position on Earth or no home, so there is nothing to fly.
     """
     home = home_of(site)
     if home is None:
-        lacks = "place on Earth" if site.frame is None else "[home]"
+        lacks = "position on Earth" if site.frame is None else "[home]"
         raise InputError(
             f"scenario {site.scenario.name}: has no {lacks}, so there is no mission to fly; give it an [origin] and a [home]"
         )
@@ -199,13 +198,12 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
     """The part of a compiled mission that a flight needs.
 
     Raises:
-        InputError: the site has no place on Earth or no home.
+        InputError: the site has no position on Earth or no home.
     """
     home = require_home(site)
     if site.frame is None or site.home_m is None:
-        raise InputError(f"scenario {site.scenario.name}: has no place on Earth")
+        raise InputError(f"scenario {site.scenario.name}: has no position on Earth")
     ground = float(site.bare_ground.heights_m(site.home_m[:2])[0])
-    sensor = site.scenario.sensor
     point = np.array([site.home_m[0], site.home_m[1], ground])
     return FlightPlan(
         mission=compiled.mission,
@@ -226,7 +224,7 @@ def flight_plan(site: Site, compiled: CompiledMission) -> FlightPlan:
             pace=pace_of(site),
             return_height_m=compiled.return_advice.needed_height_m,
             fence=bool(compiled.fence.polygons or compiled.fence.circles),
-            camera_turns=isinstance(sensor, FrameCamera) and sensor.heading_deg is None,
+            camera_turns=site.scenario.sensor.turns_with_vehicle,
             longest_flight_s=site.scenario.vehicle.longest_flight_s,
             vehicle=site.scenario.vehicle,
             way_home_s=lambda place_m: way_home(site, place_m)[1],

@@ -62,12 +62,12 @@ class Evidence:
         if self._client.heartbeat_age_s > EVIDENCE.old_beat_s:
             return "a heartbeat"
         if self._behind:
-            return f"an answer to our question for its time (the last one took {self._latest_s:.0f} s)"
+            return f"an answer to the TIMESYNC request (the last one took {self._latest_s:.0f} s)"
         if self._proved_at_s is None:
-            return "an answer to our question for its time"
+            return "an answer to the TIMESYNC request"
         proved_at_s = self._proved_at_s
         lacking = [name for kind, name in _KINDS.items() if self._monitor.arrived_at_s(kind) < proved_at_s]
-        return " and ".join(lacking) or "two heartbeats that agree"
+        return " and ".join(lacking) or "two matching heartbeats"
 
     def look(self) -> None:
         """Ask for fresh evidence where it is needed, and take what has come; called whenever messages were received."""

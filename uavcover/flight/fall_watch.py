@@ -94,9 +94,9 @@ class FallWatch:
         if self._session.watch.is_open(Ending.FALLING) and height_m < FALL.near_m and still_s >= 1.0:
             self._crashed(f"fell from {self._from_m:.0f} m at {self._fastest_m_s:.0f} m/s and lies")
         if self._hit_m_s is not None and height_m < FALL.near_m and still_s >= FALL.hit_still_s:
-            self._crashed(f"was stopped at once at {self._hit_m_s:.0f} m/s and lies")
+            self._crashed(f"stopped abruptly at {self._hit_m_s:.0f} m/s and lies")
         if height_m < FALL.lies_m and still_s >= FALL.lies_s and not self._may_stand():
-            self._crashed("is expected in the air and lies")
+            self._crashed("should be in the air but lies")
 
     def _may_stand(self) -> bool:
         """Whether the vehicle may be on the ground: it lands, reports a landing, or its mode is unknown."""

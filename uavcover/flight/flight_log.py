@@ -35,7 +35,7 @@ from uavcover.run.track_file import SpaceReserve, TrackWriter
 from uavcover.run.user import ProgressBar, User
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 TELEMETRY_LOG = "flight.tlog"
 _GROWING = ".flight.rrd.growing"
@@ -131,7 +131,7 @@ class FlightLog:
     def take_sample(self, sample: TrackSample) -> None:
         """Write a sample: into the track first."""
         if self._writer is None:
-            raise OutputError(f"{self._run}: the record has not begun")
+            raise OutputError(f"{self._run}: the recording has not started")
         if self.error is None:
             room = self._reserve.held
             try:
@@ -139,9 +139,9 @@ class FlightLog:
                 self.sample_count += 1
             except OutputError as error:
                 self.error = error
-                self._user.warn(f"{error}; the flight goes on without a record")
+                self._user.warn(f"{error}; the flight continues without a recording")
             if room and not self._reserve.held:
-                self._user.warn(f"{self._run}: the disk is full; the track goes on in the room that was kept for it")
+                self._user.warn(f"{self._run}: the disk is full; the track continues in the reserved space")
         if self._live is not None:
             self._live.take_sample(sample)
         if not self.states or sample.time_s - self.states[-1].time_s >= RECORDS.state_every_s:

@@ -217,7 +217,7 @@ class FlightRun:
                 raise FlightFaultError(
                     Ending.BATTERY_LOW, "the vehicle was left holding, and its reserve is being used"
                 )
-            how = "it was flown home along checked legs, and landed" if landed else "it was left holding"
+            how = "it returned along checked legs and landed" if landed else "it was left holding"
             raise FlightFaultError(cause, f"{self.session.watch.text_of(cause)}; {how}")
         return self.outcome(Ending.RETURNED if landed else Ending.LEFT_HOLDING)
 
@@ -237,7 +237,7 @@ class FlightRun:
                     continue
                 again, why = False, FlightFaultError(error.ending, str(error))
             except VehicleSilentError as error:
-                session.tell(EventKind.WARNING, f"{error}; it is followed all the same", alarm=True)
+                session.tell(EventKind.WARNING, f"{error}; following it anyway", alarm=True)
                 again, why = True, FlightFaultError(Ending.FAILED, str(error))
             landed = not session.client.vehicle.armed
             stops = max(stops, session.stop())

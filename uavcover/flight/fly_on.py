@@ -81,20 +81,20 @@ def _from_the_air(flight: FlightRun, plan_continuation: PlanContinuation, plan_r
         try:
             onward = plan_continuation(here.lat_deg, here.lon_deg, here.alt_amsl_m)
         except UavcoverError as error:
-            raise FlightFaultError(Ending.FAILED, f"no checked way on from here: {error}; left holding") from error
+            raise FlightFaultError(Ending.FAILED, f"no checked route from here: {error}; left holding") from error
         plan = onward.plan
         check_home_position(session, plan)
         flight.limits.look(plan)
         flight.watch_preconditions(plan)
         if onward.upload:
-            session.tell(EventKind.STAGE, "the rest of the mission is being sent")
+            session.tell(EventKind.STAGE, "uploading the rest of the mission")
             client = session.client
             sent = session.steer(
                 lambda: client.upload_and_verify(plan.mission, in_flight=True), while_in=[hold_mode(session)]
             )
             if not sent.passed:
                 raise FlightFaultError(
-                    Ending.FAILED, "the rest of the mission was read back changed; the vehicle was left holding"
+                    Ending.FAILED, "the rest of the mission differs after read-back; the vehicle was left holding"
                 )
         if session.stop():
             raise Stopped
@@ -105,7 +105,7 @@ def _from_the_air(flight: FlightRun, plan_continuation: PlanContinuation, plan_r
         except TakenOverError as error:
             session.tell(EventKind.WARNING, str(error), alarm=True)  # and follow it to the ground
         session.watch.take_off()
-        session.tell(EventKind.STAGE, "going on with the mission")
+        session.tell(EventKind.STAGE, "continuing the mission")
         follow_mission(session, plan, progress, flight.orders.clearance.must_go_home, flight.preconditions)
     except Stopped as stop:
         return flight.home(plan_return, stop.cause)
@@ -118,6 +118,6 @@ def _refuse_taken(session: Session) -> None:
     if session.client.vehicle.custom_mode not in allowed:
         raise FlightFaultError(
             Ending.NOT_ARMED,
-            f"vehicle {session.client.vehicle.system_id} is in the air in {session.mode_name}: a pilot or a failsafe "
-            "has it; not touched; let it land, or change it to hold, and resume then",
+            f"vehicle {session.client.vehicle.system_id} is in the air in {session.mode_name}: a pilot or a "
+            "failsafe controls it; not touched; land it or switch it to hold, then resume",
         )

@@ -133,7 +133,7 @@ def follow_home(
         raise FlightFaultError(Ending.CRASHED, f"{fallen} on its return{session.recent_warnings}")
     if follower.cause is not None:
         raise FlightFaultError(
-            follower.cause, f"{follower.why}; it did not fly its return to the end, and it landed and disarmed"
+            follower.cause, f"{follower.why}; it did not complete its return, but landed and disarmed"
         )
     if guard is not None:
         guard.look_once_more()

@@ -118,7 +118,7 @@ class Follower:
         monitor = self._session.monitor
         if monitor.gap_ended_at_s <= self._known_until_s:
             return ""
-        return f"; what happened in the silence of {monitor.gap_s:.0f} s before that is not known"
+        return f"; the events in the silence of {monitor.gap_s:.0f} s before that is not known"
 
     def settle(self) -> None:
         """Find the cause of what happened in the last moment, or in the gap before it."""
@@ -246,7 +246,7 @@ class Follower:
         session = self._session
         if self._obeys(Mode.LAND, "land"):
             session.paused, self._lands_for = True, breach
-            session.tell(EventKind.STOP, "the vehicle therefore lands where it is")
+            session.tell(EventKind.STOP, "the vehicle lands at its current position")
 
     def _obeys(self, mode: Mode, what: str) -> bool:
         """Change a vehicle in its mission to a mode; report a refusal or silence, and follow on."""
@@ -258,7 +258,9 @@ class Follower:
             return False
         except VehicleSilentError as error:
             session.tell(
-                EventKind.WARNING, f"the vehicle was commanded to {what}, and does not obey: {error}", alarm=True
+                EventKind.WARNING,
+                f"the vehicle was commanded to {what}, but did not follow the command: {error}",
+                alarm=True,
             )
             return False
         return True
@@ -271,7 +273,7 @@ class Follower:
         if state is HoldState.OVERDUE and hold.purpose is not None:
             session.tell(
                 EventKind.STOP,
-                f"the vehicle has held its position for {session.timeouts.held_s:g} s, and nothing continued it",
+                f"the vehicle has held its position for {session.timeouts.held_s:g} s, and the mission was not continued",
             )
             raise Stopped(hold.purpose)
         if state is HoldState.OVER:
@@ -279,7 +281,7 @@ class Follower:
             if problem is not None and hold.purpose is not None:
                 session.tell(EventKind.STOP, f"the mission is not continued: {problem}")
                 raise Stopped(hold.purpose)
-            if not self._goes_on("what it held for is over: the vehicle goes on with its mission"):
+            if not self._goes_on("the reason for the hold has ended: the vehicle continues its mission"):
                 raise Stopped(hold.purpose)
             self._upside_down = self._pause()
 
@@ -308,7 +310,7 @@ class Follower:
             self._override.settle()
             if self.cause is None:
                 raise Stopped
-        why = "what the vehicle does is not known" if self.cause is None else self.why
+        why = "the state of the vehicle is unknown" if self.cause is None else self.why
         if self._record_goes_on or stops > self._stops_before + 1:
             raise FlightFaultError(
                 self.cause or Ending.STATE_UNKNOWN,
@@ -319,13 +321,13 @@ class Follower:
                 self._told_to_wait = True
                 session.tell(
                     EventKind.STOP,
-                    f"{why}: it is asked to return as soon as it is heard in its mission; once more ends the record",
+                    f"{why}: it is commanded to return as soon as it reports its mission; once more ends the record",
                 )
             return
         self._record_goes_on, self._stops_before = True, stops
         session.tell(
             EventKind.STOP,
-            "something else has the vehicle, so nothing is commanded; the record goes on until it is on the ground; once "
+            "another party controls the vehicle, so no command is sent; recording continues until it is on the ground; once "
             "more ends the record",
         )
 
@@ -360,7 +362,7 @@ class Follower:
             self._declined = pressed
             session.tell(EventKind.WARNING, f"the mission is not continued: {problem}; Ctrl-C flies home", alarm=True)
             return
-        if not self._goes_on("the vehicle goes on with its mission"):
+        if not self._goes_on("the vehicle continues its mission"):
             self._declined = pressed
 
     def _raise_stuck(self) -> None:

@@ -17,9 +17,9 @@ _TRANSIENT = frozenset(
 class HoldState(Enum):
     """State of a hold."""
 
-    HOLDS = "the hold goes on"
-    OVER = "what it was for is over: the mission may go on"
-    OVERDUE = "its time is up"
+    HOLDS = "the hold continues"
+    OVER = "its reason has ended: the mission may continue"
+    OVERDUE = "its time limit has passed"
     LOST = "the vehicle does not hold its position"
 
 

@@ -70,7 +70,7 @@ class HomeWatch:
                 was = f"the vehicle's home was moved in flight and was put back, and meanwhile {left[-1]}"
                 watch.open(Ending.HOME_MOVED, was, math.inf)
             else:
-                watch.measure(Ending.HOME_MOVED, None, "", "the vehicle's home is where it was")
+                watch.measure(Ending.HOME_MOVED, None, "", "the vehicle's home was restored")
 
     def _judge(self, home: GeoPoint) -> tuple[float | None, str]:
         """By how much home was moved, and what comes of it; None for what arming alone explains."""
@@ -88,9 +88,9 @@ class HomeWatch:
         if abs(up) > PREPARATION.home_slack_m:
             text += f": {self._lowered_by(home.alt_amsl_m - self._plan.home.alt_amsl_m)}"
         if aside_m > FOLLOWING.aside_m:
-            text += "; a return of the autopilot's own ends at the new home, along an unchecked path"
+            text += "; the autopilot's own return ends at the new home, along an unchecked path"
         if self._plan.is_way_home and abs(up) <= PREPARATION.home_slack_m:  # its items stand where they stood
-            self._session.tell(EventKind.WARNING, f"{text}; our return does not depend on it", alarm=True)
+            self._session.tell(EventKind.WARNING, f"{text}; the return does not depend on it", alarm=True)
             return None, ""
         return math.hypot(aside_m, up), text
 

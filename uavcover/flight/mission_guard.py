@@ -94,7 +94,7 @@ class ListReading:
             held = session.client.download(self._type, stop=stop)
         except FormatError as error:
             held = None
-            difference = f"it holds what no plan has: {error}"
+            difference = f"its mission matches no plan: {error}"
         except TransferCancelledError:
             if session.client.clock.now() - began_s > GUARD.longest_s:
                 self._note_failure(f"not read in {GUARD.longest_s:g} s")
@@ -179,8 +179,8 @@ class ModeOverride:
 
 
 _WHY = {
-    Ending.WIND_ABOVE_LIMITS: ": the wind is above what it can fly against",
-    Ending.OFF_ROUTE: ", although it holds the planned mission; the cause is not known",
+    Ending.WIND_ABOVE_LIMITS: ": the wind is too strong for it",
+    Ending.OFF_ROUTE: ", although it holds the planned mission; the cause is unknown",
 }
 
 
@@ -271,7 +271,7 @@ class MissionGuard:
         self._farthest = max(self._farthest, number)
         past = self._plan.is_past_waypoints(current.seq, self._session.autopilot) and not progress.all_reached
         if number > progress.reached_count + 1 or (past and progress.reached_count < self._plan.waypoint_count - 1):
-            return f"the vehicle goes to item {current.seq} and leaves out waypoint {progress.reached_count}"
+            return f"the vehicle goes to item {current.seq} and skips waypoint {progress.reached_count}"
         return self._item_set_back(current.seq)
 
     def _item_set_back(self, seq: int) -> str | None:
@@ -315,10 +315,10 @@ class MissionGuard:
             return
         position = watch.causes.recent(within_s=GUARD.cause_within_s, among=(Ending.GPS_LOST,))
         wind = watch.causes.recent(within_s=GUARD.warned_within_s, among=(Ending.WIND_ABOVE_LIMITS,))
-        leans = f"it leans by {lean_deg:.0f} degrees toward its leg, and drifts away from it all the same"
+        leans = f"it leans by {lean_deg:.0f} degrees toward its leg, but still drifts away from it"
         if position is not None:
             watch.open(
-                Ending.OFF_ROUTE, f"{text}, by a position that may be wrong: {position.text}", off_m,
+                Ending.OFF_ROUTE, f"{text}, but the position may be wrong: {position.text}", off_m,
                 evidence=position.evidence,
             )  # fmt: skip
         elif wind is not None or lean_deg > GUARD.leans_deg:
@@ -384,7 +384,7 @@ class VolumeWatch:
         outside_m = around.outside_fence_m(east_m, north_m)
         self._watch.measure(
             Ending.FENCE_BREACHED, outside_m if outside_m > GUARD.fence_slack_m else None,
-            f"the vehicle is {outside_m:.0f} m outside of its fence", "the vehicle is inside of its fence again",
+            f"the vehicle is {outside_m:.0f} m outside its fence", "the vehicle is inside its fence again",
         )  # fmt: skip
         height_m = up_m - around.ground_up_m(east_m, north_m)
         unknown = math.isnan(height_m)

@@ -30,11 +30,12 @@ def require_multirotor(client: VehicleClient) -> VehicleInfo:
         name = type_name(vehicle.vehicle_type)
         what = name if vehicle.kind in (VehicleKind.OTHER, VehicleKind.VTOL) else vehicle.kind.value
         raise VehicleError(
-            f"vehicle {vehicle.system_id} says that it is {_a(what)}, MAV_TYPE {vehicle.vehicle_type}; uavcover plans for and "
-            "flies multirotors only; not touched: nothing was uploaded, no mode changed, nothing armed"
+            f"vehicle {vehicle.system_id} says that it is {_a(what)}, MAV_TYPE {vehicle.vehicle_type}; "
+            "uavcover supports only multirotors; not touched: nothing was uploaded, no mode changed, nothing "
+            "armed"
         )
     if vehicle.autopilot.firmware is Firmware.OTHER:
-        raise VehicleError(f"the flight modes of vehicle {vehicle.system_id}, {vehicle.described}, are not known")
+        raise VehicleError(f"the flight modes of vehicle {vehicle.system_id}, {vehicle.described}, are unknown")
     return vehicle
 
 

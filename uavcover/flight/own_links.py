@@ -57,10 +57,10 @@ def require_different(places: Sequence[VehiclePlace]) -> None:
         on_it = [] if url.startswith("mock:") else [place for place in places[:number] if place.url == url]
         if any(None in (system_id, place.system_id) for place in on_it):
             raise InputError(
-                f"--to: {url} is given {1 + len(on_it)} times; each vehicle needs a link of its own, or its --system on that one"
+                f"--to: {url} is given {1 + len(on_it)} times; each vehicle needs its own link, or its own --system on that link"
             )
         if VehiclePlace(url, system_id) in on_it:
-            raise InputError(f"--system: {system_id} at {url} is given twice; each vehicle has a system id of its own")
+            raise InputError(f"--system: {system_id} at {url} is given twice; each vehicle needs its own system id")
 
 
 def links_of_run(run: RunFolder, given: Sequence[VehiclePlace], *, sortie: int | None) -> list[VehiclePlace]:

@@ -71,8 +71,8 @@ def require_answers(client: VehicleClient) -> None:
         own = client.local.system_id
         raise VehicleError(
             f"vehicle {vehicle.system_id} sends heartbeats, and answers nothing that we, system {own}, send"
-            f"{client.signing_advice()}; it may listen to one ground station alone (MAV_OPTIONS 1, SYSID_ENFORCE): say "
-            f"--own-system with the number in its MAV_GCS_SYSID (SYSID_MYGCS), or set that to {own}"
+            f"{client.signing_advice()}; it may accept only one ground station (MAV_OPTIONS 1, SYSID_ENFORCE): "
+            f"set --own-system to the number in its MAV_GCS_SYSID (SYSID_MYGCS), or set that to {own}"
         )
 
 

@@ -89,8 +89,8 @@ class Preconditions:
         watch = self._session.watch
         self._moved_before_m += self._home.moved_up_m
         plan = self._plan.way_home(sent, home_up_m=self._moved_before_m)
-        watch.close(Ending.MISSION_CHANGED, "the vehicle holds the return that was sent")
-        watch.close(Ending.HOME_MOVED, "the return makes up for the home that was moved")
+        watch.close(Ending.MISSION_CHANGED, "the vehicle has the uploaded return")
+        watch.close(Ending.HOME_MOVED, "the return compensates for the moved home")
         self._home = HomeWatch(self._session, plan, px4=self._px4)
         self._settings.go_home(plan)
         for one in self._lists:
@@ -128,20 +128,19 @@ class Preconditions:
             in_force = bool(status.sensors_enabled & _FENCE_BIT)
             self._was_in_force |= in_force
             self._is_off = self._was_in_force and not in_force
-        return (
-            "the vehicle's fence was put out of force in flight: it does not act at its limits" if self._is_off else ""
-        )
+        return "the vehicle's fence was disabled in flight: the vehicle takes no action at it" if self._is_off else ""
 
     def _look_at_ids(self) -> None:
         client = self._session.client
         if client.impostor is not None:
             self._tell_once(
-                f"{two_in_one(client.vehicle, client.impostor)}: what is heard and commanded may be of either"
+                f"{two_in_one(client.vehicle, client.impostor)}: messages and commands may belong to either"
             )
         for address in client.peers.same_ids:
             self._tell_once(
-                f"another ground station (component {address.component_id}) uses our system id {address.system_id}: while it is "
-                "heard the vehicle does not notice that we are gone; give one of the two another id, ours by --own-system"
+                f"another ground station (component {address.component_id}) uses the system id of uavcover, "
+                f"{address.system_id}: the vehicle would not notice a lost link; use another id with "
+                "--own-system"
             )
 
     def _tell_once(self, text: str) -> None:
@@ -193,7 +192,7 @@ class _SettingsWatch:
                 Ending.SETTINGS_CHANGED,
                 0.0 if self._worse else None,
                 self._worse,
-                "the parameters that the mission depends on are as they were",
+                "the parameters that the mission depends on were restored",
             )
 
     def go_home(self, plan: FlightPlan) -> None:
@@ -206,12 +205,12 @@ class _SettingsWatch:
         self._next.restart()
         self._names.append(name := self._names.pop(0))
         if self._unanswered == PREPARATION.most_unanswered and not session.watch.is_open(Ending.LINK_LOST):
-            text = f"vehicle {vehicle.system_id} is heard and has not answered {PREPARATION.most_unanswered} questions in a row"
+            many = PREPARATION.most_unanswered
+            text = f"vehicle {vehicle.system_id} sends messages but did not answer {many} consecutive requests"
             session.watch.unanswered = text
             session.tell(
                 EventKind.WARNING,
-                f"{text}: our commands may not reach it; the link to it may be gone, or it listens to another ground "
-                "station alone",
+                f"{text}: commands may not reach it; the link may be lost, or it accepts only another ground station",
                 alarm=True,
             )
         self._unanswered += 1
@@ -284,7 +283,9 @@ class _ListWatch:
             self._before: tuple[MissionItem, ...] | None = session.client.download(mission_type)
         except (MissionIoError, FormatError) as error:
             self._before = None
-            session.tell(EventKind.WARNING, f"the vehicle's {self.name} not watched, since not read: {error}")
+            session.tell(
+                EventKind.WARNING, f"the vehicle's {self.name} not monitored, because it could not be read: {error}"
+            )
         self._reading: ListReading | None = None
         self._signs = self._signs_now
 
@@ -341,12 +342,14 @@ class _ListWatch:
     def _consequence(self, held: tuple[MissionItem, ...]) -> str:
         """Consequence of another fence for the rest of the flight."""
         if not held:
-            return "it has no fence any more"
+            return "it no longer has a fence"
         flight = "return" if self._plan.is_way_home else "mission"
         outside_m = _outside_m(held, self._plan.frame, rest_of_legs(self._plan, self._session))
         if outside_m > 0.0:
-            return f"the rest of the {flight} leads {outside_m:.0f} m out of it: a fence in force breaks it off there"
-        return f"the rest of the {flight} stays inside of it"
+            return (
+                f"the rest of the {flight} leads {outside_m:.0f} m out of it: an active fence would interrupt it there"
+            )
+        return f"the rest of the {flight} stays inside it"
 
 
 def _outside_m(items: tuple[MissionItem, ...], frame: LocalFrame, legs_m: list[FloatArray]) -> float:

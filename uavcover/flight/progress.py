@@ -80,7 +80,7 @@ class MissionProgress:
         highest = max(heights)
         if highest > around.max_height_agl_m + PROGRESS.slack_m and self._climbs_first:
             return (
-                f"the vehicle climbs where it is before it flies to waypoint {self.heading_for}: up to {highest:.0f} m "
+                f"the vehicle climbs in place before it flies to waypoint {self.heading_for}: up to {highest:.0f} m "
                 f"above the ground, where {around.max_height_agl_m:g} m are allowed"
             )
         return None
@@ -133,7 +133,7 @@ class MissionProgress:
             text = f"to waypoint {number} of {plan.waypoint_count}"
             self._session.tell(EventKind.WAYPOINT, text, waypoint=number)
         elif self.all_reached:
-            self._session.tell(EventKind.STAGE, "all planned waypoints flown; on the return")
+            self._session.tell(EventKind.STAGE, "all planned waypoints flown, returning")
 
     @property
     def place_m(self) -> FloatArray | None:

@@ -220,7 +220,7 @@ def _check_place(plan: FlightPlan, name: str, place: GeoPoint) -> None:
     if abs(up) > most_m:
         raise VehicleError(
             f"{where} is at {place.alt_amsl_m:.1f} m above sea level, {abs(up):.1f} m {'above' if up > 0 else 'below'} "
-            f"the planned home, max_home_error_m is {most_m:g}; not armed: heights above home would be wrong by it"
+            f"the planned home, max_home_error_m is {most_m:g}; not armed: heights above home would be wrong by this amount"
         )
 
 

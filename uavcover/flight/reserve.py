@@ -11,8 +11,8 @@ from uavcover.model.vehicle import Vehicle
 class BatteryAllows(Enum):
     """Flight that a battery allows."""
 
-    GO_ON = "it is enough to fly on"
-    GO_HOME = "it is enough for the return, and not for more"
+    GO_ON = "it is sufficient to continue"
+    GO_HOME = "it is only sufficient for the return"
 
 
 @dataclass(slots=True)

@@ -16,7 +16,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.provenance import note_in_run, read_record
 from uavcover.run.track_file import read_track
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,7 +61,7 @@ def find_unfinished(run: RunFolder, site: Site) -> Unfinished:
     broken = find_resume_point(track, planned.route.waypoints_m, radius_m=radius_m)
     left = remaining_route(
         planned.route.waypoints_m, broken, radius_m=radius_m,
-        sees_along_legs=site.scenario.sensor.sensing == "along-path",
+        sees_along_legs=site.scenario.sensor.looks_along_path,
     )  # fmt: skip
     return Unfinished(latest, planned, track, broken, Route(left), next_folder(run))
 

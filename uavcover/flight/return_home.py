@@ -41,7 +41,7 @@ def hold(session: Session, text: str = "stop: the vehicle is commanded to hold")
     session.wait(
         at_rest,
         timeout_s=session.timeouts.halt_s,
-        what=lambda: f"the vehicle, in {session.mode_name}, does not come to rest",
+        what=lambda: f"the vehicle, in {session.mode_name}, does not stop",
     )
     session.tell(EventKind.STOP, "the vehicle holds its position")
 
@@ -79,7 +79,7 @@ def return_home(
         plan = None if preconditions is None else preconditions.go_home(sent)
         session.monitor.forget(m.MissionCurrent)
         fly_from_item(session, first_seq(session))
-        session.tell(EventKind.STOP, "flying home along checked legs")
+        session.tell(EventKind.STOP, "returning along checked legs")
         try:
             follow_home(session, stops_before=stops, plan=plan, preconditions=preconditions)
         except Stopped as stop:
@@ -105,7 +105,7 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
     except FlightFaultError as error:
         if error.ending is not Ending.FAILED:
             raise
-        session.tell(EventKind.WARNING, f"{error}: it is flown home all the same", alarm=True)  # as in a strong wind
+        session.tell(EventKind.WARNING, f"{error}: returning anyway", alarm=True)  # as in a strong wind
     if session.stop() > stops:
         raise _LeftHoldingError(_ASKED)
     here = session.monitor.latest(m.GlobalPositionInt)
@@ -117,7 +117,7 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
     except (UavcoverError, MissionIoError) as error:
         raise _LeftHoldingError(f"no checked return from here: {error}") from error
     if not is_clear:
-        session.tell(EventKind.STOP, "the vehicle holds until the return is free of the others")
+        session.tell(EventKind.STOP, "the vehicle holds until the return is clear of other vehicles")
     while not is_clear:
         if session.stop() > stops:
             raise _LeftHoldingError(_ASKED)
@@ -126,7 +126,7 @@ def _hold_and_plan(session: Session, plan_return: PlanReturn, stops: int, clear:
         try:
             is_clear = clear(mission)
         except UavcoverError as error:
-            raise _LeftHoldingError(f"no return apart from the others: {error}") from error
+            raise _LeftHoldingError(f"no return that is separated from the other vehicles: {error}") from error
     return mission
 
 
@@ -135,18 +135,18 @@ def _send(session: Session, mission: Mission, stops: int, preconditions: Precond
     moved_m = 0.0 if preconditions is None else preconditions.home_moved_up_m()
     if moved_m:
         session.tell(
-            EventKind.STOP, f"home was moved by {moved_m:+.1f} m: the return is sent with heights that make up for it"
+            EventKind.STOP, f"home was moved by {moved_m:+.1f} m: the return is uploaded with corrected heights"
         )
         mission = _above_moved_home(mission, moved_m)
-    session.tell(EventKind.STOP, "the return is being sent")
+    session.tell(EventKind.STOP, "uploading the return")
     try:
         checked = session.steer(
             lambda: session.client.upload_and_verify(mission, in_flight=True), while_in=[hold_mode(session)]
         )
     except MissionIoError as error:
-        raise _LeftHoldingError(f"the return could not be sent: {error}") from error
+        raise _LeftHoldingError(f"the return could not be uploaded: {error}") from error
     if not checked.passed:
-        raise _LeftHoldingError("the return was read back changed")
+        raise _LeftHoldingError("the return differs after read-back")
     if session.stop() > stops:
         raise _LeftHoldingError(_ASKED)
     return mission

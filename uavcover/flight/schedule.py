@@ -150,7 +150,7 @@ class FlightSchedule:
             Ending.RESERVE_USED, 100.0 / max(1.0, percent) if below else None,
             f"the flight uses its reserve: {source} has {max(0.0, percent):.0f} % left, and "
             f"{100.0 * vehicle.reserve_fraction:.0f} % are to stay",
-            "the reserve is whole again",
+            "the battery is above the reserve again",
         )  # fmt: skip
         if self._home_s is None or self._must is not None or use.lasts_on(left_s):
             return
@@ -213,7 +213,7 @@ class PhotoWatch:
         lasts_s = now_s - (now_s if self._since_s is None else self._since_s)
         session.watch.measure(
             Ending.PHOTOS_MISSING, missing,
-            f"the camera has reported no photo for {self._flown_m:.0f} m, {lasts_s:.0f} s; {self._expected} were expected",
+            f"the camera reported no photo for {self._flown_m:.0f} m, {lasts_s:.0f} s; {self._expected} were expected",
             "the camera reports photos again",
         )  # fmt: skip
 

@@ -126,7 +126,7 @@ class Session:
             vehicle = self.client.vehicle
         except MisuseError:
             return "not heard"
-        unproved = "on the ground by its own word" if monitor.ground.says_landed else "somewhere"
+        unproved = "on the ground, as the vehicle reports" if monitor.ground.says_landed else "somewhere"
         where = {True: "on the ground", False: "in the air", None: unproved}[monitor.on_ground]
         parts = [where, "armed" if vehicle.armed else "disarmed", f"in {self.mode_name}"]
         here = monitor.latest(m.GlobalPositionInt)
@@ -181,8 +181,8 @@ class Session:
     @property
     def _unknown_text(self) -> str:
         return (
-            f"the vehicle is heard, and its state has not been known for {self.evidence.unknown_s:.0f} s: "
-            f"{self.evidence.missing} is missing; nothing is commanded until it arrives"
+            f"the vehicle is heard, but its state has been unknown for {self.evidence.unknown_s:.0f} s: "
+            f"{self.evidence.missing} is missing; no command is sent until it arrives"
         )
 
     def listen(self, seconds: float) -> None:
@@ -240,7 +240,7 @@ class Session:
 
     def _withheld(self) -> TakenOverError:
         how = f"armed, in {self.mode_name}" if self.client.vehicle.armed else "disarmed"
-        return TakenOverError(Ending.TAKEN_OVER, f"nothing was commanded: the vehicle is {how}")
+        return TakenOverError(Ending.TAKEN_OVER, f"no command was sent: the vehicle is {how}")
 
     def _command(self, act: Callable[[], ResultT], may: Callable[[], bool]) -> ResultT:
         began_s = self.client.clock.now()
@@ -252,7 +252,7 @@ class Session:
         while True:
             while not self.evidence.current:
                 if self.evidence.unknown_s > FOLLOWING.unknown_s:
-                    raise TakenOverError(Ending.STATE_UNKNOWN, f"nothing was commanded: {self._unknown_text}")
+                    raise TakenOverError(Ending.STATE_UNKNOWN, f"no command was sent: {self._unknown_text}")
                 self.pump()
             if not may():
                 raise self._withheld()

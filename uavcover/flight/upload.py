@@ -128,7 +128,7 @@ def send_and_compare(
         user.warn(words)
     user.say(
         f"set the autopilot's maximum height to at least {document['autopilot_max_height_above_home_m']:.0f} m above home "
-        "(fence items carry no height)"
+        "(fence items contain no height)"
     )
     return document
 

@@ -201,8 +201,8 @@ def write_terrain_files(
         raise TerrainError("the elevation data has no height in any block of terrain around the area")
     if lacking:
         user.warn(
-            f"no elevation data for {lacking} of {PART_COUNT * len(known)} parts of {len(known)} blocks: they are left out, and "
-            "the vehicle will request them"
+            f"no elevation data for {lacking} of {PART_COUNT * len(known)} parts of {len(known)} blocks: they "
+            "are omitted, and the vehicle will request them"
         )
     files: dict[str, dict[TerrainBlock, tuple[Part | None, ...]]] = {}
     for block, parts in known.items():

@@ -22,7 +22,7 @@ class ReportReason(Enum):
     """Reason for which an alarm is reported now."""
 
     BEGUN = "it has begun"
-    DOUBLED = "it is twice as much as at the last report"
+    DOUBLED = "it has doubled since the last report"
     LASTS = "it lasts"
     ENDED = "it is over"
 
@@ -259,7 +259,7 @@ class Watch:
         silence_s = self._monitor.silence_s(now)
         self._look_at_silence(silence_s)
         if self._monitor.restarted:
-            text = f"vehicle {self._client.vehicle.system_id} restarted: its clock began anew"
+            text = f"vehicle {self._client.vehicle.system_id} restarted: its clock started again"
             self.open(Ending.RESTARTED, text)
             raise FlightFaultError(Ending.RESTARTED, text)
         if silence_s <= self._timeouts.deadman_s:
@@ -280,7 +280,7 @@ class Watch:
         ):  # a pause of ours is no silence yet
             text = f"link lost: nothing from vehicle {vehicle} for {silence_s:.1f} s"
             self.open(Ending.LINK_LOST, text)
-            raise FlightFaultError(Ending.LINK_LOST, f"{text}; look for it, and at the link")
+            raise FlightFaultError(Ending.LINK_LOST, f"{text}; check the vehicle and the link")
         if silence_s > self._timeouts.deadman_s:
             self.open(
                 Ending.LINK_LOST,
@@ -298,8 +298,8 @@ class Watch:
         if age_s > self._timeouts.heartbeat_s:
             self.open(
                 Ending.HEARTBEAT_LOST,
-                f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages arrive; its mode, and "
-                "whether it is armed, are not known",
+                f"heartbeat lost: none from vehicle {vehicle} for {age_s:.1f} s, although other messages "
+                "arrive; its mode, and armed state are unknown",
                 age_s,
             )
         elif self.is_open(Ending.HEARTBEAT_LOST):
@@ -312,7 +312,7 @@ class Watch:
         if now - heard_at > self._timeouts.deadman_s:
             self.open(
                 Ending.POSITION_LOST,
-                f"no position for {now - heard_at:.1f} s, although other messages of the vehicle come",
+                f"no position for {now - heard_at:.1f} s, although other messages arrive",
                 now - heard_at,
             )
         elif self.is_open(Ending.POSITION_LOST):

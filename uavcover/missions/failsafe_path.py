@@ -251,7 +251,7 @@ class _Model:
             len(line) - 1 - self._states.legs, 0, len(tail) - 1
         )  # the vertex before the one that it flies to
         points = np.stack([self._at, self._stop, tail[joins]], axis=1)
-        note = "back along the flown path; SmartRTL may cut across where that meets itself"
+        note = "back along the flown path; SmartRTL may take a shortcut"
         return self._made(points, ("stop", "mission"), np.full(self._n, HOME), note, tail, joins)
 
     def _reversed(self) -> FailsafePaths:

@@ -16,7 +16,7 @@ from uavcover.missions.way_cost import mission_cost_of
 from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.pace import pace_of
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, once
 from uavcover.sensing.sensors import trigger_distance_m
 
 
@@ -33,7 +33,7 @@ def flight_costs_along_transits(
     there, back, alone, items = np.empty(n), np.empty(n), np.empty(n), np.empty(n, dtype=np.int64)
     energy = FlightEnergy(site, autopilot)
     # Routes of one Pareto set share many waypoints.
-    ways: dict[bytes, FloatArray] = site.derived.setdefault("transits by their far end", {})
+    ways = _transits(site)
     used_there, used_back, used_alone = np.empty((3, len(energy.winds_m_s), n))
     for k, point in enumerate(points):
         end = point.tobytes()
@@ -64,6 +64,12 @@ def flight_costs_along_transits(
     return costs._replace(there_items=items, back_items=items, each_items=1, item_limit=float(most_points))
 
 
+@once
+def _transits(_site: Site) -> dict[bytes, FloatArray]:
+    """Transits to waypoints that were computed before, by the waypoint."""
+    return {}
+
+
 def _flight_costs(
     site: Site, points_m: FloatArray, pace: Pace, *, ends: tuple[FloatArray, ...], items: tuple[IntArray, IntArray],
     limits: tuple[float, float], energies: FlightEnergies,
@@ -89,7 +95,7 @@ def _flight_costs(
         there_items=items[0],
         back_items=items[1],
         each_items=items_per_waypoint(site.scenario.sensor),
-        shared=1 if site.scenario.sensor.sensing == "along-path" else 0,
+        shared=1 if site.scenario.sensor.looks_along_path else 0,
         endurance_s=limits[0],
         item_limit=limits[1],
         barred=np.empty((0, 2), dtype=np.int64),

@@ -10,7 +10,7 @@ from uavcover.missions.sorties import Sortie, compile_sorties, compile_unlike_so
 from uavcover.missions.timeline import timeline_of
 from uavcover.model.route import MissionSize, Route
 from uavcover.model.vehicle import AutopilotName
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, once
 from uavcover.scenario.vehicle_parts import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
 
@@ -150,6 +150,12 @@ def size_of(site: Site, flights: Sequence[Sortie]) -> MissionSize:
     return MissionSize(sorties=len(flights), vehicles=vehicles, makespan_s=makespan_s(site, flights))
 
 
+@once
+def _sizes(_site: Site) -> dict[Hashable, MissionSize | None]:
+    """Sizes of missions that were computed before, by route, autopilot and number of vehicles."""
+    return {}
+
+
 def mission_size(
     site: Site, route: Route, *, autopilot: AutopilotName | None = None, vehicles: int | None = None
 ) -> MissionSize | None:
@@ -166,7 +172,7 @@ def mission_size(
     """
     if site.frame is None or site.home_m is None:
         return None
-    known: dict[Hashable, MissionSize | None] = site.derived.setdefault("sizes of missions", {})
+    known = _sizes(site)
     name = autopilot or site.scenario.vehicle.autopilot
     count = site.scenario.fleet.vehicles if vehicles is None else vehicles
     key = (route.waypoints_m.tobytes(), route.begins, name, count)

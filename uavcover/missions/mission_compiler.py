@@ -52,7 +52,7 @@ from uavcover.missions.transit import (
     transit,
 )
 from uavcover.model.route import Route
-from uavcover.model.sensor import Camera, FrameCamera, Sensor
+from uavcover.model.sensor import Sensor
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.pace import pace_of
@@ -72,11 +72,9 @@ def pointing_items(sensor: Sensor, autopilot: AutopilotName) -> list[MissionItem
     Raises:
         InfeasibleError: the autopilot cannot keep the angle.
     """
-    if not isinstance(sensor, Camera) or sensor.mount != "stabilised":
+    pitch_deg, heading_deg = sensor.pitch_deg, sensor.heading_deg
+    if pitch_deg is None or sensor.mount != "stabilised":
         return []
-    pitch_deg, heading_deg = (
-        (sensor.pitch_deg, sensor.heading_deg) if isinstance(sensor, FrameCamera) else (-90.0, None)
-    )
     if autopilot == "px4":
         return [item_of(PointMount(pitch_deg))]
     for key, angle in (("pitch_deg", pitch_deg), ("heading_deg", heading_deg)):
@@ -92,7 +90,7 @@ def pointing_items(sensor: Sensor, autopilot: AutopilotName) -> list[MissionItem
 
 def headed(item: MissionItem, sensor: Sensor, autopilot: AutopilotName) -> MissionItem:
     """The waypoint, for PX4 with the heading to hold on the way to it if the scenario sets one."""
-    if autopilot != "px4" or not isinstance(sensor, FrameCamera) or sensor.heading_deg is None:
+    if autopilot != "px4" or sensor.heading_deg is None:
         return item
     return replace(item, params=(*item.params[:3], sensor.heading_deg))
 
@@ -114,7 +112,7 @@ def picture_at_waypoint(number: int, autopilot: AutopilotName) -> MissionItem:
 
 def items_per_waypoint(sensor: Sensor) -> int:
     """Number of mission items of a planned waypoint: itself, and a photo where the sensor looks from the waypoints."""
-    return 2 if sensor.sensing == "at-waypoints" else 1
+    return 2 if not sensor.looks_along_path else 1
 
 
 AUTOPILOTS = {"ardupilot": autopilots.ARDUPILOT, "px4": autopilots.PX4}
@@ -271,7 +269,7 @@ def _compiled(
         # A command is executed once the waypoint before it is reached, so the first waypoint appears twice.
         opening += [first, start_pictures(picture_distance_m)]
         sensing.append(stop_pictures())
-    if sensor.sensing == "at-waypoints":
+    if not sensor.looks_along_path:
         pictures = [picture_at_waypoint(number, autopilot) for number in range(len(planned))]
         sensing = [item for pair in zip(sensing, pictures, strict=True) for item in pair]
     items = [*opening, *sensing]
@@ -288,14 +286,14 @@ def _compiled(
     if vehicle.longest_flight_s is not None and flown_s + time_s > vehicle.longest_flight_s:
         raise MissionTooLongError(
             f"the flight takes {time_s:.0f} s with its transits{before}, {longest_flight_in_words(vehicle)}; "
-            "ask for less coverage (--select), or plan a smaller area"
+            "require less coverage (--select), or plan a smaller area"
         )
     used_s = battery_used_s(FlightEnergy(site, autopilot), begin.energy_s, timed, home)
     # What it has used before is not known; by the mean of what is planned, and never less than hovering.
     before_s = flown_s * max(1.0, used_s / time_s)
     if before_s + used_s > usable_s(vehicle):
         raise MissionTooLongError(
-            f"the flight{before} uses {battery_in_words(site, before_s + used_s)}; ask for less coverage (--select), plan a "
+            f"the flight{before} uses {battery_in_words(site, before_s + used_s)}; require less coverage (--select), plan a "
             "smaller area, or fly in less wind"
         )
     returns, advice = returns_and_rally(

@@ -9,7 +9,7 @@ from uavcover.model.route import Route, RouteMember, RouteMetrics
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
-from uavcover.sensing.fleet_map import fleet_map, map_for
+from uavcover.sensing.site_maps import fleet_map, map_for
 
 
 def judge_route(site: Site, route: Route, origin: str, *, margin_m: float) -> RouteMember:

@@ -22,7 +22,7 @@ from uavcover.missions.return_advice import (
     settings_of,
 )
 from uavcover.model.vehicle import AutopilotName
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, once
 
 MOST_POINTS = 5
 """Both autopilots take more; a pilot has to know them."""
@@ -75,11 +75,16 @@ def _proposed(site: Site, path_m: FloatArray, autopilot: AutopilotName) -> Float
     """(r, 3) ENU rally points beside home; sorties are compiled several times, and searched for once."""
     if site.scenario.planner.rally != "auto":
         return np.empty((0, 3))
-    known: dict[tuple[bytes, str], FloatArray] = site.derived.setdefault("proposed rally points", {})
-    key = (path_m.tobytes(), autopilot)
+    known, key = _known(site), (path_m.tobytes(), autopilot)
     if key not in known:
         known[key] = propose_rally(site, path_m, autopilot=autopilot)
     return known[key]
+
+
+@once
+def _known(_site: Site) -> dict[tuple[bytes, str], FloatArray]:
+    """Rally points that were proposed before, by path and autopilot."""
+    return {}
 
 
 def _above_home(site: Site, places_m: FloatArray) -> tuple[FramedPoint, ...]:

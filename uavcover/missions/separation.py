@@ -37,21 +37,6 @@ class PathPieces:
     latest_s: FloatArray
 
 
-@dataclass(frozen=True, slots=True)
-class Conflict:
-    """Two flights that may come too near to each other.
-
-    Attributes:
-        distance_m: least distance of their paths there.
-        place_m: ENU metres of the first one there.
-        time_s: when the first one is planned to be there, since its own take-off.
-    """
-
-    distance_m: float
-    place_m: tuple[float, float, float]
-    time_s: float
-
-
 def pieces_of(timeline: Timeline, fleet: Fleet) -> PathPieces:
     """A flight in pieces of at most ten metres, with its time on the ground at home before and after."""
     times, places = timeline.time_s, timeline.place_m
@@ -87,7 +72,7 @@ def unsafe_starts(a: PathPieces, b: PathPieces, fleet: Fleet) -> FloatArray:
     Returns:
         (k, 2) open intervals of b's start less a's in seconds, sorted, without overlaps.
     """
-    first, second, _ = _near(a, b, fleet.planned_separation_m)
+    first, second, _ = near_pieces(a, b, fleet.planned_separation_m)
     return merged(np.column_stack([a.earliest_s[first] - b.latest_s[second], a.latest_s[first] - b.earliest_s[second]]))
 
 
@@ -110,19 +95,7 @@ def safe_start_s(intervals: FloatArray, wanted_s: float) -> float:
     return wanted_s
 
 
-def find_conflict(a: PathPieces, b: PathPieces, fleet: Fleet, *, start_s: float) -> Conflict | None:
-    """Worst position where a and b may come too close when b starts ``start_s`` after a. None when they do not."""
-    first, second, distance_m = _near(a, b, fleet.planned_separation_m)
-    meets = (b.earliest_s[second] + start_s < a.latest_s[first]) & (b.latest_s[second] + start_s > a.earliest_s[first])
-    if not meets.any():
-        return None
-    k = int(np.flatnonzero(meets)[np.argmin(distance_m[meets])])
-    e, n, u = map(float, a.begin_m[first[k]])
-    when_s = 0.5 * float(a.earliest_s[first[k]] + a.latest_s[first[k]])
-    return Conflict(float(distance_m[k]), (e, n, u), when_s)
-
-
-def _near(a: PathPieces, b: PathPieces, separation_m: float) -> tuple[IntArray, IntArray, FloatArray]:
+def near_pieces(a: PathPieces, b: PathPieces, separation_m: float) -> tuple[IntArray, IntArray, FloatArray]:
     """Pairs of pieces that are nearer than the separation: their numbers, (m,) each, and their distances."""
     from scipy.spatial import cKDTree  # a third of a second to load, and one vehicle needs none
 

@@ -79,7 +79,7 @@ def compile_sorties(
         InputError: the scenario has no position on Earth or no home.
         InfeasibleError: a leg breaks a limit, or a part of the route cannot be reached inside the endurance (says which).
     """
-    refusal = InfeasibleError("no cut keeps the limits")
+    refusal = InfeasibleError("no split meets the limits")
     if vehicles == 1 or len(route) < 2:
         try:
             whole = _compile(site, route, autopilot=autopilot, most_points=most_points)
@@ -111,7 +111,7 @@ def compile_unlike_sorties(
     Raises:
         InfeasibleError: a leg breaks a limit, or no vehicle reaches a part of the route inside its endurance (says which).
     """
-    refusal = InfeasibleError("no cut keeps the limits")
+    refusal = InfeasibleError("no split meets the limits")
     fleet = sites[0].scenario.fleet
 
     def cut(costs: Sequence[FlightCosts]) -> FlightsOfVehicles | None:

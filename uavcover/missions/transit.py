@@ -13,7 +13,7 @@ from uavcover.missions.leg_checks import LegProblem, find_problems
 from uavcover.scenario.airspace.flyable import transit_area, transit_area_between_walls
 from uavcover.scenario.airspace.way_round import WayRound
 from uavcover.scenario.airspace.zones import ZoneCheck
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, once
 from uavcover.terrain.frames import LocalFrame
 
 _NO_CEILING_M = 5_000.0
@@ -125,12 +125,10 @@ def _is_convex(site: Site) -> bool:
     return bool(site.fence.convex_hull.area - site.fence.area <= _COLUMN_M)
 
 
+@once
 def _ways_round(site: Site) -> list[WayRound]:
     """Ways around everything that any height of a transit meets; then around what every height meets."""
-    if "ways of transits" not in site.derived:
-        site.derived["ways of transits"] = [WayRound(transit_area(site)), WayRound(transit_area_between_walls(site))]
-    ways: list[WayRound] = site.derived["ways of transits"]
-    return ways
+    return [WayRound(transit_area(site)), WayRound(transit_area_between_walls(site))]
 
 
 def _along(site: Site, corners_m: FloatArray, end_m: FloatArray, ground_end_height_m: float) -> FloatArray:

@@ -6,7 +6,7 @@ from uavcover.kernels.way_cost import ENERGY, LENGTH, TIME, WayCost
 from uavcover.model.vehicle import Vehicle
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.sensors import reach_at_height_m, trigger_distance_m
+from uavcover.sensing.sensors import trigger_distance_m
 
 
 def power_of(vehicle: Vehicle, *, gust_m_s: float = 0.0) -> Power:
@@ -37,10 +37,10 @@ def waypoint_price_of(site: Site) -> float:
     scenario = site.scenario
     if scenario.planner.waypoint_price is not None:
         return scenario.planner.waypoint_price
-    if scenario.sensor.sensing == "at-waypoints":
+    if not scenario.sensor.looks_along_path:
         return 0.0
     middle_agl_m = 0.5 * (scenario.limits.min_height_agl_m + scenario.limits.max_height_agl_m)
-    price_m = _WAYPOINT_PRICE * reach_at_height_m(scenario.sensor, middle_agl_m)
+    price_m = _WAYPOINT_PRICE * scenario.sensor.half_width_m(middle_agl_m)
     return price_m if scenario.objective == "length" else price_m / scenario.vehicle.cruise_speed_m_s
 
 

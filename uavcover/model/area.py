@@ -15,20 +15,20 @@ class Outline:
     """Polygons as a scenario gives them: exactly one of the six polygon keys.
 
     Attributes:
-        polygon_lon_lat_deg: outer ring as (longitude, latitude) pairs on WGS 84, the order of GeoJSON.
+        polygon_lon_lat_deg: outer ring as (longitude, latitude) pairs on WGS 84, in the order of GeoJSON.
         polygon_east_north_m: outer ring in the local frame.
-        polygons_lon_lat_deg: several parts, each a list of rings, the outer one first: the coordinates of a GeoJSON
-            MultiPolygon. Parts may touch or overlap.
-        polygons_east_north_m: the same in the local frame.
-        geojson: a GeoJSON file with one Polygon, or several as parts, holes included; relative to the scenario file.
-        file: a file of any known format, in any coordinate system, with one polygon or several; relative to the scenario file.
-        layer: of that file; default: the only one.
-        feature: name or number (from 1) of one feature of that file; default: all of them.
-        crs: coordinate system of that file, such as "EPSG:32632", where it does not say.
-        make_valid: whether outlines in that file that cross themselves, and rings that are not closed, are mended.
-        swap_axes: whether that file has latitude, or north, first.
-        holes_lon_lat_deg: rings that need no coverage, with ``polygon_lon_lat_deg``.
-        holes_east_north_m: the same with ``polygon_east_north_m``.
+        polygons_lon_lat_deg: several polygons; each is a list of rings with the outer ring first, as in a GeoJSON
+            MultiPolygon. Polygons may touch or overlap.
+        polygons_east_north_m: several polygons in the local frame.
+        geojson: path of a GeoJSON file with one or several polygons, relative to the scenario file.
+        file: path of a file with one or several polygons, relative to the scenario file.
+        layer: name of the layer in the file; default: the only layer.
+        feature: name or number (from 1) of a feature in the file; default: all features.
+        crs: coordinate system of the file, such as "EPSG:32632", if the file does not state it.
+        make_valid: whether to repair outlines that cross themselves and rings that are not closed.
+        swap_axes: whether the file stores latitude or north first.
+        holes_lon_lat_deg: rings that need no coverage, for `polygon_lon_lat_deg`.
+        holes_east_north_m: rings that need no coverage, for `polygon_east_north_m`.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -91,14 +91,14 @@ class Outline:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Area(Outline):
-    """The area to cover, as the scenario gives it.
+    """The area to cover.
 
     Attributes:
-        cell_size_m: side of the square cells on which results are judged, at most. A cell is seen when a certain point in it is.
-        fewest_places: an area of fewer cells is judged on smaller ones, so that it has this number; more where a part of the
-            ground weighs more than the rest, as cliffs do. 0: on cells of ``cell_size_m`` as they are.
-        margin_m: the area is grown outwards by this before it is planned and judged, so that photos overlap up to the edge of
-            what was drawn. Holes stay as they are.
+        cell_size_m: largest side of the square cells on which results are evaluated. A cell counts as observed if one
+            point inside it is observed.
+        fewest_places: smallest number of cells. An area with fewer cells uses smaller ones. 0 keeps `cell_size_m`.
+        margin_m: distance by which the area is extended outwards before planning and verification, so that photos
+            overlap up to the original edge. Holes do not change.
     """
 
     __pydantic_config__: ClassVar = STRICT

@@ -10,20 +10,22 @@ from uavcover.model.value_checks import STRICT, require, require_not_negative, r
 class Fleet:
     """Number of vehicles, and their separation.
 
-    They are all alike ([vehicle]) and take off and land at [home], unless there is a [[vehicle]] for each of them.
+    All vehicles are equal ([vehicle]) and take off and land at [home], unless each has its own [[vehicle]].
 
     Attributes:
-        vehicles: how many fly at the same time.
-        turnaround_s: from a vehicle's landing to its next take-off, with a new battery.
-        separation_m: least distance in space between two vehicles in flight.
-        path_error_m: how far a vehicle may be beside its planned path; planned paths are kept apart by twice that more.
-        timing_error_fraction: share of the time since its take-off by which a vehicle may be early or late.
-        start_error_s: by how much its take-off may be early or late.
-        clock_error_s: by how much the times at which positions of two vehicles arrived may be wrong against each other, in the
-            judgement of flown tracks: different delays of their links, and clocks of two ground stations.
-        pad_s: how long a vehicle stands at home before its take-off and after its landing; no other one may be near then.
-        one_at_a_time: of vehicles that differ each takes off ``turnaround_s`` after the one before it has landed. One vehicle
-            that is moved between launch points ([[launch_point]]) flies so.
+        vehicles: number of vehicles that fly at the same time.
+        turnaround_s: time from the landing of a vehicle to its next take-off with a new battery.
+        separation_m: smallest distance between two vehicles in flight.
+        path_error_m: possible deviation of a vehicle from its planned path. Planned paths are separated by twice this
+            distance more.
+        timing_error_fraction: fraction of the time since take-off by which a vehicle may be early or late.
+        start_error_s: time by which a take-off may be early or late.
+        clock_error_s: possible difference between the arrival times of positions from two vehicles, because of link
+            delays or several computers. Verification uses it.
+        pad_s: time that a vehicle stands at home before take-off and after landing. No other vehicle may be close
+            during this time.
+        one_at_a_time: whether only one vehicle flies at a time. Each takes off `turnaround_s` after the previous
+            landing. This always applies to a vehicle with several launch points ([[launch_point]]).
     """
 
     __pydantic_config__: ClassVar = STRICT

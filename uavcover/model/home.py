@@ -8,7 +8,7 @@ from uavcover.model.value_checks import STRICT, require
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Home:
-    """Take-off and landing position on the ground, by either pair of keys.
+    """Take-off and landing position on the ground. Use one of the two pairs of keys.
 
     Attributes:
         lat_deg: latitude on WGS 84.

@@ -11,26 +11,28 @@ FENCE_KEYS = ("fence_lon_lat_deg", "fence_east_north_m", "fence_polygons_lon_lat
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightLimits:
-    """Hard limits. The height band applies from the first to the last planned waypoint, the others to the whole flight.
+    """Hard limits. The height band applies between the first and last planned waypoint, other limits to the whole flight.
 
     Attributes:
-        min_height_agl_m: lowest height above ground on the sensing route.
-        max_height_agl_m: largest height above ground on the sensing route.
-        min_alt_amsl_m: lowest height above sea level, or none.
-        max_alt_amsl_m: largest height above sea level, or none.
-        height_margin_m: margin for tracking errors: the planner stays this far inside both ends of the band, and above the
-            transit clearance.
-        transit_clearance_m: lowest height above ground in transit (except in the take-off and landing columns).
-        max_transit_height_agl_m: largest height above ground in transit, including take-off and landing; default: 30 m above
-            the highest of the band, the take-off and return heights, and the target height of transits.
-        max_climb_angle_deg: steepest leg, up or down.
-        fence_margin_m: margin of the default fence, the convex hull of area and home.
-        fence_lon_lat_deg: the fence as a ring of (longitude, latitude).
+        min_height_agl_m: lowest height above ground on the planned route.
+        max_height_agl_m: greatest height above ground on the planned route.
+        min_alt_amsl_m: lowest altitude above sea level; default: no limit.
+        max_alt_amsl_m: greatest altitude above sea level; default: no limit.
+        height_margin_m: margin for tracking errors. Planned routes keep this distance from both ends of the height band
+            and from the transit clearance.
+        transit_clearance_m: lowest height above ground on transit legs, except directly above home.
+        max_transit_height_agl_m: greatest height above ground on transit legs, take-off and landing; default: 30 m
+            above the highest of the height band, the take-off and return heights, and the target height of the transit.
+        max_climb_angle_deg: steepest permitted leg, up or down.
+        fence_margin_m: distance of the default fence from the convex hull of area and home.
+        fence_lon_lat_deg: the fence as a ring of (longitude, latitude) pairs.
         fence_east_north_m: the fence as a ring in the local frame.
-        fence_polygons_lon_lat_deg: the fence as several rings, which overlap or share edges: the vehicle stays in their union.
-        fence_polygons_east_north_m: the same in the local frame.
-        applies_to: "legs": every leg along its full length. "waypoints": the waypoints alone, as in the paper.
-        max_home_error_m: largest difference between the vehicle's home and the planned one, horizontally and in height.
+        fence_polygons_lon_lat_deg: the fence as several rings that overlap or share edges. The vehicle stays inside
+            their union.
+        fence_polygons_east_north_m: the fence as several rings in the local frame.
+        applies_to: "legs": limits apply to the full length of every leg. "waypoints": limits apply only to the
+            waypoints, as in the paper.
+        max_home_error_m: largest difference between the actual and the planned home, horizontally and in height.
     """
 
     __pydantic_config__: ClassVar = STRICT

@@ -15,35 +15,36 @@ OUTLINES = (
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NoFly:
-    """A zone that the vehicle must not enter, or a file of such zones. Exactly one outline is given.
+    """A zone that the vehicle must not enter, or a file of such zones. Provide exactly one outline.
 
-    Without a floor it begins at the ground, without a ceiling it has no top. With two floors the lower one counts, with two
-    ceilings the higher one.
+    Without a floor, the zone starts at the ground. Without a ceiling, it is unlimited. If a zone has two floors, the lower
+    one counts. If it has two ceilings, the higher one counts.
 
     Attributes:
-        file: a file of zones: GeoJSON, KML, KMZ, GeoPackage, Shapefile, WKT, .plan, .poly, ED-269 or ED-318 JSON, or OpenAir
-            (.txt, .air), relative to the scenario file. Floors, ceilings and times are taken from the file where it has
-            them, and from this table elsewhere. Zones more than 20 km from area, home and fence are left out.
-        make_valid: whether outlines in that file that cross themselves, and rings that are not closed, are mended.
-        ignore: names or identifiers of zones of that file that do not count, such as those with a clearance to fly.
-        polygon_lon_lat_deg: outline as a ring of (longitude, latitude).
+        file: a file of zones, relative to the scenario file: GeoJSON, KML, KMZ, GeoPackage, Shapefile, WKT, .plan,
+            .poly, ED-269 or ED-318 JSON, or OpenAir (.txt, .air). Values in this table apply to zones that do not state
+            their own. Zones more than 20 km from area, home and fence are ignored.
+        make_valid: whether to repair outlines that cross themselves and rings that are not closed.
+        ignore: names or identifiers of zones in the file that do not count, such as zones for which you have a
+            clearance.
+        polygon_lon_lat_deg: outline as a ring of (longitude, latitude) pairs.
         polygon_east_north_m: outline as a ring in the local frame.
-        polygons_lon_lat_deg: several parts, each a list of rings, the outer one first, then holes.
-        center_lon_lat_deg: (longitude, latitude) of a circle's centre.
-        center_east_north_m: the same in the local frame.
-        radius_m: radius of that circle.
-        floor_agl_m: lower end above the ground below the vehicle.
-        floor_amsl_m: lower end above mean sea level.
-        ceiling_agl_m: upper end above the ground below the vehicle.
-        ceiling_amsl_m: upper end above mean sea level.
-        from_utc: first moment at which it is in force, such as "2026-06-01T06:00Z"; default: always.
-        until_utc: last such moment.
-        active: the periods between these two in which it is in force: "MON-FRI 08:00-17:00Z", "SAT,SUN", "22:00-06:00+02:00",
-            "2026-06-01T06:00Z/2026-06-03T18:00Z", or such an interval with days and hours; ".." is an open end. Default: all
-            the time.
-        margin_m: planned legs stay this far outside, horizontally; above and below it limits.height_margin_m. The flown track
-            is judged by the zone itself.
-        name: for people.
+        polygons_lon_lat_deg: several polygons; each is a list of rings with the outer ring first.
+        center_lon_lat_deg: (longitude, latitude) of the centre of a circle.
+        center_east_north_m: centre of a circle in the local frame.
+        radius_m: radius of the circle.
+        floor_agl_m: lower limit above the ground below the vehicle.
+        floor_amsl_m: lower limit above mean sea level.
+        ceiling_agl_m: upper limit above the ground below the vehicle.
+        ceiling_amsl_m: upper limit above mean sea level.
+        from_utc: start of the time in which the zone is active, such as "2026-06-01T06:00Z"; default: always active.
+        until_utc: end of the time in which the zone is active.
+        active: periods in which the zone is active: "MON-FRI 08:00-17:00Z", "SAT,SUN", "22:00-06:00+02:00",
+            "2026-06-01T06:00Z/2026-06-03T18:00Z", or an interval with days and hours. ".." is an open end. Default:
+            always active.
+        margin_m: horizontal distance that planned legs keep from the zone. The vertical distance is
+            limits.height_margin_m. Verification uses the zone without margins.
+        name: name of the zone in reports.
     """
 
     __pydantic_config__: ClassVar = STRICT

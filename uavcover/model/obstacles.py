@@ -13,9 +13,9 @@ class Obstacle:
 
     Attributes:
         height_m: height of the top above the highest ground under the footprint.
-        rings_lon_lat_deg: rings of (longitude, latitude) on WGS 84, the order of GeoJSON.
+        rings_lon_lat_deg: rings of (longitude, latitude) pairs on WGS 84.
         rings_east_north_m: rings in the local frame.
-        name: for people.
+        name: name of the obstacle in reports.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -37,13 +37,13 @@ class Obstacle:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Obstacles:
-    """The obstacles of a scenario, and the clearance from them on the whole flight.
+    """Obstacles, and the clearance from them on the whole flight.
 
     Attributes:
-        file: a ``.geojson``, ``.kml``, ``.kmz`` or ``.csv`` file with them, relative to the scenario file, or ``bundled:NAME``.
-        prisms: obstacles in the scenario itself.
-        clearance_beside_m: least horizontal distance from a footprint below the height that ``clearance_above_m`` sets.
-        clearance_above_m: height above the top from which the vehicle may pass over.
+        file: a `.geojson`, `.kml`, `.kmz` or `.csv` file, relative to the scenario file, or `bundled:NAME`.
+        prisms: obstacles in the scenario file.
+        clearance_beside_m: smallest horizontal distance from a footprint, unless the vehicle passes above.
+        clearance_above_m: height above the top from which the vehicle may pass over the obstacle.
     """
 
     __pydantic_config__: ClassVar = STRICT

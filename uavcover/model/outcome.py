@@ -39,11 +39,11 @@ class FlightEvent:
 class Ending(Enum):
     """Endings of a flight; the names are those of ``run.json`` and ``--json``, in small letters."""
 
-    LANDED = "flown to the end, landed and disarmed"
-    RETURNED = "stopped by the user, flown home along checked legs, landed and disarmed"
+    LANDED = "mission completed, landed and disarmed"
+    RETURNED = "stopped by the user, returned along checked legs, landed and disarmed"
     LEFT_HOLDING = "stopped by the user and left holding, armed and in the air"
     NOT_FLOWN = "stopped by the user before it left the ground; disarmed"
-    RESERVE_KEPT = "flown home early along checked legs, so that the battery keeps its reserve; landed and disarmed"
+    RESERVE_KEPT = "returned early along checked legs to keep the battery reserve, landed and disarmed"
 
     NOT_ARMED = "not armed: the vehicle is not what was planned for"
     NOT_READY = "not armed: the vehicle did not get ready"
@@ -51,7 +51,7 @@ class Ending(Enum):
     NOT_STARTED = "the vehicle did not leave the ground"
 
     LINK_LOST = "the link to the vehicle was lost"
-    HEARTBEAT_LOST = "the autopilot's heartbeat was lost, although other messages came"
+    HEARTBEAT_LOST = "the autopilot's heartbeat was lost, although other messages arrived"
     POSITION_LOST = "the vehicle stopped reporting its position"
     GPS_LOST = "the vehicle lost its satellite fix or its position estimate"
     BATTERY_FAILSAFE = "the battery was low, and the vehicle took its failsafe action"
@@ -64,7 +64,7 @@ class Ending(Enum):
     RADIO_LOST = "the pilot's radio was lost, and the vehicle took its failsafe action"
     FAILSAFE = "the vehicle took another failsafe"
     PILOT_TOOK_OVER = "a pilot or another ground station changed the flight mode"
-    TAKEN_OVER = "the vehicle left its mission, and the cause is not known"
+    TAKEN_OVER = "the vehicle left its mission, and the cause is unknown"
     STATE_UNKNOWN = "the vehicle's mode or state was not known"
     HOLD_LOST = "the vehicle did not hold its position"
     UNSAFE_LINE = "the straight line back to the route was not clear"

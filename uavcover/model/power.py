@@ -14,23 +14,25 @@ _INDUCED_M_S = 6.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PowerModel:
-    """Power of flight as a multiple of that in hover, at which ``endurance_s`` empties a full battery.
+    """Power model of the vehicle, relative to hovering. Hovering for ``endurance_s`` empties a full battery.
 
-    Induced power falls with the airspeed (Glauert; Leishman, Principles of Helicopter Aerodynamics, 2.14), drag of blades, rotors
-    and body grows with it, and climbing lifts the weight. The defaults suit a quadcopter of 2 kg with rotors of 10 inches.
+    Induced power decreases with the airspeed (Glauert; Leishman, Principles of Helicopter Aerodynamics, 2.14). The drag of
+    blades, rotors and body increases with it. A climb needs additional power. The defaults suit a 2 kg quadcopter with
+    10 inch rotors.
 
     Attributes:
-        mass_kg: take-off mass with which the vehicle hovers for ``endurance_s``; none: unknown.
-        payload_kg: what it carries besides; power in hover grows with the mass to the power of 1.5.
-        rotor_area_m2: the discs of all rotors together, pi * radius^2 of each; with ``mass_kg`` it gives the induced velocity.
-        hover_induced_m_s: induced velocity in hover at ``mass_kg``; default: from ``mass_kg`` and ``rotor_area_m2``, or 6.
-        profile_share: share of the rotors' power in hover that the drag of their blades takes; 0.474 in Zeng et al. 2019.
-        tip_speed_m_s: speed of the blades' tips, for that drag.
-        rotor_drag_1_s: drag of the rotors, as acceleration per metre per second of airspeed.
-        body_drag_area_m2: drag coefficient times frontal area of the body; needs ``mass_kg``.
-        idle_share: share of the power in hover that the electronics draw.
-        descent_gain: share of the potential energy that a descent gives back.
-        uncertainty_fraction: by how much a flight may use more than this says; sorties are planned with so much in hand.
+        mass_kg: take-off mass at which the vehicle hovers for `endurance_s`.
+        payload_kg: additional mass. The hover power increases with the mass to the power of 1.5.
+        rotor_area_m2: total disc area of all rotors. Together with `mass_kg`, it determines the induced velocity.
+        hover_induced_m_s: induced velocity in hover at `mass_kg`; default: computed from `mass_kg` and `rotor_area_m2`,
+            or 6.
+        profile_share: fraction of the hover power of the rotors that overcomes blade drag; 0.474 in Zeng et al. 2019.
+        tip_speed_m_s: speed of the blade tips.
+        rotor_drag_1_s: rotor drag as acceleration per metre per second of airspeed.
+        body_drag_area_m2: drag coefficient times frontal area of the body; requires `mass_kg`.
+        idle_share: fraction of the hover power that the electronics use.
+        descent_gain: fraction of the potential energy that a descent recovers.
+        uncertainty_fraction: margin for the battery use, as a fraction. Sorties are planned with this margin.
     """
 
     __pydantic_config__: ClassVar = STRICT

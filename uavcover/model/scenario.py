@@ -4,6 +4,7 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import ClassVar, Literal
 
+from uavcover.kernels.sight import MIDPOINT
 from uavcover.model.active_times import Window, window_of
 from uavcover.model.area import Area
 from uavcover.model.fleet import Fleet
@@ -19,16 +20,16 @@ from uavcover.model.vehicle import Vehicle, Wind
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Uncertainty:
-    """Largest errors that a verdict has to withstand. With all of them 0, measurements are taken as exact.
+    """Largest errors that verification takes into account. If all are 0, it treats measurements as exact.
 
-    Each is a bound, not a standard deviation, and constant over the rays of one observation.
+    Each value is a bound and not a standard deviation. It is constant during one observation.
 
     Attributes:
-        position_m: horizontal error of the flown positions.
-        height_m: vertical error of the flown positions.
-        terrain_m: vertical error of the elevation data against the true ground. The difference between the ground in use and
-            the data is measured and added.
-        attitude_deg: error of the camera's direction.
+        position_m: horizontal error of the recorded positions.
+        height_m: vertical error of the recorded positions.
+        terrain_m: vertical error of the elevation data. The difference between the interpolated ground and the data is
+            measured and added.
+        attitude_deg: error of the camera direction.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -85,39 +86,40 @@ class PlannerSettings:
     """Settings of the route search.
 
     Attributes:
-        algorithm: "memetic": IMODBO, then a local search of what it and the baselines found. "local-search": from sampled routes
-            and baselines alone. "imodbo", "modbo": the paper's optimizers, plain. "nsga2", "moead": pymoo's, for comparison.
-            "lines": the best parallel lines of a scan, for sensors that look along the path. "contour-lines": the best of a
-            scan of lines that follow the terrain's contours.
-        line_heading_deg: of "lines": their heading, clockwise from north; default: along the longer side of the area.
-        encoding: "swaths": parallel lines with their own gaps and heights, for sensors that look along the path.
-            "waypoints": free points with activation genes, as the paper.
-        population_size: members of the population.
-        evaluations: full route evaluations when no budget is given; 50 proposals of the local search count as one.
-        max_waypoints: most waypoints of a route, none by default; of the "waypoints" encoding its capacity, 60 by default, which
-            does not count what is put in between where legs follow the terrain.
-        cell_size_m: cell size of the search; default: twice the area's cell size, on which the result is judged.
-        order: order of waypoints in the optimizer's routes. "nearest-neighbour": the paper's decoding. "improved": the same,
-            then 2-opt. The local search finds its own order.
-        initial: constructed routes with which the search starts, beside sampled ones (Latin hypercube), and against which its
-            result is compared; default: "boustrophedon" for swaths and for a local search along the path, and "set-cover"
-            for a local search that senses at waypoints. With objective = "energy" a local search along the path has
-            "contour-lines" as well.
+        algorithm: the search method. "memetic": IMODBO, then a local search from its routes and the baselines.
+            "local-search": the local search from sampled routes and the baselines. "imodbo", "modbo": the optimizers of
+            the paper. "nsga2", "moead": algorithms of pymoo, for comparison. "lines": the best of a scan of parallel
+            lines. "contour-lines": the best of a scan of lines along the contours. The last two require a sensor that
+            observes along the path.
+        line_heading_deg: direction of the algorithm "lines", clockwise from north; default: along the longer side of
+            the area.
+        encoding: "swaths": parallel lines with their own spacing and heights, for sensors that observe along the path.
+            "waypoints": free points with activation genes, as in the paper.
+        population_size: number of members of the population.
+        evaluations: number of route evaluations if no budget is given. 50 proposals of the local search count as one.
+        max_waypoints: largest number of waypoints of a route; default: no limit. For the encoding "waypoints", it is
+            the number of nodes (default: 60) and does not include waypoints that are inserted to follow the terrain.
+        cell_size_m: cell size of the search; default: twice the cell size of the area.
+        order: order of the waypoints in the routes of an optimizer. "nearest-neighbour": the order of the paper.
+            "improved": the same order, shortened by 2-opt. The local search finds its own order.
+        initial: initial solutions and baselines, in addition to sampled routes. Default: "boustrophedon" for swaths and
+            for a local search along the path, "set-cover" for a local search with a sensor that observes at waypoints.
+            With objective = "energy", a local search along the path also uses "contour-lines".
         seed: seed of the random numbers.
-        parts: into how many parts the area is divided, each searched by itself and then along its seams with the others;
-            "auto": one for a small area; more where the cells are too many for one search, or one for each flight where
-            that is shorter. Requires encoding = "swaths" and a local search. Default: 1, the area in one piece.
-        objective: the cost minimised beside coverage and the number of waypoints. "mission-time": from the ground at home to
-            the ground at home, of all flights. "energy": what these take from the batteries by [vehicle.power], in seconds of
-            hovering. "flight-time": of the route alone, with wind, climbs and turns. "length" of the route. Default:
-            "mission-time" where there is a home, otherwise "length".
-        band_deviation_price: cost for every metre of a waypoint above or below the middle of the height band (Eq. 7), in
-            metres of path or in seconds (of hovering with "energy").
-        waypoint_price: cost of every waypoint, in metres of path or in seconds (of hovering with "energy"). Default: 1 % of the
-            radius that the sensor sees from the middle of the band, or its time at cruise speed; 0 for a sensor that looks from
-            the waypoints.
-        rally: rally points of the mission. "home": home alone, at a safe height. "auto": also places to land where the
-            autopilot's own return home is not safe, as far as there are any.
+        parts: number of parts into which the area is divided. The planner searches each part and then the seams.
+            "auto": one part for a small area, and more if the area has too many cells or if one part per flight gives a
+            shorter mission. Requires encoding = "swaths" and a local search. Default: 1.
+        objective: the cost that the planner minimises in addition to coverage and the number of waypoints.
+            "mission-time": time from take-off to landing of all flights. "energy": battery use of all flights, in
+            seconds of hovering ([vehicle.power]). "flight-time": time of the route without transit. "length": length of
+            the route. Default: "mission-time" with a home, otherwise "length".
+        band_deviation_price: penalty for each metre of a waypoint above or below the middle of the height band (Eq. 7),
+            in metres of path or in seconds.
+        waypoint_price: penalty for each waypoint, in metres of path or in seconds. Default: 1 % of the radius that the
+            sensor observes from the middle of the height band, or the time for it at cruise speed; 0 for a sensor that
+            observes at waypoints.
+        rally: rally points of the mission. "home": only home, at a safe height. "auto": additional landing positions if
+            the autopilot's own return to home is not safe.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -182,17 +184,21 @@ class Requirements:
     """Requirements on a flown track for ``verify`` to pass.
 
     Attributes:
-        min_coverage_of_coverable: required fraction of the area that can be covered within the limits.
-        min_sure_coverage_of_coverable: required fraction that is seen for every error within [uncertainty], or none.
-        min_overlap_fraction: required fraction of the ground, as drawn, that is in as many photos as the camera's
-            forward_overlap and side_overlap require, or none: then the overlap is reported, and not required.
-        looks: number of observations required of a cell; more than 1 requires sensing at waypoints.
-        look_distance_m: waypoints closer to each other than this count as one observation; required for more than one.
-        max_deviation_m: largest distance of the flown track from the planned route, or none.
-        max_ground_speed_m_s: largest speed over ground on the planned route, or none.
-        max_gap_s: largest time between samples that are joined by a straight line.
-        max_unobserved_fraction: largest fraction of the route's time without evidence; above it the flight is not proved.
-        max_unobserved_gap_s: longest single stretch without evidence between take-off and landing; beyond it the same.
+        min_coverage_of_coverable: required coverage of the visible ground.
+        min_sure_coverage_of_coverable: required coverage of the visible ground for every error within [uncertainty];
+            default: no requirement.
+        min_overlap_fraction: required fraction of the area that is in as many photos as forward_overlap and
+            side_overlap require. Default: the overlap is reported but not required.
+        looks: required number of observations of each cell; more than 1 requires a sensor that observes at waypoints.
+        look_distance_m: smallest distance between two waypoints that count as separate observations; required if looks
+            is greater than 1.
+        max_deviation_m: largest distance of the flown track from the planned route; default: no limit.
+        max_ground_speed_m_s: largest ground speed on the planned route; default: no limit.
+        max_gap_s: longest time between two samples that are connected by a straight line.
+        max_unobserved_fraction: largest fraction of the route time without evidence. If it is exceeded, the flight is
+            not proved.
+        max_unobserved_gap_s: longest single interval without evidence between take-off and landing. If it is exceeded,
+            the flight is not proved.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -245,7 +251,7 @@ class Scenario:
     """A validated scenario: the sections of the TOML file.
 
     Attributes:
-        name: short name, used in files and reports.
+        name: short name for files and reports.
         area: the area to cover.
         terrain: the elevation data.
         sensor: the sensor.
@@ -258,13 +264,13 @@ class Scenario:
         requirements: what the flown track must reach.
         obstacles: obstacles on the ground.
         no_fly: zones that the vehicle must not enter on any part of the flight.
-        flight_window_utc: earliest take-off and latest landing, such as ["2026-06-01T06:00Z", "2026-06-01T18:00Z"]. No-fly
-            zones that are not in force between them do not count; without a window every zone counts.
+        flight_window_utc: earliest take-off and latest landing, such as ["2026-06-01T06:00Z", "2026-06-01T18:00Z"].
+            No-fly zones that are inactive in this window do not count. Without a window, every zone counts.
         wind: the wind the flight is planned for.
         fleet: how many vehicles fly the plan, and what keeps them apart.
         vehicles: those of [[vehicle]] given several times, where they differ; none where all are alike.
         uncertainty: errors of positions, ground and attitude.
-        description: one line for people.
+        description: one-line description.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -292,7 +298,7 @@ class Scenario:
     def __post_init__(self) -> None:
         require(
             self.requirements.min_overlap_fraction is None or all(v.sensor is None for v in self.vehicles),
-            "requirements.min_overlap_fraction: is that of one camera; leave it out where vehicles have sensors of their own",
+            "requirements.min_overlap_fraction: is that of one camera; leave it out where vehicles have their own sensors",
         )
         for number, vehicle in enumerate(self.vehicles):
             link, system_id = vehicle.link, vehicle.system_id
@@ -301,7 +307,7 @@ class Scenario:
             for other, before in enumerate(self.vehicles[:number]):
                 require(
                     before.link != link or None not in (system_id, before.system_id),
-                    f"vehicle.{number}.link: {link} is that of vehicle.{other}; each vehicle needs a link of its own, or a "
+                    f"vehicle.{number}.link: {link} is that of vehicle.{other}; each vehicle needs its own link, or a "
                     "system_id",
                 )
                 require(
@@ -359,27 +365,23 @@ class Scenario:
 
     def _require_fits(self, sensor: Sensor, key: str) -> None:
         """Refuse a sensor that does not go with limits, cells and what is required."""
-        reach_m = sensor.radius_m if sensor.kind == "disc" else sensor.range_m
-        if sensor.kind != "disc":
-            require(
-                reach_m > self.limits.min_height_agl_m,
-                f"{key}.range_m: {reach_m} m does not reach the ground from limits.min_height_agl_m = "
-                f"{self.limits.min_height_agl_m} m",
-            )
+        reach_m, range_m = sensor.reach_m, sensor.slant_range_m
         require(
-            not (self.obstacles.file or self.obstacles.prisms)
-            or sensor.kind == "disc"
-            or sensor.line_of_sight == "ray",
+            range_m is None or range_m > self.limits.min_height_agl_m,
+            f"{key}.range_m: {range_m} m does not reach the ground from limits.min_height_agl_m = "
+            f"{self.limits.min_height_agl_m} m",
+        )
+        require(
+            not (self.obstacles.file or self.obstacles.prisms) or sensor.sight.line_of_sight != MIDPOINT,
             f'{key}.line_of_sight: among obstacles it must be "ray"; "midpoint" tests one point of the ray only',
         )
         require(
-            self.requirements.looks == 1 or sensor.sensing == "at-waypoints",
+            self.requirements.looks == 1 or not sensor.looks_along_path,
             f'requirements.looks: more than one requires {key}.sensing = "at-waypoints"; along the path give a frame '
             "camera's side_overlap",
         )
-        asks_overlap = sensor.kind == "frame-camera" and bool(sensor.forward_overlap or sensor.side_overlap)
         require(
-            self.requirements.min_overlap_fraction is None or asks_overlap,
+            self.requirements.min_overlap_fraction is None or sensor.asks_overlap,
             "requirements.min_overlap_fraction: requires a frame camera's forward_overlap and side_overlap; give these, or "
             "leave it out",
         )

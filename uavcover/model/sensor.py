@@ -1,17 +1,24 @@
 """Sensor models: sphere, planar disc (the paper's), nadir camera with a circular view, frame camera with a rectangular image."""
 
-from dataclasses import dataclass
+import math
+from dataclasses import dataclass, replace
 from typing import ClassVar, Literal
 
+import numpy as np
+
+from uavcover.errors import ScenarioError
+from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.sight import CONE, DISC, FRUSTUM, MIDPOINT, NO_LINE_OF_SIGHT, RAY, SPHERE, Sight
+from uavcover.model.sensor_base import FlatPicture, LineOfSight, Mount, Rays, Sensing, SensorBase, in_kernels
 from uavcover.model.value_checks import STRICT, require, require_positive
 
-Sensing = Literal["at-waypoints", "along-path"]
-LineOfSight = Literal["ray", "midpoint"]
-Mount = Literal["fixed", "stabilised"]
+_LINE_OF_SIGHT = {"ray": RAY, "midpoint": MIDPOINT}
+_PICTURE_STEPS = 41
+_RIM = 32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SphereSensor:
+class SphereSensor(SensorBase):
     """A sensor that sees every cell centre within ``range_m`` in three dimensions and in line of sight (the paper's).
 
     Attributes:
@@ -35,9 +42,23 @@ class SphereSensor:
         require_positive(range_m=self.range_m)
         _require_spacing(self.sample_spacing_m)
 
+    @property
+    def sight(self) -> Sight:
+        """See :class:`SensorBase`."""
+        return Sight(SPHERE, self.range_m, 0.0, -1.0, _LINE_OF_SIGHT[self.line_of_sight])
+
+    def half_width_m(self, height_agl_m: float) -> float:
+        """See :class:`SensorBase`."""
+        return math.sqrt(max(0.0, self.range_m**2 - height_agl_m**2))
+
+    @in_kernels
+    def in_view(self, rays: Rays) -> BoolArray:
+        """See :class:`SensorBase`."""
+        return np.asarray(rays.distance2 <= self.range_m**2)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class DiscSensor:
+class DiscSensor(SensorBase):
     """A sensor that covers every cell within a horizontal radius, without occlusion: the planar reading of the paper's ``r = 1``.
 
     Attributes:
@@ -59,9 +80,28 @@ class DiscSensor:
         require_positive(radius_m=self.radius_m)
         _require_spacing(self.sample_spacing_m)
 
+    @property
+    def sight(self) -> Sight:
+        """See :class:`SensorBase`."""
+        return Sight(DISC, self.radius_m, 0.0, -1.0, NO_LINE_OF_SIGHT)
+
+    @property
+    def slant_range_m(self) -> float | None:
+        """See :class:`SensorBase`."""
+        return None
+
+    def half_width_m(self, height_agl_m: float) -> float:  # noqa: ARG002
+        """See :class:`SensorBase`."""
+        return self.radius_m
+
+    @in_kernels
+    def in_view(self, rays: Rays) -> BoolArray:
+        """See :class:`SensorBase`."""
+        return np.asarray(rays.horizontal2 <= self.radius_m**2)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class NadirCamera:
+class NadirCamera(SensorBase):
     """A camera that points straight down with a circular field of view.
 
     Planning assumes that it is level. Verification uses the flown roll and pitch, unless a gimbal keeps it level.
@@ -100,9 +140,58 @@ class NadirCamera:
         _require_incidence(self.max_incidence_deg)
         _require_pixels(self.pixels_across, self.max_ground_sample_m)
 
+    @property
+    def sight(self) -> Sight:
+        """See :class:`SensorBase`."""
+        return Sight(
+            CONE,
+            self.range_m,
+            _tan_half(self.fov_deg),
+            math.cos(math.radians(self.max_incidence_deg)),
+            _LINE_OF_SIGHT[self.line_of_sight],
+            sample_focal_m=_sample_focal_m(self.max_ground_sample_m, self.focal_px),
+        )
+
+    @property
+    def pitch_deg(self) -> float:
+        """See :class:`SensorBase`."""
+        return -90.0
+
+    @property
+    def focal_px(self) -> float:
+        """See :class:`SensorBase`."""
+        return _focal_px(self.pixels_across, self.fov_deg)
+
+    @property
+    def whole_photo(self) -> Sight:
+        """See :class:`SensorBase`."""
+        return replace(self, max_ground_sample_m=None).sight
+
+    @property
+    def edges(self) -> FloatArray:
+        """See :class:`SensorBase`."""
+        turn, radius = np.linspace(0.0, 2.0 * np.pi, _RIM + 1), _tan_half(self.fov_deg)
+        return np.column_stack([radius * np.sin(turn), radius * np.cos(turn)])
+
+    def half_width_m(self, height_agl_m: float) -> float:
+        """See :class:`SensorBase`."""
+        slant = math.sqrt(max(0.0, self.range_m**2 - height_agl_m**2))
+        # On flat ground the incidence angle is the angle off the vertical.
+        half_angle_deg = min(0.5 * self.fov_deg, self.max_incidence_deg)
+        deepest = (self.sight.sample_focal_m**2 * height_agl_m) ** (1.0 / 3.0)
+        radius = min(slant, height_agl_m * math.tan(math.radians(half_angle_deg)))
+        return radius if height_agl_m <= deepest else 0.0
+
+    @in_kernels
+    def in_view(self, rays: Rays) -> BoolArray:
+        """See :class:`SensorBase`."""
+        across2 = rays.distance2 - rays.depth**2
+        within = (rays.depth > 0.0) & (across2 <= (rays.depth * _tan_half(self.fov_deg)) ** 2)
+        return np.asarray(within & (rays.distance2 <= self.range_m**2))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class FrameCamera:
+class FrameCamera(SensorBase):
     """A camera with a rectangular photo, at any pitch between straight down and straight ahead.
 
     Planning assumes a level vehicle heading along its legs. Verification uses the flown attitude.
@@ -188,6 +277,103 @@ class FrameCamera:
                 f'{key}: distance triggering requires sensing = "along-path"',
             )
 
+    @property
+    def sight(self) -> Sight:
+        """See :class:`SensorBase`."""
+        off_nadir = math.radians(90.0 + self.pitch_deg)
+        heading = math.nan if self.heading_deg is None else math.radians(self.heading_deg)
+        return Sight(
+            FRUSTUM,
+            self.range_m,
+            _tan_half(self.fov_across_deg) * (1.0 - self.side_overlap),
+            math.cos(math.radians(self.max_incidence_deg)),
+            _LINE_OF_SIGHT[self.line_of_sight],
+            tan_half_along=_tan_half(self.fov_along_deg),
+            cos_pitch=math.sin(off_nadir),
+            sin_pitch=-math.cos(off_nadir),
+            heading_e=math.sin(heading),
+            heading_n=math.cos(heading),
+            sample_focal_m=_sample_focal_m(self.max_ground_sample_m, self.focal_px),
+        )
+
+    @property
+    def turns_with_vehicle(self) -> bool:
+        """See :class:`SensorBase`."""
+        return self.heading_deg is None
+
+    @property
+    def focal_px(self) -> float:
+        """See :class:`SensorBase`."""
+        return _focal_px(self.pixels_across, self.fov_across_deg)
+
+    @property
+    def whole_photo(self) -> Sight:
+        """See :class:`SensorBase`."""
+        return replace(self, side_overlap=0.0, max_ground_sample_m=None).sight
+
+    @property
+    def edges(self) -> FloatArray:
+        """See :class:`SensorBase`."""
+        across, along = _tan_half(self.fov_across_deg), _tan_half(self.fov_along_deg)
+        return np.array([[across, along], [-across, along], [-across, -along], [across, -along], [across, along]])
+
+    def flat_picture(self, height_agl_m: float) -> FlatPicture | None:
+        """See :class:`SensorBase`."""
+        sight = self.sight
+        off_nadir, half = math.radians(90.0 + self.pitch_deg), math.radians(0.5 * self.fov_along_deg)
+        # On flat ground the incidence angle is the angle off the vertical, and "facing" the height.
+        slant = min(self.range_m, height_agl_m / max(sight.cos_max_incidence, 1e-12))
+        if slant <= height_agl_m:
+            return None
+        farthest = math.sqrt(slant**2 - height_agl_m**2)
+        near = max(height_agl_m * math.tan(off_nadir - half), -farthest)
+        far = (
+            farthest if off_nadir + half >= 0.5 * math.pi else min(height_agl_m * math.tan(off_nadir + half), farthest)
+        )
+        deepest = (sight.sample_focal_m**2 * height_agl_m) ** (1.0 / 3.0)
+        # Depth of a place x ahead: height cos(off nadir) + x sin(off nadir).
+        if -sight.sin_pitch * height_agl_m + near * sight.cos_pitch > deepest:
+            return None
+        if sight.cos_pitch > 0.0:
+            far = min(far, (deepest + sight.sin_pitch * height_agl_m) / sight.cos_pitch)
+        if far <= near:
+            return None
+        ahead = np.linspace(near, far, _PICTURE_STEPS)
+        depth = -sight.sin_pitch * height_agl_m + ahead * sight.cos_pitch
+        width = np.minimum(sight.tan_half_fov * depth, np.sqrt(np.maximum(farthest**2 - ahead**2, 0.0)))
+        return FlatPicture(near, far, float(width.max()))
+
+    def half_width_m(self, height_agl_m: float) -> float:
+        """See :class:`SensorBase`. A photo with a fixed heading is crossed in any direction: half of its shorter side counts."""
+        picture = self.flat_picture(height_agl_m)
+        if picture is None:
+            return 0.0
+        return picture.half_width_m if self.heading_deg is None else min(picture.half_width_m, 0.5 * picture.length_m)
+
+    def photo_spacing_m(self, lowest_agl_m: float) -> float | None:
+        """See :class:`SensorBase`. With a forward overlap it is computed where a photo shows least.
+
+        Raises:
+            ScenarioError: from there it shows nothing.
+        """
+        if self.forward_overlap is None:
+            return self.trigger_distance_m
+        picture = self.flat_picture(lowest_agl_m)
+        if picture is None:
+            raise ScenarioError(
+                f"sensor.forward_overlap: from limits.min_height_agl_m = {lowest_agl_m:g} m no flat ground is in the photo, "
+                "close and steep enough; give another pitch_deg, range_m or max_ground_sample_m"
+            )
+        return (1.0 - self.forward_overlap) * picture.length_m
+
+    @in_kernels
+    def in_view(self, rays: Rays) -> BoolArray:
+        """See :class:`SensorBase`."""
+        sight = self.sight
+        across = np.abs(rays.across) <= rays.depth * sight.tan_half_fov
+        along = np.abs(rays.along) <= rays.depth * sight.tan_half_along
+        return np.asarray(across & along & (rays.distance2 <= self.range_m**2))
+
 
 def _require_spacing(sample_spacing_m: float | None) -> None:
     if sample_spacing_m is not None:
@@ -211,5 +397,16 @@ def _require_pixels(pixels_across: int | None, max_ground_sample_m: float | None
     )
 
 
-Camera = NadirCamera | FrameCamera
+def _tan_half(angle_deg: float) -> float:
+    return math.tan(math.radians(angle_deg) / 2.0)
+
+
+def _focal_px(pixels_across: int | None, across_deg: float) -> float:
+    return math.nan if pixels_across is None else pixels_across / (2.0 * _tan_half(across_deg))
+
+
+def _sample_focal_m(max_ground_sample_m: float | None, focal_px: float) -> float:
+    return math.inf if max_ground_sample_m is None else max_ground_sample_m * focal_px
+
+
 Sensor = SphereSensor | DiscSensor | NadirCamera | FrameCamera

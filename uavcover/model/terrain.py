@@ -15,27 +15,26 @@ class RasterTerrain:
 
     Attributes:
         kind: name of this source in a scenario.
-        file: a path relative to the scenario file, or ``bundled:NAME`` for data that comes with the package; or a folder of
-            tiles, a pattern such as "tiles/*.hgt", a zipped tile, or a list of these.
-        vertical_datum: reference of the heights. Heights above the ellipsoid are brought to sea level (EGM96), with a geoid grid
-            that PROJ has.
-        crs: coordinate system, such as "EPSG:32632", where the file does not name its own.
-        band: number or name of the band with the heights; default: the first.
-        height_unit: unit of the heights, where the file does not say; default: metres, or what the file says.
-        fill_no_data_m: gaps without data up to this long, such as lakes, are closed by interpolation from their rim.
-        water_height_m: height of open water above sea level: wherever there is no data, also around the files, is water of this
-            height; default: such places have no height.
-        trust_heights: whether heights are taken as they are where they look like a filled void, a warp's collar, a spike or a
-            step between tiles; without it such places stop planning.
-        grid_step_m: step of a square grid to resample the data to; default: none, the ground keeps the file's pixels.
-        surface_file: a surface model, with trees and roofs, of the same place; named as ``file`` is. Flights keep their heights
-            above the higher of the two, and what it covers is hidden; ``file`` is the ground that is looked at.
-        surface_vertical_datum: reference of the surface model's heights; default: ``vertical_datum``.
-        surface_crs: coordinate system of the surface model, where the file does not name its own.
-        surface_band: number or name of its band; default: the first.
-        surface_height_unit: unit of its heights, where the file does not say.
-        surface_hides_m: ground that lies more than this under the surface is hidden by trees or a roof; lower growth, and the
-            errors of both models, hide nothing.
+        file: a path relative to the scenario file, `bundled:NAME` for included data, a folder of tiles, a pattern such
+            as "tiles/*.hgt", a zipped tile, or a list of these.
+        vertical_datum: vertical datum of the heights. Heights above the ellipsoid are converted to sea level (EGM96) if
+            PROJ has the geoid grid.
+        crs: coordinate system, such as "EPSG:32632", if the file does not state it.
+        band: number or name of the band with the heights; default: the first band.
+        height_unit: unit of the heights if the file does not state it; default: metres.
+        fill_no_data_m: longest gap without data that is interpolated from its edge, such as a lake.
+        water_height_m: altitude of open water, which replaces missing data in and around the files; default: missing
+            data has no height.
+        trust_heights: whether to accept heights that look like a filled void, the edge of a warped image, a spike or a
+            step between tiles; otherwise such heights stop the planning.
+        grid_step_m: spacing of a square grid to which the data is resampled; default: the pixels of the file.
+        surface_file: a surface model with trees and roofs for the same area, in any form that `file` accepts. Heights
+            above ground then refer to the higher of both models, and the surface can hide the ground.
+        surface_vertical_datum: vertical datum of the surface model; default: `vertical_datum`.
+        surface_crs: coordinate system of the surface model if the file does not state it.
+        surface_band: number or name of the band of the surface model; default: the first band.
+        surface_height_unit: unit of the surface model if the file does not state it.
+        surface_hides_m: height of the surface above the ground from which trees or roofs hide the ground.
     """
 
     __pydantic_config__: ClassVar = STRICT

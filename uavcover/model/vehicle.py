@@ -18,13 +18,14 @@ MOCK_UID = int.from_bytes(b"uavcover", "big")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Wind:
-    """Constant wind for the whole flight, and what batteries are planned for.
+    """Constant wind during the flight, and the wind for which batteries are planned.
 
     Attributes:
         speed_m_s: horizontal wind speed.
-        from_deg: direction it comes from, clockwise from north.
-        most_m_s: steady wind, from any side, in which every flight keeps its reserve; default: the wind above alone.
-        gust_m_s: standard deviation of the wind in each horizontal direction; it costs energy, too.
+        from_deg: direction from which the wind blows, clockwise from north.
+        most_m_s: strongest steady wind, from any direction, in which every flight keeps its reserve; default: only the
+            wind above.
+        gust_m_s: standard deviation of the wind in each horizontal direction. Gusts increase the battery use.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -137,31 +138,32 @@ MOTIONS: Mapping[AutopilotName, AutopilotMotion] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Vehicle:
-    """The multirotor, as planning needs it.
+    """Performance of the multirotor.
 
     Attributes:
         cruise_speed_m_s: ground speed along the legs.
-        max_climb_m_s: largest upward speed.
-        max_descent_m_s: largest downward speed.
-        max_airspeed_m_s: largest airspeed, for the wind of the scenario; none: wind does not limit the speed.
-        acceleration_m_s2: acceleration over ground; default: the autopilot's own (ArduPilot 2.5, PX4 3.0). ``inf``: speeds
-            change at once and turns take no time.
-        jerk_m_s3: how fast the acceleration changes; default: the autopilot's own (ArduPilot 1.0, PX4 4.0).
-        acceptance_radius_m: a waypoint counts as reached within this distance.
-        takeoff_height_m: height above home of the vertical climb, raised where the transit requires it.
-        return_height_m: height above home of the autopilot's own return, checked from every waypoint.
-        endurance_s: time in hover on a full battery, or none. No planned flight takes longer, even if fast flight saves energy.
-        reserve_fraction: share of the battery, and of the endurance, that every planned flight leaves. A mission that takes more
-            is flown as several sorties.
-        max_mission_items: largest number of mission items, home included where the autopilot counts it; none: the known limit.
-        autopilot: the autopilot whose conventions mission files follow, unless a command says otherwise.
-        power: what flying takes from the battery.
-        home: of one of several vehicles, where it takes off and lands; default: [home].
-        area: of one of several vehicles, the part of the area that it sees; default: with the others that have none, the rest.
-        sensor: of one of several vehicles, its own; default: [sensor]. Vehicles with different ones see different parts, and the
-            planner divides what ``area`` gives to none, so that all are done soon.
-        link: where it is, as ``--to`` says it, for commands that are given no ``--to``.
-        system_id: its MAVLink system, as ``--system`` says it; needed where several vehicles are on one link.
+        max_climb_m_s: greatest climb speed.
+        max_descent_m_s: greatest descent speed.
+        max_airspeed_m_s: greatest airspeed; default: wind does not limit the ground speed.
+        acceleration_m_s2: horizontal acceleration; default: value of the autopilot (ArduPilot 2.5, PX4 3.0). With
+            `inf`, turns take no time.
+        jerk_m_s3: rate of change of the acceleration; default: value of the autopilot (ArduPilot 1.0, PX4 4.0).
+        acceptance_radius_m: distance at which the autopilot considers a waypoint as reached.
+        takeoff_height_m: height above home of the vertical climb; increased if the transit requires it.
+        return_height_m: height above home of the autopilot's own return.
+        endurance_s: hover time of a full battery. No planned flight takes longer. Default: no limit.
+        reserve_fraction: fraction of the battery and endurance that every planned flight keeps in reserve. A longer
+            mission is split into sorties.
+        max_mission_items: largest number of mission items, including home if the autopilot counts it; default: known
+            limit of the autopilot.
+        autopilot: autopilot for which mission files are written.
+        power: power model of the vehicle.
+        home: take-off and landing position of one of several vehicles; default: [home].
+        area: part of the area for one of several vehicles; default: vehicles without a part share the rest.
+        sensor: sensor of one of several vehicles; default: [sensor]. Vehicles with different sensors fly different
+            parts of the area.
+        link: URL of the vehicle for commands without `--to`.
+        system_id: MAVLink system id of the vehicle; required if several vehicles share a link.
     """
 
     __pydantic_config__: ClassVar = STRICT

@@ -45,9 +45,10 @@ from uavcover.scenario.airspace.zones import local_zones
 from uavcover.scenario.areas.area_file import read_area
 from uavcover.scenario.scenario_file import parse_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import judging_map, path_lengths_m
+from uavcover.sensing.coverage_map import path_lengths_m
 from uavcover.sensing.pictures import FLOWN_OVERLAP_FRACTION, pictures_asked, planned_pictures
 from uavcover.sensing.sensors import trigger_distance_m
+from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.elevation_file import read_height_amsl_m
 from uavcover.terrain.elevation_trust import trust_asked_for
 from uavcover.terrain.terrain_source import TerrainSource
@@ -201,7 +202,7 @@ def say_design(scenario: NewScenario, user: User) -> dict[str, object]:
         hidden = f"hide {100.0 * surface.hidden_share:.0f} % of the ground, which no flight can observe"
         user.say(f"{'trees and roofs':18}up to {surface.tallest_m:.0f} m above the ground; they {hidden}")
     low, high = design.min_height_agl_m, design.max_height_agl_m
-    gsd = f"{100.0 * design.gsd_at_m(low):.2f} to {100.0 * design.gsd_at_m(high):.2f} cm a pixel"
+    gsd = f"{100.0 * design.gsd_at_m(low):.2f} to {100.0 * design.gsd_at_m(high):.2f} cm per pixel"
     above = "ground" if scenario.surface is None else "ground, trees and roofs"
     user.say(f"{'height band':18}{low:g} to {high:g} m above {above}, {gsd}")
     if design.is_capped:

@@ -128,8 +128,8 @@ def over_lakes(dem: TerrainSource, look: TerrainLook, user: User) -> TerrainSour
     if look.gap_m == 0.0 or dem.fill_no_data_m >= look.gap_m:
         return dem
     user.warn(
-        f"the elevation data has gaps in holes of the area, up to {look.gap_m:.0f} m long: they are interpolated "
-        "from their rim, and flights may cross them"
+        f"the elevation data has gaps in holes of the area, up to {look.gap_m:.0f} m long: they are "
+        "interpolated from their edge, and flights may cross them"
     )
     return replace(dem, fill_no_data_m=look.gap_m)
 
@@ -175,10 +175,10 @@ def ask_about_heights(source: TerrainSource, user: User, *, option: str) -> None
         option: that named it, such as "--dem".
     """
     if (why := feet_in_words(source)) is not None:
-        user.warn(f"{option}: are its heights in feet? {why}; they are taken as metres; --height-unit ft or m says it")
+        user.warn(f"{option}: are its heights in feet? {why}; they are taken as metres; set --height-unit ft or m")
     if (why := shading_in_words(source)) is not None:
         user.warn(
             f"{option}: are these heights? {why}; they are taken as metres; a hillshade or a slope is no elevation model"
         )
     if (bands := bands_in_words(source)) is not None:
-        user.warn(f"{option}: has several bands ({bands}): the first is taken as the heights; --band says which it is")
+        user.warn(f"{option}: has several bands ({bands}): the first is taken as the heights; select one with --band")

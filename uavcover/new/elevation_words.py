@@ -46,7 +46,7 @@ def surface_in_words(source: TerrainSource) -> str | None:
     if _SRTM.search(name):
         return f"{name} is named as SRTM's tiles are: a radar surface of 2000, with trees and buildings in part"
     if word := _WORDS.search(name):
-        return f'its name says "{word.group(0)}"'
+        return f'its name contains "{word.group(0)}"'
     return _by_metadata(source)
 
 
@@ -74,10 +74,10 @@ def feet_in_words(source: TerrainSource) -> str | None:
     if stated:
         return None
     if word := _FEET.search(source.files[0].stem):
-        return f'its name says "{word.group(0)}"'
+        return f'its name contains "{word.group(0)}"'
     for text in _said(source):
         if word := _FEET.search(text[:_TAGS_READ]):
-            return f'its metadata say "{word.group(0)}"'
+            return f'its metadata contain "{word.group(0)}"'
     return None
 
 
@@ -101,14 +101,14 @@ def shading_in_words(source: TerrainSource) -> str | None:
     except (TerrainError, rasterio.errors.RasterioError, OSError):
         return None  # its own error tells more
     if word := _SHADING.search(source.files[0].stem):
-        return f'its name says "{word.group(0)}"'
+        return f'its name contains "{word.group(0)}"'
     return f"{source.files[0].name} has 8 bits, 0 to 255, as images have" if kind == "uint8" and count < 3 else None
 
 
 def _by_metadata(source: TerrainSource) -> str | None:
     for text in _said(source):
         if (word := _WORDS.search(text[:_TAGS_READ])) and not _GROUND_WORDS.search(text[:_TAGS_READ]):
-            return f'its metadata say "{word.group(0)}"'
+            return f'its metadata contain "{word.group(0)}"'
     return None
 
 

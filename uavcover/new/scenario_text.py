@@ -19,7 +19,7 @@ from uavcover.terrain.terrain_source import TerrainSource
 
 _COMMENT_AT = 44
 _NOTHING = "\0\n"
-"""A line of the template without a value; it is removed."""
+"""A line of the template without a value: it is taken out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -114,7 +114,7 @@ def name_of(text: str) -> str:
 
 
 def _line(key: str, value: object, reason: str) -> str:
-    """One line of the file; ``_NOTHING`` for no value, which is removed with its line."""
+    """One line of the file; for no value ``_NOTHING``, whose line is removed."""
     if value is None:
         return _NOTHING[:-1]
     return f"{f'{key} = {_toml(value)}':{_COMMENT_AT}} # {plain_text(reason)}"
@@ -130,7 +130,7 @@ def _toml(value: object) -> str:
 
 def _top(design: SurveyDesign) -> str:
     """Reason of the upper limit of the height."""
-    top = f"{100.0 * design.gsd_at_m(design.max_height_agl_m):.2g} cm a pixel straight below"
+    top = f"{100.0 * design.gsd_at_m(design.max_height_agl_m):.2g} cm per pixel at nadir"
     if design.is_capped:
         given = design.wish.ceiling_agl_m is not None
         limit = "--max-height" if given else f"the usual legal limit of {SURVEY.usual_ceiling_m:g} m"

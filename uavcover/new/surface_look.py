@@ -117,7 +117,7 @@ def look_at_surface(
         lat, lon, _ = look.frame.geodetic_from_enu([[*grid[lacking][0], 0.0]])
         raise InputError(
             f"--dsm: {source} has no height in {100.0 * lacking.sum() / inside.sum():.0f} % of the area, first at latitude "
-            f"{lat[0]:.5f}, longitude {lon[0]:.5f}; give a surface model that covers it, or leave --dsm out"
+            f"{lat[0]:.5f}, longitude {lon[0]:.5f}; give a surface model that covers it, or omit --dsm"
         )
     refuse_other_heights(bare, top, surface=source.name)
     above = top - bare

@@ -111,9 +111,9 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float, step_m:
         bottom_m = min(bottom_m, math.floor(top_m - step_m - 2.0 * height_margin_m - 1.0))
         if bottom_m < SURVEY.lowest_bottom_m:
             raise InputError(
-                f"--dsm: what stands there is up to {step_m:.0f} m tall, and lines between "
+                f"--dsm: objects there are up to {step_m:.0f} m tall, and lines between "
                 f"{SURVEY.lowest_bottom_m:g} m above it and {top_m:g} m above open ground have no room; "
-                "ask for a coarser --gsd or a larger --max-height, or cut it out of the area"
+                "use a coarser --gsd or a larger --max-height, or remove it from the area"
             )
     across = camera.sensor_across_mm / camera.focal_length_mm
     along = camera.sensor_along_mm / camera.focal_length_mm
@@ -148,7 +148,7 @@ def _refuse_height(wish: SurveyWish, gsd_height_m: float, top_m: float) -> None:
         coarser_cm = 100.0 * SURVEY.lowest_top_m / wish.camera.focal_px
         raise InputError(
             f"--gsd: {100.0 * wish.gsd_m:g} cm with {wish.camera.name} means flying at {gsd_height_m:.1f} m above ground, below "
-            f"{SURVEY.lowest_top_m:g} m; ask for {coarser_cm:.2g} cm or more, or take a camera with a longer lens"
+            f"{SURVEY.lowest_top_m:g} m; ask for {coarser_cm:.2g} cm or more, or use a camera with a longer lens"
         )
     raise InputError(
         f"--max-height: {top_m:g} m leaves no height band above trees and houses; give {SURVEY.lowest_top_m:g} m or more"
@@ -179,7 +179,7 @@ def _speed(wish: SurveyWish, picture_distance_m: float) -> tuple[float, str]:
     needed = f"a photo every {picture_distance_m:.1f} m and {interval_s:g} s at least between two of {wish.camera.name}"
     if wish.speed_m_s is not None or fastest < SURVEY.slowest_m_s:
         raise InputError(
-            f"{'--speed' if wish.speed_m_s is not None else '--overlap'}: {needed} allow {fastest:.1f} m/s; ask for less forward "
-            "overlap, a coarser --gsd or a lower --speed, or take a faster camera"
+            f"{'--speed' if wish.speed_m_s is not None else '--overlap'}: {needed} allow {fastest:.1f} m/s; "
+            "use less forward overlap, a coarser --gsd or a lower --speed, or use a faster camera"
         )
     return math.floor(10.0 * fastest) / 10.0, f"{needed} allow no more"

@@ -119,8 +119,8 @@ def _gaps_in_holes_m(
                 lat, lon, _ = frame.geodetic_from_enu([[easts[column], norths[row], 0.0]])
                 raise InputError(
                     f"{where}: no elevation in {file} at latitude {lat[0]:.5f}, longitude {lon[0]:.5f}, inside the area; "
-                    f"--fill-lakes {length_m:g}m interpolates the gap, --water-height 0m takes it for the sea; or cut it out "
-                    "of the area, or give other data"
+                    f"--fill-lakes {length_m:g}m interpolates the gap, --water-height 0m takes it for the sea; "
+                    "or remove it from the area, or give other data"
                 )
         else:
             largest_m = max(largest_m, length_m)

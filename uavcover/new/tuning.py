@@ -1,4 +1,4 @@
-"""What ``uavcover new`` proposes where the user names nothing; ``data/new.toml`` explains each."""
+"""Defaults of ``uavcover new``; ``data/new.toml`` explains each."""
 
 from dataclasses import dataclass
 

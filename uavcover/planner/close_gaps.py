@@ -30,7 +30,7 @@ from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import own_sensors
 from uavcover.scenario.vehicle_site import vehicle_sites
-from uavcover.sensing.fleet_map import map_for
+from uavcover.sensing.site_maps import map_for
 from uavcover.verification.command import judge_run, say_inputs
 from uavcover.verification.gaps import gaps_geojson
 from uavcover.verification.run_logs import read_log
@@ -155,9 +155,11 @@ def close_gaps(
     )
     if mission.closing.seen_m2 < mission.closing.wanted_m2 and target is None:
         left_m2 = mission.closing.wanted_m2 - mission.closing.seen_m2
-        user.warn(f"{left_m2:.0f} square metres of the gaps stay open: no leg inside the limits was found for them")
+        user.warn(
+            f"{left_m2:.0f} square metres of the gaps remain open, because no leg inside the limits observes them"
+        )
     if not mission.plan.rule_met and target is not None:
-        user.warn(f"the mission does not reach {percent(target)}; the best there is has been written")
+        user.warn(f"the mission does not reach {percent(target)}; the best one was written")
     user.say(f"written: {run.file('gaps.geojson')}, {run.file('gap_mission.waypoints')}")
     return mission, document
 
@@ -188,8 +190,8 @@ def _say_gaps(user: User, report: VerificationReport) -> None:
         f"{percent(report.coverage_of_coverable)} of the visible ground"
     )
     if not report.passed:
-        user.say(f"verdict           {report.verdict.upper()} (uavcover verify says why)")
-    user.say(f"gaps              {len(report.gaps)}, {sum(areas.values()):.0f} square metres in all")
+        user.say(f"verdict           {report.verdict.upper()} (run uavcover verify for the reasons)")
+    user.say(f"gaps              {len(report.gaps)}, {sum(areas.values()):.0f} square metres in total")
     for name, area_m2 in sorted(areas.items(), key=lambda item: -item[1]):
         user.say(f"                  {name}: {area_m2:.0f} square metres")
 

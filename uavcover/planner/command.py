@@ -20,7 +20,7 @@ from uavcover.planner.fleet_document import fleet_document, say_fleet
 from uavcover.planner.fleet_parts import part_sites
 from uavcover.planner.plan_bounds import bounds, least_length_m
 from uavcover.planner.plan_files import save_plan
-from uavcover.planner.plan_search import SearchRequest, plan
+from uavcover.planner.plan_search import SearchRequest, plan_and_site
 from uavcover.planner.plan_words import (
     progress_in_words,
     room_in_words,
@@ -46,8 +46,8 @@ from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicle_parts import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.block_map import is_large
-from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
+from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.elevation_trust import trust_asked_for
 
 _FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
@@ -135,7 +135,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     ):
         user.say(f"planning {site.scenario.name}: {site.scenario.description}".rstrip(": "))
         with user.progress("planning") as bar:
-            result = _search(site, request, stops, bar, run.file(PARTS))
+            result, site = _search(site, request, stops, bar, run.file(PARTS))
         flights: tuple[Sortie, ...] = ()
         refused = None
         if site.frame is not None and site.home_m is not None:
@@ -226,7 +226,7 @@ def _overlap_missed(site: Site, route: Route, sorties: Sequence[Sortie]) -> str 
     return overlap_shortfall(site.scenario, planned_pictures(judging_map(site), routes))
 
 
-def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: ProgressBar, kept: Path) -> Plan:
+def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: ProgressBar, kept: Path) -> tuple[Plan, Site]:
     unit = {"length": "m", "energy": "s of hovering"}.get(site.scenario.objective, "s")
     bar.update(0, note="baselines first")
     # Of a large area it takes long to know, and here it is only reported while the search goes on.
@@ -241,7 +241,7 @@ def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Progress
         total = progress.total if budget_s is None else budget_s
         bar.update(furthest, total=total, note=progress_in_words(progress, unit, least_m))
 
-    return plan(site, request, should_stop=stops.any, on_progress=show, kept=kept)
+    return plan_and_site(site, request, should_stop=stops.any, on_progress=show, kept=kept)
 
 
 def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[str, Any]:

@@ -17,7 +17,6 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import Piece, polygons_of
-from uavcover.sensing.sensors import reach_at_height_m
 
 _DIRECTIONS = 12
 _BISECTIONS = 14
@@ -56,7 +55,7 @@ class FlightWork:
 def flight_work(site: Site) -> FlightWork:
     """Flight work over a site, for its division."""
     scenario = site.scenario
-    reach_m = reach_at_height_m(scenario.sensor, best_height_agl_m(site))
+    reach_m = scenario.sensor.half_width_m(best_height_agl_m(site))
     return FlightWork(
         swath_m=2.0 * max(reach_m, scenario.area.cell_size_m),
         home_en=None if site.home_m is None else (float(site.home_m[0]), float(site.home_m[1])),

@@ -24,7 +24,8 @@ from uavcover.planner.sortie_order.reorder import OrderEffort, has_several_sorti
 from uavcover.planner.sound_corners import with_sound_corners
 from uavcover.planner.sure_pictures import surely
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import finer_map, judging_maps
 
 _MOST_LONG = 10
 """This number of choices with legs that are too long for a battery get waypoints on them."""
@@ -345,7 +346,7 @@ def with_legs_that_fit(site: Site, route: Route) -> Route:
         route: keeps the limits.
     """
     vehicle = site.scenario.vehicle
-    looks_along = site.scenario.sensor.sensing == "along-path"
+    looks_along = site.scenario.sensor.looks_along_path
     if vehicle.endurance_s is None or site.home_m is None or site.frame is None or not looks_along:
         return route
     if site.scenario.vehicles or route.begins or len(route) < 2:

@@ -114,9 +114,9 @@ def say_fleet(user: User, document: dict[str, Any] | None) -> None:
     idle = [] if document["alike"] else [k for k in range(1, document["vehicles"] + 1) if k not in flying]
     for number in idle:
         if document["launch_points"]:
-            user.say(f"{_whose(document, number)} nothing: no flight is shorter, or possible, from there")
+            user.say(f"{_whose(document, number)} no sorties: no flight is shorter or possible from there")
             continue
-        user.say(f"vehicle {number:<2} stays on the ground: no part of the route is done sooner, or at all, with it")
+        user.say(f"vehicle {number:<2} stays on the ground, because it would not shorten the mission")
     if document["one_at_a_time"]:
         user.say(f"one flight at a time: done after {document['makespan_s']:.0f} s")
         return
@@ -129,7 +129,9 @@ def say_fleet(user: User, document: dict[str, Any] | None) -> None:
         f"{document['one_vehicle_s']:.0f} s (x {document['of_one_vehicle']:.2f})"
     )
     if used < document["vehicles"] and document["alike"]:
-        user.warn("more vehicles would not be done sooner: transits and separation cost more than they gain")
+        user.warn(
+            "more vehicles would not finish sooner, because transits and separation take more time than they save"
+        )
 
 
 def _whose(document: dict[str, Any], vehicle: int) -> str:

@@ -56,7 +56,7 @@ class Snapshots:
 
 
 _ADVICE = {
-    "no elevation data": "give elevation data for the whole neighbourhood of the area",
+    "no elevation data": "provide elevation data around the area",
     "too low": "widen limits.min_height_agl_m..max_height_agl_m or allow a larger limits.max_climb_angle_deg",
     "too high": "widen limits.min_height_agl_m..max_height_agl_m or allow a larger limits.max_climb_angle_deg",
     "below sea-level limit": "lower limits.min_alt_amsl_m",
@@ -110,10 +110,12 @@ def why_infeasible(site: Site, members: Sequence[RouteMember]) -> str:
     )
     problems = problems or find_corner_problems(site, least.route.waypoints_m)
     worst = max(problems, key=_seriousness)
-    more = f", and {len(problems) - 1} more like it or smaller" if len(problems) > 1 else ""
+    more = f", and {len(problems) - 1} similar or smaller violations" if len(problems) > 1 else ""
     taken_off = _is_band(worst) and not worst.in_corner
     margin = f" (limits.height_margin_m = {limits.height_margin_m:g} m taken off)" if taken_off else ""
-    return f"no route keeps the limits of the scenario; the best one found breaks: {worst}{margin}{more}; {_ADVICE[worst.kind]}"
+    return (
+        f"no route keeps the limits of the scenario; the best one exceeds: {worst}{margin}{more}; {_ADVICE[worst.kind]}"
+    )
 
 
 def _is_band(problem: LegProblem) -> bool:
@@ -324,7 +326,7 @@ class Finish:
     def worth_judging(self, found: Sequence[NamedRoute]) -> list[NamedRoute]:
         """The routes found, their parts, and the optimizer's routes that nothing is known to dominate."""
         scenario = self._coarse.site.scenario
-        if scenario.sensor.sensing == "at-waypoints" and scenario.limits.applies_to == "waypoints":
+        if not scenario.sensor.looks_along_path and scenario.limits.applies_to == "waypoints":
             # In any order every number of waypoints is searched for by itself: a part is no news.
             return [*found, *(each.route for each in self._others), *(each.candidate.route for each in self._lines)]
         looked = [*self._wholes, *self._looked_at(found)]

@@ -12,7 +12,6 @@ import numpy as np
 
 from uavcover.errors import InfeasibleError
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.kernels.sight import CONE, FRUSTUM, Sight
 from uavcover.kernels.tours import order_between_ends
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.model.route import Route
@@ -20,6 +19,7 @@ from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.planner.viewpoints import MissingCells, cover, few_enough, grid_places, inside_fence, places_around
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import inside_every_heading, keeping_inside
 
 _TOLERANCE_M = 10.0
 _ROUNDS = 8
@@ -32,8 +32,6 @@ _DIRECTIONS = 8
 _LEAST_GAIN_M = 0.5
 """A move that saves less is not worth its evaluation."""
 _MARGIN = 1e-9
-_LEVEL = 1e-9
-"""Cosine of the pitch of a camera that looks straight down."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -103,8 +101,9 @@ class _Builder:
         self.start_m, self.end_m = start_m, end_m
         self.is_over = is_over
         self.corners = np.empty((0, 3))
-        self.sight = missing.coverage.sight
-        self.narrow = _narrower(site, self.sight)
+        limits, self.sight = site.scenario.limits, missing.coverage.sight
+        middle_agl_m = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
+        self.narrow = keeping_inside(self.sight, site.scenario.vehicle.acceptance_radius_m, middle_agl_m)
         self.views = np.zeros((2, len(missing.weight_m2)), dtype=bool)
 
     @property
@@ -122,7 +121,7 @@ class _Builder:
         wanted = np.ones(len(self.missing.weight_m2), dtype=bool)
         grid = grid_places(self.site, self.missing)
         self._take(np.vstack([self.corners, cover(self.missing, grid, self.narrow, wanted)]))
-        sights = [self.sight, *_for_every_heading(self.sight)]
+        sights = [self.sight, *inside_every_heading(self.sight)]
         for _ in range(_ROUNDS):
             if self.seen.all() or self._area_m2(self.seen) >= needed_m2 or self.is_over():
                 return
@@ -195,7 +194,7 @@ class _Builder:
             InfeasibleError: it sees nothing.
         """
         if not self.seen.any():
-            raise InfeasibleError("no allowed position observes any of the gaps; they stay open")
+            raise InfeasibleError("no allowed position observes any of the gaps; they remain open")
         return ClosingRoute(
             Route(self._laid(self.corners)), self._area_m2(np.ones_like(self.seen)), self._area_m2(self.seen)
         )
@@ -267,24 +266,3 @@ class _Builder:
 
     def _area_m2(self, seen: BoolArray) -> float:
         return float(self.missing.weight_m2[seen].sum())
-
-
-def _for_every_heading(sight: Sight) -> list[Sight]:
-    """View of a frame camera straight down at any heading; of other sensors nothing."""
-    if sight.kind != FRUSTUM or sight.cos_pitch > _LEVEL:
-        return []
-    return [sight._replace(kind=CONE, tan_half_fov=min(sight.tan_half_fov, sight.tan_half_along))]
-
-
-def _narrower(site: Site, sight: Sight) -> Sight:
-    """The sensor, narrowed by the vehicle's acceptance radius at the middle of the height band."""
-    limits, radius = site.scenario.limits, site.scenario.vehicle.acceptance_radius_m
-    reach = max(sight.reach_m - radius, 0.5 * sight.reach_m)
-    if sight.kind not in {CONE, FRUSTUM}:
-        return sight._replace(reach_m=reach)
-    less = radius / (0.5 * (limits.min_height_agl_m + limits.max_height_agl_m))
-    return sight._replace(
-        reach_m=reach,
-        tan_half_fov=max(sight.tan_half_fov - less, 0.5 * sight.tan_half_fov),
-        tan_half_along=max(sight.tan_half_along - less, 0.5 * sight.tan_half_along),
-    )

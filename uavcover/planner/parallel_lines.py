@@ -15,7 +15,7 @@ from uavcover.kernels.way_cost import LENGTH, route_cost
 from uavcover.missions.way_cost import way_cost_of
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.scenario import PlannerSettings
-from uavcover.model.sensor import FrameCamera, Sensor
+from uavcover.model.sensor import Sensor
 from uavcover.planner.baselines.adaptive_swaths import adaptive_swaths, ample_lines, can_be_adapted, simple_lines
 from uavcover.planner.baselines.boustrophedon import PLAIN_TOLERANCE_M, best_height_agl_m
 from uavcover.planner.baselines.contour_lines import NAME as CONTOUR_NAME
@@ -33,8 +33,8 @@ from uavcover.planner.front import NamedRoute, judge_members
 from uavcover.planner.search.optimizer_search import Effort
 from uavcover.planner.selection_rule import parse_rule
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
-from uavcover.sensing.sensors import flat_picture, reach_at_height_m
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import judging_map
 
 NAME = "parallel-lines"
 _CLOSEST, _FARTHEST = 0.7, 2.5
@@ -117,7 +117,7 @@ def _parallel(site: Site, angle_rad: float) -> list[list[SwathLayout]]:
     limits = site.scenario.limits
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
     best = best_height_agl_m(site)
-    reach_m = max(reach_at_height_m(site.scenario.sensor, best), site.scenario.area.cell_size_m)
+    reach_m = max(site.scenario.sensor.half_width_m(best), site.scenario.area.cell_size_m)
     wanted = width_across_m(site, angle_rad) / (2.0 * reach_m)
     counts = np.unique(np.ceil(np.linspace(_CLOSEST, _FARTHEST, _MOST_COUNTS) * wanted - 1e-9).clip(1.0)).astype(int)
     heights = sorted({best, *np.linspace(low, high, _HEIGHTS + 2)[1:-1].tolist()}, reverse=True)
@@ -141,10 +141,8 @@ def _parallel(site: Site, angle_rad: float) -> list[list[SwathLayout]]:
 
 def _shifts_m(sensor: Sensor, height_agl_m: float) -> list[tuple[float, float]]:
     """None, and the look-ahead of a tilted camera with a fixed heading: the edge behind is observed from outside."""
-    if not isinstance(sensor, FrameCamera) or sensor.heading_deg is None:
-        return [(0.0, 0.0)]
-    picture = flat_picture(sensor, height_agl_m)
-    if picture is None or abs(picture.near_m + picture.far_m) < 1.0:
+    picture = sensor.flat_picture(height_agl_m)
+    if sensor.heading_deg is None or picture is None or abs(picture.near_m + picture.far_m) < 1.0:
         return [(0.0, 0.0)]
     ahead_m, heading = 0.5 * (picture.near_m + picture.far_m), math.radians(sensor.heading_deg)
     return [(0.0, 0.0), (-ahead_m * math.sin(heading), -ahead_m * math.cos(heading))]

@@ -6,8 +6,7 @@ from uavcover.model.route import Plan
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
 from uavcover.plugins import loaded
 from uavcover.scenario.site import Site
-from uavcover.sensing.fleet_map import fleet_map
-from uavcover.sensing.sensors import reach_at_height_m
+from uavcover.sensing.site_maps import fleet_map
 
 
 def least_length_m(site: Site, rule: str) -> float | None:
@@ -35,8 +34,8 @@ def bounds(site: Site, result: Plan | None = None, *, time_s: float | None = Non
     """
     coverage = fleet_map(site)
     found: dict[str, Any] = {"coverable_fraction": coverage.share(coverage.coverable)}
-    if site.scenario.sensor.sensing == "along-path":
-        width = 2.0 * reach_at_height_m(site.scenario.sensor, best_height_agl_m(site))
+    if site.scenario.sensor.looks_along_path:
+        width = 2.0 * site.scenario.sensor.half_width_m(best_height_agl_m(site))
         found["length_reference_m"] = float(site.area.area) / width
     if result is not None:
         for prover in loaded("uavcover.bounds").values():

@@ -29,8 +29,8 @@ from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.block_map import look_at_all, one_after_the_other
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
-from uavcover.sensing.fleet_map import map_for
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import judging_map, map_for
 
 _LOOKED_AT_TOGETHER = 8
 """This number of sorties over a large area is evaluated while a block of its cells is in memory."""

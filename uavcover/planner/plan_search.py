@@ -21,6 +21,7 @@ from uavcover.planner.planner import Effort, SearchProgress, plan_routes
 from uavcover.plugins import loaded
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import groups_of
+from uavcover.sensing.block_map import in_blocks
 
 _log = logging.getLogger(__name__)
 
@@ -72,7 +73,7 @@ class Division:
 
 
 class LargeAreas(Protocol):
-    """What an entry of the group ``uavcover.large_areas`` provides."""
+    """Interface of an entry of the group ``uavcover.large_areas``."""
 
     def divided(self, site: Site, settings: PlannerSettings, request: SearchRequest) -> Division:
         """The requested division, within the memory limit."""
@@ -117,21 +118,22 @@ def plan(
         InputError: a value of the request is out of range.
         OptimizerError: the optimizer cannot be found, is none, or fails.
     """
-    found = _search(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)
-    return with_sizes(site, found, autopilot=autopilot_name(request.autopilot, site.scenario.vehicle.autopilot))
+    return plan_and_site(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)[0]
 
 
-def _search(
+def plan_and_site(
     site: Site,
     request: SearchRequest,
     *,
     should_stop: Callable[[], bool],
     on_progress: Callable[[SearchProgress], None],
     kept: Path | None,
-) -> Plan:
-    """The Pareto set and the choice."""
+) -> tuple[Plan, Site]:
+    """As :func:`plan`; and the site as it was judged: in blocks, where a large area was planned in parts."""
+    autopilot = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
     if not groups_of(site.scenario):
-        return _plan_one(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)
+        found, judged = _plan_one(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)
+        return with_sizes(judged, found, autopilot=autopilot), judged
     settings = site.scenario.planner
     total, done = request.evaluations or settings.evaluations, 0
 
@@ -145,12 +147,12 @@ def _search(
         def tell(progress: SearchProgress) -> None:
             on_progress(dataclasses.replace(progress, evaluations=before + progress.evaluations, total=total))
 
-        plan = _plan_one(own, asked, should_stop=should_stop, on_progress=tell, kept=kept)
+        plan, _ = _plan_one(own, asked, should_stop=should_stop, on_progress=tell, kept=kept)
         done += evaluations
         return plan
 
     rule = request.select if request.select is not None else site.scenario.select
-    return plan_parts(site, select_rule=rule, search=search)
+    return with_sizes(site, plan_parts(site, select_rule=rule, search=search), autopilot=autopilot), site
 
 
 def _plan_one(
@@ -160,8 +162,8 @@ def _plan_one(
     should_stop: Callable[[], bool],
     on_progress: Callable[[SearchProgress], None],
     kept: Path | None,
-) -> Plan:
-    """Plan one route over the area of a site."""
+) -> tuple[Plan, Site]:
+    """Plan one route over the area of a site, and return the site as it was judged."""
     algorithm, budget_s, workers = request.algorithm, request.budget_s, request.workers
     planners = get_args(PlannerAlgorithm)
     known = algorithm is None or algorithm in planners
@@ -181,9 +183,10 @@ def _plan_one(
     if division.parts > 1 and not known:
         raise InputError(f"parts: {settings.parts} requires the planner's own local search, not another optimizer")
     if request.scheduler is not None and settings.parts == 1 and division.parts == 1:
-        raise InputError("--scheduler: shares out the parts of a large area; give --parts N or --parts auto with it")
+        raise InputError("--scheduler: distributes the parts of a large area; give --parts N or --parts auto with it")
     if division.parts > 1:
-        return _large_areas("planner.parts").plan_divided(
+        site = in_blocks(site)
+        result = _large_areas("planner.parts").plan_divided(
             site,
             division,
             settings,
@@ -194,10 +197,11 @@ def _plan_one(
             kept=kept,
             or_sorties=settings.parts in (1, "auto"),
         )
+        return result, site
     if request.scheduler is not None:
         _log.warning("--scheduler: the area is small and planned in one piece, in this process")
     with ThreadPoolExecutor(division.threads) as executor:
-        return plan_routes(
+        result = plan_routes(
             site,
             settings=settings,
             select_rule=rule,
@@ -207,6 +211,7 @@ def _plan_one(
             on_progress=on_progress,
             own=None if known else algorithm,
         )
+    return result, site
 
 
 def _division(site: Site, settings: PlannerSettings, request: SearchRequest) -> Division:

@@ -19,9 +19,8 @@ from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import own_sensors
-from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import planned_poses, takes_pictures
-from uavcover.sensing.sensors import focal_px
+from uavcover.sensing.site_maps import judging_map
 
 _TELLING_GAP = 0.5
 """A bound that is farther below the route says of the bound that it is weak, and nothing of the route."""
@@ -65,13 +64,13 @@ def say_summary(user: User, site: Site, result: Plan, flights: Sequence[Sortie])
     if takes_pictures(site.scenario) and not own_sensors(site.scenario):
         routes = [flight.route.waypoints_m for flight in flights] or [result.chosen.route.waypoints_m]
         words = f"{len(planned_poses(judging_map(site), routes).eyes)}"
-        focal = focal_px(site.scenario.sensor)
+        focal = site.scenario.sensor.focal_px
         if math.isfinite(focal):
             ends = [
                 100.0 * m / focal
                 for m in (result.chosen.metrics.min_height_agl_m, result.chosen.metrics.max_height_agl_m)
             ]
-            words += f", {ends[0]:.2f} to {ends[1]:.2f} cm a pixel straight below"
+            words += f", {ends[0]:.2f} to {ends[1]:.2f} cm per pixel at nadir"
         user.say(f"{'photos':22}{words}")
     maker = result.chosen.origin
     search = f"{result.evaluations} evaluations of {result.algorithm}"
@@ -114,7 +113,7 @@ def say_plan(
     for line in bounds:
         user.say(line)
     if not result.rule_met:
-        user.warn(f"no route meets {asked}; the best there is has been written")
+        user.warn(f"no route meets {asked}; the best one was written")
     if result.interrupted:
         user.warn(f"interrupted: the best route found so far has been written to {run}")
 
@@ -140,7 +139,9 @@ def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, s
     """Say which mission files there are, and from where the autopilot's own return is not safe."""
     if compiled is not None:
         _say_return(user, compiled, "")
-        user.say(f"written: {run.file('mission.waypoints')} and mission.plan, fence, rally, kml beside it")
+        user.say(
+            f"written: {run.file('mission.waypoints')}, with mission.plan, fence, rally and kml in the same folder"
+        )
     elif not sorties:
         user.say("the scenario has no position on Earth: no mission files (give it an [origin] and a [home])")
         return
@@ -153,9 +154,7 @@ def say_missions(user: User, run: RunFolder, compiled: CompiledMission | None, s
         )
         _say_return(user, sortie.compiled, f"sortie {number}: ")
     if sorties:
-        user.say(
-            f"written: {run.file('sortie-1')} and so on, a folder each; they are uploaded and flown with --sortie N"
-        )
+        user.say(f"written: {run.file('sortie-1')} and so on; upload and fly each of them with --sortie N")
 
 
 def upload_in_words(run: RunFolder, fleet: dict[str, Any] | None, sorties: int) -> str:
@@ -199,7 +198,8 @@ def say_zones(user: User, site: Site, metrics: RouteMetrics) -> None:
         )
     if timed and window is None:
         user.say(
-            f"{timed} of the no-fly zones nearby have times and count as in force all the time; --at says when you fly"
+            f"{timed} of the no-fly zones nearby have schedules and count as always in force; state the time "
+            "of the flight with --at"
         )
     for zone in area.closed[:_SHOWN_ZONES]:
         partly = (
@@ -232,9 +232,9 @@ def say_steps(user: User, site: Site) -> None:
         return
     enough_m = math.ceil(limits.min_height_agl_m + area.wide_enough_m + 2.0 * limits.height_margin_m)
     user.warn(
-        f"the ground has steps that no leg gets over inside the height band, and {percent(beyond)} of the area is beside or "
-        f"behind them; the route stays on one side. To get over them set limits.max_height_agl_m to at least {enough_m}; or "
-        "plan each side with a [home] of its own"
+        f"the ground has cliffs that no leg can cross inside the height band, and {percent(beyond)} of the area is beside or "
+        f"behind them; the route stays on one side. To cross them, set limits.max_height_agl_m to at least {enough_m}; or "
+        "plan each side with its own [home]"
     )
 
 
@@ -269,8 +269,8 @@ def room_in_words(limits: FlightLimits, metrics: RouteMetrics) -> str | None:
         return None
     return (
         f"the route comes within {max(0.0, room_m):.1f} m of the limits of its height above ground "
-        f"({limits.min_height_agl_m:g} to {limits.max_height_agl_m:g} m); no vehicle flies it so exactly, and verify "
-        "will say so: leave some room with limits.height_margin_m (the demo's scenario has 8 m)"
+        f"({limits.min_height_agl_m:g} to {limits.max_height_agl_m:g} m); no vehicle flies this accurately, so "
+        "verify may fail: increase limits.height_margin_m (the demo's scenario has 8 m)"
     )
 
 

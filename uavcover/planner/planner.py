@@ -42,7 +42,8 @@ from uavcover.planner.search.optimizer_search import (
 from uavcover.planner.selection_rule import parse_rule
 from uavcover.planner.sortie_order.reorder import OrderEffort, has_several_sorties, tries_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map, planning_map
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import judging_map, planning_map
 
 __all__ = ["Effort", "SearchProgress", "plan_routes"]
 

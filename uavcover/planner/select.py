@@ -32,7 +32,7 @@ def read_members(run: RunFolder, site: Site) -> list[RouteMember]:
     try:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error}); make it again with: uavcover plan") from error
+        raise InputError(f"{path}: cannot be read ({error}); create it again with: uavcover plan") from error
     routes = read_pareto_routes(text, source=str(path))
     makers = [entry.made_by for entry in read_pareto(run.existing("pareto.csv", made_by="uavcover plan"))]
     if len(makers) != len(routes):
@@ -42,7 +42,7 @@ def read_members(run: RunFolder, site: Site) -> list[RouteMember]:
     groups = len(groups_of(site.scenario)) or 1
     if any(len(route.parts) != groups for route in routes):
         raise InputError(
-            f"{path}: a route has another number of parts than {groups}; make it again with: uavcover plan"
+            f"{path}: a route has another number of parts than {groups}; create it again with: uavcover plan"
         )
     return [judge_route(site, route, maker, margin_m=0.0) for route, maker in zip(routes, makers, strict=True)]
 
@@ -75,7 +75,7 @@ def choose(
         seed, bounds, baselines = int(document["seed"]), dict(document["bounds"]), list(document["baselines"])
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{run.file('plan.json')}: is not a plan ({type(error).__name__}: {error}); make it again with: uavcover plan"
+            f"{run.file('plan.json')}: is not a plan ({type(error).__name__}: {error}); create it again with: uavcover plan"
         ) from error
     vehicles = read_plan_document(document, source=str(run.file("plan.json"))).vehicles
     result = with_sizes(site, result, autopilot=autopilot, vehicles=vehicles)

@@ -12,7 +12,7 @@ from uavcover.kernels.route import follow_terrain
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.airspace.way_round import WayRound
 from uavcover.scenario.obstacles import Prism
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, once
 
 _MARGIN_M = 0.05
 """For rounding."""
@@ -136,14 +136,12 @@ def inside_flyable_area(site: Site, polyline_m: FloatArray, wanted_agl_m: FloatA
     return np.array(places), np.array(heights)
 
 
+@once
 def _ways(site: Site) -> WayRound | None:
     """Ways inside the flyable area; none where it is convex, so that every line between two places is inside."""
-    if "ways of the route" not in site.derived:
-        polygon = flyable_area(site).polygon
-        simple = polygon.is_empty or (not site.zones and polygon.convex_hull.area - polygon.area < _MARGIN_M)
-        site.derived["ways of the route"] = None if simple else WayRound(polygon)
-    ways: WayRound | None = site.derived["ways of the route"]
-    return ways
+    polygon = flyable_area(site).polygon
+    simple = polygon.is_empty or (not site.zones and polygon.convex_hull.area - polygon.area < _MARGIN_M)
+    return None if simple else WayRound(polygon)
 
 
 SAMPLE_SPACING_M = 5.0

@@ -19,7 +19,8 @@ from uavcover.planner.set_cover.candidates import seen_from_each
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
-from uavcover.sensing.sensors import reach_at_height_m, turns_with_legs, whatever_heading
+from uavcover.sensing.observing import seen_often
+from uavcover.sensing.sensors import turns_with_legs, whatever_heading
 
 _SPACING_REACHES = 0.4
 """Candidates stand this many reaches apart."""
@@ -67,8 +68,10 @@ class MissingCells:
 
     def seen_by(self, looks: LevelObservations, sight: Sight) -> BoolArray:
         """(m,) whether any observation sees each cell."""
-        surface = self.coverage.site.ground.surface
-        return kernels.seen_from_points(surface, sight, self.cells, looks.places_m, looks.headings)
+        site = self.coverage.site
+        if sight is self.coverage.sight and site.scenario.sensor.has_own_view:
+            return seen_often(site, self.cells, looks.places_m, looks.headings) >= 0
+        return kernels.seen_from_points(site.ground.surface, sight, self.cells, looks.places_m, looks.headings)
 
     def seen_on(self, route_m: FloatArray, sights: Sequence[Sight]) -> BoolArray:
         """(k, m) whether an (n, 3) ENU route observes each cell by each of k sensors, by the scenario's sensing rule.
@@ -86,7 +89,7 @@ def grid_places(site: Site, missing: MissingCells) -> FloatArray:
     The last column is the height above ground.
     """
     height = best_height_agl_m(site)
-    reach = max(reach_at_height_m(site.scenario.sensor, height), site.scenario.area.cell_size_m)
+    reach = max(site.scenario.sensor.half_width_m(height), site.scenario.area.cell_size_m)
     step = _SPACING_REACHES * reach
     centres = missing.cells.centre_m[:, :2]
     low, high = centres.min(axis=0) - reach, centres.max(axis=0) + reach
@@ -109,7 +112,7 @@ def places_around(site: Site, cells_m: FloatArray) -> FloatArray:
     found = []
     for share in _AROUND_SHARES:
         height = low + share * (high - low)
-        reach = reach_at_height_m(site.scenario.sensor, height)
+        reach = site.scenario.sensor.half_width_m(height)
         for radius in _AROUND_REACHES:
             for angle in np.arange(_AROUND_DIRECTIONS if radius else 1) * (2.0 * math.pi / _AROUND_DIRECTIONS):
                 by = radius * reach * np.array([math.cos(angle), math.sin(angle)])

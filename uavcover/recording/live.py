@@ -205,7 +205,7 @@ class LiveRecording:
         """Numbers and colours of the tiles with newly observed cells."""
         numbers = np.append(self._heading_for, new.current_waypoint)
         self._heading_for = int(numbers[-1])
-        if self._coverage.site.scenario.sensor.sensing == "along-path":
+        if self._coverage.site.scenario.sensor.looks_along_path:
             route = new.current_waypoint >= 1
         else:
             route = (numbers[1:] != numbers[:-1]) & (numbers[:-1] >= 0)

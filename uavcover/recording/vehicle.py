@@ -4,7 +4,6 @@ The footprint is the outline of the sensor's field of view on the ground.
 """
 
 import itertools
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -12,15 +11,14 @@ import rerun as rr
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.sight import CONE, DISC, FRUSTUM
-from uavcover.model.sensor import Camera, FrameCamera
+from uavcover.model.sensor import Sensor
+from uavcover.model.sensor_base import CameraTurn, rays_to
 from uavcover.model.track import Track
 from uavcover.recording import layout
 from uavcover.recording.layout import log_static, time_column, ui_points
 from uavcover.recording.scene import extent_m, scene_bounds_m
 from uavcover.recording.tiles import lift_m
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import CameraTurn, camera_turn
 
 if TYPE_CHECKING:  # a third of a second to load; functions below do it
     from scipy.spatial.transform import Rotation
@@ -47,13 +45,13 @@ def footprints_m(coverage: CoverageMap, eyes_m: FloatArray, axes: FloatArray, to
         k closed rings (49, 3), ENU metres; a ring is empty where the sensor does not reach the ground on its axis, and
         shorter where there is no elevation.
     """
-    sight = coverage.sight
+    sensor, sight = coverage.site.scenario.sensor, coverage.sight
     azimuth = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS + 1)
     rings: list[FloatArray] = []
     for eye, axis, top in zip(*(np.asarray(rows, float).reshape(-1, 3) for rows in (eyes_m, axes, tops)), strict=True):
         reach_m = sight.reach_m
         middle = eye[:2]
-        if sight.kind in {CONE, FRUSTUM}:
+        if sensor.is_camera:
             if -axis[2] < _LEVEL_COS:
                 middle = _on_axis_m(coverage, eye, axis)
                 reach_m *= 2.0  # across the whole range
@@ -65,22 +63,8 @@ def footprints_m(coverage: CoverageMap, eyes_m: FloatArray, axes: FloatArray, to
         east = middle[0] + np.sin(azimuth)[:, None] * radius
         north = middle[1] + np.cos(azimuth)[:, None] * radius
         up = coverage.site.ground.heights_m(np.column_stack([east.ravel(), north.ravel()])).reshape(east.shape)
-        de, dn, du = east - eye[0], north - eye[1], up - eye[2]
-        inside = np.isfinite(up)
-        if sight.kind == DISC:
-            inside &= de**2 + dn**2 <= sight.reach_m**2
-        else:
-            inside &= de**2 + dn**2 + du**2 <= sight.reach_m**2
-        if sight.kind == CONE:
-            along = de * axis[0] + dn * axis[1] + du * axis[2]
-            across2 = de**2 + dn**2 + du**2 - along**2
-            inside &= (along > 0.0) & (across2 <= (along * sight.tan_half_fov) ** 2)
-        if sight.kind == FRUSTUM:
-            right = np.cross(axis, top)
-            depth = de * axis[0] + dn * axis[1] + du * axis[2]
-            across = de * right[0] + dn * right[1] + du * right[2]
-            along = de * top[0] + dn * top[1] + du * top[2]
-            inside &= (np.abs(across) <= depth * sight.tan_half_fov) & (np.abs(along) <= depth * sight.tan_half_along)
+        rays = rays_to((east - eye[0], north - eye[1], up - eye[2]), axis, top)
+        inside = np.isfinite(up) & sensor.in_view(rays)
         last = np.where(inside.all(axis=1), _STEPS, inside.argmin(axis=1) - 1)
         rows = np.flatnonzero(last >= 0)
         column = last[rows]
@@ -114,7 +98,7 @@ def draw_vehicle(recording: rr.RecordingStream, coverage: CoverageMap) -> None:
         rr.Points3D([[0.0, 0.0, 0.0]], colors=[layout.VEHICLE_RGB], radii=ui_points(6.0)),
     )
     sensor = site.scenario.sensor
-    if isinstance(sensor, Camera):
+    if sensor.is_camera:
         edges = _view_edges(sensor, length_m=0.5 * site.scenario.limits.max_height_agl_m)
         log_static(recording, layout.CAMERA, rr.LineStrips3D(edges, colors=[layout.CAMERA_RGB], radii=ui_points(1.0)))
     for entity, rgb, size in ((layout.FLOWN, layout.FLOWN_RGB, 2.5), (layout.FOOTPRINT, layout.FOOTPRINT_RGB, 2.0)):
@@ -142,8 +126,8 @@ def send_vehicle(recording: rr.RecordingStream, coverage: CoverageMap, track: Tr
         layout.VEHICLE, times, rr.Transform3D.columns(translation=track.enu_m, quaternion=quaternions)
     )
     sensor = site.scenario.sensor
-    turn = camera_turn(sensor, track.attitude_deg)
-    if isinstance(sensor, Camera):
+    turn = sensor.camera_turn(track.attitude_deg)
+    if sensor.is_camera:
         camera = rr.Transform3D.columns(translation=track.enu_m, quaternion=_rotations(turn).as_quat())
         recording.send_columns(layout.CAMERA, times, camera)
     ends = _step_samples(track.time_s)
@@ -181,18 +165,11 @@ def _rotations(turn: CameraTurn) -> "Rotation":
     return Rotation.from_matrix(np.stack([turn.tops, left, -turn.axes], axis=2))
 
 
-def _view_edges(sensor: Camera, *, length_m: float) -> list[FloatArray]:
+def _view_edges(sensor: Sensor, *, length_m: float) -> list[FloatArray]:
     """Edges and rim of a field of view, downwards from the origin; the top of an image points to x."""
-    if isinstance(sensor, FrameCamera):
-        right = length_m * math.tan(math.radians(sensor.fov_across_deg / 2.0))
-        top = length_m * math.tan(math.radians(sensor.fov_along_deg / 2.0))
-        corners = [(top, right), (top, -right), (-top, -right), (-top, right), (top, right)]
-        rim = np.array([(x, y, -length_m) for x, y in corners])
-        return [np.array([[0.0, 0.0, 0.0], corner]) for corner in rim[:-1]] + [rim]
-    turn = np.linspace(0.0, 2.0 * np.pi, 4 * _CAMERA_EDGES + 1)
-    radius = length_m * math.tan(math.radians(sensor.fov_deg / 2.0))
-    rim = np.column_stack([radius * np.cos(turn), radius * np.sin(turn), np.full(turn.size, -length_m)])
-    return [np.array([[0.0, 0.0, 0.0], corner]) for corner in rim[:-1:4]] + [rim]
+    across, along = sensor.edges.T
+    rim = np.column_stack([along * length_m, across * length_m, np.full(len(along), -length_m)])
+    return [np.array([[0.0, 0.0, 0.0], corner]) for corner in rim[: -1 : max(1, len(rim) // _CAMERA_EDGES)]] + [rim]
 
 
 def _step_samples(time_s: FloatArray) -> NDArray[np.intp]:

@@ -5,7 +5,7 @@ Each is a data URI with one pixel a cell; row 0 is the north.
 
 import base64
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,12 +43,12 @@ _REASON_RGB: tuple[Rgb, ...] = (
 )
 REASON_WORDS = {
     "never-in-range": "never in range and field of view",
-    "too-oblique": "observed too obliquely only",
-    "occluded": "hidden behind ground",
+    "too-oblique": "observed at too flat an angle",
+    "occluded": "hidden by terrain or obstacles",
     "out-of-limits": "not visible from inside the limits",
-    "too-coarse": "a pixel saw too much ground",
+    "too-coarse": "ground sample distance too large",
     "too-few-looks": "too few observations",
-    "attitude-not-known": "possibly observed, the camera's direction is not known",
+    "attitude-not-known": "possibly observed, but the camera direction is unknown",
 }
 
 
@@ -111,7 +111,7 @@ def _flown_layers(coverage: CoverageMap, verdict: Verdict) -> list[CellLayer | N
     return [
         ramp_layer(coverage, key, title, values, colors, label)
         for key, title, values, colors, label in (
-            ("looks", "Observing passes", passes, "viridis", label("{:.0f}")),
+            ("looks", "Number of observations", passes, "viridis", label("{:.0f}")),
             ("first-seen", "First observation", (flown.first_seen_s - start_s) / 60.0, "cividis", label("{:.1f} min")),
             ("sample", "Ground sample distance", 100.0 * sample_m, "plasma_r", label("{:.1f} cm")),
             ("incidence", "Incidence angle", flown.incidence_deg, "magma_r", label("{:.0f}°")),
@@ -169,11 +169,16 @@ def _picture_classes(asked: int) -> list[tuple[Rgb, int, int | None]]:
 
 def _classes_layer(coverage: CoverageMap, key: str, title: str, classes: list[tuple[Rgb, str, BoolArray]]) -> CellLayer:
     """Cells in the colour of their class; of a cell in several, the last."""
-    colors = np.zeros((coverage.grid.count, 4), dtype=np.uint8)
-    for rgb, _, where in classes:
-        colors[where] = (*rgb, 150)
     legend = tuple(LegendEntry(_hex(rgb), label) for rgb, label, where in reversed(classes) if where.any())
-    return CellLayer(key, title, _cells_image(coverage, colors), legend)
+    return CellLayer(key, title, classes_image(coverage, [(rgb, where) for rgb, _, where in classes]), legend)
+
+
+def classes_image(coverage: CoverageMap, classes: Sequence[tuple[Rgb, BoolArray]]) -> str:
+    """An image of the cells in the colour of their class; of a cell in several, the last."""
+    colors = np.zeros((coverage.grid.count, 4), dtype=np.uint8)
+    for rgb, where in classes:
+        colors[where] = (*rgb, 150)
+    return _cells_image(coverage, colors)
 
 
 def label(template: str) -> Callable[[float], str]:
@@ -191,7 +196,7 @@ def coverage_layer(coverage: CoverageMap, flown: FlownCoverage) -> CellLayer:
     if exact:
         kinds.append((SEEN_RGB, "observed", flown.seen))
     else:
-        kinds.append((POSSIBLE_RGB, "possibly observed, by the stated uncertainty", flown.possibly_seen))
+        kinds.append((POSSIBLE_RGB, "possibly observed", flown.possibly_seen))
         kinds.append((SEEN_RGB, "observed, but not surely", flown.seen))
         kinds.append((SURE_RGB, "surely observed", flown.surely_seen))
     return _classes_layer(coverage, "coverage", "Coverage", kinds)

@@ -21,8 +21,8 @@ from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicle_parts import groups_of, own_sensors
 from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.fleet_map import fleet_map, map_for
 from uavcover.sensing.pictures import PictureCounts, count_pictures, picture_statistics, planned_poses, takes_pictures
+from uavcover.sensing.site_maps import fleet_map, map_for
 from uavcover.verification.command import judge_tracks
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.run_logs import date_bounds, planned_for, read_log
@@ -107,13 +107,16 @@ class ReportContent:
     notices: tuple[str, ...] = ()
 
 
-def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = ()) -> ReportContent:
+def read_run(
+    run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = (), judged: bool = True
+) -> ReportContent:
     """Read a run folder and judge its flights.
 
     Args:
         run: a run folder with a plan.
         logs: the flown tracks, as ``verify`` takes them; none: the run's own track, where there is one.
         notices: notices about the files for the first screen.
+        judged: whether flights are read at all; else the plan alone.
 
     Raises:
         InputError: a file is missing or broken.
@@ -121,7 +124,7 @@ def read_run(run: RunFolder, *, logs: Sequence[Path], notices: Sequence[str] = (
     """
     site = load_site(run.existing("scenario.toml", made_by="uavcover plan"))
     plan = run.read_json("plan.json", made_by="uavcover plan")
-    paths = judged_logs(run, logs) if logs or was_flown(run) else []
+    paths = judged_logs(run, logs) if judged and (logs or was_flown(run)) else []
     read = [read_log(path, site) for path in paths]
     verdict, flights = None, tuple[Flight, ...]()
     if read:

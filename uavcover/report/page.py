@@ -44,8 +44,8 @@ _LEAFLET = _HERE / "vendor" / "leaflet"
 
 
 BOUND_WORDS = {
-    "coverable_fraction": "share of the area that some allowed position observes",
-    "length_reference_m": "area over swath width (a reference, no bound)",
+    "coverable_fraction": "fraction of the area that permitted positions can observe",
+    "length_reference_m": "area divided by swath width (an estimate, not a bound)",
 }
 
 
@@ -163,7 +163,7 @@ def _planned_tiles(content: ReportContent) -> list[tuple[str, str]]:
     if pictures is not None:
         rows.append(("Photos", str(pictures.taken)))
         if pictures.ground_sample_median_m is not None:
-            rows.append(("Ground sample, median", f"{100.0 * pictures.ground_sample_median_m:.2f} cm"))
+            rows.append(("Ground sample distance, median", f"{100.0 * pictures.ground_sample_median_m:.2f} cm"))
     return [*rows, ("Route made by", str(content.plan.get("made_by", "unknown")))]
 
 
@@ -316,14 +316,12 @@ def standing(run: RunFolder, logs: Sequence[Path]) -> list[str]:
     accepted = set() if verdict is None else accepted_in(verdict)
     left = replace(inputs, changes=tuple(c for c in inputs.changes if c not in accepted))
     refuse_changes(run, left, (), who_accepts=to_paste("verify", run))
-    notices = [f"accepted although it changed since planning or flight: {change}" for change in inputs.changes]
+    notices = [f"a change since planning or flight was accepted: {change}" for change in inputs.changes]
     notices += [unsealed_in_words(name) for name in inputs.unsealed]
     if flown and verdict is None:
-        notices.append(
-            "there is no verdict of uavcover verify in the run folder; this was judged for this report alone"
-        )
+        notices.append("the run folder contains no verdict of uavcover verify, so this report computed its own")
     elif verdict is not None and not same_inputs(verdict, inputs):
-        notices.append("verification.json judged other inputs than this report; uavcover verify makes it anew")
+        notices.append("verification.json was computed from other inputs than this report; run uavcover verify again")
     return notices
 
 

@@ -24,7 +24,7 @@ def height_along_route(content: ReportContent) -> Chart:
     top = max(_largest(height), limits.max_height_agl_m) * 1.08
     plot = Plot((0.0, float(km[-1])), (0.0, top))
     ends = km[[0, -1]]
-    plot.between("band", ends, _both(limits.min_height_agl_m), _both(limits.max_height_agl_m), name="allowed band")
+    plot.between("band", ends, _both(limits.min_height_agl_m), _both(limits.max_height_agl_m), name="height band")
     plot.line("planned", km, height, name="planned")
     for number, flight in enumerate(content.flights):
         on_route, km = flown_along(content, flight)
@@ -47,7 +47,7 @@ def elevation_profile(content: ReportContent) -> Chart:
     high = max(_largest(surface) + limits.max_height_agl_m, float(route.max()))
     floor = low - 0.06 * (high - low)
     plot = Plot((0.0, float(km[-1])), (floor, high + 0.04 * (high - low)))
-    plot.between("band", km, surface + limits.min_height_agl_m, surface + limits.max_height_agl_m, name="allowed band")
+    plot.between("band", km, surface + limits.min_height_agl_m, surface + limits.max_height_agl_m, name="height band")
     plot.between("ground", km, np.full(km.size, floor), surface, name="ground")
     plot.line("planned", km, route, name="planned")
     for number, flight in enumerate(content.flights):
@@ -68,7 +68,7 @@ def height_over_time(content: ReportContent, verdict: Verdict) -> Chart:
     for number, flight in enumerate(flights):
         on_route = np.flatnonzero(flight.track.current_waypoint >= 1)
         ends = flight.clock_s[on_route[[0, -1]] if on_route.size else [0, -1]] / 60.0
-        name = "allowed band" if number == 0 else ""
+        name = "height band" if number == 0 else ""
         plot.between("band", ends, _both(limits.min_height_agl_m), _both(limits.max_height_agl_m), name=name)
     for number, flight in enumerate(flights):
         plot.line(flight_style(number), flight.clock_s / 60.0, flight.height_agl_m, name=_key(content, number))
@@ -131,7 +131,7 @@ def choice_floor(content: ReportContent) -> float:
 
 
 def _trade_off(content: ReportContent, floor: float) -> Chart:
-    """The trade-off of what sees at least a share 0..1 of what can be seen."""
+    """The trade-off between routes with at least a fraction 0..1 of coverage."""
     baselines = [b for b in content.plan.get("baselines", []) if isinstance(b, dict)]
     axis = trade_off_axis(content.members, baselines, content.plan.get("objective"))
     shown_baselines = [
@@ -163,7 +163,7 @@ def _trade_off(content: ReportContent, floor: float) -> Chart:
     )
     keys = [Key("member", "Pareto set", is_mark=True)]
     if reference is not None:
-        plot.line("reference", _both(reference / 1000.0), np.array(plot.y_range), name="area / swath width (no bound)")
+        plot.line("reference", _both(reference / 1000.0), np.array(plot.y_range), name="area / swath width (estimate)")
     for baseline, cost in shown_baselines:
         plot.mark(
             "baseline", cost, 100.0 * baseline["coverage_of_coverable"], radius=3.5,
@@ -185,7 +185,7 @@ def _trade_off(content: ReportContent, floor: float) -> Chart:
     keys += [Key("baseline", "baselines", is_mark=True)] if shown_baselines else []
     here = math.isfinite(floor)
     return plot.finished(
-        "pareto" if here else "pareto-whole", "The trade-off" if here else "The whole trade-off",
+        "pareto" if here else "pareto-whole", "Coverage and cost of the routes" if here else "Coverage and cost of all routes",
         x_label=axis.label, y_label="% of visible ground", mark_keys=keys,
     )  # fmt: skip
 

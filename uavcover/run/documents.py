@@ -183,11 +183,11 @@ def read_plan_document(document: dict[str, Any], *, source: str) -> PlannedDocum
         )
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{source}: is not a plan ({type(error).__name__}: {error}); make it again with: uavcover plan"
+            f"{source}: is not a plan ({type(error).__name__}: {error}); create it again with: uavcover plan"
         ) from error
     if not np.isfinite(points).all():
         raise InputError(
-            f"{source}: a waypoint has a coordinate that is not a number; make it again with: uavcover plan"
+            f"{source}: a waypoint has a coordinate that is not a number; create it again with: uavcover plan"
         )
     return planned
 

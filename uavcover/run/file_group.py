@@ -98,7 +98,7 @@ def change_together(
             with contextlib.suppress(OSError):
                 path.rmdir()
         where = error.filename2 or error.filename or folder
-        raise OutputError(f"{where}: cannot be written ({error.strerror}); everything is as it was") from error
+        raise OutputError(f"{where}: cannot be written ({error.strerror}); nothing was changed") from error
 
 
 def is_unsettled(folder: Path) -> bool:
@@ -123,7 +123,7 @@ def settle(folder: Path) -> None:
             _finish(folder, staged)
         except (OSError, ValueError, KeyError, TypeError) as error:
             raise OutputError(
-                f"{folder}: its files were being replaced when something ended that, and it cannot be finished ({error}); "
+                f"{folder}: replacing its files was interrupted, and this cannot be completed ({error}); "
                 f"correct this, or see {JOURNAL} there"
             ) from error
     for left in folder.glob(f"{_STAGED}*"):
@@ -157,7 +157,7 @@ def _stage(
     place: list[Step] = []
     for source, target in moved.items():
         if os.path.lexists(folder / target):
-            raise FileExistsError(None, "something is there already", str(folder / target))
+            raise FileExistsError(None, "a file exists already", str(folder / target))
         away.append((_AWAY, source, target))
     for number, (name, content) in enumerate(contents.items()):
         new = staged / f"new-{number}"

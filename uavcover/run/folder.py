@@ -193,9 +193,9 @@ class RunFolder:
         try:
             document = json.loads(path.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError) as error:
-            raise InputError(f"{path}: cannot be read as JSON ({error}); make it again with: {made_by}") from error
+            raise InputError(f"{path}: cannot be read as JSON ({error}); create it again with: {made_by}") from error
         if not isinstance(document, dict):
-            raise InputError(f"{path}: is not a JSON object; make it again with: {made_by}")
+            raise InputError(f"{path}: is not a JSON object; create it again with: {made_by}")
         return document
 
 

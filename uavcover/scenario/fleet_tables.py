@@ -54,7 +54,7 @@ def with_fleet(raw: dict[str, Any], *, source: str) -> dict[str, Any]:
             f"{source}: vehicle.{missing[0]}.home: is missing, and there is no [home] for those without one of their own"
         )
     if home is not None and home not in homes:
-        raise ScenarioError(f"{source}: home: every [[vehicle]] has a home of its own; leave [home] out")
+        raise ScenarioError(f"{source}: home: every [[vehicle]] has its own home; leave [home] out")
     own = [{**table, "home": place} for table, place in zip(listed, homes, strict=True)]
     alike = {key: value for key, value in first.items() if key not in (*_OF_SEVERAL, "link", "system_id")}
     return raw | {"vehicle": alike, "vehicles": own, "home": homes[0], "fleet": fleet}

@@ -20,6 +20,7 @@ from uavcover.model.area import Area
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.scenario import Scenario
+from uavcover.model.sensor import Sensor
 from uavcover.model.terrain import RasterTerrain, Terrain
 from uavcover.plugins import load, registered
 from uavcover.scenario.airspace.zone_file import read_zones
@@ -86,7 +87,7 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise ScenarioError(f"{source}: not valid TOML: {error}") from error
     raw, given = with_fleet(raw, source=source), raw
-    raw = _with_built_in_sensors(raw, source)
+    raw, own_sensors = _with_built_in_sensors(raw, source)
     # Validated as JSON: there the validator accepts a list for a tuple and a table for a dataclass, and is strict otherwise.
     document = json.dumps(raw, default=str)
     mistakes: list[str] = []
@@ -99,6 +100,8 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
             area = _AREA.validate_json(json.dumps(raw["area"], default=str), strict=True)
             mistakes += outline_mistakes(area, folder, key="area")
         raise ScenarioError(f"{source}: {'; '.join(mistakes)}") from error
+    if own_sensors:
+        scenario = _with_own_sensors(scenario, own_sensors, source)
     mistakes += outline_mistakes(scenario.area, folder, key="area") + fence_mistakes(scenario.limits)
     for number, vehicle in enumerate(scenario.vehicles):
         if not scenario.has_launch_points:
@@ -130,38 +133,66 @@ def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
     )
 
 
-def _with_built_in_sensors(raw: dict[str, Any], source: str) -> dict[str, Any]:
-    """The tables with every sensor of a third party as the built-in one that it is the same as.
+def _with_built_in_sensors(raw: dict[str, Any], source: str) -> tuple[dict[str, Any], dict[int | None, Sensor]]:
+    """The tables with every sensor of a third party as a built-in one, and those that have a class of their own.
 
     A sensor of a third party is an entry point of the group ``uavcover.sensors``, whose name is its kind: a function from its
-    table in the scenario, without ``kind``, to the table of a built-in sensor; a ValueError says what is wrong with a key.
+    table in the scenario, without ``kind``, to the table of a built-in sensor; or a class derived from a built-in sensor, made
+    of its table, which is validated as that built-in sensor. A ValueError says what is wrong with a key.
+
+    Returns:
+        The tables; and the sensors of such classes by the number of their vehicle, None for [sensor].
 
     Raises:
         ScenarioError: the table cannot be used.
     """
+    own: dict[int | None, Sensor] = {}
 
-    def built_in(section: dict[str, Any], key: str) -> dict[str, Any]:
+    def built_in(section: dict[str, Any], key: str, number: int | None) -> dict[str, Any]:
         kind = section.get("kind")
         if not isinstance(kind, str) or kind not in registered("uavcover.sensors"):
             return section
+        entry = load("uavcover.sensors", kind)
         try:
-            return dict(
-                load("uavcover.sensors", kind)({name: value for name, value in section.items() if name != "kind"})
-            )
+            if not isinstance(entry, type):
+                return dict(entry({name: value for name, value in section.items() if name != "kind"}))
+            made = entry(**section)
+            if not isinstance(made, Sensor):
+                raise TypeError(f"{entry.__name__} is not derived from a built-in sensor (uavcover.model.sensor)")
+            own[number] = made
+            return _as_built_in(made)
         except (InputError, ValueError, TypeError, KeyError) as error:
             raise ScenarioError(f"{source}: {key}: {kind}: {error}") from error
 
     found = dict(raw)
     if isinstance(raw.get("sensor"), dict):
-        found["sensor"] = built_in(raw["sensor"], "sensor")
+        found["sensor"] = built_in(raw["sensor"], "sensor", None)
     if isinstance(vehicles := raw.get("vehicles"), list):
         found["vehicles"] = [
-            {**vehicle, "sensor": built_in(vehicle["sensor"], f"vehicle.{k}.sensor")}
+            {**vehicle, "sensor": built_in(vehicle["sensor"], f"vehicle.{k}.sensor", k)}
             if isinstance(vehicle, dict) and isinstance(vehicle.get("sensor"), dict)
             else vehicle
             for k, vehicle in enumerate(vehicles)
         ]
-    return found
+    return found, own
+
+
+def _as_built_in(sensor: Sensor) -> dict[str, Any]:
+    """The table of the built-in sensor that a class of a third party is derived from."""
+    base = next(cls for cls in type(sensor).__mro__ if cls in get_args(Sensor))
+    table = {field.name: getattr(sensor, field.name) for field in dataclasses.fields(base)}
+    return table | {"kind": get_args(get_type_hints(base)["kind"])[0]}
+
+
+def _with_own_sensors(scenario: Scenario, own: dict[int | None, Sensor], source: str) -> Scenario:
+    """The scenario with the sensors of classes of third parties in place of the built-in ones they were validated as."""
+    vehicles = tuple(
+        dataclasses.replace(vehicle, sensor=own.get(k, vehicle.sensor)) for k, vehicle in enumerate(scenario.vehicles)
+    )
+    try:
+        return dataclasses.replace(scenario, sensor=own.get(None, scenario.sensor), vehicles=vehicles)
+    except ValueError as error:
+        raise ScenarioError(f"{source}: {error}") from error
 
 
 def dump_scenario(scenario: Scenario) -> str:

@@ -1,11 +1,12 @@
 """The site: a scenario on its ground, everything in the local frame, ready for planning, flying and judging."""
 
 import dataclasses
+import functools
 import math
-from collections.abc import Hashable
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import shapely
@@ -48,7 +49,8 @@ class Site:
         zones: the no-fly zones that come near and are in force in the flight window, or may be without one.
         other_zones: those that come near and are not in force then.
         ground_model: the ground under the surface model; none without one.
-        derived: values that later stages compute once for this site, by key; a copy of the site starts without them.
+        whole: the site of which this one's area is a part, where their routes are flown as one; none otherwise.
+        block_cells: cells of a block, where the cells that results are judged on are evaluated in blocks; none: in one piece.
     """
 
     scenario: Scenario
@@ -61,7 +63,8 @@ class Site:
     zones: tuple[Zone, ...] = ()
     other_zones: tuple[Zone, ...] = ()
     ground_model: Ground | None = None
-    derived: dict[Hashable, Any] = field(default_factory=dict, init=False, repr=False)
+    whole: "Site | None" = None
+    block_cells: int | None = None
 
     def __repr__(self) -> str:
         where = "no position on Earth" if self.frame is None else f"{self.frame.lat_deg:.5f}, {self.frame.lon_deg:.5f}"
@@ -144,6 +147,29 @@ class Site:
         place[:, 2] = self.bare_ground.heights_m(place[:, :2])
         alt_amsl_m = float(self.alts_amsl_m(place)[0])
         return alt_amsl_m if math.isfinite(alt_amsl_m) else None
+
+
+Computed = TypeVar("Computed")
+
+
+def once(compute: Callable[[Site], Computed]) -> Callable[[Site], Computed]:
+    """Make a function of a later stage a cached property of its site. A copy of the site starts without its value."""
+    name = f"{compute.__module__}.{compute.__qualname__}"
+
+    @functools.wraps(compute)
+    def found(site: Site) -> Computed:
+        values: dict[str, Computed] = site.__dict__
+        if name not in values:
+            values[name] = compute(site)
+        return values[name]
+
+    return found
+
+
+def forget_computed(site: Site) -> None:
+    """Drop the values of :func:`once`. Maps know their site: a site that is not used any more would stay for a while."""
+    for name in site.__dict__.keys() - {field.name for field in dataclasses.fields(site)}:
+        del site.__dict__[name]
 
 
 def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None = None) -> Site:

@@ -4,7 +4,7 @@ import dataclasses
 
 from uavcover.errors import UavcoverError
 from uavcover.model.scenario import Origin, Scenario
-from uavcover.scenario.site import Site, load_site
+from uavcover.scenario.site import Site, load_site, once
 
 
 def vehicle_scenario(site: Site, number: int) -> Scenario:
@@ -30,6 +30,7 @@ def vehicle_scenario(site: Site, number: int) -> Scenario:
     )
 
 
+@once
 def vehicle_sites(site: Site) -> tuple[Site, ...]:
     """The site of each vehicle, vehicle 1 first; none where all are alike.
 
@@ -37,11 +38,7 @@ def vehicle_sites(site: Site) -> tuple[Site, ...]:
         ScenarioError, TerrainError: a home is in a no-fly zone, by an obstacle, outside the fence or the elevation data; the
             text begins with the vehicle.
     """
-    key = "vehicle_sites"
-    if key not in site.derived:
-        site.derived[key] = tuple(_built(site, number) for number in range(1, len(site.scenario.vehicles) + 1))
-    sites: tuple[Site, ...] = site.derived[key]
-    return sites
+    return tuple(_built(site, number) for number in range(1, len(site.scenario.vehicles) + 1))
 
 
 def _built(site: Site, number: int) -> Site:

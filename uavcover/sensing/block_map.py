@@ -5,9 +5,10 @@ ground each has, whether it can be covered, and whether a route sees it: 9 bytes
 A block is a task of its own, for any worker.
 """
 
+import functools
 import math
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -15,11 +16,8 @@ import numpy as np
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.cells import Cells
 from uavcover.scenario.site import Site
-from uavcover.sensing.cells import MAX_CELLS, CellGrid, lattice_shape
-from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, judging_block, keep_judging_map, row_blocks
-from uavcover.sensing.judged_cells import judged_cell_size_m
-from uavcover.sensing.recently_seen import RecentlySeen
-from uavcover.sensing.sensors import farthest_m, sight_of
+from uavcover.sensing.cells import MAX_CELLS, CellGrid, cut_for, judged_cell_size_m, lattice_shape
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, RecentlySeen
 
 _MOST_AT_ONCE = 2_000_000
 """With more places of the lattice a map is made of blocks. Below, all cells take less than the program itself."""
@@ -81,7 +79,7 @@ def seen_nearby(block: CoverageMap, route_m: FloatArray) -> BoolArray:
     looks = block.flown_observations(route_m)
     near = np.zeros(len(looks), dtype=bool)
     if block.grid.count:
-        centre_m, halo_m = block.grid.cells.centre_m, farthest_m(block.site.scenario.sensor) + 1.0
+        centre_m, halo_m = block.grid.cells.centre_m, block.site.scenario.sensor.reach_m + 1.0
         near = np.all(
             (looks.places_m[:, :2] >= centre_m[:, :2].min(axis=0) - halo_m)
             & (looks.places_m[:, :2] <= centre_m[:, :2].max(axis=0) + halo_m),
@@ -117,29 +115,49 @@ class _GridOfBlocks(CellGrid):
         return judged_cell_size_m(self._site)
 
 
+def judging_block(site: Site, rows: range) -> CoverageMap:
+    """Some rows of the lattice of a judging map, which each see the same as among all; not kept."""
+    return CoverageMap(site, cell_size_m=judged_cell_size_m(site), cut=functools.partial(cut_for(site), rows=rows))
+
+
+def row_blocks(site: Site, *, cells: int) -> list[range]:
+    """The rows of the lattice of a judging map, in blocks of at most ``cells`` points, or of one row."""
+    rows, columns = lattice_shape(site, judged_cell_size_m(site))
+    step = max(1, cells // columns)
+    return [range(first, min(first + step, rows)) for first in range(0, rows, step)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Ground:
+    """All cells of a map of blocks: their ground, which can be covered, and how many each block has."""
+
+    grid: _GridOfBlocks
+    coverable: BoolArray
+    counts: tuple[int, ...]
+
+
 class BlockMap(CoverageMap):
-    """A :func:`judging_map` that is made of blocks."""
+    """The cells that results are judged on, made of blocks of at most ``block_cells``, or of one row."""
 
-    def __init__(self, site: Site) -> None:
+    def __init__(self, site: Site, block_cells: int) -> None:
         self.site = site
-        self.sight = sight_of(site.scenario.sensor)
+        self.sight = site.scenario.sensor.sight
         self._recent = RecentlySeen()
-        self._counts: list[int] = []
-        self._rows = [(rows.start, rows.stop) for rows in row_blocks(site, cells=_BLOCK_CELLS)]
+        self._ground: _Ground | None = None
+        self._rows = [(rows.start, rows.stop) for rows in row_blocks(site, cells=block_cells)]
 
-    @cached_property
+    @property
     def grid(self) -> CellGrid:  # type: ignore[override]
         """Its cells."""
-        self.look_at((), one_after_the_other)
-        made: CellGrid = self.__dict__["grid"]
-        return made
+        return self._known_ground().grid
 
-    @cached_property
+    @property
     def coverable(self) -> BoolArray:
         """See :class:`CoverageMap`."""
-        self.look_at((), one_after_the_other)
-        made: BoolArray = self.__dict__["coverable"]
-        return made
+        return self._known_ground().coverable
+
+    def _known_ground(self) -> _Ground:
+        return self._ground or self._found((), one_after_the_other)[0]
 
     def blocks(self) -> Iterator[CoverageMap]:
         """Its blocks, one after the other."""
@@ -148,7 +166,7 @@ class BlockMap(CoverageMap):
 
     def seen(self, route_m: FloatArray) -> BoolArray:
         """See :class:`CoverageMap`; at once where it was looked at before."""
-        packed = self._recent.get(route_m, lambda: self._found((route_m,), one_after_the_other)[0])
+        packed = self._recent.get(route_m, lambda: self._found((route_m,), one_after_the_other)[1][0])
         seen = _unpacked(packed, self.grid.count)
         seen.flags.writeable = False
         return seen
@@ -169,13 +187,14 @@ class BlockMap(CoverageMap):
             by: who does it.
         """
         new = [route for route in routes_m if not self._recent.knows(route)]
-        if new or "grid" not in self.__dict__:
-            for route, packed in zip(new, self._found(tuple(new), by), strict=True):
+        if new or self._ground is None:
+            for route, packed in zip(new, self._found(tuple(new), by)[1], strict=True):
                 self._recent.keep(route, packed)
 
-    def _found(self, routes_m: tuple[FloatArray, ...], by: RunBlocks) -> list[Bits]:
-        """For each route (cells,) whether it sees them, packed."""
-        about_cells = "grid" not in self.__dict__
+    def _found(self, routes_m: tuple[FloatArray, ...], by: RunBlocks) -> tuple[_Ground, list[Bits]]:
+        """All cells; and for each route (cells,) whether it sees them, packed."""
+        ground = self._ground
+        about_cells = ground is None
         near = {rows: tuple(k for k, route in enumerate(routes_m) if self._may_see(route, rows)) for rows in self._rows}
         tasks = [
             BlockTask(rows, about_cells, tuple(routes_m[k] for k in numbers))
@@ -183,21 +202,21 @@ class BlockMap(CoverageMap):
             if numbers or about_cells
         ]
         found = {task.rows: look for task, look in by(self.site, tasks)}
-        if about_cells:
+        if ground is None:
             looks = [found[rows] for rows in self._rows]
-            self._counts = [look.count for look in looks]
             weight_m2 = np.concatenate([look.weight_m2 for look in looks])
             if not weight_m2.size:
                 # There is nothing to see: who makes the map in one piece says why.
                 CoverageMap(self.site, cell_size_m=judged_cell_size_m(self.site))
             weight_m2.flags.writeable = False
             hidden_m2 = math.fsum(look.hidden_m2 for look in looks)
-            self.__dict__["grid"] = _GridOfBlocks(self.site, weight_m2, hidden_m2)
-            self.__dict__["coverable"] = np.concatenate([_unpacked(look.coverable, look.count) for look in looks])
-        return [
+            coverable = np.concatenate([_unpacked(look.coverable, look.count) for look in looks])
+            grid = _GridOfBlocks(self.site, weight_m2, hidden_m2)
+            ground = self._ground = _Ground(grid, coverable, tuple(look.count for look in looks))
+        return ground, [
             np.packbits(np.concatenate([
                 _unpacked(found[rows].seen[numbers.index(k)], count) if k in numbers else np.zeros(count, dtype=bool)
-                for (rows, numbers), count in zip(near.items(), self._counts, strict=True)
+                for (rows, numbers), count in zip(near.items(), ground.counts, strict=True)
             ]))
             for k in range(len(routes_m))
         ]  # fmt: skip
@@ -205,7 +224,7 @@ class BlockMap(CoverageMap):
     def _may_see(self, route_m: FloatArray, rows: tuple[int, int]) -> bool:
         """Whether a route comes within sensor range of a block. A row of cells is as wide as the area."""
         south, side_m = self.site.area.bounds[1], judged_cell_size_m(self.site)
-        halo_m = farthest_m(self.site.scenario.sensor) + self.site.scenario.vehicle.motion().corner_radius_m + 1.0
+        halo_m = self.site.scenario.sensor.reach_m + self.site.scenario.vehicle.motion().corner_radius_m + 1.0
         norths = np.asarray(route_m, dtype=float).reshape(-1, 3)[:, 1]
         return bool(
             norths.max() >= south + rows[0] * side_m - halo_m and norths.min() <= south + rows[1] * side_m + halo_m
@@ -222,10 +241,9 @@ def is_large(site: Site) -> bool:
     return _MOST_AT_ONCE < rows * columns <= MAX_CELLS
 
 
-def judge_by_blocks(site: Site) -> None:
-    """Build the :func:`judging_map` of a site from blocks from now on, if the area is large."""
-    if is_large(site):
-        keep_judging_map(site, lambda: BlockMap(site))
+def in_blocks(site: Site) -> Site:
+    """The site, judged in blocks if its area is large."""
+    return site if not is_large(site) else replace(site, block_cells=_BLOCK_CELLS)
 
 
 def look_at_all(coverage: CoverageMap, routes_m: Sequence[FloatArray], by: RunBlocks) -> None:

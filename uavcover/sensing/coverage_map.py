@@ -4,13 +4,12 @@ Observations are those of a level vehicle: position and heading. Whether a cell 
 around it.
 """
 
-import copy
-import functools
-import itertools
-import math
+import threading
+from collections import OrderedDict
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 import shapely
@@ -19,24 +18,13 @@ from numpy.typing import NDArray
 from uavcover.kernels import coverage as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.sight import Sight
-from uavcover.model.scenario import Scenario
-from uavcover.model.sensor import FrameCamera
-from uavcover.model.terrain import SineCosineTerrain
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.obstacles import waypoint_breaches
 from uavcover.scenario.site import Site
-from uavcover.sensing.cells import CellGrid, lattice_shape, make_cells, make_other_cells, make_sampled_cells
+from uavcover.sensing import observing
+from uavcover.sensing.cells import CellGrid, make_cells
 from uavcover.sensing.flown_line import corners_matter, heading_there, line_flown, pictures_on, places_passed_m
-from uavcover.sensing.judged_cells import is_judged_on_smaller_cells, judged_cell_size_m
-from uavcover.sensing.recently_seen import RecentlySeen
-from uavcover.sensing.sensors import (
-    flat_picture,
-    reach_at_height_m,
-    sample_spacing_m,
-    sight_of,
-    trigger_distance_m,
-    turns_with_legs,
-)
+from uavcover.sensing.sensors import sample_spacing_m, trial_places, trigger_distance_m, turns_with_legs
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,69 +76,52 @@ _FIRST_STRIDE = 64
 
 
 _AT_A_TIME = 100_000
+_MOST_CELLS = 16_000_000
+"""Cells of all kept routes together: as many bytes."""
+Found = TypeVar("Found", bound=NDArray[Any])
 _SAME_PLACE_M = 1e-6
 
-_DIRECTIONS = 12
-_RADII = (0.35, 0.7, 0.95)
-_BAND_SHARES = (0.5, 0.0, 1.0)
-_AHEAD = (0.5, 0.05, 0.95)
-_ACROSS = (0.0, -0.9, 0.9)
+
+class RecentlySeen:
+    """The cells that the latest routes see, by route; the oldest go first. A search rates the same route several times."""
+
+    def __init__(self, *, most_cells: int = _MOST_CELLS) -> None:
+        self._most_cells = most_cells
+        self._seen: OrderedDict[bytes, Any] = OrderedDict()
+        self._cells = 0
+        # Routes are judged side by side.
+        self._lock = threading.Lock()
+
+    def knows(self, route_m: FloatArray) -> bool:
+        """Whether it is known what an (n, 3) route sees."""
+        with self._lock:
+            return _key(route_m) in self._seen
+
+    def get(self, route_m: FloatArray, find: Callable[[], Found]) -> Found:
+        """(cells,) what an (n, 3) route sees, or (bytes,) of it, read-only; ``find`` is called where that is not known."""
+        key = _key(route_m)
+        with self._lock:
+            known: Found | None = self._seen.get(key)
+        if known is not None:
+            return known
+        found = find()
+        self.keep(route_m, found)
+        return found
+
+    def keep(self, route_m: FloatArray, found: NDArray[Any]) -> None:
+        """Keep what an (n, 3) route sees."""
+        key = _key(route_m)
+        found.flags.writeable = False
+        with self._lock:
+            if key not in self._seen:
+                self._seen[key] = found
+                self._cells += found.size
+            while self._cells > self._most_cells:
+                self._cells -= self._seen.popitem(last=False)[1].size
 
 
-@dataclass(frozen=True, slots=True)
-class TrialPlace:
-    """A position relative to a cell, with the heading of a level vehicle there.
-
-    Attributes:
-        east_m: from the cell.
-        north_m: from the cell.
-        band_share: share 0..1 of the allowed heights above that spot.
-        heading_e: east part of the heading.
-        heading_n: north part.
-    """
-
-    east_m: float
-    north_m: float
-    band_share: float
-    heading_e: float
-    heading_n: float
-
-
-def trial_places(scenario: Scenario) -> Iterator[TrialPlace]:
-    """The positions tried for every cell, the most promising first.
-
-    Directly above and 36 positions around, each at three heights of the band. For a frame camera instead the positions from
-    which flat ground at the cell would lie at the centre, near the corners and near the edges of the photo, for twelve
-    headings or the one that the scenario sets.
-    """
-    limits, sensor = scenario.limits, scenario.sensor
-    low, high = limits.min_height_agl_m, limits.max_height_agl_m
-    if isinstance(sensor, FrameCamera):
-        yield from _by_picture(sensor, low, high)
-        return
-    reach = max(reach_at_height_m(sensor, low + share * (high - low)) for share in _BAND_SHARES)
-    offsets = [(0.0, 0.0)] + [(reach * r * math.cos(a), reach * r * math.sin(a)) for r in _RADII for a in _angles_rad()]
-    for (east, north), share in itertools.product(offsets, _BAND_SHARES):
-        yield TrialPlace(east, north, share, 0.0, 1.0)
-
-
-def _by_picture(sensor: FrameCamera, low_m: float, high_m: float) -> Iterator[TrialPlace]:
-    stated = sensor.heading_deg
-    headings = _angles_rad() if stated is None else [math.radians(90.0 - stated)]
-    for ahead, across, share in itertools.product(_AHEAD, _ACROSS, _BAND_SHARES):
-        picture = flat_picture(sensor, low_m + share * (high_m - low_m))
-        if picture is None:
-            continue
-        forward = picture.near_m + ahead * (picture.far_m - picture.near_m)
-        for angle in headings:
-            he, hn = math.cos(angle), math.sin(angle)
-            # The cell is ``forward`` ahead of the place and ``across`` to the right of it.
-            right = across * picture.half_width_m
-            yield TrialPlace(-forward * he - right * hn, -forward * hn + right * he, share, he, hn)
-
-
-def _angles_rad() -> list[float]:
-    return [float(a) for a in np.arange(_DIRECTIONS) * (2.0 * math.pi / _DIRECTIONS)]
+def _key(route_m: FloatArray) -> bytes:
+    return np.ascontiguousarray(route_m, dtype=float).tobytes()
 
 
 class CoverageMap:
@@ -165,16 +136,14 @@ class CoverageMap:
     def __init__(self, site: Site, *, cell_size_m: float, cut: Callable[[Site, float], CellGrid] = make_cells) -> None:
         self.site = site
         self.grid: CellGrid = cut(site, cell_size_m)
-        self.sight: Sight = sight_of(site.scenario.sensor)
+        self.sight: Sight = site.scenario.sensor.sight
         self._recent = RecentlySeen()
 
     def less_certain(self, *, position_m: float, height_m: float) -> "CoverageMap":
         """The same cells, of flights whose positions are at least so uncertain."""
         known = self.site.scenario.uncertainty
         wider = replace(known, position_m=max(known.position_m, position_m), height_m=max(known.height_m, height_m))
-        other = copy.copy(self)
-        other.site = replace(self.site, scenario=replace(self.site.scenario, uncertainty=wider))
-        return other
+        return SameCells(self, replace(self.site, scenario=replace(self.site.scenario, uncertainty=wider)))
 
     def observations(self, route_m: FloatArray) -> LevelObservations:
         """Observations of a sensor on an (n, 3) ENU route: at its waypoints, along its legs, or at trigger points.
@@ -187,7 +156,7 @@ class CoverageMap:
 
     def _observations(self, route: FloatArray, ways: FloatArray) -> LevelObservations:
         """Observations on an (n, 3) ENU route; the vehicle points along (n - 1, 2) ways on its legs."""
-        if self.site.scenario.sensor.sensing == "at-waypoints":
+        if not self.site.scenario.sensor.looks_along_path:
             return LevelObservations.towards_north(route)
         trigger_m = trigger_distance_m(self.site.scenario)
         if trigger_m is not None:
@@ -210,7 +179,7 @@ class CoverageMap:
     def flown_observations(self, route_m: FloatArray) -> LevelObservations:
         """As :meth:`observations`, where corners are flown as the autopilot flies them, if what is seen depends on that."""
         route = np.ascontiguousarray(route_m, dtype=float).reshape(-1, 3)
-        if self.site.scenario.sensor.sensing == "at-waypoints":
+        if not self.site.scenario.sensor.looks_along_path:
             return self.observations(places_passed_m(self.site, route))
         if not corners_matter(self.site):
             return self.observations(route)
@@ -251,6 +220,9 @@ class CoverageMap:
     def first_seen(self, observations: LevelObservations) -> NDArray[np.int64]:
         """(cells,) number of the observation that completes what the scenario wants of each cell, -1 where none does."""
         surface, wanted = self.site.ground.surface, self.site.scenario.requirements
+        if self.site.scenario.sensor.has_own_view:
+            looks = wanted.looks, wanted.look_distance_m or 0.0
+            return observing.seen_often(self.site, self.grid.cells, observations.places_m, observations.headings, looks)
         if wanted.look_distance_m is not None:
             return kernels.seen_often(
                 surface,
@@ -310,15 +282,16 @@ class CoverageMap:
 
     def asking(self, only: BoolArray) -> "CoverageMap":
         """This map with fewer coverable cells: of the (cells,) marked ones, those that are."""
-        fewer = copy.copy(self)
-        fewer.coverable = self.coverable & only
-        return fewer
+        return SameCells(self, self.site, coverable=self.coverable & only)
 
-    def flown_from(self, site: Site) -> "CoverageMap":
-        """This map for another vehicle of a fleet: the same cells and sensor, with its home and settings."""
-        other = copy.copy(self)
-        other.site, other._recent = site, RecentlySeen()
-        return other
+    def flown_from(self, site: Site, coverable: BoolArray | None = None) -> "CoverageMap":
+        """This map for another vehicle of a fleet: the same cells and sensor, with its home and settings.
+
+        Args:
+            site: of the vehicle.
+            coverable: (cells,) cells that can be covered; none: the same.
+        """
+        return SameCells(self, site, coverable=coverable)
 
     def _allowed_places(self, east_north_m: FloatArray, share: float) -> FloatArray:
         """(k, 3) positions at a fraction 0..1 of the allowed band above (k, 2) points; NaN where nothing is allowed."""
@@ -339,6 +312,38 @@ class CoverageMap:
         return places
 
 
+class SameCells(CoverageMap):
+    """The cells of another map, with the same sensor, for other settings of their site."""
+
+    def __init__(self, other: CoverageMap, site: Site, coverable: BoolArray | None = None) -> None:
+        self.site, self.sight = site, other.sight
+        self._other, self._coverable = other, coverable
+        # The way that a vehicle flies a route may be its own.
+        self._recent = other._recent if site is other.site else RecentlySeen()
+
+    @property
+    def grid(self) -> CellGrid:  # type: ignore[override]
+        """Its cells."""
+        return self._other.grid
+
+    @property
+    def coverable(self) -> BoolArray:
+        """See :class:`CoverageMap`."""
+        return self._other.coverable if self._coverable is None else self._coverable
+
+    def blocks(self) -> Iterator[CoverageMap]:
+        """See :class:`CoverageMap`."""
+        yield from self._other.blocks()
+
+    def seen_by(self, observations: LevelObservations) -> BoolArray:
+        """See :class:`CoverageMap`."""
+        return self._other.seen_by(observations)
+
+    def first_seen(self, observations: LevelObservations) -> NDArray[np.int64]:
+        """See :class:`CoverageMap`."""
+        return self._other.first_seen(observations)
+
+
 def path_lengths_m(points: FloatArray) -> FloatArray:
     """(n,) length of the path through (n, 3) points up to each of them."""
     return np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
@@ -348,98 +353,9 @@ def sees_each(
     coverage: CoverageMap, observations: LevelObservations, cell_numbers: NDArray[np.int64], sight: Sight
 ) -> BoolArray:
     """(k,) whether each of k observations sees the cell of the same row; False where a position is NaN."""
-    cells = coverage.grid.cells
-    return kernels.sees_each(
-        coverage.site.ground.surface, sight, np.ascontiguousarray(observations.places_m), observations.headings,
-        cells.centre_m[cell_numbers], cells.normal[cell_numbers],
-    )  # fmt: skip
-
-
-def judging_map(site: Site) -> CoverageMap:
-    """The cells that results are judged on; built once for a site."""
-    return _map_of(site, judged_cell_size_m(site))
-
-
-def keep_judging_map(site: Site, make: Callable[[], CoverageMap]) -> None:
-    """Have another map stand for :func:`judging_map`, unless it was built already."""
-    key = (CoverageMap, judged_cell_size_m(site))
-    if key not in site.derived:
-        site.derived[key] = make()
-
-
-def judging_maps(site: Site) -> list[CoverageMap]:
-    """Maps on which a search rates a route: :func:`judging_map`, and finer ones for cells of the scenario's size.
-
-    These only for a sensor that looks along the path, and where memory allows. Built once for a site.
-    """
-    if site.scenario.sensor.sensing != "along-path" or is_judged_on_smaller_cells(site):
-        return [judging_map(site)]
-    finer = finer_map(site)
-    return [judging_map(site)] if finer is None else [judging_map(site), finer]
-
-
-def planning_map(site: Site) -> CoverageMap:
-    """The cells that a planner uses, the area's own if they are of the same size. Built once for a site."""
-    return _map_of(site, site.scenario.planning_cell_size_m)
-
-
-def sampling_map(site: Site, *, most_cells: int) -> CoverageMap:
-    """:func:`planning_map`, or one of larger cells where it has more than ``most_cells``; the latter is not kept.
-
-    Each cell is looked at in one place, so larger ones are a thinner sample of the ground.
-    """
-    cell_size_m = (site.area.area / most_cells) ** 0.5
-    if cell_size_m <= site.scenario.planning_cell_size_m:
-        return planning_map(site)
-    return CoverageMap(site, cell_size_m=cell_size_m, cut=_cut_for(site))
-
-
-_MOST_FINER_CELLS = 600_000
-"""Above this number, the own cells are many enough against overfitting.
-
-On 25 km² finer ones took 4 s before a search could begin.
-"""
-
-
-def finer_map(site: Site) -> CoverageMap | None:
-    """Other places, on which what is found is tried once more; none where memory, or limits of waypoints, forbid.
-
-    Cells of half the size; or other places in cells that are smaller than the scenario's already.
-    """
-    if site.scenario.limits.applies_to == "waypoints":
-        return None
-    size_m = judged_cell_size_m(site)
-    if is_judged_on_smaller_cells(site):
-        key = "other places"
-        if key not in site.derived:
-            site.derived[key] = CoverageMap(site, cell_size_m=size_m, cut=make_other_cells)
-        made: CoverageMap = site.derived[key]
-        return made
-    if judging_map(site).grid.count * 4 > _MOST_FINER_CELLS:
-        return None
-    return _map_of(site, 0.5 * size_m)
-
-
-def judging_block(site: Site, rows: range) -> CoverageMap:
-    """Some rows of the lattice of :func:`judging_map`, which each see the same as among all; not kept."""
-    return CoverageMap(site, cell_size_m=judged_cell_size_m(site), cut=functools.partial(_cut_for(site), rows=rows))
-
-
-def row_blocks(site: Site, *, cells: int) -> list[range]:
-    """The rows of the lattice of :func:`judging_map`, in blocks of at most ``cells`` points, or of one row."""
-    rows, columns = lattice_shape(site, judged_cell_size_m(site))
-    step = max(1, cells // columns)
-    return [range(first, min(first + step, rows)) for first in range(0, rows, step)]
-
-
-def _map_of(site: Site, cell_size_m: float) -> CoverageMap:
-    key = (CoverageMap, cell_size_m)
-    if key not in site.derived:
-        site.derived[key] = CoverageMap(site, cell_size_m=cell_size_m, cut=_cut_for(site))
-    made: CoverageMap = site.derived[key]
-    return made
-
-
-def _cut_for(site: Site) -> Callable[..., CellGrid]:
-    """The paper's surface has no pixels, and its cells are their centres."""
-    return make_cells if isinstance(site.scenario.terrain, SineCosineTerrain) else make_sampled_cells
+    cells, site = coverage.grid.cells, coverage.site
+    places_m = np.ascontiguousarray(observations.places_m)
+    centre_m, normal = cells.centre_m[cell_numbers], cells.normal[cell_numbers]
+    if sight is coverage.sight and site.scenario.sensor.has_own_view:
+        return observing.sees_each(site, places_m, observations.headings, centre_m, normal)
+    return kernels.sees_each(site.ground.surface, sight, places_m, observations.headings, centre_m, normal)

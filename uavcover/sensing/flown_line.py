@@ -20,7 +20,7 @@ from uavcover.kernels.flight_time import BLENDED, BRAKED, Pace, speeds_over_grou
 from uavcover.kernels.turning_nose import Pieces, braked_speeds_m_s, turned_line
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.sensors import sight_of, trigger_distance_m, turns_with_legs
+from uavcover.sensing.sensors import trigger_distance_m, turns_with_legs
 
 _CORNER_POINTS = 17
 """Points of a rounded corner; the middle one is where the waypoint counts as passed.
@@ -74,7 +74,7 @@ def line_flown(site: Site, route_m: FloatArray) -> FlownLine:
     flies about through that; the route ends where its last one is reached. For a sensor that turns with the legs, there are
     pieces on which the nose turns (:mod:`uavcover.kernels.turning_nose`).
     """
-    turns = turns_with_legs(sight_of(site.scenario.sensor))
+    turns = turns_with_legs(site.scenario.sensor.sight)
     if _is_braked(site) and len(route_m) > 0:
         return _braked_line(site, route_m, turns=turns)
     corners = _corners(site, route_m)

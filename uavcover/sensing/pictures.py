@@ -5,10 +5,8 @@ that shows the cell: inside its frame, in range, not too oblique, and with nothi
 for the count; the best ground sample distance is reported beside it.
 """
 
-import dataclasses
 import math
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,17 +16,14 @@ from numpy.typing import NDArray
 from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.observation_counting import Camera, SensorPoses
-from uavcover.kernels.sight import Sight, local_slopes
+from uavcover.kernels.sight import local_slopes
 from uavcover.model.scenario import Scenario
-from uavcover.model.sensor import Camera as CameraSensor
-from uavcover.model.sensor import FrameCamera, Sensor
+from uavcover.model.sensor import Sensor
 from uavcover.model.verdict import PictureStatistics, percent_beside
 from uavcover.scenario.site import area_as_drawn
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import camera_turn, focal_px, sight_of, trigger_distance_m
-
-WORKERS = 2
-"""Threads that share the rows of the lattice; the result does not depend on their number."""
+from uavcover.sensing.observing import add_observations
+from uavcover.sensing.sensors import looks_singly
 
 OVERLAP_FRACTION = 0.99
 """Share of the drawn area that has to be in as many photos as the overlap asks for, for the overlap to hold."""
@@ -58,10 +53,7 @@ class PictureCounts:
 
 def takes_pictures(scenario: Scenario) -> bool:
     """Whether the sensor takes single pictures: a camera that is triggered by distance, or looks from the waypoints."""
-    sensor = scenario.sensor
-    if not isinstance(sensor, CameraSensor):
-        return False
-    return sensor.sensing == "at-waypoints" or trigger_distance_m(scenario) is not None
+    return scenario.sensor.is_camera and looks_singly(scenario)
 
 
 def pictures_asked(sensor: Sensor) -> int | None:
@@ -70,12 +62,11 @@ def pictures_asked(sensor: Sensor) -> int | None:
     With forward overlap F photos begin every 1 - F of their length, so at least floor(1 / (1 - F)) of a line show a point; with
     side overlap S at least floor(1 / (1 - S)) lines do. The product counts photos of all lines.
 
+    >>> from uavcover.model.sensor import FrameCamera
     >>> pictures_asked(FrameCamera(kind="frame-camera", fov_across_deg=60.0, fov_along_deg=40.0, range_m=200.0,
     ...                            forward_overlap=0.75, side_overlap=0.7))
     12
     """
-    if not isinstance(sensor, FrameCamera):
-        return None
     forward, side = sensor.forward_overlap or 0.0, sensor.side_overlap
     if forward == side == 0.0:
         return None
@@ -85,12 +76,13 @@ def pictures_asked(sensor: Sensor) -> int | None:
 def overlap_rule(sensor: Sensor) -> str | None:
     """Derivation of the number of :func:`pictures_asked`, as text; None without a required overlap.
 
+    >>> from uavcover.model.sensor import FrameCamera
     >>> overlap_rule(FrameCamera(kind="frame-camera", fov_across_deg=60.0, fov_along_deg=40.0, range_m=200.0,
     ...                          forward_overlap=0.75, side_overlap=0.7))
     '75 % forward puts a point in at least 4 photos of a swath, 70 % side in at least 3 swaths: 4 x 3 = 12 photos'
     """
     asked = pictures_asked(sensor)
-    if asked is None or not isinstance(sensor, FrameCamera):
+    if asked is None:
         return None
     forward, side = sensor.forward_overlap or 0.0, sensor.side_overlap
     lines = math.floor(1.0 / (1.0 - side) + _ROUNDING)
@@ -101,15 +93,6 @@ def overlap_rule(sensor: Sensor) -> str | None:
     return f"{', '.join(words)}: {asked // lines} x {lines} = {asked} photos"
 
 
-def whole_picture(sensor: Sensor) -> Sight:
-    """The sight of a sensor with all of its photo, however coarse."""
-    if isinstance(sensor, FrameCamera):
-        sensor = dataclasses.replace(sensor, side_overlap=0.0)
-    if isinstance(sensor, CameraSensor):
-        sensor = dataclasses.replace(sensor, max_ground_sample_m=None)
-    return sight_of(sensor)
-
-
 def planned_poses(coverage: CoverageMap, routes_m: Sequence[FloatArray]) -> SensorPoses:
     """Positions and camera directions of a level vehicle's observations on (n, 3) ENU routes as they are flown."""
     parts = [coverage.flown_observations(route) for route in routes_m]
@@ -118,7 +101,7 @@ def planned_poses(coverage: CoverageMap, routes_m: Sequence[FloatArray]) -> Sens
     yaw_deg = np.degrees(np.arctan2(headings[:, 0], headings[:, 1]))
     yaw_deg[~headings.any(axis=1)] = np.nan
     level = np.zeros(len(places))
-    turn = camera_turn(coverage.site.scenario.sensor, np.column_stack([level, level, yaw_deg]))
+    turn = coverage.site.scenario.sensor.camera_turn(np.column_stack([level, level, yaw_deg]))
     return SensorPoses(places[turn.known], turn.axes[turn.known], turn.tops[turn.known], level[turn.known])
 
 
@@ -131,10 +114,10 @@ def count_pictures(coverage: CoverageMap, poses: SensorPoses, looks: IntArray | 
         looks: (n,) number of the look that each belongs to, which counts once; none: each is one.
     """
     site = coverage.site
-    sight, slopes = whole_picture(site.scenario.sensor), local_slopes(site.ground.surface)
+    sight, slopes = site.scenario.sensor.whole_photo, local_slopes(site.ground.surface)
     # Each look is a pass of its own: its number is the time of its photos.
     camera = Camera(
-        focal_px=focal_px(site.scenario.sensor),
+        focal_px=site.scenario.sensor.focal_px,
         pass_gap_s=0.0,
         offset_m=0.0,
         horizontal_m=0.0,
@@ -148,14 +131,7 @@ def count_pictures(coverage: CoverageMap, poses: SensorPoses, looks: IntArray | 
         np.ascontiguousarray(poses.tops[order]), numbers[order].astype(float),
     )  # fmt: skip
     counts = kernels.no_observations(coverage.grid.count)
-
-    def add(first_row: int) -> None:
-        kernels.count_rows(
-            site.ground.surface, slopes, sight, camera, coverage.grid.cells, numbered, (first_row, WORKERS), counts
-        )
-
-    with ThreadPoolExecutor(WORKERS) as executor:
-        list(executor.map(add, range(WORKERS)))
+    add_observations(coverage.site, slopes, sight, camera, coverage.grid.cells, numbered, counts)
     sample_m = np.where(np.isfinite(counts.ground_sample_m), counts.ground_sample_m, np.nan)
     return PictureCounts(counts.passes, sample_m, len(poses.eyes), len(np.unique(numbers)))
 

@@ -27,15 +27,15 @@ from uavcover.run.judged_inputs import (
 from uavcover.run.provenance import note_files
 from uavcover.run.user import User, metres, percent
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
-from uavcover.sensing.fleet_map import fleet_map
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import looks_singly
+from uavcover.sensing.site_maps import fleet_map, judging_map
 from uavcover.verification.elevation_bias import elevation_biases, widened, with_measured_ground
 from uavcover.verification.flown_coverage import CountObservations, FlownCoverage, count_observations, counter_of
 from uavcover.verification.gaps import REASONS, reason_codes
 from uavcover.verification.geotiff import cells_geotiff
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.photo_evidence import NOTHING_KNOWN, PictureEvidence
-from uavcover.verification.reported_photos import looks_singly
 from uavcover.verification.requirements import requirement_rows
 from uavcover.verification.run_logs import date_bounds, planned_for, read_log
 from uavcover.verification.shared_clock import UNKNOWN_DATES, DateBounds
@@ -274,7 +274,7 @@ def _say(user: User, run: RunFolder, site: Site, report: VerificationReport) -> 
             f"{len(report.separation)} pairs of flights at the same time"
         )
     missed = sum(gap.area_m2 for gap in report.gaps)
-    user.say(f"gaps              {len(report.gaps)}, {missed:.0f} square metres in all")
+    user.say(f"gaps              {len(report.gaps)}, {missed:.0f} square metres in total")
     for violation in report.violations[:_SHOWN_VIOLATIONS]:
         place = (
             f"{violation.lat_deg:.6f}, {violation.lon_deg:.6f}"
@@ -325,7 +325,7 @@ def _say_pictures(user: User, report: VerificationReport) -> None:
         f"{pictures.median:g} (median)"
     )
     if pictures.asked is not None and pictures.overlap_fraction is not None:
-        holds = "holds" if pictures.overlap_holds else "DOES NOT HOLD"
+        holds = "holds" if pictures.overlap_holds else "NOT MET"
         user.say(
             f"required overlap {holds}: {percent(pictures.overlap_fraction)} of the area as drawn is in at least "
             f"{pictures.asked} photos"

@@ -124,7 +124,7 @@ def decide(
         which = f"track {number + 1}: " if len(judged) > 1 else ""
         found = [*(unproved("ends", line) for line in _end_doubts(site, number, j, links)), *j.findings]
         for line in j.attitude_problems:
-            text = f"{line}: its attitude is not known there"
+            text = f"{line}: its attitude is unknown there"
             found.append(unproved("coverage", text) if unknown_attitude_looks else noted(text))
         findings += [replace(finding, text=which + finding.text) for finding in found]
     fraction, ways_fraction = _fractions(judged, unobserved)
@@ -264,10 +264,12 @@ def _end_doubts(site: Site, number: int, j: JudgedTrack, links: Sequence[FlightC
     doubts = []
     if not j.begin.on_ground and not any(link.after == number for link in links):
         doubts.append(
-            f"{j.begin}, at {place_of(site, j.begin.enu_m)}, {j.begin.time_s:.1f} s: what was before is not known"
+            f"{j.begin}, at {place_of(site, j.begin.enu_m)}, {j.begin.time_s:.1f} s: the flight before it is unknown"
         )
     if not j.end.on_ground and not any(link.before == number for link in links):
-        doubts.append(f"{j.end}, at {place_of(site, j.end.enu_m)}, {j.end.time_s:.1f} s: what came after is not known")
+        doubts.append(
+            f"{j.end}, at {place_of(site, j.end.enu_m)}, {j.end.time_s:.1f} s: the flight after it is unknown"
+        )
     return doubts
 
 

@@ -2,7 +2,6 @@
 
 import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 
@@ -13,16 +12,13 @@ from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import Camera, ObservationCounts, SensorPoses
 from uavcover.kernels.sight import LocalSlopes, local_slopes
-from uavcover.model.sensor import Camera as CameraSensor
 from uavcover.run.scheduling import Workers, workers_of
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, judging_block, row_blocks
-from uavcover.sensing.sensors import focal_px
+from uavcover.sensing.block_map import judging_block, row_blocks
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.observing import add_observations
 from uavcover.verification.observations import Observations
 from uavcover.verification.possible_motion import MAX_LEAN_DEG
-
-WORKERS = 2
-"""Threads that share the rows of the lattice; the result does not depend on their number."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -120,7 +116,7 @@ def possibly_seen(coverage: CoverageMap, observations: Observations) -> BoolArra
     site = coverage.site
     slopes = local_slopes(site.ground.surface)
     camera = _camera(coverage, slopes)
-    if isinstance(site.scenario.sensor, CameraSensor):
+    if site.scenario.sensor.is_camera:
         camera = camera._replace(turn_rad=max(camera.turn_rad, float(np.radians(MAX_LEAN_DEG))))
     counts = _counted(coverage, observations, slopes, camera)
     return np.asarray((counts.first >= 0) | (counts.possible > 0))
@@ -169,17 +165,8 @@ def _counted(
     coverage: CoverageMap, observations: Observations, slopes: LocalSlopes, camera: Camera
 ) -> ObservationCounts:
     counts: ObservationCounts = kernels.no_observations(coverage.grid.count, camera.needed)
-
     poses = SensorPoses(observations.places_m, observations.axes, observations.tops, observations.times_s)
-
-    def add(first_row: int) -> None:
-        kernels.count_rows(
-            coverage.site.ground.surface, slopes, coverage.sight, camera, coverage.grid.cells,
-            poses, (first_row, WORKERS), counts,
-        )  # fmt: skip
-
-    with ThreadPoolExecutor(WORKERS) as executor:
-        list(executor.map(add, range(WORKERS)))
+    add_observations(coverage.site, slopes, coverage.sight, camera, coverage.grid.cells, poses, counts)
     return counts
 
 
@@ -191,13 +178,13 @@ def _camera(coverage: CoverageMap, slopes: LocalSlopes) -> Camera:
     # times the shift: the same as lowering the eye by p times the steepest slope.
     lift = vertical + (horizontal * _steepest_known(slopes) if horizontal > 0.0 else 0.0)
     return Camera(
-        focal_px=focal_px(sensor),
+        focal_px=sensor.focal_px,
         # Every waypoint is an observation of its own, however soon it follows the one before.
-        pass_gap_s=wanted.max_gap_s if sensor.sensing == "along-path" else -1.0,
+        pass_gap_s=wanted.max_gap_s if sensor.looks_along_path else -1.0,
         offset_m=float(np.hypot(horizontal, vertical)),
         horizontal_m=horizontal,
         lift_m=lift,
-        turn_rad=float(np.radians(uncertainty.attitude_deg)) if isinstance(sensor, CameraSensor) else 0.0,
+        turn_rad=float(np.radians(uncertainty.attitude_deg)) if sensor.is_camera else 0.0,
         needed=wanted.looks,
         apart_m=wanted.look_distance_m or 0.0,
     )

@@ -194,7 +194,7 @@ def judge_track(
             *(
                 []
                 if known.unconfirmed is None
-                else [noted(f"{known.unconfirmed}: observations that depend on it are only possible")]
+                else [noted(f"{known.unconfirmed}: observations that depend on it are only possibly observed")]
             ),
         ),
         attitude_problems=known.problems,

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.track import Track
 from uavcover.scenario.site import Site
-from uavcover.sensing.sensors import camera_turn, sample_spacing_m, sight_of, turns_with_legs
+from uavcover.sensing.sensors import sample_spacing_m, turns_with_legs
 from uavcover.verification.phases import observed_stretches
 from uavcover.verification.reported_photos import TrackPhotos
 from uavcover.verification.tuning import TRACK
@@ -65,7 +65,7 @@ def observations_of(
         before, share = photos.before, photos.share
     else:
         runs = observed_stretches(route, joined)
-        turns_deg = _turns_deg(track) if turns_with_legs(sight_of(sensor)) else None
+        turns_deg = _turns_deg(track) if turns_with_legs(sensor.sight) else None
         parts = [_between(run, enu_m, sample_spacing_m(site.scenario), turns_deg) for run in runs]
         before = np.concatenate([part[0] for part in parts]) if parts else np.empty(0, dtype=np.int64)
         share = np.concatenate([part[1] for part in parts]) if parts else np.empty(0)
@@ -80,7 +80,7 @@ def observations_of(
     # np.unwrap propagates a missing yaw to the end; later samples know theirs.
     attitude[:, 2] = np.where(np.isfinite(attitude[:, 2]), attitude[:, 2], track.attitude_deg[:, 2])
     course = enu_m[after] - enu_m[np.where(after > before, before, np.maximum(before - 1, 0))]
-    turn = camera_turn(sensor, read(attitude), np.degrees(np.arctan2(course[:, 0], course[:, 1])))
+    turn = sensor.camera_turn(read(attitude), np.degrees(np.arctan2(course[:, 0], course[:, 1])))
     return Observations(np.ascontiguousarray(read(enu_m)), turn.axes, turn.tops, read(track.time_s), turn.known)
 
 
@@ -93,7 +93,7 @@ def level_observations(site: Site, path_m: FloatArray, time_s: float) -> Observa
     places = path_m[before] + part[:, None] * (path_m[after] - path_m[before])
     course = path_m[after] - path_m[np.where(after > before, before, np.maximum(before - 1, 0))]
     unknown = np.full((len(places), 3), np.nan)
-    turn = camera_turn(sensor, unknown, np.degrees(np.arctan2(course[:, 0], course[:, 1])))
+    turn = sensor.camera_turn(unknown, np.degrees(np.arctan2(course[:, 0], course[:, 1])))
     times = np.full(len(places), time_s)
     return Observations(np.ascontiguousarray(places), turn.axes, turn.tops, times, np.zeros(len(places), dtype=bool))
 

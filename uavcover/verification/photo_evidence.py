@@ -45,7 +45,7 @@ NO_PICTURES = PictureEvidence(
     findings=(
         unproved(
             "photos",
-            "no photo is reported: cells in view of the camera are counted, but no record shows that it took any "
+            "no photo is reported: cells in view of the camera are counted, but no record shows that it took photos "
             "(--photos)",
         ),
     )

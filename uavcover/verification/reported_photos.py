@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from uavcover.errors import TrackError
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.coverage import picture_places
-from uavcover.model.scenario import Scenario
 from uavcover.model.track import Track
 from uavcover.model.verdict import MissingPhotos, PhotoSource
 from uavcover.scenario.site import Site
@@ -62,11 +61,6 @@ class TrackPhotos:
         ]
 
 
-def looks_singly(scenario: Scenario) -> bool:
-    """Whether the sensor looks from single places: from waypoints, or triggered by distance."""
-    return scenario.sensor.sensing == "at-waypoints" or trigger_distance_m(scenario) is not None
-
-
 def reports_photos(track: Track) -> bool:
     """Whether the vehicle reported photos: a count of any time, 0 too, shows that it does."""
     return bool(np.isfinite(track.pictures_taken).any())
@@ -87,7 +81,7 @@ def photos_of(
     Raises:
         TrackError: the sensor looks from waypoints, and there is no plan that says where they are.
     """
-    if site.scenario.sensor.sensing == "at-waypoints":
+    if not site.scenario.sensor.looks_along_path:
         return photos_at_waypoints(site, track, enu_m, joined, planned, source=source)
     if trigger_distance_m(site.scenario) is None:
         return None
@@ -182,7 +176,7 @@ def _trigger_points(enu_m: FloatArray, run: NDArray[np.int64], trigger_m: float)
 def _reached(site: Site, enu_m: FloatArray, planned: PlannedRoute | None) -> IntArray:
     """Numbers of the samples nearest to each planned waypoint that was reached."""
     if planned is None:
-        raise TrackError("the sensor looks from the waypoints; without plan.json it is not known where these are")
+        raise TrackError("the sensor observes at waypoints, which are unknown without plan.json")
     radius = REACHED_RADII * site.scenario.vehicle.acceptance_radius_m
     chosen = []
     for point in planned.waypoints_m:

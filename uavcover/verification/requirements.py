@@ -12,11 +12,11 @@ from uavcover.model.scenario import Scenario
 from uavcover.model.verdict import LIMIT_OF, Unobserved, VerificationReport, percent_beside
 
 _OTHERS: Mapping[Requirement, str] = {
-    "photos": "Photos that were taken",
+    "photos": "Photos taken",
     "detection": "Probability of detection",
-    "transit-observed": "Observed on outbound and return transit",
+    "transit-observed": "Evidence on outbound and return transit",
     "separation": "Separation of the vehicles",
-    "evidence": "A record that can be believed",
+    "evidence": "Plausible record",
 }
 """Requirements without a figure of their own, which have a row where they do not hold."""
 
@@ -54,7 +54,7 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
         rows.append(
             judge.share(
                 "sure-coverage",
-                "Sure coverage of visible ground",
+                "Surely observed visible ground",
                 requirements.min_sure_coverage_of_coverable,
                 report.surely_covered_of_coverable,
             )
@@ -80,7 +80,7 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
     )
     rows.append(
         RequirementRow(
-            "Height above ground on outbound and return transit",
+            "Height height above ground on transit legs",
             f"at most {scenario.transit_ceiling_agl_m:g} m",
             _metres(report.max_transit_height_agl_m),
             judge.limit("transit-height"),
@@ -89,24 +89,24 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
     if limits.min_alt_amsl_m is not None or limits.max_alt_amsl_m is not None:
         low = "" if limits.min_alt_amsl_m is None else f"from {limits.min_alt_amsl_m:g} m "
         high = "" if limits.max_alt_amsl_m is None else f"to {limits.max_alt_amsl_m:g} m"
-        rows.append(judge.kept("sea-level", "Height above sea level", (low + high).strip()))
+        rows.append(judge.kept("sea-level", "Altitude above sea level", (low + high).strip()))
     rows.append(judge.kept("fence", "Inside the fence", "always"))
     if scenario.obstacles.prisms:
         apart = scenario.obstacles
         wanted = f"{apart.clearance_beside_m:g} m beside or {apart.clearance_above_m:g} m above"
-        rows.append(judge.kept("obstacles", "Clear of obstacles", wanted))
+        rows.append(judge.kept("obstacles", "Clearance from obstacles", wanted))
     if scenario.no_fly:
         window = scenario.flight_window if report.flown_utc is None else window_of(*report.flown_utc, "flown_utc")
         counting = sum(zone.in_force(window) for zone in scenario.no_fly)
         wanted = f"{counting} zone{'s' if counting != 1 else ''}"
-        rows.append(judge.kept("no-fly-zones", "Outside of no-fly zones", wanted))
+        rows.append(judge.kept("no-fly-zones", "Outside no-fly zones", wanted))
     if requirements.max_ground_speed_m_s is not None:
         fastest = report.max_ground_speed_m_s
         rows.append(
             RequirementRow(
-                "Speed over ground on the route",
+                "Ground speed on the route",
                 f"at most {requirements.max_ground_speed_m_s:g} m/s",
-                "not known" if fastest is None else f"{fastest:.1f} m/s",
+                "unknown" if fastest is None else f"{fastest:.1f} m/s",
                 judge.limit("ground-speed"),
             )
         )
@@ -114,7 +114,7 @@ def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[Req
         deviation = report.max_deviation_m
         rows.append(
             RequirementRow(
-                "Distance from the planned route",
+                "Deviation from the planned route",
                 f"at most {requirements.max_deviation_m:g} m",
                 _metres(deviation),
                 judge.limit("deviation"),
@@ -128,9 +128,9 @@ def _overlap_row(asked: float, report: VerificationReport, judge: "_Judge") -> R
     found = None if pictures is None else pictures.overlap_fraction
     number = "" if pictures is None or pictures.asked is None else f" {pictures.asked}"
     return RequirementRow(
-        f"Ground in at least{number} photos, as the overlap requires",
+        f"Area in at least{number} photos (required overlap)",
         f"at least {100.0 * asked:g} %",
-        "not known" if found is None else percent_beside(found, asked),
+        "unknown" if found is None else percent_beside(found, asked),
         judge.holds("overlap"),
     )
 
@@ -143,19 +143,19 @@ def _observed_rows(scenario: Scenario, report: VerificationReport, judge: "_Judg
     open_ends = [stretch for stretch in report.unobserved if _is_open_end(stretch)]
     return [
         RequirementRow(
-            "Not observed, of the route's time",
+            "Route time without evidence",
             f"at most {100.0 * requirements.max_unobserved_fraction:g} %",
-            "not known" if missing is None else percent_beside(missing, requirements.max_unobserved_fraction),
+            "unknown" if missing is None else percent_beside(missing, requirements.max_unobserved_fraction),
             judge.holds("unobserved-fraction"),
         ),
         RequirementRow(
-            "Longest stretch in the air that was not observed",
+            "Longest interval in flight without evidence",
             f"at most {requirements.max_unobserved_gap_s:g} s",
             f"{longest_s:.1f} s",
             judge.holds("unobserved-gap"),
         ),
         RequirementRow(
-            "Observed from the ground to the ground",
+            "Track starts and ends on the ground",
             "always",
             "; ".join(stretch.detail for stretch in open_ends) or "yes",
             judge.holds("ends"),

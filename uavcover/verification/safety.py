@@ -87,7 +87,7 @@ def commanded_pace_doubt(
     level, vertical = np.hypot(way[:, 0], way[:, 1]) / seconds, way[:, 2] / seconds
     under_way = level > SAFETY.under_way * vehicle.cruise_speed_m_s
     cruise = vehicle.cruise_speed_m_s
-    tell = "; the clock or the positions are scaled, or it was flown otherwise than planned"
+    tell = "; the clock or the positions are scaled, or the flight differs from the plan"
     for what, sustained, wanted, most in (
         (
             "flies",

@@ -137,13 +137,13 @@ class Records:
         """Description for people."""
         text = (
             f"tracks {self.first + 1} and {self.second + 1} are records of one flight: they agree within "
-            f"{self.same.median_m:.2f} m (median) for {self.same.duration_s:.0f} s; what both observed counts once"
+            f"{self.same.median_m:.2f} m (median) for {self.same.duration_s:.0f} s; common observations count once"
         )
         if not self.same.disagrees:
             return text
         return (
             f"{text}; they disagree by up to {self.same.aside_m:.1f} m aside and {self.same.above_m:.1f} m in height "
-            f"({SAME_FLIGHT.percentile:g} % of the time less): positions are as uncertain as that"
+            f"({SAME_FLIGHT.percentile:g} % of the time less): the positions are at least this uncertain"
         )
 
 

@@ -52,8 +52,8 @@ def judge_separation(
     if without:
         listed = ", ".join(map(str, without))
         doubts.append(
-            f"the separation of the vehicles: track {listed} has no arrival times of its positions, so it is not known "
-            "where the others were at the time"
+            f"the separation of the vehicles: track {listed} has no arrival times of its positions, so the "
+            "positions of the others at that time are unknown"
         )
     pairs: list[PairSeparation] = []
     violations: list[Violation] = []

@@ -54,7 +54,7 @@ def dated(track: Track, bounds: DateBounds) -> tuple[Track, tuple[str, ...]]:
     wrong = [*_date_problems(track, bounds)]
     if not wrong:
         return track, ()
-    text = f"the track's date, {window_in_words(window)}, is not believed: {'; '.join(wrong)}"
+    text = f"the track's date, {window_in_words(window)}, is not plausible: {'; '.join(wrong)}"
     later_s = track.unix_time_s + ROLLOVER_S
     if (
         not [*_date_problems(replace(track, unix_time_s=later_s), bounds)]
@@ -84,7 +84,7 @@ def clocks_apart(track: Track) -> str | None:
     further, other = ("satellites'", "vehicle's") if drift_s[worst] > 0.0 else ("vehicle's", "satellites'")
     return (
         f"from {at_s[worst]:.1f} s to {at_s[worst + 1]:.1f} s the {further} clock goes {abs(drift_s[worst]):.1f} s further than "
-        f"the {other}: time was inserted there, or taken out"
+        f"the {other}: time was inserted or removed there"
     )
 
 

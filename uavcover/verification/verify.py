@@ -14,7 +14,7 @@ from uavcover.model.outline import svg_map
 from uavcover.model.track import Track
 from uavcover.model.verdict import PhotoSource, PictureStatistics, VerificationReport
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.looks import look_distance_m, looks_of
 from uavcover.sensing.pictures import (
     OVERLAP_FRACTION,
@@ -25,6 +25,7 @@ from uavcover.sensing.pictures import (
     picture_statistics,
     takes_pictures,
 )
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.decision import cell_statistics, coverage_by_time, decide, judged_requirements
 from uavcover.verification.flown_coverage import (
     CountObservations,
@@ -288,7 +289,7 @@ def _time_findings(site: Site, window: Window | None) -> list[str]:
         return []
     planned = site.scenario.flight_window
     if window is None:
-        judged = "as in force all the time" if planned is None else "as in flight_window_utc"
+        judged = "as always in force" if planned is None else "as in flight_window_utc"
         return [f"the track has no time of day: {timed} no-fly zones with times are judged {judged}"]
     if planned is None or (planned[0] <= window[0] and window[1] <= planned[1]):
         return []

@@ -44,7 +44,7 @@ def test_stopped_and_resumed(cli: Cli, tmp_path: Path, how: signal.Signals) -> N
         _, errors = process.communicate()
     if how == signal.SIGINT:
         assert process.returncode == 130
-        assert "the same command goes on" in errors
+        assert "repeat the command to continue" in errors
     done = outcomes.read_text().count("\n") - 1
     assert 4 <= done < 32
     resumed = cli(*wanted, "--json")

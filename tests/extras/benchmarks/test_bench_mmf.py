@@ -106,7 +106,7 @@ def test_stopped_hard_in_the_middle_and_resumed_gives_the_same_sets(
     assert 3 <= len(before) < 12
     if how == signal.SIGINT:
         assert process.returncode == 130
-        assert "the same command goes on" in errors
+        assert "repeat the command to continue" in errors
     stamps = {name: (broken / name).stat().st_mtime_ns for name in before}
     resumed = cli(*TWELVE, "-o", broken, "--json")
     assert resumed.code == 0

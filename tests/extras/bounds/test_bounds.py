@@ -14,7 +14,8 @@ from uavcover.planner.plan_bounds import bounds as bounds_of
 from uavcover.planner.planner import Effort, plan_routes
 from uavcover.planner.set_cover.solvers import SolverEffort
 from uavcover.run.documents import bound_document, bounds_in_words
-from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, judging_map, sees_each
+from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, sees_each
+from uavcover.sensing.site_maps import judging_map
 
 
 def planned(site, rule):

@@ -102,7 +102,7 @@ def test_the_file_is_the_checked_path(sensor: Sensor, file_format: str, autopilo
     assert np.abs(enu_of(site, points) - compiled.path_m).max() < 0.01
     assert {p.speed_m_s for p in points} == {10.0}
     assert_flown_safely(site, enu_of(site, points))
-    assert flight.pictures == (sensor.sensing == "at-waypoints" or ("frame" in sensor.kind and bool(
+    assert flight.pictures == (not sensor.looks_along_path or ("frame" in sensor.kind and bool(
         getattr(sensor, "forward_overlap", None) or getattr(sensor, "trigger_distance_m", None)
     )))  # fmt: skip
 

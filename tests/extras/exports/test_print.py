@@ -134,7 +134,7 @@ def test_flights_batteries_and_home_are_told(split: tuple[Site, tuple[Sortie, ..
     for sortie in flights:
         assert clock(sortie.compiled.flight_time_s) in text
         assert f"{sortie.first} to {sortie.last}" in text
-    assert f"Batteries charged: {len(flights)}" in text
+    assert f"Flight batteries ({len(flights)}) and" in text
     assert "4:00" in text  # back by: 80 % of 300 s
     assert site.frame is not None
     assert site.home_m is not None

@@ -21,7 +21,7 @@ from uavcover.run.documents import read_plan_document
 from uavcover.run.folder import RunFolder
 from uavcover.run.user import Unattended
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 
 class Listener(Unattended):

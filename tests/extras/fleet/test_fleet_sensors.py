@@ -28,8 +28,7 @@ from uavcover.scenario.scenario_file import dump_scenario, load_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicle_parts import groups_of
 from uavcover.scenario.vehicle_site import vehicle_sites
-from uavcover.sensing.coverage_map import judging_map
-from uavcover.sensing.fleet_map import fleet_map, map_for
+from uavcover.sensing.site_maps import fleet_map, judging_map, map_for
 
 assert no_recording_of_single_flights  # a fixture that every flight here uses
 NARROW = NadirCamera(kind="nadir-camera", fov_deg=40.0, range_m=200.0, max_incidence_deg=75.0)

@@ -37,7 +37,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.command import verify_run
 
 

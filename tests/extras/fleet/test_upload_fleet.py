@@ -26,7 +26,7 @@ from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import load_site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 LINK = VehicleLink(url="mock:")
 

@@ -25,8 +25,9 @@ from uavcover.planner.plan_search import SearchRequest, plan
 from uavcover.planner.search.optimizer_search import Effort, SearchRun
 from uavcover.planner.search.starts import best_starts
 from uavcover.scenario.site import Site
-from uavcover.sensing import block_map
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing import block_map, site_maps
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import judging_map
 
 RING = ((0.0, 0.0), (700.0, 0.0), (700.0, 500.0), (0.0, 500.0))
 SEARCH = {"algorithm": "memetic", "evaluations": 90, "population_size": 20}
@@ -96,9 +97,9 @@ def test_a_large_area_that_is_judged_block_by_block_gives_the_same_plan(monkeypa
     whole = planned(large(), plain_lines)
     monkeypatch.setattr(block_map, "_MOST_AT_ONCE", 100)
     monkeypatch.setattr(block_map, "_BLOCK_CELLS", 700)
-    site = large()
-    other = planned(site, plain_lines)
+    site = block_map.in_blocks(large())
     assert isinstance(judging_map(site), block_map.BlockMap)
+    other = planned(site, plain_lines)
     assert [member.metrics for member in other.members] == [member.metrics for member in whole.members]
     assert np.array_equal(other.chosen.route.waypoints_m, whole.chosen.route.waypoints_m)
 
@@ -108,9 +109,7 @@ def test_the_tuned_boustrophedon_of_a_larger_area_is_found_on_a_sample(monkeypat
     site = large()
     plain, tuned = planned(site, plain_lines).baselines
     assert (plain.origin, tuned.origin) == ("boustrophedon", "boustrophedon-tuned")
-    assert (CoverageMap, site.scenario.planning_cell_size_m) not in site.derived or (
-        site.scenario.planning_cell_size_m == site.scenario.area.cell_size_m
-    )
+    assert site.scenario.planning_cell_size_m not in site_maps._maps(site)
     # Judged on the area's own cells, it keeps about what the sample promised.
     assert tuned.metrics.coverage_of_coverable > 0.93
     assert tuned.metrics.path_length_m < plain.metrics.path_length_m

@@ -17,7 +17,8 @@ from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planner.baselines.swaths import fly_layout
 from uavcover.planner.search.optimizer_search import Effort, SearchRun
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, sampling_map
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import sampling_map
 
 RING = ((-550.0, -550.0), (950.0, -550.0), (950.0, 950.0), (-550.0, 950.0))
 

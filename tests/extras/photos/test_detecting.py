@@ -14,8 +14,8 @@ from uavcover.extras.photos.showing import shown_cells
 from uavcover.kernels.detection import detection_table, look_probability
 from uavcover.model.detection import DetectionCurve
 from uavcover.new.detection import curve_named
-from uavcover.sensing.coverage_map import judging_map
 from uavcover.sensing.pictures import camera_axes
+from uavcover.sensing.site_maps import judging_map
 
 SAMPLES_M = [0.02, 0.025, 0.03, 0.05]
 ANGLES_DEG = [0.0, 25.0, 70.0]

@@ -23,7 +23,7 @@ from uavcover.run.folder import RunFolder
 from uavcover.run.user import Unattended
 from uavcover.scenario.areas.area_file import AreaQuery
 from uavcover.scenario.site import area_as_drawn, load_site
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.run_logs import read_planned_route
 
 AREA = "36.4762,-84.2160,45"
@@ -214,7 +214,7 @@ def test_a_search_is_judged_by_its_probability_of_detection(cli, tmp_path, flown
         pod = raster.read(raster.count)
     assert np.nanpercentile(pod, 50) == pytest.approx(told["pod_percentiles"]["50"], abs=0.02)
     assert np.nanmean(pod) == pytest.approx(told["pod"], abs=0.02)
-    assert ("DOES NOT HOLD" in ended.err) is (code == 1)
+    assert ("NOT MET" in ended.err) is (code == 1)
     page = (tmp_path / "out.html").read_text()
     assert "Probability of detection, mean of the area (ball)" in page
     assert '"Probability of detection"' in page

@@ -51,7 +51,7 @@ def test_it_says_what_photos_json_says(verdict, text):
     assert "<b>Failed</b>" in text
     assert f"{told['counted']} of {told['pictures']}" in text
     assert f"{100.0 * told['surely']:.2f} %" in text
-    assert text.count('data-label="why"') == 1 + min(30, len(verdict.gaps))
+    assert text.count('data-label="reason"') == 1 + min(30, len(verdict.gaps))
     assert told["inputs"]["pictures"] in text
     assert f"{100.0 * told['detection']['pod']:.2f} %; best photo alone" in text
     assert "Johnson 1958" in text

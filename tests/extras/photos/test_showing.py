@@ -11,7 +11,7 @@ from tests.planner.sites import HIGH_M, LOW_M, STEP_M, hills, make_site, ridge
 from uavcover.extras.photos.placing import PlacedPictures
 from uavcover.extras.photos.showing import DIRECTIONS, looking_towards, shown_cells
 from uavcover.model.sensor import FrameCamera
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 
 CAMERA = FrameCamera(
     kind="frame-camera", fov_across_deg=62.0, fov_along_deg=47.0, range_m=260.0, pixels_across=4000, mount="stabilised"

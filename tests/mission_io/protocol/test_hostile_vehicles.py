@@ -79,7 +79,7 @@ class AnotherCountEachTime(VehiclePeer):
     ("kind", "says"),
     [
         (ErrorForItem2, "refused with ERROR after [23] of 9"),
-        (AnotherCountEachTime, "repeatedly names another number of items"),
+        (AnotherCountEachTime, "repeatedly changes the number of items"),
     ],
 )
 def test_a_download_that_cannot_end_ends_at_once_and_asks_seldom(
@@ -119,7 +119,7 @@ def test_an_upload_that_goes_round_ends_is_cancelled_and_tells_what_is_held(auto
     """It once took 1.19 million messages."""
     peer = LoopsOverThree(autopilot)
     peer.server.set_items(MissionType.MISSION, valid_items(4, MissionType.MISSION))
-    with pytest.raises(TransferError, match=r"does not get on for 60 s after 2 of 9 items; .* \(4 items") as caught:
+    with pytest.raises(TransferError, match=r"makes no progress for 60 s after 2 of 9 items; .* \(4 items") as caught:
         connected(peer).upload(MissionType.MISSION, valid_items(9, MissionType.MISSION))
     assert peer.stopped
     assert len(caught.value.held_items or ()) == len(held(peer)) == 4
@@ -139,7 +139,7 @@ def test_an_early_acknowledgement_fails_at_once(autopilot: Autopilot) -> None:
 
     client = connected(AcksItem1(autopilot))
     began_at = client.clock.now()
-    with pytest.raises(TransferError, match="accepted the list before it had asked for every item"):
+    with pytest.raises(TransferError, match="accepted the list before it had requested every item"):
         client.upload(MissionType.MISSION, valid_items(9, MissionType.MISSION))
     assert client.clock.now() - began_at < (
         10.0 if autopilot is ARDUPILOT else 8.0

@@ -269,7 +269,7 @@ def test_a_ulog_without_an_estimate_has_the_positions_of_its_receiver(tmp_path: 
     # The first row has no fix.
     np.testing.assert_allclose(loaded.track.geodetic[:, :2], positions[1:, 1:3], atol=1.01e-7)
     np.testing.assert_allclose(loaded.track.geodetic[:, 2], positions[1:, 3], atol=2e-3)
-    assert any("the positions of its receiver are taken" in warning for warning in loaded.warnings)
+    assert any("the positions of its receiver are used" in warning for warning in loaded.warnings)
 
 
 @pytest.mark.parametrize("name", WRITERS)

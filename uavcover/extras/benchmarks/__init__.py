@@ -4,4 +4,4 @@ In: scenarios, problems, data folders that the user names. Out: tables and runs 
 Begin with ``command.py``; each benchmark is a folder of its own.
 """
 
-COMMANDS = {"Measure": {"bench": ("uavcover.extras.benchmarks.command", "the benchmarks of this project", ())}}
+COMMANDS = {"Measure": {"bench": ("uavcover.extras.benchmarks.command", "run the benchmarks of this project", ())}}

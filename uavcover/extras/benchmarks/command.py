@@ -14,34 +14,36 @@ from uavcover.cli.options import Overview, one_by_one
 
 bench = typer.Typer(
     cls=Overview,
-    help="Measure what is claimed. Every benchmark can be stopped at any time; the same command goes on.",
+    help=(
+        "Run the benchmarks of this project. You can stop a benchmark at any time and repeat the command to continue."
+    ),
     rich_markup_mode=None,
 )
 
 ResultsFolder = Annotated[
-    Path | None, typer.Option("-o", "--out", help="Folder of the results; runs in it are kept.", metavar="DIR")
+    Path | None, typer.Option("-o", "--out", help="Folder for the results. Existing runs are kept.", metavar="DIR")
 ]
-Processes = Annotated[int | None, typer.Option(help="Runs at a time; default: one for each core.", min=1, metavar="N")]
+Processes = Annotated[
+    int | None, typer.Option(help="Number of parallel runs; default: one per core.", min=1, metavar="N")
+]
 
 
 @dataclass(frozen=True, slots=True)
 class SeedsAndTimes:
     """Number and duration of runs for each planner."""
 
-    seeds: Annotated[int, typer.Option(help="Runs of each planner; their numbers, from 1, are their seeds.", min=1)] = (
-        10
-    )
+    seeds: Annotated[int, typer.Option(help="Number of runs of each planner. The seeds start at 1.", min=1)] = 10
     seeds_long: Annotated[
-        int, typer.Option("--seeds-long", help="Runs with budgets above 100 s.", min=1, metavar="N")
+        int, typer.Option("--seeds-long", help="Number of runs with budgets above 100 s.", min=1, metavar="N")
     ] = 3
-    times: Annotated[str, typer.Option("--time", help="Budgets in seconds of processor time.", metavar="S,T")] = (
+    times: Annotated[str, typer.Option("--time", help="Time budgets, in seconds of processor time.", metavar="S,T")] = (
         "10,60,300"
     )
     equal_evaluations: Annotated[
         bool,
         typer.Option(
             "--equal-evaluations/--no-equal-evaluations",
-            help="Also run with each scenario's number of evaluations, however long that takes.",
+            help="Also run with the number of evaluations of each scenario, without a time limit.",
         ),
     ] = True
 
@@ -49,22 +51,22 @@ class SeedsAndTimes:
 def bench_coverage(
     *,
     scenarios: Annotated[
-        str | None, typer.Option(help="Some of the scenarios, as paper-r1,jacksboro; default: all.", metavar="A,B")
+        str | None, typer.Option(help="Scenarios to run, such as paper-r1,jacksboro; default: all.", metavar="A,B")
     ] = None,
     algorithms: Annotated[
-        str | None, typer.Option(help="Some of the contenders, as memetic,nsga2; default: all.", metavar="X,Y")
+        str | None, typer.Option(help="Algorithms to compare, such as memetic,nsga2; default: all.", metavar="X,Y")
     ] = None,
     each: SeedsAndTimes,
     out: ResultsFolder = None,
     processes: Processes = None,
     scheduler: options.Scheduler = None,
-    list_names: Annotated[bool, typer.Option("--list", help="Print the names and end.")] = False,
+    list_names: Annotated[bool, typer.Option("--list", help="Print the names and exit.")] = False,
     output: options.Output,
 ) -> int:
     """Compare the planner with baselines and other optimizers, at equal processor time and at equal evaluations.
 
-    Stop it when you like: what is done is kept, and the same command goes on; what tells most comes first. A run with a
-    long budget tells the shorter ones as well. Results: table.md, runs.csv and coverage.png.
+    You can stop the benchmark at any time and repeat the command to continue. The most informative runs come first. A
+    run with a long budget also provides the results of shorter budgets. Results: table.md, runs.csv and coverage.png.
     """
     from uavcover.errors import InputError
     from uavcover.extras.benchmarks.coverage.contenders import CONTENDERS
@@ -106,7 +108,9 @@ def bench_coverage(
                     bar.update(done, note=f"{done} of {len(missing)}, about {left_min:.0f} min left, last {run.key}")
         except KeyboardInterrupt:
             write_results(folder, command=_command(scenarios, algorithms, each))
-            console.warn(f"stopped; the runs that are done are in {out}, with their table: the same command goes on")
+            console.warn(
+                f"stopped; the runs that are done are in {out}, with their table: repeat the command to continue"
+            )
             raise
         files = write_results(folder, command=_command(scenarios, algorithms, each))
     for file in files:
@@ -142,23 +146,24 @@ def _command(scenarios: str | None, algorithms: str | None, each: SeedsAndTimes)
 def bench_link(
     *,
     clients: Annotated[
-        str | None, typer.Option(help="Some of simulated,native,mavsdk; default: all.", metavar="A,B")
+        str | None, typer.Option(help="Clients to compare: simulated,native,mavsdk; default: all.", metavar="A,B")
     ] = None,
     losses: Annotated[
-        str, typer.Option(help="Shares of the datagrams that get lost, each way.", metavar="X,Y")
+        str, typer.Option(help="Fractions of datagrams lost in each direction.", metavar="X,Y")
     ] = "0,0.05,0.1,0.2,0.3,0.4",
     delay_ms: Annotated[float, typer.Option("--delay", help="Delay of each datagram, in milliseconds.", min=0.0)] = 1.0,
-    seeds: Annotated[int, typer.Option(help="Runs of each cell; their numbers, from 0, are their seeds.", min=1)] = 50,
+    seeds: Annotated[int, typer.Option(help="Number of runs per client and loss. The seeds start at 0.", min=1)] = 50,
     at_a_time: Annotated[
-        int, typer.Option("--at-a-time", help="Transfers over UDP at once, where datagrams get lost.", min=1)
+        int, typer.Option("--at-a-time", help="Number of parallel UDP transfers if datagrams are lost.", min=1)
     ] = 16,
     out: ResultsFolder = None,
     output: options.Output,
 ) -> int:
-    """Upload and download 100 items with vehicles that time out as ArduPilot and PX4 do, and count what worked.
+    """Upload and download 100 items over links that lose datagrams, and count the successful transfers.
 
-    Clients: ours in simulated time, ours over UDP, MAVSDK's over UDP. Stop it when you like: what is done is kept, and
-    the same command goes on. Results: outcomes.csv (every transfer), link.csv and link.md (every cell).
+    The simulated vehicles use the timeouts of ArduPilot and PX4. The clients are mission_io in simulated time,
+    mission_io over UDP and MAVSDK over UDP. You can stop the benchmark at any time and repeat the command to continue.
+    Results: outcomes.csv with every transfer, link.csv and link.md.
     """
     from uavcover.errors import InputError
     from uavcover.extras.benchmarks.link.runs import read_outcomes, run_missing, trials
@@ -184,7 +189,7 @@ def bench_link(
             for number, outcome in enumerate(run_missing(out, wanted, at_a_time=at_a_time), start=1):
                 bar.update(number, note=f"{number} of {missing}, last {outcome.trial.client} {outcome.trial.loss:.0%}")
     except KeyboardInterrupt:
-        console.warn(f"stopped; the transfers that are done are in {out}: the same command goes on")
+        console.warn(f"stopped; the transfers that are done are in {out}: repeat the command to continue")
         raise
     cells = cells_of(read_outcomes(out))
     write_text(out / "link.csv", "\n".join(csv_lines(cells)) + "\n")
@@ -201,34 +206,37 @@ def bench_link(
 class RunSize:
     """Size of each run and of its result."""
 
-    population: Annotated[int, typer.Option(help="Candidates of each iteration.", min=1)] = 200
-    iterations: Annotated[int, typer.Option(help="Iterations of each run.", min=1)] = 500
-    archive: Annotated[int, typer.Option(help="Most solutions that a run returns.", min=1)] = 200
+    population: Annotated[int, typer.Option(help="Number of candidates per iteration.", min=1)] = 200
+    iterations: Annotated[int, typer.Option(help="Number of iterations per run.", min=1)] = 500
+    archive: Annotated[int, typer.Option(help="Largest number of solutions that a run returns.", min=1)] = 200
 
 
 def bench_mmf(
     *,
     functions: Annotated[
-        str | None, typer.Option(help="Some of the functions, as MMF1,MMF14_a; default: all.", metavar="A,B")
+        str | None, typer.Option(help="Functions to run, such as MMF1,MMF14_a; default: all.", metavar="A,B")
     ] = None,
     algorithms: Annotated[
         str | None,
         typer.Option(
-            help="Some of the algorithms, as imodbo,pymoo:NSGA3,my_module:MyClass; default: all of ours.", metavar="X,Y"
+            help=(
+                "Algorithms to compare, such as imodbo,pymoo:NSGA3,my_module:MyClass; default: all built-in algorithms."
+            ),
+            metavar="X,Y",
         ),
     ] = None,
-    runs: Annotated[int, typer.Option(help="Runs of each; their numbers, from 1, are their seeds.", min=1)] = 10,
+    runs: Annotated[int, typer.Option(help="Number of runs. The seeds start at 1.", min=1)] = 10,
     out: ResultsFolder = None,
     size: RunSize,
     processes: Processes = None,
     scheduler: options.Scheduler = None,
-    list_names: Annotated[bool, typer.Option("--list", help="Print the names and end.")] = False,
+    list_names: Annotated[bool, typer.Option("--list", help="Print the names and exit.")] = False,
     output: options.Output,
 ) -> int:
-    """Run optimizers on the 24 multimodal functions, and tabulate IGD, IGDx, CR, PSP and hypervolume.
+    """Run optimizers on the 24 multimodal functions, and compute IGD, IGDx, CR, PSP and hypervolume.
 
-    Stop it when you like: what is done is kept, and the same command goes on. Results: summary.csv, tables.md with
-    the paper's figures beside, runs.csv, comparisons.csv, figure3.png to figure6.png, and sets/FUNCTION/ALGORITHM/RUN.csv.
+    You can stop the benchmark at any time and repeat the command to continue. Results: summary.csv, tables.md with the
+    values of the paper, runs.csv, comparisons.csv, figure3.png to figure6.png, and sets/FUNCTION/ALGORITHM/RUN.csv.
     """
     from uavcover.errors import InputError
     from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
@@ -264,7 +272,7 @@ def bench_mmf(
                 for done, run in enumerate(made, start=1):
                     bar.update(done, note=f"{done} of {len(missing)}, last {run}")
         except KeyboardInterrupt:
-            console.warn(f"stopped; the runs that are done are in {out}: the same command goes on")
+            console.warn(f"stopped; the runs that are done are in {out}: repeat the command to continue")
             raise
         files = write_results(folder, budget)
     for file in files:
@@ -276,20 +284,21 @@ def bench_mmf(
 def bench_paper(
     *,
     readings: Annotated[
-        str | None, typer.Option(help="Some of the readings, as R2-ray,planar; default: all.", metavar="A,B")
+        str | None,
+        typer.Option(help="Interpretations of the sensor, such as R2-ray,planar; default: all.", metavar="A,B"),
     ] = None,
-    runs: Annotated[int, typer.Option(help="Runs of each; their numbers, from 1, are their seeds.", min=1)] = 5,
+    runs: Annotated[int, typer.Option(help="Number of runs. The seeds start at 1.", min=1)] = 5,
     out: ResultsFolder = None,
-    population: Annotated[int, typer.Option(help="Beetles.", min=20)] = 50,
-    iterations: Annotated[int, typer.Option(help="Iterations of each run.", min=1)] = 500,
+    population: Annotated[int, typer.Option(help="Number of beetles.", min=20)] = 50,
+    iterations: Annotated[int, typer.Option(help="Number of iterations per run.", min=1)] = 500,
     processes: Processes = None,
-    list_names: Annotated[bool, typer.Option("--list", help="Print the readings and end.")] = False,
+    list_names: Annotated[bool, typer.Option("--list", help="Print the interpretations and exit.")] = False,
     output: options.Output,
 ) -> int:
-    """Run MODBO and IMODBO on the paper's simulation, under five readings of its sensor.
+    """Run MODBO and IMODBO on the simulation of the paper, with five interpretations of its sensor.
 
-    Stop it when you like: what is done is kept, and the same command goes on. Results: tables.md (Tables 5 and 6 beside
-    the paper's, and which reading fits), runs.csv, the routes, figure7.png and figures8-11-READING.png.
+    You can stop the benchmark at any time and repeat the command to continue. Results: tables.md with Tables 5 and 6
+    and the values of the paper, runs.csv, the routes, figure7.png and figures8-11-READING.png.
     """
     from uavcover.errors import InputError
     from uavcover.extras.benchmarks.paper.results import write_results
@@ -318,7 +327,7 @@ def bench_paper(
                 for done, run in enumerate(made, start=1):
                     bar.update(done, note=f"{done} of {len(missing)}, last {run.key}")
         except KeyboardInterrupt:
-            console.warn(f"stopped; the runs that are done are in {out}: the same command goes on")
+            console.warn(f"stopped; the runs that are done are in {out}: repeat the command to continue")
             raise
         files = write_results(folder)
     for file in files:

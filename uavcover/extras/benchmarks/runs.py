@@ -117,7 +117,7 @@ def _received(pipe: Connection, task: object) -> Any:
         well, answer = pipe.recv()
     except (EOFError, ConnectionResetError):
         raise UavcoverError(
-            f"{task}: its process was killed (was there enough memory?); what is done is kept: give the same command again"
+            f"{task}: its process was killed (was there enough memory?); finished work is kept: repeat the command"
         ) from None
     if not well:
         raise answer

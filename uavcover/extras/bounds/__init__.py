@@ -12,8 +12,7 @@ from uavcover.planner.selection_rule import parse_rule
 from uavcover.planner.set_cover.solvers import SolverEffort
 from uavcover.run.documents import bound_document
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import judging_map
-from uavcover.sensing.fleet_map import fleet_map
+from uavcover.sensing.site_maps import fleet_map, judging_map
 
 
 def least_length_m(site: Site, rule: str) -> float | None:
@@ -28,12 +27,13 @@ def least_length_m(site: Site, rule: str) -> float | None:
         InputError: the rule cannot be understood.
     """
     share = parse_rule(rule).required_coverage
-    in_metres = site.scenario.objective == "length" and site.scenario.sensor.sensing == "along-path"
+    sensor = site.scenario.sensor
+    in_metres = site.scenario.objective == "length" and sensor.looks_along_path and not sensor.has_own_view
     return least_path_length_m(judging_map(site), share) if in_metres and share is not None else None
 
 
 def proved(site: Site, result: Plan, *, time_s: float | None) -> dict[str, Any]:
-    """Proved limits with what a plan has, by question: as ``bounds`` of ``plan.json`` has them.
+    """Proved limits with what a plan has, by question: as ``bounds`` of ``plan.json`` has them; none for a view of its own.
 
     Args:
         site: the scenario on its ground.
@@ -42,6 +42,8 @@ def proved(site: Site, result: Plan, *, time_s: float | None) -> dict[str, Any]:
             alone; none: linear relaxations too, where they are quick.
     """
     coverage = fleet_map(site)
+    if site.scenario.sensor.has_own_view:
+        return {}
     found = path_bounds(coverage, result, time_s=time_s or 0.0)
     if time_s is not None and time_s > 0.0:
         found += waypoint_bounds(coverage, result, SolverEffort(time_s=0.5 * time_s))

@@ -106,7 +106,7 @@ def path_bounds(coverage: CoverageMap, plan: Plan, *, time_s: float = 0.0) -> li
         plan: the routes.
         time_s: about as long as prices on the ground may take; with 0, or too little for them, the quick bound stays.
     """
-    if coverage.site.scenario.sensor.sensing != "along-path":
+    if not coverage.site.scenario.sensor.looks_along_path:
         return []
     share = _asked(plan)
     lengths = [m.metrics.path_length_m for m in _feasible(plan) if m.metrics.coverage_of_coverable >= share - _MET]
@@ -136,7 +136,7 @@ def waypoint_bounds(coverage: CoverageMap, plan: Plan, effort: SolverEffort) -> 
         effort: for each question. With no nodes the linear relaxation alone, which is equal for equal plans; otherwise branch
             and bound, and the better of both.
     """
-    if coverage.site.scenario.sensor.sensing != "at-waypoints":
+    if coverage.site.scenario.sensor.looks_along_path:
         return []
     spacing_m = SPACING_CELLS * coverage.grid.cells.size_m
     candidates = finest_lattice_candidates(coverage, spacing_m=spacing_m, most=MOST_PLACES)

@@ -8,7 +8,7 @@ COMMANDS = {
     "Plan": {
         "check": (
             "uavcover.extras.check.command",
-            "any mission, judged over the terrain before flight",
+            "check any mission against the terrain before flight",
             (
                 "uavcover check mission.plan --dem dem.tif --no-fly zones.json --return-height 60m",
                 "uavcover check survey.waypoints --dem tiles/ --vehicle dji-m350-rtk --battery 30min --map found.geojson",

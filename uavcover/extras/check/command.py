@@ -21,33 +21,43 @@ class AircraftOptions:
 
     vehicle: Annotated[
         str | None,
-        typer.Option("--vehicle", help="A vehicle: a name (new --vehicle list), or a TOML file.", metavar="NAME"),
+        typer.Option("--vehicle", help="Vehicle: a name (see new --vehicle list) or a TOML file.", metavar="NAME"),
     ] = None
     autopilot: Annotated[
         str | None,
-        typer.Option(help="Whose meaning the items have; default: the file's, or ardupilot.", metavar="ardupilot|px4"),
+        typer.Option(
+            help="Autopilot of the mission; default: that of the file, or ardupilot.", metavar="ardupilot|px4"
+        ),
     ] = None
     flies_as: Annotated[
         str | None,
-        typer.Option("--flies-as", help="multirotor, fixed-wing or vtol; default: the file's.", metavar="KIND"),
+        typer.Option(
+            "--flies-as",
+            help="Vehicle type: multirotor, fixed-wing or vtol; default: that of the file.",
+            metavar="KIND",
+        ),
     ] = None
     speed: Annotated[
-        str | None, typer.Option("--speed", help="Default: the vehicle's or the autopilot's.", metavar="SPEED")
+        str | None,
+        typer.Option("--speed", help="Ground speed; default: that of the vehicle or autopilot.", metavar="SPEED"),
     ] = None
     bank: Annotated[
-        float | None, typer.Option("--bank", help="Of wings in turns; default: the autopilot's.", metavar="DEGREES")
+        float | None,
+        typer.Option(
+            "--bank",
+            help=("Bank angle of a fixed-wing aircraft in turns; default: that of the autopilot."),
+            metavar="DEGREES",
+        ),
     ] = None
     battery: Annotated[
-        str | None, typer.Option("--battery", help="Time in the air, such as 25min.", metavar="TIME")
+        str | None, typer.Option("--battery", help="Flight time of a full battery, such as 25min.", metavar="TIME")
     ] = None
-    reserve: Annotated[
-        float, typer.Option("--reserve", help="Percent of the battery that must be left.", metavar="PERCENT")
-    ] = 20.0
+    reserve: Annotated[float, typer.Option("--reserve", help="Battery reserve in percent.", metavar="PERCENT")] = 20.0
     return_height: Annotated[
         str | None,
         typer.Option(
             "--return-height",
-            help="Return altitude above home (RTL_ALT, RTL_RETURN_ALT); default: the autopilot's.",
+            help="Return altitude above home (RTL_ALT, RTL_RETURN_ALT); default: that of the autopilot.",
             metavar="LENGTH",
         ),
     ] = None
@@ -55,7 +65,9 @@ class AircraftOptions:
         Path | None,
         typer.Option(
             "--parameters",
-            help="The vehicle's parameters, as a ground station saves them: returns and failsafes; default: the autopilot's.",
+            help=(
+                "Parameter file saved by a ground station, for returns and failsafes; default: values of the autopilot."
+            ),
             metavar="FILE",
         ),
     ] = None
@@ -67,22 +79,22 @@ class LimitOptions:
 
     min_height: Annotated[
         str,
-        typer.Option("--min-height", help="Least height above ground between take-off and landing.", metavar="LENGTH"),
+        typer.Option("--min-height", help="Lowest height above ground between take-off and landing.", metavar="LENGTH"),
     ] = "10m"
     max_height: Annotated[
-        str, typer.Option("--max-height", help="Largest height above ground; none: no limit.", metavar="LENGTH")
+        str, typer.Option("--max-height", help="Greatest height above ground, or none.", metavar="LENGTH")
     ] = "120m"
     max_above_home: Annotated[
-        str | None, typer.Option("--max-above-home", help="Largest height above home.", metavar="LENGTH")
+        str | None, typer.Option("--max-above-home", help="Greatest height above home.", metavar="LENGTH")
     ] = None
     max_distance: Annotated[
-        str | None, typer.Option("--max-distance", help="Largest distance from home.", metavar="LENGTH")
+        str | None, typer.Option("--max-distance", help="Greatest distance from home.", metavar="LENGTH")
     ] = None
     obstacle_clearance: Annotated[
-        str, typer.Option("--obstacle-clearance", help="Least distance from obstacles.", metavar="LENGTH")
+        str, typer.Option("--obstacle-clearance", help="Smallest distance from obstacles.", metavar="LENGTH")
     ] = "10m"
     wind: Annotated[
-        str | None, typer.Option("--wind", help="Wind, from the worst side, such as 8m/s.", metavar="SPEED")
+        str | None, typer.Option("--wind", help="Wind speed from the worst direction, such as 8m/s.", metavar="SPEED")
     ] = None
 
     def limits(self) -> "Limits":
@@ -117,29 +129,29 @@ class AroundOptions:
         Path | None,
         typer.Option(
             "--fence",
-            help="Fence (.plan, .waypoints, .fen), or an area to stay inside; default: the fence of a .plan.",
+            help="Fence (.plan, .waypoints, .fen) or area to stay inside; default: the fence in the .plan.",
             metavar="FILE",
         ),
     ] = None
     rally: Annotated[
         Path | None,
-        typer.Option(
-            "--rally", help="Rally points (.plan, .waypoints); default: the rally points of a .plan.", metavar="FILE"
-        ),
+        typer.Option("--rally", help="Rally points (.plan, .waypoints); default: those in the .plan.", metavar="FILE"),
     ] = None
     no_fly: Annotated[
-        list[str] | None, typer.Option("--no-fly", help="No-fly zones, as in new; again for more.", metavar="FILE")
+        list[str] | None, typer.Option("--no-fly", help="No-fly zones, as for new. Can be repeated.", metavar="FILE")
     ] = None
     at: At = None
     obstacles: Annotated[
         Path | None,
-        typer.Option("--obstacles", help="Polygons with height_m (.geojson) or heights (.kml, .kmz).", metavar="FILE"),
+        typer.Option(
+            "--obstacles", help="Obstacles: polygons with height_m (.geojson) or heights (.kml, .kmz).", metavar="FILE"
+        ),
     ] = None
     home: Annotated[
-        str | None, typer.Option("--home", help="Take-off position; default: the file's.", metavar="LAT,LON")
+        str | None, typer.Option("--home", help="Take-off position; default: that in the file.", metavar="LAT,LON")
     ] = None
     pilot: Annotated[
-        str | None, typer.Option("--pilot", help="Where pilot and radio are; default: at home.", metavar="LAT,LON")
+        str | None, typer.Option("--pilot", help="Position of the pilot and radio; default: home.", metavar="LAT,LON")
     ] = None
 
 
@@ -149,32 +161,32 @@ class ViewOptions:
 
     area: Annotated[
         str | None,
-        typer.Option(
-            "--area", help="Ground to be covered, as new takes it: a file, or LAT,LON,RADIUS; needs --camera."
-        ),
+        typer.Option("--area", help="Area to cover, as for new. Requires --camera."),
     ] = None
     camera: Annotated[
         str | None,
-        typer.Option("--camera", help="A camera: a name (new --camera list), or a TOML file.", metavar="NAME"),
+        typer.Option("--camera", help="Camera: a name (see new --camera list) or a TOML file.", metavar="NAME"),
     ] = None
     gsd: Annotated[
         str | None, typer.Option("--gsd", help="Largest ground sample distance that counts.", metavar="LENGTH")
     ] = None
     overlap: Annotated[
-        str | None, typer.Option("--overlap", help="Forward/side overlap in percent that has to hold.", metavar="F/S")
+        str | None, typer.Option("--overlap", help="Required forward and side overlap in percent.", metavar="F/S")
     ] = None
     coverage: Annotated[float | None, typer.Option("--coverage", help="Required coverage of the area, 0 to 1.")] = None
     camera_pitch: Annotated[
         float,
         typer.Option(
-            "--camera-pitch", help="Where the mission does not say it; -90: straight down.", metavar="DEGREES"
+            "--camera-pitch",
+            help="Camera pitch if the mission does not set it; -90 is straight down.",
+            metavar="DEGREES",
         ),
     ] = -90.0
     picture_every: Annotated[
         str | None,
         typer.Option(
             "--picture-every",
-            help="Interval of a camera that takes photos by itself, such as 10m or 2s.",
+            help="Distance or interval of a camera that triggers itself, such as 10m or 2s.",
             metavar="LENGTH|TIME",
         ),
     ] = None
@@ -220,19 +232,31 @@ class WrittenOptions:
     map_file: Annotated[
         Path | None,
         typer.Option(
-            "--map", help="Path and findings: a page (.html), or for map programs (.geojson).", metavar="FILE"
+            "--map", help="Map of the path and findings: .html, or .geojson for map programs.", metavar="FILE"
         ),
     ] = None
     fix: Annotated[
         bool,
-        typer.Option("--fix", help="Lift what is too low, put waypoints over what legs hit, split; needs -o."),
+        typer.Option(
+            "--fix",
+            help=(
+                "Raise low waypoints, add waypoints over ground that a leg hits, and split long missions. Requires -o."
+            ),
+        ),
     ] = False
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="The repaired mission, which is checked again.", metavar="FILE")
+        Path | None,
+        typer.Option(
+            "-o", "--out", help=("Output file for the repaired mission, which is checked again."), metavar="FILE"
+        ),
     ] = None
     max_items: Annotated[
         int | None,
-        typer.Option("--max-items", help="Items that the vehicle takes; --fix splits longer missions.", metavar="N"),
+        typer.Option(
+            "--max-items",
+            help=("Largest number of items on the vehicle. With --fix, longer missions are split."),
+            metavar="N",
+        ),
     ] = None
     force: options.Force = False
 
@@ -240,7 +264,9 @@ class WrittenOptions:
 def check(
     file: Annotated[
         Path,
-        typer.Argument(help="A mission: .plan, .waypoints, .mission, .csv (items, Litchi), .kmz (DJI), .gpx, .kml."),
+        typer.Argument(
+            help=("Mission file: .plan, .waypoints, .mission, .csv (items or Litchi), .kmz (DJI), .gpx or .kml.")
+        ),
     ],
     *,
     dem: DemOptions,
@@ -251,10 +277,11 @@ def check(
     written: WrittenOptions,
     output: options.Output,
 ) -> int:
-    """Judge anybody's mission over the terrain, every leg at its full length, before it is flown.
+    """Check any mission against the terrain, along the full length of every leg.
 
-    Exit code 0: passed; 1: something breaks a limit, or cannot be judged for want of elevation data; 2: a file
-    cannot be read. With --fix findings, --json and the exit code are those of the repaired mission.
+    The exit code is 0 if the mission passed, 1 if it exceeds a limit or cannot be judged because elevation data is
+    missing, and 2 if a file cannot be read. With --fix, findings, --json and the exit code describe the repaired
+    mission.
     """
     from uavcover.errors import InputError
     from uavcover.extras.check.check_report import document_of, refuse_map, say_findings, worst_verdict, write_map

@@ -29,7 +29,7 @@ from uavcover.new.cameras import CameraBody, camera_named
 from uavcover.new.quantities import overlaps
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import (
     OVERLAP_FRACTION,
     PictureCounts,
@@ -39,6 +39,7 @@ from uavcover.sensing.pictures import (
     overlap_fraction,
     pictures_asked,
 )
+from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
 from uavcover.verification.gaps import cells_outline

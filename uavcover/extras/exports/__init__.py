@@ -8,7 +8,7 @@ COMMANDS = {
     "Plan": {
         "export": (
             "uavcover.extras.exports.command",
-            "the mission for other software: DJI, Litchi, ROS, GPX",
+            "export the mission to DJI, Litchi, ROS, GPX or paper",
             (
                 "uavcover export RUN --format wpml --drone dji-m3e -o survey.kmz",
                 "uavcover export RUN --format litchi -o survey.csv",

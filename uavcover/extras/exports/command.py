@@ -25,7 +25,7 @@ class ControllerOptions:
         str | None,
         typer.Option(
             "--drone",
-            help="Aircraft of wpml, and of print for the same flights on paper: list, a name, or a TOML file.",
+            help="Aircraft for wpml and print: a name, a TOML file, or list to show the names.",
             metavar="NAME",
         ),
     ] = None
@@ -33,7 +33,7 @@ class ControllerOptions:
         str,
         typer.Option(
             "--heights",
-            help="Of wpml: takeoff (above the take-off position) or ellipsoid (WGS 84, for RTK; needs a geoid grid).",
+            help="Reference of heights in wpml: takeoff, or ellipsoid (WGS 84, for RTK; requires a geoid grid).",
             metavar="WHAT",
         ),
     ] = "takeoff"
@@ -41,7 +41,7 @@ class ControllerOptions:
         int | None,
         typer.Option(
             "--max-waypoints-per-file",
-            help="Split into files of at most N waypoints, each a checked flight from home; default: wpml 200, litchi 99.",
+            help="Split the route into files with at most N waypoints. Default: 200 for wpml, 99 for litchi.",
             metavar="N",
         ),
     ] = None
@@ -57,9 +57,9 @@ class ControllerOptions:
 class PrintOptions:
     """Options of a print-out that only the pilot knows."""
 
-    pilot: Annotated[str, typer.Option("--pilot", help="For print: who flies.", metavar="TEXT")] = ""
-    contact: Annotated[str, typer.Option("--contact", help="For print: emergency contact.", metavar="TEXT")] = ""
-    weather: Annotated[str, typer.Option("--weather", help="For print: weather window.", metavar="TEXT")] = ""
+    pilot: Annotated[str, typer.Option("--pilot", help="Name of the pilot, for print.", metavar="TEXT")] = ""
+    contact: Annotated[str, typer.Option("--contact", help="Emergency contact, for print.", metavar="TEXT")] = ""
+    weather: Annotated[str, typer.Option("--weather", help="Weather window, for print.", metavar="TEXT")] = ""
 
     @property
     def given(self) -> dict[str, object]:
@@ -68,19 +68,21 @@ class PrintOptions:
 
 
 def export(
-    run: Annotated[Path | None, typer.Argument(help="Run folder.")] = None,
+    run: Annotated[Path | None, typer.Argument(help="Run folder with a plan.")] = None,
     *,
     file_format: Annotated[
         str | None,
         typer.Option(
             "--format",
-            help="waypoints, plan, kml, geojson, csv, gpx, mavproxy-fence, mavproxy-rally, wpml (DJI), litchi; "
-            "print: a page for paper.",
+            help=(
+                "waypoints, plan, kml, geojson, csv, gpx, mavproxy-fence, mavproxy-rally, wpml (DJI), litchi, "
+                "or print (a page for paper)."
+            ),
         ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", help="File to write; several have numbers before the suffix.", metavar="FILE"),
+        typer.Option("-o", "--out", help="Output file. Several files get a number before the suffix.", metavar="FILE"),
     ] = None,
     sortie: options.Sortie = None,
     autopilot: options.Autopilot = None,
@@ -89,7 +91,7 @@ def export(
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Write the route for other software: a mission file, a DJI KMZ, Litchi CSV, GPX; or paper."""
+    """Export the route to another format: a mission file, DJI KMZ, Litchi CSV, GPX or a page to print."""
     from uavcover.errors import InputError
     from uavcover.extras.exports.export import CONTROLLER_POINTS, ExportRequest, export_mission, mission_formats
     from uavcover.model.vehicle import autopilot_name

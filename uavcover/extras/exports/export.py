@@ -4,7 +4,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Final, assert_never
+from typing import Final
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from uavcover.missions.mission_files import compile_plan, export_content
 from uavcover.missions.return_advice import ReturnAdvice
 from uavcover.missions.sorties import Sortie, compile_sorties
 from uavcover.model.route import Route
-from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, SphereSensor
 from uavcover.model.terrain import RasterTerrain
 from uavcover.model.vehicle import AutopilotName
 from uavcover.plugins import registered
@@ -242,7 +241,7 @@ def _flight_file(
     if request.file_format not in CONTROLLER_POINTS:
         content = export_content(compiled, request.file_format, autopilot=autopilot, name=title)
         return FlightFile(content, len(compiled.mission.items), compiled.flight_time_s, highest_m)
-    flight = camera_flight(compiled.mission, pitch_deg=_pitch_deg(site))
+    flight = camera_flight(compiled.mission, pitch_deg=site.scenario.sensor.pitch_deg)
     advice = compiled.return_advice
     height_m = advice.return_height_m
     if math.isfinite(advice.safe_return_height_m):
@@ -308,19 +307,6 @@ def _warnings_of_return(advice: ReturnAdvice, height_m: float) -> tuple[str, ...
             f"a straight return enters no-fly zone {', '.join(advice.no_fly)}; let it come home along the route"
         )
     return tuple(found)
-
-
-def _pitch_deg(site: Site) -> float | None:
-    """The angle of the scenario's camera, which the mission sets for a stabilised one only."""
-    match site.scenario.sensor:
-        case NadirCamera():
-            return -90.0
-        case FrameCamera(pitch_deg=pitch_deg):
-            return pitch_deg
-        case SphereSensor() | DiscSensor():
-            return None
-        case other:
-            assert_never(other)
 
 
 def _flights_with_stops(

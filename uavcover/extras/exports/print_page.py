@@ -16,7 +16,6 @@ from mission_io.model.plain_text import plain_lines
 from uavcover.extras.exports.export import ExportRequest, flights_for, refuse_unlike, time_with_stops_s, write_exported
 from uavcover.extras.exports.print_drawings import map_svg, place_text, profile_svg, style_of
 from uavcover.missions.sorties import Sortie
-from uavcover.model.sensor import FrameCamera, NadirCamera
 from uavcover.model.vehicle import AutopilotName
 from uavcover.run.folder import RunFolder
 from uavcover.run.planned import read_planned
@@ -185,11 +184,10 @@ def _limits(site: Site, flights: Sequence[Sortie]) -> list[tuple[str, str]]:
 def _camera(site: Site) -> str:
     """The camera in one line; empty for other sensors."""
     sensor = site.scenario.sensor
-    if not isinstance(sensor, NadirCamera | FrameCamera):
+    if not sensor.is_camera:
         return ""
-    pitch_deg = sensor.pitch_deg if isinstance(sensor, FrameCamera) else -90.0
     distance_m = trigger_distance_m(site.scenario)
     pictures = "photos are not triggered by the mission" if distance_m is None else f"a photo every {distance_m:.1f} m"
-    if sensor.sensing == "at-waypoints":
+    if not sensor.looks_along_path:
         pictures = "a photo at each waypoint"
-    return f"{sensor.mount}, {pitch_deg:g}° (-90° is straight down), {pictures}"
+    return f"{sensor.mount}, {sensor.pitch_deg:g}° (-90° is straight down), {pictures}"

@@ -26,7 +26,7 @@ from uavcover.run.planned import read_planned
 from uavcover.run.provenance import note_files
 from uavcover.run.track_file import read_track
 from uavcover.run.user import User, to_paste
-from uavcover.sensing.coverage_map import judging_map
+from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.shared_clock import shared_times
 from uavcover.verification.verify import flown_coverage

@@ -90,7 +90,7 @@ def planned_jobs(run: RunFolder, vehicles: int) -> list[Job]:
         asked = [(int(row["number"]), int(row["vehicle"]), float(row["takeoff_s"])) for row in rows]
     except (KeyError, TypeError, ValueError) as error:
         raise InputError(
-            f"{run.file('plan.json')}: sorties is none ({type(error).__name__}: {error}); make it again with: uavcover plan"
+            f"{run.file('plan.json')}: sorties is none ({type(error).__name__}: {error}); create it again with: uavcover plan"
         ) from error
     jobs = [_planned_job(run, number, vehicle, takeoff_s) for number, vehicle, takeoff_s in asked]
     flyers, all_of_them = {job.vehicle for job in jobs}, set(range(1, vehicles + 1))

@@ -153,7 +153,7 @@ def pace_home_m_s(site: Site) -> tuple[float, float]:
 def places_m(mission: Mission, site: Site) -> FloatArray:
     """(k, 3) ENU, the positions of a mission home; at least two."""
     if site.frame is None or mission.home is None:
-        raise InputError(f"scenario {site.scenario.name}: has no place on Earth")
+        raise InputError(f"scenario {site.scenario.name}: has no position on Earth")
     places = [
         site.frame.enu_from_geodetic(
             item.lat_deg,
@@ -167,7 +167,7 @@ def places_m(mission: Mission, site: Site) -> FloatArray:
 
 
 _STAYS_OUT = (
-    "it gets no more sorties: what it did unheard, and its battery, are not known, and what it had left is given away already; "
+    "it gets no more sorties: what it did unheard, and its battery, are unknown, and what it had left is given away already; "
     "look at it, and fly what is left at the end"
 )
 

@@ -73,7 +73,7 @@ def first_sorties(run: RunFolder, count: int) -> tuple[FirstSortie, ...]:
         )
     except (KeyError, IndexError, TypeError, ValueError) as error:
         raise InputError(
-            f"{run.file('plan.json')}: fleet is none ({type(error).__name__}: {error}); make it again with: uavcover plan"
+            f"{run.file('plan.json')}: fleet is none ({type(error).__name__}: {error}); create it again with: uavcover plan"
         ) from error
 
 

@@ -34,12 +34,11 @@ from uavcover.planner.search.route_judge import RouteJudge
 from uavcover.planner.search.search_cells import scattered_problem
 from uavcover.planner.search.starts import best_starts, starts_worth_looking_at
 from uavcover.planner.search.tuning import TUNED
-from uavcover.scenario.airspace.flyable import share_flyable_area
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, forget_computed
 from uavcover.scenario.vehicle_parts import Piece, polygons_of
 from uavcover.sensing.cells import make_scattered_cells
-from uavcover.sensing.coverage_map import CoverageMap, judging_maps, planning_map
-from uavcover.sensing.sensors import sight_of
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import judging_maps, planning_map
 
 _LATER_STAGES = (0.4, 0.7, 0.85, 1.0)
 """After the first round, in place of the stages of ``TUNED``: what begins is good already."""
@@ -127,13 +126,11 @@ def search_part(site: Site, task: PartTask, *, now: Callable[[], float], should_
         now: the clock of a budget.
         should_stop: asked between batches; the best so far is returned.
     """
-    part = dataclasses.replace(site, area=_looked_at(site, task))
-    share_flyable_area(site, part)
+    part = dataclasses.replace(site, area=_looked_at(site, task), whole=site, block_cells=None)
     try:
         return _search(part, task, now=now, should_stop=should_stop)
     finally:
-        # Its maps know their site, and the site its maps: without this they would stay until the garbage collector comes.
-        part.derived.clear()
+        forget_computed(part)
 
 
 def _search(part: Site, task: PartTask, *, now: Callable[[], float], should_stop: Callable[[], bool]) -> Route:
@@ -182,7 +179,7 @@ def _looked_at(site: Site, task: PartTask) -> Piece:
     """The part; later what its route sees beside it, too."""
     if task.route_m is None:
         return task.area
-    reach_m = horizontal_reach(sight_of(site.scenario.sensor)) + site.scenario.area.cell_size_m
+    reach_m = horizontal_reach(site.scenario.sensor.sight) + site.scenario.area.cell_size_m
     seen = shapely.union(task.area, shapely.LineString(task.route_m[:, :2]).buffer(reach_m))
     return polygons_of(shapely.intersection(seen, site.area))
 

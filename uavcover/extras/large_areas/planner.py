@@ -35,9 +35,9 @@ from uavcover.planner.search.optimizer_search import SearchProgress, SearchRun
 from uavcover.planner.selection_rule import parse_rule
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import Piece
-from uavcover.sensing.block_map import RunBlocks, judge_by_blocks, look_at_all, one_after_the_other
-from uavcover.sensing.coverage_map import CoverageMap, judging_map, sampling_map
-from uavcover.sensing.sensors import sight_of
+from uavcover.sensing.block_map import RunBlocks, look_at_all, one_after_the_other
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.site_maps import judging_map, sampling_map
 
 RunTasks = Callable[[Site, Sequence[PartTask]], Iterator[tuple[PartTask, FloatArray]]]
 """Search in parts of a site: each task with the waypoints of its route, in any order."""
@@ -85,7 +85,7 @@ def require_parts(settings: PlannerSettings, site: Site) -> None:
         InputError: says what, and what to do.
     """
     what = None
-    if settings.encoding != "swaths" or site.scenario.sensor.sensing != "along-path":
+    if settings.encoding != "swaths" or not site.scenario.sensor.looks_along_path:
         what = 'a sensor that looks along the path and encoding = "swaths"'
     elif settings.algorithm not in ("memetic", "local-search"):
         what = 'algorithm = "memetic" or "local-search"'
@@ -136,7 +136,6 @@ def plan_by_parts(
             f"planner.parts: {parts} parts of {site.area.area / 1e6:.3g} km² are smaller than the sensor's footprint; "
             f"give at most {most}, or auto"
         )
-    judge_by_blocks(site)
     fine = judging_map(site)
     areas, routes, comparison = _divided(site, parts, goal, executor, or_sorties=or_sorties)
     found: list[Route] = []
@@ -243,7 +242,7 @@ def tasks_of(
     ]
     if routes is None:
         return tasks
-    reach_m = horizontal_reach(sight_of(site.scenario.sensor)) + site.scenario.area.cell_size_m
+    reach_m = horizontal_reach(site.scenario.sensor.sight) + site.scenario.area.cell_size_m
     ways = [shapely.LineString(route[:, :2]) for route in routes]
     tree = shapely.STRtree([way.buffer(reach_m) for way in ways])
     with_routes = []

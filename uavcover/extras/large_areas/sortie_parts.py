@@ -24,7 +24,6 @@ from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import Piece, polygons_of
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import reach_at_height_m
 
 FEWEST = 4
 """With fewer flights sectors are wide, and the transits are short beside the rest."""
@@ -125,7 +124,7 @@ class _Sorties:
             limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m
         )
         self._height_m = best_height_agl_m(site, tolerance_m=self._tolerance_m)
-        self._reach_m = max(reach_at_height_m(site.scenario.sensor, self._height_m), site.scenario.area.cell_size_m)
+        self._reach_m = max(site.scenario.sensor.half_width_m(self._height_m), site.scenario.area.cell_size_m)
         begin_rad, extent_rad = _extent(site.area, self._home)
         # Where a ray is does not depend on small corners of the area.
         plain = polygons_of(site.area.simplify(0.5 * self._reach_m))

@@ -8,7 +8,7 @@ COMMANDS = {
     "After": {
         "judge-photos": (
             "uavcover.extras.photos.command",
-            "coverage of an area by any photos, and its gaps",
+            "check whether photos cover an area",
             (
                 "uavcover judge-photos DCIM/ --area area.kml --dem dem.tif --overlap 75/70 -o verdict",
                 "uavcover judge-photos DCIM/ --scenario RUN --takeoff 46.5,7.9",

@@ -21,7 +21,6 @@ from uavcover.extras.photos.readers import LISTS, read_pictures
 from uavcover.extras.photos.survey_as_flown import survey_as_flown
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.judgement import Requirement, noted
-from uavcover.model.sensor import FrameCamera
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.new.quantities import length_m
 from uavcover.run.folder import SCHEMA_VERSION, VERDICT_FILES, RunFolder
@@ -31,6 +30,7 @@ from uavcover.run.user import User, percent, to_paste
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site
 from uavcover.sensing.pictures import PictureCounts
+from uavcover.sensing.sensors import frame_camera
 from uavcover.verification.command import JudgedPictures, verify_run
 from uavcover.verification.photo_evidence import GivenEvidence, PictureEvidence
 from uavcover.verification.run_logs import LOG_ENDINGS, read_log
@@ -224,15 +224,14 @@ def run_of_flight(
             ceiling_m = length_m(area.max_height, option="--max-height", example="120m")
         highest_m = float(heights_m(site).max())
         scenario = site.scenario
-        sensor = scenario.sensor
-        if isinstance(sensor, FrameCamera):
-            sensor = replace(
-                sensor,
-                range_m=max(sensor.range_m, 2.0 * highest_m),
-                max_ground_sample_m=None if area.gsd is None else sensor.max_ground_sample_m,
-                forward_overlap=sensor.forward_overlap if overlaps else None,
-                side_overlap=sensor.side_overlap if overlaps else 0.0,
-            )
+        sensor = frame_camera(scenario.sensor, source=scenario.name)
+        sensor = replace(
+            sensor,
+            range_m=max(sensor.range_m, 2.0 * highest_m),
+            max_ground_sample_m=None if area.gsd is None else sensor.max_ground_sample_m,
+            forward_overlap=sensor.forward_overlap if overlaps else None,
+            side_overlap=sensor.side_overlap if overlaps else 0.0,
+        )
         limits = replace(
             scenario.limits, transit_clearance_m=0.0, min_height_agl_m=_NO_FLOOR_M, height_margin_m=0.0,
             fence_margin_m=_NO_FENCE_M,

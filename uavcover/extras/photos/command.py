@@ -15,16 +15,17 @@ def judge_photos(
     photos: Annotated[
         list[Path] | None,
         typer.Argument(
-            help="Folders of photos (.jpg, .tif, .dng); geo.txt, images.json, .MRK, .csv; logs: .bin, .tlog, .ulg."
+            help=(
+                "Folders of photos (.jpg, .tif, .dng), position files (geo.txt, images.json, .MRK, .csv) and "
+                "logs (.bin, .tlog, .ulg)."
+            )
         ),
     ] = None,
     *,
-    area: Annotated[
-        str | None, typer.Option("--area", help="Ground to be covered, as new takes it: a file, or LAT,LON,RADIUS.")
-    ] = None,
+    area: Annotated[str | None, typer.Option("--area", help="Area to cover, as for new.")] = None,
     scenario: Annotated[
         Path | None,
-        typer.Option("--scenario", help="A scenario file or run folder instead of an area.", metavar="FILE|RUN"),
+        typer.Option("--scenario", help="Scenario file or run folder, instead of --area.", metavar="FILE|RUN"),
     ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the verdict.", metavar="FOLDER")] = Path(
         "photos"
@@ -36,27 +37,27 @@ def judge_photos(
         float | None,
         typer.Option(
             "--coverage",
-            help="Required coverage of the visible ground by photos. Default: the scenario's, or 0.98.",
+            help="Required coverage of the visible ground. Default: that of the scenario, or 0.98.",
         ),
     ] = None,
-    refly: Annotated[bool, typer.Option("--refly/--no-refly", help="Plan the flight for what is missing.")] = True,
+    refly: Annotated[bool, typer.Option("--refly/--no-refly", help="Plan a flight for the missing photos.")] = True,
     budget: Annotated[
-        str | None, typer.Option("--budget", help="Time for planning that flight, such as 30s.", metavar="TIME")
+        str | None, typer.Option("--budget", help="Time limit for planning this flight, such as 30s.", metavar="TIME")
     ] = "20s",
     page: Annotated[
         Path | None,
-        typer.Option("--report", help="Also write a page with map and tables, opens offline.", metavar="FILE.html"),
+        typer.Option("--report", help="Also write an HTML page with a map and tables.", metavar="FILE.html"),
     ] = None,
     gpkg: Annotated[
         Path | None,
-        typer.Option("--gpkg", help="Also write footprints, positions and gaps as a GeoPackage.", metavar="FILE.gpkg"),
+        typer.Option("--gpkg", help="Also write footprints, positions and gaps to a GeoPackage.", metavar="FILE.gpkg"),
     ] = None,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Count in how many photos each point is, hidden ground left out, and plan the flight for what is missing.
+    """Count the photos of each point, without hidden ground, and plan a flight for the missing photos.
 
-    The camera is the photos' own, unless --camera names one. Exit 1 when too little is shown.
+    The camera is derived from the photos unless you set --camera. The exit code is 1 if the photos show too little.
     """
     from uavcover.errors import InputError
     from uavcover.extras.photos.judge_photos import judge_photos

@@ -103,12 +103,12 @@ def detection_doubts(detection: Detection, sample_m: FloatArray) -> list[str]:
     median_cm = 100.0 * float(np.median(known))
     if _FAR_FINER * median_cm < first_cm:
         return [
-            f"the curve {name} begins at {first_cm:g} cm a pixel, photos have {median_cm:.2g} cm: finer ones count as that; "
+            f"the curve {name} begins at {first_cm:g} cm per pixel, photos have {median_cm:.2g} cm: finer ones count as that; "
             "are its ground_sample_m in metres?"
         ]
     if median_cm > last_cm:
         return [
-            f"the curve {name} ends at {last_cm:.3g} cm a pixel, photos have {median_cm:.2g} cm: coarser ones find nothing; "
+            f"the curve {name} ends at {last_cm:.3g} cm per pixel, photos have {median_cm:.2g} cm: coarser ones find nothing; "
             "are its ground_sample_m in metres?"
         ]
     return []

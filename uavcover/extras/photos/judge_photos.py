@@ -20,13 +20,13 @@ from uavcover.extras.photos.photo_verdict import (
 from uavcover.extras.photos.readers import PictureSet, read_pictures
 from uavcover.extras.photos.survey_as_flown import CAMERA_FILE, survey_as_flown
 from uavcover.model.area import Area
-from uavcover.model.sensor import FrameCamera
 from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.run.folder import RunFolder, json_text
 from uavcover.run.user import User, percent
 from uavcover.scenario.scenario_file import dump_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.pictures import overlap_rule
+from uavcover.sensing.sensors import frame_camera
 from uavcover.verification.gaps import cells_outline, gaps_geojson
 
 FILES = ("scenario.toml", "photos.json", "pictures.csv", "footprints.geojson", "photos.tif", "gaps.geojson")
@@ -87,8 +87,7 @@ def _site(request: PhotoRequest, found: PictureSet, out: RunFolder, user: User) 
     if request.scenario is not None:
         path = request.scenario / "scenario.toml" if request.scenario.is_dir() else request.scenario
         site = load_site(path)
-        if not isinstance(site.scenario.sensor, FrameCamera):
-            raise InputError(f"{path}: its sensor is a {site.scenario.sensor.kind}; photos need a frame-camera")
+        frame_camera(site.scenario.sensor, source=str(path))
         return site, dump_scenario(site.scenario)
     if request.area is None:
         raise InputError("judge-photos: give --area with --dem, or --scenario with the survey's file or run folder")
@@ -177,7 +176,7 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
         user.say(
             f"{'overlap':18}{percent(document['overlap_fraction'])} of the area "
             f"is in at least {document['pictures_asked']} photos: "
-            f"{'holds' if document['overlap_holds'] else 'DOES NOT HOLD'}" + ("" if rule is None else f" ({rule})")
+            f"{'holds' if document['overlap_holds'] else 'NOT MET'}" + ("" if rule is None else f" ({rule})")
         )
     user.say(
         f"{'a point':18}is in {document['pictures_median']:g} photos from {document['directions_median']:g} "
@@ -212,7 +211,7 @@ def _say(verdict: PhotoVerdict, user: User) -> None:
     areas: Counter[str] = Counter()
     for gap in document["gaps"]:
         areas[gap["reason"]] += gap["area_m2"]
-    user.say(f"{'gaps':18}{len(document['gaps'])}, {sum(areas.values()):.0f} square metres in all")
+    user.say(f"{'gaps':18}{len(document['gaps'])}, {sum(areas.values()):.0f} square metres in total")
     for reason, area_m2 in areas.most_common():
         user.say(f"{'':18}{reason}: {area_m2:.0f} square metres")
     user.say(f"{'verdict':18}{document['verdict'].upper() if not document['passed'] else document['verdict']}")
@@ -222,12 +221,12 @@ def _detection_lines(document: dict[str, Any]) -> list[str]:
     shares = document["pod_percentiles"]
     asked, words = document["asked"], ""
     if asked is not None:
-        words = f"; required {percent(asked)}: {'holds' if document['holds'] else 'DOES NOT HOLD'}"
+        words = f"; required {percent(asked)}: {'holds' if document['holds'] else 'NOT MET'}"
     lines = [
         f"{'detection':18}{percent(document['pod'])} over the area ({document['title']}){words}",
         f"{'':18}best photo alone {percent(document['pod_best_look'])}, all photos independent "
         f"{percent(document['pod_every_picture'])}",
-        f"{'':18}on 5 % of the area {percent(shares['5'])} or less, on half of it {percent(shares['50'])} or less",
+        f"{'':18}on 5 % of the area {percent(shares['5'])} or less, on half of the area {percent(shares['50'])} or less",
     ]
     if asked is not None:
         lines.append(f"{'':18}{document['area_below_m2']:.0f} square metres below {percent(asked)}")

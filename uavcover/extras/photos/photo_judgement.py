@@ -21,12 +21,14 @@ from uavcover.extras.photos.survey_as_flown import FILM_DIAGONAL_MM, LENS_DIFFER
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.detection import DetectionCurve
 from uavcover.model.judgement import Effect, Finding, Holds, Judgement, Requirement
-from uavcover.model.sensor import FrameCamera, Sensor
+from uavcover.model.sensor import FrameCamera
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, judging_map
+from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import OVERLAP_FRACTION, drawn_cells, pictures_asked
+from uavcover.sensing.sensors import frame_camera
+from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.frames import LocalFrame
 from uavcover.verification.gaps import find_gaps
 
@@ -88,8 +90,8 @@ def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: Local
         place[0, 2] = ground_m
         _, _, alt = frame.geodetic_from_enu(place)
         assumed = replace(assumed, takeoff_alt_amsl_m=float(alt[0]))
-    sensor = site.scenario.sensor
-    if isinstance(sensor, FrameCamera) and request.mount_known:
+    sensor = frame_camera(site.scenario.sensor, source=f"scenario {site.scenario.name}")
+    if request.mount_known:
         assumed = replace(assumed, mounted=sensor)
     others = _of_other_cameras(found.pictures, sensor)
     same = [p for p in found.pictures if p.name not in others]
@@ -108,10 +110,8 @@ def placed_in(request: PhotoRequest, found: PictureSet, site: Site, frame: Local
     return replace(placed, left_out=others | placed.left_out)
 
 
-def _of_other_cameras(pictures: Sequence[Picture], sensor: Sensor) -> dict[str, str]:
+def _of_other_cameras(pictures: Sequence[Picture], sensor: FrameCamera) -> dict[str, str]:
     """Reasons why photos are not of a camera, by their names: other pixels, another shape, another lens or zoom."""
-    if not isinstance(sensor, FrameCamera):
-        return {}
     across, along = (math.tan(math.radians(0.5 * fov)) for fov in (sensor.fov_across_deg, sensor.fov_along_deg))
     film_mm = 0.5 * FILM_DIAGONAL_MM / math.hypot(across, along)
     shape = max(across, along) / min(across, along)
@@ -149,9 +149,7 @@ def judged(request: PhotoRequest, found: PictureSet, site: Site, user: User) -> 
         home_en_m=None if request.scenario is None or site.home_m is None else np.asarray(site.home_m, dtype=float)[:2],
     )  # fmt: skip
     doubts = _warned([*of_heights, *direction_doubts(placed)], user)
-    sensor = site.scenario.sensor
-    if not isinstance(sensor, FrameCamera):
-        raise InputError(f"scenario {site.scenario.name}: its sensor is a {sensor.kind}; photos need a frame-camera")
+    sensor = frame_camera(site.scenario.sensor, source=f"scenario {site.scenario.name}")
     if request.detection is not None and sensor.pixels_across is None:
         raise InputError(
             "--detection: the scenario's sensor has no pixels_across, so the resolution of photos is not known; add it"

@@ -21,7 +21,7 @@ from uavcover.model.judgement import Judgement
 from uavcover.model.sensor import FrameCamera, Sensor
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import focal_px
+from uavcover.sensing.sensors import frame_camera
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
 from uavcover.verification.command import LAYER_REASONS
@@ -89,7 +89,7 @@ def frame_of(site: Site) -> LocalFrame:
 
 def blur_px(placed: PlacedPictures, sensor: Sensor, heights_m: FloatArray) -> FloatArray:
     """(n,) pixels by which the ground below moves while the shutter is open; NaN where it is not known."""
-    focal = focal_px(sensor)
+    focal = sensor.focal_px
     speeds = _speeds_m_s(placed)
     exposures = np.array([np.nan if p.exposure_s is None else p.exposure_s for p in placed.pictures])
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -154,9 +154,7 @@ def picture_table(verdict: PhotoVerdict, site: Site) -> str:
 
 def footprints_m(verdict: PhotoVerdict, *, every: int = 1) -> Iterator[tuple[int, FloatArray]]:
     """Number of each photo that counts, or of one in ``every``, and (k, 3) ENU, its footprint's edge on the ground."""
-    sensor = verdict.coverage.site.scenario.sensor
-    if not isinstance(sensor, FrameCamera):
-        return
+    sensor = frame_camera(verdict.coverage.site.scenario.sensor, source=verdict.site.scenario.name)
     for number in range(0, len(verdict.placed.pictures), every):
         edge = footprint_m(verdict.placed, number, sensor, verdict.site.ground, reach_m=sensor.range_m)
         if len(edge) >= 3:

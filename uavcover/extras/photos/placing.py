@@ -10,7 +10,6 @@ from uavcover.extras.photos.picture import HeightDatum, Picture
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.sensor import FrameCamera
 from uavcover.sensing.pictures import camera_axes
-from uavcover.sensing.sensors import camera_turn
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.vertical import Undulation
 
@@ -132,7 +131,7 @@ def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assu
     tilted = known | np.array([picture.vehicle_yaw_deg is not None for picture in placed])
     axes, tops = camera_axes(yaw, np.where(tilted, pitch, assumed.pitch_deg), np.where(tilted, roll, 0.0))
     if assumed.mounted is not None:
-        turn = camera_turn(assumed.mounted, _vehicle_attitudes_deg(placed))
+        turn = assumed.mounted.camera_turn(_vehicle_attitudes_deg(placed))
         hung = ~known & turn.known & np.array([picture.vehicle_yaw_deg is not None for picture in placed])
         axes[hung], tops[hung] = turn.axes[hung], turn.tops[hung]
         known = known | hung

@@ -1,6 +1,5 @@
 """Evaluate placed photos on an area: how often, from how many sides, how finely, how surely, and why not."""
 
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +14,8 @@ from uavcover.kernels.sight import SEEN, TOO_COARSE, LocalSlopes, Sight, local_s
 from uavcover.model.detection import DetectionCurve
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.looks import look_distance_m, looks_of
-from uavcover.sensing.sensors import focal_px
-from uavcover.verification.flown_coverage import WORKERS, FlownCoverage
+from uavcover.sensing.observing import add_observations
+from uavcover.verification.flown_coverage import FlownCoverage
 
 DIRECTIONS = ("down", "north", "north-east", "east", "south-east", "south", "south-west", "west", "north-west")
 _DOWN_WITHIN_DEG = 20.0
@@ -69,7 +68,7 @@ def shown_cells(coverage: CoverageMap, placed: PlacedPictures, curve: DetectionC
     direction = looking_towards(placed.axes)
     taken = 0
     exact = Camera(
-        focal_px=focal_px(coverage.site.scenario.sensor),
+        focal_px=coverage.site.scenario.sensor.focal_px,
         pass_gap_s=-1.0,  # every photo counts
         offset_m=0.0,
         horizontal_m=0.0,
@@ -135,20 +134,7 @@ def _add(
     poses: SensorPoses,
     counts: ObservationCounts,
 ) -> None:
-    def rows(first_row: int) -> None:
-        kernels.count_rows(
-            coverage.site.ground.surface,
-            slopes,
-            sight,
-            camera,
-            coverage.grid.cells,
-            poses,
-            (first_row, WORKERS),
-            counts,
-        )
-
-    with ThreadPoolExecutor(WORKERS) as executor:
-        list(executor.map(rows, range(WORKERS)))
+    add_observations(coverage.site, slopes, sight, camera, coverage.grid.cells, poses, counts)
 
 
 def _coverage(counts: ObservationCounts, anyhow: ObservationCounts) -> FlownCoverage:

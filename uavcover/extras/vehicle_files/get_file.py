@@ -15,25 +15,25 @@ _CONVERTED = (".waypoints", ".plan")
 
 
 def get_file(
-    path: Annotated[str, typer.Argument(help="The file on the vehicle; with a slash at the end, the folder to list.")],
+    path: Annotated[str, typer.Argument(help="File on the vehicle, or a folder to list if it ends with a slash.")],
     to: options.To,
     *,
     out: Annotated[
-        Path | None, typer.Option("-o", "--out", help="Where to write it; default: its name, here.", metavar="FILE")
+        Path | None,
+        typer.Option("-o", "--out", help="Output file; default: the same name in the current folder.", metavar="FILE"),
     ] = None,
     window: Annotated[
         int,
-        typer.Option(
-            "--window", help="Single reads in flight at once; ArduPilot queues 5.", metavar="N", min=1, max=1000
-        ),
+        typer.Option("--window", help="Number of parallel reads. ArduPilot queues 5.", metavar="N", min=1, max=1000),
     ] = 5,
     vehicle: options.VehicleOptions,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Get a file from a vehicle by MAVLink FTP and compare its CRC, or list a folder (PATH ends with a slash).
+    """Download a file from a vehicle with MAVLink FTP and compare its CRC, or list a folder.
 
-    ArduPilot's @MISSION/mission.dat, fence.dat and rally.dat become a .waypoints or .plan file where -o names one.
+    A PATH that ends with a slash is a folder. ArduPilot's @MISSION/mission.dat, fence.dat and rally.dat become a
+    .waypoints or .plan file if -o names one.
     """
     from mission_io.client.files import FileDownloads
     from uavcover.errors import InputError, OutputError

@@ -9,7 +9,7 @@ from uavcover.cli import options
 
 
 def send_file(
-    files: Annotated[list[Path], typer.Argument(help="Files, such as the .DAT files of uavcover terrain.")],
+    files: Annotated[list[Path], typer.Argument(help="Files to send, such as the .DAT files of uavcover terrain.")],
     to: options.To,
     *,
     folder: Annotated[
@@ -17,12 +17,12 @@ def send_file(
     ] = "/APM/TERRAIN",
     window: Annotated[
         int,
-        typer.Option("--window", help="Requests in flight at once; ArduPilot queues 5.", metavar="N", min=1, max=1000),
+        typer.Option("--window", help="Number of parallel requests. ArduPilot queues 5.", metavar="N", min=1, max=1000),
     ] = 5,
     vehicle: options.VehicleOptions,
     output: options.Output,
 ) -> int:
-    """Send files to a vehicle by MAVLink FTP and compare their CRC. A file of the same name there is replaced."""
+    """Send files to a vehicle with MAVLink FTP and compare their CRC. Existing files are replaced."""
     from mission_io.client.files import FileUploads
     from uavcover.errors import InputError
     from uavcover.flight.connect import connect

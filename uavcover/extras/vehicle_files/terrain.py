@@ -14,37 +14,41 @@ from uavcover.cli.survey_options import DemOptions
 class AreaOptions:
     """Options for reading the area's file, and for the ground around it."""
 
-    around: Annotated[
-        str, typer.Option("--around", help="How far around the area the ground matters.", metavar="LENGTH")
-    ] = "1km"
-    layer: Annotated[str | None, typer.Option("--layer", help="Layer or folder of the area's file.")] = None
-    feature: Annotated[str | None, typer.Option("--feature", help="Name or number (from 1) of one feature.")] = None
+    around: Annotated[str, typer.Option("--around", help="Distance around the area to include.", metavar="LENGTH")] = (
+        "1km"
+    )
+    layer: Annotated[str | None, typer.Option("--layer", help="Layer or folder in the area file.")] = None
+    feature: Annotated[
+        str | None, typer.Option("--feature", help=("Name or number (from 1) of a feature in the area file."))
+    ] = None
     crs: Annotated[
         str | None,
-        typer.Option("--crs", help="Coordinate system of the area's file, where it does not say.", metavar="EPSG:N"),
+        typer.Option(
+            "--crs", help="Coordinate system of the area file, if the file does not state it.", metavar="EPSG:N"
+        ),
     ] = None
     make_valid: Annotated[bool, typer.Option("--make-valid", help="Repair outlines that cross themselves.")] = False
-    swap_axes: Annotated[bool, typer.Option("--swap-axes", help="The area's file has latitude first.")] = False
+    swap_axes: Annotated[bool, typer.Option("--swap-axes", help="Read latitude first in the area file.")] = False
 
 
 def terrain(
-    area: Annotated[str, typer.Argument(help="What new takes: a file; WEST,SOUTH,EAST,NORTH; or LAT,LON,RADIUS.")],
+    area: Annotated[str, typer.Argument(help="Area: a file; WEST,SOUTH,EAST,NORTH; or LAT,LON,RADIUS.")],
     *,
     dem: DemOptions,
     where: AreaOptions,
     dat: Annotated[
-        Path | None, typer.Option("--dat", help="Write ArduPilot's terrain files into this folder.", metavar="FOLDER")
+        Path | None, typer.Option("--dat", help="Write ArduPilot terrain files to this folder.", metavar="FOLDER")
     ] = None,
     spacing: Annotated[
-        int, typer.Option("--spacing", help="The vehicle's TERRAIN_SPACING, for --dat.", metavar="METRES")
+        int, typer.Option("--spacing", help="TERRAIN_SPACING of the vehicle, for --dat.", metavar="METRES")
     ] = 100,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
-    """Say which tiles of which free elevation data an area needs, and where they are; nothing is fetched.
+    """List the tiles of free elevation data sets that an area needs. Nothing is downloaded.
 
-    With --dem: which of them are there, and whether they have heights all over the area (exit code 1 when not). With --dat:
-    .DAT files for the folder APM/TERRAIN on the vehicle's card.
+    With --dem, the command checks whether these files cover the area, and exits with 1 if they do not. With --dat, it
+    writes .DAT files for the folder APM/TERRAIN on the card of the vehicle.
     """
     from uavcover.errors import InputError
     from uavcover.extras.vehicle_files.area_terrain import files_in, known_share, say_needed, terrain_of_area

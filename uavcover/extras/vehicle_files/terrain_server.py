@@ -14,10 +14,11 @@ def terrain_server(
     link: options.LinkKind = "default",
     output: options.Output,
 ) -> int:
-    """Answer a vehicle's requests for terrain heights until Ctrl-C.
+    """Answer the terrain requests of a vehicle until Ctrl-C.
 
-    ArduPilot arms for a mission in a terrain frame only when somebody has answered. Heights are sent in whole metres; where the
-    elevation data has none, nothing is sent. fly and plan-upload answer from the data of their scenario by themselves.
+    ArduPilot arms for a mission with heights above terrain only if it has received this data. Heights are in whole
+    metres. Blocks without elevation data are not sent. fly and plan-upload answer requests with the data of their
+    scenario, so they do not need this command.
     """
     from uavcover.flight.connect import connect
     from uavcover.flight.vehicle_terrain import heights_of_files, open_elevation_data, serve_terrain

@@ -21,7 +21,6 @@ import numpy as np
 import shapely
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.sight import CONE, SPHERE
 from uavcover.kernels.swaths import balance_lines
 from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
@@ -37,7 +36,7 @@ from uavcover.planner.baselines.swaths import (
 )
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site
-from uavcover.sensing.sensors import reach_at_height_m, sight_of
+from uavcover.sensing.sensors import is_ball_or_cone
 
 _STATION_SHARE = 0.5
 """Distance of stations along the lines, as a share of the sensor's reach."""
@@ -57,7 +56,7 @@ _STRAIGHT_SHARE = 0.01
 
 def can_be_adapted(site: Site) -> bool:
     """Whether :mod:`uavcover.kernels.swaths` can measure the strip of the sensor."""
-    return site.scenario.sensor.sensing == "along-path" and sight_of(site.scenario.sensor).kind in (CONE, SPHERE)
+    return site.scenario.sensor.looks_along_path and is_ball_or_cone(site.scenario.sensor.sight)
 
 
 def adaptive_swaths(
@@ -81,7 +80,7 @@ def adaptive_swaths(
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
     tolerance = _TOLERANCE_SHARE * (high - low)
     height = best_height_agl_m(site, tolerance_m=tolerance)
-    swath = 2.0 * max(reach_at_height_m(site.scenario.sensor, height), site.scenario.area.cell_size_m)
+    swath = 2.0 * max(site.scenario.sensor.half_width_m(height), site.scenario.area.cell_size_m)
     ranked = []
     for angle in (angle_rad, angle_rad + 0.5 * math.pi):
         fitting = math.floor(width_across_m(site, angle) / swath)
@@ -148,7 +147,7 @@ def bend_lines(site: Site, layout: SwathLayout) -> BentLines:
     borders, west, east = line_extents(site, layout)
     flown = west <= east
     borders, west, east, heights = borders[flown], west[flown], east[flown], layout.heights_agl_m[flown]
-    reach = max(reach_at_height_m(site.scenario.sensor, float(np.mean(heights))), site.scenario.area.cell_size_m)
+    reach = max(site.scenario.sensor.half_width_m(float(np.mean(heights))), site.scenario.area.cell_size_m)
     count = max(3, math.ceil((east.max() - west.min()) / (_STATION_SHARE * reach)))
     along = np.linspace(west.min(), east.max(), count)
     step = along[1] - along[0]
@@ -157,7 +156,7 @@ def bend_lines(site: Site, layout: SwathLayout) -> BentLines:
     low, high = extents_between(area_edges(site, angle)[:, [1, 0, 3, 2]], edges).T
     there = (along >= west[:, None] - step) & (along <= east[:, None] + step) & (low <= high)
     across = balance_lines(
-        site.ground.surface, sight_of(site.scenario.sensor), angle, along, np.ascontiguousarray(low),
+        site.ground.surface, site.scenario.sensor.sight, angle, along, np.ascontiguousarray(low),
         np.ascontiguousarray(high), heights, np.repeat(borders[:, None], count, axis=1), there, _ROUNDS, _SMOOTHING,
     )  # fmt: skip
     return BentLines(along, across, west, east, heights, reach)
@@ -309,7 +308,7 @@ def _regular(
     limits = site.scenario.limits
     tolerance_m = share * (limits.max_height_agl_m - limits.min_height_agl_m - 2.0 * limits.height_margin_m)
     height_m = best_height_agl_m(site, tolerance_m=tolerance_m)
-    swath_m = 2.0 * max(reach_at_height_m(site.scenario.sensor, height_m), site.scenario.area.cell_size_m)
+    swath_m = 2.0 * max(site.scenario.sensor.half_width_m(height_m), site.scenario.area.cell_size_m)
     wanted = widths * width_across_m(site, angle_rad) / swath_m
     lines = math.ceil(wanted) if fewer is None else max(1, math.floor(wanted) - fewer)
     return regular_layout(angle_rad=angle_rad, lines=lines, height_agl_m=height_m, inset=inset, tolerance_m=tolerance_m)

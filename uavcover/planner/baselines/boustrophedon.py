@@ -27,7 +27,6 @@ from uavcover.planner.encodings import allowed_band_m
 from uavcover.planner.terrain_following import finite_heights, lay_over_terrain
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import reach_at_height_m
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +68,7 @@ def plain_rows(site: Site) -> NodeRows:
     """Adjacent squares, each seen whole from its centre, at the middle of the height band."""
     limits = site.scenario.limits
     height = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
-    side = math.sqrt(2.0) * max(reach_at_height_m(site.scenario.sensor, height), site.scenario.area.cell_size_m)
+    side = math.sqrt(2.0) * max(site.scenario.sensor.half_width_m(height), site.scenario.area.cell_size_m)
     west, south, east, north = site.area.bounds
     rows, columns = (max(1, math.ceil(width / side - 1e-9)) for width in (north - south, east - west))
     return NodeRows(rows, columns, 0.0, 0.5)
@@ -134,7 +133,7 @@ def best_height_agl_m(site: Site, *, tolerance_m: float = PLAIN_TOLERANCE_M) -> 
     low, high = limits.min_height_agl_m + limits.height_margin_m, limits.max_height_agl_m - limits.height_margin_m
     inner = min(tolerance_m, 0.5 * (high - low))
     heights = np.linspace(low + inner, high - inner, 41)
-    reach = [reach_at_height_m(site.scenario.sensor, float(height)) for height in heights]
+    reach = [site.scenario.sensor.half_width_m(float(height)) for height in heights]
     return float(heights[int(np.argmax(reach))])
 
 
@@ -295,7 +294,7 @@ def _scan(site: Site) -> Iterator[list[SwathLayout]]:
 
 
 def _lines(site: Site, angle_rad: float, height_agl_m: float, factor: float) -> int:
-    strip = 2.0 * max(reach_at_height_m(site.scenario.sensor, height_agl_m), site.scenario.area.cell_size_m)
+    strip = 2.0 * max(site.scenario.sensor.half_width_m(height_agl_m), site.scenario.area.cell_size_m)
     return max(1, math.ceil(factor * width_across_m(site, angle_rad) / strip - 1e-9))
 
 

@@ -27,9 +27,8 @@ from uavcover.planner.baselines.swaths import long_side_angle_rad
 from uavcover.planner.encodings import allowed_band_m
 from uavcover.planner.joining import in_good_order
 from uavcover.planner.terrain_following import finite_heights, lay_over_terrain
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, once
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import reach_at_height_m
 
 NAME = "contour-lines"
 TUNED = "contour-lines-tuned"
@@ -183,19 +182,23 @@ def nearest_potential(across_e: FloatArray, across_n: FloatArray, step_m: float)
     return np.asarray(idctn(transformed, type=2, norm="ortho"))
 
 
+@once
+def _fields(_site: Site) -> dict[tuple[float, float, float], LineField]:
+    """Fields that were computed before, by reach, smoothing and straightening."""
+    return {}
+
+
 def fly_contours(site: Site, layout: ContourLayout) -> Route:
     """The route of a layout: its lines in a short order, the cheaper way round, laid over the terrain.
 
     A sensor that looks from the waypoints has enough on each line that the squares it covers whole touch.
     """
     reach_m = _reach_m(site, layout.height_agl_m)
-    key = "contour lines", reach_m, layout.smoothing, layout.straightening
-    if key not in site.derived:
-        site.derived[key] = line_field(
-            site, reach_m=reach_m, smoothing=layout.smoothing, straightening=layout.straightening
-        )
-    lines = _pieces(site, layout, site.derived[key], reach_m)
-    if site.scenario.sensor.sensing == "at-waypoints":
+    fields, key = _fields(site), (reach_m, layout.smoothing, layout.straightening)
+    if key not in fields:
+        fields[key] = line_field(site, reach_m=reach_m, smoothing=layout.smoothing, straightening=layout.straightening)
+    lines = _pieces(site, layout, fields[key], reach_m)
+    if not site.scenario.sensor.looks_along_path:
         lines = [_with_places(line, _AT_WAYPOINTS * reach_m) for line in lines]
     polyline = np.vstack(in_good_order([np.column_stack([line, np.zeros(len(line))]) for line in lines], None))[:, :2]
     way, surface = way_cost_of(site), site.ground.surface
@@ -221,7 +224,7 @@ def _laid(site: Site, polyline_m: FloatArray, layout: ContourLayout) -> FloatArr
 
 
 def _reach_m(site: Site, height_agl_m: float) -> float:
-    return max(reach_at_height_m(site.scenario.sensor, height_agl_m), site.scenario.area.cell_size_m)
+    return max(site.scenario.sensor.half_width_m(height_agl_m), site.scenario.area.cell_size_m)
 
 
 def _pieces(site: Site, layout: ContourLayout, field: LineField, reach_m: float) -> list[FloatArray]:
@@ -230,7 +233,7 @@ def _pieces(site: Site, layout: ContourLayout, field: LineField, reach_m: float)
     inner = area.buffer(-layout.inset * reach_m)
     flown = area if inner.is_empty else inner
     low, high = _extent_m(field, area)
-    strip_m = (_AT_WAYPOINTS if site.scenario.sensor.sensing == "at-waypoints" else 2.0) * reach_m
+    strip_m = (_AT_WAYPOINTS if not site.scenario.sensor.looks_along_path else 2.0) * reach_m
     count = max(1, math.ceil(layout.lines * (high - low) / strip_m - 1e-9))
     generator = contourpy.contour_generator(field.east_m, field.north_m, field.across_m)
     shortest_m = _SHORTEST_REACHES * reach_m

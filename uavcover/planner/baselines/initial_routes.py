@@ -36,7 +36,6 @@ from uavcover.planner.set_cover.solvers import (
     tour_route,
 )
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import reach_at_height_m
 
 _SPACING_CELLS = 0.25
 _MOST_PLACES = 60_000
@@ -121,7 +120,7 @@ def initial_names(coverage: CoverageMap, settings: PlannerSettings) -> Sequence[
         return tuple(dict.fromkeys((*lines, *settings.initial)))
     if settings.algorithm not in {"memetic", "local-search"}:
         return lines
-    if coverage.site.scenario.sensor.sensing == "at-waypoints":
+    if not coverage.site.scenario.sensor.looks_along_path:
         return (*lines, "set-cover")
     if coverage.site.scenario.objective == "energy":
         return ("boustrophedon", "contour-lines")
@@ -130,13 +129,13 @@ def initial_names(coverage: CoverageMap, settings: PlannerSettings) -> Sequence[
 
 def _candidates(coverage: CoverageMap) -> Candidates:
     site = coverage.site
-    if site.scenario.sensor.sensing == "at-waypoints":
+    if not site.scenario.sensor.looks_along_path:
         spacing_m = _SPACING_CELLS * coverage.grid.cells.size_m
         cells_each = math.pi * (horizontal_reach(coverage.sight) / coverage.grid.cells.size_m) ** 2
         most = int(min(_MOST_PLACES, max(_MOST_PAIRS / max(cells_each, 1.0), coverage.grid.count)))
         return finest_lattice_candidates(coverage, spacing_m=spacing_m, most=most)
     height_agl_m = best_height_agl_m(site)
-    reach_m = max(reach_at_height_m(site.scenario.sensor, height_agl_m), coverage.grid.cells.size_m)
+    reach_m = max(site.scenario.sensor.half_width_m(height_agl_m), coverage.grid.cells.size_m)
     return level_candidates(coverage, spacing_m=_SPACING_REACHES * reach_m, height_agl_m=height_agl_m)
 
 

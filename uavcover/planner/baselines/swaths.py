@@ -10,7 +10,6 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import Route
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.site import Site
-from uavcover.sensing.sensors import reach_at_height_m
 
 SAME_DIRECTION_RAD = math.radians(3.0)
 """Lines that differ by less are tried once."""
@@ -115,7 +114,7 @@ def fly_layout(site: Site, layout: SwathLayout) -> Route:
     ):
         if west > east:
             continue
-        inset = layout.inset * reach_at_height_m(site.scenario.sensor, height_agl_m)
+        inset = layout.inset * site.scenario.sensor.half_width_m(height_agl_m)
         # Never past the middle of the line.
         inset = min(inset, 0.5 * (east - west) - 0.5) if east - west > 1.0 else 0.0
         ends = [(west + inset, across), (east - inset, across)]

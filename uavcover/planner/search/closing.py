@@ -176,7 +176,7 @@ def with_gaps_closed(
     lacking = goal - judging.share_of_coverable(seen)
     if lacking <= 0.0 or np.count_nonzero(missing) > _MOST_MISSING:
         return None
-    if judging.site.scenario.sensor.sensing == "at-waypoints":
+    if not judging.site.scenario.sensor.looks_along_path:
         whole = with_viewpoints(judging, route, goal, is_over)
         if whole is not None:
             return whole

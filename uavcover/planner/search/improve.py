@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 
@@ -36,9 +37,10 @@ from uavcover.planner.selection_rule import Rule
 from uavcover.planner.sound_corners import with_sound_corners
 from uavcover.planner.sure_pictures import surely
 from uavcover.scenario.site import Site
-from uavcover.sensing.coverage_map import CoverageMap, finer_map, judging_maps
+from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.flown_line import line_flown, pictures_on
 from uavcover.sensing.sensors import trigger_distance_m
+from uavcover.sensing.site_maps import finer_map, judging_maps
 
 _FLOWN = 0.98
 """The coverage that it goes for when the rule asks for none."""
@@ -92,62 +94,29 @@ def improve(
     if not starts or left == 0 or effort.is_over(run.started):
         return Improved((), 0, interrupted=False)
     problem = counted_as_judged(search_problem(coverage, judging), judging, starts)
-    judges = judging_maps(site) if site.scenario.sensor.sensing == "along-path" else [judging]
+    judges = judging_maps(site) if site.scenario.sensor.looks_along_path else [judging]
     pace: SearchPace
     if effort.budget_s is None:
         pace = PaceByNumber(left * PROPOSALS_PER_EVALUATION)
     else:
         pace = PaceByClock(effort.now, run.started + effort.budget_s)
-    kept: list[Route] = []
-
-    def as_chosen(route: Route) -> Route:
-        """The route with sure photos and sound corners, which can be chosen. On long routes they cost some coverage."""
-        return with_sound_corners(site, surely(site, route))
-
-    def found(route: Route) -> None:
-        kept.append(as_chosen(_shortened(problem, route)))
-
-    show = _progress(coverage, starts, pace, effort, evaluations_done, rule, run.on_progress)
+    asked, tuned = rule.required_coverage, tuning.goal
+    judging_of = _Judging(site, judging, judges, problem, tuned, run.executor, [])
+    progress = _Progress(coverage, starts, pace, effort, evaluations_done, asked, run.on_progress)
     seeds = np.random.SeedSequence([settings.seed, _LOCAL_SEARCH_STREAM]).spawn(CHAINS)
-    work = Work(
-        problem,
-        pace,
-        [np.random.default_rng(seed) for seed in seeds],
-        run.executor,
-        run.should_stop,
-        lambda chains: between(chains),
-        tuning,
-    )
+    generators = [np.random.default_rng(seed) for seed in seeds]
 
     def between(chains: Sequence[Chain]) -> None:
-        show(work, chains)
-        look(lambda: [*kept, *(_shortened(problem, chain.route) for chain in chains)])
+        progress.report(work.proposals, chains)
+        look(lambda: [*judging_of.kept, *(_shortened(problem, chain.route) for chain in chains)])
 
-    def on_each(route: Route, _goal: float) -> float:
-        return min(
-            map(partial(share_seen, route), judges)
-            if run.executor is None
-            else run.executor.map(partial(share_seen, route), judges)
-        )
-
-    asked = rule.required_coverage
-    tuned = tuning.goal
+    work = Work(problem, pace, generators, run.executor, run.should_stop, between, tuning)
     capacity = _capacity(problem, settings, starts, tuned)
-
-    def closed(route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
-        begun = as_chosen(route)
-        # Far from the goal they bring too little for their time.
-        if goal - share_seen(begun, judging) <= tuned.most_short:
-            begun = with_waiting_turns(
-                judging, begun, goal, cost=problem.cost, price=tuned.waiting_price, is_over=is_over
-            )
-            if share_seen(begun, judging) >= goal:
-                return begun
-        return with_gaps_closed(judging, begun, goal, tuned.closed, is_over, most_trials=tuned.most_trials)
-
     # Where time is paid for, finer cells are asked only about what the own cells confirm.
-    exactly = on_each if effort.budget_s is None else OneAfterTheOther(judges)
-    judge = RouteJudge(lambda route, goal: exactly(as_chosen(route), goal), found, closed)
+    exactly = judging_of.on_each if effort.budget_s is None else OneAfterTheOther(judges)
+    judge = RouteJudge(
+        lambda route, goal: exactly(judging_of.as_chosen(route), goal), judging_of.keep, judging_of.closed
+    )
     if problem.free_order:
         search_free_order(work, starts, asked=asked, capacity=capacity, judge=judge)
     else:
@@ -160,9 +129,59 @@ def improve(
         if finer is not None:
             # The choice asks these cells: they are made ready while there is time for it.
             _ = finer.coverable
-        on_these_cells = RouteJudge(lambda route, _: share_seen(as_chosen(route), judging), found)
+        on_these_cells = RouteJudge(lambda route, _: share_seen(judging_of.as_chosen(route), judging), judging_of.keep)
         search_waypoints(work, known, goal=goal, capacity=capacity, until=1.0, judge=on_these_cells)
-    return Improved(tuple(kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
+    return Improved(tuple(judging_of.kept), work.proposals // PROPOSALS_PER_EVALUATION, work.stopped)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Judging:
+    """Judge the routes of a search as they would be chosen, and keep what it finds.
+
+    Attributes:
+        site: the scenario on its ground.
+        judging: the cells by which routes are judged.
+        judges: these, and finer ones.
+        problem: the search's.
+        tuned: how gaps are closed.
+        executor: judges on several maps at once; none: one after the other.
+        kept: the routes that were found.
+    """
+
+    site: Site
+    judging: CoverageMap
+    judges: Sequence[CoverageMap]
+    problem: RouteProblem
+    tuned: GoalTuning
+    executor: Executor | None
+    kept: list[Route]
+
+    def as_chosen(self, route: Route) -> Route:
+        """The route with sure photos and sound corners, which can be chosen. On long routes they cost some coverage."""
+        return with_sound_corners(self.site, surely(self.site, route))
+
+    def keep(self, route: Route) -> None:
+        """Keep a route that was found, as it can be chosen."""
+        self.kept.append(self.as_chosen(_shortened(self.problem, route)))
+
+    def on_each(self, route: Route, _goal: float) -> float:
+        """The least coverage of a route on any map."""
+        seen = map if self.executor is None else self.executor.map
+        return min(seen(partial(share_seen, route), self.judges))
+
+    def closed(self, route: Route, goal: float, is_over: Callable[[], bool]) -> Route | None:
+        """The route with its gaps closed; none where it reaches the goal, or they are too many."""
+        begun = self.as_chosen(route)
+        # Far from the goal they bring too little for their time.
+        if goal - share_seen(begun, self.judging) <= self.tuned.most_short:
+            begun = with_waiting_turns(
+                self.judging, begun, goal, cost=self.problem.cost, price=self.tuned.waiting_price, is_over=is_over
+            )
+            if share_seen(begun, self.judging) >= goal:
+                return begun
+        return with_gaps_closed(
+            self.judging, begun, goal, self.tuned.closed, is_over, most_trials=self.tuned.most_trials
+        )
 
 
 def _fewer_waypoints(
@@ -209,33 +228,32 @@ def _shortened(problem: RouteProblem, route: Route) -> Route:
     return Route(points[order])
 
 
-def _progress(
-    coverage: CoverageMap,
-    starts: Sequence[SearchStart],
-    pace: SearchPace,
-    effort: Effort,
-    evaluations_done: int,
-    rule: Rule,
-    on_progress: Callable[[SearchProgress], None],
-) -> Callable[[Work, Sequence[Chain]], None]:
-    """A callback that reports to ``on_progress`` after each batch."""
-    coverable = coverage.share(coverage.coverable)
-    asked = rule.required_coverage
-    best = [max(start.seen for start in starts) * coverable]
-    shortest = [] if asked is None else [start.route.length_m for start in starts if start.seen >= asked]
+class _Progress:
+    """Reports the incumbent of a search after each batch."""
 
-    def show(work: Work, chains: Sequence[Chain]) -> None:
-        evaluations = evaluations_done + work.proposals // PROPOSALS_PER_EVALUATION
-        best[0] = max(best[0], *(chain.seen * coverable for chain in chains))
-        if asked is not None:
-            shortest.extend(chain.problem.cost_of_way(chain.route) for chain in chains if chain.seen >= asked)
-            shortest[:] = [min(shortest)] if shortest else []
-        total = effort.evaluations
-        if effort.budget_s is not None:
-            total = max(evaluations, round(evaluations / max(pace.fraction, 1e-3)))
-        on_progress(SearchProgress(evaluations, total, best[0], shortest[0] if shortest else None))
+    def __init__(
+        self, coverage: CoverageMap, starts: Sequence[SearchStart], pace: SearchPace, effort: Effort, evaluations_done: int,
+        asked: float | None, on_progress: Callable[[SearchProgress], None],
+    ) -> None:  # fmt: skip
+        self._coverable = coverage.share(coverage.coverable)
+        self._pace, self._effort, self._done = pace, effort, evaluations_done
+        self._asked, self._on_progress = asked, on_progress
+        self._best = max(start.seen for start in starts) * self._coverable
+        enough = [] if asked is None else [start.route.length_m for start in starts if start.seen >= asked]
+        self._shortest = min(enough, default=None)
 
-    return show
+    def report(self, proposals: int, chains: Sequence[Chain]) -> None:
+        """Report what the chains have found after this number of proposals."""
+        evaluations = self._done + proposals // PROPOSALS_PER_EVALUATION
+        self._best = max(self._best, *(chain.seen * self._coverable for chain in chains))
+        if self._asked is not None:
+            costs = [chain.problem.cost_of_way(chain.route) for chain in chains if chain.seen >= self._asked]
+            known = [] if self._shortest is None else [self._shortest]
+            self._shortest = min([*known, *costs], default=None)
+        total = self._effort.evaluations
+        if self._effort.budget_s is not None:
+            total = max(evaluations, round(evaluations / max(self._pace.fraction, 1e-3)))
+        self._on_progress(SearchProgress(evaluations, total, self._best, self._shortest))
 
 
 # Lines that turn just before a photo by distance is due: where it shows enough for its way, the turn waits for it.

@@ -11,14 +11,14 @@ from uavcover.kernels.nadir_visibility import cone_cells
 from uavcover.kernels.picture_visibility import picture_cells
 from uavcover.kernels.route_state import RouteState, recount
 from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS, RouteLimits, SearchProblem
-from uavcover.kernels.sight import CONE, FRUSTUM, Sight, horizontal_reach
+from uavcover.kernels.sight import horizontal_reach
 from uavcover.kernels.way_cost import LENGTH, route_cost
 from uavcover.missions.way_cost import way_cost_of
 from uavcover.model.route import Route
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import sample_spacing_m, trigger_distance_m
+from uavcover.sensing.sensors import narrowed, sample_spacing_m, trigger_distance_m
 
 _MOST_WAYPOINTS = 60_000
 """A cell is counted in 16 bits."""
@@ -99,7 +99,6 @@ def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> 
     for array in (square, weight):
         array.flags.writeable = False
     sight = narrowed(coverage.sight, margin_m=margin_m, reach_m=reach_m)
-    sensing = ALONG_PATH if scenario.sensor.sensing == "along-path" else AT_WAYPOINTS
     numbers = SearchProblem(
         site.ground.surface,
         sight,
@@ -109,7 +108,7 @@ def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> 
         square,
         weight,
         sample_spacing_m(scenario),
-        sensing,
+        ALONG_PATH if scenario.sensor.looks_along_path else AT_WAYPOINTS,
         _limits(site),
         way_cost_of(site),
         scenario.requirements.looks,
@@ -119,25 +118,9 @@ def route_problem(coverage: CoverageMap, *, margin_m: float, reach_m: float) -> 
     across = 2.0 * horizontal_reach(sight) / cells.size_m + 2.0
     # A place may see every other cell of what is in reach. Of a leg, however long, a row has few runs; ragged ones are split.
     stride = int(0.25 * math.pi * across * across) + 8
-    if sensing == ALONG_PATH:
+    if scenario.sensor.looks_along_path:
         stride = max(stride, int(40.0 * across) + 2 * _RUNS_OF_A_ROW * cells.lattice.shape[0])
     return RouteProblem(numbers, reach_m, stride)
-
-
-def narrowed(sight: Sight, *, margin_m: float, reach_m: float) -> Sight:
-    """The sensor with its range on the map reduced by ``margin_m``.
-
-    For a camera, at the height where it reaches ``reach_m``.
-
-    A photo loses the same angle at its bottom and its top as at its sides: the ground there is as near, or farther away.
-    """
-    share = max(0.1, 1.0 - margin_m / max(reach_m, 1e-9))
-    if sight.kind == FRUSTUM:
-        along = max(0.1 * sight.tan_half_along, sight.tan_half_along - (1.0 - share) * sight.tan_half_fov)
-        return sight._replace(tan_half_fov=sight.tan_half_fov * share, tan_half_along=along)
-    if sight.kind == CONE:
-        return sight._replace(tan_half_fov=sight.tan_half_fov * share)
-    return sight._replace(reach_m=sight.reach_m * share)
 
 
 def _limits(site: Site) -> RouteLimits:

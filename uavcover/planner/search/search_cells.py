@@ -10,10 +10,8 @@ from uavcover.planner.search.route_judge import share_seen
 from uavcover.planner.search.route_problem import RouteProblem, route_problem, state_of
 from uavcover.planner.search.starts import SearchStart
 from uavcover.scenario.site import Site
-from uavcover.sensing.cells import make_scattered_cells
+from uavcover.sensing.cells import is_judged_on_smaller_cells, make_scattered_cells
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.judged_cells import is_judged_on_smaller_cells
-from uavcover.sensing.sensors import reach_at_height_m
 
 MARGIN_CELLS = 0.45
 """Reduction of the planner's sensor range, in planning cells, where other cells judge."""
@@ -33,7 +31,7 @@ def search_problem(coverage: CoverageMap, judging: CoverageMap) -> RouteProblem:
     98.6 % where 93.7 % were judged, and its goal, corrected up to 100 %, had no effect any more.
     """
     site = coverage.site
-    if site.scenario.sensor.sensing == "along-path" or is_judged_on_smaller_cells(site):
+    if site.scenario.sensor.looks_along_path or is_judged_on_smaller_cells(site):
         return scattered_problem(
             CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m, cut=make_scattered_cells)
         )
@@ -57,5 +55,5 @@ def scattered_problem(scattered: CoverageMap) -> RouteProblem:
 def _problem(site: Site, coverage: CoverageMap, *, margin_cells: float) -> RouteProblem:
     cell_m = coverage.grid.cells.size_m
     margin_m = margin_cells * cell_m
-    reach_m = max(reach_at_height_m(site.scenario.sensor, best_height_agl_m(site)), cell_m)
+    reach_m = max(site.scenario.sensor.half_width_m(best_height_agl_m(site)), cell_m)
     return route_problem(coverage, margin_m=margin_m, reach_m=reach_m)

@@ -10,7 +10,6 @@ from uavcover.planner.search.route_judge import SAFETY
 from uavcover.planner.search.route_problem import RouteProblem, route_problem, state_of
 from uavcover.planner.sure_pictures import surely
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import reach_at_height_m
 
 _SHARES = (0.0, 0.001, 0.004, 0.016, 0.063, 0.25, 1.0)
 """Share of the spare coverage that one waypoint may cost, sweep by sweep. Waypoints that cost nothing go first."""
@@ -110,5 +109,5 @@ def least_seen(seen: float, asked: float | None, *, finer: bool) -> float:
 def _problem(judging: CoverageMap) -> RouteProblem:
     limits = judging.site.scenario.limits
     middle_agl_m = 0.5 * (limits.min_height_agl_m + limits.max_height_agl_m)
-    reach_m = max(reach_at_height_m(judging.site.scenario.sensor, middle_agl_m), judging.grid.cells.size_m)
+    reach_m = max(judging.site.scenario.sensor.half_width_m(middle_agl_m), judging.grid.cells.size_m)
     return route_problem(judging, margin_m=0.0, reach_m=reach_m)

@@ -57,11 +57,6 @@ class Candidates:
         return float(self.weight[np.unique(np.concatenate(seen))].sum()) if seen else 0.0
 
 
-def lattice_candidates(coverage: CoverageMap, *, spacing_m: float) -> Candidates:
-    """Points of a cubic lattice, counted from the south-west corner of the area and from up = 0, inside the limits."""
-    return candidates_at(coverage, _lattice(coverage, spacing_m), spacing_m=spacing_m)
-
-
 def finest_lattice_candidates(coverage: CoverageMap, *, spacing_m: float, most: int) -> Candidates:
     """The places of a cubic lattice whose spacing is doubled until there are at most ``most`` places."""
     reach = horizontal_reach(coverage.sight)

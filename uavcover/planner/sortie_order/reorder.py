@@ -107,7 +107,7 @@ def _is_done_sooner(times_s: tuple[float, float], before_s: tuple[float, float])
 
 def _may_be_reordered(site: Site, route: Route) -> bool:
     """Whether sorties share the waypoint between them, and their time counts."""
-    along_path = site.scenario.sensor.sensing == "along-path"
+    along_path = site.scenario.sensor.looks_along_path
     whole = site.home_m is not None and way_cost_of(site).mission == 1
     return along_path and whole and 2 < len(route) <= _MOST_LEGS + 1
 

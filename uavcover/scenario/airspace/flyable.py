@@ -17,7 +17,7 @@ import shapely
 from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.airspace.zones import Polygons, Zone
 from uavcover.scenario.ground_steps import least_width_m, parts_between_steps, polygons_in
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, once
 
 _ROUNDING_M = 0.05
 """Planned legs stay this much farther away than they have to, so that rounding does not matter."""
@@ -48,29 +48,20 @@ class FlyableArea:
     wide_enough_m: float | None = None
 
 
+@once
 def flyable_area(site: Site) -> FlyableArea:
-    """Permitted ground for the planned route; the whole fence without no-fly zones and steps that divide the ground."""
-    found = site.derived.get("flyable area")
-    if not isinstance(found, FlyableArea):
-        found = _flyable_area(site)
-        site.derived["flyable area"] = found
-    return found
+    """Permitted ground for the planned route; the whole fence without no-fly zones and steps that divide the ground.
+
+    A part of an area has that of the whole: their routes are flown as one.
+    """
+    return _flyable_area(site) if site.whole is None else flyable_area(site.whole)
 
 
-def share_flyable_area(whole: Site, part: Site) -> None:
-    """Give a part of the area the permitted ground of the whole area: their routes are flown as one."""
-    part.derived["flyable area"] = flyable_area(whole)
-
-
+@once
 def transit_area(site: Site) -> Polygons:
     """Permitted ground for transits at all of their heights: the fence without the zones that meet one of them."""
-    found = site.derived.get("transit area")
-    if not isinstance(found, Polygons):
-        low, high = _transit_heights_m(site)
-        closed = [zone for zone in site.zones if _meets(site, zone, low, high)]
-        found = _without(site, closed)
-        site.derived["transit area"] = found
-    return found
+    low, high = _transit_heights_m(site)
+    return _without(site, [zone for zone in site.zones if _meets(site, zone, low, high)])
 
 
 def transit_area_between_walls(site: Site) -> Polygons:

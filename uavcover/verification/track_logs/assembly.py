@@ -54,10 +54,10 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
     positions = rows.positions.reshape(-1, 4)
     has_fix = (positions[:, 1] != 0.0) | (positions[:, 2] != 0.0)
     if not has_fix.all():
-        warnings.append(f"{path}: {int((~has_fix).sum())} positions before the first fix (0, 0) are left out")
+        warnings.append(f"{path}: {int((~has_fix).sum())} positions before the first fix (0, 0) are ignored")
         positions = positions[has_fix]
     if len(positions) == 0:
-        raise TrackError(f"{path}: there are no positions in it")
+        raise TrackError(f"{path}: it contains no positions")
     # The largest time so far: any row not later than that repeats or goes back.
     before = np.concatenate([[-np.inf], np.maximum.accumulate(positions[:, 0])[:-1]])
     back = positions[:, 0] < before
@@ -69,7 +69,7 @@ def assemble_track(path: Path, rows: LoggedRows, frame: LocalFrame) -> ReadTrack
         )
     repeated = positions[:, 0] == before
     if repeated.any():
-        warnings.append(f"{path}: {int(repeated.sum())} positions at a time that was there already are left out")
+        warnings.append(f"{path}: {int(repeated.sum())} positions with a repeated time are ignored")
         positions = positions[~repeated]
     bad = ~(np.isfinite(positions).all(axis=1) & (np.abs(positions[:, 1]) <= 90.0) & (np.abs(positions[:, 2]) <= 180.0))
     if bad.any():
@@ -158,7 +158,7 @@ def _pictures_taken(
     inside = (pictures[:, 0] > times[0]) & (pictures[:, 0] <= times[-1])
     if not inside.all():
         doubted.append(
-            f"{int((~inside).sum())} of {len(pictures)} photos have a time outside the track: they are no evidence"
+            f"{int((~inside).sum())} of {len(pictures)} photos have a time outside the track: they do not count as evidence"
         )
     lost = lost[inside] if lost.size else np.zeros(int(inside.sum()), dtype=np.int64)
     pictures = pictures[inside]
@@ -175,7 +175,7 @@ def _pictures_taken(
     if elsewhere.any():
         doubted.append(
             f"{int(elsewhere.sum())} of {len(pictures)} photos name a position where the vehicle was not (up to "
-            f"{float(off_m.max()):.0f} m away): they are no evidence"
+            f"{float(off_m.max()):.0f} m away): they do not count as evidence"
         )
     at = np.searchsorted(times, pictures[~elsewhere, 0])
     taken = np.zeros(len(times))

@@ -42,11 +42,11 @@ def read_gpx(path: Path) -> LoggedRows:
         raise TrackError(f"{path}: is no GPX file but <{_name(root)}>")
     points = list(_points(path, root))
     if not points:
-        raise TrackError(f"{path}: there are no track points in it")
+        raise TrackError(f"{path}: it contains no track points")
     positions = np.array(points)
     clock = np.array([[0.0, positions[0, 0]]])
     positions[:, 0] -= positions[0, 0]
-    warning = f"{path}: its heights are taken as above sea level, as GPX says; some loggers write ellipsoid heights"
+    warning = f"{path}: its heights are taken as above sea level, as the GPX standard says; some loggers write ellipsoid heights"
     return LoggedRows(positions, np.empty((0, 4)), warnings=(warning,), clock=clock)
 
 

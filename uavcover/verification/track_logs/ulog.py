@@ -42,7 +42,7 @@ def read_ulog(path: Path) -> LoggedRows:
         TrackError: no such log, no positions, or pyulog is not installed.
     """
     if path.read_bytes()[: len(_MAGIC)] != _MAGIC:
-        raise TrackError(f"{path}: is no ULog of PX4; it does not begin with its mark")
+        raise TrackError(f"{path}: is not a ULog of PX4; it does not start with the ULog signature")
     try:
         from pyulog import ULog
     except ImportError:
@@ -54,13 +54,13 @@ def read_ulog(path: Path) -> LoggedRows:
     except Exception as error:  # pyulog raises bare Exceptions for wrong headers and flags
         raise TrackError(f"{path}: not a ULog that pyulog can read ({error})") from error
     datasets = {data.name: data.data for data in log.data_list if data.multi_id == 0}
-    warnings = [f"{path}: parts of the log are damaged and were left out"] if log.file_corruption else []
+    warnings = [f"{path}: parts of the log are damaged and were ignored"] if log.file_corruption else []
     position = datasets.get("vehicle_global_position")
     if position:
         positions = np.column_stack([position["timestamp"] * 1e-6, position["lat"], position["lon"], position["alt"]])
     else:
         positions = _received(path, datasets)
-        warnings.append(f"{path}: has no vehicle_global_position messages; the positions of its receiver are taken")
+        warnings.append(f"{path}: has no vehicle_global_position messages; the positions of its receiver are used")
     attitudes = np.empty((0, 4))
     if "vehicle_attitude" in datasets:
         attitude = datasets["vehicle_attitude"]
@@ -152,7 +152,7 @@ def _pictures(path: Path, datasets: dict[str, dict[str, Any]]) -> tuple[FloatArr
         return rows[taken][first], words
     if trigger := datasets.get("camera_trigger"):
         times = np.asarray(trigger["timestamp"], float) * 1e-6
-        words = [f"{path}: has no camera_capture messages; the triggers count as photos, whether or not any was taken"]
+        words = [f"{path}: has no camera_capture messages; the triggers count as photos, even if no photo was taken"]
         return np.column_stack([times, np.full((len(times), 2), np.nan)]), words
     return None, []
 

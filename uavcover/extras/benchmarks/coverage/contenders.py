@@ -32,7 +32,6 @@ from uavcover.planner.front import NamedRoute, Snapshots
 from uavcover.planner.planner import Effort, plan_routes
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.sensing.sensors import reach_at_height_m
 
 _ANGLES = 12
 _INSETS = (0.0, 0.5, 0.8, 1.0)
@@ -97,7 +96,7 @@ def scan(judge: Judge) -> tuple[list[Tried], list[NamedRoute]]:
     site = judge.site
     coverages = [judge.case.asked - less for less in _LESS_COVERAGE]
     coarse = CoverageMap(site, cell_size_m=site.scenario.planning_cell_size_m)
-    if site.scenario.sensor.sensing == "along-path":
+    if site.scenario.sensor.looks_along_path:
         families = _families(site)
         laid = [item for family in families for item in _flown(site, family)]
         first = _tried(coarse, laid)
@@ -167,7 +166,7 @@ def _closer(site: Site, families: Sequence[_Family]) -> list[_Family]:
 
 def _flown(site: Site, family: _Family) -> Iterator[_Laid]:
     width = width_across_m(site, family.angle_rad)
-    strip = 2.0 * max(reach_at_height_m(site.scenario.sensor, family.height_agl_m), site.scenario.area.cell_size_m)
+    strip = 2.0 * max(site.scenario.sensor.half_width_m(family.height_agl_m), site.scenario.area.cell_size_m)
     few, many = (max(1, math.ceil(share * width / strip - 1e-9)) for share in (_FEWEST_LINES, _MOST_LINES))
     for lines in range(few, many + 1):
         layout = regular_layout(
@@ -260,7 +259,7 @@ def plan_for(
 def _plain(judge: Judge) -> Found:
     site = judge.site
     begin = time.process_time()
-    if site.scenario.sensor.sensing == "along-path":
+    if site.scenario.sensor.looks_along_path:
         route = fly_layout(site, plain_boustrophedon(site))
     else:
         route = fly_rows(site, plain_rows(site))

@@ -18,7 +18,8 @@ from uavcover.extras.benchmarks.runs import KeptRuns, completed
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.route import RouteMember
 from uavcover.model.scenario import PlannerAlgorithm
-from uavcover.model.sensor import LineOfSight, SphereSensor
+from uavcover.model.sensor import SphereSensor
+from uavcover.model.sensor_base import LineOfSight
 from uavcover.planner.planner import Effort, plan_routes
 from uavcover.planner.selection_rule import PAPER_WEIGHTS
 from uavcover.scenario.site import Site, load_site
@@ -65,9 +66,9 @@ class Reading:
         """The paper's ground, seen by this reading's sensor."""
         site = load_site(self.scenario)
         sensor = site.scenario.sensor
-        if self.line_of_sight is None or not isinstance(sensor, SphereSensor):
+        if self.line_of_sight is None:
             return site
-        changed = dataclasses.replace(sensor, line_of_sight=self.line_of_sight)
+        changed = SphereSensor(kind="sphere", range_m=sensor.reach_m, line_of_sight=self.line_of_sight)
         return dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, sensor=changed))
 
 

@@ -1,0 +1,104 @@
+"""Make the pictures of docs/how-to/map.md with a browser: `python scripts/docs/make_map_pictures.py -o docs/pictures`.
+
+It needs Chromium (Debian: chromium) and playwright. The server and a mock flight run in a temporary folder.
+"""
+
+import argparse
+import json
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+from typing import Any
+
+from PIL import Image
+from playwright.sync_api import sync_playwright
+
+ROOT = Path(__file__).resolve().parents[2]
+SIZES = {
+    "map-area": (1400, 900),
+    "map-plan": (1400, 900),
+    "map-fly": (1180, 820),
+    "map-judge": (1180, 820),
+    "map-phone": (390, 844),
+}
+LIMIT_MS = 300_000
+
+
+def until(page: Any, expression: str) -> None:
+    """Wait until an expression of the page is true."""
+    for _ in range(LIMIT_MS // 200):
+        if page.evaluate(f"() => {{ try {{ return Boolean({expression}); }} catch {{ return false; }} }}"):
+            return
+        page.wait_for_timeout(200)
+    raise TimeoutError(expression)
+
+
+def shoot(page: Any, out: Path, name: str) -> None:
+    """Write one picture as WebP."""
+    width, height = SIZES[name]
+    page.set_viewport_size({"width": width, "height": height})
+    page.wait_for_timeout(500)
+    page.click("text=Show all")
+    page.wait_for_timeout(5000)
+    png = out / f"{name}.png"
+    page.screenshot(path=png)
+    Image.open(png).save(out / f"{name}.webp", quality=80)
+    png.unlink()
+
+
+def main() -> None:
+    """Drive the page and write its pictures."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("-o", "--out", type=Path, required=True, help="folder of the pictures")
+    out = parser.parse_args().out
+    if not out.is_dir():
+        parser.error(f"--out {out}: no such folder")
+    with tempfile.TemporaryDirectory() as scratch, sync_playwright() as playwright:
+        for file in (ROOT / "docs" / "examples").iterdir():
+            shutil.copy(file, scratch)
+        shutil.copy(ROOT / "uavcover" / "data" / "jacksboro.tif", Path(scratch) / "dem.tif")
+        command = [sys.executable, "-m", "uavcover", "serve", scratch, "--port", "0", "--no-browser", "--json"]
+        server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        try:
+            assert server.stdout is not None
+            url = json.loads(server.stdout.readline())["url"]
+            browser = playwright.chromium.launch(
+                executable_path=shutil.which("chromium"),
+                args=["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
+            )
+            page = browser.new_page()
+            page.goto(url)
+            until(page, "document.documentElement.dataset.ready")
+            page.set_input_files("#f-files", str(ROOT / "docs" / "examples" / "valley.geojson"))
+            until(page, "window.uavcover.state.draft.area")
+            for name, value in (("dem", "dem.tif"), ("vertical_datum", "EGM96"), ("camera", "dji-m3e")):
+                page.select_option(f"#f-{name}", value)
+            page.fill("#f-battery", "30min")
+            until(page, "window.uavcover.state.design?.flights")
+            shoot(page, out, "map-area")
+            page.select_option("#f-open", "valley.toml")
+            until(page, "window.uavcover.state.scene")
+            page.click("#tab-plan")
+            page.select_option("#f-budget", "10s")
+            page.click("#plan")
+            until(page, "window.uavcover.state.scene.plan")
+            shoot(page, out, "map-plan")
+            page.click("#tab-fly")
+            page.fill("#f-mock", "5")
+            page.click("#fly")
+            until(page, "window.uavcover.state.live.get('valley')?.covered > 0.3")
+            shoot(page, out, "map-fly")
+            until(page, "window.uavcover.state.tab === 'judge' && document.getElementById('verdict')")
+            shoot(page, out, "map-judge")
+            page.click("#tab-plan")
+            shoot(page, out, "map-phone")
+            browser.close()
+        finally:
+            server.terminate()
+            server.wait(30)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,246 @@
+"""A browser does the whole way as a pilot would: area, no-fly zone, plan, edit, export, upload, flight, verdict, gaps.
+
+It skips where there is no Chromium. Nothing but the server on 127.0.0.1 is asked, and the page says no error.
+"""
+
+import json
+import re
+import shutil
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.extras.app.conftest import Client
+from uavcover.scenario.site import load_site
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
+playwright = pytest.importorskip("playwright.sync_api")
+pytestmark = [
+    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium; Debian has it as the package chromium"),
+    pytest.mark.filterwarnings("ignore::DeprecationWarning"),
+    pytest.mark.timeout(900),
+]
+LIMIT_S = 180.0
+KML = """<?xml version="1.0" encoding="UTF-8"?>
+<kml xmlns="http://www.opengis.net/kml/2.2"><Document><Placemark><name>&lt;img src=x onerror=alert(1)&gt;</name><Polygon>
+<outerBoundaryIs><LinearRing><coordinates>
+-84.2160,36.4705 -84.2125,36.4705 -84.2125,36.4728 -84.2160,36.4728 -84.2160,36.4705
+</coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark></Document></kml>
+"""
+
+
+class Page:
+    """A page, and what went wrong on it."""
+
+    def __init__(self, page: Any) -> None:
+        self.page = page
+        self.errors: list[str] = []
+        self.foreign: list[str] = []
+        page.on("console", lambda message: self.errors.append(message.text) if message.type == "error" else None)
+        page.on("pageerror", lambda error: self.errors.append(str(error)))
+        page.on("dialog", lambda dialog: self.errors.append(f"a dialog: {dialog.message}"))
+        page.on("request", lambda request: self._seen(request.url))
+
+    def _seen(self, url: str) -> None:
+        if not url.startswith(("http://127.0.0.1:", "ws://127.0.0.1:", "data:", "blob:http://127.0.0.1:")):
+            self.foreign.append(url)
+
+    def until(self, expression: str) -> Any:
+        """Wait until an expression of the page is true; the page's policy forbids Playwright's own way."""
+        end_s = time.monotonic() + LIMIT_S
+        while time.monotonic() < end_s:
+            found = self.page.evaluate(f"() => {{ try {{ return {expression}; }} catch {{ return false; }} }}")
+            if found:
+                return found
+            self.page.wait_for_timeout(50)
+        raise AssertionError(f"not within {LIMIT_S:g} s: {expression}; {self.errors}; {self.messages()}")
+
+    def messages(self) -> str:
+        return str(self.page.inner_text("#messages"))
+
+    def at(self, lon: float, lat: float) -> tuple[float, float]:
+        """Where a place is on the screen."""
+        x, y = self.page.evaluate(
+            "([lon, lat]) => { const m = window.uavcover.map.map, p = m.project([lon, lat]),"
+            " r = m.getCanvas().getBoundingClientRect(); return [p.x + r.x, p.y + r.y]; }",
+            [lon, lat],
+        )
+        return x, y
+
+    def job_ended(self, kind: str, count: int = 1) -> Any:
+        return self.until(
+            f"[...window.uavcover.state.jobs.values()].filter(j => j.kind === '{kind}' && j.code !== null).length >= {count}"
+        )
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(
+            executable_path=CHROMIUM,
+            args=["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
+        )
+        yield browser
+        browser.close()
+
+
+def opened(browser: Any, served: Client, width: int = 1400, height: int = 900) -> Page:
+    page = Page(browser.new_page(viewport={"width": width, "height": height}))
+    page.page.goto(served.url)
+    page.until("document.documentElement.dataset.ready === 'yes'")
+    return page
+
+
+def test_the_whole_way(browser: Any, served: Client, cli: Any) -> None:
+    data = Path(load_site.__code__.co_filename).parents[1] / "data" / "jacksboro.tif"
+    (served.root / "dem.tif").write_bytes(data.read_bytes())
+    p = opened(browser, served)
+    page = p.page
+    assert "token" not in page.url
+
+    # An area by its file; what follows from the form is shown while it is filled in, and wrong values at their field.
+    page.set_input_files("#f-files", files=[{"name": "field.kml", "mimeType": "text/xml", "buffer": KML.encode()}])
+    p.until("window.uavcover.state.draft.area")
+    page.select_option("#f-dem", "dem.tif")
+    page.select_option("#f-vertical_datum", "EGM96")
+    page.select_option("#f-camera", "dji-m3e")
+    page.fill("#f-overlap", "40/30")
+    page.fill("#f-gsd", "0")
+    p.until("document.getElementById('f-gsd').getAttribute('aria-invalid') === 'true'")
+    page.fill("#f-gsd", "4cm")
+    p.until("window.uavcover.state.design?.flights?.[0].pictures > 20")
+    assert "photos" in page.inner_text("#design")
+
+    # A no-fly zone drawn on the map, taken back and drawn again.
+    def corner(lon: float, lat: float, *, last: bool = False) -> None:
+        page.mouse.move(*p.at(lon, lat))
+        page.mouse.click(*p.at(lon, lat))
+        page.wait_for_timeout(50 if last else 400)
+
+    page.click("text=Draw no-fly zone")
+    for lon, lat in ((-84.2152, 36.4712), (-84.2147, 36.4712), (-84.2147, 36.4716)):
+        corner(lon, lat)
+    page.keyboard.press("Enter")
+    p.until("window.uavcover.state.draft.zones.length === 1")
+    page.click("#undo")
+    p.until("window.uavcover.state.draft.zones.length === 0")
+    page.click("#redo")
+    p.until("window.uavcover.state.draft.zones.length === 1")
+    page.fill("#f-name", "field")
+    page.click("#save")
+    p.until("window.uavcover.state.name === 'field.toml' && window.uavcover.state.scene.zones.length === 1")
+
+    # Plan, choose another route of the trade-off.
+    page.select_option("#f-budget", "5s")
+    page.click("#plan")
+    p.until("window.uavcover.state.scene?.plan && window.uavcover.state.name === 'field'")
+    members = p.until("window.uavcover.state.scene.members")
+    if len(members) > 1:
+        page.evaluate("() => { window.before = window.uavcover.state.scene; }")
+        page.locator("circle.member").last.focus()
+        page.keyboard.press("Enter")
+        p.job_ended("select")
+        p.until("window.uavcover.state.scene !== window.before")
+
+    # A waypoint dragged far away: its legs are refused; taken back, they hold.
+    page.click("#edit")
+    p.until("window.uavcover.state.edit && !Number.isNaN(window.uavcover.state.edit.coverage)")
+    lon, lat, _ = page.evaluate("() => window.uavcover.state.edit.points[1]")
+    page.click("text=Show all")
+    page.wait_for_timeout(500)
+    x, y = p.at(lon, lat)
+    page.mouse.move(x, y)
+    page.mouse.down()
+    for step in range(1, 8):
+        page.mouse.move(x + 70 * step, y - 20 * step)
+    page.mouse.up()
+    p.until("window.uavcover.state.edit.bad.length > 0")
+    assert page.is_disabled("#save-edited")
+    assert "break a limit" in page.inner_text("#edit-state")
+    page.click("#undo")
+    p.until("window.uavcover.state.edit.bad.length === 0")
+    page.click("text=Discard changes")
+    p.until("!window.uavcover.state.edit")
+
+    # Export, upload to a mock with read-back, fly, watch, verdict, gap mission.
+    page.click("#export")
+    p.job_ended("export")
+    assert list(served.root.glob("field-plan*.plan"))
+    page.click("#tab-fly")
+    page.click("#upload")
+    p.until("document.getElementById('uploaded')?.textContent.includes('holds what was sent')")
+    page.fill("#f-mock", "40")
+    page.click("#fly")
+    p.until("window.uavcover.state.live.get('field')?.count > 20")
+    assert page.is_visible("#back")
+    p.until("window.uavcover.state.tab === 'judge' && document.getElementById('verdict')")
+    page.click("#verify")
+    p.job_ended("verify")
+    assert "passed" in page.inner_text("#verdict"), p.messages()
+    page.click("#gaps")
+    p.job_ended("gaps")
+    assert (served.root / "field" / "verification.json").is_file()
+
+    # What was made here is what the commands make.
+    again = cli("plan", served.root / "field.toml", "-o", served.root / "again", "--evaluations", "60", "--seed", "1")
+    assert again.code in (0, 1), again.err
+    assert "<img" not in page.content().replace("&lt;img", "")
+    assert p.errors == []
+    assert p.foreign == []
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1180, 820), (2560, 1300)])
+def test_sizes_themes_and_labels(browser: Any, served: Client, width: int, height: int) -> None:
+    p = opened(browser, served, width, height)
+    page = p.page
+    page.select_option("#f-open", "valley.toml")
+    p.until("window.uavcover.state.scene")
+    assert page.evaluate("() => document.documentElement.scrollWidth <= window.innerWidth")
+    page.click("#theme")
+    assert page.evaluate("() => getComputedStyle(document.body).backgroundColor !== 'rgb(255, 255, 255)'")
+    nameless = page.evaluate(
+        "() => [...document.querySelectorAll('#panel :is(button, input, select), header button, #tools :is(button, select)')]"
+        ".filter(e => !(e.textContent.trim() || e.getAttribute('aria-label') || e.labels?.length)).map(e => e.outerHTML)"
+    )
+    assert nameless == []
+    assert p.errors == []
+
+
+def test_the_keyboard_alone_opens_a_scenario_and_its_plan_step(browser: Any, served: Client) -> None:
+    p = opened(browser, served)
+    page = p.page
+    page.focus("#f-open")
+    page.keyboard.type("vall")
+    page.keyboard.press("Enter")
+    p.until("window.uavcover.state.scene")
+    page.focus("#tab-plan")
+    page.keyboard.press("Enter")
+    p.until("window.uavcover.state.tab === 'plan'")
+    assert page.locator("#plan").count() == 1
+    assert p.errors == []
+
+
+def test_a_server_that_ends_and_comes_back_loses_nothing(browser: Any, served: Client) -> None:
+    p = opened(browser, served)
+    page = p.page
+    page.evaluate("() => { window.before = window.uavcover.state; }")
+    page.context.set_offline(True)
+    page.evaluate("() => 0")
+    page.context.set_offline(False)
+    page.select_option("#f-open", "valley.toml")
+    p.until("window.uavcover.state.scene && window.before === window.uavcover.state")
+
+
+def test_the_page_is_light(served: Client) -> None:
+    status, _, page = served.ask("GET", f"/?token={served.token}")
+    assert status == 200
+    names = {"/page/app.js", "/page/map.js", "/page/dom.js", "/page/charts.js", "/page/strings.js", "/page/style.css"}
+    names |= set(re.findall(r'(?:href|src)="(/[^"]+)"', page.decode()))
+    names |= {"/vendor/maplibre-gl/maplibre-gl.mjs", "/vendor/maplibre-gl/maplibre-gl-worker.mjs"}
+    names |= {"/vendor/terra-draw/terra-draw.module.js", "/vendor/terra-draw/terra-draw-maplibre-gl-adapter.module.js"}
+    sizes = {name: len(served.ask("GET", name)[2]) for name in names}
+    assert all(sizes.values())
+    assert sum(sizes.values()) < 3_000_000, json.dumps(sizes)

@@ -1,0 +1,190 @@
+"""Commands of the page: processes of their own, found again by the next server, stopped and paused by signals."""
+
+import json
+import os
+import shutil
+import signal
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from websockets.sync.client import connect
+
+from tests.extras.app.conftest import WATCHDOG_S, Client
+from uavcover.errors import InputError
+from uavcover.extras.app import jobs as jobs_module
+from uavcover.extras.app.jobs import Job, Jobs
+from uavcover.extras.app.live import LiveFlight
+from uavcover.extras.app.scene import Scenes
+
+
+def until(found: Callable[[], object], limit_s: float = WATCHDOG_S) -> None:
+    """Wait for another process, under a watchdog."""
+    end_s = time.monotonic() + limit_s
+    while not found():
+        assert time.monotonic() < end_s, "the watchdog"
+        time.sleep(0.02)
+
+
+@pytest.fixture
+def sleeper(tmp_path: Path) -> Jobs:
+    """Jobs whose process writes an event and waits for a signal."""
+    program = tmp_path / "program.py"
+    program.write_text(
+        "import signal, sys, time, pathlib\n"
+        "from uavcover.extras.app.jobs import detach\n"
+        "folder = pathlib.Path(sys.argv[-1])\n"
+        "def end(*_):\n    (folder / 'code').write_text('130')\n    sys.exit(130)\n"
+        "signal.signal(signal.SIGINT, end)\n"
+        'signal.signal(signal.SIGUSR1, lambda *_: print(\'{"say": "paused"}\', file=sys.stderr, flush=True))\n'
+        "detach(folder)\n"
+        'print(\'{"say": "begun"}\', file=sys.stderr, flush=True)\n'
+        "print('not json', file=sys.stderr, flush=True)\n"
+        "time.sleep(60)\n"
+    )
+    return Jobs(tmp_path, program=(sys.executable, str(program)))
+
+
+def test_a_job_is_found_by_the_next_server_and_stopped(sleeper: Jobs, tmp_path: Path) -> None:
+    job = sleeper.start("plan", ["plan", "x"], run="run")
+    until(lambda: len(job.events()[0]) == 2)
+    assert job.events()[0] == [{"say": "begun"}, {"say": "not json"}]
+    (again,) = Jobs(tmp_path).all()
+    assert again == job
+    assert again.code is None
+    assert again.document()["command"] == ["uavcover", "plan", "x", "--json", "--events"]
+    assert again.signal(signal.SIGUSR1)
+    until(lambda: {"say": "paused"} in again.events()[0])
+    with pytest.raises(InputError, match="another command works on this run folder"):
+        Jobs(tmp_path).start("verify", ["verify", "run"], run="run")
+    assert again.signal(signal.SIGINT)
+    until(lambda: again.code == 130)
+    assert not again.signal(signal.SIGINT)
+
+
+def test_events_are_read_from_where_one_was_and_only_whole_ones(tmp_path: Path) -> None:
+    job = Job(tmp_path, "plan", (), "")
+    assert job.events() == ([], 0)
+    (tmp_path / "events").write_bytes(b'{"say": "a"}\n{"say":')
+    events, end = job.events()
+    assert events == [{"say": "a"}]
+    with (tmp_path / "events").open("ab") as file:
+        file.write(b' "b"}\n\xff\xfe\n')
+    assert job.events(end)[0] == [{"say": "b"}, {"say": "\ufffd\ufffd"}]
+
+
+def test_a_process_that_was_killed_is_no_job_that_runs(sleeper: Jobs) -> None:
+    job = sleeper.start("plan", ["plan", "x"])
+    until(lambda: job.events()[0])
+    os.kill(job._process()[0], signal.SIGKILL)
+    until(lambda: sleeper.all()[0].code is not None)
+    assert job.code == -1
+
+
+def test_a_number_that_was_given_again_is_another_process(tmp_path: Path) -> None:
+    job = Job(tmp_path, "plan", (), "")
+    (tmp_path / "process.json").write_text(json.dumps({"pid": os.getpid(), "began": "0"}))
+    assert job.code == -1
+    assert not job.signal(signal.SIGINT)
+
+
+def test_ended_jobs_are_forgotten_the_oldest_first(monkeypatch: pytest.MonkeyPatch, sleeper: Jobs) -> None:
+    monkeypatch.setattr(jobs_module, "KEPT", 2)
+    started = []
+    for _ in range(4):
+        job = sleeper.start("plan", ["plan", "x"])
+        until(lambda: job.events()[0])  # noqa: B023
+        job.signal(signal.SIGINT)
+        until(lambda: job.code == 130)  # noqa: B023
+        started.append(job.id)
+    sleeper.start("plan", ["plan", "x"]).signal(signal.SIGKILL)
+    assert {job.id for job in sleeper.all()} & set(started) == {started[3]}
+
+
+def test_a_process_that_has_not_told_its_number_yet_is_no_ended_one(tmp_path: Path) -> None:
+    (tmp_path / "job.json").write_text("{}")
+    assert Job(tmp_path, "plan", (), "").code is None
+    os.utime(tmp_path / "job.json", (1.0, 1.0))
+    assert Job(tmp_path, "plan", (), "").code == -1
+
+
+@pytest.mark.parametrize("name", ["", "../x", "1-2", "x" * 40, "1795909878295-b11736cd"])
+def test_a_job_that_is_none(tmp_path: Path, name: str) -> None:
+    with pytest.raises(InputError, match="no such job"):
+        Jobs(tmp_path).get(name)
+
+
+def test_a_whole_command(served: Client) -> None:
+    begun = served.post("/api/jobs", {"kind": "plan", "scenario": "valley.toml", "evaluations": 60, "seed": 3})
+    until(lambda: served.get(f"/api/jobs/{begun['id']}")["code"] is not None)
+    job = served.get(f"/api/jobs/{begun['id']}")
+    assert job["code"] == 0, served.server.jobs.get(begun["id"]).events()
+    assert job["result"]["run"] == "valley"
+    assert any("progress" in event for event in served.server.jobs.get(begun["id"]).events()[0])
+    scene = served.get("/api/scene?name=valley")
+    assert len(scene["route"]) == job["result"]["waypoint_count"]
+    # The page's check of the plan's own route finds nothing, and what it sees is what the plan says.
+    check = served.post("/api/route/check", {"run": "valley", "waypoints": scene["route"]})
+    assert check["legs"] == []
+    seen = served.post("/api/route/coverage", {"run": "valley", "waypoints": scene["route"]})
+    assert seen["coverage"] == pytest.approx(scene["plan"]["metrics"]["coverage_of_coverable"], abs=2e-4)
+    high = [[lon, lat, 500.0] for lon, lat, _ in scene["route"]]
+    assert served.post("/api/route/check", {"run": "valley", "waypoints": high})["legs"] != []
+    # An edited plan is a plan like any other; one that breaks a limit is refused by the command.
+    edit(served, scene["route"][:-1], code=0)
+    assert served.get("/api/scene?name=valley-edited")["plan"]["made_by"] == "edited"
+    edit(served, high, code=4)
+    assert not (served.root / "valley-edited-2").exists()
+
+
+def edit(served: Client, waypoints: list[list[float]], *, code: int) -> None:
+    begun = served.post("/api/route/save", {"run": "valley", "waypoints": waypoints})
+    until(lambda: served.get(f"/api/jobs/{begun['id']}")["code"] is not None)
+    job = served.get(f"/api/jobs/{begun['id']}")
+    assert job["code"] == code, served.server.jobs.get(begun["id"]).events()
+
+
+@pytest.mark.parametrize("waypoints", [None, [], [[1]], [["a", 1, 2]], [[1, 2, None]], "x", [[1e400, 0, 0]]], ids=repr)
+def test_waypoints_that_are_none(served: Client, planned: Path, waypoints: object) -> None:
+    shutil.copytree(planned, served.root / "run")
+    assert "waypoints" in served.error("POST", "/api/route/check", {"run": "run", "waypoints": waypoints})
+
+
+def test_a_flight_is_followed_as_it_grows_and_from_its_beginning_when_it_is_replaced(flown: Path) -> None:
+    track = flown / "track.csv"
+    whole = track.read_bytes()
+    track.unlink()
+    scene = Scenes().of(flown)
+    live = LiveFlight(scene, flown)
+    live.poll()
+    assert live.samples == []
+    with track.open("wb") as file:
+        for begin in range(0, len(whole), 4001):  # cuts lines anywhere
+            file.write(whole[begin : begin + 4001])
+            file.flush()
+            live.poll()
+            live.look()
+    rows = [line for line in whole.decode().splitlines() if not line.startswith("#")]
+    assert len(live.samples) == len(rows) - 1
+    assert live.covered > 0.9
+    lon_lat = np.array(live.samples)[:, :2]
+    assert np.abs(scene.east_north(lon_lat)).max() < 2000.0
+    track.unlink()
+    track.write_bytes(b"".join(line + b"\n" for line in whole.splitlines()[:30]))
+    live.poll()
+    assert 0 < len(live.samples) < 40
+
+
+def test_browsers_get_what_they_lack(served: Client, flown: Path) -> None:
+    shutil.copytree(flown, served.root / "run")
+    headers = {"Cookie": f"uavcover-{served.port}={served.token}"}
+    for begin in (0, 100):
+        with connect(f"ws://{served.host}/ws", origin=f"http://{served.host}", additional_headers=headers) as socket:  # type: ignore[arg-type]
+            socket.send(json.dumps({"watch": "run", "from": begin}))
+            while "samples" not in (message := json.loads(socket.recv(timeout=WATCHDOG_S))):
+                pass
+            assert message["from"] == begin
+            assert len(message["samples"]) > 200

@@ -1,0 +1,180 @@
+// The map: terrain, shapes, route, coverage, vehicles. Data are longitude and latitude; nothing is fetched from another host.
+import * as maplibre from "/vendor/maplibre-gl/maplibre-gl.mjs";
+import { TerraDraw, TerraDrawPolygonMode, TerraDrawSelectMode, TerraDrawRenderMode } from "terra-draw";
+import { api } from "/page/dom.js";
+import { TerraDrawMapLibreGLAdapter } from "/vendor/terra-draw/terra-draw-maplibre-gl-adapter.module.js";
+
+maplibre.setWorkerUrl("/vendor/maplibre-gl/maplibre-gl-worker.mjs");
+
+export const COLORS = {
+  area: "#0072b2", zone: "#cc3311", fence: "#666666", obstacle: "#886622", route: "#1a1a8c", bad: "#e00000", track: "#d000a0",
+  home: "#111111", gap: "#d55e00", unsafe: "#ff8800", photo: "#333333",
+};
+export const SORTIES = ["#1a1a8c", "#b5460f", "#00725f", "#8a2f8a", "#5a5a00", "#0077aa", "#aa0055", "#444444"];
+const EMPTY = { type: "FeatureCollection", features: [] };
+const collection = (features) => ({ type: "FeatureCollection", features });
+const feature = (type, coordinates, properties = {}) => ({ type: "Feature", properties, geometry: { type, coordinates } });
+const polygon = (rings, properties) => feature("Polygon", rings, properties);
+
+const SHAPES = ["contours", "area", "fence", "zones", "obstacles", "unsafe", "photos", "path", "route", "bad", "incumbent", "track", "gaps", "findings", "waypoints", "home", "vehicles"];
+
+export class CoverageMap {
+  constructor(container) {
+    this.map = new maplibre.Map({
+      container, attributionControl: false, maxPitch: 80, fadeDuration: 0, center: [0, 20], zoom: 1.2, pixelRatio: Math.min(window.devicePixelRatio, 2),
+      style: { version: 8, sources: {}, layers: [{ id: "ground", type: "background", paint: { "background-color": "#dfe5dd" } }] },
+    });
+    this.map.addControl(new maplibre.NavigationControl({ visualizePitch: true }), "top-right");
+    this.map.addControl(new maplibre.ScaleControl({}), "bottom-right");
+    this.ready = new Promise((done) => this.map.on("load", () => { this.prepare(); done(); }));
+    this.tracks = new Map();
+    this.terrain = false;
+  }
+
+  prepare() {
+    for (const name of SHAPES) this.map.addSource(name, { type: "geojson", data: EMPTY });
+    const line = (id, source, color, width, more = {}) => this.map.addLayer({ id, source, type: "line", layout: { "line-join": "round", "line-cap": "round" }, paint: { "line-color": color, "line-width": width, ...more } });
+    const own = ["coalesce", ["get", "color"], COLORS.route];
+    line("contours", "contours", "#5b4a33", ["case", ["get", "major"], 1.1, 0.5], { "line-opacity": 0.55 });
+    this.map.addLayer({ id: "area-fill", source: "area", type: "fill", paint: { "fill-color": COLORS.area, "fill-opacity": 0.08 } });
+    line("area", "area", COLORS.area, 2.2);
+    line("fence", "fence", COLORS.fence, 1.4, { "line-dasharray": [4, 3] });
+    this.map.addLayer({ id: "zones-fill", source: "zones", type: "fill", paint: { "fill-color": COLORS.zone, "fill-opacity": 0.22 } });
+    line("zones", "zones", COLORS.zone, 1.6);
+    this.map.addLayer({ id: "obstacles", source: "obstacles", type: "fill-extrusion", paint: { "fill-extrusion-color": COLORS.obstacle, "fill-extrusion-height": ["get", "height"], "fill-extrusion-opacity": 0.7 } });
+    line("unsafe", "unsafe", COLORS.unsafe, 7, { "line-opacity": 0.55 });
+    line("path", "path", "#555555", 1, { "line-dasharray": [2, 2] });
+    this.map.addLayer({ id: "photos", source: "photos", type: "circle", paint: { "circle-radius": 1.6, "circle-color": COLORS.photo } });
+    line("route", "route", own, 2.4);
+    line("bad", "bad", COLORS.bad, 4.5);
+    line("incumbent", "incumbent", COLORS.route, 1.6, { "line-opacity": 0.7 });
+    line("track", "track", ["coalesce", ["get", "color"], COLORS.track], 2.6);
+    this.map.addLayer({ id: "gaps", source: "gaps", type: "circle", paint: { "circle-radius": 7, "circle-color": COLORS.gap, "circle-stroke-color": "#fff", "circle-stroke-width": 1.5 } });
+    this.map.addLayer({ id: "findings", source: "findings", type: "circle", paint: { "circle-radius": 7, "circle-color": COLORS.bad, "circle-stroke-color": "#fff", "circle-stroke-width": 1.5 } });
+    this.map.addLayer({ id: "waypoints", source: "waypoints", type: "circle", paint: { "circle-radius": ["case", ["get", "chosen"], 8, 4.5], "circle-color": ["case", ["get", "chosen"], "#ffcc00", "#ffffff"], "circle-stroke-color": COLORS.route, "circle-stroke-width": 1.6 } });
+    this.map.addLayer({ id: "home", source: "home", type: "circle", paint: { "circle-radius": 6, "circle-color": "#fff", "circle-stroke-color": COLORS.home, "circle-stroke-width": 3 } });
+    this.map.addLayer({ id: "vehicles", source: "vehicles", type: "circle", paint: { "circle-radius": 9, "circle-color": ["get", "color"], "circle-stroke-color": "#fff", "circle-stroke-width": 2.5 } });
+    this.draw = new TerraDraw({
+      adapter: new TerraDrawMapLibreGLAdapter({ map: this.map }),
+      modes: [
+        new TerraDrawPolygonMode({ pointerDistance: 24, styles: { fillColor: COLORS.area, outlineColor: COLORS.area, fillOpacity: 0.12, outlineWidth: 3 } }),
+        new TerraDrawSelectMode({ flags: { polygon: { feature: { draggable: true, coordinates: { midpoints: true, draggable: true, deletable: true } } } } }),
+        new TerraDrawRenderMode({ modeName: "static", styles: {} }),
+      ],
+    });
+    this.draw.start();
+    this.draw.setMode("static");
+  }
+
+  set(name, features) { this.map.getSource(name)?.setData(collection(features)); }
+
+  // Relief and 3D heights from the user's own elevation file.
+  async heights(query) {
+    if (query === this.heightsQuery) return;
+    this.heightsQuery = query;
+    this.map.setTerrain(null);
+    if (this.map.getLayer("relief")) this.map.removeLayer("relief");
+    for (const id of ["heights", "heights-relief"]) if (this.map.getSource(id)) this.map.removeSource(id);
+    if (!query) return;
+    const found = await api(`/api/heights?${query}`).catch(() => ({ finestZoom: 14 }));
+    if (query !== this.heightsQuery || this.map.getSource("heights")) return;
+    const tiles = [`${location.origin}/tiles/heights/{z}/{x}/{y}.png?${query}`];
+    for (const id of ["heights", "heights-relief"]) this.map.addSource(id, { type: "raster-dem", tiles, tileSize: 256, encoding: "terrarium", minzoom: 5, maxzoom: found.finestZoom });
+    this.map.addLayer({ id: "relief", source: "heights-relief", type: "hillshade", paint: { "hillshade-exaggeration": 0.55 } }, "contours");
+    this.show3d(this.terrain);
+  }
+
+  show3d(on) {
+    this.terrain = on;
+    this.map.setTerrain(on && this.heightsQuery ? { source: "heights", exaggeration: 1 } : null);
+    if (on && this.map.getPitch() < 20) this.map.easeTo({ pitch: 60, duration: 0 });
+    if (!on) this.map.easeTo({ pitch: 0, bearing: 0, duration: 0 });
+  }
+
+  background(file) {
+    if (this.map.getLayer("background")) { this.map.removeLayer("background"); this.map.removeSource("background"); }
+    if (!file) return;
+    this.map.addSource("background", { type: "raster", tiles: [`${location.origin}/tiles/background/{z}/{x}/{y}?file=${encodeURIComponent(file)}`], tileSize: 256 });
+    this.map.addLayer({ id: "background", source: "background", type: "raster" }, this.map.getLayer("relief") ? "relief" : "contours");
+  }
+
+  // One image of the cells, draped on the terrain.
+  cells(image, corners) {
+    const there = this.map.getSource("cells");
+    if (!image) { if (there) { this.map.removeLayer("cells"); this.map.removeSource("cells"); } return; }
+    if (there) { there.updateImage({ url: image, coordinates: corners }); return; }
+    this.map.addSource("cells", { type: "image", url: image, coordinates: corners });
+    this.map.addLayer({ id: "cells", source: "cells", type: "raster", paint: { "raster-opacity": 0.75, "raster-resampling": "nearest", "raster-fade-duration": 0 } }, "area-fill");
+  }
+
+  fit(bounds, padding = 40) {
+    if (bounds) this.map.fitBounds([[bounds[0], bounds[1]], [bounds[2], bounds[3]]], { padding, duration: 0, maxZoom: 18 });
+  }
+
+  scene(doc) {
+    this.set("area", doc ? [polygon(doc.drawn.length ? doc.drawn.slice(0) : doc.area)].map(evenOdd).flat() : []);
+    this.set("fence", doc ? doc.fence.map((ring) => feature("LineString", ring)) : []);
+    this.set("zones", doc ? doc.zones.map((zone) => polygon(zone.rings, { name: zone.name, text: zone.heights })) : []);
+    this.set("obstacles", doc ? doc.obstacles.map((o) => polygon(o.rings, { height: o.heightM, name: o.name })) : []);
+    this.set("home", doc?.home ? [feature("Point", doc.home)] : []);
+    this.set("path", doc?.path?.length ? [feature("LineString", doc.path)] : []);
+    this.set("photos", (doc?.photos?.planned ?? []).map((p) => feature("Point", p)));
+    this.set("unsafe", (doc?.unsafeReturns ?? []).filter((u) => u.line.length > 1).map((u) => feature("LineString", u.line, { text: u.text })));
+    this.set("gaps", (doc?.verdict?.gaps ?? []).map((g) => feature("Point", g.place)));
+    this.set("findings", (doc?.verdict?.violations ?? []).map((v) => feature("Point", v.place)));
+    this.set("track", (doc?.tracks ?? []).map((track, n) => feature("LineString", track.line, { color: n ? SORTIES[n % SORTIES.length] : COLORS.track })));
+    this.route(doc?.sorties ?? [], []);
+    this.set("waypoints", []);
+    this.set("vehicles", []);
+    this.tracks.clear();
+  }
+
+  route(lines, badLegs) {
+    this.set("route", lines.map((line, n) => feature("LineString", line, { color: SORTIES[n % SORTIES.length] })));
+    this.set("bad", badLegs.map((leg) => feature("LineString", leg)));
+  }
+
+  waypoints(points, chosen) { this.set("waypoints", points.map((p, n) => feature("Point", [p[0], p[1]], { number: n, chosen: n === chosen }))); }
+
+  contours(lines) { this.set("contours", lines.map((l) => feature("LineString", l.line, { major: l.major, height: l.height }))); }
+
+  // Samples of a flight are only ever appended; a line of several thousand points is thinned for drawing.
+  live(run, from, samples, color) {
+    let track = this.tracks.get(run);
+    if (!track || from === 0) { track = { points: [], color }; this.tracks.set(run, track); }
+    track.points.length = Math.min(track.points.length, from);
+    for (const s of samples) track.points.push(s);
+    if (this.drawing) return;
+    this.drawing = requestAnimationFrame(() => {
+      this.drawing = 0;
+      const lines = [], vehicles = [];
+      for (const [name, { points, color: own }] of this.tracks) {
+        const every = Math.max(1, Math.ceil(points.length / 4000));
+        const line = points.filter((_, n) => n % every === 0 || n === points.length - 1).map((p) => [p[0], p[1]]);
+        if (line.length > 1) lines.push(feature("LineString", line, { color: own }));
+        vehicles.push(feature("Point", points.at(-1).slice(0, 2), { color: own, name }));
+      }
+      this.set("track", lines);
+      this.set("vehicles", vehicles);
+    });
+  }
+}
+
+// Rings of several polygons come in one list: an outline is followed by its holes. MapLibre wants each outline with its own.
+function evenOdd(shape) {
+  const rings = shape.geometry.coordinates, found = [];
+  for (const ring of rings) {
+    const owner = found.find((other) => inside(ring[0], other[0]));
+    if (owner) owner.push(ring); else found.push([ring]);
+  }
+  return found.map((each) => polygon(each, {}));
+}
+
+export function inside(point, ring) {
+  let is = false;
+  for (let i = 0, j = ring.length - 1; i < ring.length; j = i++) {
+    const [xi, yi] = ring[i], [xj, yj] = ring[j];
+    if ((yi > point[1]) !== (yj > point[1]) && point[0] < ((xj - xi) * (point[1] - yi)) / (yj - yi) + xi) is = !is;
+  }
+  return is;
+}

@@ -1,0 +1,342 @@
+"""The server of the page: its routes, and what a browser is sent while a command or a flight goes on."""
+
+import asyncio
+import contextlib
+import json
+import signal
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+from anyio import to_thread
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import FileResponse, JSONResponse, Response
+from starlette.routing import Route as HttpRoute
+from starlette.routing import WebSocketRoute
+from starlette.staticfiles import StaticFiles
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from uavcover.errors import InputError, UavcoverError
+from uavcover.extras.app import survey, tiles
+from uavcover.extras.app.commands import command_of
+from uavcover.extras.app.jobs import Jobs
+from uavcover.extras.app.live import LiveFlight
+from uavcover.extras.app.places import place_of
+from uavcover.extras.app.scene import Scene, Scenes, route_check, route_coverage, scene_document
+from uavcover.extras.app.workspace import OWN_FOLDER, Workspace, free_name
+from uavcover.terrain.terrain_source import TerrainSource
+
+PAGE, VENDOR = Path(__file__).parent / "page", Path(__file__).parent / "vendor"
+MOST_UPLOAD_BYTES = 256 << 20
+MOST_JSON_BYTES = 4 << 20
+_LIVE_S, _SLOW_S = 0.1, 1.0
+"""Samples are sent ten times a second, jobs and coverage once."""
+_MOST_MESSAGES, _MOST_MESSAGE_BYTES = 20, 4096
+"""A browser's messages in a second, and their size; the connection of one that sends more is closed."""
+_MOST_SAMPLES_SENT = 2000
+
+
+class Server:
+    """State that the routes share.
+
+    Args:
+        workspace: the folder.
+        flights_allowed: whether vehicles that are not simulated may be flown.
+        first: scenario, area or run that the page opens with, relative to the folder; empty for none.
+    """
+
+    def __init__(self, workspace: Workspace, *, flights_allowed: bool = False, first: str = "") -> None:
+        self.workspace, self.flights_allowed, self.first = workspace, flights_allowed, first
+        self.jobs, self.scenes = Jobs(workspace.root), Scenes()
+        self._live: dict[str, LiveFlight] = {}
+
+    def app(self) -> Starlette:
+        """The ASGI application, without its guard."""
+        routes = [
+            HttpRoute("/", self._index),
+            HttpRoute("/api/state", _json(self._state)),
+            HttpRoute("/api/scene", _json(self._scene)),
+            HttpRoute("/api/contours", _json(self._contours)),
+            HttpRoute("/api/area", _json(self._area)),
+            HttpRoute("/api/heights", _json(self._heights_of)),
+            HttpRoute("/api/place", _json(_place)),
+            HttpRoute("/api/design", _json(self._design), methods=["POST"]),
+            HttpRoute("/api/scenarios", _json(self._write), methods=["POST"]),
+            HttpRoute("/api/route/check", _json(self._check), methods=["POST"]),
+            HttpRoute("/api/route/coverage", _json(self._coverage), methods=["POST"]),
+            HttpRoute("/api/route/save", _json(self._save_route), methods=["POST"]),
+            HttpRoute("/api/jobs", _json(self._start), methods=["POST"]),
+            HttpRoute("/api/jobs/{id}", _json(self._job)),
+            HttpRoute("/api/jobs/{id}/{action}", _json(self._signal), methods=["POST"]),
+            HttpRoute("/api/files/{name:path}", self._upload, methods=["PUT"]),
+            HttpRoute("/files/{name:path}", self._file),
+            HttpRoute("/tiles/heights/{z:int}/{x:int}/{y:int}.png", self._heights),
+            HttpRoute("/tiles/background/{z:int}/{x:int}/{y:int}", self._background),
+            WebSocketRoute("/ws", self._socket),
+        ]
+        app = Starlette(routes=routes, exception_handlers={UavcoverError: _refused})
+        app.mount("/page", StaticFiles(directory=PAGE))
+        app.mount("/vendor", StaticFiles(directory=VENDOR))
+        return app
+
+    async def _index(self, request: Request) -> Response:
+        del request
+        return FileResponse(
+            PAGE / "index.html", media_type="text/html; charset=utf-8", headers={"cache-control": "no-store"}
+        )
+
+    def _state(self, asked: dict[str, Any]) -> dict[str, Any]:
+        del asked
+        jobs = [job.document(with_events=False) for job in self.jobs.all()[:20]]
+        return {
+            "folder": self.workspace.root.name, "first": self.first, "flightsAllowed": self.flights_allowed,
+            "files": self.workspace.listing(), "jobs": jobs, **survey.choices(),
+        }  # fmt: skip
+
+    def _scene(self, asked: dict[str, Any]) -> dict[str, Any]:
+        return scene_document(self.scenes.of(self.workspace.path(_named(asked, "name"))))
+
+    def _contours(self, asked: dict[str, Any]) -> dict[str, Any]:
+        return {"lines": tiles.contours(self.scenes.of(self.workspace.path(_named(asked, "name"))))}
+
+    def _area(self, asked: dict[str, Any]) -> dict[str, Any]:
+        return survey.area_document(self.workspace, _named(asked, "name"))
+
+    def _design(self, asked: dict[str, Any]) -> dict[str, Any]:
+        return survey.designed(self.workspace, asked)
+
+    def _write(self, asked: dict[str, Any]) -> dict[str, Any]:
+        return survey.written(self.workspace, asked)
+
+    def _check(self, asked: dict[str, Any]) -> dict[str, Any]:
+        return route_check(self.scenes.of(self.workspace.path(_named(asked, "run"))), asked.get("waypoints") or [])
+
+    def _coverage(self, asked: dict[str, Any]) -> dict[str, Any]:
+        return route_coverage(self.scenes.of(self.workspace.path(_named(asked, "run"))), asked.get("waypoints") or [])
+
+    def _save_route(self, asked: dict[str, Any]) -> dict[str, Any]:
+        """Keep the waypoints in a file, and let ``uavcover edit`` check and write the plan."""
+        run = self.workspace.path(_named(asked, "run"))
+        self.scenes.of(run).enu(asked.get("waypoints") or [])
+        path = free_name(self.workspace.root, f"{run.name}-waypoints", ".json")
+        path.write_text(json.dumps(asked["waypoints"]), encoding="utf-8")
+        return self._start({"kind": "edit", "run": self.workspace.name(run), "waypoints": self.workspace.name(path)})
+
+    def _start(self, asked: dict[str, Any]) -> dict[str, Any]:
+        kind = str(asked.get("kind") or "")
+        run, words = command_of(kind, asked, self.workspace, flights_allowed=self.flights_allowed)
+        return self.jobs.start(kind, words, run=run).document()
+
+    def _job(self, asked: dict[str, Any]) -> dict[str, Any]:
+        return self.jobs.get(_named(asked, "id")).document()
+
+    def _signal(self, asked: dict[str, Any]) -> dict[str, Any]:
+        """Stop: as Ctrl-C; pause: the flight waits, or goes on."""
+        signals = {"stop": signal.SIGINT, "pause": signal.SIGUSR1}
+        action = _named(asked, "action")
+        if action not in signals:
+            raise InputError(f"{action}: is neither stop nor pause")
+        return {"sent": self.jobs.get(_named(asked, "id")).signal(signals[action])}
+
+    async def _upload(self, request: Request) -> Response:
+        """A file of the user, kept under its name, or under a free one beside it."""
+        path = self.workspace.path(Path(request.path_params["name"]).name)
+        too_large = f"{path.name}: is larger than {MOST_UPLOAD_BYTES >> 20} MiB; copy it into the folder instead"
+        length = request.headers.get("content-length", "")
+        if length.isdigit() and int(length) > MOST_UPLOAD_BYTES:
+            return _error(413, too_large)
+        own = self.workspace.root / OWN_FOLDER
+        own.mkdir(exist_ok=True)
+        half, size = free_name(own, "upload", ".half"), 0
+        try:
+            with half.open("xb") as file:
+                async for chunk in request.stream():
+                    size += len(chunk)
+                    if size > MOST_UPLOAD_BYTES:
+                        return _error(413, too_large)
+                    await to_thread.run_sync(file.write, chunk)
+            path = free_name(path.parent, path.stem, path.suffix)
+            half.rename(path)
+        except OSError as error:
+            return _error(507, f"{path.name}: cannot be written ({error.strerror or error}); free the disk")
+        finally:
+            half.unlink(missing_ok=True)
+        return JSONResponse({"name": self.workspace.name(path), "bytes": size})
+
+    async def _file(self, request: Request) -> Response:
+        path = self.workspace.path(request.path_params["name"])
+        if not path.is_file():
+            return _error(404, f"{path.name}: no such file")
+        # Never shown as a page of this origin: a report or a foreign file could script it.
+        return FileResponse(path, media_type="application/octet-stream", filename=path.name)
+
+    async def _heights(self, request: Request) -> Response:
+        z, x, y = (request.path_params[name] for name in "zxy")
+
+        def make() -> bytes:
+            return tiles.height_tile(self._elevation(dict(request.query_params)), z, x, y)
+
+        return Response(
+            await to_thread.run_sync(make), media_type="image/png", headers={"cache-control": "private, max-age=600"}
+        )
+
+    def _elevation(self, asked: dict[str, Any]) -> TerrainSource | Scene:
+        """The elevation file of a query, or the scene where its ground is made from a formula."""
+        if name := asked.get("dem"):
+            return TerrainSource((self.workspace.path(name),))
+        scene = self.scenes.of(self.workspace.path(_named(asked, "name")))
+        return scene.terrain or scene
+
+    def _heights_of(self, asked: dict[str, Any]) -> dict[str, Any]:
+        return {"finestZoom": tiles.finest_zoom(self._elevation(asked))}
+
+    async def _background(self, request: Request) -> Response:
+        z, x, y = (request.path_params[name] for name in "zxy")
+        path = self.workspace.path(request.query_params.get("file", ""))
+        found = await to_thread.run_sync(tiles.background_tile, path, z, x, y)
+        return Response(status_code=204) if found is None else Response(found[0], media_type=found[1])
+
+    async def _socket(self, socket: WebSocket) -> None:
+        await socket.accept()
+        watcher = _Watcher(self, socket)
+        sending = asyncio.create_task(watcher.send())
+        try:
+            await watcher.receive()
+        except WebSocketDisconnect:
+            pass
+        finally:
+            sending.cancel()
+            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
+                await sending
+
+    def live(self, run: str) -> LiveFlight:
+        """The track of a run folder, shared by all that watch it.
+
+        Raises:
+            UavcoverError: it is no run folder.
+        """
+        if run not in self._live:
+            path = self.workspace.path(run)
+            self._live[run] = LiveFlight(self.scenes.of(path), path)
+        return self._live[run]
+
+
+class _Watcher:
+    """One browser: what it watches, and how far it got. A slow one gets larger pieces, not more of them."""
+
+    def __init__(self, server: Server, socket: WebSocket) -> None:
+        self._server, self._socket = server, socket
+        self._runs: dict[str, int] = {}
+        self._images: dict[str, int] = {}
+        self._events: dict[str, int] = {}
+        self._codes: dict[str, int | None] = {}
+
+    async def receive(self) -> None:
+        """Take messages: ``{"watch": RUN, "from": N}``, ``{"leave": RUN}``, ``{"job": ID, "from": BYTE}``."""
+        begin_s, count = time.monotonic(), 0
+        while True:
+            text = await self._socket.receive_text()
+            if time.monotonic() - begin_s > 1.0:
+                begin_s, count = time.monotonic(), 0
+            count += 1
+            if count > _MOST_MESSAGES or len(text) > _MOST_MESSAGE_BYTES:
+                await self._socket.close(1008, "too many or too long messages")
+                return
+            try:
+                asked = json.loads(text)
+                begin = max(0, int(asked.get("from", 0)))
+                if "watch" in asked:
+                    await to_thread.run_sync(self._server.live, str(asked["watch"]))
+                    self._runs[str(asked["watch"])] = begin
+                elif "leave" in asked:
+                    self._runs.pop(str(asked["leave"]), None)
+                elif "job" in asked:
+                    self._events[self._server.jobs.get(str(asked["job"])).id] = begin
+            except UavcoverError as error:
+                await self._socket.send_json({"error": str(error)})
+            except (ValueError, TypeError, AttributeError):
+                await self._socket.send_json({"error": "this message is not understood"})
+
+    async def send(self) -> None:
+        """Send what is new, for as long as the connection lasts."""
+        slow_s = 0.0
+        while True:
+            await asyncio.sleep(_LIVE_S)
+            slow = time.monotonic() - slow_s >= _SLOW_S
+            if slow:
+                slow_s = time.monotonic()
+                await self._jobs()
+            for run in list(self._runs):
+                live = self._server.live(run)
+                live.poll()
+                begin = self._runs.get(run, 0)
+                new = live.samples[begin : begin + _MOST_SAMPLES_SENT]
+                if begin > len(live.samples):  # the track was replaced
+                    begin, new = 0, live.samples[:_MOST_SAMPLES_SENT]
+                if new:
+                    self._runs[run] = begin + len(new)
+                    await self._socket.send_json({"run": run, "from": begin, "samples": new})
+                if slow:
+                    await to_thread.run_sync(live.look)
+                    if live.version != self._images.get(run, 0):
+                        self._images[run] = live.version
+                        await self._socket.send_json({"run": run, "coverage": live.state()})
+
+    async def _jobs(self) -> None:
+        for job in self._server.jobs.all()[:20]:
+            if job.id in self._events:
+                events, end = job.events(self._events[job.id])
+                if events:
+                    self._events[job.id] = end
+                    await self._socket.send_json({"job": job.id, "events": events, "end": end})
+            code = job.code
+            if self._codes.get(job.id, "new") != code:
+                self._codes[job.id] = code
+                await self._socket.send_json({"job": job.id, "state": job.document(with_events=False)})
+
+
+def _json(handler: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[Request], Awaitable[Response]]:
+    """A route that answers with JSON; ``handler`` gets the query, the path and the body in one, and runs in a thread."""
+
+    async def route(request: Request) -> Response:
+        asked: dict[str, Any] = dict(request.query_params)
+        if request.method == "POST":
+            raw = bytearray()
+            async for chunk in request.stream():
+                raw += chunk
+                if len(raw) > MOST_JSON_BYTES:
+                    return _error(413, "the request is too large")
+            try:
+                body = json.loads(bytes(raw) or b"{}")
+            except ValueError:
+                body = None
+            if not isinstance(body, dict):
+                return _error(400, "the request is no JSON object")
+            asked |= body
+        asked |= request.path_params
+        return JSONResponse(await to_thread.run_sync(handler, asked))
+
+    return route
+
+
+def _place(asked: dict[str, Any]) -> dict[str, Any]:
+    lat, lon = place_of(_named(asked, "text"))
+    return {"place": [lon, lat]}
+
+
+def _named(asked: dict[str, Any], key: str) -> str:
+    value = asked.get(key)
+    if not isinstance(value, str) or not value:
+        raise InputError(f"{key}: is missing")
+    return value
+
+
+async def _refused(request: Request, error: Exception) -> Response:
+    del request
+    return _error(400, str(error), field=survey.field_of(str(error)))
+
+
+def _error(status: int, text: str, **more: Any) -> Response:
+    return JSONResponse({"error": text, **more}, status_code=status)

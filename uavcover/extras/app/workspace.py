@@ -1,0 +1,133 @@
+"""The folder that the page works in: what is in it, and no way out of it."""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from uavcover.errors import InputError
+from uavcover.run.folder import RunFolder
+from uavcover.run.provenance import FLYING, settled_ending
+
+OWN_FOLDER = ".uavcover"
+"""Jobs, and nothing of the user's; hidden from the listing."""
+ELEVATION = frozenset({".tif", ".tiff", ".vrt", ".hgt", ".asc", ".dt2", ".dt1"})
+AREAS = frozenset(
+    {".kml", ".kmz", ".geojson", ".json", ".gpkg", ".shp", ".gpx", ".poly", ".wkt", ".csv", ".plan", ".zip", ".fgb"}
+)
+TRACKS = frozenset({".bin", ".tlog", ".ulg", ".rrd", ".gpx", ".csv"})
+_MOST_LISTED = 2000
+_MOST_DEEP = 3
+_NAME = re.compile(r"[^\x00-\x1f\x7f<>:\"|?*\\/]{1,120}")
+
+
+class Workspace:
+    """A folder, and paths inside it.
+
+    Attributes:
+        root: the folder; symbolic links in its own path are resolved.
+    """
+
+    def __init__(self, root: Path) -> None:
+        self.root = root.resolve()
+
+    def path(self, name: str) -> Path:
+        """A path inside the folder, by its name relative to it.
+
+        Raises:
+            InputError: it is outside, or leads outside through a symbolic link, or belongs to the page's own files.
+        """
+        parts = Path(name).parts
+        bad = (
+            not parts
+            or Path(name).is_absolute()
+            or ".." in parts
+            or any(_NAME.fullmatch(part) is None for part in parts)
+        )
+        found = self.root.joinpath(*parts)
+        if bad or not found.resolve().is_relative_to(self.root):
+            raise InputError(f"{name!r}: is not a path inside {self.root}; name a file or folder in it")
+        if any(part.startswith((".", "-")) for part in parts):
+            raise InputError(f"{name!r}: names that begin with a dot or a dash are not served; give it another name")
+        return found
+
+    def name(self, path: Path) -> str:
+        """The name of a path inside the folder, relative to it."""
+        return path.resolve().relative_to(self.root).as_posix()
+
+    def listing(self) -> dict[str, list[dict[str, Any]]]:
+        """Scenarios, run folders, areas and elevation data, each by name."""
+        found: dict[str, list[dict[str, Any]]] = {
+            "scenarios": [],
+            "runs": [],
+            "areas": [],
+            "elevation": [],
+            "backgrounds": [],
+        }
+        runs: set[Path] = set()
+        for path in self._files():
+            suffix, entry = path.suffix.lower(), {"name": self.name(path)}
+            if path.name == "plan.json":
+                runs.add(path.parent)
+                if not any(parent in runs for parent in path.parent.parents):
+                    found["runs"].append({"name": self.name(path.parent), **_state_of(path.parent)})
+            elif any(parent in runs for parent in path.parents):
+                continue
+            elif suffix == ".toml" and _is_scenario(path):
+                found["scenarios"].append(entry)
+            elif suffix in ELEVATION:
+                found["elevation"].append(entry)
+                found["backgrounds"].append(entry)
+            elif suffix == ".mbtiles":
+                found["backgrounds"].append(entry)
+            elif suffix in AREAS:
+                found["areas"].append(entry)
+        return found
+
+    def _files(self) -> Iterator[Path]:
+        """Files of the folder, a run's plan before what else is in it; hidden ones and what is deep inside are left out."""
+        left = _MOST_LISTED
+        folders = [(self.root, 0)]
+        while folders and left > 0:
+            folder, depth = folders.pop(0)
+            try:
+                inside = sorted(folder.iterdir(), key=lambda path: (path.name != "plan.json", path.name))
+            except OSError:
+                continue
+            for path in inside:
+                if path.name.startswith(".") or not path.resolve().is_relative_to(self.root):
+                    continue
+                if path.is_dir() and depth < _MOST_DEEP:
+                    folders.append((path, depth + 1))
+                elif path.is_file():
+                    left -= 1
+                    yield path
+
+
+def free_name(folder: Path, stem: str, suffix: str = "") -> Path:
+    """A path that is not there yet: ``stem``, ``stem-2``, ``stem-3``, ..."""
+    path, number = folder / f"{stem}{suffix}", 1
+    while path.exists():
+        number += 1
+        path = folder / f"{stem}-{number}{suffix}"
+    return path
+
+
+def _is_scenario(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return b"[area]" in file.read(1 << 18)
+    except OSError:
+        return False
+
+
+def _state_of(folder: Path) -> dict[str, Any]:
+    """State of a run folder, for the list."""
+    run = RunFolder(folder)
+    return {
+        "uploaded": run.file("upload.json").is_file(),
+        "flown": run.file("track.csv").is_file(),
+        "verified": run.file("verification.json").is_file(),
+        "gaps": run.file("gaps/plan.json").is_file(),
+        "flying": run.file("track.csv").is_file() and settled_ending(run) == FLYING,
+    }

@@ -1,0 +1,244 @@
+"""The interface of a sensor: its view for the kernels, its footprint on flat ground, how it is turned and triggered."""
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import Any, Literal, NamedTuple, TypeVar
+
+import numpy as np
+
+from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.sight import Sight
+
+Sensing = Literal["at-waypoints", "along-path"]
+LineOfSight = Literal["ray", "midpoint"]
+Mount = Literal["fixed", "stabilised"]
+
+
+@dataclass(frozen=True, slots=True)
+class FlatPicture:
+    """Flat ground in view of a frame camera on a level vehicle: ``near_m`` to ``far_m`` ahead, negative is behind.
+
+    Attributes:
+        near_m: near end of the photo's middle line, ahead of the vehicle.
+        far_m: far end of it.
+        half_width_m: half the photo's width where it is widest, what an overlap leaves of it.
+    """
+
+    near_m: float
+    far_m: float
+    half_width_m: float
+
+    @property
+    def length_m(self) -> float:
+        """Length of the photo's middle line."""
+        return self.far_m - self.near_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraTurn:
+    """Directions of a camera, one row for each observation.
+
+    Attributes:
+        axes: (k, 3) unit vectors in ENU along the viewing direction.
+        tops: (k, 3) unit vectors perpendicular to them, towards the top of the photo.
+        known: (k,) whether the required attitude is known; otherwise level and nose ahead are assumed.
+    """
+
+    axes: FloatArray
+    tops: FloatArray
+    known: BoolArray
+
+
+class Rays(NamedTuple):
+    """Rays from a sensor to places on the ground, in metres; arrays of one shape.
+
+    Attributes:
+        depth: part along the axis of the camera.
+        across: part along the right of the photo, of either sign.
+        along: part along the top of the photo, of either sign.
+        horizontal2: squared length on the map.
+        distance2: squared length.
+    """
+
+    depth: FloatArray
+    across: FloatArray
+    along: FloatArray
+    horizontal2: FloatArray
+    distance2: FloatArray
+
+
+def rays_to(offsets: Iterable[FloatArray], axis: FloatArray, top: FloatArray) -> Rays:
+    """Rays by their three parts to east, north and up, in the axes of a camera: (..., 3) unit vectors in ENU."""
+    de, dn, du = offsets
+    right, horizontal2 = np.cross(axis, top), de**2 + dn**2
+    depth, across, along = (de * unit[..., 0] + dn * unit[..., 1] + du * unit[..., 2] for unit in (axis, right, top))
+    return Rays(depth, across, along, horizontal2, horizontal2 + du**2)
+
+
+class SensorBase(ABC):
+    """A sensor. What is not stated otherwise here is that of one that has no camera's axis.
+
+    A package of a third party derives its sensor from one in ``model/sensor.py``, by which routes are planned, and overrides
+    :meth:`in_view`: by that, coverage is judged.
+
+    Attributes:
+        kind: name of this sensor in a scenario.
+        sensing: whether it observes only at the waypoints or along the path.
+        sample_spacing_m: distance between observations along the path; none: by its footprint.
+        mount: how its axis is mounted; none without an axis.
+        heading_deg: heading at which a gimbal holds the top of its photo; none: that of the vehicle, or of no effect.
+        forward_overlap: fraction of a photo's length that the next one shows again; none where it is not required.
+        side_overlap: fraction of a photo's width that the next swath shows again.
+    """
+
+    __slots__ = ()
+    kind: str
+    sensing: Sensing
+    sample_spacing_m: float | None
+    mount: Mount | None = None
+    heading_deg: float | None = None
+    forward_overlap: float | None = None
+    side_overlap: float = 0.0
+
+    @property
+    @abstractmethod
+    def sight(self) -> Sight:
+        """Its view as the kernels take it: the one place that translates a sensor for them."""
+
+    @abstractmethod
+    def half_width_m(self, height_agl_m: float) -> float:
+        """Half the swath width on flat ground from a height; 0 when the sensor does not reach the ground."""
+
+    @abstractmethod
+    def in_view(self, rays: Rays) -> BoolArray:
+        """Whether places are in range and inside the field of view, without a test of what lies between.
+
+        Limits of incidence and ground sample distance are tested elsewhere.
+        """
+
+    def surely_in_view(self, rays: Rays, *, offset_m: float, turn_rad: float) -> BoolArray:  # noqa: ARG002
+        """Whether places are in view from everywhere within an offset and with every turn: of a view of its own, none."""
+        return np.zeros(rays.depth.shape, dtype=bool)
+
+    def possibly_in_view(self, rays: Rays, *, offset_m: float, turn_rad: float) -> BoolArray:  # noqa: ARG002
+        """Whether places may be in view from somewhere within an offset or with some turn: of a view of its own, all."""
+        return np.ones(rays.depth.shape, dtype=bool)
+
+    @property
+    def has_own_view(self) -> bool:
+        """Whether its view is its own method, and not one that the kernels compute from :attr:`sight`."""
+        return getattr(type(self).in_view, _COMPILED, None) is None
+
+    @property
+    def looks_along_path(self) -> bool:
+        """Whether it observes along the path, and not at the waypoints alone."""
+        return self.sensing == "along-path"
+
+    @property
+    def reach_m(self) -> float:
+        """Upper bound on the horizontal distance of a visible cell."""
+        return self.sight.reach_m
+
+    @property
+    def slant_range_m(self) -> float | None:
+        """Largest distance of a visible cell; none where only the distance on the map counts."""
+        return self.sight.reach_m
+
+    @property
+    def is_camera(self) -> bool:
+        """Whether it looks along an axis, which turns with the vehicle or is held by a gimbal, and takes photos."""
+        return self.mount is not None
+
+    @property
+    def pitch_deg(self) -> float | None:
+        """Angle of its axis to the horizon; none without an axis."""
+        return None
+
+    @property
+    def turns_with_vehicle(self) -> bool:
+        """Whether its view depends on the vehicle's heading."""
+        return False
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length in pixels; NaN where it is not known."""
+        return math.nan
+
+    @property
+    def asks_overlap(self) -> bool:
+        """Whether it requires photos to overlap."""
+        return bool(self.forward_overlap or self.side_overlap)
+
+    @property
+    def whole_photo(self) -> Sight:
+        """The view of all of its photo, however coarse."""
+        return self.sight
+
+    @property
+    def edges(self) -> FloatArray:
+        """(k, 2) tangents to the right and to the top of its axis, around the edge of its view; (0, 2) without an axis."""
+        return np.empty((0, 2))
+
+    def flat_picture(self, height_agl_m: float) -> FlatPicture | None:  # noqa: ARG002
+        """Flat ground in a rectangular photo from a height; none where there is none, or no such photo."""
+        return None
+
+    def photo_spacing_m(self, lowest_agl_m: float) -> float | None:  # noqa: ARG002
+        """Distance between two photos, triggered by distance, for the lowest height of the band; none: not so triggered."""
+        return None
+
+    def camera_turn(self, attitude_deg: FloatArray, courses_deg: FloatArray | None = None) -> CameraTurn:
+        """Directions of its axis for the attitudes of its vehicle; straight down, and known, without a camera.
+
+        A fixed camera shares the vehicle's roll, pitch and yaw. A stabilised one is level; the top of its photo keeps its
+        heading, or follows the vehicle's yaw.
+
+        Args:
+            attitude_deg: (k, 3) roll, pitch and yaw; a row that a fixed camera needs and that is not finite is taken as level.
+            courses_deg: (k,) yaws to take where the vehicle's is not known; default: north.
+        """
+        count, pitch_deg = len(attitude_deg), self.pitch_deg
+        if pitch_deg is None:
+            return CameraTurn(
+                np.tile([0.0, 0.0, -1.0], (count, 1)), np.tile([0.0, 1.0, 0.0], (count, 1)), np.ones(count, bool)
+            )
+        north_up = np.zeros(count) if courses_deg is None else courses_deg
+        if self.mount == "fixed":
+            known = np.asarray(np.isfinite(attitude_deg).all(axis=1))
+            angles = np.where(known[:, None], attitude_deg, np.column_stack([np.zeros((count, 2)), north_up]))
+        else:
+            yaw = np.full(count, self.heading_deg) if self.heading_deg is not None else attitude_deg[:, 2]
+            known = np.isfinite(yaw)
+            angles = np.column_stack([np.zeros((count, 2)), np.where(known, yaw, north_up)])
+            # A circular nadir view needs no heading.
+            known = known if self.turns_with_vehicle or self.heading_deg is not None else np.ones(count, dtype=bool)
+        roll, pitch, yaw = np.radians(angles).T
+        # The first and third column of the rotation from body (forward, right, down) to north-east-down, yaw-pitch-roll order.
+        forward = (np.cos(pitch) * np.cos(yaw), np.cos(pitch) * np.sin(yaw), -np.sin(pitch))
+        down = (
+            np.cos(roll) * np.sin(pitch) * np.cos(yaw) + np.sin(roll) * np.sin(yaw),
+            np.cos(roll) * np.sin(pitch) * np.sin(yaw) - np.sin(roll) * np.cos(yaw),
+            np.cos(roll) * np.cos(pitch),
+        )
+        off_nadir = np.radians(90.0 + pitch_deg)
+        s, c = np.sin(off_nadir), np.cos(off_nadir)
+        axes = _enu([s * f + c * d for f, d in zip(forward, down, strict=True)])
+        tops = _enu([c * f - s * d for f, d in zip(forward, down, strict=True)])
+        return CameraTurn(axes, tops, known)
+
+
+_COMPILED = "_is_in_kernels"
+Method = TypeVar("Method", bound=Callable[..., Any])
+
+
+def in_kernels(method: Method) -> Method:
+    """Mark a method that says the same as the compiled kernels."""
+    setattr(method, _COMPILED, True)
+    return method
+
+
+def _enu(north_east_down: list[FloatArray]) -> FloatArray:
+    north, east, down = north_east_down
+    return np.ascontiguousarray(np.column_stack([east, north, -down]))
