@@ -47,7 +47,7 @@ if __name__ == "__main__":
 
 from importlib import metadata
 
-from scripts.pages import put_section
+from scripts.options import put_section
 from tests.falsifying.every_way import every_way
 from tests.falsifying.flown import Flown, flights_in, read_flown
 from tests.falsifying.honest_run import BASES, base_run

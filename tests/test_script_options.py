@@ -18,10 +18,10 @@ from scripts.options import (
     first_and_second,
     names_of,
     one_of,
+    put_section,
     scenario_name,
     whole_numbers,
 )
-from scripts.pages import put_section
 
 ROOT = Path(__file__).parents[1]
 

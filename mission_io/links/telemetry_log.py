@@ -8,11 +8,11 @@ checksums are left to the readers of the log.
 import contextlib
 import os
 from pathlib import Path
-from typing import Final, Self
+from typing import Final
 
 from mission_io.clock import Clock, MonotonicClock, SystemClock, UnixClock
 from mission_io.errors import LinkError
-from mission_io.links.base import Link, StreamLink, WrappingLink
+from mission_io.links.base import Closing, Link, StreamLink, WrappingLink
 from mission_io.wire.framing import Framer, FramingCounts, frames_by_length
 
 FLUSH_S: Final = 0.2
@@ -24,7 +24,7 @@ def _frames_in(data: bytes) -> list[bytes]:
     return [frame.data for frame in (*framer.feed(data), *framer.end())]
 
 
-class TelemetryLogWriter:
+class TelemetryLogWriter(Closing):
     """Writes one log. A context manager.
 
     A log that cannot be written any more, for instance because the disk is full, is no reason to let go of a vehicle: it ends
@@ -96,12 +96,6 @@ class TelemetryLogWriter:
             self._file.close()
         except OSError as error:
             self._give_up(error)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
     def _flush(self) -> None:
         if (now := self._flush_clock.now()) - self._flushed_s >= FLUSH_S:

@@ -74,10 +74,7 @@ class Clear(Exchange[ClearState, ClearEvent]):
 
     table: ClassVar = CLEAR_TABLE
 
-    def __init__(
-        self,
-        **options: Unpack[ExchangeOptions],
-    ) -> None:
+    def __init__(self, **options: Unpack[ExchangeOptions]) -> None:
         super().__init__(ClearState.ASKED, **options)
         self._ask(options["now"])
 

@@ -41,8 +41,7 @@ if __name__ == "__main__":
 from importlib import metadata
 
 from mission_io.wire import messages as m
-from scripts.options import file_to_write
-from scripts.pages import put_section
+from scripts.options import file_to_write, put_section
 from tests.falsify import command, commit
 from tests.falsifying.flown import read_flown
 from tests.falsifying.honest_run import NADIR, STABILISED, SURVEY, WIDE_PICTURE, Base, Field, make_site, save_lines

@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 
 from pymavlink.dialects.v20 import ardupilotmega as dialect
 
+from mission_io.clock import SystemClock
 from mission_io.wire import messages as m
 from mission_io.wire.codec import Codec
 from mission_io.wire.framing import Framer, mavlink2_frame
@@ -22,15 +23,6 @@ from mission_io.wire.signing import Signing, SigningKey, UnsavedTimestamps
 Parser = Callable[[bytes], int]
 """Takes bytes and says how many messages were complete with them."""
 KEY = bytes(range(32))
-NOW_S = 1_700_000_000.0
-
-
-class Clock:
-    """A clock that stands still."""
-
-    def unix_s(self) -> float:
-        """Seconds since 1970."""
-        return NOW_S
 
 
 def ours(*, stream: bool, key: bytes | None = None) -> Parser:
@@ -60,7 +52,7 @@ def theirs(*, stream: bool, key: bytes | None = None) -> Parser:
 
 def signing(key: bytes) -> Signing:
     """Signs from now on."""
-    return Signing(SigningKey(key), clock=Clock(), store=UnsavedTimestamps())
+    return Signing(SigningKey(key), clock=SystemClock(), store=UnsavedTimestamps())
 
 
 def good(count: int, key: bytes | None = None) -> list[bytes]:

@@ -26,8 +26,7 @@ if __name__ == "__main__":
     sys.path[0] = str(Path(__file__).resolve().parents[2])
 
 from scripts.bench.planner import window
-from scripts.options import file_to_write
-from scripts.pages import Row, read_rows, write_rows
+from scripts.options import Row, file_to_write, read_rows, write_rows
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import FrameCamera
 from uavcover.new.quantities import memory_bytes

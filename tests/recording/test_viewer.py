@@ -3,6 +3,7 @@
 import os
 import signal
 import sys
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Self
@@ -11,6 +12,7 @@ import pytest
 
 from uavcover.errors import OutputError
 from uavcover.recording import RecordingError, layout, open_viewer, screenshot, viewer
+from uavcover.recording.tuning import VIEWER
 
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -107,7 +109,7 @@ def test_a_viewer_that_never_answers_is_ended(recorded: Path, tmp_path: Path, mo
         f"import os, signal; open({str(pid_file)!r}, 'w').write(str(os.getpid())); signal.pause()",
         monkeypatch,
     )
-    monkeypatch.setattr(viewer, "_START_TIMEOUT_S", 1.0)
+    monkeypatch.setattr(viewer, "VIEWER", replace(VIEWER, start_timeout_s=1.0))
     with pytest.raises(RecordingError, match="did not answer within 1 s"):
         screenshot(recorded, tmp_path / "picture.png")
     with pytest.raises(ProcessLookupError):
@@ -133,7 +135,7 @@ def test_a_viewer_that_ends_after_it_has_answered(
 ) -> None:
     pid_file = tmp_path / "pid"
     fake_viewer(tmp_path, _ANSWERS_THEN_ENDS.format(pid_file=str(pid_file)), monkeypatch)
-    monkeypatch.setattr(viewer, "_SETTLE_S", 0.0)
+    monkeypatch.setattr(viewer, "VIEWER", replace(VIEWER, settle_s=0.0))
 
     class Client:
         """Answers until it is asked for ``last_answer``, at which the viewer ends."""

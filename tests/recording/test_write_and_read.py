@@ -19,7 +19,7 @@ from uavcover.errors import InputError, OutputError
 from uavcover.model.track import COLUMNS, OPTIONAL_COLUMNS, Track
 from uavcover.recording import RecordingError, describe_recording, layout, read_recorded_track, write_recording
 from uavcover.recording import flight as flight_columns
-from uavcover.recording.tiles import TICK_S
+from uavcover.recording.tuning import SCENE
 
 
 def rerun(*arguments: str | Path) -> subprocess.CompletedProcess[bytes]:
@@ -91,7 +91,7 @@ def test_cells_have_the_colours_of_the_ground_truth_at_every_time(flight: Flight
             assert (shown.reshape(-1, 4) == shown[::4, None]).all()
             red, green = shown[::4] >> 24, (shown[::4] >> 16) & 255
             green_at_s = flight.first_seen_s[numbers]
-            assert (green[green_at_s <= time_s - TICK_S] > red[green_at_s <= time_s - TICK_S] * 2).all()
+            assert (green[green_at_s <= time_s - SCENE.tick_s] > red[green_at_s <= time_s - SCENE.tick_s] * 2).all()
             unseen = ~(green_at_s <= time_s)
             assert (green[unseen] <= red[unseen] * 2).all()
             turned += int((~unseen).sum())

@@ -9,7 +9,7 @@ from collections.abc import Callable, Collection
 from mission_io.errors import CommandRefusedError, VehicleSilentError
 from mission_io.wire import messages as m
 from uavcover.flight.arming import continue_mission, hold_mode, send_disarm, set_mode
-from uavcover.flight.hold_watch import HoldState, HoldWatch
+from uavcover.flight.home_watch import HoldState, HoldWatch
 from uavcover.flight.mission_guard import ModeOverride
 from uavcover.flight.modes import Mode
 from uavcover.flight.policy import Phase, policy, reaction

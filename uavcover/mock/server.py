@@ -9,6 +9,7 @@ from random import Random
 from types import FrameType
 from typing import Self
 
+from mission_io.links.base import Closing
 from mission_io.links.opening import Link, LinkUrl, UdpLink, parse_link_url
 from uavcover.errors import InputError
 from uavcover.mock.peer import MockPeer
@@ -19,7 +20,7 @@ from uavcover.mock.vehicle import MockVehicle
 _log = logging.getLogger(__name__)
 
 
-class MockServer:
+class MockServer(Closing):
     """Serves one vehicle on one port in real time times ``speed``; a context manager that lets go of the port.
 
     Args:
@@ -89,12 +90,6 @@ class MockServer:
         """Let go of the port."""
         self._port.close()
 
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
     def _lost(self) -> bool:
         return self._loss > 0.0 and self._rng.random() < self._loss
 
@@ -157,7 +152,7 @@ def run(
             signal.signal(number, handler)
 
 
-class BackgroundMock:
+class BackgroundMock(Closing):
     """A mock vehicle in a thread, on a free port of 127.0.0.1; a context manager that ends it."""
 
     def __init__(self, vehicle: MockVehicle, *, speed: float = 1.0, loss: float = 0.0, seed: int = 0) -> None:
@@ -174,12 +169,6 @@ class BackgroundMock:
         self._stop.set()
         self._thread.join()
         self._server.close()
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
 
 
 def start_in_background(

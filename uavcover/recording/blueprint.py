@@ -10,16 +10,12 @@ import rerun.blueprint as rrb
 
 from uavcover.recording import layout
 from uavcover.recording.scene import extent_m, scene_bounds_m
+from uavcover.recording.tuning import VIEWS
 from uavcover.scenario.site import Site
-
-PLAYED_IN_S = 45.0
-"""A longer flight is played faster, so that watching it takes this long."""
 
 _NAMESPACE = uuid.UUID("6f1c1a52-6d0b-4a55-8f3d-6b1a1c0e7d11")
 _BACKGROUND_RGB = (18, 20, 26)
 _EARTH_CIRCUMFERENCE_M = 40_075_016.0
-_TILE_PIXELS = 256.0
-_MAP_PIXELS = 220.0  # of a map view in a window of usual size
 
 LEGEND_TEXT = """
 | colour | what |
@@ -89,7 +85,7 @@ def make_blueprint(
         rrb.TimePanel(
             state="collapsed",
             timeline=layout.TIMELINE,
-            playback_speed=1.0 if span_s is None else max(1.0, (span_s[1] - span_s[0]) / PLAYED_IN_S),
+            playback_speed=1.0 if span_s is None else max(1.0, (span_s[1] - span_s[0]) / VIEWS.played_in_s),
             play_state="following" if span_s is None else "playing",
         ),
         auto_layout=False,
@@ -156,7 +152,7 @@ def _events_view() -> rrb.TextLogView:
 def _map_view(site: Site) -> rrb.MapView:
     lat_deg = 0.0 if site.frame is None else site.frame.lat_deg
     circle_m = _EARTH_CIRCUMFERENCE_M * math.cos(math.radians(lat_deg))
-    zoom = math.log2(circle_m / _TILE_PIXELS * _MAP_PIXELS / extent_m(scene_bounds_m(site)))
+    zoom = math.log2(circle_m / VIEWS.tile_pixels * VIEWS.map_pixels / extent_m(scene_bounds_m(site)))
     return rrb.MapView(
         origin=layout.MAP,
         name="Map",

@@ -18,6 +18,7 @@ from uavcover.recording.blueprint import LEGEND_TEXT, make_blueprint
 from uavcover.recording.layout import RecordingError, application_id, log_static, strict_mode, time_column, ui_points
 from uavcover.recording.scene import log_scene
 from uavcover.recording.tiles import lift_m
+from uavcover.recording.tuning import SCENE
 from uavcover.recording.writer import write_whole
 from uavcover.sensing.coverage_map import CoverageMap
 
@@ -25,7 +26,6 @@ _NAMESPACE = uuid.UUID("1a0f3a7e-90c6-4c0b-8e7d-54d7a4a5b9c3")
 _COLOURS: tuple[layout.Rgb, ...] = (
     layout.FLOWN_RGB, (96, 200, 255), (255, 120, 170), (150, 255, 120), (220, 160, 255), (255, 160, 90),
 )  # fmt: skip
-_PIECE_S = 1.0
 
 
 def record_fleet(
@@ -102,6 +102,6 @@ def _log_flight(
 
 def _pieces(time_s: FloatArray) -> Sequence[int]:
     """Samples at which the pieces of a path end."""
-    step = np.floor((time_s - time_s[0]) / _PIECE_S)
+    step = np.floor((time_s - time_s[0]) / SCENE.piece_s)
     found = np.append(np.flatnonzero(np.diff(step, prepend=-1.0) > 0), time_s.size - 1)
     return [int(k) for k in np.unique(found)]

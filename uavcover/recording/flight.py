@@ -14,10 +14,8 @@ from uavcover.model.track import COLUMNS, OPTIONAL_COLUMNS, Track
 from uavcover.recording import layout
 from uavcover.recording.layout import any_value_columns, any_values, log_static, time_column
 from uavcover.recording.tiles import coverage_tiles, shown_from_s, tick_times_s
+from uavcover.recording.tuning import VIEWS
 from uavcover.sensing.coverage_map import CoverageMap
-
-LINK_WINDOW_S = 5.0
-"""Link losses are counted over this time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,7 +139,7 @@ def log_states(recording: rr.RecordingStream, states: Sequence[VehicleState]) ->
             _log_series(recording, entity, time_s[known], reported[known], name=name, rgb=rgb)
     arrived = np.array([state.frames_in for state in states], dtype=float)
     lost = np.array([state.frames_lost for state in states], dtype=float)
-    before = np.searchsorted(time_s, time_s - LINK_WINDOW_S)
+    before = np.searchsorted(time_s, time_s - VIEWS.link_window_s)
     came, went = arrived - arrived[before], lost - lost[before]
     span_s = time_s - time_s[before]
     whole = span_s > 0.0

@@ -15,14 +15,13 @@ import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
 from uavcover.errors import InputError
+from uavcover.recording.tuning import SCENE
 
 if TYPE_CHECKING:  # who reads a recording needs no site
     from uavcover.scenario.site import Site
 
 
 _NOT_IN_ENTRY_NAMES = re.compile(r"[^A-Za-z0-9 _:-]")
-_LONGEST_NAME = 100
-"""Characters."""
 
 
 class RecordingError(InputError):
@@ -140,7 +139,7 @@ def application_id(site: "Site") -> str:
     Rerun takes ASCII letters, digits, spaces, "-", "_" and ":", and few of them; it would warn of any other name and change it.
     """
     name = site.scenario.name
-    plain = _NOT_IN_ENTRY_NAMES.sub("-", name)[:_LONGEST_NAME]
+    plain = _NOT_IN_ENTRY_NAMES.sub("-", name)[: SCENE.longest_name]
     return f"uavcover_{name if plain == name else f'{plain}-{hashlib.sha256(name.encode()).hexdigest()[:8]}'}"
 
 

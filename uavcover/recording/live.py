@@ -19,12 +19,10 @@ from uavcover.recording.blueprint import LEGEND_TEXT, make_blueprint
 from uavcover.recording.layout import any_value_columns, any_values, application_id, log_static, time_column
 from uavcover.recording.scene import log_scene
 from uavcover.recording.tiles import coverage_tiles, lift_m
+from uavcover.recording.tuning import VIEWS
 from uavcover.recording.vehicle import draw_vehicle, send_vehicle
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
-
-PERIOD_S = 0.5
-"""Time between two writes: everything slightly older than this is in the file."""
 
 _READ_BYTES = 1 << 16
 
@@ -32,7 +30,7 @@ _READ_BYTES = 1 << 16
 class LiveRecording:
     """The recording of an ongoing flight.
 
-    Samples, events and states are only queued; a separate thread sends them every ``PERIOD_S``, so that no viewer and no
+    Samples, events and states are only queued; a separate thread sends them every ``VIEWS.period_s``, so that no viewer and no
     disk delays the flight. A failure there is kept in ``error`` and ends the recording, not the flight.
 
     The bytes go through a pipe that is always drained. Rerun's own file sink would block forever when the disk is full.
@@ -119,7 +117,7 @@ class LiveRecording:
         self._path = path
 
     def send(self) -> None:
-        """Send what is queued; the thread does so every ``PERIOD_S``."""
+        """Send what is queued; the thread does so every ``VIEWS.period_s``."""
         with self._sending:
             self._send()
 
@@ -154,7 +152,7 @@ class LiveRecording:
     def _run(self) -> None:
         stopping = False
         while not stopping:
-            stopping = self._stop.wait(PERIOD_S)
+            stopping = self._stop.wait(VIEWS.period_s)
             if self.error is not None:
                 continue
             try:
@@ -173,13 +171,13 @@ class LiveRecording:
             # Losses are counted over an interval, so its states are kept.
             self._recent_states = [*self._recent_states, *states]
             newest_s = states[-1].time_s
-            self._recent_states = [s for s in self._recent_states if s.time_s > newest_s - 2.0 * flight.LINK_WINDOW_S]
+            self._recent_states = [s for s in self._recent_states if s.time_s > newest_s - 2.0 * VIEWS.link_window_s]
         for output in self._outputs:
             flight.log_events(output, events)
             if states:
                 flight.log_states(output, self._recent_states)
             with contextlib.suppress(RuntimeError):
-                output.flush(timeout_sec=PERIOD_S)
+                output.flush(timeout_sec=VIEWS.period_s)
 
     def _send_samples(self, samples: list[TrackSample]) -> None:
         new = _track_of(samples)

@@ -15,16 +15,11 @@ from uavcover.kernels.arrays import ByteArray, FloatArray
 from uavcover.model.route import Route
 from uavcover.recording import layout
 from uavcover.recording.layout import log_static, ui_points
+from uavcover.recording.tuning import SCENE
 from uavcover.scenario.airspace.zone_lines import zone_lines_m
 from uavcover.scenario.site import Site
 from uavcover.terrain.ground import Ground
 from uavcover.terrain.shaded_relief import relief_grid
-
-MAX_NODES_PER_SIDE = 180
-"""Largest number of mesh nodes: more would not be visible and would enlarge the file."""
-
-TEXTURE_PIXELS = 512
-"""Along the longer side of the picture that lies on the mesh."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +58,7 @@ def relief_mesh(ground: Ground, bounds_m: tuple[float, float, float, float]) -> 
         bounds_m: west, south, east, north, metres.
     """
     west, south, east, north = bounds_m
-    step_m = extent_m(bounds_m) / (MAX_NODES_PER_SIDE - 1)
+    step_m = extent_m(bounds_m) / (SCENE.max_nodes_per_side - 1)
     e = np.linspace(west, east, max(2, math.ceil((east - west) / step_m) + 1))
     n = np.linspace(south, north, max(2, math.ceil((north - south) / step_m) + 1))
     grid_e, grid_n = np.meshgrid(e, n)
@@ -74,19 +69,13 @@ def relief_mesh(ground: Ground, bounds_m: tuple[float, float, float, float]) -> 
     triangles = np.concatenate([np.stack([sw, se, ne], -1).reshape(-1, 3), np.stack([sw, ne, nw], -1).reshape(-1, 3)])
     known = np.isfinite(up)
     triangles = triangles[known[triangles].all(axis=1)]
-    texture = relief_grid(ground, bounds_m, nodes=TEXTURE_PIXELS).rgb[::-1]
+    texture = relief_grid(ground, bounds_m, nodes=SCENE.texture_pixels).rgb[::-1]
     # The centres of the texture's outer pixels lie on the edge of the rectangle.
     rows, columns = texture.shape[:2]
     across = (0.5 + (grid_e - west) / (east - west) * (columns - 1)) / columns
     down = (0.5 + (north - grid_n) / (north - south) * (rows - 1)) / rows
     vertices = np.column_stack([places, np.where(known, up, 0.0)])
     return ReliefMesh(vertices, triangles, np.column_stack([across.ravel(), down.ravel()]), texture)
-
-
-MAX_LABELS = 60
-"""With more waypoints than this, only every second, fifth, tenth... is labelled, and always the last one."""
-
-_OUTLINE_PIECES_PER_SIDE = 60
 
 
 def log_scene(recording: rr.RecordingStream, site: Site, planned: Route | None, *, lift_m: float) -> None:
@@ -135,7 +124,7 @@ def lat_lon_deg(site: Site, enu_m: FloatArray) -> FloatArray | None:
 
 def waypoint_labels(count: int) -> list[str]:
     """Numbers as in ``plan.json``, thinned out when there are too many."""
-    step = next(s for m in range(10) for s in (10**m, 2 * 10**m, 5 * 10**m) if math.ceil(count / s) <= MAX_LABELS)
+    step = next(s for m in range(10) for s in (10**m, 2 * 10**m, 5 * 10**m) if math.ceil(count / s) <= SCENE.max_labels)
     return [str(i) if i % step == 0 or i == count - 1 else "" for i in range(count)]
 
 
@@ -204,7 +193,7 @@ def _at_height(places_m: FloatArray, up_m: float) -> FloatArray:
 
 def _draped(site: Site, ring_m: FloatArray, bounds_m: tuple[float, float, float, float], lift_m: float) -> FloatArray:
     """An (n, 2) ring draped over the ground in short pieces, slightly above it: (m, 3). Parts without data are omitted."""
-    line = shapely.LineString(ring_m).segmentize(extent_m(bounds_m) / _OUTLINE_PIECES_PER_SIDE)
+    line = shapely.LineString(ring_m).segmentize(extent_m(bounds_m) / SCENE.outline_pieces_per_side)
     places = np.asarray(line.coords)
     up = site.ground.heights_m(places)
     known = np.isfinite(up)

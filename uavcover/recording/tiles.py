@@ -12,13 +12,9 @@ from numpy.typing import NDArray
 from uavcover.kernels.arrays import FloatArray
 from uavcover.recording.layout import NOT_COVERABLE_RGB, SEEN_RGB, UNSEEN_RGB
 from uavcover.recording.scene import extent_m, scene_bounds_m
+from uavcover.recording.tuning import SCENE
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.terrain.shaded_relief import hillshade, shaded
-
-TICK_S = 1.0
-"""Vehicle time between updates: a cell changes at the first tick after it was seen, never early and at most this late."""
-
-TILE_SIDE_CELLS = 16
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,8 +47,8 @@ def lift_m(coverage: CoverageMap) -> float:
 
 
 def tick_times_s(start_s: float, end_s: float) -> FloatArray:
-    """(k,) times from the start of a flight to its end, ``TICK_S`` apart; the last is the end itself."""
-    ticks = np.arange(start_s, end_s, TICK_S)
+    """(k,) times from the start of a flight to its end, ``SCENE.tick_s`` apart; the last is the end itself."""
+    ticks = np.arange(start_s, end_s, SCENE.tick_s)
     return np.append(ticks[ticks < end_s], end_s)
 
 
@@ -78,9 +74,9 @@ def coverage_tiles(coverage: CoverageMap, shown_s: FloatArray, start_s: float) -
     square = np.array([[0, 1, 2], [0, 2, 3]], dtype=np.uint32)
     index = coverage.grid.cells.lattice
     tiles = []
-    for row in range(0, index.shape[0], TILE_SIDE_CELLS):
-        for column in range(0, index.shape[1], TILE_SIDE_CELLS):
-            block = index[row : row + TILE_SIDE_CELLS, column : column + TILE_SIDE_CELLS].ravel()
+    for row in range(0, index.shape[0], SCENE.tile_side_cells):
+        for column in range(0, index.shape[1], SCENE.tile_side_cells):
+            block = index[row : row + SCENE.tile_side_cells, column : column + SCENE.tile_side_cells].ravel()
             cells = block[block >= 0].astype(np.int64)
             if cells.size == 0:
                 continue

@@ -18,14 +18,11 @@ from uavcover.recording import layout
 from uavcover.recording.layout import log_static, time_column, ui_points
 from uavcover.recording.scene import extent_m, scene_bounds_m
 from uavcover.recording.tiles import lift_m
+from uavcover.recording.tuning import SCENE
 from uavcover.sensing.coverage_map import CoverageMap
 
 if TYPE_CHECKING:  # a third of a second to load; functions below do it
     from scipy.spatial.transform import Rotation
-
-_DIRECTIONS = 48
-_STEPS = 40
-_LEVEL_COS = 0.9995  # an axis nearer to straight down than 1.8 degrees has its middle below the sensor
 
 
 def footprints_m(coverage: CoverageMap, eyes_m: FloatArray, axes: FloatArray, tops: FloatArray) -> list[FloatArray]:
@@ -46,26 +43,26 @@ def footprints_m(coverage: CoverageMap, eyes_m: FloatArray, axes: FloatArray, to
         shorter where there is no elevation.
     """
     sensor, sight = coverage.site.scenario.sensor, coverage.sight
-    azimuth = np.linspace(0.0, 2.0 * np.pi, _DIRECTIONS + 1)
+    azimuth = np.linspace(0.0, 2.0 * np.pi, SCENE.directions + 1)
     rings: list[FloatArray] = []
     for eye, axis, top in zip(*(np.asarray(rows, float).reshape(-1, 3) for rows in (eyes_m, axes, tops)), strict=True):
         reach_m = sight.reach_m
         middle = eye[:2]
         if sensor.is_camera:
-            if -axis[2] < _LEVEL_COS:
+            if -axis[2] < SCENE.level_cos:
                 middle = _on_axis_m(coverage, eye, axis)
                 reach_m *= 2.0  # across the whole range
             else:
                 # To the corner of a picture.
                 widest = np.hypot(sight.tan_half_fov, sight.tan_half_along)
-                reach_m *= widest / np.sqrt(1.0 + widest**2) / _LEVEL_COS
-        radius = np.linspace(0.0, reach_m, _STEPS + 1)
+                reach_m *= widest / np.sqrt(1.0 + widest**2) / SCENE.level_cos
+        radius = np.linspace(0.0, reach_m, SCENE.steps + 1)
         east = middle[0] + np.sin(azimuth)[:, None] * radius
         north = middle[1] + np.cos(azimuth)[:, None] * radius
         up = coverage.site.ground.heights_m(np.column_stack([east.ravel(), north.ravel()])).reshape(east.shape)
         rays = rays_to((east - eye[0], north - eye[1], up - eye[2]), axis, top)
         inside = np.isfinite(up) & sensor.in_view(rays)
-        last = np.where(inside.all(axis=1), _STEPS, inside.argmin(axis=1) - 1)
+        last = np.where(inside.all(axis=1), SCENE.steps, inside.argmin(axis=1) - 1)
         rows = np.flatnonzero(last >= 0)
         column = last[rows]
         rings.append(np.column_stack([east[rows, column], north[rows, column], up[rows, column]]))
@@ -80,17 +77,10 @@ def _on_axis_m(coverage: CoverageMap, eye_m: FloatArray, axis: FloatArray) -> Fl
     return points[int(under.argmax()), :2] if under.any() else eye_m[:2]
 
 
-STEP_S = 0.5
-"""Vehicle time between footprints, and duration of the pieces by which the flown path grows."""
-
-_HEADING_SHARE = 0.06
-_CAMERA_EDGES = 8
-
-
 def draw_vehicle(recording: rr.RecordingStream, coverage: CoverageMap) -> None:
     """Log the static parts of the vehicle: its shape, that of the camera's view, and the colours of its lines."""
     site = coverage.site
-    heading_m = _HEADING_SHARE * extent_m(scene_bounds_m(site))
+    heading_m = SCENE.heading_share * extent_m(scene_bounds_m(site))
     log_static(
         recording,
         layout.HEADING,
@@ -169,10 +159,12 @@ def _view_edges(sensor: Sensor, *, length_m: float) -> list[FloatArray]:
     """Edges and rim of a field of view, downwards from the origin; the top of an image points to x."""
     across, along = sensor.edges.T
     rim = np.column_stack([along * length_m, across * length_m, np.full(len(along), -length_m)])
-    return [np.array([[0.0, 0.0, 0.0], corner]) for corner in rim[: -1 : max(1, len(rim) // _CAMERA_EDGES)]] + [rim]
+    return [np.array([[0.0, 0.0, 0.0], corner]) for corner in rim[: -1 : max(1, len(rim) // SCENE.camera_edges)]] + [
+        rim
+    ]
 
 
 def _step_samples(time_s: FloatArray) -> NDArray[np.intp]:
-    """Numbers of the samples at which a step ends: the first, about one every ``STEP_S``, and the last."""
-    step = np.floor((time_s - time_s[0]) / STEP_S)
+    """Numbers of the samples at which a step ends: the first, about one every ``SCENE.vehicle_step_s``, and the last."""
+    step = np.floor((time_s - time_s[0]) / SCENE.vehicle_step_s)
     return np.unique(np.append(np.flatnonzero(np.diff(step, prepend=-1.0) > 0), time_s.size - 1))

@@ -21,16 +21,12 @@ from uavcover.errors import OutputError
 from uavcover.recording import layout
 from uavcover.recording.layout import RecordingError
 from uavcover.recording.reader import check_finished
+from uavcover.recording.tuning import VIEWER
 
 LOCAL_HOST = "127.0.0.1"
 PICTURE_SIZE = (1600, 1000)
 """Width and height of a screenshot, pixels."""
 
-_START_TIMEOUT_S = 40.0
-_LOAD_TIMEOUT_S = 60.0
-_POLL_S = 0.2
-_SETTLE_S = 1.5
-_ENDING_S = 5.0
 
 _NO_DRIVER = (
     "no graphics driver: the screenshot needs Vulkan, a software one will do "
@@ -66,15 +62,15 @@ def open_live_viewer() -> str:
     port = _free_port()
     with tempfile.TemporaryFile() as log:
         process = _start_viewer(["--port", str(port), "--hide-welcome-screen"], log)
-        deadline = time.monotonic() + _START_TIMEOUT_S
+        deadline = time.monotonic() + VIEWER.start_timeout_s
         while time.monotonic() < deadline:
             if process.poll() is not None:
                 raise RecordingError(f"--live: {_failure(log, process.returncode)}")
-            with contextlib.suppress(OSError), socket.create_connection((LOCAL_HOST, port), timeout=_POLL_S):
+            with contextlib.suppress(OSError), socket.create_connection((LOCAL_HOST, port), timeout=VIEWER.poll_s):
                 return f"rerun+http://{LOCAL_HOST}:{port}/proxy"
-            time.sleep(_POLL_S)
+            time.sleep(VIEWER.poll_s)
         process.terminate()
-    raise RecordingError(f"--live: the viewer did not answer within {_START_TIMEOUT_S:.0f} s")
+    raise RecordingError(f"--live: the viewer did not answer within {VIEWER.start_timeout_s:.0f} s")
 
 
 def _require_screen(what: str) -> None:
@@ -139,7 +135,7 @@ def headless_viewer(path: Path) -> Iterator[ViewerClient]:
             # A viewer's own exit message is better than the broken connection. On a busy machine it may
             # answer for a while before it notices that there is no graphics driver.
             with contextlib.suppress(subprocess.TimeoutExpired):
-                process.wait(timeout=_ENDING_S)
+                process.wait(timeout=VIEWER.ending_s)
                 raise RecordingError(f"{path}: {_failure(log, process.returncode)}") from error
             raise
         finally:
@@ -152,42 +148,42 @@ def headless_viewer(path: Path) -> Iterator[ViewerClient]:
 
 
 def _connect(process: subprocess.Popen[bytes], port: int, log: IO[bytes], path: Path) -> ViewerClient:
-    deadline = time.monotonic() + _START_TIMEOUT_S
+    deadline = time.monotonic() + VIEWER.start_timeout_s
     while time.monotonic() < deadline:
         if process.poll() is not None:
             raise RecordingError(f"{path}: {_failure(log, process.returncode)}")
-        with contextlib.suppress(OSError), socket.create_connection((LOCAL_HOST, port), timeout=_POLL_S):
+        with contextlib.suppress(OSError), socket.create_connection((LOCAL_HOST, port), timeout=VIEWER.poll_s):
             client = ViewerClient.connect(f"rerun+http://{LOCAL_HOST}:{port}/proxy")
             # The server answers before the window exists; only then does a missing driver show.
             with contextlib.suppress(Exception):
                 client.get_state()
                 return client
-        time.sleep(_POLL_S)
-    raise RecordingError(f"{path}: the viewer did not answer within {_START_TIMEOUT_S:.0f} s")
+        time.sleep(VIEWER.poll_s)
+    raise RecordingError(f"{path}: the viewer did not answer within {VIEWER.start_timeout_s:.0f} s")
 
 
 def _load(client: ViewerClient, path: Path) -> tuple[int, int]:
     """Open the recording and wait until it is loaded; returns start and end of its timeline in nanoseconds."""
     try:
         client.open(str(path.resolve()))
-        deadline = time.monotonic() + _LOAD_TIMEOUT_S
+        deadline = time.monotonic() + VIEWER.load_timeout_s
         while time.monotonic() < deadline:
             state = client.get_state()
             for recording in state.recordings:
                 for timeline in recording.timelines:
                     if not state.loading and timeline.name == layout.TIMELINE and timeline.start is not None:
                         return timeline.start, timeline.end if timeline.end is not None else timeline.start
-            time.sleep(_POLL_S)
+            time.sleep(VIEWER.poll_s)
     except Exception as error:
         raise RecordingError(f"{path}: the viewer could not show it ({_first_line(error)})") from error
-    raise RecordingError(f"{path}: the viewer did not load it within {_LOAD_TIMEOUT_S:.0f} s")
+    raise RecordingError(f"{path}: the viewer did not load it within {VIEWER.load_timeout_s:.0f} s")
 
 
 def _save_picture(client: ViewerClient, path: Path, png: Path, moment_s: float) -> None:
     try:
         client.set_time(layout.TIMELINE, duration=moment_s, play_state="paused")
         # The viewer draws what has arrived; cells and meshes of a new moment take a few frames.
-        time.sleep(_SETTLE_S)
+        time.sleep(VIEWER.settle_s)
         client.save_screenshot(str(png.resolve()))
     except Exception as error:
         raise RecordingError(f"{path}: the viewer could not make the screenshot ({_first_line(error)})") from error
