@@ -1,7 +1,4 @@
-"""Make the pictures of docs/how-to/map.md with a browser: `python scripts/docs/make_map_pictures.py -o docs/pictures`.
-
-It needs Chromium (Debian: chromium) and playwright. The server and a mock flight run in a temporary folder.
-"""
+"""Make the pictures of docs/how-to/map.md with Chromium: `python scripts/docs/make_map_pictures.py -o docs/pictures`."""
 
 import argparse
 import json
@@ -68,7 +65,7 @@ def main() -> None:
                 executable_path=shutil.which("chromium"),
                 args=["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
             )
-            page = browser.new_page()
+            page = browser.new_page(viewport={"width": 1400, "height": 900})
             page.goto(url)
             until(page, "document.documentElement.dataset.ready")
             page.set_input_files("#f-files", str(ROOT / "docs" / "examples" / "valley.geojson"))
@@ -77,6 +74,7 @@ def main() -> None:
                 page.select_option(f"#f-{name}", value)
             page.fill("#f-battery", "30min")
             until(page, "window.uavcover.state.design?.flights")
+            page.locator("#save").scroll_into_view_if_needed()
             shoot(page, out, "map-area")
             page.select_option("#f-open", "valley.toml")
             until(page, "window.uavcover.state.scene")

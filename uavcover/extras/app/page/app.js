@@ -508,7 +508,7 @@ function drawOrders() {
   box.hidden = !job;
   if (!job) return;
   const live = state.live.get(job.run) ?? {}, last = live.last;
-  const lines = [el("strong", {}, `${t("flying")}: ${job.run}`), el("div", { id: "live-status" }, job.status ?? job.progress?.what ?? ""), el("div", { id: "live" }, last ? `${number(last[2], 1)} m ${t("height")} · ${percent(live.covered ?? 0)} ${t("covered")} · ${live.count} ${t("samples")}` : "")];
+  const lines = [el("strong", {}, `${t("flying")}: ${job.run}`), el("div", { id: "live-status" }, job.status ?? job.progress?.what ?? ""), el("div", { id: "live" }, last ? `${job.status ? "" : `${number(last[2], 1)} m ${t("height")} · ${percent(live.covered ?? 0)} ${t("covered")} · `}${live.count} ${t("samples")}` : "")];
   if (box.dataset.job !== job.id) {
     box.dataset.job = job.id;
     box.replaceChildren(...lines, el("div", { class: "row" }, button(t("hold"), () => signal(job, "pause"), { id: "hold" }), button(t("back"), () => signal(job, "stop"), { id: "back", class: "danger" })));

@@ -31,7 +31,7 @@ SUFFIXES = {"wpml": "kmz", "litchi": "csv"}
 
 
 class UavcoverAlgorithm(QgsProcessingAlgorithm):
-    """What all have in common."""
+    """Base of the algorithms."""
 
     NAME = TITLE = HELP = ""
 
