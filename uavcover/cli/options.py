@@ -45,10 +45,7 @@ if TYPE_CHECKING:
     from uavcover.flight.own_links import VehiclePlace
     from uavcover.flight.precautions import OnBreach
 
-Events = Annotated[
-    bool,
-    typer.Option("--events", help="Write messages and progress to stderr as JSON lines, for use by other programs."),
-]
+Events = Annotated[bool, typer.Option("--events", help="Write messages and progress to stderr as JSON lines.")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object to stdout, and everything else to stderr.")]
 Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show only warnings and errors.")]
 Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Show log messages. Use -vv for more.")]

@@ -250,7 +250,7 @@ function designFigures() {
 function zoneTable() {
   if (!state.draft.zones.length) return [];
   const cell = (zone, key, label) => el("td", {}, el("input", { "aria-label": `${label}, ${zone.name}`, value: zone[key] ?? "", onchange: (e) => { remember(); zone[key] = e.target.value; drawDraft(); redesign(); } }));
-  return [heading(t("zones")), el("table", {}, el("tr", {}, ...["zoneName", "zoneFloor", "zoneCeiling"].map((k) => el("th", { scope: "col" }, t(k))), el("th", {})),
+  return [heading(t("zones")), el("table", {}, el("tr", {}, ...["zoneName", "zoneFloor", "zoneCeiling"].map((k) => el("th", { scope: "col" }, t(k))), el("td", {})),
     ...state.draft.zones.map((zone, n) => el("tr", {}, cell(zone, "name", t("zoneName")), cell(zone, "floor_agl_m", t("zoneFloor")), cell(zone, "ceiling_agl_m", t("zoneCeiling")), el("td", {}, button("✕", () => { remember(); state.draft.zones.splice(n, 1); drawDraft(); redesign(); drawPanel(); }, { "aria-label": `${t("remove")}: ${zone.name}` })))))];
 }
 function positionInput() {
@@ -413,7 +413,7 @@ function waypointEditor() {
     ...[[1, "lat", 6], [0, "lon", 6], [2, "agl", 1]].map(([axis, label, digits]) => el("td", {}, el("input", { "aria-label": `${t(label)}, ${t("point")} ${n + 1}`, inputmode: "decimal", value: number(p[axis], digits), onchange: (e) => { const value = Number(e.target.value); if (!Number.isFinite(value)) return; keep(edit); p[axis] = value; checkEdit(); } })))));
   return [heading(t("points")), el("p", { class: "hint" }, t("editHint")), el("p", { id: "edit-state", class: edit.bad.length ? "error" : "hint", role: "status" }, editState()),
     el("div", { class: "row" }, button(t("undo"), undo, { id: "undo", disabled: !edit.past.length }), button(t("redo"), redo, { id: "redo", disabled: !edit.future.length }), button(t("addAfter"), addPoint), button(t("deletePoint"), deletePoint)),
-    el("div", { class: "scroll" }, el("table", {}, el("tr", {}, el("th", {}), el("th", { scope: "col" }, t("lat")), el("th", { scope: "col" }, t("lon")), el("th", { scope: "col" }, t("agl"))), ...rows)),
+    el("div", { class: "scroll" }, el("table", {}, el("tr", {}, el("th", { scope: "col" }, t("point")), el("th", { scope: "col" }, t("lat")), el("th", { scope: "col" }, t("lon")), el("th", { scope: "col" }, t("agl"))), ...rows)),
     el("div", { class: "row" }, button(t("saveEdited"), () => attempt(async () => follow(await api("/api/route/save", { run: state.name, waypoints: edit.points }))), { class: "main", id: "save-edited", disabled: edit.bad.length > 0 }), button(t("cancelEdit"), () => { state.edit = null; attempt(() => openScene(state.name, "plan", { keepView: true })); }))];
 }
 const editState = () => state.edit.bad.length ? `${state.edit.bad.length} ${t("broken")}: ${state.edit.texts[0] ?? ""}` : `${t("allLegsHold")} ${Number.isFinite(state.edit.coverage) ? `${t("coverage")} ${percent(state.edit.coverage, 2)}` : ""}`;

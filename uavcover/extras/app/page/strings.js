@@ -1,6 +1,6 @@
 // Every text of the page. A translation replaces this file.
 export const TEXT = {
-  skipToPanel: "Skip to the controls", steps: "Steps", theme: "Light or dark", panel: "Controls", map: "Map",
+  skipToPanel: "Skip to the controls", steps: "Steps", theme: "Light or dark", panel: "Controls", map: "Map", stage: "Map and profile",
   mapTools: "Map tools", messages: "Messages",
   tabArea: "Area", tabPlan: "Plan", tabFly: "Fly", tabJudge: "Judge",
   open: "Open", openChoose: "Scenario or run…", newSurvey: "New survey", drop: "Drop files here, or choose them",
