@@ -11,7 +11,9 @@ from mission_io.model.areas import fence_from_items, items_from_fence
 from tests.missions.test_no_fly_transits import LEVEL, compiled
 from tests.planner.sites import make_site
 from tests.planner.test_no_fly import circle, ring
+from uavcover.errors import InfeasibleError
 from uavcover.missions.fence import fence_of
+from uavcover.missions.mission_compiler import check_fence
 
 PATH = np.array([[-100.0, 50.0, 40.0], [20.0, 50.0, 80.0], [280.0, 150.0, 80.0], [-100.0, 50.0, 40.0]])
 
@@ -101,3 +103,25 @@ def test_compiled_missions_tell_and_plan_files_keep_the_exclusions():
     kept = plan_format.read(plan_format.write(plan_format.PlanFile(found.mission, found.fence, found.rally, 3))).fence
     assert kept == found.fence
     assert [circle.inclusion for circle in kept.circles] == [False]
+
+
+def many(count, **heights):
+    """Small zones in rows north of the area."""
+    return [
+        ring((x, y), (x + 3, y), (x + 3, y + 3), **heights)
+        for x, y in ((400.0 - 5.0 * (k % 40), 330.0 + 5.0 * (k // 40)) for k in range(count))
+    ]
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_a_fence_that_is_too_large_is_refused_before_a_search(autopilot):
+    large = make_site(no_fly=many(400))
+    if autopilot == "px4":
+        check_fence(large, autopilot=autopilot)
+        return
+    with pytest.raises(InfeasibleError, match="would not take this fence"):
+        check_fence(large, autopilot=autopilot)
+    # What a mission may pass over need not be in the fence, and a few zones are no problem.
+    check_fence(make_site(no_fly=many(400, ceiling_agl_m=20.0)), autopilot=autopilot)
+    check_fence(make_site(no_fly=many(20)), autopilot=autopilot)
+    check_fence(make_site(no_fly=many(400), on_earth=False, home=None), autopilot=autopilot)

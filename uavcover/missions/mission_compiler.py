@@ -15,6 +15,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+import shapely
 
 from mission_io.autopilots import autopilot as autopilots
 from mission_io.autopilots.autopilot import MissionList, items_of, mission_type_of
@@ -349,6 +350,24 @@ def compile_return(site: Site, *, lat_deg: float, lon_deg: float, alt_amsl_m: fl
     speed = change_speed(site.scenario.vehicle.cruise_speed_m_s)  # another station may have commanded a slower one
     items = [_item(waypoint, frame, point, home) for point in back[1:]]
     return Mission(_home_point(frame, home), (speed, *items, _item(land, frame, home, home)))
+
+
+def check_fence(site: Site, *, autopilot: AutopilotName) -> None:
+    """Refuse a fence that the autopilot will not take, before a route is searched for.
+
+    Counted are the keep-in polygon and the zones that no mission passes over or under: those without floor and ceiling.
+
+    Raises:
+        InfeasibleError: it has too many items or corners.
+    """
+    if site.frame is None or site.home_m is None:
+        return
+    entries = [zone.entry for zone in site.zones]
+    limited = [(e.floor_agl_m, e.floor_amsl_m, e.ceiling_agl_m, e.ceiling_amsl_m) != (None,) * 4 for e in entries]
+    holed = [any(part.interiors for part in shapely.get_parts(zone.outline)) for zone in site.zones]
+    always = [zone for zone, has, hole in zip(site.zones, limited, holed, strict=True) if not has and not hole]
+    least = fence_of(dataclasses.replace(site, zones=tuple(always)), site.frame, np.stack([site.home_m, site.home_m]))
+    _check_autopilot(least.fence, AUTOPILOTS[autopilot], item_limit=None)
 
 
 def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, item_limit: int | None) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from uavcover.errors import INTERRUPTED, InfeasibleError, InputError
 from uavcover.missions.flights import compile_flights
-from uavcover.missions.mission_compiler import CompiledMission
+from uavcover.missions.mission_compiler import CompiledMission, check_fence
 from uavcover.missions.mission_files import one_or_several
 from uavcover.missions.sorties import Sortie
 from uavcover.model.route import Plan, Route
@@ -125,10 +125,12 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     for own in part_sites(site) if groups_of(site.scenario) else vehicle_sites(site):
         check_site(own)
     check_site(site)
+    name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
+    for own in vehicle_sites(site):
+        check_fence(own, autopilot=own.scenario.vehicle.autopilot if site.scenario.vehicles else name)
     _check_heights(site, user)
     if request.bounds_s is not None and not loaded("uavcover.bounds"):
         raise InputError("--bounds: no prover is installed; install uavcover with its extras")
-    name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
     run = RunFolder(request.folder)
     started = time.monotonic()
     with (
