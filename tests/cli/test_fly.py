@@ -6,6 +6,7 @@ import select
 import signal
 import subprocess
 import termios
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -230,3 +231,29 @@ def test_a_killed_flight_is_resumed_in_the_air(cli: Cli, planned: Path) -> None:
     again = cli("fly", planned, "--to", "mock:", "--resume", "--json")
     assert again.code == 0
     assert again.document["waypoints_left"] == 0
+
+
+def test_the_map_of_a_flight_is_a_process_of_its_own_that_ends_with_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    from uavcover.cli import fly
+
+    done: list[object] = []
+
+    class Page:
+        def __init__(self, words: list[str], **more: object) -> None:
+            done.append((words[1:], more["start_new_session"]))
+
+        def terminate(self) -> None:
+            done.append("terminated")
+
+        def wait(self, _limit_s: float) -> None:
+            raise subprocess.TimeoutExpired("serve", 5.0)
+
+    ends: list[Callable[[], None]] = []
+    monkeypatch.setattr(fly.subprocess, "Popen", Page)
+    monkeypatch.setattr(fly.atexit, "register", ends.append)
+    fly.show_page(tmp_path)
+    assert done == [(["-m", "uavcover", "serve", str(tmp_path), "--port", "0"], True)]
+    ends[0]()
+    assert done[1:] == ["terminated"]
