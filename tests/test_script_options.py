@@ -40,7 +40,7 @@ BAD = {
     "docs/make_pictures {empty} x={empty}/none.html": "argument NAME=FILE: {empty}/none.html: no such file; name one",
     "bench/real_photos {empty}/none": "argument folder: {empty}/none: no such folder; name one that is there",
     "bench/real_photos {empty} -o page.md": "argument folder: {empty}: none of drone_dataset_brighton_beach, dataset_banana, ",
-    "bench/real_photos {empty} -o {empty}/x/page.md": "argument -o/--out: {empty}/x/page.md: its folder is not there; make it",
+    "bench/real_photos {empty} -o {empty}/x/page.md": "argument -o/--out: {empty}/x/page.md: its folder is not there; create it",
     "slowest_tests {empty}": "argument times: {empty}: no such file; name one that is there",
 }
 """Command lines, {empty} is a folder with nothing in it, and what is said."""
