@@ -73,7 +73,7 @@ def test_takes_faults_errors_and_a_log_of_the_truth(tmp_path: Path) -> None:
         (("--listen", "udpin://127.0.0.1:0", "--gps-noise", "-1"), "must not be negative"),
         (("--listen", "udpin://127.0.0.1:0", "--endurance", "0"), "endurance_s"),
         (("--listen", "udpin://127.0.0.1:0", "--truth", "/no/such/place.csv"), "cannot be written"),
-        (("--listen", "udpin://127.0.0.1:0", "--fault", "engine-fire"), "take one of heartbeat-loss"),
+        (("--listen", "udpin://127.0.0.1:0", "--fault", "engine-fire"), "use one of heartbeat-loss"),
         (("--listen", "udpin://127.0.0.1:0", "--scenario", "paper-R2"), "no position on Earth"),
     ],
 )

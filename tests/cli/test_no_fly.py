@@ -187,7 +187,7 @@ def test_the_time_of_flight_decides_which_zones_count(tmp_path, capsys):
         assert [zone.name for zone in found.other_zones] == ([] if counts else ["fair"])
         say_zones(Output().console(), found, RouteMetrics(1.0, 1.0, 4, 100.0, 10.0, 50.0, 60.0, 10.0))
         out = capsys.readouterr().out
-        assert ("have times and count as always in force; --at says when" in out) == (at is None)
+        assert ("have schedules and count as always in force; state the time" in out) == (at is None)
         assert ("do not count: 'fair'; fly only then" in out) == (not counts)
         # What the run folder keeps, the judge reads again.
         again = parse_scenario(dump_scenario(found.scenario), source="again", folder=tmp_path)

@@ -40,7 +40,7 @@ def test_where_nothing_can_be_reserved_the_free_space_counts(
     usage = shutil.disk_usage(tmp_path)._replace(free=room)
     monkeypatch.setattr(shutil, "disk_usage", lambda _: usage)
     if room < 3_000_000:
-        with pytest.raises(OutputError, match="no room"):
+        with pytest.raises(OutputError, match="not enough disk space"):
             SpaceReserve(tmp_path, 3_000_000)
     else:
         assert not SpaceReserve(tmp_path, 3_000_000).held

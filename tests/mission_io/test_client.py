@@ -190,7 +190,7 @@ def test_everything_was_sent_but_the_vehicle_does_not_hold_it() -> None:
     peer = Forgets(PX4)
     swallow(peer, lambda it: isinstance(it, m.MissionAck) and it.result == MissionResult.ACCEPTED)
     client = connected(peer)
-    with pytest.raises(TransferError, match="read back") as caught:
+    with pytest.raises(TransferError, match="differs from the uploaded list") as caught:
         client.upload(MissionType.MISSION, MISSION.items)
     assert caught.value.vehicle_holds == "unknown"
     assert len(caught.value.held_items or ()) == 7

@@ -297,7 +297,7 @@ def test_a_limit_for_the_waypoints_alone_is_reported_by_waypoint() -> None:
         limits=limits,
         planner={"encoding": "waypoints", "max_waypoints": 3},
     )
-    with pytest.raises(InfeasibleError, match=r"breaks: waypoint \d: (above sea-level|too low).*m"):
+    with pytest.raises(InfeasibleError, match=r"exceeds: waypoint \d: (above sea-level|too low).*m"):
         make_plan(site, evaluations=20)
 
 
@@ -335,6 +335,6 @@ def test_an_obstacle_that_leaves_no_room_is_named() -> None:
         obstacles=Obstacles(prisms=(tower(-50, -50, 350, 250, 200, name="hangar"),)),
         planner={"encoding": "waypoints", "max_waypoints": 3},
     )  # fmt: skip
-    words = r"breaks: waypoint \d: \d+\.\d m too close to obstacle 'hangar' at .*; allow smaller obstacles\.clearance_beside_m"
+    words = r"exceeds: waypoint \d: \d+\.\d m too close to obstacle 'hangar' at .*; allow smaller obstacles\.clearance_beside_m"
     with pytest.raises(InfeasibleError, match=words):
         make_plan(site, evaluations=20)

@@ -216,7 +216,7 @@ def test_conditions_are_read_from_the_end() -> None:
     ("text", "words"),
     [
         ("index:3,sorties<=1", "names one route"),
-        ("coverage>=0.9,speed<=3", "'speed' is not a condition; there are sorties<=N"),
+        ("coverage>=0.9,speed<=3", "'speed' is not a condition; use sorties<=N"),
         ("done<=soon", "done<= needs a time such as 40m"),
         ("done<=0m", "done<= needs a time"),
         ("done<=nan", "done<= needs a time"),

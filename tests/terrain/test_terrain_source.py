@@ -156,7 +156,7 @@ def test_heights_in_a_system_of_feet_are_asked_about(tmp_path):
     with rasterio.open(path, "r+") as file:
         file.units = ("m",)
     assert read_height_amsl_m(path, "EGM96", **place) == pytest.approx(metres)
-    with pytest.raises(TerrainError, match=r"says that its heights are in m; leave terrain\.height_unit out"):
+    with pytest.raises(TerrainError, match=r"says that its heights are in m; remove terrain\.height_unit"):
         read_height_amsl_m(TerrainSource((path,), height_unit="ft"), "EGM96", **place)
 
 

@@ -131,12 +131,12 @@ def test_where_positions_are_deepest_under_the_ground_is_named(flight: Flight) -
     on = falsified.flying(flight.track)[100:141]
     enu[on, 2] -= 95.0 * np.sin(np.linspace(0.0, np.pi, len(on)))
     report = together(flight, falsified.moved_to(flight.site, flight.track, enu))
-    (doubt,) = [doubt for doubt in report.doubts if "under the ground" in doubt]
+    (doubt,) = [doubt for doubt in report.doubts if "below the ground" in doubt]
     assert f"by up to 15.0 m at {flight.track.time_s[on[20]]:.1f} s, " in doubt
     # As far under it as home may be is none.
     enu[on, 2] += 5.1 * np.sin(np.linspace(0.0, np.pi, len(on)))
     report = together(flight, falsified.moved_to(flight.site, flight.track, enu))
-    assert not any("under the ground" in doubt for doubt in report.doubts)
+    assert not any("below the ground" in doubt for doubt in report.doubts)
 
 
 def test_equal_times_are_refused(flight: Flight) -> None:

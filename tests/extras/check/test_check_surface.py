@@ -112,7 +112,7 @@ def test_surface_models_that_cannot_be_meant(cli: Cli, tmp_path: Path, models: A
     file = mission(tmp_path, OVER_THE_WOOD)
     for dem, dsm, said in (
         (models.surface, models.ground, "swapped"),
-        (models.ground, models.ground, "again"),
+        (models.ground, models.ground, "is the same file"),
         (models.ground, tmp_path / "none.tif", "no such file"),
     ):
         ended = cli("check", file, "--dem", dem, "--dsm", dsm)

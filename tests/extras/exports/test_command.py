@@ -66,7 +66,7 @@ def test_a_split_export_has_numbers(cli: Cli, planned: Path, tmp_path: Path) -> 
     assert "would be overwritten; use --force" in again.error
     whole = cli("export", planned, "--format", "litchi", "-o", out, "--force")
     assert whole.code == 2
-    assert "survey-1.csv: is of another export" in whole.error
+    assert "survey-1.csv: belongs to another export" in whole.error
     assert not out.exists()
 
 
@@ -128,7 +128,7 @@ def test_an_aircraft_that_is_none(cli: Cli, planned: Path, tmp_path: Path, befor
         (["--format", "litchi", "-o", "x.csv", "--max-waypoints-per-file", "100"], "Litchi takes 99 at most"),
         (["--format", "litchi", "-o", "x.csv", "--max-waypoints-per-file", "3"], "3 is too few"),
         (["--format", "litchi", "-o", "x.csv", "--max-waypoints-per-file", "-1"], "-1 is too few"),
-        (["--format", "litchi", "-o", "x.csv", "--sortie", "1"], "has no sorties"),
+        (["--format", "litchi", "-o", "x.csv", "--sortie", "1"], "without sorties"),
         (["--format", "print", "-o", "x.pdf"], "-o: x.pdf: print is an HTML page; name it .html, and save it as PDF"),
         (["--format", "gpx", "-o", "x.gpx", "--contact", "me"], "--contact: requires --format print, not gpx"),
         (["--format", "litchi"], "give a run folder, --format and -o"),

@@ -292,7 +292,7 @@ def test_heights_that_do_not_fit_are_doubted(cli, tmp_path, flown):
         (("--area", AREA, "--scenario", "x.toml"), "give either --area"),
         (("--scenario", "jacksboro", "--gsd", "2cm"), "--gsd belongs to --area"),
         (("--area", AREA), "--dem"),
-        (("--area", AREA, "--dem", DEM, "--coverage", "98"), "--coverage: 98 is a share"),
+        (("--area", AREA, "--dem", DEM, "--coverage", "98"), "--coverage: 98 must be above 0"),
         (("--area", AREA, "--dem", DEM, "--angle-error", "-1"), "--angle-error"),
         (("--area", AREA, "--dem", DEM, "--takeoff", "0,0"), "--takeoff: 0, 0 is outside"),
         (("--area", AREA, "--dem", DEM, "--camera", "dji-m3m-multispectral"), "no photo is of the camera"),

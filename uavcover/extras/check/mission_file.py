@@ -203,7 +203,9 @@ def check(query: CheckQuery, user: User) -> CheckOutcome:
                 f"{len(found) - len(counting)} of {len(found)} no-fly zones are not in force then and do not count"
             )
         elif timed and window is None:
-            user.say(f"{timed} no-fly zones have times and count as always in force; --at says when it is flown")
+            user.say(
+                f"{timed} no-fly zones have schedules and count as always in force; state the time of the flight with --at"
+            )
         return counting
 
     surface = None if elevation.over is None else elevation.read_surface

@@ -193,7 +193,7 @@ def photo_raster(verdict: PhotoVerdict) -> bytes:
         ("directions", "directions of nine: down, or one of eight points of the compass", shown.directions),
         ("ground_sample_m", "smallest ground sample distance in metres", flown.ground_sample_m),
         ("incidence_deg", "smallest incidence angle in degrees", flown.incidence_deg),
-        ("sureness", "0 not observed, 1 possibly, 2 observed if measurements are exact, 3 surely", sureness),
+        ("sureness", "0 not seen, 1 possibly, 2 seen if measurements are exact, 3 surely", sureness),
         ("reason", LAYER_REASONS, reason_codes(coverage, enough)),
     ]
     if shown.detection is not None:
