@@ -82,6 +82,10 @@ def is_ball_or_cone(sight: Sight) -> bool:
     return sight.kind in {CONE, SPHERE}
 
 
+_NO_FLOOR = 0.01
+"""A band whose lowest footprint is at most this share of its middle one has no floor: that of a flight without a plan."""
+
+
 def sample_spacing_m(scenario: Scenario) -> float:
     """Distance between two observations along the path: the stated one, or one that suits the sensor's footprint.
 
@@ -95,7 +99,7 @@ def sample_spacing_m(scenario: Scenario) -> float:
     low, high = scenario.limits.min_height_agl_m, scenario.limits.max_height_agl_m
     # A camera sees least from the lowest height of the band, a sphere from the highest, which it need not reach.
     reaches = [_half_footprint_m(sensor, height) for height in (low, 0.5 * (low + high))]
-    seeing = [reach for reach in reaches if reach > 0.0]
+    seeing = [reach for reach in reaches if reach > _NO_FLOOR * max(reaches)]
     stated = sensor.sample_spacing_m
     if not seeing:
         return LONGEST_SPACING_M if stated is None else stated

@@ -90,7 +90,7 @@ def test_pictures_whose_blur_nobody_tells_leave_the_verdict_open(cli, tmp_path, 
     assert "coverage 0.00 %" in ended.document["doubts"][0]
     without = cli("verify", flight / "flight.csv", *ANY, "--max-blur", "1", "-o", tmp_path / "b")
     assert without.code == 2
-    assert "--max-blur: applies to photos" in without.error
+    assert "--max-blur: applies only to photos" in without.error
 
 
 def test_limits_that_the_user_gave_are_judged_and_others_are_told(cli, tmp_path, flight):
