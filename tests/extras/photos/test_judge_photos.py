@@ -94,14 +94,16 @@ def test_a_whole_survey_passes_and_says_what_is_shown(cli, tmp_path, flown):
 
 def test_what_is_missing_is_told_and_the_flight_for_it_makes_it_whole(cli, tmp_path, flown):
     third = len(flown) // 3
-    take(tmp_path / "DCIM", flown[:third] + flown[2 * third :])
+    take(tmp_path / "DCIM", flown)
+    for number in range(third, 2 * third):
+        (tmp_path / f"DCIM/DJI_{number:04d}.JPG").unlink()
     ended = cli("judge-photos", tmp_path / "DCIM", *ASKED, "-o", tmp_path / "out", "--budget", "1s", "--json")
     assert ended.code == 1
     told = ended.document
     assert told["verdict"] == "failed"
     assert told["overlap_holds"] is False
     (stretch,) = told["missing_photos"]
-    assert (stretch["after"], stretch["before"]) == (f"DJI_{third - 1:04d}.JPG", f"DJI_{third:04d}.JPG")
+    assert (stretch["after"], stretch["before"]) == (f"DJI_{third - 1:04d}.JPG", f"DJI_{2 * third:04d}.JPG")
     lines = [feature for feature in json.loads((tmp_path / "out/gaps.geojson").read_text())["features"]
              if feature["properties"]["reason"] == "photos-missing"]  # fmt: skip
     assert [feature["geometry"]["type"] for feature in lines] == ["LineString"]
@@ -345,7 +347,7 @@ def test_swapped_axes_are_asked_about(cli, tmp_path, gsd):
 
 
 FAULTS = {
-    "another lens": ({"film_mm": 162, "focal_mm": 29.9}, "sees as 162 mm do on 35 mm film"),
+    "another lens": ({"film_mm": 162, "focal_mm": 29.9}, "has the view of 162 mm on 35 mm film"),
     "a crop": ({"pixels": (5280, 1500)}, "5280 x 1500 pixels: cropped"),
     "another camera": ({"pixels": (4000, 3000)}, "4000 x 3000 pixels: of another camera"),
 }
