@@ -216,10 +216,10 @@ def test_under_asyncio() -> None:
 @pytest.mark.parametrize(
     ("heading", "autopilot", "wanted"),
     [
-        ("## Fly what", PX4, "flies to item 2 of 5, reached 0\nwent on with item 3\n"),
-        ("## Parameters", PX4, "(name='RTL_RETURN_ALT', value=42.5, param_type=9"),
-        ("## A part of a mission", ARDUPILOT, "True\n"),
-        ("## Has a list changed?", PX4, "fence=None, rally=None)\nFalse\n"),
+        ("## Fly the mission", PX4, "flies to item 2 of 5, reached 0\nwent on with item 3\n"),
+        ("## Read and set parameters", PX4, "(name='RTL_RETURN_ALT', value=42.5, param_type=9"),
+        ("## Replace a part", ARDUPILOT, "True\n"),
+        ("## Find out whether", PX4, "fence=None, rally=None)\nFalse\n"),
     ],
     ids=["fly", "parameters", "part", "ids"],
 )
@@ -232,4 +232,4 @@ def test_the_examples_of_the_page_run(
     monkeypatch.setattr("mission_io.open_link", lambda _: client.link)
     exec(compile(code, str(PAGE), "exec"), {})
     assert wanted in capsys.readouterr().out
-    assert heading != "## Fly what" or vehicle.body.on_ground
+    assert heading != "## Fly the mission" or vehicle.body.on_ground

@@ -43,13 +43,13 @@ def test_every_fault_can_be_asked_for_by_its_name_alone(kind):
 @pytest.mark.parametrize(
     ("text", "says"),
     [
-        ("engine-fire", "take one of heartbeat-loss, gps-loss"),
+        ("engine-fire", "use one of heartbeat-loss, gps-loss"),
         ("gps-loss@soon", "'soon' is not a moment; write 40s, boot\\+40s or item5"),
         ("gps-loss:-3", "'-3' is not a number above 0"),
         ("gps-loss:nan", "'nan' is not a number above 0"),
         ("pilot-mode:acro", "'acro' is not the mode: hold, land"),
         ("mission-changed:4", "takes nothing after a colon"),
-        ("", "there is none of that name"),
+        ("", "unknown name"),
     ],
 )
 def test_what_is_no_fault_is_refused_with_what_would_be_one(text, says):

@@ -74,7 +74,7 @@ def test_one_that_is_not_does_not_and_is_named(track: Track, bounds: DateBounds,
 def test_a_date_of_1024_weeks_before_is_a_rollover(bounds: DateBounds) -> None:
     found, (finding,) = dated(track_at(NOON_S - ROLLOVER_S), bounds)
     assert np.isnan(found.unix_time_s).all()
-    assert "2006-10-18 12:00 to 12:00 UTC, is not believed" in finding
+    assert "2006-10-18 12:00 to 12:00 UTC, is not plausible" in finding
     assert (
         "1,024 weeks later it is plausible (2026-06-03 12:00 to 12:00 UTC): the receiver's week number rolled over"
         in finding
@@ -95,7 +95,7 @@ def test_a_zone_that_was_closed_on_the_true_day_is_no_place_to_fly_by_a_false_da
     for early_s in (DAY_S, ROLLOVER_S):
         rolled = report(NOON_S - early_s, BOUNDS)
         assert "no-fly-zone" in {violation.kind for violation in rolled.violations}
-        assert any("is not believed" in finding for finding in rolled.findings)
+        assert any("is not plausible" in finding for finding in rolled.findings)
         assert rolled.flown_utc is None
 
 

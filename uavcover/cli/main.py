@@ -70,7 +70,7 @@ _CORE: dict[str, dict[str, Entry]] = {
         ),
         "download": (
             "uavcover.cli.download",
-            "download the mission, fence or rally points",
+            "download the mission, fence or rally points; clear",
             (
                 "uavcover download --from udp:127.0.0.1:14550 -o mission.waypoints",
                 "uavcover download --from tcp:127.0.0.1:5760 --type all -o all.plan",
@@ -78,7 +78,7 @@ _CORE: dict[str, dict[str, Entry]] = {
         ),
         "clear": (
             "uavcover.cli.clear",
-            "clear the mission, fence or rally points",
+            "",
             ("uavcover clear --to udp:127.0.0.1:14550", "uavcover clear --to udp:127.0.0.1:14550 --type fence"),
         ),
         "fly": (

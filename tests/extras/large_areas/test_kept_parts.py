@@ -56,7 +56,7 @@ def kept_in(folder, searchers: Searchers, *, is_whole: bool = True) -> RunTasks:
 
 
 def test_what_was_done_when_it_was_killed_is_not_done_again(tmp_path, site) -> None:
-    with pytest.raises(UavcoverError, match="gone"):
+    with pytest.raises(UavcoverError, match="scheduler stopped"):
         found(kept_in(tmp_path, Searchers(dies_after=3)), tasks(), site)
     again = Searchers()
     routes = found(kept_in(tmp_path, again), tasks(), large())

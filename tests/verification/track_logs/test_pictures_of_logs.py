@@ -128,7 +128,7 @@ def test_what_the_track_contradicts_is_no_picture(
     loaded = read(tmp_path, name, told)
     assert samples_of(loaded) == [at for k, at in enumerate(samples) if k not in wrong]
     assert reports_photos(loaded.track), "a log whose pictures are all wrong proves none"
-    assert any("no evidence" in warning for warning in loaded.warnings)
+    assert any("do not count as evidence" in warning for warning in loaded.warnings)
 
 
 @pytest.mark.parametrize("seed", range(4))

@@ -8,14 +8,14 @@ COMMANDS = {
     "Start": {
         "serve": (
             "uavcover.extras.app.command",
-            "plan, fly and judge missions on a map in a browser",
+            "plan, fly and judge on a map; edit, qgis-plugin",
             ("uavcover serve", "uavcover serve RUN", "uavcover serve area.kml --port 8800 --no-browser"),
         ),
     },
     "Plan": {
         "edit": (
             "uavcover.extras.app.edited",
-            "check your own waypoints and write a plan",
+            "",
             ("uavcover edit RUN waypoints.json -o RUN2",),
         ),
     },

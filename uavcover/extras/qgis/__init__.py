@@ -8,7 +8,7 @@ COMMANDS = {
     "Start": {
         "qgis-plugin": (
             "uavcover.extras.qgis.command",
-            "a plugin that plans and judges inside QGIS",
+            "",
             ("uavcover qgis-plugin -o uavcover.zip",),
         ),
     },
