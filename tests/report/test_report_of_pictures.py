@@ -117,7 +117,7 @@ def test_the_pictures_on_the_map(page: Page, survey: ReportContent, tmp_path: Pa
     assert set(stated) == ({"planned", "flown"} if flown else {"planned"})
     shown = "flown" if flown else "planned"
     if not flown and int(stated["planned"]) > 100:
-        # So many would bury the route: they are switched on when they are wanted.
+        # More than 100 would hide the route: they are switched on when they are wanted.
         assert page.run("document.querySelectorAll('#map path.picture').length") == 0
         number = next(k for k, name in enumerate(overlays) if name.startswith("Photos, planned"))
         page.run(f"document.querySelectorAll('.leaflet-control-layers-overlays input')[{number}].click()")

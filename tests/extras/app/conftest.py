@@ -3,9 +3,9 @@
 import http.client
 import json
 import shutil
+import signal
 import socket
 import threading
-import time
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -97,15 +97,11 @@ def serving(root: Path) -> Iterator[Client]:
     )
     thread = threading.Thread(target=running.run, kwargs={"sockets": [listening]}, daemon=True)
     thread.start()
-    limit_s = time.monotonic() + WATCHDOG_S
-    while not running.started and time.monotonic() < limit_s:
-        time.sleep(0.01)
+    # The socket listens already: a request waits there until the server takes it.
     yield Client(port, token, root, server)
     running.should_exit = True
     thread.join(WATCHDOG_S)
     listening.close()
     for job in server.jobs.all():
         if job.code is None:
-            import signal
-
             job.signal(signal.SIGKILL)

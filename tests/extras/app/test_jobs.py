@@ -34,7 +34,7 @@ def sleeper(tmp_path: Path) -> Jobs:
     """Jobs whose process writes an event and waits for a signal."""
     program = tmp_path / "program.py"
     program.write_text(
-        "import signal, sys, time, pathlib\n"
+        "import signal, sys, pathlib\n"
         "from uavcover.extras.app.jobs import detach\n"
         "folder = pathlib.Path(sys.argv[-1])\n"
         "def end(*_):\n    (folder / 'code').write_text('130')\n    sys.exit(130)\n"
@@ -43,7 +43,7 @@ def sleeper(tmp_path: Path) -> Jobs:
         "detach(folder)\n"
         'print(\'{"say": "begun"}\', file=sys.stderr, flush=True)\n'
         "print('not json', file=sys.stderr, flush=True)\n"
-        "time.sleep(60)\n"
+        "while True:\n    signal.pause()\n"
     )
     return Jobs(tmp_path, program=(sys.executable, str(program)))
 
