@@ -187,3 +187,26 @@ def test_tiles_leave_no_prism_out():
         assert answer == (naive.clearance_beside(prisms, p, q, 4.0) > 5.0)
         answers.add(answer)
     assert answers == {True, False}
+
+
+def test_only_prisms_beside_a_line_are_asked_and_the_answers_stay():
+    rng = np.random.default_rng(6)
+    corners = rng.uniform(0.0, 600.0, (200, 2))
+    prisms = [
+        (shapely.box(e, n, e + 15.0, n + 9.0), float(top))
+        for (e, n), top in zip(corners, rng.uniform(5, 30, 200), strict=True)
+    ]
+    obstacles, singles = obstacles_of(prisms), [obstacles_of([each]) for each in prisms]
+    found = set()
+    for p, q in rng.uniform([-50.0, -50.0, 0.0], [650.0, 650.0, 45.0], (cases(compiled=300, interpreted=40), 2, 3)):
+        q = p + (q - p) * rng.choice([0.0, 0.1, 1.0])
+        alone = [worst_breach(each, tuple(p), tuple(q), GROWN_M, 2.0)[1] for each in singles]
+        number, lacking, _ = worst_breach(obstacles, tuple(p), tuple(q), GROWN_M, 2.0)
+        assert number == (int(np.argmax(alone)) if max(alone) > 0.0 else -1)
+        assert lacking == pytest.approx(max(alone))
+        line = np.array([[*p[:2], *q[:2]]])
+        tops = [tops_near_m(each, line, GROWN_M)[0] for each in singles]
+        assert tops_near_m(obstacles, line, GROWN_M)[0] == max(tops)
+        found.add(number >= 0)
+    assert found == {True, False}
+    assert tops_near_m(obstacles, np.full((1, 4), np.nan), GROWN_M).tolist() == [-math.inf]

@@ -36,7 +36,7 @@ def worst_breach(
     """
     (pe, pn, pu), (qe, qn, qu) = p, q
     worst, lacking, place = -1, 0.0, 0.0
-    for prism in range(obstacles.top_m.size):
+    for prism in _near_line(obstacles, pe, pn, qe, qn):
         if clear_of(obstacles, prism, p, q, beside, above):
             continue
         higher, at = _lacking_height(obstacles, prism, p, q, beside, above)
@@ -48,6 +48,30 @@ def worst_breach(
         if higher > lacking:
             worst, lacking, place = prism, higher, at
     return worst, lacking, place
+
+
+@kernel
+def _near_line(obstacles: ObstaclePrisms, pe: float, pn: float, qe: float, qn: float) -> NDArray[np.int64]:
+    """Numbers of the prisms in the tiles along a finite line on the map, ascending: all within ``obstacles.grown_m`` of it."""
+    rows, columns = obstacles.tile_top_m.shape
+    tile = obstacles.tile_m
+    x0, y0 = (pe - obstacles.west_m) / tile, (pn - obstacles.south_m) / tile
+    x1, y1 = (qe - obstacles.west_m) / tile, (qn - obstacles.south_m) / tile
+    near = np.zeros(obstacles.top_m.size, dtype=np.bool_)
+    first_row = max(0, math.floor(min(y0, y1)))
+    for i in range(first_row, min(rows - 1, math.floor(max(y0, y1))) + 1):
+        # The part of the line in this row of tiles.
+        begin, end = 0.0, 1.0
+        if y1 != y0:
+            t0, t1 = (i - y0) / (y1 - y0), (i + 1 - y0) / (y1 - y0)
+            begin, end = max(0.0, min(t0, t1)), min(1.0, max(t0, t1))
+        xa, xb = x0 + begin * (x1 - x0), x0 + end * (x1 - x0)
+        first = max(0, math.floor(min(xa, xb)))
+        for j in range(first, min(columns - 1, math.floor(max(xa, xb))) + 1):
+            cell = i * columns + j
+            for entry in range(obstacles.tile_first[cell], obstacles.tile_first[cell + 1]):
+                near[obstacles.tile_prisms[entry]] = True
+    return np.flatnonzero(near)
 
 
 @kernel
@@ -158,7 +182,9 @@ def tops_near_m(obstacles: ObstaclePrisms, lines: NDArray[np.float64], beside: f
     """(n,) highest top within ``beside`` of each of (n, 4) lines on the map, east and north of both ends; -inf where none is."""
     out = np.full(lines.shape[0], -math.inf)
     for k in range(lines.shape[0]):
-        for prism in range(obstacles.top_m.size):
+        if obstacles.top_m.size == 0 or not math.isfinite(lines[k].sum()):
+            continue
+        for prism in _near_line(obstacles, lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]):
             # Lower than any top, every part of the line counts.
             if obstacles.top_m[prism] > out[k] and not clear_of(
                 obstacles,
