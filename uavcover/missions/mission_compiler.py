@@ -376,8 +376,7 @@ def check_fence(site: Site, *, autopilot: AutopilotName) -> None:
     """
     if site.frame is None or site.home_m is None:
         return
-    entries = [zone.entry for zone in site.zones]
-    limited = [(e.floor_agl_m, e.floor_amsl_m, e.ceiling_agl_m, e.ceiling_amsl_m) != (None,) * 4 for e in entries]
+    limited = [zone.entry.has_heights for zone in site.zones]
     holed = [any(part.interiors for part in shapely.get_parts(zone.outline)) for zone in site.zones]
     always = [zone for zone, has, hole in zip(site.zones, limited, holed, strict=True) if not has and not hole]
     least = fence_of(dataclasses.replace(site, zones=tuple(always)), site.frame, np.stack([site.home_m, site.home_m]))

@@ -5,14 +5,16 @@ continuously along a leg, so for one floor and one ceiling of the same kind this
 """
 
 import math
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any, Final
 
 import numpy as np
 import shapely
 
-from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.no_fly import NoFly
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
@@ -27,6 +29,8 @@ _TOUCHING_M = 1e-6
 """Legs along an edge are outside."""
 _HEIGHT_TOLERANCE_M = 1e-6
 _SAMPLES = 64
+_MANY_CORNERS = 64
+"""From here on the nearest edge is looked up in an index."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,100 +182,198 @@ class ZoneCheck:
         counts = np.isfinite(begins).all(axis=1) & np.isfinite(ends).all(axis=1)
         if legs is not None:
             counts &= legs
-        numbers = np.flatnonzero(counts)
-        lines = np.asarray(shapely.linestrings(np.stack([begins[numbers, :2], ends[numbers, :2]], axis=1)))
-        found = []
-        for z, zone in enumerate(self.zones):
-            margin_m = zone.entry.margin_m if self.margins else 0.0
-            solid = _solid(zone, margin_m)
-            # The bounds first: nearly all legs are far from nearly all zones.
-            west, south, east, north = solid.bounds
-            boxes = shapely.bounds(lines)
-            near = (boxes[:, 0] <= east) & (boxes[:, 2] >= west) & (boxes[:, 1] <= north) & (boxes[:, 3] >= south)
-            vertical = (boxes[:, 0] == boxes[:, 2]) & (boxes[:, 1] == boxes[:, 3])
-            near[near] = vertical[near] | shapely.intersects(solid, lines[near])
-            for k in numbers[near]:
-                breach = self._breach(zone, solid, margin_m, begins[k], ends[k])
-                if breach is not None:
-                    found.append(ZoneBreach(int(k), z, *breach))
-        return sorted(found, key=lambda breach: (breach.leg, breach.zone))
+        parts = _solids(self.zones, self.margins).parts_inside(begins, ends, np.flatnonzero(counts))
+        parts = parts.only(~self._are_over_or_under(parts, begins, ends))
+        depths, at = parts.deepest(begins, ends)
+        # Of the parts of a leg in one zone the deepest counts; the first of equal ones.
+        order = np.lexsort((np.arange(len(depths)), -depths, parts.zone, parts.leg))
+        leg, zone = parts.leg[order], parts.zone[order]
+        first = np.ones(len(order), dtype=bool)
+        first[1:] = (np.diff(leg) != 0) | (np.diff(zone) != 0)
+        return [ZoneBreach(int(parts.leg[k]), int(parts.zone[k]), float(depths[k]), float(at[k])) for k in order[first]]
 
-    def _breach(
-        self, zone: Zone, solid: Polygons, margin_m: float, p: FloatArray, q: FloatArray
-    ) -> tuple[float, float] | None:
-        """Depth and parameter where the line p-q is deepest in a zone; none where it stays out."""
-        worst: tuple[float, float] | None = None
-        for begin, end in _parts_inside(zone, solid, margin_m, p[:2], q[:2]):
-            if self._is_over_or_under(zone.entry, p + begin * (q - p), p + end * (q - p)):
-                continue
-            depth, at = _deepest(zone, solid, margin_m, p, q, (begin, end))
-            if worst is None or depth > worst[0]:
-                worst = depth, at
-        return worst
-
-    def _is_over_or_under(self, entry: NoFly, p: FloatArray, q: FloatArray) -> bool:
-        """Whether the line p-q is below all floors or above all ceilings; not where the ground is unknown."""
-        low, _, high, _ = self.ground.leg_height_ranges_m(np.vstack([p, q]))[0]
-        alts = (p[2], q[2]) if self.frame is None else self.frame.geodetic_from_enu(np.vstack([p, q]))[2]
+    def _are_over_or_under(self, parts: "_PartsInside", begins: FloatArray, ends: FloatArray) -> BoolArray:
+        """Which parts of legs are below all floors or above all ceilings; not where the ground is unknown."""
+        out = np.zeros(len(parts.leg), dtype=bool)
+        limited = parts.solids.limited[parts.zone]
+        if not limited.any():
+            return out
+        legs, share = parts.leg[limited], parts.share[limited]
+        p, q = (begins[legs] + share[:, k, None] * (ends[legs] - begins[legs]) for k in (0, 1))
+        line = np.stack([p, q, np.full_like(p, np.nan)], axis=1).reshape(-1, 3)
+        ranges = self.ground.leg_height_ranges_m(line)[0::3]
+        both = np.stack([p, q], axis=1)
+        alts = both[:, :, 2]
+        if self.frame is not None:
+            alts = self.frame.geodetic_from_enu(both.reshape(-1, 3))[2].reshape(-1, 2)
         leeway = _HEIGHT_TOLERANCE_M + self.ground.cut_error_m - self.height_margin_m
-        floors = [(entry.floor_agl_m, high), (entry.floor_amsl_m, max(alts))]
-        ceilings = [(entry.ceiling_agl_m, low), (entry.ceiling_amsl_m, min(alts))]
-        under = [highest <= floor + leeway for floor, highest in floors if floor is not None]
-        over = [lowest >= ceiling - leeway for ceiling, lowest in ceilings if ceiling is not None]
-        return bool((under and all(under)) or (over and all(over)))
+        out[limited] = [
+            _is_over_or_under(self.zones[zone].entry, (low, high), (float(a.min()), float(a.max())), leeway)
+            for zone, (low, _, high, _), a in zip(parts.zone[limited], ranges.tolist(), alts, strict=True)
+        ]
+        return out
 
 
-@lru_cache(maxsize=1024)
-def _solid(zone: Zone, margin_m: float) -> Polygons:
-    """The grown outline without a hair of its edge, so that legs along the edge are outside."""
-    solid = zone.grown(margin_m).buffer(-_TOUCHING_M, join_style="mitre")
-    return solid if isinstance(solid, Polygons) else shapely.MultiPolygon()
+def _is_over_or_under(entry: NoFly, agl_m: tuple[float, float], amsl_m: tuple[float, float], leeway_m: float) -> bool:
+    floors = [(entry.floor_agl_m, agl_m[1]), (entry.floor_amsl_m, amsl_m[1])]
+    ceilings = [(entry.ceiling_agl_m, agl_m[0]), (entry.ceiling_amsl_m, amsl_m[0])]
+    under = [highest <= floor + leeway_m for floor, highest in floors if floor is not None]
+    over = [lowest >= ceiling - leeway_m for ceiling, lowest in ceilings if ceiling is not None]
+    return bool((under and all(under)) or (over and all(over)))
 
 
-def _parts_inside(
-    zone: Zone, solid: Polygons, margin_m: float, p: FloatArray, q: FloatArray
-) -> list[tuple[float, float]]:
-    """Intervals 0..1 of the line p-q on the map inside a zone. Touching its edge is outside."""
-    length = math.hypot(*(q - p))
-    if zone.circle is not None:
-        return _parts_in_circle((*zone.circle[:2], zone.circle[2] + margin_m), p, q, length)
-    if length <= _TOUCHING_M:
-        return [(0.0, 1.0)] if solid.contains(shapely.Point(p)) else []
-    pieces = shapely.get_parts(shapely.LineString([p, q]).intersection(solid))
-    found = []
-    for piece in pieces:
-        if isinstance(piece, shapely.LineString) and piece.length > 0.0:
-            at = (shapely.get_coordinates(piece) - p) @ (q - p) / length**2
-            found.append((max(0.0, float(at.min())), min(1.0, float(at.max()))))
-    return found
+@dataclass(frozen=True, slots=True, eq=False)
+class _PartsInside:
+    """Parts of legs that are inside of zones on the map.
+
+    Attributes:
+        solids: of the zones.
+        leg: (k,) number of the leg.
+        zone: (k,) number of the zone.
+        share: (k, 2) parameters 0..1 along the leg where the part begins and ends.
+    """
+
+    solids: "_Solids"
+    leg: IntArray
+    zone: IntArray
+    share: FloatArray
+
+    def only(self, kept: BoolArray) -> "_PartsInside":
+        """Some of the parts."""
+        return _PartsInside(self.solids, self.leg[kept], self.zone[kept], self.share[kept])
+
+    def deepest(self, begins: FloatArray, ends: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(k,) largest distances to the edge of the zone, and the parameters there. Above 0, because the parts are inside."""
+        solids, (begin, end) = self.solids, self.share.T
+        at = begin[:, None] + (end - begin)[:, None] * (np.arange(_SAMPLES + 1) / _SAMPLES)
+        p, q = begins[self.leg, None, :2], ends[self.leg, None, :2]
+        places = p + at[:, :, None] * (q - p)
+        circle = solids.circles[self.zone]
+        depths = circle[:, 2, None] - np.hypot(*np.moveaxis(places - circle[:, None, :2], 2, 0))
+        around = np.isnan(circle[:, 2])
+        depths[around] = solids.from_edges(self.zone[around], places[around])
+        worst = depths.argmax(axis=1)
+        rows = np.arange(len(worst))
+        return np.maximum(depths[rows, worst], _TOUCHING_M), at[rows, worst]
 
 
-def _parts_in_circle(
-    circle: tuple[float, float, float], p: FloatArray, q: FloatArray, length: float
-) -> list[tuple[float, float]]:
-    east, north, radius = circle
-    away = p - (east, north)
-    if length <= _TOUCHING_M:
-        return [(0.0, 1.0)] if math.hypot(*away) < radius - _TOUCHING_M else []
-    towards = (q - p) / length
-    nearest = -float(away @ towards)
-    aside = abs(float(away[0] * towards[1] - away[1] * towards[0]))
-    if aside >= radius - _TOUCHING_M:
-        return []
-    half = math.sqrt(radius * radius - aside * aside)
-    begin, end = max(0.0, (nearest - half) / length), min(1.0, (nearest + half) / length)
-    return [(begin, end)] if (end - begin) * length > _TOUCHING_M else []
+class _Solids:
+    """Outlines of zones without a hair of their edges, so that legs along the edges are outside, in a spatial index.
+
+    Args:
+        zones: the zones.
+        margins: whether they are grown by their margins.
+    """
+
+    def __init__(self, zones: Sequence[Zone], margins: bool) -> None:
+        grown = [zone.grown(zone.entry.margin_m if margins else 0.0) for zone in zones]
+        solids = np.array([each.buffer(-_TOUCHING_M, join_style="mitre") for each in grown], dtype=object)
+        self._solids, self._edges = solids, shapely.boundary(solids)
+        self._pieces: dict[int, shapely.STRtree] = {}
+        self.limited = np.array([zone.entry.has_heights for zone in zones])
+        self.circles = np.full((len(zones), 3), np.nan)
+        for number, zone in enumerate(zones):
+            if zone.circle is not None:
+                self.circles[number] = zone.circle
+                self.circles[number, 2] += zone.entry.margin_m if margins else 0.0
+        self._tree = shapely.STRtree(solids)
+        # A prepared polygon builds its indices on first use, which is not thread-safe: use each now.
+        shapely.prepare(solids)
+        west, south, east, north = shapely.bounds(solids).T
+        across = np.stack([np.column_stack([west, south]) - 1.0, np.column_stack([east, north]) + 1.0], axis=1)
+        shapely.intersects(solids, shapely.linestrings(np.nan_to_num(across)))
+
+    def parts_inside(self, begins: FloatArray, ends: FloatArray, legs: IntArray) -> _PartsInside:
+        """The parts of some legs between (n, 3) places inside of the zones. Touching an edge is outside."""
+        lines = np.asarray(shapely.linestrings(np.stack([begins[legs, :2], ends[legs, :2]], axis=1)))
+        line, zone = self._tree.query(lines)
+        steps = ends[legs, :2] - begins[legs, :2]
+        length = np.hypot(*steps.T)
+        circle = ~np.isnan(self.circles[zone, 2])
+        still = ~circle & (length[line] <= _TOUCHING_M)
+        moves = ~circle & ~still
+        moves[moves] = shapely.intersects(self._solids[zone[moves]], lines[line[moves]])
+        still[still] = shapely.intersects_xy(self._solids[zone[still]], begins[legs[line[still]], :2])
+        pairs, shares = [np.flatnonzero(still)], [np.broadcast_to([0.0, 1.0], (int(still.sum()), 2))]
+        for found, inside in (
+            _parts_in_circles(
+                self.circles[zone], begins[legs[line], :2], steps[line], length[line], np.flatnonzero(circle)
+            ),
+            self._parts_in_polygons(lines[line], begins[legs[line], :2], steps[line], zone, np.flatnonzero(moves)),
+        ):
+            pairs.append(found)
+            shares.append(inside)
+        pair = np.concatenate(pairs)
+        return _PartsInside(self, legs[line[pair]], zone[pair], np.concatenate(shares))
+
+    def _parts_in_polygons(
+        self, lines: Any, begins: FloatArray, steps: FloatArray, zone: IntArray, pairs: IntArray
+    ) -> tuple[IntArray, FloatArray]:
+        pieces, owner = shapely.get_parts(
+            shapely.intersection(lines[pairs], self._solids[zone[pairs]]), return_index=True
+        )
+        along = shapely.length(pieces) > 0.0
+        pieces, pair = pieces[along], pairs[owner[along]]
+        corners, piece = shapely.get_coordinates(pieces, return_index=True)
+        step = steps[pair[piece]]
+        at = ((corners - begins[pair[piece]]) * step).sum(axis=1) / (step * step).sum(axis=1)
+        low, high = np.full(len(pieces), np.inf), np.full(len(pieces), -np.inf)
+        np.minimum.at(low, piece, at)
+        np.maximum.at(high, piece, at)
+        return pair, np.column_stack([np.maximum(low, 0.0), np.minimum(high, 1.0)])
+
+    def from_edges(self, zone: IntArray, places: FloatArray) -> FloatArray:
+        """(k, m) distances of (k, m, 2) places from the edges of a zone each."""
+        points = shapely.points(places)
+        out = np.empty(points.shape)
+        many = shapely.get_num_coordinates(self._edges)[zone] > _MANY_CORNERS
+        out[~many] = shapely.distance(self._edges[zone[~many], None], points[~many])
+        for number in np.unique(zone[many]):
+            rows = zone == number
+            near, distance = self._edge_tree(int(number)).query_nearest(
+                points[rows].ravel(), return_distance=True, all_matches=False
+            )
+            flat = np.empty(out[rows].size)
+            flat[near[0]] = distance
+            out[rows] = flat.reshape(-1, out.shape[1])
+        return out
+
+    def _edge_tree(self, number: int) -> shapely.STRtree:
+        """Index of the edges of a zone with many corners."""
+        if number not in self._pieces:
+            rings = [shapely.get_coordinates(ring) for ring in shapely.get_parts(self._edges[number])]
+            self._pieces[number] = shapely.STRtree(
+                np.concatenate([shapely.linestrings(np.stack([ring[:-1], ring[1:]], axis=1)) for ring in rings])
+            )
+        return self._pieces[number]
 
 
-def _deepest(
-    zone: Zone, solid: Polygons, margin_m: float, p: FloatArray, q: FloatArray, part: tuple[float, float]
-) -> tuple[float, float]:
-    """Largest distance to the edge on a part of the line p-q, and its position. It is above 0, because the part is inside."""
-    at = np.linspace(part[0], part[1], _SAMPLES + 1)
-    places = p[:2] + at[:, None] * (q[:2] - p[:2])
-    if zone.circle is not None:
-        depths = zone.circle[2] + margin_m - np.hypot(*(places - zone.circle[:2]).T)
-    else:
-        depths = np.asarray(shapely.distance(solid.boundary, shapely.points(places)))
-    worst = int(np.argmax(depths))
-    return max(float(depths[worst]), _TOUCHING_M), float(at[worst])
+_BUILDING: Final = threading.Lock()
+
+
+def _solids(zones: tuple[Zone, ...], margins: bool) -> _Solids:
+    """The index of zones: one for all threads."""
+    with _BUILDING:
+        return _solids_once(zones, margins)
+
+
+@lru_cache(maxsize=16)
+def _solids_once(zones: tuple[Zone, ...], margins: bool) -> _Solids:
+    return _Solids(zones, margins)
+
+
+def _parts_in_circles(
+    circles: FloatArray, begins: FloatArray, steps: FloatArray, length: FloatArray, pairs: IntArray
+) -> tuple[IntArray, FloatArray]:
+    """The pairs of a leg and a (n, 3) circle whose leg is partly inside, and (k, 2) from where to where along it."""
+    away, radius, whole = begins[pairs] - circles[pairs, :2], circles[pairs, 2], length[pairs]
+    still = whole <= _TOUCHING_M
+    towards = steps[pairs] / np.where(still, 1.0, whole)[:, None]
+    nearest = -(away * towards).sum(axis=1)
+    aside = np.where(still, np.hypot(*away.T), np.abs(away[:, 0] * towards[:, 1] - away[:, 1] * towards[:, 0]))
+    inside = aside < radius - _TOUCHING_M
+    half = np.sqrt(np.maximum(radius * radius - aside * aside, 0.0))
+    share = np.column_stack([nearest - half, nearest + half]) / np.where(still, 1.0, whole)[:, None]
+    share = np.where(still[:, None], [0.0, 1.0], np.clip(share, [0.0, -np.inf], [np.inf, 1.0]))
+    inside &= still | ((share[:, 1] - share[:, 0]) * whole > _TOUCHING_M)
+    return pairs[inside], share[inside]
