@@ -196,3 +196,73 @@ def tops_near_m(obstacles: ObstaclePrisms, lines: NDArray[np.float64], beside: f
             ):
                 out[k] = obstacles.top_m[prism]
     return out
+
+
+@kernel
+def edge_distances_m(
+    footprints: ObstaclePrisms, numbers: NDArray[np.int64], places: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(k, m) distances of (k, m, 2) places from the edges of a footprint each, given by its number (k,)."""
+    out = np.empty(places.shape[:2])
+    for k in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            e, n, least = places[k, j, 0], places[k, j, 1], math.inf
+            for edge in range(footprints.first_edge[numbers[k]], footprints.first_edge[numbers[k] + 1]):
+                ae, an = footprints.edges_m[edge, 0], footprints.edges_m[edge, 1]
+                de, dn = footprints.edges_m[edge, 2] - ae, footprints.edges_m[edge, 3] - an
+                length2 = de * de + dn * dn
+                t = min(1.0, max(0.0, ((e - ae) * de + (n - an) * dn) / length2)) if length2 > 0.0 else 0.0
+                least = min(least, (ae + t * de - e) ** 2 + (an + t * dn - n) ** 2)
+            out[k, j] = math.sqrt(least)
+    return out
+
+
+@kernel
+def parts_over(
+    footprints: ObstaclePrisms, numbers: NDArray[np.int64], lines: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The parts of (k, 4) lines on the map, east and north of both ends, over a footprint each, given by its number (k,).
+
+    Returns:
+        (m,) number of the line, ascending; (m, 2) parameters 0..1 where the part begins and ends. A line without length is over
+        a footprint as a whole or not at all.
+    """
+    owners = np.empty(max(16, numbers.size), dtype=np.int64)
+    shares = np.empty((owners.size, 2))
+    count = 0
+    for k in range(numbers.size):
+        pe, pn = lines[k, 0], lines[k, 1]
+        de, dn = lines[k, 2] - pe, lines[k, 3] - pn
+        first, last = footprints.first_edge[numbers[k]], footprints.first_edge[numbers[k] + 1]
+        at = np.empty(last - first + 2)
+        at[0], at[1] = 0.0, 1.0
+        crossings = 2
+        if de != 0.0 or dn != 0.0:
+            for edge in range(first, last):
+                ae, an = footprints.edges_m[edge, 0] - pe, footprints.edges_m[edge, 1] - pn
+                be, bn = footprints.edges_m[edge, 2] - pe, footprints.edges_m[edge, 3] - pn
+                side_a, side_b = de * an - dn * ae, de * bn - dn * be
+                if (side_a > 0.0) == (side_b > 0.0):
+                    continue
+                share = side_a / (side_a - side_b)
+                t = ((ae + share * (be - ae)) * de + (an + share * (bn - an)) * dn) / (de * de + dn * dn)
+                if 0.0 < t < 1.0:
+                    at[crossings] = t
+                    crossings += 1
+        at = np.sort(at[:crossings])
+        joins = False
+        for j in range(crossings - 1):
+            if at[j + 1] <= at[j]:
+                continue
+            middle = 0.5 * (at[j] + at[j + 1])
+            if not over_prism(footprints, numbers[k], pe + middle * de, pn + middle * dn):
+                joins = False
+                continue
+            if joins:
+                shares[count - 1, 1] = at[j + 1]
+                continue
+            if count == owners.size:
+                owners, shares = np.concatenate((owners, owners)), np.concatenate((shares, shares))
+            owners[count], shares[count, 0], shares[count, 1] = k, at[j], at[j + 1]
+            count, joins = count + 1, True
+    return owners[:count].copy(), shares[:count].copy()

@@ -5,9 +5,9 @@ import shapely
 from shapely.ops import nearest_points
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.kernels.obstacles import ObstaclePrisms, make_obstacles
+from uavcover.kernels.obstacles import NO_OBSTACLES, ObstaclePrisms
 from uavcover.kernels.shortest_way import are_clear, shortest_way
-from uavcover.scenario.airspace.zones import Polygons
+from uavcover.scenario.airspace.zones import Polygons, footprints_of
 
 _INSIDE_M = 0.02
 """Corners of ways lie this far inside, so that rounding does not take them out."""
@@ -79,15 +79,10 @@ class WayRound:
 def _walls_around(region: Polygons) -> ObstaclePrisms:
     """Everything but a region, as footprints in an index of tiles, none of them with many corners."""
     if region.is_empty:
-        return make_obstacles(np.empty((0, 4)), np.zeros(1, dtype=np.int64), np.empty(0), grown_m=0.0)
+        return NO_OBSTACLES
     outside = shapely.box(*region.bounds).buffer(1.0, join_style="mitre").difference(region.buffer(_HAIR_M))
     walls = [wall for part in shapely.get_parts(outside) for wall in _divided(part)]
-    edges = []
-    for wall in walls:
-        rings = [shapely.get_coordinates(ring) for ring in (wall.exterior, *wall.interiors)]
-        edges.append(np.concatenate([np.hstack([ring[:-1], ring[1:]]) for ring in rings]))
-    first = np.concatenate([[0], np.cumsum([len(each) for each in edges])])
-    return make_obstacles(np.concatenate(edges), first, np.ones(len(walls)), grown_m=0.0)
+    return footprints_of(walls)
 
 
 def _divided(wall: shapely.Geometry) -> list[shapely.Polygon]:

@@ -13,8 +13,11 @@ from typing import Any, Final
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.kernels.obstacle_breach import edge_distances_m, parts_over
+from uavcover.kernels.obstacles import ObstaclePrisms, make_obstacles
 from uavcover.model.no_fly import NoFly
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
@@ -29,8 +32,6 @@ _TOUCHING_M = 1e-6
 """Legs along an edge are outside."""
 _HEIGHT_TOLERANCE_M = 1e-6
 _SAMPLES = 64
-_MANY_CORNERS = 64
-"""From here on the nearest edge is looked up in an index."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -251,7 +252,7 @@ class _PartsInside:
         circle = solids.circles[self.zone]
         depths = circle[:, 2, None] - np.hypot(*np.moveaxis(places - circle[:, None, :2], 2, 0))
         around = np.isnan(circle[:, 2])
-        depths[around] = solids.from_edges(self.zone[around], places[around])
+        depths[around] = edge_distances_m(solids.footprints, self.zone[around], np.ascontiguousarray(places[around]))
         worst = depths.argmax(axis=1)
         rows = np.arange(len(worst))
         return np.maximum(depths[rows, worst], _TOUCHING_M), at[rows, worst]
@@ -268,8 +269,7 @@ class _Solids:
     def __init__(self, zones: Sequence[Zone], margins: bool) -> None:
         grown = [zone.grown(zone.entry.margin_m if margins else 0.0) for zone in zones]
         solids = np.array([each.buffer(-_TOUCHING_M, join_style="mitre") for each in grown], dtype=object)
-        self._solids, self._edges = solids, shapely.boundary(solids)
-        self._pieces: dict[int, shapely.STRtree] = {}
+        self.footprints = footprints_of(solids)
         self.limited = np.array([zone.entry.has_heights for zone in zones])
         self.circles = np.full((len(zones), 3), np.nan)
         for number, zone in enumerate(zones):
@@ -277,75 +277,29 @@ class _Solids:
                 self.circles[number] = zone.circle
                 self.circles[number, 2] += zone.entry.margin_m if margins else 0.0
         self._tree = shapely.STRtree(solids)
-        # A prepared polygon builds its indices on first use, which is not thread-safe: use each now.
-        shapely.prepare(solids)
-        west, south, east, north = shapely.bounds(solids).T
-        across = np.stack([np.column_stack([west, south]) - 1.0, np.column_stack([east, north]) + 1.0], axis=1)
-        shapely.intersects(solids, shapely.linestrings(np.nan_to_num(across)))
 
     def parts_inside(self, begins: FloatArray, ends: FloatArray, legs: IntArray) -> _PartsInside:
         """The parts of some legs between (n, 3) places inside of the zones. Touching an edge is outside."""
-        lines = np.asarray(shapely.linestrings(np.stack([begins[legs, :2], ends[legs, :2]], axis=1)))
-        line, zone = self._tree.query(lines)
-        steps = ends[legs, :2] - begins[legs, :2]
-        length = np.hypot(*steps.T)
-        circle = ~np.isnan(self.circles[zone, 2])
-        still = ~circle & (length[line] <= _TOUCHING_M)
-        moves = ~circle & ~still
-        moves[moves] = shapely.intersects(self._solids[zone[moves]], lines[line[moves]])
-        still[still] = shapely.intersects_xy(self._solids[zone[still]], begins[legs[line[still]], :2])
-        pairs, shares = [np.flatnonzero(still)], [np.broadcast_to([0.0, 1.0], (int(still.sum()), 2))]
-        for found, inside in (
-            _parts_in_circles(
-                self.circles[zone], begins[legs[line], :2], steps[line], length[line], np.flatnonzero(circle)
-            ),
-            self._parts_in_polygons(lines[line], begins[legs[line], :2], steps[line], zone, np.flatnonzero(moves)),
-        ):
-            pairs.append(found)
-            shares.append(inside)
-        pair = np.concatenate(pairs)
-        return _PartsInside(self, legs[line[pair]], zone[pair], np.concatenate(shares))
+        line, zone = self._tree.query(shapely.linestrings(np.stack([begins[legs, :2], ends[legs, :2]], axis=1)))
+        leg = legs[line]
+        ends_m = np.hstack([begins[leg, :2], ends[leg, :2]])
+        round_ = np.flatnonzero(~np.isnan(self.circles[zone, 2]))
+        other = np.flatnonzero(np.isnan(self.circles[zone, 2]))
+        pair, share = parts_over(self.footprints, zone[other], ends_m[other])
+        in_circle, of_circle = _parts_in_circles(self.circles[zone[round_]], ends_m[round_])
+        pair = np.concatenate([other[pair], round_[in_circle]])
+        return _PartsInside(self, leg[pair], zone[pair], np.concatenate([share, of_circle]))
 
-    def _parts_in_polygons(
-        self, lines: Any, begins: FloatArray, steps: FloatArray, zone: IntArray, pairs: IntArray
-    ) -> tuple[IntArray, FloatArray]:
-        pieces, owner = shapely.get_parts(
-            shapely.intersection(lines[pairs], self._solids[zone[pairs]]), return_index=True
-        )
-        along = shapely.length(pieces) > 0.0
-        pieces, pair = pieces[along], pairs[owner[along]]
-        corners, piece = shapely.get_coordinates(pieces, return_index=True)
-        step = steps[pair[piece]]
-        at = ((corners - begins[pair[piece]]) * step).sum(axis=1) / (step * step).sum(axis=1)
-        low, high = np.full(len(pieces), np.inf), np.full(len(pieces), -np.inf)
-        np.minimum.at(low, piece, at)
-        np.maximum.at(high, piece, at)
-        return pair, np.column_stack([np.maximum(low, 0.0), np.minimum(high, 1.0)])
 
-    def from_edges(self, zone: IntArray, places: FloatArray) -> FloatArray:
-        """(k, m) distances of (k, m, 2) places from the edges of a zone each."""
-        points = shapely.points(places)
-        out = np.empty(points.shape)
-        many = shapely.get_num_coordinates(self._edges)[zone] > _MANY_CORNERS
-        out[~many] = shapely.distance(self._edges[zone[~many], None], points[~many])
-        for number in np.unique(zone[many]):
-            rows = zone == number
-            near, distance = self._edge_tree(int(number)).query_nearest(
-                points[rows].ravel(), return_distance=True, all_matches=False
-            )
-            flat = np.empty(out[rows].size)
-            flat[near[0]] = distance
-            out[rows] = flat.reshape(-1, out.shape[1])
-        return out
-
-    def _edge_tree(self, number: int) -> shapely.STRtree:
-        """Index of the edges of a zone with many corners."""
-        if number not in self._pieces:
-            rings = [shapely.get_coordinates(ring) for ring in shapely.get_parts(self._edges[number])]
-            self._pieces[number] = shapely.STRtree(
-                np.concatenate([shapely.linestrings(np.stack([ring[:-1], ring[1:]], axis=1)) for ring in rings])
-            )
-        return self._pieces[number]
+def footprints_of(shapes: Sequence[shapely.Geometry] | NDArray[Any]) -> ObstaclePrisms:
+    """Polygons as footprints with tops above 0, for the kernels: they know the edges, and which of them are nearby."""
+    edges, counts = [np.empty((0, 4))], [0]
+    for shape in shapes:
+        rings = [shapely.get_coordinates(ring) for ring in shapely.get_parts(shapely.boundary(shape))]
+        rings = rings or [np.zeros((2, 2))]  # nothing is over it
+        edges += [np.hstack([ring[:-1], ring[1:]]) for ring in rings]
+        counts.append(sum(len(ring) - 1 for ring in rings))
+    return make_obstacles(np.concatenate(edges), np.cumsum(counts), np.ones(len(shapes)), grown_m=0.0)
 
 
 _BUILDING: Final = threading.Lock()
@@ -362,18 +316,17 @@ def _solids_once(zones: tuple[Zone, ...], margins: bool) -> _Solids:
     return _Solids(zones, margins)
 
 
-def _parts_in_circles(
-    circles: FloatArray, begins: FloatArray, steps: FloatArray, length: FloatArray, pairs: IntArray
-) -> tuple[IntArray, FloatArray]:
-    """The pairs of a leg and a (n, 3) circle whose leg is partly inside, and (k, 2) from where to where along it."""
-    away, radius, whole = begins[pairs] - circles[pairs, :2], circles[pairs, 2], length[pairs]
-    still = whole <= _TOUCHING_M
-    towards = steps[pairs] / np.where(still, 1.0, whole)[:, None]
+def _parts_in_circles(circles: FloatArray, lines: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Which of (n, 4) lines are partly inside of a circle (n, 3) each, and (k, 2) from where to where along them, 0..1."""
+    away, steps, radius = lines[:, :2] - circles[:, :2], lines[:, 2:] - lines[:, :2], circles[:, 2]
+    length = np.hypot(*steps.T)
+    still = length <= _TOUCHING_M
+    unit = np.where(still, 1.0, length)
+    towards = steps / unit[:, None]
     nearest = -(away * towards).sum(axis=1)
     aside = np.where(still, np.hypot(*away.T), np.abs(away[:, 0] * towards[:, 1] - away[:, 1] * towards[:, 0]))
-    inside = aside < radius - _TOUCHING_M
     half = np.sqrt(np.maximum(radius * radius - aside * aside, 0.0))
-    share = np.column_stack([nearest - half, nearest + half]) / np.where(still, 1.0, whole)[:, None]
-    share = np.where(still[:, None], [0.0, 1.0], np.clip(share, [0.0, -np.inf], [np.inf, 1.0]))
-    inside &= still | ((share[:, 1] - share[:, 0]) * whole > _TOUCHING_M)
-    return pairs[inside], share[inside]
+    share = np.clip(np.column_stack([nearest - half, nearest + half]) / unit[:, None], 0.0, 1.0)
+    share[still] = 0.0, 1.0
+    inside = (aside < radius - _TOUCHING_M) & (still | ((share[:, 1] - share[:, 0]) * length > _TOUCHING_M))
+    return np.flatnonzero(inside), share[inside]
