@@ -13,7 +13,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 import shapely
@@ -56,6 +56,7 @@ from uavcover.missions.transit import (
 from uavcover.model.route import Route
 from uavcover.model.sensor import Sensor
 from uavcover.model.vehicle import AutopilotName
+from uavcover.scenario.airspace.flyable import is_wall
 from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
@@ -322,8 +323,8 @@ def _compiled(
         begin_s=begin.time_s,
     )  # fmt: skip
     fence = fence_of(site, frame, path)
-    for content in (mission, fence.fence):
-        _check_autopilot(content, AUTOPILOTS[autopilot], item_limit=vehicle.max_mission_items)
+    _check_autopilot(mission, AUTOPILOTS[autopilot], item_limit=vehicle.max_mission_items)
+    _check_fence(fence.fence, autopilot)
     return CompiledMission(
         mission=mission,
         fence=fence.fence,
@@ -369,18 +370,23 @@ def compile_return(site: Site, *, lat_deg: float, lon_deg: float, alt_amsl_m: fl
 def check_fence(site: Site, *, autopilot: AutopilotName) -> None:
     """Refuse a fence that the autopilot will not take, before a route is searched for.
 
-    Counted are the keep-in polygon and the zones that no mission passes over or under: those without floor and ceiling.
+    Counted are the keep-in polygon and the zones that no mission passes over or under.
 
     Raises:
         InfeasibleError: it has too many items or corners.
     """
     if site.frame is None or site.home_m is None:
         return
-    limited = [zone.entry.has_heights for zone in site.zones]
     holed = [any(part.interiors for part in shapely.get_parts(zone.outline)) for zone in site.zones]
-    always = [zone for zone, has, hole in zip(site.zones, limited, holed, strict=True) if not has and not hole]
+    always = [zone for zone, hole in zip(site.zones, holed, strict=True) if not hole and is_wall(site, zone)]
     least = fence_of(dataclasses.replace(site, zones=tuple(always)), site.frame, np.stack([site.home_m, site.home_m]))
-    _check_autopilot(least.fence, AUTOPILOTS[autopilot], item_limit=None)
+    _check_fence(least.fence, autopilot)
+
+
+@lru_cache(maxsize=32)
+def _check_fence(fence: Fence, autopilot: AutopilotName) -> None:
+    """Refuse a fence that the autopilot would reject; the same one, of many missions, is checked once."""
+    _check_autopilot(fence, AUTOPILOTS[autopilot], item_limit=None)
 
 
 def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, item_limit: int | None) -> None:

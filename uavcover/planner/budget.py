@@ -6,6 +6,8 @@ allotted and used.
 """
 
 import logging
+import math
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -30,6 +32,7 @@ class Shares:
         judging_of_fewest: ... for large areas: what judging so few routes takes, up to this.
         judging_baselines: judging more baselines than the first two.
         order: another order of the legs of several sorties.
+        sizes: sorties and makespan of the routes that are not chosen.
         simplified_until: after this number of budgets no more waypoints are removed: a little late, most routes need a moment.
         parts: searches of the parts of a large area; the rest is for dividing, joining and judging.
         part_rounds: of these: each part by itself; then along the seams, where in turn the lower number of two neighbours
@@ -59,6 +62,7 @@ class Shares:
     judging_of_fewest: float = 0.3
     judging_baselines: float = 0.01
     order: float = 0.05
+    sizes: float = 0.03
     simplified_until: float = 1.03
     parts: float = 0.85
     part_rounds: tuple[float, ...] = (0.5, 0.2, 0.15, 0.15)
@@ -80,6 +84,31 @@ class Shares:
 
 
 SHARES: Final = Shares()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommandTime:
+    """The time of a whole command, from its first line to its last one.
+
+    Attributes:
+        begun_s: when it began, by ``now``.
+        budget_s: how long it may take; none: as long as the search takes for its evaluations.
+        now: the clock.
+        should_stop: whether the user wants the best there is.
+    """
+
+    begun_s: float
+    budget_s: float | None = None
+    now: Callable[[], float] = time.monotonic
+    should_stop: Callable[[], bool] = lambda: False
+
+    def left_s(self, *, share: float = 1.0) -> float:
+        """Time left of a share of the budget, 0 at least; infinite without a budget."""
+        if self.should_stop():
+            return 0.0
+        if self.budget_s is None:
+            return math.inf
+        return max(0.0, self.begun_s + share * self.budget_s - self.now())
 
 
 class StageTimes:
