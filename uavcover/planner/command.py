@@ -129,7 +129,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         check_site(own)
     check_site(site)
     name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
-    for own in vehicle_sites(site):
+    for own in vehicle_sites(site) or (site,):
         check_fence(own, autopilot=own.scenario.vehicle.autopilot if site.scenario.vehicles else name)
     _check_heights(site, user)
     if request.bounds_s is not None and not loaded("uavcover.bounds"):
