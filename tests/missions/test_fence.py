@@ -121,7 +121,7 @@ def test_a_fence_that_is_too_large_is_refused_before_a_search(autopilot):
     if autopilot == "px4":
         check_fence(large, autopilot=autopilot)
         return
-    with pytest.raises(InfeasibleError, match="would not take this fence: .* takes 650; give fewer or simpler zones"):
+    with pytest.raises(InfeasibleError, match=r"would not take this fence: .* takes 650; give fewer or simpler zones"):
         check_fence(large, autopilot=autopilot)
     # No mission passes over a zone as high as transits may be.
     with pytest.raises(InfeasibleError, match="would not take this fence"):
