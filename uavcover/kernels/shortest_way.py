@@ -16,6 +16,8 @@ from uavcover.kernels.obstacles import ObstaclePrisms, keeps_clear
 
 _STRAIGHT_M2 = 1e-7
 """A corner within rounding of a line is not on one side of it."""
+_ROUNDABOUT, _AROUND_M = 1.2, 20.0
+"""Ways of at most this multiple of the straight line, and this much, are looked for first; then twice as long ones."""
 
 
 @kernel
@@ -50,30 +52,22 @@ def _touches(corners: NDArray[np.float64], number: int, de: float, dn: float) ->
 
 
 @kernel
-def shortest_way(
+def _shortest_over(
     walls: ObstaclePrisms, corners: NDArray[np.float64], a: tuple[float, float], b: tuple[float, float]
-) -> NDArray[np.int64]:
-    """Numbers of the corners on the shortest way from a to b; empty where there is none, and where it is straight.
-
-    Args:
-        walls: what is not free, as footprints with tops above 0.
-        corners: (n, 6) east and north of each corner that sticks into the free ground, of the one before it and of the one
-            after it on its ring.
-        a: east and north of the first end.
-        b: of the last one.
-    """
+) -> tuple[NDArray[np.int64], float]:
+    """:func:`shortest_way` over some corners, and its length; infinite where there is none."""
     n = corners.shape[0]
     to_goal = np.empty(n)
-    sees_goal = False
     ends_there = np.zeros(n, dtype=np.bool_)
+    sees_goal = False
     for k in range(n):
         e, north = corners[k, 0], corners[k, 1]
         to_goal[k] = math.hypot(b[0] - e, b[1] - north)
-        if _touches(corners, k, b[0] - e, b[1] - north) and _is_clear(walls, e, north, b[0], b[1]):
-            ends_there[k] = sees_goal = True
+        ends_there[k] = _touches(corners, k, b[0] - e, b[1] - north)
+        sees_goal = sees_goal or (ends_there[k] and _is_clear(walls, e, north, b[0], b[1]))
     before = np.full(n + 1, -2)
     if not sees_goal:
-        return before[:0]
+        return before[:0], math.inf
     queue = [(math.hypot(b[0] - a[0], b[1] - a[1]), 0.0, n, -1)]
     for k in range(n):
         de, dn = corners[k, 0] - a[0], corners[k, 1] - a[1]
@@ -81,16 +75,18 @@ def shortest_way(
             length = math.hypot(de, dn)
             queue.append((length + to_goal[k], length, k, -1))
     heapq.heapify(queue)
+    whole = math.inf
     while len(queue) > 0:
         _, length, k, by = heapq.heappop(queue)
         if before[k] != -2:
             continue
         from_e, from_n = (a[0], a[1]) if by < 0 else (corners[by, 0], corners[by, 1])
         to_e, to_n = (b[0], b[1]) if k == n else (corners[k, 0], corners[k, 1])
-        if not (k == n and by >= 0) and not _is_clear(walls, from_e, from_n, to_e, to_n):
+        if not _is_clear(walls, from_e, from_n, to_e, to_n):
             continue
         before[k] = by
         if k == n:
+            whole = length
             break
         if ends_there[k]:
             heapq.heappush(queue, (length + to_goal[k], length + to_goal[k], n, k))
@@ -109,4 +105,31 @@ def shortest_way(
     while k >= 0:
         count -= 1
         way[count], k = k, before[k]
-    return way
+    return way, whole
+
+
+@kernel
+def shortest_way(
+    walls: ObstaclePrisms, corners: NDArray[np.float64], a: tuple[float, float], b: tuple[float, float]
+) -> NDArray[np.int64]:
+    """Numbers of the corners on the shortest way from a to b; empty where there is none, and where it is straight.
+
+    Args:
+        walls: what is not free, as footprints with tops above 0.
+        corners: (n, 6) east and north of each corner that sticks into the free ground, of the one before it and of the one
+            after it on its ring.
+        a: east and north of the first end.
+        b: of the last one.
+    """
+    through = np.empty(corners.shape[0])
+    for k in range(through.size):
+        e, n = corners[k, 0], corners[k, 1]
+        through[k] = math.hypot(e - a[0], n - a[1]) + math.hypot(b[0] - e, b[1] - n)
+    most = _ROUNDABOUT * math.hypot(b[0] - a[0], b[1] - a[1]) + _AROUND_M
+    while True:
+        # A way that is no longer leads over none of the other corners.
+        numbers = np.flatnonzero(through <= most)
+        way, length = _shortest_over(walls, corners[numbers], a, b)
+        if length <= most or numbers.size == through.size:
+            return numbers[way]
+        most *= 2.0

@@ -5,6 +5,7 @@ import shapely
 from shapely.ops import nearest_points
 
 from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.obstacle_breach import parts_over
 from uavcover.kernels.obstacles import NO_OBSTACLES, ObstaclePrisms
 from uavcover.kernels.shortest_way import are_clear, shortest_way
 from uavcover.scenario.airspace.zones import Polygons, footprints_of
@@ -27,7 +28,7 @@ class WayRound:
         self.region = region
         self._inner = region.buffer(-_INSIDE_M, join_style="mitre")
         self._corners = _corners_that_stick_in(self._inner)
-        self._walls = _walls_around(region)
+        self._walls, self._free = _walls_around(region), footprints_of([self._inner])
         # A prepared polygon builds its index on first use, which is not thread-safe: use it now.
         shapely.prepare(self._inner)
         shapely.covers(self._inner, shapely.centroid(region))
@@ -61,10 +62,12 @@ class WayRound:
         """
         if self.is_straight(a_m, b_m):
             return np.array([a_m, b_m])
-        line = shapely.LineString([a_m, b_m])
-        pieces = [piece for piece in shapely.get_parts(line.intersection(self._inner)) if piece.length > _INSIDE_M]
-        starts = sorted((line.project(shapely.Point(piece.coords[0])), piece) for piece in pieces if piece.length > 0.0)
-        ends_m = [np.asarray(place) for _, piece in starts for place in (piece.coords[0], piece.coords[-1])]
+        line = np.array([[*a_m, *b_m]], dtype=float)
+        step_m = line[0, 2:] - line[0, :2]
+        _, shares = parts_over(self._free, np.zeros(1, dtype=np.int64), line)
+        kept = (shares[:, 1] - shares[:, 0]) * np.hypot(*step_m) > _INSIDE_M
+        ends_m = line[0, :2] + shares[kept].reshape(-1, 1) * step_m
+        ends_m[shares[kept].ravel() == 1.0] = b_m
         way = [np.asarray(a_m, dtype=float)]
         for place in [*ends_m, np.asarray(b_m, dtype=float)]:
             if np.hypot(*(place - way[-1])) <= _INSIDE_M:
