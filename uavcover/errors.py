@@ -54,3 +54,7 @@ class InfeasibleError(UavcoverError):
     """No plan keeps the hard limits; the message says which limit, where and by how much."""
 
     exit_code = 4
+
+
+class StageOver(BaseException):
+    """A stage has gone on for too long after its time, or after a request to stop; no error, so that no handler takes it."""

@@ -21,7 +21,7 @@ from rich.text import Text
 
 from mission_io.model.plain_text import plain_text, plain_values
 from uavcover.cli.ending import PlainFormatter, stop_signals
-from uavcover.errors import OutputError
+from uavcover.errors import OutputError, StageOver
 from uavcover.run.folder import json_line
 
 _SHOW_AFTER_S = 2.0
@@ -255,6 +255,10 @@ class _EventBar(Bar):
             self._events.write_event({"status": line, "at_s": at_s})
 
 
+_ORDERLY_S = 0.3
+"""A stage may end in good order for this long after a request to stop."""
+
+
 class Interrupts:
     """Counts Ctrl-C, SIGTERM and SIGHUP instead of raising, so that work can end in good order; a third one raises.
 
@@ -266,6 +270,7 @@ class Interrupts:
         self.count = 0
         self._first = first
         self._before: dict[int, Any] = {}
+        self._ready: Callable[[], bool] | None = None
 
     def __enter__(self) -> "Interrupts":
         for number in stop_signals():
@@ -284,10 +289,44 @@ class Interrupts:
                 os.write(2, f"\n{self._first}\n".encode())  # sys.stderr may be in the middle of a write
         if self.count > 2:
             raise KeyboardInterrupt
+        if self._ready is not None:
+            _set_alarm(_ORDERLY_S)
+
+    @contextlib.contextmanager
+    def no_longer_than(self, seconds: float, ready: Callable[[], bool]) -> Iterator[None]:
+        """Raise StageOver in the context's code after this time, or soon after a request to stop, once ``ready`` is true.
+
+        Code that waits for a lock is interrupted, too; only calls into compiled code end first.
+        """
+        if not hasattr(signal, "setitimer"):  # Windows
+            yield
+            return
+        before = signal.signal(signal.SIGALRM, self._end_stage)
+        self._ready = ready
+        try:
+            _set_alarm(_ORDERLY_S if self.count else seconds)
+            yield
+        finally:
+            self._ready = None
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            signal.signal(signal.SIGALRM, before)
+
+    def _end_stage(self, number: int, frame: FrameType | None) -> None:
+        del number, frame
+        if self._ready is not None and self._ready():
+            self._ready = None  # once: what follows ends in good order
+            signal.setitimer(signal.ITIMER_REAL, 0.0)
+            raise StageOver
 
     def any(self) -> bool:
         """Whether the user wants to stop."""
         return self.count > 0
+
+
+def _set_alarm(seconds: float) -> None:
+    """Send SIGALRM after this time and then again, until what it is to end is ready for it."""
+    if hasattr(signal, "setitimer") and math.isfinite(seconds):
+        signal.setitimer(signal.ITIMER_REAL, max(seconds, 1e-3), 0.05)
 
 
 def discard(stream: TextIO) -> None:

@@ -255,7 +255,7 @@ def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Progress
             frame = site.frame
             bar.draw(lambda: np.column_stack(frame.geodetic_from_enu(route.waypoints_m)[1::-1]).tolist())
 
-    return plan_and_site(site, request, should_stop=stops.any, on_progress=show, kept=kept)
+    return plan_and_site(site, request, should_stop=stops.any, on_progress=show, kept=kept, stops=stops)
 
 
 def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[str, Any]:

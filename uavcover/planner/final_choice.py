@@ -117,6 +117,24 @@ def choose(
     return ChosenRoute(route, tuple(pareto), choice.met and _is_few_enough(route, settings), tuple(simpler))
 
 
+def choose_at_once(
+    fine: CoverageMap, settings: PlannerSettings, rule: Rule, judged: Sequence[RouteMember], *, interrupted: bool
+) -> ChosenRoute:
+    """:func:`choose` without anything that takes time: no finer cells, no repair but of corners.
+
+    Raises:
+        InfeasibleError: no route keeps the hard limits.
+    """
+    feasible = _feasible_with_corners_mended(fine, judged, settings, rule, None)
+    if not feasible:
+        raise InfeasibleError(("interrupted: so far " if interrupted else "") + why_infeasible(fine.site, judged))
+    members = _with_legs_that_fit(fine, _few_enough(feasible, settings), rule, None)
+    pareto = thinned(pareto_members(members), rule)
+    choice = select(pareto, rule)
+    route = pareto[choice.index]
+    return ChosenRoute(route, tuple(pareto), choice.met and _is_few_enough(route, settings), ())
+
+
 def _feasible(fine: CoverageMap, routes: Sequence[NamedRoute], executor: Executor | None) -> list[RouteMember]:
     sound = [(with_sound_corners(fine.site, route), origin) for route, origin in routes]
     return [member for member in judge_members(fine, sound, executor) if member.violation <= 0.0]

@@ -2,10 +2,12 @@
 
 import dataclasses
 import logging
+import math
 import os
 import time
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal, Protocol, cast, get_args
@@ -18,8 +20,9 @@ from uavcover.optimizers.by_name import ALGORITHMS
 from uavcover.planner.budget import SHARES, CommandTime, StageTimes
 from uavcover.planner.fleet_parts import plan_parts
 from uavcover.planner.mission_sizes import with_sizes
-from uavcover.planner.planner import Effort, SearchProgress, plan_routes
+from uavcover.planner.planner import Effort, SearchProgress, plan_in_time
 from uavcover.plugins import loaded
+from uavcover.run.user import StopRequests
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import groups_of
 from uavcover.sensing.block_map import in_blocks
@@ -28,6 +31,8 @@ _log = logging.getLogger(__name__)
 
 _LEAST_SEARCH_S = 1e-3
 """Of a search whose time has passed before it begins: it takes the first route."""
+_LATE = 1.04
+"""After this number of budgets a search ends with what it has."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,8 +139,12 @@ def plan_and_site(
     should_stop: Callable[[], bool],
     on_progress: Callable[[SearchProgress], None],
     kept: Path | None,
+    stops: StopRequests | None = None,
 ) -> tuple[Plan, Site]:
-    """As :func:`plan`; and the site as it was judged: in blocks, where a large area was planned in parts."""
+    """As :func:`plan`; and the site as it was judged: in blocks, where a large area was planned in parts.
+
+    ``stops`` ends a search that goes on for too long after its end.
+    """
     autopilot = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
     if request.budget_s is not None and not request.budget_s > 0.0:
         raise InputError(f"budget: {request.budget_s} s must be above 0")
@@ -145,7 +154,9 @@ def plan_and_site(
         left_s = begun_s + (1.0 - SHARES.sizes) * request.budget_s - time.monotonic()
         request = dataclasses.replace(request, budget_s=max(left_s, _LEAST_SEARCH_S))
     if not groups_of(site.scenario):
-        found, judged = _plan_one(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)
+        found, judged = _plan_one(
+            site, request, should_stop=should_stop, on_progress=on_progress, kept=kept, stops=stops
+        )
         with StageTimes(time.monotonic, limit.budget_s).stage("mission sizes", SHARES.sizes):
             return with_sizes(judged, found, autopilot=autopilot, limit=limit), judged
     settings = site.scenario.planner
@@ -177,6 +188,7 @@ def _plan_one(
     should_stop: Callable[[], bool],
     on_progress: Callable[[SearchProgress], None],
     kept: Path | None,
+    stops: StopRequests | None = None,
 ) -> tuple[Plan, Site]:
     """Plan one route over the area of a site, and return the site as it was judged."""
     algorithm, budget_s, workers = request.algorithm, request.budget_s, request.workers
@@ -213,8 +225,14 @@ def _plan_one(
         return result, site
     if request.scheduler is not None:
         _log.warning("--scheduler: the area is small and planned in one piece, in this process")
-    with ThreadPoolExecutor(division.threads) as executor:
-        result = plan_routes(
+    latest_s = math.inf if budget_s is None else _LATE * budget_s
+
+    def no_longer_than(ready: Callable[[], bool]) -> AbstractContextManager[None]:
+        return nullcontext() if stops is None else stops.no_longer_than(latest_s, ready)
+
+    executor = ThreadPoolExecutor(division.threads)
+    try:
+        result = plan_in_time(
             site,
             settings=settings,
             select_rule=rule,
@@ -223,7 +241,11 @@ def _plan_one(
             should_stop=should_stop,
             on_progress=on_progress,
             own=None if known else algorithm,
+            no_longer_than=no_longer_than,
         )
+    finally:
+        # Where the search was ended from outside, some of its work may still be done or wait.
+        executor.shutdown(wait=False, cancel_futures=True)
     return result, site
 
 

@@ -1,16 +1,20 @@
 """The planner: baselines, optimizer, local search, judging on finer cells, selection."""
 
 import dataclasses
+import logging
 import math
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 
 import numpy as np
 
+from uavcover.errors import StageOver
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.dominance import least_crowded, non_dominated_mask
-from uavcover.model.route import Plan
+from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import make_optimizer, optimizer_class, optimizer_name
 from uavcover.optimizers.interface import AskAndTell
@@ -20,7 +24,7 @@ from uavcover.planner.baselines.initial_routes import constructed_routes, initia
 from uavcover.planner.baselines.swaths import SwathLayout, long_side_angle_rad
 from uavcover.planner.budget import SHARES, StageTimes
 from uavcover.planner.encodings import SwathEncoding, WaypointEncoding
-from uavcover.planner.final_choice import choose
+from uavcover.planner.final_choice import choose, choose_at_once
 from uavcover.planner.front import (
     Candidate,
     Finish,
@@ -47,6 +51,7 @@ from uavcover.sensing.site_maps import judging_map, planning_map
 
 __all__ = ["Effort", "SearchProgress", "plan_routes"]
 
+_log = logging.getLogger(__name__)
 
 CONSTRUCTED_SHARE = 0.25
 """At most this share of the first population is constructed routes; the rest is sampled by the optimizer itself."""
@@ -68,8 +73,76 @@ One round, which only samples, there always is, unless baselines keep the limits
 _MOST_ROUNDS = 50
 """Rounds of the optimizer before a local search: where a round is quick, more of them add nothing (docs/results/coverage.md)."""
 
+_JUDGED_AT_ONCE = 2
+"""This number of baselines is judged where there is no time for more."""
+
 _MOST_TUNED = 12
 """This number of tuned lines of each kind is shown: the one of most merit, and the least crowded."""
+
+
+@dataclass(slots=True, eq=False)
+class SoFar:
+    """What a search has found so far.
+
+    Attributes:
+        baselines: all of them.
+        incumbent: the best route of the search; none before it.
+        judged: everything that is worth choosing from, once it is judged.
+    """
+
+    baselines: Sequence[Baseline] = ()
+    incumbent: Route | None = None
+    judged: Sequence[RouteMember] = ()
+
+    def noting(self, on_progress: Callable[[SearchProgress], None]) -> Callable[[SearchProgress], None]:
+        """``on_progress``, and the incumbent is kept."""
+
+        def note(progress: SearchProgress) -> None:
+            self.incumbent = self.incumbent if progress.incumbent is None else progress.incumbent
+            on_progress(progress)
+
+        return note
+
+
+def plan_in_time(
+    site: Site,
+    *,
+    settings: PlannerSettings,
+    select_rule: str,
+    effort: Effort,
+    executor: Executor,
+    should_stop: Callable[[], bool],
+    on_progress: Callable[[SearchProgress], None],
+    own: str | type | None,
+    no_longer_than: Callable[[Callable[[], bool]], AbstractContextManager[None]],
+) -> Plan:
+    """:func:`plan_routes`; what it has found, chosen at once, where it goes on for too long after its end.
+
+    ``no_longer_than`` makes a context that may raise StageOver when its time is over and its argument says that there is a route.
+    The other arguments are those of :func:`plan_routes`.
+    """
+    so_far, started = SoFar(), effort.now()
+    try:
+        with no_longer_than(lambda: bool(so_far.baselines)):
+            return plan_routes(
+                site, settings=settings, select_rule=select_rule, effort=effort, executor=executor, should_stop=should_stop,
+                on_progress=on_progress, own=own, so_far=so_far,
+            )  # fmt: skip
+    except StageOver:
+        _log.info("search and choice ended %.2f s after their begin", effort.now() - started)
+    rule, fine, judged = parse_rule(select_rule), judging_map(site), list(so_far.judged)
+    if not judged:
+        # None of the pool: it may still be at work.
+        best = [(each.route, each.name) for each in _by_merit(so_far.baselines, rule.required_coverage)]
+        found = [] if so_far.incumbent is None else [(so_far.incumbent, settings.algorithm)]
+        judged = judge_members(fine, [*found, *best[:_JUDGED_AT_ONCE]])
+    interrupted = should_stop()
+    chosen = choose_at_once(fine, settings, rule, judged, interrupted=interrupted)
+    return Plan(
+        chosen=chosen.route, members=chosen.pareto, baselines=tuple(m for m in judged if m.origin != settings.algorithm),
+        rule=rule.text, rule_met=chosen.rule_met, algorithm=settings.algorithm, evaluations=effort.evaluations,
+        wall_s=effort.now() - started, interrupted=interrupted,
+    )  # fmt: skip
 
 
 def plan_routes(
@@ -83,6 +156,7 @@ def plan_routes(
     on_progress: Callable[[SearchProgress], None] = lambda _: None,
     snapshots: Snapshots | None = None,
     own: str | type | None = None,
+    so_far: SoFar | None = None,
 ) -> Plan:
     """Plan the sensing route of a site.
 
@@ -102,6 +176,7 @@ def plan_routes(
         snapshots: given what was found at its moments, and at the end: baselines first.
         own: another optimizer in place of ``settings.algorithm``, for the whole search, as
             :func:`uavcover.optimizers.optimizer_class` takes it.
+        so_far: filled with what is found, for a caller that ends the search from outside.
 
     Raises:
         OptimizerError: ``own`` cannot be found or is no optimizer; it is looked up before anything else.
@@ -148,6 +223,8 @@ def plan_routes(
                 lambda: should_stop() or effort.is_over(started, share=SHARES.baselines_before_lines),
             )
     each_s = (effort.now() - before) / max(len(baselines), 1)
+    if so_far is not None:
+        so_far.baselines, on_progress = baselines, so_far.noting(on_progress)
     constructed = _named(_worth_showing(baselines, goal))
     kept = Snapshots(()) if snapshots is None else snapshots
 
@@ -247,6 +324,8 @@ def plan_routes(
         made = finish.worth_judging(found)
     with times.stage("judging routes", SHARES.judging):
         members = judge_members(fine, made, executor)
+    if so_far is not None:
+        so_far.judged = [*members, *reference]
     with times.stage("choice and repairs", SHARES.order if in_several else None):
         chosen = choose(
             fine, settings, rule, (*members, *reference), executor=executor, interrupted=interrupted,

@@ -48,6 +48,10 @@ class StopRequests(Protocol):
         """Whether the user wants to stop."""
         ...
 
+    def no_longer_than(self, seconds: float, ready: Callable[[], bool]) -> AbstractContextManager[None]:
+        """Raise StageOver in the context's code after this time, or soon after a request to stop, once ``ready`` is true."""
+        ...
+
 
 class PauseRequests(Protocol):
     """Whether the user wants a flight to pause."""
@@ -147,6 +151,12 @@ class _NoBar:
 
 class _NoRequests:
     count = 0
+
+    @contextmanager
+    def no_longer_than(self, seconds: float, ready: Callable[[], bool]) -> Iterator[None]:
+        """Never raise: there is no main thread to interrupt for certain."""
+        del seconds, ready
+        yield
 
     def any(self) -> bool:
         """No request comes."""

@@ -28,6 +28,7 @@ class WayRound:
         self.region = region
         self._inner = region.buffer(-_INSIDE_M, join_style="mitre")
         self._corners = _corners_that_stick_in(self._inner)
+        self.corners_m = self._corners[:, :2]
         self._walls, self._free = _walls_around(region), footprints_of([self._inner])
         # A prepared polygon builds its index on first use, which is not thread-safe: use it now.
         shapely.prepare(self._inner)
