@@ -255,7 +255,7 @@ class _EventBar(Bar):
             self._events.write_event({"status": line, "at_s": at_s})
 
 
-_ORDERLY_S = 0.3
+_ORDERLY_S = 0.15
 """A stage may end in good order for this long after a request to stop."""
 
 

@@ -6,7 +6,7 @@ from shapely.ops import nearest_points
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.obstacle_breach import parts_over
-from uavcover.kernels.obstacles import NO_OBSTACLES, ObstaclePrisms
+from uavcover.kernels.obstacles import NO_OBSTACLES, ObstaclePrisms, make_obstacles
 from uavcover.kernels.shortest_way import are_clear, shortest_way
 from uavcover.scenario.airspace.zones import Polygons, footprints_of
 
@@ -86,7 +86,8 @@ def _walls_around(region: Polygons) -> ObstaclePrisms:
         return NO_OBSTACLES
     outside = shapely.box(*region.bounds).buffer(1.0, join_style="mitre").difference(region.buffer(_HAIR_M))
     walls = [wall for part in shapely.get_parts(outside) for wall in _divided(part)]
-    return footprints_of(walls)
+    found = footprints_of(walls)
+    return make_obstacles(found.edges_m, found.first_edge, found.top_m, grown_m=0.0)
 
 
 def _divided(wall: shapely.Geometry) -> list[shapely.Polygon]:

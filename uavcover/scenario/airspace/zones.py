@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.obstacle_breach import edge_distances_m, parts_over
-from uavcover.kernels.obstacles import ObstaclePrisms, make_obstacles
+from uavcover.kernels.obstacles import NO_OBSTACLES, ObstaclePrisms
 from uavcover.model.no_fly import NoFly
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
@@ -292,14 +292,16 @@ class _Solids:
 
 
 def footprints_of(shapes: Sequence[shapely.Geometry] | NDArray[Any]) -> ObstaclePrisms:
-    """Polygons as footprints with tops above 0, for the kernels: they know the edges, and which of them are nearby."""
+    """Polygons as footprints with tops above 0, for the kernels that are given their numbers: without an index of tiles."""
     edges, counts = [np.empty((0, 4))], [0]
     for shape in shapes:
         rings = [shapely.get_coordinates(ring) for ring in shapely.get_parts(shapely.boundary(shape))]
         rings = rings or [np.zeros((2, 2))]  # nothing is over it
         edges += [np.hstack([ring[:-1], ring[1:]]) for ring in rings]
         counts.append(sum(len(ring) - 1 for ring in rings))
-    return make_obstacles(np.concatenate(edges), np.cumsum(counts), np.ones(len(shapes)), grown_m=0.0)
+    return NO_OBSTACLES._replace(
+        edges_m=np.concatenate(edges), first_edge=np.cumsum(counts), top_m=np.ones(len(shapes))
+    )
 
 
 _BUILDING: Final = threading.Lock()
