@@ -19,7 +19,8 @@ from uavcover.missions.flights import compile_flights
 from uavcover.missions.leg_checks import find_problems
 from uavcover.missions.mission_compiler import compile_mission
 from uavcover.missions.objectives import judge
-from uavcover.missions.sorties import Sortie, compile_sorties
+from uavcover.missions.sorties import Sortie, check_reach, compile_sorties
+from uavcover.model.no_fly import NoFly
 from uavcover.model.power import PowerModel
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.sensor import SphereSensor
@@ -343,3 +344,37 @@ def test_mission_energy_is_what_its_flights_take_from_the_batteries(wind_m_s: fl
         frugal = dataclasses.replace(site.scenario.planner, objective="energy", waypoint_price=0.0)
         judged = judge(judging_map(with_scenario(site, planner=frugal)), route)
         assert judged.cost == pytest.approx(cost.energy_hover_s, rel=1e-9)
+
+
+@pytest.mark.parametrize(("endurance_s", "required", "refused"), [(60.0, 0.5, True), (60.0, None, True), (105.0, 0.98, True),
+                                                                  (105.0, 0.3, False), (300.0, 0.98, False)])  # fmt: skip
+def test_an_area_out_of_reach_is_refused_before_a_search(
+    endurance_s: float, required: float | None, refused: bool
+) -> None:
+    site = make_site(vehicle={"endurance_s": endurance_s, "reserve_fraction": 0.2}, home=(-200.0, 100.0))
+    coverage = judging_map(site)
+    if not refused:
+        check_reach([site], coverage, required)
+        return
+    with pytest.raises(InfeasibleError, match=r"vehicle.endurance_s is .* move \[home\] nearer"):
+        check_reach([site], coverage, required)
+    # Another vehicle reaches it, or there is no limit.
+    check_reach([site, make_site(vehicle={"endurance_s": 600.0})], coverage, required)
+    check_reach([make_site()], coverage, required)
+
+
+def test_what_flights_reach_is_not_refused() -> None:
+    """The least endurance with which the whole area can be flown: its reach is not denied."""
+    site = make_site(vehicle={"endurance_s": 400.0})
+    route = there_and_back(site)
+    least_s = max(flight.compiled.flight_time_s for flight in compile_sorties(site, route, autopilot="ardupilot"))
+    exact = make_site(vehicle={"endurance_s": least_s, "reserve_fraction": 0.0})
+    check_reach([exact], judging_map(exact), 1.0)
+
+
+def test_an_area_that_nothing_can_see_is_refused() -> None:
+    site = make_site(
+        no_fly=(NoFly(polygon_east_north_m=((-90, -90), (400, -90), (400, 300), (-90, 300)), margin_m=30.0),)
+    )
+    with pytest.raises(InfeasibleError, match="none of it can be observed"):
+        check_reach([site], judging_map(site), 0.98)

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from uavcover.errors import InfeasibleError
-from uavcover.kernels.flight_time import landing_time
+from uavcover.kernels.flight_time import landing_time, takeoff_time
+from uavcover.kernels.sight import horizontal_reach
 from uavcover.kernels.way_cost import FlightCosts, battery_s, split
 from uavcover.missions.energy import battery_in_words, longest_flight_in_words
 from uavcover.missions.fleet_cuts import fleet_cuts
@@ -24,6 +25,8 @@ from uavcover.model.route import Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
+from uavcover.sensing.sensors import whatever_heading
 
 _ROUNDS = 200
 """Number of new splits after the compiler has refused a flight of the previous one."""
@@ -125,6 +128,50 @@ def compile_unlike_sorties(
     if len(route) < 2:
         return _one_of(flyers, route)
     return _cut_and_compiled(flyers, route, cut, refusal)
+
+
+def check_reach(sites: Sequence[Site], coverage: CoverageMap, required: float | None) -> None:
+    """Refuse an area of which no flights reach enough, before a route is searched for.
+
+    Counted is the least that a flight to a cell takes: take-off, the straight line to where the sensor may see it and back at
+    cruise speed, and landing.
+
+    Args:
+        sites: of the vehicles, each with its home.
+        coverage: the cells to be seen, with those that can be.
+        required: share of these; none: anything.
+
+    Raises:
+        InfeasibleError: fewer are within reach, or nothing can be seen from allowed heights at all.
+    """
+    site, coverable = sites[0], coverage.coverable
+    weight_m2 = coverage.grid.weight_m2[coverable]
+    if not weight_m2.size:
+        raise InfeasibleError(
+            "area: none of it can be observed from inside the fence and the height band; check sensor.range_m, the heights in "
+            "[limits], and the no-fly zones"
+        )
+    if any(each.home_m is None or each.scenario.vehicle.longest_flight_s is None for each in sites):
+        return
+    centres_m = coverage.grid.cells.centre_m[coverable, :2]
+    least_s, room_s = np.full(len(weight_m2), math.inf), np.full(len(weight_m2), -math.inf)
+    for each in sites:
+        vehicle, pace, home = each.scenario.vehicle, pace_of(each), each.home_m
+        if home is None or vehicle.longest_flight_s is None:
+            continue
+        away_m = np.hypot(*(centres_m - home[:2]).T) - horizontal_reach(whatever_heading(coverage.sight))
+        column_s = takeoff_time(pace, vehicle.takeoff_height_m) + landing_time(pace, vehicle.takeoff_height_m)
+        seconds = column_s + 2.0 * np.maximum(away_m, 0.0) / vehicle.cruise_speed_m_s
+        least_s = np.minimum(least_s, seconds)
+        room_s = np.maximum(room_s, vehicle.longest_flight_s - seconds)
+    share = float(weight_m2[room_s >= 0.0].sum() / weight_m2.sum())
+    if share > 0.0 and share >= (required or 0.0):
+        return
+    raise InfeasibleError(
+        f"flights from [home] reach {share:.0%} of the visible ground, of which {required or 1.0:.0%} is required: a flight to "
+        f"the farthest takes {least_s.max():.0f} s or more, {longest_flight_in_words(site.scenario.vehicle)}; move [home] "
+        "nearer, plan a smaller area, or require less coverage (--select)"
+    )
 
 
 @dataclass(frozen=True, slots=True)

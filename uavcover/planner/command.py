@@ -3,7 +3,8 @@
 import dataclasses
 import shutil
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -14,7 +15,7 @@ from uavcover.errors import INTERRUPTED, InfeasibleError, InputError
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.mission_compiler import CompiledMission, check_fence
 from uavcover.missions.mission_files import one_or_several
-from uavcover.missions.sorties import Sortie
+from uavcover.missions.sorties import Sortie, check_reach
 from uavcover.model.route import Plan, Route
 from uavcover.model.terrain import RasterTerrain
 from uavcover.model.vehicle import autopilot_name
@@ -39,18 +40,18 @@ from uavcover.planner.plan_words import (
     telling_bounds,
 )
 from uavcover.planner.planner import SearchProgress
-from uavcover.planner.selection_rule import parse_rule
+from uavcover.planner.selection_rule import Rule, parse_rule
 from uavcover.plugins import loaded
 from uavcover.run.documents import bounds_in_words
 from uavcover.run.folder import OF_A_PLAN, PARTS, PLAN_FILES, RunFolder
 from uavcover.run.user import ProgressBar, StopRequests, User
 from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.vehicle_parts import groups_of
+from uavcover.scenario.vehicle_parts import groups_of, own_sensors
 from uavcover.scenario.vehicle_site import vehicle_sites
 from uavcover.sensing.block_map import is_large
 from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
-from uavcover.sensing.site_maps import judging_map
+from uavcover.sensing.site_maps import judging_map, planning_map
 from uavcover.terrain.elevation_trust import trust_asked_for
 
 _FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
@@ -139,6 +140,7 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     times = StageTimes(time.monotonic, request.budget_s)
     with (
         run.reserved((*PLAN_FILES, *OF_A_PLAN), force=request.force),
+        _prepared(site, parse_rule(request.select or site.scenario.select)),
         user.stop_requests(_FIRST_STOP) as stops,
     ):
         user.say(f"planning {site.scenario.name}: {site.scenario.description}".rstrip(": "))
@@ -209,6 +211,23 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         "fleet": fleet,
     }
     return PlanOutcome(site, result, compiled, sorties, document, code)
+
+
+@contextmanager
+def _prepared(site: Site, rule: Rule) -> Iterator[None]:
+    """Make the cells that every route is judged on, and refuse an area that no flight reaches.
+
+    Before this, Ctrl-C ends the command with nothing written; from here on a search that is stopped has a route to write.
+
+    Raises:
+        InfeasibleError: the required coverage is out of reach.
+    """
+    if not is_large(site):
+        for coverage in (planning_map(site), judging_map(site)):
+            _ = coverage.coverable
+        if not groups_of(site.scenario) and not own_sensors(site.scenario) and not site.scenario.sensor.has_own_view:
+            check_reach(vehicle_sites(site) or (site,), planning_map(site), rule.required_coverage)
+    yield
 
 
 def _check_heights(site: Site, user: User) -> None:
