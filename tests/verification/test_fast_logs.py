@@ -92,7 +92,7 @@ def test_a_thinned_flight_has_the_verdict_of_all_samples(
     flight = flown(name)
     track = at_rate(flight.site, flight.track, hz=200.0, noise_m=noise[0], noise_deg=noise[1])
     thinned = flight.verify(track)
-    monkeypatch.setattr(observations, "telling", all_of_them)
+    monkeypatch.setattr(observations, "informative", all_of_them)
     whole = flight.verify(track)
     assert thinned.coverage_fraction == pytest.approx(whole.coverage_fraction, abs=1e-4)
     assert thinned.surely_covered_fraction == pytest.approx(whole.surely_covered_fraction, abs=1e-4)

@@ -58,7 +58,7 @@ def observations_of(
     that turns with the vehicle 2 degrees; of a sensor that takes single photos, or looks from waypoints, one at each of them.
     Position, attitude and time are interpolated linearly. There are none between samples that are not joined. Where the track
     lacks the yaw that a photo needs, nose ahead is assumed. Samples so close that they show the same ground count once
-    (:func:`telling`).
+    (:func:`informative`).
 
     Args:
         site: the scenario on its ground.
@@ -94,12 +94,12 @@ def observations_of(
         before, share = _between(run, enu_m, sample_spacing_m(site.scenario), turns_deg)
         for block in range(0, len(before), _BLOCK):
             here, there = before[block : block + _BLOCK], share[block : block + _BLOCK]
-            told = telling(site, looks(here, there))
-            parts.append((here[told], there[told]))
+            kept = informative(site, looks(here, there))
+            parts.append((here[kept], there[kept]))
     return looks(np.concatenate([part[0] for part in parts]), np.concatenate([part[1] for part in parts]))
 
 
-def telling(site: Site, looks: Observations) -> IntArray:
+def informative(site: Site, looks: Observations) -> IntArray:
     """Numbers of the observations along a path that add to the others; the rest shows the same ground within a centimetre.
 
     A log of a thousand samples a second has a hundred observations on a metre. Of each short piece of the path the first one
@@ -129,16 +129,16 @@ def telling(site: Site, looks: Observations) -> IntArray:
     under_m = np.nan_to_num(
         np.clip(site.ground.heights_agl_m(looks.places_m[first]), 0.0, site.scenario.sensor.reach_m)
     )
-    told = new.copy()
-    told[-1] = True
+    kept = new.copy()
+    kept[-1] = True
     for side in (ahead, -ahead, ahead[:, ::-1] * [1.0, -1.0], ahead[:, ::-1] * [-1.0, 1.0]):
         edge_m = _edge_m(site, looks, side[piece], under_m[piece] + up_m - up_m[first][piece])
         furthest_m = np.maximum.reduceat(edge_m, first)
         of_next = _edge_m(site, looks.where(following), side, under_m + up_m[following] - up_m[first])
         beyond = furthest_m > np.maximum(edge_m[first], of_next) + TRACK.same_view_m
         there = np.flatnonzero(beyond[piece] & (edge_m == furthest_m[piece]))
-        told[there[np.unique(piece[there], return_index=True)[1]]] = True
-    return np.flatnonzero(told)
+        kept[there[np.unique(piece[there], return_index=True)[1]]] = True
+    return np.flatnonzero(kept)
 
 
 def _edge_m(site: Site, looks: Observations, side: FloatArray, depth_m: FloatArray) -> FloatArray:
