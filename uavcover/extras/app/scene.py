@@ -199,6 +199,7 @@ def scene_document(scene: Scene) -> dict[str, Any]:
             {"name": p.footprint.name, "heightM": p.footprint.height_m, "rings": shapes(rings_of(p.footprint.polygon))}
             for p in site.prisms
         ],
+        "rally": [] if isinstance(site.scenario.planner.rally, str) else [*map(list, site.scenario.planner.rally)],
         "home": None if site.home_m is None else scene.lon_lat(site.home_m[None, :])[0].tolist(),
         "band": [limits.min_height_agl_m, limits.max_height_agl_m],
         "camera": site.scenario.sensor.kind,
