@@ -3,12 +3,15 @@
 import dataclasses
 
 import numpy as np
+import pytest
 
 from tests.missions.compiled_routes import route
 from tests.planner.sites import make_site, ridge
+from uavcover.errors import ScenarioError
 from uavcover.missions.mission_compiler import CompiledMission, compile_mission
+from uavcover.model.scenario import PlannerSettings
 from uavcover.model.vehicle import AutopilotName
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, build_site
 
 ROUTE = route((20, 150, 160), (200, 150, 160), (260, 150, 80), (260, 50, 80), (200, 50, 80))
 
@@ -21,7 +24,9 @@ def walled(**vehicle: float) -> Site:
     )  # fmt: skip
 
 
-def flown(site: Site, rally: str, autopilot: AutopilotName = "ardupilot") -> CompiledMission:
+def flown(
+    site: Site, rally: str | tuple[tuple[float, float], ...], autopilot: AutopilotName = "ardupilot"
+) -> CompiledMission:
     planner = dataclasses.replace(site.scenario.planner, rally=rally)
     own = dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, planner=planner))
     return compile_mission(own, ROUTE, autopilot=autopilot)
@@ -65,3 +70,32 @@ def test_where_no_place_helps_the_plan_says_from_where_to_where() -> None:
     advice = flown(site, "auto").return_advice
     assert advice.sentences
     assert all(words.startswith("from waypoint ") for words in advice.sentences)
+
+
+@pytest.mark.parametrize("autopilot", ["ardupilot", "px4"])
+def test_rally_points_of_the_scenario_are_added_to_home(autopilot: AutopilotName) -> None:
+    site = walled()
+    assert site.frame is not None
+    lats, lons, _ = site.frame.geodetic_from_enu(np.array([[240.0, 100.0, 0.0], [-20.0, 60.0, 0.0]]))
+    given = tuple(zip(lons.tolist(), lats.tolist(), strict=True))
+    found = flown(site, given, autopilot).rally.points
+    assert [(p.lon_deg, p.lat_deg) for p in found[1:]] == [
+        (pytest.approx(lon, abs=1e-6), pytest.approx(lat, abs=1e-6)) for lon, lat in given
+    ]
+    assert all(point.alt_m is not None for point in found)
+
+
+def test_a_rally_point_outside_the_fence_is_refused() -> None:
+    site = make_site()
+    scenario = site.scenario
+    assert site.frame is not None
+    lat, lon, _ = site.frame.geodetic_from_enu(np.array([[5000.0, 0.0, 0.0]]))
+    planner = dataclasses.replace(scenario.planner, rally=((float(lon[0]), float(lat[0])),))
+    with pytest.raises(ScenarioError, match=r"planner\.rally\.0: lies outside limits\.fence"):
+        build_site(dataclasses.replace(scenario, planner=planner))
+
+
+@pytest.mark.parametrize("given", [(), ((181.0, 0.0),), ((0.0, 91.0),)], ids=str)
+def test_rally_points_that_are_none(given: tuple[tuple[float, float], ...]) -> None:
+    with pytest.raises(ValueError, match="rally"):
+        PlannerSettings(rally=given)

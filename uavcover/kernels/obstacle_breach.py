@@ -203,9 +203,9 @@ def edge_distances_m(
     footprints: ObstaclePrisms, numbers: NDArray[np.int64], places: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """(k, m) distances of (k, m, 2) places from the edges of a footprint each, given by its number (k,)."""
-    out = np.empty(places.shape[:2])
-    for k in range(out.shape[0]):
-        for j in range(out.shape[1]):
+    out = np.empty((places.shape[0], places.shape[1]))
+    for k in range(places.shape[0]):
+        for j in range(places.shape[1]):
             e, n, least = places[k, j, 0], places[k, j, 1], math.inf
             for edge in range(footprints.first_edge[numbers[k]], footprints.first_edge[numbers[k] + 1]):
                 ae, an = footprints.edges_m[edge, 0], footprints.edges_m[edge, 1]

@@ -48,7 +48,7 @@ def _touches(corners: NDArray[np.float64], number: int, de: float, dn: float) ->
     e, n = corners[number, 0], corners[number, 1]
     before = de * (corners[number, 3] - n) - dn * (corners[number, 2] - e)
     after = de * (corners[number, 5] - n) - dn * (corners[number, 4] - e)
-    return before * after >= 0.0 or min(abs(before), abs(after)) <= _STRAIGHT_M2 * (abs(de) + abs(dn))
+    return bool(before * after >= 0.0 or min(abs(before), abs(after)) <= _STRAIGHT_M2 * (abs(de) + abs(dn)))
 
 
 @kernel
@@ -68,12 +68,12 @@ def _shortest_over(
     before = np.full(n + 1, -2)
     if not sees_goal:
         return before[:0], math.inf
-    queue = [(math.hypot(b[0] - a[0], b[1] - a[1]), 0.0, n, -1)]
+    queue: list[tuple[float, float, int, int]] = [(math.hypot(b[0] - a[0], b[1] - a[1]), 0.0, n, -1)]
     for k in range(n):
         de, dn = corners[k, 0] - a[0], corners[k, 1] - a[1]
         if _touches(corners, k, de, dn):
             length = math.hypot(de, dn)
-            queue.append((length + to_goal[k], length, k, -1))
+            queue.append((length + float(to_goal[k]), length, k, -1))
     heapq.heapify(queue)
     whole = math.inf
     while len(queue) > 0:
@@ -89,22 +89,23 @@ def _shortest_over(
             whole = length
             break
         if ends_there[k]:
-            heapq.heappush(queue, (length + to_goal[k], length + to_goal[k], n, k))
+            whole_way = length + float(to_goal[k])
+            heapq.heappush(queue, (whole_way, whole_way, n, k))
         for other in range(n):
             if before[other] != -2:
                 continue
             de, dn = corners[other, 0] - to_e, corners[other, 1] - to_n
             if _touches(corners, k, de, dn) and _touches(corners, other, de, dn):
                 further = length + math.hypot(de, dn)
-                heapq.heappush(queue, (further + to_goal[other], further, other, k))
-    count, k = 0, before[n]
-    while k >= 0:
-        count, k = count + 1, before[k]
+                heapq.heappush(queue, (further + float(to_goal[other]), further, other, k))
+    count, at = 0, int(before[n])
+    while at >= 0:
+        count, at = count + 1, int(before[at])
     way = np.empty(count, dtype=np.int64)
-    k = before[n]
-    while k >= 0:
+    at = int(before[n])
+    while at >= 0:
         count -= 1
-        way[count], k = k, before[k]
+        way[count], at = at, int(before[at])
     return way, whole
 
 

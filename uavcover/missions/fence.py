@@ -80,7 +80,9 @@ class _Exclusions:
 @once
 def _exclusions(site: Site) -> _Exclusions:
     """The exclusions of a site, for all its missions."""
-    solids, polygons, circles = [], [], []
+    solids: list[shapely.Geometry] = []
+    polygons: list[tuple[FencePolygon, ...]] = []
+    circles: list[tuple[FenceCircle, ...]] = []
     for zone in site.zones:
         solid = shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(zone.outline)])
         solids.append(solid)

@@ -22,7 +22,7 @@ from uavcover.missions.return_advice import (
     settings_of,
 )
 from uavcover.model.vehicle import AutopilotName
-from uavcover.scenario.site import Site, once
+from uavcover.scenario.site import Site, once, rally_en
 
 MOST_POINTS = 5
 """Both autopilots take more; a pilot has to know them."""
@@ -58,7 +58,11 @@ def with_rally(returns: OwnReturns) -> tuple[OwnReturns, ReturnAdvice]:
 
 def _proposed(site: Site, path_m: FloatArray, autopilot: AutopilotName) -> FloatArray:
     """(r, 3) ENU rally points beside home; sorties are compiled several times, and searched for once."""
-    if site.scenario.planner.rally != "auto":
+    given = site.scenario.planner.rally
+    if not isinstance(given, str):
+        places = rally_en(site.scenario, site.frame)
+        return np.array([next(_with_heights(site, place, autopilot)) for place in places], float).reshape(-1, 3)
+    if given != "auto":
         return np.empty((0, 3))
     known, key = _known(site), (path_m.tobytes(), autopilot)
     if key not in known:

@@ -14,7 +14,7 @@ from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.sensor import Sensor
 from uavcover.model.terrain import Terrain
-from uavcover.model.value_checks import STRICT, require, require_not_negative, require_positive
+from uavcover.model.value_checks import STRICT, require, require_lon_lat, require_not_negative, require_positive
 from uavcover.model.vehicle import Vehicle, Wind
 
 
@@ -119,7 +119,8 @@ class PlannerSettings:
             sensor observes from the middle of the height band, or the time for it at cruise speed; 0 for a sensor that
             observes at waypoints.
         rally: rally points of the mission. "home": only home, at a safe height. "auto": additional landing positions if
-            the autopilot's own return to home is not safe.
+            the autopilot's own return to home is not safe. Or a list of [longitude, latitude] of your own landing
+            positions, which are added to home.
     """
 
     __pydantic_config__: ClassVar = STRICT
@@ -138,9 +139,12 @@ class PlannerSettings:
     objective: Objective | None = None
     band_deviation_price: float = 0.0
     waypoint_price: float | None = None
-    rally: Literal["home", "auto"] = "home"
+    rally: Literal["home", "auto"] | tuple[tuple[float, float], ...] = "home"
 
     def __post_init__(self) -> None:
+        if not isinstance(self.rally, str):
+            require(self.rally != (), 'rally: is empty; give positions, "home" or "auto"')
+            require_lon_lat(self.rally, "rally")
         require(self.population_size >= 20, f"population_size: {self.population_size} is below 20")
         require(
             self.evaluations >= self.population_size,

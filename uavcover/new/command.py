@@ -145,7 +145,8 @@ def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[New
         return_height_m=return_height_m(highest_m, _home_height_m(dem, datum, home)), slope_deg=look.slope_deg,
         autopilot=autopilot_name(request.autopilot, (vehicle.autopilot if vehicle is not None else None) or "ardupilot"),
         mount=mount, no_fly=request.no_fly, flight_window_utc=_window_asked_for(request),
-        surface_files=request.dsm, surface=surface, trust_heights=trust,
+        surface_files=request.dsm, surface=surface, trust_heights=trust, fence=request.fence, rally=request.rally,
+        max_alt_amsl_m=_length(request.max_alt, "--max-alt", "900m"),
     )  # fmt: skip
     if design.speed_reason:
         user.warn(f"speed {design.speed_m_s:g} m/s: {design.speed_reason}")
@@ -284,6 +285,10 @@ def _closed_to_home(request: NewRequest, look: TerrainLook, user: User) -> shape
         for zone in local_zones(zones, look.frame, around):
             if zone.entry.floor_agl_m is None and zone.entry.floor_amsl_m is None:
                 shapes.append(zone.grown(zone.entry.margin_m + TERRAIN.beside_zones_m))
+    if request.fence is not None:
+        lon, lat = np.asarray(request.fence, float).T
+        fence = shapely.Polygon(look.frame.enu_from_geodetic(lat, lon, 0.0)[:, :2])
+        shapes.append(look.area.buffer(2.0 * TERRAIN.farthest_home_m).difference(fence.buffer(-TERRAIN.beside_zones_m)))
     return shapely.union_all(shapes)
 
 
@@ -303,18 +308,19 @@ def _wish(request: NewRequest) -> SurveyWish:
     camera: CameraBody = camera_named(str(request.camera))
     forward, side = quantities.overlaps(request.overlap if request.overlap is not None else "75/70")
 
-    def length(text: str | None, option: str, example: str) -> float | None:
-        return None if text is None else quantities.length_m(text, option=option, example=example)
-
     no_margin = request.margin is not None and request.margin.strip().rstrip("m") in {"0", "0.0"}
     return SurveyWish(
         camera=camera, gsd_m=quantities.length_m(str(request.gsd), option="--gsd", example="2.5cm"), forward_overlap=forward,
         side_overlap=side, vehicle=None if request.vehicle is None else vehicle_named(request.vehicle),
-        ceiling_agl_m=length(request.max_height, "--max-height", "120m"),
+        ceiling_agl_m=_length(request.max_height, "--max-height", "120m"),
         speed_m_s=None if request.speed is None else quantities.speed_m_s(request.speed, option="--speed", example="8m/s"),
         endurance_s=None if request.battery is None else quantities.time_s(request.battery, option="--battery", example="25min"),
-        margin_m=0.0 if no_margin else length(request.margin, "--margin", "40m"),
+        margin_m=0.0 if no_margin else _length(request.margin, "--margin", "40m"),
     )  # fmt: skip
+
+
+def _length(text: str | None, option: str, example: str) -> float | None:
+    return None if text is None else quantities.length_m(text, option=option, example=example)
 
 
 def _wanted_datum(request: NewRequest) -> str | None:

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import get_args
 
 from uavcover.errors import InputError, TerrainError
+from uavcover.model.area import Ring
 from uavcover.model.terrain import HeightUnit
 from uavcover.new import quantities
 from uavcover.new.elevation_words import bands_in_words, feet_in_words, shading_in_words, surface_in_words
@@ -46,6 +47,9 @@ class NewRequest:
         at: when it is flown, as "2026-07-01T09:00Z/2h".
         pattern: "single", "crosshatch" or "oblique".
         dsm: a surface model: files, folders or patterns of tiles.
+        fence: ring of [longitude, latitude] that the vehicle must stay inside.
+        max_alt: highest altitude above sea level, as "900m".
+        rally: [longitude, latitude] of each rally point.
         trust_dem: whether heights are taken as they are where they do not look like ground.
     """
 
@@ -72,6 +76,9 @@ class NewRequest:
     at: str | None = None
     pattern: str | None = None
     dsm: tuple[str, ...] = ()
+    fence: Ring | None = None
+    max_alt: str | None = None
+    rally: Ring | None = None
     trust_dem: bool = False
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 import jinja2
 
 from mission_io.model.plain_text import plain_text
+from uavcover.model.area import Ring
 from uavcover.new.patterns import SINGLE, View
 from uavcover.new.surface_look import SurfaceLook
 from uavcover.new.survey import SurveyDesign
@@ -47,6 +48,9 @@ class SurveyScenario:
         surface_files: a surface model: files, folders or patterns.
         surface: what was seen of it; none without one.
         trust_heights: whether the user confirmed heights that do not look like ground.
+        fence: ring in longitude and latitude; none for the default around area and home.
+        max_alt_amsl_m: highest altitude of the whole flight; none without a limit.
+        rally: rally points in longitude and latitude.
         keeps_overlap: share of the ground on which plain lines keep the overlap asked for, which is then required; none where
             they do not.
     """
@@ -71,6 +75,9 @@ class SurveyScenario:
     surface_files: tuple[str, ...] = ()
     surface: SurfaceLook | None = None
     trust_heights: bool = False
+    fence: Ring | None = None
+    max_alt_amsl_m: float | None = None
+    rally: Ring | None = None
     keeps_overlap: float | None = None
 
 

@@ -165,7 +165,7 @@ def place_for_home(
         known &= ~shapely.intersects_xy(avoid, places[:, 0], places[:, 1])
         if not known.any():
             raise InputError(
-                "--home: all of the area's edge is in no-fly zones; give the take-off position as --home LAT,LON"
+                "--home: all of the area's edge is in no-fly zones or outside the fence; give a position as --home LAT,LON"
             )
     if is_open is not None and known.any():
         known &= is_open(places)

@@ -24,6 +24,7 @@ class Shares:
         baselines: initial solutions, at most, where an optimizer follows alone; ...
         baselines_before_lines: ... where other lines and a local search follow; ...
         baselines_before_fewest: ... and where the most useful lines come first: those that are left come after the search.
+        cut_lines: lines cut at holes and no-fly zones, after these.
         optimizer: of a memetic search, before the local search; the other algorithms are one of the two alone.
         bent_lines: lines that bend and lines of few waypoints; the best ones come first. On 25 square kilometres all of them take
             6 s of processor time, which a search of 10 s had to wait for.
@@ -43,6 +44,7 @@ class Shares:
         goal_stages: the same for a coverage of the ladder, and for a route whose gaps were closed.
         goal_closing: a search that ends a little short of its goal goes on from its route with the gaps closed, ...
         goal_closing_far: ... and one that ends far from it: there nothing else leads to it.
+        goal_whole: of a search for nearly all of the ground from a route that sees it, before the finest cells are searched.
         goal_waypoints: for searches for fewer waypoints, ...
         goal_waypoint_stages: ... and the stages of each.
         free_tours: of a search in any order, for shortest tours, once something sees as much as they are to see.
@@ -55,6 +57,7 @@ class Shares:
     baselines: float = 0.5
     baselines_before_lines: float = 0.1
     baselines_before_fewest: float = 0.01
+    cut_lines: float = 0.15
     optimizer: float = 0.05
     bent_lines: float = 0.01
     late_lines: float = 0.02
@@ -71,6 +74,7 @@ class Shares:
     goal_stages: tuple[float, ...] = (0.5, 0.85, 1.0)
     goal_closing: float = 0.15
     goal_closing_far: float = 0.3
+    goal_whole: float = 0.5
     goal_waypoints: float = 0.15
     goal_waypoint_stages: tuple[float, ...] = (0.4, 0.8, 1.0)
     free_tours: float = 0.4

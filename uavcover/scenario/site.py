@@ -191,6 +191,10 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
         _check_near(scenario, area, fence, home_en)
     if home_en is not None and not fence.covers(shapely.Point(home_en)):
         raise ScenarioError("home: the take-off position is outside limits.fence; move one of the two")
+    rally = rally_en(scenario, frame)
+    for number, place in enumerate(rally):
+        if not fence.covers(shapely.Point(place)):
+            raise ScenarioError(f"planner.rally.{number}: lies outside limits.fence; move the rally point")
     footprints = _footprints(scenario, frame, shapely.union_all([area, fence]))
     bounds = shapely.union_all([area, fence, *(footprint.polygon for footprint in footprints)]).bounds
     bare_ground = _ground(scenario, frame, bounds, terrain_file)
@@ -204,7 +208,8 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
     near_zones = local_zones(scenario.no_fly, frame, places)
     zones = tuple(zone for zone in near_zones if zone.entry.in_force(scenario.flight_window))
     if home_en is not None:
-        _check_home_is_clear(scenario, home_en, footprints)
+        _check_is_clear("home", scenario, home_en, footprints)
+    alt_amsl_offset_m = 0.0 if frame is None else frame.alt_amsl_m
     home = None
     if home_en is not None:
         home_up = float(bare_ground.heights_m(home_en)[0])
@@ -214,7 +219,12 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
             check_home_is_open(scenario.terrain, with_surface, home_en, home_up)
         home = np.array([home_en[0], home_en[1], home_up])
         home.flags.writeable = False
-        _check_home_is_outside(zones, home, 0.0 if frame is None else frame.alt_amsl_m)
+        _check_is_outside("home", zones, home, alt_amsl_offset_m)
+    for number, (place, up) in enumerate(zip(rally, bare_ground.heights_m(rally), strict=True)):
+        if not np.isfinite(up):
+            raise TerrainError(f"planner.rally.{number}: no elevation at this position ({bare_ground.source})")
+        _check_is_clear(f"planner.rally.{number}", scenario, place, footprints)
+        _check_is_outside(f"planner.rally.{number}", zones, np.array([*place, up]), alt_amsl_offset_m)
     return Site(
         scenario=scenario, frame=frame, ground=ground, area=area, fence=fence, home_m=home, prisms=prisms, zones=zones,
         other_zones=tuple(zone for zone in near_zones if zone not in zones),
@@ -324,6 +334,17 @@ def _home_en(scenario: Scenario, frame: LocalFrame | None) -> FloatArray | None:
     return np.asarray(frame.enu_from_geodetic(home.lat_deg, home.lon_deg, frame.alt_amsl_m)[0, :2])
 
 
+def rally_en(scenario: Scenario, frame: LocalFrame | None) -> FloatArray:
+    """(r, 2) east and north of the rally points that the scenario lists; without a position on Earth it must list none."""
+    given = scenario.planner.rally
+    if isinstance(given, str):
+        return np.empty((0, 2))
+    if frame is None:
+        raise ScenarioError("planner.rally: positions in degrees need a home or an origin")
+    places = np.asarray(given, float)
+    return np.asarray(frame.enu_from_geodetic(places[:, 1], places[:, 0], frame.alt_amsl_m)[:, :2])
+
+
 def _footprints(scenario: Scenario, frame: LocalFrame | None, places: shapely.Geometry) -> list[Footprint]:
     """The obstacles that stand in area or fence, or near enough to matter there."""
     found = []
@@ -336,33 +357,33 @@ def _footprints(scenario: Scenario, frame: LocalFrame | None, places: shapely.Ge
     return found
 
 
-def _check_home_is_clear(scenario: Scenario, home_en: FloatArray, footprints: list[Footprint]) -> None:
+def _check_is_clear(key: str, scenario: Scenario, place_en: FloatArray, footprints: list[Footprint]) -> None:
     clearance_m = scenario.obstacles.clearance_beside_m
     for footprint in footprints:
-        distance_m = footprint.polygon.distance(shapely.Point(home_en))
+        distance_m = footprint.polygon.distance(shapely.Point(place_en))
         if distance_m < clearance_m:
             raise ScenarioError(
-                f"home: {distance_m:.1f} m from obstacle {footprint.name!r}, obstacles.clearance_beside_m is {clearance_m:g} m; "
-                "move the take-off position"
+                f"{key}: {distance_m:.1f} m from obstacle {footprint.name!r}, obstacles.clearance_beside_m is {clearance_m:g} m; "
+                "move the position"
             )
 
 
-def _check_home_is_outside(zones: tuple[Zone, ...], home_m: FloatArray, alt_amsl_offset_m: float) -> None:
-    """Refuse a home in a no-fly zone that begins at the ground, or nearer to it than its margin."""
-    place = shapely.Point(home_m[:2])
+def _check_is_outside(key: str, zones: tuple[Zone, ...], place_m: FloatArray, alt_amsl_offset_m: float) -> None:
+    """Refuse a home or rally point in a no-fly zone that begins at the ground, or nearer to it than its margin."""
+    place = shapely.Point(place_m[:2])
     for zone in zones:
         entry = zone.entry
         floors = [floor for floor in (entry.floor_agl_m,) if floor is not None]
-        floors += [entry.floor_amsl_m - (home_m[2] + alt_amsl_offset_m)] if entry.floor_amsl_m is not None else []
+        floors += [entry.floor_amsl_m - (place_m[2] + alt_amsl_offset_m)] if entry.floor_amsl_m is not None else []
         if floors and min(floors) > 0.0:
             continue
         distance_m = zone.outline.distance(place)
         if zone.circle is not None:
-            distance_m = max(0.0, math.hypot(*(home_m[:2] - zone.circle[:2])) - zone.circle[2])
+            distance_m = max(0.0, math.hypot(*(place_m[:2] - zone.circle[:2])) - zone.circle[2])
         if distance_m < entry.margin_m or distance_m == 0.0:
             where = "lies in" if distance_m == 0.0 else f"is {distance_m:.1f} m from"
             more = "" if distance_m == 0.0 else f", whose margin_m is {entry.margin_m:g} m"
-            raise ScenarioError(f"home: {where} no-fly zone {zone.name!r}{more}; move the take-off position")
+            raise ScenarioError(f"{key}: {where} no-fly zone {zone.name!r}{more}; move the position")
 
 
 def _fence(

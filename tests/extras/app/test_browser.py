@@ -237,7 +237,19 @@ def test_a_server_that_ends_and_comes_back_loses_nothing(browser: Any, served: C
 def test_the_page_is_light(served: Client) -> None:
     status, _, page = served.ask("GET", f"/?token={served.token}")
     assert status == 200
-    names = {"/page/app.js", "/page/map.js", "/page/dom.js", "/page/charts.js", "/page/strings.js", "/page/style.css"}
+    names = {
+        "/page/app.js",
+        "/page/map.js",
+        "/page/dom.js",
+        "/page/charts.js",
+        "/page/strings.js",
+        "/page/style.css",
+        "/page/core.js",
+        "/page/area.js",
+        "/page/plan.js",
+        "/page/fly.js",
+        "/page/judge.js",
+    }
     names |= set(re.findall(r'(?:href|src)="(/[^"]+)"', page.decode()))
     names |= {"/vendor/maplibre-gl/maplibre-gl.mjs", "/vendor/maplibre-gl/maplibre-gl-worker.mjs"}
     names |= {"/vendor/terra-draw/terra-draw.module.js", "/vendor/terra-draw/terra-draw-maplibre-gl-adapter.module.js"}

@@ -8,7 +8,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from tests.extras.app.conftest import WATCHDOG_S, Client
-from uavcover.extras.app import server as server_module
+from uavcover.extras.app import uploads
 from uavcover.extras.app.guard import POLICY
 
 ROUTES = (
@@ -132,7 +132,7 @@ def test_a_file_is_never_a_page_of_this_origin(served: Client) -> None:
 def test_an_upload_that_is_too_large_is_refused_before_and_while_it_comes(
     served: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(server_module, "MOST_UPLOAD_BYTES", 1000)
+    monkeypatch.setattr(uploads, "MOST_UPLOAD_BYTES", 1000)
     before = sorted(path.name for path in served.root.iterdir())
     status, _, body = served.ask("PUT", "/api/files/large.tif", b"x" * 1001)
     assert status == 413
@@ -144,6 +144,46 @@ def test_an_upload_that_is_too_large_is_refused_before_and_while_it_comes(
     assert status == 413
     assert sorted(path.name for path in served.root.iterdir() if path.name != ".uavcover") == before
     assert not list((served.root / ".uavcover").glob("*.half"))
+
+
+@pytest.mark.parametrize("query", ["", "?photo_of=run"])
+def test_an_upload_of_a_gigabyte_is_refused_before_its_first_byte(served: Client, query: str) -> None:
+    (served.root / "run").mkdir()
+    (served.root / "run" / "plan.json").write_text("{}")
+    status, _, body = served.ask("PUT", f"/api/files/large.jpg{query}", b"", Content_Length=str(1 << 30))
+    assert status == 413
+    assert b"copy it into the folder" in body
+
+
+def test_photos_are_kept_in_the_run_folder_and_have_a_limit_in_all(
+    served: Client, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    run = served.root / "run"
+    run.mkdir()
+    (run / "plan.json").write_text("{}")
+    monkeypatch.setattr(uploads, "MOST_PHOTO_BYTES", 1000)
+    for name, size, code in (("a.jpg", 600, 200), ("b.jpg", 600, 413), ("a.jpg", 900, 200), ("c.jpg", 100, 200)):
+        assert served.ask("PUT", f"/api/files/{name}?photo_of=run", b"x" * size)[0] == code, name
+    assert sorted((path.name, path.stat().st_size) for path in (run / "photos").iterdir()) == [
+        ("a.jpg", 900),
+        ("c.jpg", 100),
+    ]
+    for name in ("page.html", "x.toml", ".jpg", "..%2Fa.jpg%2F..", "a.jpg%00"):
+        status, _, _ = served.ask("PUT", f"/api/files/{name}?photo_of=run", b"x")
+        assert status == 400, name
+    for name in ("..", "valley.toml", "none", "%2Fetc", ".uavcover"):
+        assert served.ask("PUT", f"/api/files/d.jpg?photo_of={name}", b"x")[0] == 400, name
+    assert [each["name"] for each in served.get("/api/state")["files"]["areas"]] == ["valley.geojson"]
+
+
+def test_a_photo_folder_that_leads_outside_is_refused(served: Client) -> None:
+    run, outside = served.root / "run", served.root.parent / "outside"
+    run.mkdir()
+    outside.mkdir()
+    (run / "plan.json").write_text("{}")
+    (run / "photos").symlink_to(outside)
+    assert served.ask("PUT", "/api/files/d.jpg?photo_of=run", b"x")[0] == 400
+    assert not list(outside.iterdir())
 
 
 def iter_of(*chunks: bytes) -> bytes:

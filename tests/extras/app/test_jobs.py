@@ -1,5 +1,7 @@
 """Commands of the page: processes of their own, found again by the next server, stopped and paused by signals."""
 
+import base64
+import io
 import json
 import os
 import shutil
@@ -8,16 +10,18 @@ import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from PIL import Image
 from websockets.sync.client import connect
 
 from tests.extras.app.conftest import WATCHDOG_S, Client
 from uavcover.errors import InputError
 from uavcover.extras.app import jobs as jobs_module
 from uavcover.extras.app.jobs import Job, Jobs
-from uavcover.extras.app.live import LiveFlight
+from uavcover.extras.app.live import LiveFlight, Observed
 from uavcover.extras.app.scene import Scenes
 
 
@@ -158,24 +162,60 @@ def test_a_flight_is_followed_as_it_grows_and_from_its_beginning_when_it_is_repl
     whole = track.read_bytes()
     track.unlink()
     scene = Scenes().of(flown)
-    live = LiveFlight(scene, flown)
+    observed = Observed(scene)
+    live = LiveFlight(observed, flown)
     live.poll()
     assert live.samples == []
+    patched, known = None, 0
     with track.open("wb") as file:
         for begin in range(0, len(whole), 4001):  # cuts lines anywhere
             file.write(whole[begin : begin + 4001])
             file.flush()
             live.poll()
             live.look()
+            if observed.version > known:
+                patched = taken(patched, observed.since(known))
+                known = observed.version
+    assert known > 3
+    assert (patched == taken(None, observed.since(0))).all(), "rectangles add up to the whole"
     rows = [line for line in whole.decode().splitlines() if not line.startswith("#")]
     assert len(live.samples) == len(rows) - 1
-    assert live.covered > 0.9
+    assert observed.covered > 0.9
     lon_lat = np.array(live.samples)[:, :2]
     assert np.abs(scene.east_north(lon_lat)).max() < 2000.0
     track.unlink()
     track.write_bytes(b"".join(line + b"\n" for line in whole.splitlines()[:30]))
     live.poll()
+    live.look()
     assert 0 < len(live.samples) < 40
+    assert observed.covered < 0.5
+    assert (taken(patched, observed.since(known)) == taken(None, observed.since(0))).all()
+
+
+def taken(picture: np.ndarray | None, document: dict[str, Any]) -> np.ndarray:
+    """The picture that a browser has after a message."""
+    width, height = document["size"]
+    assert document["whole"] is (picture is None)
+    out = np.zeros((height, width, 4), dtype=np.uint8) if picture is None else picture.copy()
+    for patch in document["patches"]:
+        pixels = np.asarray(Image.open(io.BytesIO(base64.b64decode(patch["image"].partition(",")[2]))))
+        out[patch["y"] : patch["y"] + pixels.shape[0], patch["x"] : patch["x"] + pixels.shape[1]] = pixels
+    return out
+
+
+def test_flights_of_one_plan_add_up(served: Client, flown: Path) -> None:
+    for name in ("run", "run/sortie-1", "run/sortie-2"):
+        shutil.copytree(flown, served.root / name, ignore=shutil.ignore_patterns("sortie-*"))
+    first, second = (served.server.live(f"run/sortie-{number}") for number in (1, 2))
+    assert first.observed is second.observed
+    lines = (served.root / "run/sortie-1/track.csv").read_bytes().splitlines(keepends=True)
+    (served.root / "run/sortie-1/track.csv").write_bytes(b"".join(lines[: len(lines) // 2]))
+    shares = []
+    for live in (first, second):
+        live.poll()
+        live.look()
+        shares.append(live.observed.covered)
+    assert 0.0 < shares[0] < shares[1]
 
 
 def test_browsers_get_what_they_lack(served: Client, flown: Path) -> None:

@@ -90,6 +90,47 @@ def test_a_saved_scenario_is_that_of_the_command(with_dem: Client, cli: Any) -> 
     assert typed.replace("typed", "drawn") == drawn
 
 
+FENCE = _polygon([-84.219, 36.467], [-84.206, 36.467], [-84.206, 36.478], [-84.219, 36.478], [-84.219, 36.467])
+
+
+def test_a_drawn_fence_and_rally_points_are_keys_of_the_scenario_and_reach_the_mission(with_dem: Client) -> None:
+    rally = [[-84.2172, 36.4712], [-84.2079, 36.4731]]
+    saved = with_dem.post("/api/scenarios", form(fence=FENCE, rally=rally, max_alt="1000m", home="36.4728,-84.2150"))
+    assert saved["scenarios"] == ["drawn.toml"]
+    path = with_dem.root / "drawn.toml"
+    site = load_site(str(path))
+    assert site.scenario.limits.fence_lon_lat_deg == tuple(map(tuple, FENCE["coordinates"][0][:-1]))
+    assert site.scenario.limits.max_alt_amsl_m == 1000.0
+    assert site.scenario.planner.rally == tuple(map(tuple, rally))
+    scene = with_dem.get("/api/scene?name=drawn.toml")
+    assert scene["fence"][0] == [pytest.approx(corner, abs=1e-6) for corner in FENCE["coordinates"][0]]
+    assert scene["rally"] == rally
+
+
+INSIDE_ZONE = {"name": "tower", "geometry": ZONE}
+WRONG_SHAPES = (
+    ({"fence": CROSSING}, "fence"), ({"fence": {"type": "Point", "coordinates": [1, 2]}}, "fence"), ({"fence": 7}, "fence"),
+    ({"fence": {"type": "Polygon", "coordinates": [*FENCE["coordinates"], *AREA["coordinates"]]}}, "fence"),
+    ({"fence": AREA, "home": "36.478,-84.215"}, "home"), ({"rally": "here"}, "rally"), ({"rally": [[1]]}, "rally"),
+    ({"rally": [[-84.3, 36.47]]}, "rally"), ({"rally": [[36.47, -94.2]]}, "rally"), ({"rally": [[None, 1]]}, "rally"),
+    ({"rally": [[-84.2123, 36.4722]], "zones": [INSIDE_ZONE]}, "rally"), ({"max_alt": "high"}, "max_alt"),
+)  # fmt: skip
+
+
+@pytest.mark.parametrize(("changes", "field"), WRONG_SHAPES, ids=str)
+def test_a_wrong_fence_or_rally_point_is_said_at_its_field(
+    with_dem: Client, changes: dict[str, Any], field: str
+) -> None:
+    found = with_dem.post("/api/design", form(**changes))
+    assert found["field"] == field, found
+
+
+def test_an_area_that_sticks_out_of_the_fence_is_said(with_dem: Client) -> None:
+    small = _polygon([-84.219, 36.467], [-84.212, 36.467], [-84.212, 36.478], [-84.219, 36.478], [-84.219, 36.467])
+    found = with_dem.post("/api/design", form(fence=small))
+    assert any("outside the fence" in message.get("warn", "") for message in found["messages"]), found
+
+
 def test_saving_twice_replaces_nothing(with_dem: Client) -> None:
     assert with_dem.post("/api/scenarios", form())["scenarios"] == ["drawn.toml"]
     before = (with_dem.root / "drawn.toml").read_bytes()

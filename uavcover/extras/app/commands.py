@@ -5,7 +5,9 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from uavcover.errors import InputError
-from uavcover.extras.app.workspace import Workspace, free_name
+from uavcover.extras.app.workspace import PHOTOS, Workspace, free_name
+from uavcover.model.terrain import RasterTerrain
+from uavcover.scenario.scenario_file import load_scenario, surface_source, terrain_source
 
 Words = tuple[str, list[str]]
 """The run folder that the command works on, and its command line."""
@@ -13,6 +15,7 @@ _BUDGET = re.compile(r"[0-9]{1,6}(\.[0-9]{1,3})?(s|m|min|h)")
 _RULE = re.compile(r"[A-Za-z0-9<>=.,:%-]{1,80}")
 _NUMBER = re.compile(r"[0-9]{1,9}")
 _ADDRESS = re.compile(r"[A-Za-z0-9/._:\[\]?=,-]{1,120}")
+_MOST_VEHICLES = 20
 _WORD = re.compile(r"[a-z0-9-]{1,40}")
 
 
@@ -78,16 +81,18 @@ def _export(asked: Mapping[str, Any], workspace: Workspace) -> Words:
 
 def _upload(asked: Mapping[str, Any], workspace: Workspace) -> Words:
     run = _run(asked, workspace)
-    return run, ["plan-upload", run, "--to", _match(asked, "to", _ADDRESS), *_sortie(asked)]
+    return run, ["plan-upload", run, *_links(asked), *_sortie(asked)]
 
 
 def _fly(asked: Mapping[str, Any], workspace: Workspace, *, flights_allowed: bool) -> Words:
     run = _run(asked, workspace)
-    to = _match(asked, "to", _ADDRESS, default="mock:")
-    words = ["fly", run, "--to", to, *_sortie(asked)]
+    to = str(asked.get("to") or "mock:")
+    words = ["fly", run, *_links(asked), *_sortie(asked)]
     if asked.get("mock_speed"):
         words += ["--mock-speed", _match(asked, "mock_speed", re.compile(r"[0-9]{1,3}(\.[0-9])?"))]
     words += [f"--{name}" for name in ("force", "resume") if asked.get(name)]
+    if asked.get("sortie"):  # flights of one run that have vehicles of their own go on side by side
+        run = f"{run}/sortie-{_match(asked, 'sortie', _NUMBER)}"
     if asked.get("confirmed"):
         if not flights_allowed:
             raise InputError("fly: this page flies simulated vehicles only; start it with --allow-flight for real ones")
@@ -97,17 +102,49 @@ def _fly(asked: Mapping[str, Any], workspace: Workspace, *, flights_allowed: boo
     return run, words
 
 
+def _links(asked: Mapping[str, Any]) -> list[str]:
+    """``--to`` for each vehicle: addresses with spaces between them, or one mock address that stands for all."""
+    addresses = str(asked.get("to") or "mock:").split()
+    count = int(_match(asked, "vehicles", _NUMBER, default="1"))
+    if not 1 <= count <= _MOST_VEHICLES:
+        raise InputError(f"vehicles: {count} is outside 1 to {_MOST_VEHICLES}")
+    if count > 1 and len(addresses) == 1 and addresses[0].startswith("mock:"):
+        addresses *= count
+    if len(addresses) != count:
+        raise InputError(
+            f"to: give {count} addresses with spaces between them, one for each vehicle, not {len(addresses)}"
+        )
+    return [word for address in addresses for word in ("--to", _match({"to": address}, "to", _ADDRESS))]
+
+
+def _check(asked: Mapping[str, Any], workspace: Workspace) -> Words:
+    """The independent check of a run's mission file, against the scenario's elevation data, zones and limits."""
+    run = _run(asked, workspace)
+    folder = workspace.path(f"{run}/sortie-{_match(asked, 'sortie', _NUMBER)}" if asked.get("sortie") else run)
+    mission = folder / "mission.plan"
+    if not mission.is_file():
+        raise InputError(f"{folder.name}: has no mission.plan; choose one of its flights, or plan again")
+    scenario = load_scenario(str(folder / "scenario.toml"))
+    if not isinstance(scenario.terrain, RasterTerrain):
+        raise InputError(f"{folder.name}: is not on elevation data, which check needs")
+    ground, surface = terrain_source(scenario.terrain), surface_source(scenario.terrain)
+    words = ["check", workspace.name(mission), "--vertical-datum", scenario.terrain.vertical_datum]
+    words += ["--trust-dem"] if scenario.terrain.trust_heights else []
+    for option, source in (("--dem", ground), ("--dsm", surface)):
+        words += [word for file in (source.files if source is not None else ()) for word in (option, str(file))]
+    words += ["--max-height", f"{scenario.transit_ceiling_agl_m:g}m", "--autopilot", scenario.vehicle.autopilot]
+    for zone in scenario.no_fly:
+        words += ["--no-fly", str(zone.file)] if zone.file else []
+    return run, words
+
+
 def _photos(asked: Mapping[str, Any], workspace: Workspace) -> Words:
     run = _run(asked, workspace)
     out = free_name(workspace.root, f"{workspace.path(run).name}-photos")
-    return run, [
-        "judge-photos",
-        workspace.name(workspace.path(_text(asked, "photos"))),
-        "--scenario",
-        run,
-        "-o",
-        out.name,
-    ]
+    photos = workspace.path(str(asked.get("photos") or f"{run}/{PHOTOS}"))
+    if not photos.is_dir():
+        raise InputError(f"photos: {photos.name} is no folder in {workspace.root.name}; drop photos on the page")
+    return run, ["judge-photos", workspace.name(photos), "--scenario", run, "-o", out.name]
 
 
 _BUILDERS: dict[str, Callable[[Mapping[str, Any], Workspace], Words]] = {
@@ -121,6 +158,7 @@ _BUILDERS: dict[str, Callable[[Mapping[str, Any], Workspace], Words]] = {
     "gaps": _on_run("gaps"),
     "report": _on_run("report"),
     "photos": _photos,
+    "check": _check,
 }
 
 

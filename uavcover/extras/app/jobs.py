@@ -140,7 +140,7 @@ class Jobs:
         Raises:
             InputError: another job works on the same run folder, or the folder cannot be written to.
         """
-        if run and any(job.run == run and job.code is None for job in self.all()):
+        if run and any(_overlap(job.run, run) and job.code is None for job in self.all()):
             raise InputError(f"{run}: another command works on this run folder; wait for its end, or stop it")
         folder = self._folder / f"{time.time_ns() // 1_000_000}-{secrets.token_hex(4)}"
         words = (*arguments, "--json", "--events")
@@ -193,6 +193,11 @@ class Jobs:
                     path.unlink(missing_ok=True)
                 with contextlib.suppress(OSError):
                     job.folder.rmdir()
+
+
+def _overlap(one: str, other: str) -> bool:
+    """Whether two run folders are the same, or one is inside the other."""
+    return f"{one}/".startswith(f"{other}/") or (bool(one) and f"{other}/".startswith(f"{one}/"))
 
 
 def _began(pid: int) -> str:

@@ -10,10 +10,87 @@ from typing import Any
 
 import numpy as np
 
-from uavcover.extras.app.scene import Scene, seen_image
+from uavcover.extras.app.scene import Scene
+from uavcover.kernels.arrays import BoolArray
+from uavcover.report.cell_layers import SEEN_RGB, UNSEEN_RGB, data_uri
 
 _COLUMNS = ("time_s", "east_m", "north_m", "up_m", "yaw_deg", "lat_deg", "lon_deg")
 _MOST_BYTES = 1 << 20
+_MOST_PATCHES = 6
+
+Rectangle = tuple[int, int, int, int]
+"""First row and column of the picture, and the ones after the last; rows from the north."""
+
+
+class Observed:
+    """Cells that the flights of one plan saw so far. A browser is sent the rectangles that it lacks.
+
+    Attributes:
+        scene: the plan.
+        covered: share of the coverable ground that was seen so far.
+        version: number of changes.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.covered, self.version = scene, 0.0, 0
+        self._lock = threading.Lock()
+        self._of: dict[int, BoolArray] = {}
+        self._seen: BoolArray | None = None
+        self._changed: list[Rectangle] = []
+        self._made: dict[int, dict[str, Any]] = {}
+
+    def take(self, flight: int, seen: BoolArray) -> None:
+        """Cells that a flight saw up to now; fewer than before where its track was replaced."""
+        coverage = self.scene.coverage
+        with self._lock:
+            self._of[flight] = seen
+            before = np.zeros(seen.size, dtype=bool) if self._seen is None else self._seen
+            self._seen = np.logical_or.reduce(list(self._of.values()))
+            changed = self._picture(self._seen != before)
+            rows, columns = np.flatnonzero(changed.any(axis=1)), np.flatnonzero(changed.any(axis=0))
+            if rows.size:
+                self._changed.append((int(rows[0]), int(columns[0]), int(rows[-1]) + 1, int(columns[-1]) + 1))
+            elif self.version:
+                return
+            self.covered = coverage.share_of_coverable(self._seen)
+            self.version, self._made = self.version + 1, {}
+            if not rows.size:
+                self._changed.append((0, 0, 0, 0))
+
+    def since(self, version: int) -> dict[str, Any]:
+        """What changed after a version, 0 for everything: share, size of the whole picture, and its new rectangles."""
+        with self._lock:
+            if version not in self._made:
+                self._made[version] = self._document(version)
+            return self._made[version]
+
+    def _document(self, version: int) -> dict[str, Any]:
+        assert self._seen is not None
+        seen, cells = self._picture(self._seen), self._picture(np.ones(self._seen.size, dtype=bool))
+        height, width = seen.shape
+        whole = not 0 < version <= self.version
+        parts: list[Rectangle] = [(0, 0, height, width)] if whole else self._changed[version:]
+        if len(parts) > _MOST_PATCHES:
+            ends = np.array(parts)
+            parts = [(*map(int, ends[:, :2].min(axis=0)), *map(int, ends[:, 2:].max(axis=0)))]
+        patches = []
+        for top, left, bottom, right in parts:
+            pixels = np.zeros((bottom - top, right - left, 4), dtype=np.uint8)
+            if pixels.size:
+                pixels[cells[top:bottom, left:right]] = (*UNSEEN_RGB, 150)
+                pixels[seen[top:bottom, left:right]] = (*SEEN_RGB, 150)
+                patches.append({"x": left, "y": top, "image": data_uri(pixels, "PNG")})
+        return {
+            "covered": self.covered, "version": self.version, "whole": whole, "size": [width, height],
+            "corners": self.scene.corners(), "patches": patches,
+        }  # fmt: skip
+
+    def _picture(self, where: BoolArray) -> BoolArray:
+        """Cells as the picture has them: (rows from the north, columns from the west)."""
+        lattice = self.scene.coverage.grid.cells.lattice
+        picture = np.zeros(lattice.shape, dtype=bool)
+        picture[lattice >= 0] = where[lattice[lattice >= 0]]
+        return np.asarray(picture[::-1])
 
 
 class LiveFlight:
@@ -21,20 +98,18 @@ class LiveFlight:
 
     Attributes:
         samples: longitude, latitude, height above ground, vehicle time, heading; one row a sample, only ever appended to.
-        covered: share of the coverable ground that was seen so far.
-        image: cells as they are now, a data URI; empty before the first sample.
-        version: number of changes of the image.
+        observed: cells that it and other flights of its plan saw.
     """
 
-    def __init__(self, scene: Scene, run: Path) -> None:
-        self._scene, self._file = scene, run / "track.csv"
+    def __init__(self, observed: Observed, run: Path) -> None:
+        self._scene, self._file = observed.scene, run / "track.csv"
+        self.observed = observed
         self._lock = threading.Lock()
         self._at, self._header, self._identity = 0, list[str](), (0, 0)
         self._fresh: list[list[float]] = []
         self._last: list[float] | None = None
         self._seen = np.zeros(0, dtype=bool)
         self.samples: list[list[float]] = []
-        self.covered, self.image, self.version = 0.0, "", 0
 
     def poll(self) -> None:
         """Read what was appended since the last call. A file that was replaced is read from its beginning."""
@@ -46,7 +121,7 @@ class LiveFlight:
             if (state.st_dev, state.st_ino) != self._identity or state.st_size < self._at:
                 self._identity, self._at, self._header = (state.st_dev, state.st_ino), 0, []
                 self.samples, self._fresh, self._last = [], [], None
-                self._seen[:] = False
+                self._seen = np.zeros(0, dtype=bool)
             if state.st_size == self._at:
                 return
             with self._file.open("rb") as file:
@@ -92,13 +167,5 @@ class LiveFlight:
         with self._lock:
             if self._seen.size != seen.size:
                 self._seen = np.zeros(seen.size, dtype=bool)
-            before = int(self._seen.sum())
-            self._seen |= seen
-            if int(self._seen.sum()) != before or not self.image:
-                self.covered = coverage.share_of_coverable(self._seen)
-                self.image = seen_image(coverage, self._seen)
-                self.version += 1
-
-    def state(self) -> dict[str, Any]:
-        """Coverage so far, with its image."""
-        return {"covered": self.covered, "image": self.image, "corners": self._scene.corners(), "version": self.version}
+            self._seen = self._seen | seen
+        self.observed.take(id(self), self._seen)

@@ -199,6 +199,7 @@ def scene_document(scene: Scene) -> dict[str, Any]:
             {"name": p.footprint.name, "heightM": p.footprint.height_m, "rings": shapes(rings_of(p.footprint.polygon))}
             for p in site.prisms
         ],
+        "rally": [] if isinstance(site.scenario.planner.rally, str) else [*map(list, site.scenario.planner.rally)],
         "home": None if site.home_m is None else scene.lon_lat(site.home_m[None, :])[0].tolist(),
         "band": [limits.min_height_agl_m, limits.max_height_agl_m],
         "camera": site.scenario.sensor.kind,
@@ -215,6 +216,7 @@ def _run_document(scene: Scene, content: ReportContent) -> dict[str, Any]:
     compiled = _compiled(site, content.planned.route)
     sorties = content.sorties_m or (content.planned.route.waypoints_m,)
     layers = [layer_data(layer) for layer in cell_layers(content)]
+    own_rally = {} if compiled is None else {"rally": [[p.lon_deg, p.lat_deg] for p in compiled.rally.points[1:]]}
     metrics = content.plan
     return {
         "route": scene.waypoints(content.planned.route.waypoints_m),
@@ -222,16 +224,30 @@ def _run_document(scene: Scene, content: ReportContent) -> dict[str, Any]:
         "profile": [_profile(site, route_m) for route_m in sorties],
         "path": [] if compiled is None else scene.lon_lat(compiled.path_m).tolist(),
         "unsafeReturns": [] if compiled is None else _unsafe_returns(scene, compiled),
-        "rally": [] if compiled is None else [[p.lon_deg, p.lat_deg] for p in compiled.rally.points],
+        **own_rally,
+        "colors": [
+            int(sortie.get("vehicle") or number) - 1
+            for number, sortie in enumerate(content.plan.get("sorties") or (), 1)
+        ],
         "layers": layers,
         "corners": scene.corners(),
         "photos": _photos(scene, content),
         "members": [_member(row) for row in content.members],
         "plan": {
             name: metrics.get(name)
-            for name in ("metrics", "select", "rule_met", "mission", "interrupted", "made_by", "sorties", "bounds")
+            for name in (
+                "metrics",
+                "select",
+                "rule_met",
+                "mission",
+                "interrupted",
+                "made_by",
+                "sorties",
+                "fleet",
+                "bounds",
+            )
         },
-        "upload": content.upload,
+        "uploads": _uploads(scene),
         "tracks": [
             _track(scene, flight.enu_m, flight.height_agl_m, flight.clock_s, flight.name) for flight in content.flights
         ],
@@ -293,6 +309,35 @@ def route_coverage(scene: Scene, waypoints: Sequence[Sequence[float]]) -> dict[s
 def seen_image(coverage: CoverageMap, seen: BoolArray) -> str:
     """Cells that are seen and cells that are not, as a data URI."""
     return classes_image(coverage, [(UNSEEN_RGB, ~seen), (SEEN_RGB, seen)])
+
+
+def _uploads(scene: Scene) -> list[dict[str, Any]]:
+    """Read-back and returns of each flight that was uploaded."""
+    run = RunFolder(scene.path)
+    found = []
+    for flight in run.sorties() or [run]:
+        if not flight.file("upload.json").is_file():
+            continue
+        upload = flight.read_json("upload.json", made_by="uavcover plan-upload")
+        advice = upload.get("return_advice") or {}
+        lists = [
+            {
+                "type": part["mission_type"], "passed": part["passed"], "sent": len(part["sent"]),
+                "received": len(part["received"]),
+                "wrong": [d for d in part["differences"] if not d["acceptable"]][:20],
+                "normalised": sum(bool(d["acceptable"]) for d in part["differences"]),
+            }
+            for part in upload.get("lists", ())
+        ]  # fmt: skip
+        found.append(
+            {
+                "flight": flight.path.name if flight.path != run.path else "", "url": upload.get("url"),
+                "passed": upload.get("passed"), "lists": lists,
+                "returnHeight": advice.get("return_height_m"), "safeReturnHeight": advice.get("safe_return_height_m"),
+                "unsafe": len(advice.get("unsafe") or ()), "highest": upload.get("autopilot_max_height_above_home_m"),
+            }
+        )  # fmt: skip
+    return found
 
 
 def _problem(problem: LegProblem) -> dict[str, Any]:

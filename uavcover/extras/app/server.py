@@ -22,20 +22,22 @@ from uavcover.errors import InputError, UavcoverError
 from uavcover.extras.app import survey, tiles
 from uavcover.extras.app.commands import command_of
 from uavcover.extras.app.jobs import Jobs
-from uavcover.extras.app.live import LiveFlight
+from uavcover.extras.app.live import LiveFlight, Observed
 from uavcover.extras.app.places import place_of
 from uavcover.extras.app.scene import Scene, Scenes, route_check, route_coverage, scene_document
-from uavcover.extras.app.workspace import OWN_FOLDER, Workspace, free_name
+from uavcover.extras.app.uploads import photo_document, refusal, take_file
+from uavcover.extras.app.workspace import Workspace, free_name
 from uavcover.terrain.terrain_source import TerrainSource
 
 PAGE, VENDOR = Path(__file__).parent / "page", Path(__file__).parent / "vendor"
-MOST_UPLOAD_BYTES = 256 << 20
 MOST_JSON_BYTES = 4 << 20
 _LIVE_S, _SLOW_S = 0.1, 1.0
 """Samples are sent ten times a second, jobs and coverage once."""
 _MOST_MESSAGES, _MOST_MESSAGE_BYTES = 20, 4096
 """A browser's messages in a second, and their size; the connection of one that sends more is closed."""
 _MOST_SAMPLES_SENT = 2000
+_BETWEEN_SIGNALS_S = 0.5
+"""Two signals that come at once are one."""
 
 
 class Server:
@@ -51,6 +53,7 @@ class Server:
         self.workspace, self.flights_allowed, self.first = workspace, flights_allowed, first
         self.jobs, self.scenes = Jobs(workspace.root), Scenes()
         self._live: dict[str, LiveFlight] = {}
+        self._observed: dict[Path, Observed] = {}
 
     def app(self) -> Starlette:
         """The ASGI application, without its guard."""
@@ -61,6 +64,7 @@ class Server:
             HttpRoute("/api/contours", _json(self._contours)),
             HttpRoute("/api/area", _json(self._area)),
             HttpRoute("/api/heights", _json(self._heights_of)),
+            HttpRoute("/api/photos", _json(self._photos)),
             HttpRoute("/api/place", _json(_place)),
             HttpRoute("/api/design", _json(self._design), methods=["POST"]),
             HttpRoute("/api/scenarios", _json(self._write), methods=["POST"]),
@@ -133,42 +137,27 @@ class Server:
         return self.jobs.get(_named(asked, "id")).document()
 
     def _signal(self, asked: dict[str, Any]) -> dict[str, Any]:
-        """Stop: as Ctrl-C; pause: the flight waits, or goes on."""
-        signals = {"stop": signal.SIGINT, "pause": signal.SIGUSR1}
+        """Stop: as Ctrl-C; leave: as Ctrl-C twice; pause: the flight waits, or goes on."""
+        signals = {"stop": [signal.SIGINT], "leave": [signal.SIGINT] * 2, "pause": [signal.SIGUSR1]}
         action = _named(asked, "action")
         if action not in signals:
-            raise InputError(f"{action}: is neither stop nor pause")
-        return {"sent": self.jobs.get(_named(asked, "id")).signal(signals[action])}
+            raise InputError(f"{action}: is neither stop, leave nor pause")
+        job, sent = self.jobs.get(_named(asked, "id")), False
+        for number, one in enumerate(signals[action]):
+            time.sleep(_BETWEEN_SIGNALS_S if number else 0.0)
+            sent = job.signal(one) or sent
+        return {"sent": sent}
 
     async def _upload(self, request: Request) -> Response:
-        """A file of the user, kept under its name, or under a free one beside it."""
-        path = self.workspace.path(Path(request.path_params["name"]).name)
-        too_large = f"{path.name}: is larger than {MOST_UPLOAD_BYTES >> 20} MiB; copy it into the folder instead"
-        length = request.headers.get("content-length", "")
-        if length.isdigit() and int(length) > MOST_UPLOAD_BYTES:
-            return _error(413, too_large)
-        own = self.workspace.root / OWN_FOLDER
-        own.mkdir(exist_ok=True)
-        half, size = free_name(own, "upload", ".half"), 0
-        try:
-            with half.open("xb") as file:
-                async for chunk in request.stream():
-                    size += len(chunk)
-                    if size > MOST_UPLOAD_BYTES:
-                        return _error(413, too_large)
-                    await to_thread.run_sync(file.write, chunk)
-            path = free_name(path.parent, path.stem, path.suffix)
-            half.rename(path)
-        except OSError as error:
-            return _error(507, f"{path.name}: cannot be written ({error.strerror or error}); free the disk")
-        finally:
-            half.unlink(missing_ok=True)
-        return JSONResponse({"name": self.workspace.name(path), "bytes": size})
+        return await take_file(request, self.workspace)
+
+    def _photos(self, asked: dict[str, Any]) -> dict[str, Any]:
+        return photo_document(self.workspace.path(_named(asked, "name")))
 
     async def _file(self, request: Request) -> Response:
         path = self.workspace.path(request.path_params["name"])
         if not path.is_file():
-            return _error(404, f"{path.name}: no such file")
+            return refusal(404, f"{path.name}: no such file")
         # Never shown as a page of this origin: a report or a foreign file could script it.
         return FileResponse(path, media_type="application/octet-stream", filename=path.name)
 
@@ -212,14 +201,17 @@ class Server:
                 await sending
 
     def live(self, run: str) -> LiveFlight:
-        """The track of a run folder, shared by all that watch it.
+        """The track of a run folder, or of a sortie in one, shared by all that watch it.
 
         Raises:
             UavcoverError: it is no run folder.
         """
         if run not in self._live:
             path = self.workspace.path(run)
-            self._live[run] = LiveFlight(self.scenes.of(path), path)
+            plan = path.parent if (path.parent / "plan.json").is_file() and path.parent != self.workspace.root else path
+            if plan not in self._observed:
+                self._observed[plan] = Observed(self.scenes.of(plan))
+            self._live[run] = LiveFlight(self._observed[plan], path)
         return self._live[run]
 
 
@@ -229,7 +221,7 @@ class _Watcher:
     def __init__(self, server: Server, socket: WebSocket) -> None:
         self._server, self._socket = server, socket
         self._runs: dict[str, int] = {}
-        self._images: dict[str, int] = {}
+        self._versions: dict[Observed, int] = {}
         self._events: dict[str, int] = {}
         self._codes: dict[str, int | None] = {}
 
@@ -250,6 +242,7 @@ class _Watcher:
                 if "watch" in asked:
                     await to_thread.run_sync(self._server.live, str(asked["watch"]))
                     self._runs[str(asked["watch"])] = begin
+                    self._versions.pop(self._server.live(str(asked["watch"])).observed, None)
                 elif "leave" in asked:
                     self._runs.pop(str(asked["leave"]), None)
                 elif "job" in asked:
@@ -280,9 +273,15 @@ class _Watcher:
                     await self._socket.send_json({"run": run, "from": begin, "samples": new})
                 if slow:
                     await to_thread.run_sync(live.look)
-                    if live.version != self._images.get(run, 0):
-                        self._images[run] = live.version
-                        await self._socket.send_json({"run": run, "coverage": live.state()})
+                    await self._cells(live.observed)
+
+    async def _cells(self, observed: Observed) -> None:
+        known = self._versions.get(observed, 0)
+        if observed.version != known:
+            coverage = await to_thread.run_sync(observed.since, known)
+            self._versions[observed] = coverage["version"]
+            name = self._server.workspace.name(observed.scene.path)
+            await self._socket.send_json({"run": name, "coverage": coverage})
 
     async def _jobs(self) -> None:
         for job in self._server.jobs.all()[:20]:
@@ -307,13 +306,13 @@ def _json(handler: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[Requ
             async for chunk in request.stream():
                 raw += chunk
                 if len(raw) > MOST_JSON_BYTES:
-                    return _error(413, "the request is too large")
+                    return refusal(413, "the request is too large")
             try:
                 body = json.loads(bytes(raw) or b"{}")
             except ValueError:
                 body = None
             if not isinstance(body, dict):
-                return _error(400, "the request is no JSON object")
+                return refusal(400, "the request is no JSON object")
             asked |= body
         asked |= request.path_params
         return JSONResponse(await to_thread.run_sync(handler, asked))
@@ -335,8 +334,4 @@ def _named(asked: dict[str, Any], key: str) -> str:
 
 async def _refused(request: Request, error: Exception) -> Response:
     del request
-    return _error(400, str(error), field=survey.field_of(str(error)))
-
-
-def _error(status: int, text: str, **more: Any) -> Response:
-    return JSONResponse({"error": text, **more}, status_code=status)
+    return refusal(400, str(error), field=survey.field_of(str(error)))

@@ -12,6 +12,7 @@ import shapely
 
 from uavcover.errors import InputError, UavcoverError
 from uavcover.extras.app.workspace import Workspace, free_name
+from uavcover.model.area import Ring
 from uavcover.new.cameras import all_cameras
 from uavcover.new.command import new_scenarios, say_design, say_estimate
 from uavcover.new.elevation_questions import NewRequest
@@ -21,10 +22,10 @@ from uavcover.scenario.areas.area_file import AreaQuery, read_area
 
 _TEXTS = (
     "camera", "gsd", "overlap", "battery", "vehicle", "home", "max_height", "speed", "margin", "mount", "vertical_datum",
-    "autopilot", "pattern", "at", "fill_lakes", "water_height",
+    "autopilot", "max_alt", "pattern", "at", "fill_lakes", "water_height",
 )  # fmt: skip
 _HEIGHTS = ("floor_agl_m", "floor_amsl_m", "ceiling_agl_m", "ceiling_amsl_m")
-_OPTION = re.compile(r"--([a-z][a-z-]*)")
+_OPTION = re.compile(r"--([a-z][a-z-]*)|\b(fence|rally|home|max_alt|max_height)(?:_[a-z_]+|\.\d+)*: ")
 _STEM = re.compile(r"[A-Za-z0-9][A-Za-z0-9._ -]{0,60}")
 
 
@@ -79,6 +80,10 @@ def designed(workspace: Workspace, form: dict[str, Any]) -> dict[str, Any]:
         with _drawn(workspace, form) as request:
             scenarios = new_scenarios(request, user, folder=workspace.root)
             figures = say_design(scenarios[0], Messages())
+            site = scenarios[0].site
+            outside = site.area.difference(site.fence).area / site.area.area
+            if outside > 1e-3:
+                user.warn(f"{100.0 * outside:.1f} % of the area with its margin lies outside the fence")
             flights = [say_estimate(scenario, Messages()) for scenario in scenarios]
     except UavcoverError as error:
         return {"error": str(error), "field": field_of(str(error)), "messages": user.lines}
@@ -110,7 +115,7 @@ def written(workspace: Workspace, form: dict[str, Any]) -> dict[str, Any]:
 def field_of(message: str) -> str:
     """The field of the form that an error is about; empty where it names none."""
     found = _OPTION.search(message)
-    return "" if found is None else found[1].replace("-", "_")
+    return "" if found is None else (found[1] or found[2]).replace("-", "_")
 
 
 @contextmanager
@@ -145,8 +150,9 @@ def _drawn(workspace: Workspace, form: dict[str, Any], *, stem: str | None = Non
         dem, dsm = (tuple(str(workspace.path(name)) for name in _names(form.get(key))) for key in ("dem", "dsm"))
         query = AreaQuery(source=source, make_valid=isinstance(area, str))
         yield NewRequest(
-            area=query, dem=dem, dsm=dsm, no_fly=tuple(no_fly), trust_dem=bool(form.get("trust_dem")), **texts
-        )
+            area=query, dem=dem, dsm=dsm, no_fly=tuple(no_fly), trust_dem=bool(form.get("trust_dem")),
+            fence=_fence(form.get("fence")), rally=_rally(form.get("rally")), **texts,
+        )  # fmt: skip
         kept.clear()
     finally:
         for path in (*temporary, *kept):
@@ -173,6 +179,27 @@ def polygons_of(geometry: object, what: str) -> dict[str, Any]:
     if not shape.is_valid:
         raise InputError(f"{what}: its outline crosses itself; move a corner")
     return dict(shapely.geometry.mapping(shape))
+
+
+def _fence(geometry: object) -> Ring | None:
+    if geometry is None:
+        return None
+    shape = shapely.geometry.shape(polygons_of(geometry, "fence"))
+    if not isinstance(shape, shapely.Polygon) or shape.interiors:
+        raise InputError("fence: must be one outline without holes; draw no-fly zones inside it")
+    return tuple((float(lon), float(lat)) for lon, lat in shapely.get_coordinates(shape)[:-1])
+
+
+def _rally(given: object) -> Ring | None:
+    if not given:
+        return None
+    try:
+        places = np.array(given, dtype=float).reshape(-1, 2)
+    except (TypeError, ValueError):
+        places = np.array([[np.nan, np.nan]])
+    if not np.isfinite(places).all() or (np.abs(places) > (180.0, 90.0)).any():
+        raise InputError("rally: give each rally point as [longitude, latitude] in degrees")
+    return tuple((float(lon), float(lat)) for lon, lat in places)
 
 
 def _zone(zone: object, number: int) -> dict[str, Any]:

@@ -16,6 +16,9 @@ AREAS = frozenset(
     {".kml", ".kmz", ".geojson", ".json", ".gpkg", ".shp", ".gpx", ".poly", ".wkt", ".csv", ".plan", ".zip", ".fgb"}
 )
 TRACKS = frozenset({".bin", ".tlog", ".ulg", ".rrd", ".gpx", ".csv"})
+PHOTOS = "photos"
+"""Folder inside a run folder that its photos are kept in."""
+_FIRST = ("plan.json", "photos.json")
 _MOST_LISTED = 2000
 _MOST_DEEP = 3
 _NAME = re.compile(r"[^\x00-\x1f\x7f<>:\"|?*\\/]{1,120}")
@@ -63,6 +66,7 @@ class Workspace:
             "areas": [],
             "elevation": [],
             "backgrounds": [],
+            "photos": [],
         }
         runs: set[Path] = set()
         for path in self._files():
@@ -71,6 +75,9 @@ class Workspace:
                 runs.add(path.parent)
                 if not any(parent in runs for parent in path.parent.parents):
                     found["runs"].append({"name": self.name(path.parent), **_state_of(path.parent)})
+            elif path.name == "photos.json" and not any(parent in runs for parent in path.parents):
+                runs.add(path.parent)
+                found["photos"].append({"name": self.name(path.parent)})
             elif any(parent in runs for parent in path.parents):
                 continue
             elif suffix == ".toml" and _is_scenario(path):
@@ -91,13 +98,14 @@ class Workspace:
         while folders and left > 0:
             folder, depth = folders.pop(0)
             try:
-                inside = sorted(folder.iterdir(), key=lambda path: (path.name != "plan.json", path.name))
+                inside = sorted(folder.iterdir(), key=lambda path: (path.name not in _FIRST, path.name))
             except OSError:
                 continue
             for path in inside:
                 if path.name.startswith(".") or not path.resolve().is_relative_to(self.root):
                     continue
-                if path.is_dir() and depth < _MOST_DEEP:
+                of_a_run = path.name == PHOTOS and (folder / "plan.json").is_file()
+                if path.is_dir() and depth < _MOST_DEEP and not of_a_run:
                     folders.append((path, depth + 1))
                 elif path.is_file():
                     left -= 1
@@ -123,11 +131,14 @@ def _is_scenario(path: Path) -> bool:
 
 def _state_of(folder: Path) -> dict[str, Any]:
     """State of a run folder, for the list."""
-    run = RunFolder(folder)
+    run, sorties = RunFolder(folder), len(list(folder.glob("sortie-*/plan.json")))
+    flights = [run, *(RunFolder(folder / f"sortie-{number}") for number in range(1, sorties + 1))]
+    flown = [each for each in flights if each.file("track.csv").is_file()]
     return {
-        "uploaded": run.file("upload.json").is_file(),
-        "flown": run.file("track.csv").is_file(),
+        "sorties": sorties,
+        "uploaded": any(each.file("upload.json").is_file() for each in flights),
+        "flown": bool(flown),
         "verified": run.file("verification.json").is_file(),
         "gaps": run.file("gaps/plan.json").is_file(),
-        "flying": run.file("track.csv").is_file() and settled_ending(run) == FLYING,
+        "flying": any(settled_ending(each) == FLYING for each in flown),
     }

@@ -4,7 +4,7 @@ import numpy as np
 import shapely
 from shapely.ops import nearest_points
 
-from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.obstacle_breach import parts_over
 from uavcover.kernels.obstacles import NO_OBSTACLES, ObstaclePrisms, make_obstacles
 from uavcover.kernels.shortest_way import are_clear, shortest_way
@@ -28,7 +28,6 @@ class WayRound:
         self.region = region
         self._inner = region.buffer(-_INSIDE_M, join_style="mitre")
         self._corners = _corners_that_stick_in(self._inner)
-        self.corners_m = self._corners[:, :2]
         self._walls, self._free = _walls_around(region), footprints_of([self._inner])
         # A prepared polygon builds its index on first use, which is not thread-safe: use it now.
         shapely.prepare(self._inner)
@@ -41,9 +40,19 @@ class WayRound:
             return place_m
         return np.asarray(nearest_points(self._inner, point)[0].coords[0])
 
+    @property
+    def corners_m(self) -> FloatArray:
+        """(k, 2) corners of ways."""
+        return self._corners[:, :2]
+
+    def are_straight(self, ends_m: FloatArray) -> BoolArray:
+        """(n,) whether each of (n, 2, 2) straight lines is inside."""
+        lines = np.ascontiguousarray(ends_m, dtype=float).reshape(-1, 4)
+        return are_clear(self._walls, lines) & (not self.region.is_empty)
+
     def is_straight(self, a_m: FloatArray, b_m: FloatArray) -> bool:
         """Whether the straight line between two places is inside."""
-        return not self.region.is_empty and bool(are_clear(self._walls, np.array([[*a_m, *b_m]], dtype=float))[0])
+        return bool(self.are_straight(np.array([[a_m, b_m]]))[0])
 
     def between(self, a_m: FloatArray, b_m: FloatArray) -> FloatArray | None:
         """(k, 2) corners of the shortest way from one place to another, both included; none where there is no way.

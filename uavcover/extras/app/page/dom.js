@@ -32,6 +32,11 @@ export function latest(call) {
     try { await call(...given); } finally { busy = false; if (next) { const again = next; next = null; run(...again); } }
   };
 }
+// One after the other, each of them.
+export function queued(call) {
+  let last = Promise.resolve();
+  return (...given) => { last = last.catch(() => {}).then(() => call(...given)); return last; };
+}
 export async function api(path, body) {
   const options = body === undefined ? {} : { method: "POST", headers: { "content-type": "application/json" }, body: JSON.stringify(body) };
   let answer;

@@ -8,15 +8,16 @@ maplibre.setWorkerUrl("/vendor/maplibre-gl/maplibre-gl-worker.mjs");
 
 export const COLORS = {
   area: "#0072b2", zone: "#cc3311", fence: "#666666", obstacle: "#886622", route: "#1a1a8c", bad: "#e00000", track: "#d000a0",
-  home: "#111111", gap: "#d55e00", unsafe: "#ff8800", photo: "#333333",
+  home: "#111111", rally: "#00725f", gap: "#d55e00", unsafe: "#ff8800", photo: "#333333",
 };
 export const SORTIES = ["#1a1a8c", "#b5460f", "#00725f", "#8a2f8a", "#5a5a00", "#0077aa", "#aa0055", "#444444"];
+const SLOW_MS = 60, STILL_MS = 400;
 const EMPTY = { type: "FeatureCollection", features: [] };
 const collection = (features) => ({ type: "FeatureCollection", features });
 const feature = (type, coordinates, properties = {}) => ({ type: "Feature", properties, geometry: { type, coordinates } });
 const polygon = (rings, properties) => feature("Polygon", rings, properties);
 
-const SHAPES = ["contours", "area", "fence", "zones", "obstacles", "unsafe", "photos", "path", "route", "bad", "incumbent", "track", "gaps", "findings", "waypoints", "home", "vehicles"];
+const SHAPES = ["contours", "area", "fence", "zones", "obstacles", "unsafe", "photos", "footprints", "missing", "path", "route", "bad", "incumbent", "track", "gaps", "findings", "waypoints", "rally", "home", "vehicles"];
 
 export class CoverageMap {
   constructor(container) {
@@ -29,31 +30,65 @@ export class CoverageMap {
     this.ready = new Promise((done) => this.map.on("load", () => { this.prepare(); done(); }));
     this.tracks = new Map();
     this.terrain = false;
+    this.hurry();
+  }
+
+  // A slow renderer draws less while the map moves: no relief, half the pixels. What is left out comes back when it stands still.
+  hurry() {
+    let last = 0, slow = 0, less = false, timer = 0, own = false;
+    const full = this.map.getPixelRatio();
+    const show = (on) => {
+      own = true;
+      less = !on;
+      for (const id of ["relief", "contours"]) if (this.map.getLayer(id)) this.map.setLayoutProperty(id, "visibility", on ? "visible" : "none");
+      this.map.setPixelRatio(on ? full : full / 2);
+      if (this.map.terrain) this.map.terrain.qualityFactor = 1;
+      own = false;
+    };
+    this.map.on("render", () => {
+      const now = performance.now();
+      if (this.map.isMoving() || now < timer) { slow = now - last < 1000 ? 0.7 * slow + 0.3 * (now - last) : slow; if (slow > SLOW_MS && !less) show(false); }
+      last = now;
+    });
+    const moved = () => {
+      if (own) return;
+      const at = timer = performance.now() + STILL_MS;
+      setTimeout(() => { if (timer === at && less) { slow = 0; show(true); } }, STILL_MS);
+    };
+    this.map.on("move", moved);
   }
 
   prepare() {
     for (const name of SHAPES) this.map.addSource(name, { type: "geojson", data: EMPTY });
-    const line = (id, source, color, width, more = {}) => this.map.addLayer({ id, source, type: "line", layout: { "line-join": "round", "line-cap": "round" }, paint: { "line-color": color, "line-width": width, ...more } });
+    const line = (id, source, color, width, more = {}) => this.map.addLayer({ id, source, type: "line", layout: { "line-join": "bevel" }, paint: { "line-color": color, "line-width": width, ...more } });
     const own = ["coalesce", ["get", "color"], COLORS.route];
+    // Draped layers come first, without others between them: the terrain draws each unbroken series of them once.
     line("contours", "contours", "#5b4a33", ["case", ["get", "major"], 1.1, 0.5], { "line-opacity": 0.55 });
     this.map.addLayer({ id: "area-fill", source: "area", type: "fill", paint: { "fill-color": COLORS.area, "fill-opacity": 0.08 } });
     line("area", "area", COLORS.area, 2.2);
-    line("fence", "fence", COLORS.fence, 1.4, { "line-dasharray": [4, 3] });
+    line("fence", "fence", COLORS.fence, 2, { "line-dasharray": [4, 3] });
     this.map.addLayer({ id: "zones-fill", source: "zones", type: "fill", paint: { "fill-color": COLORS.zone, "fill-opacity": 0.22 } });
     line("zones", "zones", COLORS.zone, 1.6);
-    this.map.addLayer({ id: "obstacles", source: "obstacles", type: "fill-extrusion", paint: { "fill-extrusion-color": COLORS.obstacle, "fill-extrusion-height": ["get", "height"], "fill-extrusion-opacity": 0.7 } });
     line("unsafe", "unsafe", COLORS.unsafe, 7, { "line-opacity": 0.55 });
+    line("footprints", "footprints", COLORS.rally, 0.8, { "line-opacity": 0.6 });
+    this.map.addLayer({ id: "missing", source: "missing", type: "fill", paint: { "fill-color": COLORS.gap, "fill-opacity": 0.7 } });
     line("path", "path", "#555555", 1, { "line-dasharray": [2, 2] });
-    this.map.addLayer({ id: "photos", source: "photos", type: "circle", paint: { "circle-radius": 1.6, "circle-color": COLORS.photo } });
     line("route", "route", own, 2.4);
     line("bad", "bad", COLORS.bad, 4.5);
     line("incumbent", "incumbent", COLORS.route, 1.6, { "line-opacity": 0.7 });
+    line("track-edge", "track", "#ffffff", 5.5);
     line("track", "track", ["coalesce", ["get", "color"], COLORS.track], 2.6);
-    this.map.addLayer({ id: "gaps", source: "gaps", type: "circle", paint: { "circle-radius": 7, "circle-color": COLORS.gap, "circle-stroke-color": "#fff", "circle-stroke-width": 1.5 } });
-    this.map.addLayer({ id: "findings", source: "findings", type: "circle", paint: { "circle-radius": 7, "circle-color": COLORS.bad, "circle-stroke-color": "#fff", "circle-stroke-width": 1.5 } });
-    this.map.addLayer({ id: "waypoints", source: "waypoints", type: "circle", paint: { "circle-radius": ["case", ["get", "chosen"], 8, 4.5], "circle-color": ["case", ["get", "chosen"], "#ffcc00", "#ffffff"], "circle-stroke-color": COLORS.route, "circle-stroke-width": 1.6 } });
-    this.map.addLayer({ id: "home", source: "home", type: "circle", paint: { "circle-radius": 6, "circle-color": "#fff", "circle-stroke-color": COLORS.home, "circle-stroke-width": 3 } });
-    this.map.addLayer({ id: "vehicles", source: "vehicles", type: "circle", paint: { "circle-radius": 9, "circle-color": ["get", "color"], "circle-stroke-color": "#fff", "circle-stroke-width": 2.5 } });
+    const dots = (id, radius, color, stroke = null) => this.map.addLayer({ id, source: id, type: "circle", paint: { "circle-radius": radius, "circle-color": color, ...(stroke ?? {}) } });
+    const white = { "circle-stroke-color": "#fff", "circle-stroke-width": 1.5 };
+    this.map.addLayer({ id: "obstacles", source: "obstacles", type: "fill-extrusion", paint: { "fill-extrusion-color": COLORS.obstacle, "fill-extrusion-height": ["get", "height"], "fill-extrusion-opacity": 0.7 } });
+    dots("photos", ["coalesce", ["get", "size"], 1.6], ["coalesce", ["get", "color"], COLORS.photo]);
+    dots("gaps", 7, COLORS.gap, white);
+    dots("findings", 7, COLORS.bad, white);
+    dots("waypoints", ["case", ["get", "chosen"], 8, 4.5], ["case", ["get", "chosen"], "#ffcc00", "#ffffff"], { "circle-stroke-color": COLORS.route, "circle-stroke-width": 1.6 });
+    const signs = (id, icon, more = {}) => this.map.addLayer({ id, source: id, type: "symbol", layout: { "icon-image": icon, "icon-allow-overlap": true, "icon-ignore-placement": true, ...more } });
+    for (const [name, letter, color] of [["home", "H", COLORS.home], ["rally", "R", COLORS.rally]]) { this.map.addImage(name, sign(color, letter), { pixelRatio: 2 }); signs(name, name); }
+    [COLORS.track, ...SORTIES].forEach((color) => this.map.addImage(`vehicle-${color}`, arrow(color), { pixelRatio: 2 }));
+    signs("vehicles", ["concat", "vehicle-", ["get", "color"]], { "icon-rotate": ["get", "yaw"], "icon-rotation-alignment": "map" });
     this.draw = new TerraDraw({
       adapter: new TerraDrawMapLibreGLAdapter({ map: this.map }),
       modes: [
@@ -101,10 +136,39 @@ export class CoverageMap {
   // One image of the cells, draped on the terrain.
   cells(image, corners) {
     const there = this.map.getSource("cells");
-    if (!image) { if (there) { this.map.removeLayer("cells"); this.map.removeSource("cells"); } return; }
-    if (there) { there.updateImage({ url: image, coordinates: corners }); return; }
-    this.map.addSource("cells", { type: "image", url: image, coordinates: corners });
+    this.canvas = null;
+    if (there?.type === "image" && image) { there.updateImage({ url: image, coordinates: corners }); return; }
+    if (there) { this.map.removeLayer("cells"); this.map.removeSource("cells"); }
+    if (image) this.drape({ type: "image", url: image, coordinates: corners });
+  }
+
+  drape(source) {
+    this.map.addSource("cells", source);
     this.map.addLayer({ id: "cells", source: "cells", type: "raster", paint: { "raster-opacity": 0.75, "raster-resampling": "nearest", "raster-fade-duration": 0 } }, "area-fill");
+  }
+
+  // Cells that changed during a flight: rectangles of one picture that stays.
+  async patches({ size, corners, patches, whole }) {
+    if (whole || !this.canvas || this.canvas.width !== size[0] || this.canvas.height !== size[1]) {
+      if (!whole) return false;
+      this.cells("");
+      this.canvas = Object.assign(document.createElement("canvas"), { width: size[0], height: size[1] });
+      this.drape({ type: "canvas", canvas: this.canvas, coordinates: corners, animate: false });
+    }
+    const canvas = this.canvas, pen = canvas.getContext("2d");
+    for (const patch of patches) {
+      const picture = new Image();
+      picture.src = patch.image;
+      await picture.decode();
+      pen.clearRect(patch.x, patch.y, picture.width, picture.height);
+      pen.drawImage(picture, patch.x, patch.y);
+    }
+    if (canvas !== this.canvas) return true;
+    const source = this.map.getSource("cells");
+    source.play();
+    this.map.once("render", () => source.pause());
+    this.map.triggerRepaint();
+    return true;
   }
 
   fit(bounds, padding = 40) {
@@ -117,21 +181,31 @@ export class CoverageMap {
     this.set("zones", doc ? doc.zones.map((zone) => polygon(zone.rings, { name: zone.name, text: zone.heights })) : []);
     this.set("obstacles", doc ? doc.obstacles.map((o) => polygon(o.rings, { height: o.heightM, name: o.name })) : []);
     this.set("home", doc?.home ? [feature("Point", doc.home)] : []);
+    this.set("rally", (doc?.rally ?? []).map((p) => feature("Point", p)));
     this.set("path", doc?.path?.length ? [feature("LineString", doc.path)] : []);
     this.set("photos", (doc?.photos?.planned ?? []).map((p) => feature("Point", p)));
     this.set("unsafe", (doc?.unsafeReturns ?? []).filter((u) => u.line.length > 1).map((u) => feature("LineString", u.line, { text: u.text })));
     this.set("gaps", (doc?.verdict?.gaps ?? []).map((g) => feature("Point", g.place)));
     this.set("findings", (doc?.verdict?.violations ?? []).map((v) => feature("Point", v.place)));
-    this.set("track", (doc?.tracks ?? []).map((track, n) => feature("LineString", track.line, { color: n ? SORTIES[n % SORTIES.length] : COLORS.track })));
-    this.route(doc?.sorties ?? [], []);
-    this.set("waypoints", []);
+    this.set("track", (doc?.tracks ?? []).map((track, n) => feature("LineString", track.line, { color: doc.tracks.length > 1 ? SORTIES[(doc.colors?.[n] ?? n) % SORTIES.length] : COLORS.track })));
+    this.route(doc?.sorties ?? [], [], doc?.colors);
+    for (const name of ["waypoints", "footprints", "missing"]) this.set(name, []);
     this.set("vehicles", []);
     this.tracks.clear();
   }
 
-  route(lines, badLegs) {
-    this.set("route", lines.map((line, n) => feature("LineString", line, { color: SORTIES[n % SORTIES.length] })));
+  route(lines, badLegs, colors = []) {
+    this.set("route", lines.map((line, n) => feature("LineString", line, { color: SORTIES[(colors[n] ?? n) % SORTIES.length] })));
     this.set("bad", badLegs.map((leg) => feature("LineString", leg)));
+  }
+
+  // Photos that were taken: where from, what they show, what they miss.
+  photos(found) {
+    const of = (...kinds) => (found?.gapShapes ?? []).filter((gap) => kinds.includes(gap.geometry.type));
+    this.set("photos", (found?.photos ?? []).map((photo) => feature("Point", photo.place, { size: 3.5, name: photo.name, color: photo.why ? COLORS.bad : COLORS.rally })));
+    this.set("footprints", found?.footprints ?? []);
+    this.set("missing", of("Polygon", "MultiPolygon"));
+    this.set("bad", of("LineString"));
   }
 
   waypoints(points, chosen) { this.set("waypoints", points.map((p, n) => feature("Point", [p[0], p[1]], { number: n, chosen: n === chosen }))); }
@@ -152,12 +226,43 @@ export class CoverageMap {
         const every = Math.max(1, Math.ceil(points.length / 4000));
         const line = points.filter((_, n) => n % every === 0 || n === points.length - 1).map((p) => [p[0], p[1]]);
         if (line.length > 1) lines.push(feature("LineString", line, { color: own }));
-        vehicles.push(feature("Point", points.at(-1).slice(0, 2), { color: own, name }));
+        vehicles.push(feature("Point", points.at(-1).slice(0, 2), { color: own, name, yaw: points.at(-1)[4] ?? 0 }));
       }
       this.set("track", lines);
       this.set("vehicles", vehicles);
     });
   }
+}
+
+// Signs of the map, drawn here: the page has no fonts for maps.
+function sign(color, letter) {
+  const [pen, size] = paper();
+  pen.lineWidth = 5;
+  disc(pen, size / 2, size / 2 - 4, "#fff", color);
+  Object.assign(pen, { fillStyle: color, font: `bold ${size / 2}px sans-serif`, textAlign: "center", textBaseline: "central" });
+  pen.fillText(letter, size / 2, size / 2 + 1);
+  return pen.getImageData(0, 0, size, size);
+}
+function arrow(color) {
+  const [pen, size] = paper(), at = (x, y) => [size * x, size * y];
+  pen.lineWidth = 4;
+  pen.lineJoin = "round";
+  pen.beginPath();
+  [[0.5, 0.06], [0.86, 0.9], [0.5, 0.7], [0.14, 0.9]].forEach((point, n) => (n ? pen.lineTo(...at(...point)) : pen.moveTo(...at(...point))));
+  pen.closePath();
+  Object.assign(pen, { fillStyle: color, strokeStyle: "#fff" });
+  pen.fill(); pen.stroke();
+  return pen.getImageData(0, 0, size, size);
+}
+function paper() {
+  const canvas = Object.assign(document.createElement("canvas"), { width: 48, height: 48 });
+  return [canvas.getContext("2d"), 48];
+}
+function disc(pen, middle, radius, fill, stroke) {
+  pen.beginPath();
+  pen.arc(middle, middle, radius, 0, 2 * Math.PI);
+  Object.assign(pen, { fillStyle: fill, strokeStyle: stroke });
+  pen.fill(); pen.stroke();
 }
 
 // Rings of several polygons come in one list: an outline is followed by its holes. MapLibre wants each outline with its own.
