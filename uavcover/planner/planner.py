@@ -374,7 +374,7 @@ def _lines(coarse: CoverageMap, straight: SwathLayout | None, asked: float | Non
 def _cut(coarse: CoverageMap, goal: float, should_stop: Callable[[], bool]) -> list[Baseline]:
     """Cut lines, the most promising ones; the first ones in any time."""
     found: list[Baseline] = []
-    for route in itertools.islice(cut_lines.cut_lines(coarse.site, goal), _MOST_CUT):
+    for route in itertools.islice(cut_lines.cut_lines(coarse.site, goal, should_stop), _MOST_CUT):
         found += evaluated(coarse, cut_lines.NAME, [route], None)
         if should_stop():
             break

@@ -7,7 +7,7 @@ direction that suits it: the orders by cells are some of these tours.
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -42,6 +42,9 @@ _NEAR, _BEGINNINGS, _KICKS_PER_END, _MOST_ENDS = 10, 8, 60, 700
 """Ends that an end may be linked with; orders that are begun with; changes that are tried of each; and ends beyond which a
 table of all links takes too long."""
 
+_MOST_CORNERS = 400
+"""With more corners of zones and bays a table of all ways takes too long: links are compared by their straight lines."""
+
 _ROUNDS = 3
 """Number of times that ground is looked for which the pieces miss."""
 
@@ -70,12 +73,13 @@ def needs_cuts(site: Site) -> bool:
     return bool(min(site.area.area, region.area) < _CONVEX * hull.area)
 
 
-def cut_lines(site: Site, goal: float) -> Iterator[Route]:
+def cut_lines(site: Site, goal: float, is_over: Callable[[], bool] = lambda: False) -> Iterator[Route]:
     """Routes of cut lines, the most promising directions and numbers of lines first.
 
     Args:
         site: the scenario on its ground; its sensor senses along the path.
         goal: share of the area that they should see on flat ground.
+        is_over: whether there is no time left; the first order of each route is always improved.
     """
     height_m = best_height_agl_m(site)
     reach_m = max(site.scenario.sensor.half_width_m(height_m), site.scenario.area.cell_size_m)
@@ -89,7 +93,7 @@ def cut_lines(site: Site, goal: float) -> Iterator[Route]:
                 links_m = np.tile([[[0.0, 0.0], [2.0 * reach_m, 0.0]]], (len(pieces.ends_m), 1, 1))
                 made.append((float(_leg_costs(site, np.vstack([pieces.ends_m, links_m])).sum()), pieces))
         for _, pieces in sorted(made, key=lambda each: each[0])[:_DIRECTIONS]:
-            yield ordered_route(site, pieces)
+            yield ordered_route(site, pieces, is_over)
 
 
 def cut_pieces(site: Site, angle_rad: float, *, lines: int, reach_m: float, height_agl_m: float, goal: float) -> Pieces:
@@ -147,7 +151,7 @@ def _through(part: shapely.Geometry, open_to: shapely.Geometry, reach_m: float) 
     return np.array([place, place + np.array([_POINT_M, 0.0])])
 
 
-def ordered_route(site: Site, pieces: Pieces) -> Route:
+def ordered_route(site: Site, pieces: Pieces, is_over: Callable[[], bool] = lambda: False) -> Route:
     """The route along pieces in a short order, around what is between them, laid over the terrain."""
     places = pieces.ends_m.reshape(-1, 2)
     if site.home_m is not None and way_cost_of(site).mission == 1:
@@ -161,7 +165,9 @@ def ordered_route(site: Site, pieces: Pieces) -> Route:
     cost[each, each + 1] = cost[each + 1, each] = _STAYS
     near, rng = nearest(cost, min(_NEAR, number)), np.random.default_rng(0)
     best, least = np.arange(number + 1), math.inf
-    for _ in range(_BEGINNINGS):
+    for beginning in range(_BEGINNINGS):
+        if beginning > 0 and is_over():
+            break
         pieces_order = rng.permutation(number // 2)
         begin = np.append(2 * np.repeat(pieces_order, 2) + np.tile([0, 1], number // 2), number)
         tour = shorten(cost, near, begin, _KICKS_PER_END * number, rng)
@@ -184,16 +190,19 @@ class _Ways:
     """
 
     def __init__(self, site: Site, places_m: FloatArray) -> None:
-        ways = WayRound(flyable_area(site).polygon)
-        self._nodes = np.vstack([places_m, ways.corners_m])
+        self._round = ways = WayRound(flyable_area(site).polygon)
+        count = len(places_m)
+        self._straight_only = len(ways.corners_m) > _MOST_CORNERS
+        self._nodes = places_m if self._straight_only else np.vstack([places_m, ways.corners_m])
         first, second = np.triu_indices(len(self._nodes), 1)
         ends = np.stack([self._nodes[first], self._nodes[second]], axis=1)
-        seen = ways.are_straight(ends)
         straight = np.zeros((len(self._nodes), len(self._nodes)))
         straight[first, second] = straight[second, first] = np.maximum(_leg_costs(site, ends), 1e-9)
+        if self._straight_only:
+            self.cost = straight
+            return
         direct = np.zeros_like(straight, dtype=bool)
-        direct[first, second] = direct[second, first] = seen
-        count = len(places_m)
+        direct[first, second] = direct[second, first] = ways.are_straight(ends)
         found, self._before = dijkstra(
             np.where(direct, straight, 0.0), indices=np.arange(count), return_predecessors=True
         )
@@ -202,6 +211,9 @@ class _Ways:
 
     def between(self, a: int, b: int) -> FloatArray:
         """(k, 2) corners of the way from one place to another, both included."""
+        if self._straight_only:
+            way_m = self._round.between(self._nodes[a], self._nodes[b])
+            return self._nodes[[a, b]] if way_m is None else way_m
         way = [b]
         while way[-1] != a:
             before = int(self._before[a, way[-1]])
