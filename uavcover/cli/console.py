@@ -306,6 +306,11 @@ class Interrupts:
         try:
             _set_alarm(_ORDERLY_S if self.count else seconds)
             yield
+        except Exception as error:
+            # A library that was interrupted may make another error of it.
+            if self._ready is None:
+                raise StageOver from error
+            raise
         finally:
             self._ready = None
             signal.setitimer(signal.ITIMER_REAL, 0.0)

@@ -199,21 +199,49 @@ def tops_near_m(obstacles: ObstaclePrisms, lines: NDArray[np.float64], beside: f
 
 
 @kernel
+def _edge_distance_m(footprints: ObstaclePrisms, number: int, e: float, n: float) -> float:
+    """Distance of a place from the edges of a footprint."""
+    least = math.inf
+    for edge in range(footprints.first_edge[number], footprints.first_edge[number + 1]):
+        ae, an = footprints.edges_m[edge, 0], footprints.edges_m[edge, 1]
+        de, dn = footprints.edges_m[edge, 2] - ae, footprints.edges_m[edge, 3] - an
+        length2 = de * de + dn * dn
+        t = min(1.0, max(0.0, ((e - ae) * de + (n - an) * dn) / length2)) if length2 > 0.0 else 0.0
+        least = min(least, (ae + t * de - e) ** 2 + (an + t * dn - n) ** 2)
+    return math.sqrt(least)
+
+
+_COARSE = 8
+
+
+@kernel
 def edge_distances_m(
     footprints: ObstaclePrisms, numbers: NDArray[np.int64], places: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """(k, m) distances of (k, m, 2) places from the edges of a footprint each, given by its number (k,)."""
-    out = np.empty((places.shape[0], places.shape[1]))
+    """(k, m) distances of (k, m, 2) places along a line each from the edges of a footprint, given by its number (k,).
+
+    -1 where another place of the line is farther away for certain: from place to place the distance changes by no more than these
+    are apart, so most of them are known from every eighth.
+    """
+    count = places.shape[1]
+    out = np.full((places.shape[0], count), -1.0)
     for k in range(places.shape[0]):
-        for j in range(places.shape[1]):
-            e, n, least = places[k, j, 0], places[k, j, 1], math.inf
-            for edge in range(footprints.first_edge[numbers[k]], footprints.first_edge[numbers[k] + 1]):
-                ae, an = footprints.edges_m[edge, 0], footprints.edges_m[edge, 1]
-                de, dn = footprints.edges_m[edge, 2] - ae, footprints.edges_m[edge, 3] - an
-                length2 = de * de + dn * dn
-                t = min(1.0, max(0.0, ((e - ae) * de + (n - an) * dn) / length2)) if length2 > 0.0 else 0.0
-                least = min(least, (ae + t * de - e) ** 2 + (an + t * dn - n) ** 2)
-            out[k, j] = math.sqrt(least)
+        farthest = -1.0
+        for j in range(0, count, _COARSE):
+            out[k, j] = _edge_distance_m(footprints, numbers[k], places[k, j, 0], places[k, j, 1])
+            farthest = max(farthest, out[k, j])
+        for j in range(count):
+            if out[k, j] >= 0.0:
+                continue
+            before = j - j % _COARSE
+            most = math.inf
+            for other in (before, before + _COARSE):
+                if other < count:
+                    apart = math.hypot(places[k, j, 0] - places[k, other, 0], places[k, j, 1] - places[k, other, 1])
+                    most = min(most, out[k, other] + apart)
+            if most >= farthest:
+                out[k, j] = _edge_distance_m(footprints, numbers[k], places[k, j, 0], places[k, j, 1])
+                farthest = max(farthest, out[k, j])
     return out
 
 
