@@ -237,7 +237,7 @@ def test_progress_bar_only_on_a_terminal_and_after_two_seconds(cli: Cli, tmp_pat
         (None, 5000.0, "97.2 %"),
         (7250.0, None, "97.2 %, 7250 m"),
         (7250.0, 0.0, "97.2 %, 7250 m"),
-        (7250.0, 5000.0, "97.2 %, 7250 m, gap 45.0 %"),
+        (6250.0, 5000.0, "97.2 %, 6250 m, gap 25.0 %"),
     ],
 )
 def test_progress_tells_coverage_length_and_gap(shortest_m: float | None, least_m: float | None, words: str) -> None:

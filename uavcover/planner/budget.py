@@ -34,6 +34,7 @@ class Shares:
         judging_baselines: judging more baselines than the first two.
         order: another order of the legs of several sorties.
         sizes: sorties and makespan of the routes that are not chosen.
+        late_bounds: after the budget, in which bounds that take no solver may end.
         simplified_until: after this number of budgets no more waypoints are removed: a little late, most routes need a moment.
         parts: searches of the parts of a large area; the rest is for dividing, joining and judging.
         part_rounds: of these: each part by itself; then along the seams, where in turn the lower number of two neighbours
@@ -66,6 +67,7 @@ class Shares:
     judging_baselines: float = 0.01
     order: float = 0.05
     sizes: float = 0.03
+    late_bounds: float = 0.05
     simplified_until: float = 1.03
     parts: float = 0.85
     part_rounds: tuple[float, ...] = (0.5, 0.2, 0.15, 0.15)

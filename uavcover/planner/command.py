@@ -19,7 +19,7 @@ from uavcover.missions.sorties import Sortie, check_reach
 from uavcover.model.route import Plan, Route
 from uavcover.model.terrain import RasterTerrain
 from uavcover.model.vehicle import autopilot_name
-from uavcover.planner.budget import StageTimes
+from uavcover.planner.budget import SHARES, CommandTime, StageTimes
 from uavcover.planner.fleet_document import fleet_document, say_fleet
 from uavcover.planner.fleet_parts import part_sites
 from uavcover.planner.plan_bounds import bounds, least_length_m
@@ -53,6 +53,9 @@ from uavcover.sensing.block_map import is_large
 from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
 from uavcover.sensing.site_maps import judging_map, planning_map
 from uavcover.terrain.elevation_trust import trust_asked_for
+
+_QUICK_BOUNDS_S = 0.5
+"""Bounds without a solver take about this long."""
 
 _FIRST_STOP = "stopping: the best route so far is being judged and written; two more times: abort without it"
 
@@ -278,7 +281,7 @@ def _search(site: Site, request: PlanRequest, stops: StopRequests, bar: Progress
 
 
 def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[str, Any]:
-    """The requested bounds; by default the quick ones, and under a time budget only those without a solver.
+    """The requested bounds; by default the quick ones, and under a time budget only those without a solver, if it has room.
 
     For a large area nothing is quick: the bound on its path looks at all of its cells, in this process alone.
     """
@@ -290,9 +293,12 @@ def _bounds(site: Site, request: PlanRequest, result: Plan, user: User) -> dict[
                 "bounds apply to a single route, so none are computed for vehicles with their own parts of the area"
             )
         return bounds(site)
-    unasked_s = None if request.budget_s is None else 0.0
+    if request.bounds_s is None and request.budget_s is not None:
+        limit = CommandTime(begun_s=request.begun_s or time.monotonic(), budget_s=request.budget_s)
+        in_time = limit.left_s(share=1.0 + SHARES.late_bounds) >= _QUICK_BOUNDS_S
+        return bounds(site, result, time_s=0.0) if in_time else bounds(site)
     if request.bounds_s is None:
-        return bounds(site, result, time_s=unasked_s)
+        return bounds(site, result)
     user.say(f"computing bounds for up to {request.bounds_s:g} s")
     return bounds(site, result, time_s=request.bounds_s)
 

@@ -22,7 +22,7 @@ from uavcover.scenario.vehicle_parts import own_sensors
 from uavcover.sensing.pictures import planned_poses, takes_pictures
 from uavcover.sensing.site_maps import judging_map
 
-_TELLING_GAP = 0.5
+_TELLING_GAP = 0.3
 """A bound that is farther below the route says of the bound that it is weak, and nothing of the route."""
 _MOST_SHARES = 6
 _MOST_RETURNS = 6
