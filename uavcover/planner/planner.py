@@ -94,7 +94,7 @@ _MOST_TUNED = 12
 
 @dataclass(slots=True, eq=False)
 class SoFar:
-    """What a search has found so far.
+    """The routes that a search has found so far.
 
     Attributes:
         baselines: all of them.
