@@ -307,7 +307,7 @@ class Interrupts:
             _set_alarm(_ORDERLY_S if self.count else seconds)
             yield
         except Exception as error:
-            # A library that was interrupted may make another error of it.
+            # Code that was interrupted may make another error of it.
             if self._ready is None:
                 raise StageOver from error
             raise
@@ -317,8 +317,8 @@ class Interrupts:
             signal.signal(signal.SIGALRM, before)
 
     def _end_stage(self, number: int, frame: FrameType | None) -> None:
-        del number, frame
-        if self._ready is not None and self._ready():
+        del number
+        if self._ready is not None and self._ready() and _may_be_interrupted(frame):
             self._ready = None  # once: what follows ends in good order
             signal.setitimer(signal.ITIMER_REAL, 0.0)
             raise StageOver
@@ -326,6 +326,19 @@ class Interrupts:
     def any(self) -> bool:
         """Whether the user wants to stop."""
         return self.count > 0
+
+
+_WHOLE = frozenset(("numba", "llvmlite", "importlib"))
+"""Packages whose work is not ended halfway: a kernel or a module that is half loaded would be broken for what follows."""
+
+
+def _may_be_interrupted(frame: FrameType | None) -> bool:
+    """Whether no package of ``_WHOLE`` is at work; the alarm comes again soon."""
+    while frame is not None:
+        if str(frame.f_globals.get("__name__", "")).partition(".")[0] in _WHOLE:
+            return False
+        frame = frame.f_back
+    return True
 
 
 def _set_alarm(seconds: float) -> None:
