@@ -58,9 +58,9 @@ class Windows:
 
     time_s: FloatArray
     enu_m: FloatArray
-    before: NDArray[np.int32]
-    middle: NDArray[np.int32]
-    after: NDArray[np.int32]
+    before: NDArray[np.signedinteger[Any]]
+    middle: NDArray[np.signedinteger[Any]]
+    after: NDArray[np.signedinteger[Any]]
     level_m_s2: FloatArray
     vertical_m_s2: FloatArray
     noise_m: tuple[float, float]

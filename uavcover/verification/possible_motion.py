@@ -285,7 +285,8 @@ def _mark_speeds(
             k = np.flatnonzero(unbroken & (speeds > limit))
             part.append((first[k], last[k], speeds[k]))
     for part, (kind, limit) in zip(parts, ways, strict=True):
-        found.mark(*(np.concatenate(each) for each in zip(*part, strict=True)), limit, kind)
+        first, last, values = (np.concatenate(each) for each in zip(*part, strict=True))
+        found.mark(first, last, values, limit, kind)
 
 
 def _mark_accelerations(found: _Found, limits: MotionLimits, windows: Windows) -> None:
