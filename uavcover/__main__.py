@@ -1,6 +1,7 @@
 """The ``uavcover`` command, and ``python -m uavcover``: what begins before anything else is loaded."""
 
 import contextlib
+import gc
 import os
 import sys
 
@@ -10,6 +11,9 @@ from uavcover.errors import INTERRUPTED
 def main() -> None:
     """Run a command; Ctrl-C while it still loads is one line, and a reader that has gone is none."""
     code: object = 0
+    gc.set_threshold(
+        700, 10, 100
+    )  # collections of all objects while modules load take a tenth of a small plan, and free nothing
     try:
         from uavcover.cli.main import run
 

@@ -2,39 +2,32 @@
 
 ``load_site`` -> ``plan`` -> ``compile_mission`` -> ``connect`` -> ``upload`` -> ``fly`` -> ``verify`` -> ``find_gaps``. Each does
 what the command of its name does, with the same checks, on the same run folder: a run begun here is finished by a command, and
-the other way round.
+the other way round. Each function imports its stage when it is called: planning loads no mock vehicle and no recording.
 """
 
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from uavcover.flight.command import USUAL_FLIGHT, FlightOptions, fly_connected, refuse_older_flight
-from uavcover.flight.connect import Connected
-from uavcover.flight.upload import send_and_compare
-from uavcover.missions.mission_compiler import CompiledMission
-from uavcover.missions.mission_files import compile_plan
-from uavcover.model.route import Plan, Route
-from uavcover.model.track import Track
-from uavcover.model.vehicle import AutopilotName
-from uavcover.planner.close_gaps import GapMission, GapRequest, close_gaps
-from uavcover.planner.command import PlanRequest, plan_into
-from uavcover.planner.select import choose
-from uavcover.run.folder import FLIGHT_FILES, RunFolder, flown_in
-from uavcover.run.planned import read_planned
-from uavcover.run.track_file import read_track
 from uavcover.run.user import Unattended, User
-from uavcover.scenario.site import Site
-from uavcover.sensing.site_maps import judging_map
-from uavcover.verification.command import verify_run
-from uavcover.verification.phases import PlannedRoute
-from uavcover.verification.verify import FlownTrack, Verdict, verify_flight
+
+if TYPE_CHECKING:
+    from uavcover.flight.command import FlightOptions
+    from uavcover.flight.connect import Connected
+    from uavcover.missions.mission_compiler import CompiledMission
+    from uavcover.model.route import Plan, Route
+    from uavcover.model.track import Track
+    from uavcover.model.vehicle import AutopilotName
+    from uavcover.planner.close_gaps import GapMission
+    from uavcover.scenario.site import Site
+    from uavcover.verification.verify import Verdict
 
 UNATTENDED = Unattended()
 
 
 def plan(
-    site: Site,
+    site: "Site",
     *,
     out: str | Path,
     evaluations: int | None = None,
@@ -44,7 +37,7 @@ def plan(
     select: str | None = None,
     force: bool = False,
     user: User = UNATTENDED,
-) -> Plan:
+) -> "Plan":
     """Plan a route that observes the area, and write the run folder with its mission files, as ``uavcover plan`` does.
 
     Args:
@@ -65,6 +58,8 @@ def plan(
         InfeasibleError: no route keeps the limits, or the chosen one has no checked mission.
         OutputError: the folder holds a plan already.
     """
+    from uavcover.planner.command import PlanRequest, plan_into
+
     request = PlanRequest(
         scenario=site, folder=Path(out), command=sys.argv, force=force, seed=seed, evaluations=evaluations,
         budget_s=budget_s, algorithm=algorithm, select=select,
@@ -72,7 +67,7 @@ def plan(
     return plan_into(request, user, check_site=lambda _: None).plan
 
 
-def select(run: str | Path, rule: str, *, force: bool = False) -> Plan:
+def select(run: str | Path, rule: str, *, force: bool = False) -> "Plan":
     """Choose another route of the Pareto set of a run folder, and write its mission files, as ``uavcover select`` does.
 
     Args:
@@ -80,13 +75,19 @@ def select(run: str | Path, rule: str, *, force: bool = False) -> Plan:
         rule: see :mod:`uavcover.planner.selection_rule`.
         force: also when the route before was flown; it is kept in a folder of its own.
     """
+    from uavcover.planner.select import choose
+    from uavcover.run.folder import RunFolder, flown_in
+    from uavcover.run.planned import read_planned
+
     folder = RunFolder(run)
     site, _ = read_planned(folder)
     with folder.reserved(flown_in(folder), force=force):
         return choose(folder, site, rule, autopilot=site.scenario.vehicle.autopilot, command=sys.argv)[0]
 
 
-def compile_mission(site: Site, route: Plan | Route, *, autopilot: AutopilotName | None = None) -> CompiledMission:
+def compile_mission(
+    site: "Site", route: "Plan | Route", *, autopilot: "AutopilotName | None" = None
+) -> "CompiledMission":
     """The mission, fence and rally points of a route, every leg checked at its full length.
 
     Args:
@@ -97,10 +98,13 @@ def compile_mission(site: Site, route: Plan | Route, *, autopilot: AutopilotName
     Raises:
         InfeasibleError: a leg, the way there or the way home breaks a hard limit; says which one, where and by how much.
     """
+    from uavcover.missions.mission_files import compile_plan
+    from uavcover.model.route import Plan
+
     return compile_plan(site, route.chosen.route if isinstance(route, Plan) else route, autopilot=autopilot)
 
 
-def upload(vehicle: Connected, run: str | Path, *, in_flight: bool = False, user: User = UNATTENDED) -> bool:
+def upload(vehicle: "Connected", run: str | Path, *, in_flight: bool = False, user: User = UNATTENDED) -> bool:
     """Upload the mission, fence and rally points of a run, read each back and compare; writes ``upload.json``.
 
     Returns:
@@ -110,6 +114,10 @@ def upload(vehicle: Connected, run: str | Path, *, in_flight: bool = False, user
         VehicleError: the vehicle is not a multirotor, or does not stand where the plan starts; nothing was sent.
         mission_io.MissionIoError: the vehicle refused or fell silent; says what it holds now.
     """
+    from uavcover.flight.upload import send_and_compare
+    from uavcover.run.folder import RunFolder
+    from uavcover.run.planned import read_planned
+
     folder = RunFolder(run)
     site, planned = read_planned(folder)
     with folder.reserved((), force=True):
@@ -118,8 +126,8 @@ def upload(vehicle: Connected, run: str | Path, *, in_flight: bool = False, user
 
 
 def fly(
-    vehicle: Connected, run: str | Path, *, options: FlightOptions = USUAL_FLIGHT, user: User = UNATTENDED
-) -> Track:
+    vehicle: "Connected", run: str | Path, *, options: "FlightOptions | None" = None, user: User = UNATTENDED
+) -> "Track":
     """Fly the mission that the vehicle holds, and keep the record in the run folder, as ``uavcover fly`` does.
 
     Args:
@@ -136,6 +144,12 @@ def fly(
         FlightFailedError: the flight did not end as it should; the run folder has what was recorded.
         OutputError: the folder holds a flight already; ``force=True`` replaces it.
     """
+    from uavcover.flight.command import USUAL_FLIGHT, fly_connected, refuse_older_flight
+    from uavcover.run.folder import FLIGHT_FILES, RunFolder
+    from uavcover.run.planned import read_planned
+    from uavcover.run.track_file import read_track
+
+    options = USUAL_FLIGHT if options is None else options
     folder = RunFolder(run)
     site, planned = read_planned(folder)
     refuse_older_flight(folder, options)
@@ -146,7 +160,7 @@ def fly(
 
 def verify(
     run: str | Path, *, logs: Sequence[str | Path] = (), accepted: Sequence[str] = (), user: User = UNATTENDED
-) -> Verdict:
+) -> "Verdict":
     """Judge the flight of a run folder from its own track, or from other logs, and write ``verification.json``.
 
     Args:
@@ -158,10 +172,13 @@ def verify(
     Raises:
         InputError: a log cannot be read, or something changed since planning or flight and was not accepted.
     """
+    from uavcover.run.folder import RunFolder
+    from uavcover.verification.command import verify_run
+
     return verify_run(RunFolder(run), user, command=sys.argv, logs=[Path(log) for log in logs], accepted=accepted)[0]
 
 
-def verify_track(site: Site, track: Track, plan: Plan | None = None) -> Verdict:
+def verify_track(site: "Site", track: "Track", plan: "Plan | None" = None) -> "Verdict":
     """Judge a track in memory; nothing is written, and nothing tells whether it is the track that was recorded.
 
     Args:
@@ -169,6 +186,10 @@ def verify_track(site: Site, track: Track, plan: Plan | None = None) -> Verdict:
         track: what was flown.
         plan: what was planned, for the deviation and the planned coverage.
     """
+    from uavcover.sensing.site_maps import judging_map
+    from uavcover.verification.phases import PlannedRoute
+    from uavcover.verification.verify import FlownTrack, verify_flight
+
     chosen = None if plan is None else plan.chosen
     planned = None if chosen is None else PlannedRoute(chosen.route.waypoints_m, chosen.metrics.coverage_fraction)
     return verify_flight(site, judging_map(site), [FlownTrack(track, planned)])
@@ -181,7 +202,7 @@ def find_gaps(
     min_area_m2: float = 0.0,
     force: bool = False,
     user: User = UNATTENDED,
-) -> GapMission | None:
+) -> "GapMission | None":
     """Group the unobserved cells of a run's flight and plan the mission that observes them, as ``uavcover gaps`` does.
 
     Args:
@@ -194,5 +215,8 @@ def find_gaps(
     Returns:
         The mission, whose own run folder is ``gaps`` inside the run's; none when there is nothing to close.
     """
+    from uavcover.planner.close_gaps import GapRequest, close_gaps
+    from uavcover.run.folder import RunFolder
+
     request = GapRequest(target=target, min_area_m2=min_area_m2, force=force)
     return close_gaps(RunFolder(run), user, request, command=sys.argv)[0]

@@ -55,7 +55,8 @@ def check_for_autopilot(
     known_limit = autopilot.item_limit if autopilot.item_limit is not None else _WHOLE_ITEM_COUNT
     limit = known_limit if item_limit is None else item_limit
     if len(items) > limit:
-        problems.append(Problem(None, "", f"{len(items)} items, {autopilot.name} takes {limit}; split the mission"))
+        remedy = "split the mission" if mission_type is MissionType.MISSION else "give fewer or simpler zones or points"
+        problems.append(Problem(None, "", f"{len(items)} items, {autopilot.name} takes {limit}; {remedy}"))
     if mission_type is MissionType.MISSION and autopilot.home_in_item_0 and items:
         problems.extend(_home_problems(items[0], autopilot))
     for number, item in enumerate(items):

@@ -3,6 +3,7 @@
 import shlex
 import subprocess
 import sys
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -109,6 +110,29 @@ def test_workflows_load_no_planner_and_no_library_that_they_do_not_need() -> Non
         loaded = _loaded(code, *modules)
         assert needed <= loaded
         assert not loaded & (_NOT_FOR[modules[-1]] | {"uavcover.planner.planner"}), modules
+
+
+_NOT_FOR_A_PLAN = {
+    "rerun", "pymavlink", "matplotlib", "pyogrio", "asyncio", "scipy.fft", "scipy.spatial", "scipy.optimize", "scipy.stats",
+    "uavcover.flight", "uavcover.mock", "uavcover.recording", "uavcover.verification.verify", "uavcover.report",
+    "mission_io.client", "mission_io.links", "mission_io.protocol",
+}  # fmt: skip
+
+
+def test_the_python_api_loads_no_stage_before_it_is_called() -> None:
+    code = "import sys, uavcover\nassert callable(uavcover.plan)\nprint(*sys.modules, file=sys.stderr)"
+    assert _loaded(code) & (_HEAVY | _NOT_FOR_A_PLAN | {"uavcover.planner"}) == set()
+
+
+def test_a_plan_loads_no_vehicle_no_recording_and_no_library_that_it_does_not_need(tmp_path: Path) -> None:
+    text = Path("uavcover/scenarios/jacksboro.toml").read_text(encoding="utf-8")
+    tiny = text.replace("-84.22684", "-84.21700").replace("36.48492", "36.47700")
+    (tmp_path / "tiny.toml").write_text(tiny, encoding="utf-8")
+    scenario, run = tmp_path / "tiny.toml", tmp_path / "run"
+    loaded = _loaded(_WHAT_IT_LOADS, "plan", str(scenario), "--evaluations", "40", "-o", str(run), "--quiet")
+    assert (run / "mission.waypoints").is_file()
+    assert {"numba", "rasterio", "uavcover.planner.planner"} <= loaded
+    assert loaded & _NOT_FOR_A_PLAN == set()
 
 
 @pytest.mark.parametrize(

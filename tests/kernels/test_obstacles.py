@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from tests.compiled_kernels import cases
 from tests.naive import obstacles as naive
-from uavcover.kernels.obstacle_breach import tops_near_m, worst_breach
+from uavcover.kernels.obstacle_breach import edge_distances_m, parts_over, tops_near_m, worst_breach
 from uavcover.kernels.obstacles import NO_OBSTACLES, horizons, keeps_clear, make_obstacles, roofs_m, top_within_m
 
 deterministic = settings(derandomize=True, deadline=None, max_examples=cases(compiled=150, interpreted=15))
@@ -187,3 +187,60 @@ def test_tiles_leave_no_prism_out():
         assert answer == (naive.clearance_beside(prisms, p, q, 4.0) > 5.0)
         answers.add(answer)
     assert answers == {True, False}
+
+
+def test_only_prisms_beside_a_line_are_asked_and_the_answers_stay():
+    rng = np.random.default_rng(6)
+    corners = rng.uniform(0.0, 600.0, (200, 2))
+    prisms = [
+        (shapely.box(e, n, e + 15.0, n + 9.0), float(top))
+        for (e, n), top in zip(corners, rng.uniform(5, 30, 200), strict=True)
+    ]
+    obstacles, singles = obstacles_of(prisms), [obstacles_of([each]) for each in prisms]
+    found = set()
+    for p, q in rng.uniform([-50.0, -50.0, 0.0], [650.0, 650.0, 45.0], (cases(compiled=300, interpreted=40), 2, 3)):
+        q = p + (q - p) * rng.choice([0.0, 0.1, 1.0])
+        alone = [worst_breach(each, tuple(p), tuple(q), GROWN_M, 2.0)[1] for each in singles]
+        number, lacking, _ = worst_breach(obstacles, tuple(p), tuple(q), GROWN_M, 2.0)
+        assert number == (int(np.argmax(alone)) if max(alone) > 0.0 else -1)
+        assert lacking == pytest.approx(max(alone))
+        line = np.array([[*p[:2], *q[:2]]])
+        tops = [tops_near_m(each, line, GROWN_M)[0] for each in singles]
+        assert tops_near_m(obstacles, line, GROWN_M)[0] == max(tops)
+        found.add(number >= 0)
+    assert found == {True, False}
+    assert tops_near_m(obstacles, np.full((1, 4), np.nan), GROWN_M).tolist() == [-math.inf]
+
+
+def star(rng):
+    """A footprint with a courtyard that lines enter several times."""
+    angles = np.linspace(0.0, 2.0 * np.pi, 14, endpoint=False)
+    reach = np.where(np.arange(14) % 2, rng.uniform(8.0, 14.0), rng.uniform(25.0, 35.0))
+    outer = np.column_stack([reach * np.cos(angles), reach * np.sin(angles)])
+    return shapely.Polygon(outer, [shapely.Point(0.0, 0.0).buffer(5.0, 2).exterior.coords])
+
+
+def test_parts_over_a_footprint_and_depths_are_those_of_shapely():
+    rng = np.random.default_rng(7)
+    shapes = [star(rng) for _ in range(3)]
+    footprints = obstacles_of([(shape, 1.0) for shape in shapes])
+    count = cases(compiled=200, interpreted=40)
+    lines, numbers = rng.uniform(-45.0, 45.0, (count, 4)), rng.integers(0, 3, count)
+    lines[::7, 2:] = lines[::7, :2]
+    owners, shares = parts_over(footprints, numbers, lines)
+    assert (np.diff(owners) >= 0).all()
+    several = 0
+    for k, (line, shape) in enumerate(zip(lines, (shapes[number] for number in numbers), strict=True)):
+        found, p, step = shares[owners == k], line[:2], line[2:] - line[:2]
+        if not step.any():
+            assert found.tolist() == ([[0.0, 1.0]] if shape.contains(shapely.Point(p)) else [])
+            continue
+        over = shapely.union_all([shapely.LineString([p + t * step for t in part]) for part in found])
+        expected = shapely.LineString([p, p + step]).intersection(shape)
+        assert over.symmetric_difference(expected).length < 1e-6 or over.hausdorff_distance(expected) < 1e-9
+        assert len(found) == sum(part.length > 0.0 for part in shapely.get_parts(expected))
+        several += len(found) > 1
+    assert several > 5
+    places = rng.uniform(-45.0, 45.0, (count, 2, 2))
+    expected = shapely.distance(shapely.boundary([shapes[k] for k in numbers])[:, None], shapely.points(places))
+    np.testing.assert_allclose(edge_distances_m(footprints, numbers, places), expected)

@@ -22,7 +22,7 @@ def test_at_waypoints_a_search_sees_what_judges_see_where_these_have_smaller_cel
     site = load_site(str(write_scenario(tmp_path, "canyon", "sphere")))
     site = with_scenario(site, area=dataclasses.replace(site.scenario.area, fewest_places=fewest_places))
     planning = planning_map(site)
-    cells = search_problem(planning, judging_map(site)).numbers.cells
+    cells = search_problem(planning, judging_map(site), [], 1.0).numbers.cells
     assert np.array_equal(cells.centre_m, planning.grid.cells.centre_m) is (fewest_places == 0)
 
 
@@ -33,7 +33,7 @@ def test_where_hardly_any_ground_is_in_view_all_the_way_likely_pictures_count(
     """Pictures every 40 m: on cliffs the count of what they show for sure says little about what is judged."""
     site = load_site(str(write_scenario(tmp_path, terrain, "sparse")))
     judging = judging_map(site)
-    problem = search_problem(planning_map(site), judging)
+    problem = search_problem(planning_map(site), judging, [], 1.0)
     routes = [
         fly_layout(
             site,

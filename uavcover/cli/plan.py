@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from uavcover.cli import options
+from uavcover.cli import BEGUN_S, options
 from uavcover.cli.survey_options import SurveyOptions
 
 if TYPE_CHECKING:
@@ -122,7 +122,7 @@ def plan(
 
     console = output.console()
     request = PlanRequest(
-        scenario=_site(scenario, survey, console, autopilot=search.autopilot),
+        begun_s=BEGUN_S, scenario=_site(scenario, survey, console, autopilot=search.autopilot),
         folder=run, command=sys.argv, force=force, seed=search.seed,
         evaluations=search.evaluations, budget_s=options.seconds(search.budget), algorithm=search.algorithm,
         parts=_parts(search.parts), max_waypoints=search.max_waypoints, waypoint_price=search.waypoint_price,

@@ -36,7 +36,7 @@ def worst_breach(
     """
     (pe, pn, pu), (qe, qn, qu) = p, q
     worst, lacking, place = -1, 0.0, 0.0
-    for prism in range(obstacles.top_m.size):
+    for prism in _near_line(obstacles, pe, pn, qe, qn):
         if clear_of(obstacles, prism, p, q, beside, above):
             continue
         higher, at = _lacking_height(obstacles, prism, p, q, beside, above)
@@ -48,6 +48,30 @@ def worst_breach(
         if higher > lacking:
             worst, lacking, place = prism, higher, at
     return worst, lacking, place
+
+
+@kernel
+def _near_line(obstacles: ObstaclePrisms, pe: float, pn: float, qe: float, qn: float) -> NDArray[np.int64]:
+    """Numbers of the prisms in the tiles along a finite line on the map, ascending: all within ``obstacles.grown_m`` of it."""
+    rows, columns = obstacles.tile_top_m.shape
+    tile = obstacles.tile_m
+    x0, y0 = (pe - obstacles.west_m) / tile, (pn - obstacles.south_m) / tile
+    x1, y1 = (qe - obstacles.west_m) / tile, (qn - obstacles.south_m) / tile
+    near = np.zeros(obstacles.top_m.size, dtype=np.bool_)
+    first_row = max(0, math.floor(min(y0, y1)))
+    for i in range(first_row, min(rows - 1, math.floor(max(y0, y1))) + 1):
+        # The part of the line in this row of tiles.
+        begin, end = 0.0, 1.0
+        if y1 != y0:
+            t0, t1 = (i - y0) / (y1 - y0), (i + 1 - y0) / (y1 - y0)
+            begin, end = max(0.0, min(t0, t1)), min(1.0, max(t0, t1))
+        xa, xb = x0 + begin * (x1 - x0), x0 + end * (x1 - x0)
+        first = max(0, math.floor(min(xa, xb)))
+        for j in range(first, min(columns - 1, math.floor(max(xa, xb))) + 1):
+            cell = i * columns + j
+            for entry in range(obstacles.tile_first[cell], obstacles.tile_first[cell + 1]):
+                near[obstacles.tile_prisms[entry]] = True
+    return np.flatnonzero(near)
 
 
 @kernel
@@ -158,7 +182,9 @@ def tops_near_m(obstacles: ObstaclePrisms, lines: NDArray[np.float64], beside: f
     """(n,) highest top within ``beside`` of each of (n, 4) lines on the map, east and north of both ends; -inf where none is."""
     out = np.full(lines.shape[0], -math.inf)
     for k in range(lines.shape[0]):
-        for prism in range(obstacles.top_m.size):
+        if obstacles.top_m.size == 0 or not math.isfinite(lines[k].sum()):
+            continue
+        for prism in _near_line(obstacles, lines[k, 0], lines[k, 1], lines[k, 2], lines[k, 3]):
             # Lower than any top, every part of the line counts.
             if obstacles.top_m[prism] > out[k] and not clear_of(
                 obstacles,
@@ -170,3 +196,73 @@ def tops_near_m(obstacles: ObstaclePrisms, lines: NDArray[np.float64], beside: f
             ):
                 out[k] = obstacles.top_m[prism]
     return out
+
+
+@kernel
+def edge_distances_m(
+    footprints: ObstaclePrisms, numbers: NDArray[np.int64], places: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """(k, m) distances of (k, m, 2) places from the edges of a footprint each, given by its number (k,)."""
+    out = np.empty(places.shape[:2])
+    for k in range(out.shape[0]):
+        for j in range(out.shape[1]):
+            e, n, least = places[k, j, 0], places[k, j, 1], math.inf
+            for edge in range(footprints.first_edge[numbers[k]], footprints.first_edge[numbers[k] + 1]):
+                ae, an = footprints.edges_m[edge, 0], footprints.edges_m[edge, 1]
+                de, dn = footprints.edges_m[edge, 2] - ae, footprints.edges_m[edge, 3] - an
+                length2 = de * de + dn * dn
+                t = min(1.0, max(0.0, ((e - ae) * de + (n - an) * dn) / length2)) if length2 > 0.0 else 0.0
+                least = min(least, (ae + t * de - e) ** 2 + (an + t * dn - n) ** 2)
+            out[k, j] = math.sqrt(least)
+    return out
+
+
+@kernel
+def parts_over(
+    footprints: ObstaclePrisms, numbers: NDArray[np.int64], lines: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """The parts of (k, 4) lines on the map, east and north of both ends, over a footprint each, given by its number (k,).
+
+    Returns:
+        (m,) number of the line, ascending; (m, 2) parameters 0..1 where the part begins and ends. A line without length is over
+        a footprint as a whole or not at all.
+    """
+    owners = np.empty(max(16, numbers.size), dtype=np.int64)
+    shares = np.empty((owners.size, 2))
+    count = 0
+    for k in range(numbers.size):
+        pe, pn = lines[k, 0], lines[k, 1]
+        de, dn = lines[k, 2] - pe, lines[k, 3] - pn
+        first, last = footprints.first_edge[numbers[k]], footprints.first_edge[numbers[k] + 1]
+        at = np.empty(last - first + 2)
+        at[0], at[1] = 0.0, 1.0
+        crossings = 2
+        if de != 0.0 or dn != 0.0:
+            for edge in range(first, last):
+                ae, an = footprints.edges_m[edge, 0] - pe, footprints.edges_m[edge, 1] - pn
+                be, bn = footprints.edges_m[edge, 2] - pe, footprints.edges_m[edge, 3] - pn
+                side_a, side_b = de * an - dn * ae, de * bn - dn * be
+                if (side_a > 0.0) == (side_b > 0.0):
+                    continue
+                share = side_a / (side_a - side_b)
+                t = ((ae + share * (be - ae)) * de + (an + share * (bn - an)) * dn) / (de * de + dn * dn)
+                if 0.0 < t < 1.0:
+                    at[crossings] = t
+                    crossings += 1
+        at = np.sort(at[:crossings])
+        joins = False
+        for j in range(crossings - 1):
+            if at[j + 1] <= at[j]:
+                continue
+            middle = 0.5 * (at[j] + at[j + 1])
+            if not over_prism(footprints, numbers[k], pe + middle * de, pn + middle * dn):
+                joins = False
+                continue
+            if joins:
+                shares[count - 1, 1] = at[j + 1]
+                continue
+            if count == owners.size:
+                owners, shares = np.concatenate((owners, owners)), np.concatenate((shares, shares))
+            owners[count], shares[count, 0], shares[count, 1] = k, at[j], at[j + 1]
+            count, joins = count + 1, True
+    return owners[:count].copy(), shares[:count].copy()

@@ -52,7 +52,7 @@ def shorten(
     """Shorten a closed tour: iterated local search (Johnson and McGeoch 1997) with 2-opt and Or-opt.
 
     A kick exchanges two neighbouring stretches (the double bridge, which 2-opt cannot undo) at a random place; what it and
-    the local search around it make longer is taken back.
+    the local search around it make longer is taken back. No kick breaks a link that must stay.
 
     Args:
         distance: (n, n) symmetric; a link that must stay has a large negative one.
@@ -79,6 +79,8 @@ def shorten(
         before[:] = now
         first, second = 1 + int(rng.random() * widest), 1 + int(rng.random() * widest)
         start = int(rng.random() * n)
+        if _is_fixed(distance, now, start, first, second):
+            continue
         ends, gained = _exchange(distance, now, start, first, second)
         for point in ends:
             waiting[point] = True
@@ -86,6 +88,15 @@ def shorten(
         if gained < -_LEAST_GAIN:
             now[:] = before
     return now
+
+
+@kernel
+def _is_fixed(distance: NDArray[np.float64], tour: NDArray[np.int64], start: int, first: int, second: int) -> bool:
+    """Whether one of the three links that an exchange breaks must stay."""
+    n, fixed = tour.size, False
+    for at in (start, start + first, start + first + second):
+        fixed = fixed or distance[tour[at % n], tour[(at + 1) % n]] < 0.0
+    return fixed
 
 
 @kernel

@@ -6,6 +6,7 @@ ArduPilot wants a vehicle inside of all its inclusions unless FENCE_OPTIONS says
 """
 
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 import shapely
@@ -13,7 +14,7 @@ import shapely
 from mission_io.model.areas import Fence, FenceCircle, FencePolygon, LatLon
 from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.airspace.zones import Polygons, Zone
-from uavcover.scenario.site import Site
+from uavcover.scenario.site import Site, once
 from uavcover.terrain.frames import LocalFrame
 
 _MOST_CORNERS = 70
@@ -37,33 +38,73 @@ class MissionFence:
 
 def fence_of(site: Site, frame: LocalFrame, path_m: FloatArray) -> MissionFence:
     """The fence for a mission along a (k, 3) ENU path from and to the column above home."""
-    keep_in = shapely.orient_polygons(site.fence)
-    polygons = [_polygon(frame, keep_in.exterior, inclusion=True)]
-    polygons += [_polygon(frame, ring, inclusion=False) for ring in keep_in.interiors]
-    circles: list[FenceCircle] = []
-    kept: list[Zone] = []
-    left_out: list[Zone] = []
+    exclusions = _exclusions(site)
     path = shapely.LineString(path_m[:, :2])
+    passed = np.zeros(len(site.zones), dtype=bool)
+    near = exclusions.index.query(path, predicate="intersects")
+    passed[near] = [_is_over(site.zones[number], path) for number in near]
+    key = passed.tobytes()
+    if key not in exclusions.fences:
+        keep_in = shapely.orient_polygons(site.fence)
+        polygons = [_polygon(frame, keep_in.exterior, inclusion=True)]
+        polygons += [_polygon(frame, ring, inclusion=False) for ring in keep_in.interiors]
+        kept = [number for number in range(len(site.zones)) if not passed[number]]
+        exclusions.fences[key] = MissionFence(
+            Fence(
+                tuple(chain(polygons, *(exclusions.polygons[number] for number in kept))),
+                tuple(chain(*(exclusions.circles[number] for number in kept))),
+            ),
+            tuple(site.zones[number] for number in kept),
+            tuple(zone for zone, is_passed in zip(site.zones, passed, strict=True) if is_passed),
+        )
+    return exclusions.fences[key]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Exclusions:
+    """The zones of a site as exclusions of a fence.
+
+    Attributes:
+        index: of their outlines without holes; of circles, of the polygons around them.
+        polygons: of each zone.
+        circles: of each zone.
+        fences: those that were made, by the zones that a mission passes over or under.
+    """
+
+    index: shapely.STRtree
+    polygons: list[tuple[FencePolygon, ...]]
+    circles: list[tuple[FenceCircle, ...]]
+    fences: dict[bytes, MissionFence]
+
+
+@once
+def _exclusions(site: Site) -> _Exclusions:
+    """The exclusions of a site, for all its missions."""
+    solids, polygons, circles = [], [], []
     for zone in site.zones:
         solid = shapely.union_all([shapely.Polygon(part.exterior) for part in shapely.get_parts(zone.outline)])
-        if (zone.circle is None and path.distance(solid) <= 0.0) or _is_over_circle(zone, path):
-            left_out.append(zone)
-            continue
-        kept.append(zone)
-        if zone.circle is not None:
+        solids.append(solid)
+        if zone.circle is not None and site.frame is not None:
             east, north, radius = zone.circle
-            (center,) = _places(frame, np.array([[east, north]]))
-            circles.append(FenceCircle(center, radius, inclusion=False))
-        else:
-            parts = [
-                part for part in shapely.get_parts(_with_few_corners(zone, solid)) if isinstance(part, shapely.Polygon)
-            ]
-            polygons += [_polygon(frame, shapely.orient_polygons(part).exterior, inclusion=False) for part in parts]
-    return MissionFence(Fence(tuple(polygons), tuple(circles)), tuple(kept), tuple(left_out))
+            (center,) = _places(site.frame, np.array([[east, north]]))
+            circles.append((FenceCircle(center, radius, inclusion=False),))
+            polygons.append(())
+        elif site.frame is not None:
+            parts = shapely.get_parts(shapely.orient_polygons(_with_few_corners(zone, solid)))
+            circles.append(())
+            polygons.append(
+                tuple(
+                    _polygon(site.frame, part.exterior, inclusion=False)
+                    for part in parts
+                    if isinstance(part, shapely.Polygon)
+                )
+            )
+    return _Exclusions(shapely.STRtree(solids), polygons, circles, {})
 
 
-def _is_over_circle(zone: Zone, path: shapely.LineString) -> bool:
-    return zone.circle is not None and path.distance(shapely.Point(zone.circle[:2])) <= zone.circle[2]
+def _is_over(zone: Zone, path: shapely.LineString) -> bool:
+    """Whether a path that meets the outline of a zone, of a circle the polygon around it, meets the zone."""
+    return zone.circle is None or path.distance(shapely.Point(zone.circle[:2])) <= zone.circle[2]
 
 
 def _with_few_corners(zone: Zone, solid: shapely.Geometry) -> shapely.Geometry:

@@ -13,6 +13,7 @@ import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 
 import numpy as np
 import shapely
@@ -41,7 +42,7 @@ from uavcover.missions.corner_checks import find_corner_problems
 from uavcover.missions.energy import FlightEnergy, battery_in_words, battery_used_s, longest_flight_in_words, usable_s
 from uavcover.missions.fence import fence_of
 from uavcover.missions.leg_checks import find_problems
-from uavcover.missions.rally_proposal import returns_and_rally
+from uavcover.missions.rally_proposal import with_rally
 from uavcover.missions.return_advice import OwnReturns, ReturnAdvice
 from uavcover.missions.transit import (
     check_column,
@@ -55,6 +56,7 @@ from uavcover.missions.transit import (
 from uavcover.model.route import Route
 from uavcover.model.sensor import Sensor
 from uavcover.model.vehicle import AutopilotName
+from uavcover.scenario.airspace.flyable import is_wall
 from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
@@ -123,21 +125,21 @@ class MissionTooLongError(InfeasibleError):
     """One flight is not enough: it exceeds the endurance, or the autopilot's number of items."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class CompiledMission:
     """The complete mission for the vehicle, with the facts that checks and reports need.
+
+    The autopilot's own returns are judged when somebody asks for them: most flights are compiled for their size or time alone.
 
     Attributes:
         mission: home and items.
         fence: one inclusion polygon, then its holes and no-fly zones as exclusions.
-        rally: home at a safe height, unless none is known; then proposed points, where the scenario asks for them.
         first_waypoint_item: index in ``mission.items`` of the first planned waypoint.
         waypoint_count: how many planned waypoints there are from it on.
         items_per_waypoint: how many items each of them takes, itself first.
         path_m: (k, 3) ENU: top of the column at home (or the vehicle's position), transit, planned waypoints, transit home,
             top of the column.
-        own_returns: judges the autopilot's own returns by a vehicle's parameters.
-        return_advice: whether they are safe by what the scenario says.
+        bare_returns: the autopilot's own returns, before rally points.
         max_height_above_home_m: highest point of the whole path above home: what the autopilot's maximum altitude must allow.
         flight_time_s: of the whole path, take-off and landing included.
         battery_used: share of a full battery, in the worst of the winds that it is planned for; none without an endurance.
@@ -147,18 +149,37 @@ class CompiledMission:
 
     mission: Mission
     fence: Fence
-    rally: RallyPoints
     first_waypoint_item: int
     waypoint_count: int
     items_per_waypoint: int
     path_m: FloatArray
-    own_returns: OwnReturns
-    return_advice: ReturnAdvice
+    bare_returns: OwnReturns
     max_height_above_home_m: float
     flight_time_s: float
     battery_used: float | None = None
     zones_in_fence: tuple[Zone, ...] = ()
     zones_left_out: tuple[Zone, ...] = ()
+
+    @property
+    def own_returns(self) -> OwnReturns:
+        """Judges the autopilot's own returns by a vehicle's parameters."""
+        return self._returns[0]
+
+    @property
+    def return_advice(self) -> ReturnAdvice:
+        """Whether they are safe by what the scenario says."""
+        return self._returns[1]
+
+    @property
+    def rally(self) -> RallyPoints:
+        """Home at a safe height, unless none is known; then proposed points, where the scenario asks for them."""
+        return RallyPoints(self.own_returns.rally)
+
+    @cached_property
+    def _returns(self) -> tuple[OwnReturns, ReturnAdvice]:
+        returns, advice = with_rally(self.bare_returns)
+        _check_autopilot(RallyPoints(returns.rally), AUTOPILOTS[returns.autopilot], item_limit=None)
+        return returns, advice
 
 
 def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName) -> CompiledMission:
@@ -297,27 +318,21 @@ def _compiled(
             f"the flight{before} uses {battery_in_words(site, before_s + used_s)}; require less coverage (--select), plan a "
             "smaller area, or fly in less wind"
         )
-    returns, advice = returns_and_rally(
-        site,
-        path,
-        first_waypoint=len(there_m) - 1,
-        waypoint_count=len(planned),
-        autopilot=autopilot,
+    returns = OwnReturns(
+        site=site, path_m=path, first_waypoint=len(there_m) - 1, waypoint_count=len(planned), autopilot=autopilot,
         begin_s=begin.time_s,
-    )
-    fence, rally = fence_of(site, frame, path), RallyPoints(returns.rally)
-    for content in (mission, fence.fence, rally):
-        _check_autopilot(content, AUTOPILOTS[autopilot], item_limit=vehicle.max_mission_items)
+    )  # fmt: skip
+    fence = fence_of(site, frame, path)
+    _check_autopilot(mission, AUTOPILOTS[autopilot], item_limit=vehicle.max_mission_items)
+    _check_fence(fence.fence, autopilot)
     return CompiledMission(
         mission=mission,
         fence=fence.fence,
-        rally=rally,
         first_waypoint_item=len(opening),
         waypoint_count=len(planned),
         items_per_waypoint=items_per_waypoint(sensor),
         path_m=path,
-        own_returns=returns,
-        return_advice=advice,
+        bare_returns=returns,
         zones_in_fence=fence.zones,
         zones_left_out=fence.left_out,
         max_height_above_home_m=float(site.alts_amsl_m(path).max() - site.alts_amsl_m(home)[0]),
@@ -355,19 +370,23 @@ def compile_return(site: Site, *, lat_deg: float, lon_deg: float, alt_amsl_m: fl
 def check_fence(site: Site, *, autopilot: AutopilotName) -> None:
     """Refuse a fence that the autopilot will not take, before a route is searched for.
 
-    Counted are the keep-in polygon and the zones that no mission passes over or under: those without floor and ceiling.
+    Counted are the keep-in polygon and the zones that no mission passes over or under.
 
     Raises:
         InfeasibleError: it has too many items or corners.
     """
     if site.frame is None or site.home_m is None:
         return
-    entries = [zone.entry for zone in site.zones]
-    limited = [(e.floor_agl_m, e.floor_amsl_m, e.ceiling_agl_m, e.ceiling_amsl_m) != (None,) * 4 for e in entries]
     holed = [any(part.interiors for part in shapely.get_parts(zone.outline)) for zone in site.zones]
-    always = [zone for zone, has, hole in zip(site.zones, limited, holed, strict=True) if not has and not hole]
+    always = [zone for zone, hole in zip(site.zones, holed, strict=True) if not hole and is_wall(site, zone)]
     least = fence_of(dataclasses.replace(site, zones=tuple(always)), site.frame, np.stack([site.home_m, site.home_m]))
-    _check_autopilot(least.fence, AUTOPILOTS[autopilot], item_limit=None)
+    _check_fence(least.fence, autopilot)
+
+
+@lru_cache(maxsize=32)
+def _check_fence(fence: Fence, autopilot: AutopilotName) -> None:
+    """Refuse a fence that the autopilot would reject; the same one, of many missions, is checked once."""
+    _check_autopilot(fence, AUTOPILOTS[autopilot], item_limit=None)
 
 
 def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, item_limit: int | None) -> None:

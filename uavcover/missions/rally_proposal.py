@@ -39,30 +39,15 @@ _SLACK_M = 1.0
 _HEIGHT_DECIMALS = 3
 
 
-def returns_and_rally(
-    site: Site,
-    path_m: FloatArray,
-    *,
-    first_waypoint: int,
-    waypoint_count: int,
-    autopilot: AutopilotName,
-    begin_s: float,
-) -> tuple[OwnReturns, ReturnAdvice]:
-    """The returns of a flight and its rally points: home at a safe height, and proposed ones if the scenario requests them.
+def with_rally(returns: OwnReturns) -> tuple[OwnReturns, ReturnAdvice]:
+    """The returns of a flight with rally points, judged: home at a safe height, and proposed ones if the scenario requests them.
 
     Args:
-        site: the scenario on its ground, with a home.
-        path_m: (k, 3) ENU, the whole flight between the columns above home.
-        first_waypoint: row of the first planned waypoint in it.
-        waypoint_count: how many planned waypoints follow.
-        autopilot: who returns.
-        begin_s: when the path begins.
+        returns: of a site with a home.
     """
-    proposed = _above_home(site, _proposed(site, path_m, autopilot))
-    returns = OwnReturns(
-        site=site, path_m=path_m, first_waypoint=first_waypoint, waypoint_count=waypoint_count, autopilot=autopilot,
-        rally=proposed, begin_s=begin_s,
-    )  # fmt: skip
+    site = returns.site
+    proposed = _above_home(site, _proposed(site, returns.path_m, returns.autopilot))
+    returns = replace(returns, rally=proposed)
     advice = returns.advice({})
     if site.home_m is None or not math.isfinite(advice.safe_return_height_m):
         return returns, advice

@@ -113,6 +113,11 @@ class NoFly:
         return ((ring,),) if ring is not None else self.polygons_lon_lat_deg or ()
 
     @property
+    def has_heights(self) -> bool:
+        """Whether there is a floor or a ceiling."""
+        return (self.floor_agl_m, self.floor_amsl_m, self.ceiling_agl_m, self.ceiling_amsl_m) != (None,) * 4
+
+    @property
     def has_times(self) -> bool:
         """Whether there are times at which it is not in force."""
         return self.from_utc is not None or self.until_utc is not None or bool(self.active)

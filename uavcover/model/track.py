@@ -122,7 +122,7 @@ class Track:
     def __post_init__(self) -> None:
         for name in OPTIONAL_COLUMNS:
             if getattr(self, name).size == 0:
-                object.__setattr__(self, name, np.full(self.time_s.size, np.nan))
+                object.__setattr__(self, name, np.broadcast_to(np.nan, self.time_s.size))  # takes no memory
         for each in fields(self):
             getattr(self, each.name).flags.writeable = False
 
@@ -143,6 +143,7 @@ class Track:
 
     def taken(self, samples: NDArray[Any]) -> "Track":
         """The track reduced to some samples, by number or by mask."""
+        known = [name for name in OPTIONAL_COLUMNS if getattr(self, name).strides != (0,)]
         return Track(
             time_s=self.time_s[samples].copy(),
             geodetic=self.geodetic[samples].copy(),
@@ -151,7 +152,7 @@ class Track:
             current_waypoint=self.current_waypoint[samples].copy(),
             ranged=self.ranged.copy(),
             stored=self.stored.copy(),
-            **{name: getattr(self, name)[samples].copy() for name in OPTIONAL_COLUMNS},
+            **{name: getattr(self, name)[samples].copy() for name in known},
         )
 
 

@@ -6,6 +6,8 @@ allotted and used.
 """
 
 import logging
+import math
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -22,6 +24,7 @@ class Shares:
         baselines: initial solutions, at most, where an optimizer follows alone; ...
         baselines_before_lines: ... where other lines and a local search follow; ...
         baselines_before_fewest: ... and where the most useful lines come first: those that are left come after the search.
+        cut_lines: lines cut at holes and no-fly zones, after these.
         optimizer: of a memetic search, before the local search; the other algorithms are one of the two alone.
         bent_lines: lines that bend and lines of few waypoints; the best ones come first. On 25 square kilometres all of them take
             6 s of processor time, which a search of 10 s had to wait for.
@@ -30,6 +33,7 @@ class Shares:
         judging_of_fewest: ... for large areas: what judging so few routes takes, up to this.
         judging_baselines: judging more baselines than the first two.
         order: another order of the legs of several sorties.
+        sizes: sorties and makespan of the routes that are not chosen.
         simplified_until: after this number of budgets no more waypoints are removed: a little late, most routes need a moment.
         parts: searches of the parts of a large area; the rest is for dividing, joining and judging.
         part_rounds: of these: each part by itself; then along the seams, where in turn the lower number of two neighbours
@@ -40,6 +44,7 @@ class Shares:
         goal_stages: the same for a coverage of the ladder, and for a route whose gaps were closed.
         goal_closing: a search that ends a little short of its goal goes on from its route with the gaps closed, ...
         goal_closing_far: ... and one that ends far from it: there nothing else leads to it.
+        goal_whole: of a search for nearly all of the ground from a route that sees it, before the finest cells are searched.
         goal_waypoints: for searches for fewer waypoints, ...
         goal_waypoint_stages: ... and the stages of each.
         free_tours: of a search in any order, for shortest tours, once something sees as much as they are to see.
@@ -52,6 +57,7 @@ class Shares:
     baselines: float = 0.5
     baselines_before_lines: float = 0.1
     baselines_before_fewest: float = 0.01
+    cut_lines: float = 0.15
     optimizer: float = 0.05
     bent_lines: float = 0.01
     late_lines: float = 0.02
@@ -59,6 +65,7 @@ class Shares:
     judging_of_fewest: float = 0.3
     judging_baselines: float = 0.01
     order: float = 0.05
+    sizes: float = 0.03
     simplified_until: float = 1.03
     parts: float = 0.85
     part_rounds: tuple[float, ...] = (0.5, 0.2, 0.15, 0.15)
@@ -67,6 +74,7 @@ class Shares:
     goal_stages: tuple[float, ...] = (0.5, 0.85, 1.0)
     goal_closing: float = 0.15
     goal_closing_far: float = 0.3
+    goal_whole: float = 0.5
     goal_waypoints: float = 0.15
     goal_waypoint_stages: tuple[float, ...] = (0.4, 0.8, 1.0)
     free_tours: float = 0.4
@@ -80,6 +88,31 @@ class Shares:
 
 
 SHARES: Final = Shares()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CommandTime:
+    """The time of a whole command, from its first line to its last one.
+
+    Attributes:
+        begun_s: when it began, by ``now``.
+        budget_s: how long it may take; none: as long as the search takes for its evaluations.
+        now: the clock.
+        should_stop: whether the user wants the best there is.
+    """
+
+    begun_s: float
+    budget_s: float | None = None
+    now: Callable[[], float] = time.monotonic
+    should_stop: Callable[[], bool] = lambda: False
+
+    def left_s(self, *, share: float = 1.0) -> float:
+        """Time left of a share of the budget, 0 at least; infinite without a budget."""
+        if self.should_stop():
+            return 0.0
+        if self.budget_s is None:
+            return math.inf
+        return max(0.0, self.begun_s + share * self.budget_s - self.now())
 
 
 class StageTimes:

@@ -18,6 +18,7 @@ from uavcover.missions.sorties import Sortie
 from uavcover.model.route import Plan, Route
 from uavcover.model.terrain import RasterTerrain
 from uavcover.model.vehicle import autopilot_name
+from uavcover.planner.budget import StageTimes
 from uavcover.planner.fleet_document import fleet_document, say_fleet
 from uavcover.planner.fleet_parts import part_sites
 from uavcover.planner.plan_bounds import bounds, least_length_m
@@ -112,6 +113,8 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
     """
     if request.select is not None:
         parse_rule(request.select)
+    if request.begun_s is None:
+        request = dataclasses.replace(request, begun_s=time.monotonic())
     site = request.scenario if isinstance(request.scenario, Site) else load_site(request.scenario)
     if request.waypoint_price is not None:
         site = site.minimising(waypoint_price=request.waypoint_price)
@@ -126,13 +129,14 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         check_site(own)
     check_site(site)
     name = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
-    for own in vehicle_sites(site):
+    for own in vehicle_sites(site) or (site,):
         check_fence(own, autopilot=own.scenario.vehicle.autopilot if site.scenario.vehicles else name)
     _check_heights(site, user)
     if request.bounds_s is not None and not loaded("uavcover.bounds"):
         raise InputError("--bounds: no prover is installed; install uavcover with its extras")
     run = RunFolder(request.folder)
     started = time.monotonic()
+    times = StageTimes(time.monotonic, request.budget_s)
     with (
         run.reserved((*PLAN_FILES, *OF_A_PLAN), force=request.force),
         user.stop_requests(_FIRST_STOP) as stops,
@@ -144,17 +148,20 @@ def plan_into(request: PlanRequest, user: User, *, check_site: Callable[[Site], 
         refused = None
         if site.frame is not None and site.home_m is not None:
             try:
-                flights = compile_flights(site, result.chosen.route, autopilot=name)
+                with times.stage("missions"):
+                    flights = compile_flights(site, result.chosen.route, autopilot=name)
             except InfeasibleError as error:
                 refused = error
         seed = site.scenario.planner.seed if request.seed is None else request.seed
         compiled, sorties = one_or_several(site, flights)
-        bounds = _bounds(site, request, result, user)
-        fleet = fleet_document(site, flights)
-        older = save_plan(
-            run, site, result, compiled=compiled, autopilot=name, seed=seed, command=request.command, sorties=sorties,
-            fleet=fleet, proved=bounds,
-        )  # fmt: skip
+        with times.stage("bounds"):
+            bounds = _bounds(site, request, result, user)
+        with times.stage("own returns, files"):
+            fleet = fleet_document(site, flights)
+            older = save_plan(
+                run, site, result, compiled=compiled, autopilot=name, seed=seed, command=request.command, sorties=sorties,
+                fleet=fleet, proved=bounds,
+            )  # fmt: skip
         if not result.interrupted:
             shutil.rmtree(run.file(PARTS), ignore_errors=True)
     say_older(user, older)

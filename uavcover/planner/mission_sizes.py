@@ -13,6 +13,7 @@ from uavcover.kernels.dominance import least_crowded
 from uavcover.missions.flights import mission_size
 from uavcover.model.route import MissionSize, Plan, RouteMember
 from uavcover.model.vehicle import AutopilotName
+from uavcover.planner.budget import CommandTime
 from uavcover.planner.selection_rule import Rule, parse_rule, select_flown
 from uavcover.scenario.site import Site
 
@@ -23,17 +24,25 @@ _MOST_COUNTS = 6
 """This number of vehicle counts is compared at most."""
 
 
-def with_sizes(site: Site, plan: Plan, *, autopilot: AutopilotName | None = None, vehicles: int | None = None) -> Plan:
+def with_sizes(
+    site: Site,
+    plan: Plan,
+    *,
+    autopilot: AutopilotName | None = None,
+    vehicles: int | None = None,
+    limit: CommandTime | None = None,
+) -> Plan:
     """A plan whose members have mission sizes: all, or where that takes long the chosen and the least crowded.
 
     Another member may be chosen then: where several vehicles fly, the one with which they are done soonest is the cheapest, and
-    conditions of the rule are of missions. All members that this may concern are cut into flights, however long that takes.
+    conditions of the rule are of missions. All members that this may concern are cut into flights, as far as there is time.
 
     Args:
         site: the scenario on its ground.
         plan: as it was found.
         autopilot: for whom; default: the scenario's.
         vehicles: how many may fly, where they are alike; default: the scenario's.
+        limit: time of the command; none: as long as it takes.
     """
     rule = parse_rule(plan.rule)
     if site.frame is None or site.home_m is None:
@@ -46,19 +55,29 @@ def with_sizes(site: Site, plan: Plan, *, autopilot: AutopilotName | None = None
     count = site.scenario.fleet.vehicles if vehicles is None else vehicles
     before = next(k for k, member in enumerate(plan.members) if member is plan.chosen)
     in_question = _in_question(plan.members, rule, count)
-    sized = {before, *in_question, *_worth_sizing(plan.members, before, count)}
-    members = [
-        dataclasses.replace(member, mission=mission_size(site, member.route, autopilot=autopilot, vehicles=count))
-        if k in sized and member.violation <= 0.0
-        else member
-        for k, member in enumerate(plan.members)
-    ]
+    limit = limit or CommandTime(begun_s=0.0)
+    begun_s = limit.now()
+    members = list(plan.members)
+
+    def size(number: int) -> None:
+        member = members[number]
+        if member.violation <= 0.0 and member.mission is None:
+            sized = mission_size(site, member.route, autopilot=autopilot, vehicles=count)
+            members[number] = dataclasses.replace(member, mission=sized)
+
+    size(before)
+    each_s = (limit.now() - begun_s) / max(_seconds(members[before], count), 1e-9)
+    for number in (*in_question, *_worth_sizing(plan.members, before, count, limit.left_s() / max(each_s, 1e-9))):
+        if limit.left_s() <= 0.0:
+            break
+        size(number)
+    in_question = [number for number in in_question if number == before or members[number].mission is not None]
     chosen, rule_met = before, plan.rule_met
     if in_question:
         candidates = sorted({before, *in_question})
         choice = select_flown([members[k] for k in candidates], rule, soonest=count > 1)
         chosen, rule_met = candidates[choice.index], rule_met and choice.met
-    others = _by_vehicles(site, members[chosen], autopilot, count)
+    others = _by_vehicles(site, members[chosen], autopilot, count) if limit.left_s() > 0.0 else ()
     return dataclasses.replace(
         plan, members=tuple(members), chosen=members[chosen], rule_met=rule_met, by_vehicles=others
     )
@@ -88,16 +107,16 @@ def _by_vehicles(
     return tuple(size for size in dict.fromkeys(sizes) if size is not None)
 
 
-def _worth_sizing(members: Sequence[RouteMember], chosen: int, vehicles: int) -> set[int]:
-    """Members that are split into flights. The chosen one always is, and one that is already takes no time."""
+def _worth_sizing(members: Sequence[RouteMember], chosen: int, vehicles: int, most_s: float) -> list[int]:
+    """Members beside the chosen one that are split into flights, the least crowded where there is no time for all."""
     new = [k for k, member in enumerate(members) if member.mission is None and k != chosen]
+    most_s = min(most_s, _MOST_S)
     whole_s = sum(_seconds(members[k], vehicles) for k in new)
-    if whole_s <= _MOST_S:
-        return set(range(len(members)))
+    if whole_s <= most_s:
+        return new
     metrics = [members[k].metrics for k in new]
     values = np.array([[-m.coverage_of_coverable, m.waypoint_count, m.cost] for m in metrics])
-    kept = least_crowded(values, max(1, int(len(new) * _MOST_S / whole_s)))
-    return {chosen, *(new[k] for k in kept)}
+    return [new[k] for k in least_crowded(values, max(1, int(len(new) * most_s / whole_s)))]
 
 
 def _seconds(member: RouteMember, vehicles: int) -> float:

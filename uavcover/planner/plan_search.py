@@ -15,6 +15,7 @@ from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.model.vehicle import autopilot_name
 from uavcover.optimizers.by_name import ALGORITHMS
+from uavcover.planner.budget import SHARES, CommandTime, StageTimes
 from uavcover.planner.fleet_parts import plan_parts
 from uavcover.planner.mission_sizes import with_sizes
 from uavcover.planner.planner import Effort, SearchProgress, plan_routes
@@ -24,6 +25,9 @@ from uavcover.scenario.vehicle_parts import groups_of
 from uavcover.sensing.block_map import in_blocks
 
 _log = logging.getLogger(__name__)
+
+_LEAST_SEARCH_S = 1e-3
+"""Of a search whose time has passed before it begins: it takes the first route."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,6 +52,7 @@ class SearchRequest:
         memory_bytes: what planning may take here, in all processes together: a large area is divided into more parts, and fewer
             are searched at a time, as far as that needs it. None: no limit.
         autopilot: for whom the missions are.
+        begun_s: when the command began whose time the budget is, by the monotonic clock; none: when the search begins.
     """
 
     seed: int | None = None
@@ -61,6 +66,7 @@ class SearchRequest:
     scheduler: str | None = None
     memory_bytes: int | None = None
     autopilot: str | None = None
+    begun_s: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,9 +137,17 @@ def plan_and_site(
 ) -> tuple[Plan, Site]:
     """As :func:`plan`; and the site as it was judged: in blocks, where a large area was planned in parts."""
     autopilot = autopilot_name(request.autopilot, site.scenario.vehicle.autopilot)
+    if request.budget_s is not None and not request.budget_s > 0.0:
+        raise InputError(f"budget: {request.budget_s} s must be above 0")
+    begun_s = time.monotonic() if request.begun_s is None else request.begun_s
+    limit = CommandTime(begun_s=begun_s, budget_s=request.budget_s, should_stop=should_stop)
+    if request.budget_s is not None:
+        left_s = begun_s + (1.0 - SHARES.sizes) * request.budget_s - time.monotonic()
+        request = dataclasses.replace(request, budget_s=max(left_s, _LEAST_SEARCH_S))
     if not groups_of(site.scenario):
         found, judged = _plan_one(site, request, should_stop=should_stop, on_progress=on_progress, kept=kept)
-        return with_sizes(judged, found, autopilot=autopilot), judged
+        with StageTimes(time.monotonic, limit.budget_s).stage("mission sizes", SHARES.sizes):
+            return with_sizes(judged, found, autopilot=autopilot, limit=limit), judged
     settings = site.scenario.planner
     total, done = request.evaluations or settings.evaluations, 0
 
@@ -152,7 +166,8 @@ def plan_and_site(
         return plan
 
     rule = request.select if request.select is not None else site.scenario.select
-    return with_sizes(site, plan_parts(site, select_rule=rule, search=search), autopilot=autopilot), site
+    found = plan_parts(site, select_rule=rule, search=search)
+    return with_sizes(site, found, autopilot=autopilot, limit=limit), site
 
 
 def _plan_one(
@@ -174,8 +189,6 @@ def _plan_one(
         )
     # Another optimizer stands in the place of a plain one.
     settings = _settings(site.scenario.planner, request, algorithm=algorithm if known else "imodbo")
-    if budget_s is not None and not budget_s > 0.0:
-        raise InputError(f"budget: {budget_s} s must be above 0")
     if workers is not None and workers < 1:
         raise InputError(f"workers: {workers} must be at least 1")
     rule = request.select if request.select is not None else site.scenario.select

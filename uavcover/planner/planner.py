@@ -1,6 +1,7 @@
 """The planner: baselines, optimizer, local search, judging on finer cells, selection."""
 
 import dataclasses
+import itertools
 import math
 import time
 from collections.abc import Callable, Sequence
@@ -14,7 +15,15 @@ from uavcover.model.route import Plan
 from uavcover.model.scenario import PlannerAlgorithm, PlannerSettings
 from uavcover.optimizers import make_optimizer, optimizer_class, optimizer_name
 from uavcover.optimizers.interface import AskAndTell
-from uavcover.planner.baselines.boustrophedon import TUNED, Baseline, fewest_lines, taken, taken_until_near
+from uavcover.planner.baselines import cut_lines
+from uavcover.planner.baselines.boustrophedon import (
+    TUNED,
+    Baseline,
+    evaluated,
+    fewest_lines,
+    taken,
+    taken_until_near,
+)
 from uavcover.planner.baselines.contour_lines import TUNED as TUNED_CONTOURS
 from uavcover.planner.baselines.initial_routes import constructed_routes, initial_names
 from uavcover.planner.baselines.swaths import SwathLayout, long_side_angle_rad
@@ -67,6 +76,9 @@ One round, which only samples, there always is, unless baselines keep the limits
 
 _MOST_ROUNDS = 50
 """Rounds of the optimizer before a local search: where a round is quick, more of them add nothing (docs/results/coverage.md)."""
+
+_MOST_CUT = 6
+"""This number of routes of cut lines is tried."""
 
 _MOST_TUNED = 12
 """This number of tuned lines of each kind is shown: the one of most merit, and the least crowded."""
@@ -147,6 +159,8 @@ def plan_routes(
                 goal,
                 lambda: should_stop() or effort.is_over(started, share=SHARES.baselines_before_lines),
             )
+        if other_lines and goal is not None and cut_lines.needs_cuts(site):
+            baselines += _cut(coarse, goal, lambda: should_stop() or effort.is_over(started, share=SHARES.cut_lines))
     each_s = (effort.now() - before) / max(len(baselines), 1)
     constructed = _named(_worth_showing(baselines, goal))
     kept = Snapshots(()) if snapshots is None else snapshots
@@ -278,6 +292,16 @@ def _lines(coarse: CoverageMap, straight: SwathLayout | None, asked: float | Non
     return lines
 
 
+def _cut(coarse: CoverageMap, goal: float, should_stop: Callable[[], bool]) -> list[Baseline]:
+    """Cut lines, the most promising ones; the first ones in any time."""
+    found: list[Baseline] = []
+    for route in itertools.islice(cut_lines.cut_lines(coarse.site, goal), _MOST_CUT):
+        found += evaluated(coarse, cut_lines.NAME, [route], None)
+        if should_stop():
+            break
+    return found
+
+
 def _named(baselines: Sequence[Baseline]) -> list[Candidate]:
     return [Candidate((each.route, each.name), each.objectives, each.violation) for each in baselines]
 
@@ -344,8 +368,9 @@ def _by_merit(baselines: Sequence[Baseline], goal: float | None) -> list[Baselin
 
 def _worth_showing(baselines: Sequence[Baseline], goal: float | None) -> list[Baseline]:
     """Each method's route; of tuned lines of each kind, a thinned set of those that no other dominates."""
-    others = [b for b in baselines if b.name not in (TUNED, TUNED_CONTOURS)]
-    kinds = [[b for b in baselines if b.name == name and b.violation <= 0.0] for name in (TUNED, TUNED_CONTOURS)]
+    several = (TUNED, TUNED_CONTOURS, cut_lines.NAME)
+    others = [b for b in baselines if b.name not in several]
+    kinds = [[b for b in baselines if b.name == name and b.violation <= 0.0] for name in several]
     return others + [b for kind in kinds if kind for b in _thinned(kind, goal)]
 
 

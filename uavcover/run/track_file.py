@@ -5,11 +5,14 @@ Reserved disk space keeps other programs from taking the room that the record of
 
 import contextlib
 import errno
+import io
 import math
 import os
+import re
 import shutil
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Final, Self
 
@@ -19,6 +22,7 @@ from mission_io.errors import FormatError
 from mission_io.formats.dialects import sniff
 from mission_io.formats.text import clean_text
 from uavcover.errors import OutputError, TrackError
+from uavcover.kernels.arrays import FloatArray
 from uavcover.model.active_times import is_flight_time
 from uavcover.model.track import (
     COLUMNS,
@@ -192,6 +196,8 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
             longitude is out of range, time does not go on, or there is no sample at all.
     """
     try:
+        if (track := _plain_track(path)) is not None:
+            return ReadTrack(track, ())
         text = path.read_text(encoding="utf-8-sig")
     except OSError as error:
         raise TrackError(f"{path}: cannot be read: {error.strerror}") from None
@@ -234,6 +240,74 @@ def read_track_with_warnings(path: Path) -> ReadTrack:
             **{name: values[:, columns.index(name)].copy() for name in optional},
         ),
         tuple(warnings),
+    )
+
+
+_BLOCK_BYTES: Final = 8_000_000
+"""A plain table is read in blocks: a log of a thousand rows a second is 250 MB of text in a quarter of an hour."""
+_NO_PLAIN_NUMBERS: Final = re.compile(rb"[^-+.,0-9eE\n]")
+
+
+def _plain_track(path: Path) -> Track | None:
+    """The track of a table as :class:`TrackWriter` writes it, block by block; none for any other table, and where it is wrong.
+
+    Then :func:`read_track_with_warnings` reads it row by row, and says what is unusual and where.
+    """
+    with path.open("rb") as file:
+        header = file.readline().decode("utf-8", "replace").rstrip("\n").split(",")
+        optional = [name for name in OPTIONAL_COLUMNS if name in header]
+        columns = (*COLUMNS, *optional)
+        if set(header) != set(columns) or len(header) != len(columns):
+            return None
+        begin = file.tell()
+        count = sum(block.count(b"\n") for block in iter(partial(file.read, _BLOCK_BYTES), b""))
+        values = {name: np.full(count, np.nan) for name in columns}
+        file.seek(begin)
+        first, rest = 0, b""
+        while block := file.read(_BLOCK_BYTES):
+            whole, line_end, rest = (rest + block).rpartition(b"\n")
+            if _NO_PLAIN_NUMBERS.search(whole):
+                return None
+            # Twice: neighbours share a comma.
+            text = (whole + line_end).replace(b",,", b",nan,").replace(b",,", b",nan,").replace(b",\n", b",nan\n")
+            try:
+                rows = np.loadtxt(io.BytesIO(text), delimiter=",", comments=None, ndmin=2)
+            except ValueError:
+                return None
+            if rows.shape[1] != len(header) or first + len(rows) > count:
+                return None
+            for name, column in zip(header, rows.T, strict=True):
+                values[name][first : first + len(rows)] = column
+            first += len(rows)
+    if rest or first != count or count == 0 or not _is_plausible(values):
+        return None
+    known = {name: values[name] for name in optional if np.isfinite(values[name]).any()}
+    return Track(
+        time_s=values["time_s"],
+        geodetic=np.column_stack([values.pop(name) for name in COLUMNS[1:4]]),
+        enu_m=np.column_stack([values.pop(name) for name in COLUMNS[4:7]]),
+        attitude_deg=np.column_stack([values.pop(name) for name in COLUMNS[7:10]]),
+        current_waypoint=values["current_waypoint"].astype(np.int64),
+        **known,
+    )
+
+
+def _is_plausible(values: Mapping[str, FloatArray]) -> bool:
+    """Whether the columns of a track keep what :func:`_numbers` checks row by row."""
+    if any(np.isinf(column).any() for column in values.values()):
+        return False
+    if any(np.isnan(column).any() for name, column in values.items() if name not in MAY_BE_EMPTY):
+        return False
+    waypoint, unknown = values["current_waypoint"], np.full(1, np.nan)
+    pictures, unix_s = values.get(PICTURES_COLUMN, unknown), values.get(UNIX_TIME_COLUMN, unknown)
+    pictures, unix_s = pictures[np.isfinite(pictures)], unix_s[np.isfinite(unix_s)]
+    return bool(
+        (np.diff(values["time_s"]) > 0.0).all()
+        and (np.abs(values["lat_deg"]) <= 90.0).all()
+        and (np.abs(values["lon_deg"]) <= 180.0).all()
+        and (waypoint == np.floor(waypoint)).all()
+        and ((pictures >= 0.0) & (pictures == np.floor(pictures))).all()
+        and (unix_s.size == 0 or (is_flight_time(float(unix_s.min())) and is_flight_time(float(unix_s.max()))))
     )
 
 

@@ -21,7 +21,7 @@ import numpy as np
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
 from uavcover.verification.lean_fit import lean_fits, mean_over, thrust_m_s2
-from uavcover.verification.motion_windows import Windows
+from uavcover.verification.motion_windows import FITTED_STEP_S, Windows
 from uavcover.verification.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG
 from uavcover.verification.tuning import ATTITUDE, LEAN
 
@@ -68,7 +68,7 @@ def _unexplained(
     time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray
 ) -> LeanProblem | None:
     """The problem of an attitude by which large accelerations remain unexplained; None where too little is known."""
-    windows = Windows.of(time_s, enu_m, window_s=ATTITUDE.window_s, joined=joined)
+    windows = Windows.of(time_s, enu_m, window_s=ATTITUDE.window_s, joined=joined, step_s=FITTED_STEP_S)
     before, middle, after = windows.before, windows.middle, windows.after
     velocity, acceleration = windows.velocity_m_s[:, :2], windows.acceleration_m_s2[:, :2]
     half_s = np.maximum(time_s[middle] - time_s[before], time_s[after] - time_s[middle])
@@ -315,7 +315,7 @@ def _never_leans(
     brisk = np.zeros(ATTITUDE.enough_windows)
     # The longer window suppresses noise, the shorter one shows short turns.
     for window_s in (1.0, 2.0):
-        windows = Windows.of(time_s, enu_m, window_s=window_s, joined=joined)
+        windows = Windows.of(time_s, enu_m, window_s=window_s, joined=joined, step_s=FITTED_STEP_S)
         most = np.sort(windows.level_m_s2 - windows.allowance_m_s2(0))[-ATTITUDE.enough_windows :]
         if most.size == ATTITUDE.enough_windows and most[0] > brisk[0]:
             brisk = most

@@ -105,7 +105,9 @@ def judge_track(
     )  # fmt: skip
     kept = np.flatnonzero(motion.evidence)
     contradiction_m = float(np.max(np.linalg.norm(told_m - track.enu_m, axis=1)))
-    whole, enu, track = track, told_m[kept], track.taken(kept)
+    whole, enu = track, told_m
+    if len(kept) < len(track):
+        enu, track = told_m[kept], track.taken(kept)
     joined = (np.diff(kept) == 1) & motion.joined[kept[:-1]]
     known = known_attitude(track, enu, joined)
     track = replace(track, attitude_deg=known.attitude_deg)

@@ -12,7 +12,7 @@ from typing import Self
 import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.verification.motion_windows import NOISE_MEDIANS, Windows
+from uavcover.verification.motion_windows import FITTED_STEP_S, NOISE_MEDIANS, Windows
 from uavcover.verification.possible_motion import GRAVITY_M_S2, MAX_LEAN_DEG
 from uavcover.verification.tuning import LEAN
 
@@ -20,6 +20,7 @@ LEAST_ACCELERATION_OF_LEAN, MOST_ACCELERATION_OF_LEAN = 0.5, 1.4
 """Acceleration of the track in that of the lean. Simulated autopilots: 0.8 to 1.0, in gusts 0.5, reversed in time 0.3."""
 LEAST_LEAN_OF_ACCELERATION, MOST_LEAN_OF_ACCELERATION = 0.25, 1.4
 """The same the other way round."""
+_BLOCK = 50_000
 _LATE_S = np.arange(-3.0, 3.1, 0.5)
 _POINTS = np.linspace(-1.0, 1.0, 9)
 _WEIGHTS = (1.0 - np.abs(_POINTS)) / (1.0 - np.abs(_POINTS)).sum()
@@ -28,12 +29,16 @@ _WEIGHTS = (1.0 - np.abs(_POINTS)) / (1.0 - np.abs(_POINTS)).sum()
 
 def thrust_m_s2(attitude_deg: FloatArray) -> FloatArray:
     """(n, 2) east and north acceleration by a thrust that holds height, for (n, 3) roll, pitch and yaw."""
-    sin_roll, sin_pitch, sin_yaw = np.sin(np.radians(attitude_deg)).T
-    cos_roll, cos_pitch, cos_yaw = np.cos(np.radians(attitude_deg)).T
-    up = cos_roll * cos_pitch
-    north = -(cos_roll * sin_pitch * cos_yaw + sin_roll * sin_yaw)
-    east = -(cos_roll * sin_pitch * sin_yaw - sin_roll * cos_yaw)
-    return np.asarray(GRAVITY_M_S2 * np.column_stack([east, north]) / up[:, None])
+    thrust = np.empty((len(attitude_deg), 2))
+    for block in range(0, len(attitude_deg), _BLOCK):  # to save memory
+        radians = np.radians(attitude_deg[block : block + _BLOCK])
+        sin_roll, sin_pitch, sin_yaw = np.sin(radians).T
+        cos_roll, cos_pitch, cos_yaw = np.cos(radians).T
+        up = cos_roll * cos_pitch
+        north = -(cos_roll * sin_pitch * cos_yaw + sin_roll * sin_yaw)
+        east = -(cos_roll * sin_pitch * sin_yaw - sin_roll * cos_yaw)
+        thrust[block : block + _BLOCK] = GRAVITY_M_S2 * np.column_stack([east, north]) / up[:, None]
+    return thrust
 
 
 def mean_over(time_s: FloatArray, values: FloatArray, middles_s: FloatArray, half_s: FloatArray) -> FloatArray:
@@ -159,7 +164,7 @@ def lean_fits(time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude
         joined: (n - 1,) legs that were observed.
         attitude_deg: (n, 3) roll, pitch and yaw, NaN where they are not known.
     """
-    windows = Windows.of(time_s, enu_m, window_s=LEAN.window_s, joined=joined)
+    windows = Windows.of(time_s, enu_m, window_s=LEAN.window_s, joined=joined, step_s=FITTED_STEP_S)
     some = np.diff(np.floor(time_s[windows.middle] / LEAN.step_s), prepend=-np.inf) > 0.0
     before, middle, after = windows.before[some], windows.middle[some], windows.after[some]
     velocity, acceleration = windows.velocity_m_s[some, :2], windows.acceleration_m_s2[some, :2]

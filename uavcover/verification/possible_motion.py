@@ -9,9 +9,11 @@ Where a velocity is reported, it has to agree with the positions (:mod:`uavcover
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal
+from functools import partial
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.vehicle import Vehicle, Wind
@@ -25,6 +27,8 @@ from uavcover.verification.motion_windows import (
 )
 from uavcover.verification.reported_velocity import ContradictionKind, PositionError, WindowFigures, contradictions
 
+_BLOCK = 50_000
+"""Windows that are computed at a time, to save memory."""
 SPEED_WINDOWS_S = (0.2, 1.0, 3.0)
 ACCELERATION_WINDOWS_S = (0.2, 0.5, 1.0, 2.0)
 
@@ -166,14 +170,18 @@ def judge_motion(
     joined = np.diff(time_s) <= max_gap_s
     white_m = white_noise_m(time_s, enu_m, joined)
     found = _Found(joined)
-    windows = [
-        Windows.of(time_s, enu_m, window_s=length, joined=joined, position_error_m=position_error_m)
+    shortest, *longer = (
+        partial(Windows.of, time_s, enu_m, window_s=length, joined=joined, position_error_m=position_error_m)
         for length in ACCELERATION_WINDOWS_S
-    ]
+    )
+    windows = shortest()
+    noise_m, allowance_m = windows.noise_m, (windows.allowance_m(0), windows.allowance_m(1))
     for window_s in SPEED_WINDOWS_S:
-        _mark_speeds(found, time_s, enu_m, limits, windows[0], window_s)
-    for each in windows:
-        _mark_accelerations(found, limits, each)
+        _mark_speeds(found, time_s, enu_m, limits, allowance_m, window_s)
+    _mark_accelerations(found, limits, windows)
+    del windows
+    for of_length in longer:
+        _mark_accelerations(found, limits, of_length())
     fraction, contradiction = 0.0, None
     if velocity_m_s is not None:
         error = PositionError((position_error_m, UPWARD * position_error_m), ERROR_TIME_S)
@@ -198,10 +206,10 @@ def judge_motion(
     evidence[0] |= not evidence.any()
     joined &= evidence[:-1] & evidence[1:]
     moves = tuple(
-        replace(move, step_m_s=_velocity_step_m_s(time_s, enu_m, joined, windows[0], limits, move))
+        replace(move, step_m_s=_velocity_step_m_s(time_s, enu_m, joined, allowance_m, limits, move))
         for move in _moves(time_s, found, unreachable, limits)
     )
-    return Motion(joined, evidence, moves, windows[0].noise_m, white_m, fraction, contradiction)
+    return Motion(joined, evidence, moves, noise_m, white_m, fraction, contradiction)
 
 
 class _Found:
@@ -214,21 +222,25 @@ class _Found:
     def __init__(self, joined: BoolArray) -> None:
         self.marked = np.zeros(len(joined), dtype=bool)
         self._broken = ~joined
-        self._windows: list[tuple[IntArray, IntArray, FloatArray, float, MoveKind]] = []
+        self._windows: list[tuple[NDArray[Any], NDArray[Any], FloatArray, float, MoveKind]] = []
 
-    def unbroken(self, first: IntArray, last: IntArray) -> BoolArray:
+    def unbroken(self, first: NDArray[Any], last: NDArray[Any]) -> BoolArray:
         """Whether windows of samples first..last contain neither a gap nor a marked leg."""
-        bad = np.concatenate([[0], np.cumsum(self._broken | self.marked)])
+        bad = self.broken_before()
         return np.asarray(bad[last] == bad[first])
 
-    def mark(self, first: IntArray, last: IntArray, values: FloatArray, limit: float, kind: MoveKind) -> None:
+    def broken_before(self) -> NDArray[np.int32]:
+        """(n,) number of gaps and marked legs before each sample."""
+        return np.append(np.int32(0), np.cumsum(self._broken | self.marked, dtype=np.int32))
+
+    def mark(self, first: NDArray[Any], last: NDArray[Any], values: FloatArray, limit: float, kind: MoveKind) -> None:
         """Mark all legs of windows of samples first..last that have these values."""
         if first.size == 0:
             return
-        changes = np.zeros(len(self.marked) + 1, dtype=np.int64)
+        changes = np.zeros(len(self.marked) + 1, dtype=np.int32)
         np.add.at(changes, first, 1)
         np.add.at(changes, last, -1)
-        self.marked |= np.cumsum(changes)[:-1] > 0
+        self.marked |= np.cumsum(changes, dtype=np.int32)[:-1] > 0
         self._windows.append((first, last, values, limit, kind))
 
     def add(self, other: "_Found") -> None:
@@ -247,27 +259,33 @@ class _Found:
 
 
 def _mark_speeds(
-    found: _Found, time_s: FloatArray, enu_m: FloatArray, limits: MotionLimits, noise: Windows, window_s: float
+    found: _Found,
+    time_s: FloatArray,
+    enu_m: FloatArray,
+    limits: MotionLimits,
+    allowance_m: tuple[float, float],
+    window_s: float,
 ) -> None:
-    first = np.arange(len(time_s))
-    last = np.searchsorted(time_s, time_s + window_s - ROUNDING_S)
-    inside = last < len(time_s)
-    first, last = first[inside], last[inside]
-    seconds = time_s[last] - time_s[first]
-    way = enu_m[last] - enu_m[first]
-    unbroken = found.unbroken(first, last)
     # A second difference contains up to four times the position error, a distance twice.
-    level = np.hypot(way[:, 0], way[:, 1]) - 0.5 * noise.allowance_m(0)
-    vertical = 0.5 * noise.allowance_m(1)
-    ways: tuple[tuple[MoveKind, FloatArray, float], ...] = (
-        ("speed", level, limits.speed_m_s),
-        ("climb", way[:, 2] - vertical, limits.climb_m_s),
-        ("climb", -way[:, 2] - vertical, limits.descent_m_s),
-    )
-    for kind, metres, limit in ways:
-        speeds = metres / seconds
-        k = np.flatnonzero(unbroken & (speeds > limit))
-        found.mark(first[k], last[k], speeds[k], limit, kind)
+    level_m, vertical_m = (0.5 * each_m for each_m in allowance_m)
+    ways: tuple[tuple[MoveKind, float], ...] = (
+        ("speed", limits.speed_m_s), ("climb", limits.climb_m_s), ("climb", limits.descent_m_s)
+    )  # fmt: skip
+    bad = found.broken_before()
+    parts: list[list[tuple[IntArray, IntArray, FloatArray]]] = [[], [], []]
+    for block in range(0, len(time_s), _BLOCK):
+        first = np.arange(block, min(block + _BLOCK, len(time_s)))
+        last = np.searchsorted(time_s, time_s[first] + window_s - ROUNDING_S)
+        inside = last < len(time_s)
+        first, last = first[inside], last[inside]
+        way, unbroken = enu_m[last] - enu_m[first], bad[last] == bad[first]
+        metres = (np.hypot(way[:, 0], way[:, 1]) - level_m, way[:, 2] - vertical_m, -way[:, 2] - vertical_m)
+        for part, each_m, (_, limit) in zip(parts, metres, ways, strict=True):
+            speeds = each_m / (time_s[last] - time_s[first])
+            k = np.flatnonzero(unbroken & (speeds > limit))
+            part.append((first[k], last[k], speeds[k]))
+    for part, (kind, limit) in zip(parts, ways, strict=True):
+        found.mark(*(np.concatenate(each) for each in zip(*part, strict=True)), limit, kind)
 
 
 def _mark_accelerations(found: _Found, limits: MotionLimits, windows: Windows) -> None:
@@ -330,7 +348,12 @@ def _reachable(
 
 
 def _velocity_step_m_s(
-    time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, noise: Windows, limits: MotionLimits, move: ImpossibleMove
+    time_s: FloatArray,
+    enu_m: FloatArray,
+    joined: BoolArray,
+    allowance_m: tuple[float, float],
+    limits: MotionLimits,
+    move: ImpossibleMove,
 ) -> float:
     """Excess of the velocity change across a move over what is possible, from samples right before and after it."""
     first, last = move.first, move.last
@@ -346,7 +369,7 @@ def _velocity_step_m_s(
     most_m_s = (
         limits.acceleration_m_s2 * float(time_s[last] + time_s[move.last] - time_s[move.first] - time_s[first]) / 2.0
     )
-    errors = [0.5 * noise.allowance_m(axis) * (1.0 / came_s + 1.0 / went_s) for axis in (0, 1)]
+    errors = [0.5 * each_m * (1.0 / came_s + 1.0 / went_s) for each_m in allowance_m]
     level, vertical = float(np.hypot(change[0], change[1])) - errors[0], abs(float(change[2])) - errors[1]
     return max(0.0, level - most_m_s, vertical - most_m_s)
 

@@ -20,6 +20,7 @@ from uavcover.model.verdict import Violation, ViolationKind
 from uavcover.scenario.airspace.zones import Zone, ZoneBreach
 from uavcover.scenario.obstacles import leg_breaches, waypoint_breaches
 from uavcover.scenario.site import Site
+from uavcover.verification.motion_windows import FITTED_STEP_S
 from uavcover.verification.phases import PlannedRoute, observed_stretches
 from uavcover.verification.tuning import SAFETY
 
@@ -76,14 +77,16 @@ def commanded_pace_doubt(
         passed: (k,) the planned waypoints that the vehicle passed: a leg between others was not flown; none: all were.
     """
     time = track.time_s
-    last = np.searchsorted(time, time + SAFETY.sustained_s)
+    first = np.flatnonzero(np.diff(np.floor(time / FITTED_STEP_S), prepend=-np.inf))
+    last = np.searchsorted(time, time[first] + SAFETY.sustained_s)
     gaps = np.concatenate([[0], np.cumsum(~joined)])
-    first = np.flatnonzero(last < len(time))
-    first = first[gaps[last[first]] == gaps[first]]
+    inside = np.flatnonzero(last < len(time))
+    inside = inside[gaps[last[inside]] == gaps[first[inside]]]
+    first, last = first[inside], last[inside]
     if first.size == 0:
         return None
-    seconds = time[last[first]] - time[first]
-    way = enu_m[last[first]] - enu_m[first]
+    seconds = time[last] - time[first]
+    way = enu_m[last] - enu_m[first]
     level, vertical = np.hypot(way[:, 0], way[:, 1]) / seconds, way[:, 2] / seconds
     under_way = level > SAFETY.under_way * vehicle.cruise_speed_m_s
     cruise = vehicle.cruise_speed_m_s
@@ -366,7 +369,10 @@ def _inside_zones(
 
 def _outside_fence_m(site: Site, enu_m: FloatArray, joined: BoolArray) -> FloatArray:
     """(n,) distance outside the fence of each sample, or of a leg from it with both ends inside; 0 inside."""
-    distance = np.asarray(shapely.distance(site.fence, shapely.points(enu_m[:, :2])), float).copy()
+    distance = np.zeros(len(enu_m))
+    shapely.prepare(site.fence)
+    outside = np.flatnonzero(~shapely.contains_xy(site.fence, enu_m[:, 0], enu_m[:, 1]))
+    distance[outside] = shapely.distance(site.fence, shapely.points(enu_m[outside, :2]))
     if len(enu_m) < 2 or site.fence.equals(site.fence.convex_hull):
         return distance
     # Only in a non-convex fence can a line between inside points leave it.

@@ -128,6 +128,7 @@ class _Track:
     fewest_samples: int
     spreads: float
     largest_turn_deg: float
+    same_view_m: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,12 +1,10 @@
 """Ways around: compared with all ways over a graph of corners, and with the region itself."""
 
-import itertools
-
 import numpy as np
 import pytest
 import shapely
-from scipy.sparse.csgraph import dijkstra
 
+from tests.naive.ways import shortest_length
 from uavcover.scenario.airspace.way_round import WayRound
 
 
@@ -15,17 +13,6 @@ def random_region(rng):
     holes = [shapely.Point(rng.uniform(20, 180, 2)).buffer(rng.uniform(5, 35), quad_segs=2) for _ in range(5)]
     pieces = shapely.get_parts(outer.difference(shapely.union_all(holes)))
     return max(pieces, key=lambda part: part.area)
-
-
-def naive_length(region, a, b):
-    """Of the shortest way over all corners of the region, whether they stick into it or not."""
-    nodes = np.vstack([a, b, shapely.get_coordinates(region)])
-    roomy = region.buffer(1e-6)
-    length = np.zeros((len(nodes), len(nodes)))
-    for i, j in itertools.combinations(range(len(nodes)), 2):
-        if roomy.covers(shapely.LineString([nodes[i], nodes[j]])):
-            length[i, j] = length[j, i] = np.hypot(*(nodes[i] - nodes[j]))
-    return dijkstra(length, indices=0)[1]
 
 
 @pytest.mark.parametrize("seed", range(6))
@@ -39,7 +26,7 @@ def test_ways_are_inside_and_the_shortest(seed):
         np.testing.assert_array_equal(way[[0, -1]], [a, b])
         assert shapely.LineString(way).length == 0.0 or region.buffer(1e-6).covers(shapely.LineString(way))
         # Corners of ways are 2 cm inside.
-        assert np.hypot(*np.diff(way, axis=0).T).sum() == pytest.approx(naive_length(region, a, b), abs=0.5)
+        assert np.hypot(*np.diff(way, axis=0).T).sum() == pytest.approx(shortest_length(region, a, b), abs=0.5)
 
 
 def test_there_is_no_way_to_another_piece():

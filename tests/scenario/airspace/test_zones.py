@@ -166,3 +166,36 @@ def test_the_polygon_around_a_circle_holds_it(radius):
     polygon = around_circle(3.0, -4.0, radius)
     assert shapely.distance(polygon.exterior, shapely.Point(3.0, -4.0)) >= radius * (1.0 - 1e-12)
     assert polygon.area < 1.003 * np.pi * radius**2
+
+
+def test_many_zones_at_once_are_as_one_at_a_time():
+    """The index of many zones finds what each zone finds alone; one has more corners than are tried one by one."""
+    rng = np.random.default_rng(4)
+    zones = [random_zone(rng) for _ in range(12)]
+    angles = np.linspace(0.0, 2.0 * np.pi, 300, endpoint=False)
+    reach = 60.0 + 8.0 * np.sin(9.0 * angles)
+    ring = np.column_stack([40.0 + reach * np.cos(angles), 160.0 + reach * np.sin(angles)])
+    zones.append(zone_of(polygon_east_north_m=tuple(map(tuple, ring.tolist())), margin_m=4.0))
+    site = make_site(slope, on_earth=False)
+    checks = [ZoneCheck((zone,), site.ground, None, height_margin_m=5.0, margins=True) for zone in zones]
+    route = rng.uniform([-100.0, -100.0, 0.0], [300.0, 300.0, 220.0], (60, 3))
+    route[9] = np.nan
+    route[20, :2] = route[19, :2]
+    together = ZoneCheck(tuple(zones), site.ground, None, height_margin_m=5.0, margins=True)
+    for many, each in (
+        (together.leg_breaches(route), [check.leg_breaches(route) for check in checks]),
+        (together.place_breaches(route), [check.place_breaches(route) for check in checks]),
+    ):
+        alone = [(b.leg, z, b.depth_m, b.at) for z, found in enumerate(each) for b in found]
+        assert [(b.leg, b.zone) for b in many] == [(leg, z) for leg, z, *_ in sorted(alone)]
+        assert np.allclose([(b.depth_m, b.at) for b in many], [one[2:] for one in sorted(alone)], atol=1e-9)
+        assert len(many) > 20
+
+
+def test_depth_in_a_zone_with_many_corners_is_the_distance_to_its_edge():
+    angles = np.linspace(0.0, 2.0 * np.pi, 500, endpoint=False)
+    zone = zone_of(polygon_east_north_m=tuple((50.0 * np.cos(a), 50.0 * np.sin(a)) for a in angles.tolist()))
+    places = np.array([[3.0, 4.0, 50.0], [30.0, 0.0, 50.0], [70.0, 0.0, 50.0]])
+    found = check_of(zone, ups=flat).place_breaches(places)
+    assert [breach.leg for breach in found] == [0, 1]
+    assert [breach.depth_m for breach in found] == pytest.approx([45.0, 20.0], abs=0.01)

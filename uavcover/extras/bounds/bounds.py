@@ -69,7 +69,7 @@ def _tops(coverage: CoverageMap, reach_m: float) -> tuple[FloatArray, float, flo
     east0, north0 = west - reach_m, south - reach_m
     across = max(east - west, north - south) + 2.0 * reach_m
     if surface.kind == GRID:
-        side = max(0.5 * surface.step_m, across / _MOST_SQUARES_ACROSS)
+        side = max(0.5 * surface.step_m, coverage.grid.size_m, across / _MOST_SQUARES_ACROSS)
         count = math.ceil(across / side)
         # Plumb lines lean: above its ground a place of the band may stand a little aside of it, and so a little higher.
         lean_m = surface.grid.lean * highest_agl_m

@@ -253,11 +253,11 @@ def fewest_lines(
 def _ways(site: Site, most: int) -> Iterator[tuple[float, float, float]]:
     """Heights above ground, insets and directions of tuned lines: along the long side and across it first."""
     for height, inset in itertools.product(_tuned_heights(site), reversed(_TUNED_INSETS)):
-        for angle in _directions_rad(site)[:most]:
+        for angle in directions_rad(site)[:most]:
             yield height, inset, angle
 
 
-def _directions_rad(site: Site) -> list[float]:
+def directions_rad(site: Site) -> list[float]:
     """Directions of tuned lines: along the long side and across it first, then along edges, then the turns between."""
     base, half = long_side_angle_rad(site.area), _TUNED_ANGLES // 2
     along, across, *between = (
@@ -281,7 +281,7 @@ def _tuned_heights(site: Site) -> list[float]:
 
 def _scan(site: Site) -> Iterator[list[SwathLayout]]:
     heights = _tuned_heights(site)
-    for angle in _directions_rad(site):
+    for angle in directions_rad(site):
         layouts: dict[tuple[int, float, float], SwathLayout] = {}
         for height in heights:
             for factor in _TUNED_LINES:

@@ -15,8 +15,6 @@ from dataclasses import dataclass
 import contourpy
 import numpy as np
 import shapely
-from scipy.fft import dctn, idctn
-from scipy.ndimage import distance_transform_edt, gaussian_filter
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.way_cost import route_cost
@@ -110,6 +108,8 @@ def line_field(site: Site, *, reach_m: float, smoothing: float, straightening: f
         smoothing: see :class:`ContourLayout`.
         straightening: see :class:`ContourLayout`.
     """
+    from scipy.ndimage import distance_transform_edt, gaussian_filter  # a fifth of a second to load
+
     east, north = _lattice(site, reach_m)
     step_m = float(east[1] - east[0])
     nodes = np.column_stack([axis.ravel() for axis in np.meshgrid(east, north)])
@@ -164,6 +164,8 @@ def nearest_potential(across_e: FloatArray, across_n: FloatArray, step_m: float)
     Returns:
         (r, c) values; differences between neighbours are least squares from the field's means between them.
     """
+    from scipy.fft import dctn, idctn
+
     along_rows = 0.5 * step_m * (across_e[:, 1:] + across_e[:, :-1])
     along_columns = 0.5 * step_m * (across_n[1:] + across_n[:-1])
     # The normal equations of the least squares: a Laplacian with reflecting borders, diagonal for cosines (DCT-II).

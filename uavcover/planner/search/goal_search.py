@@ -48,7 +48,14 @@ def search_goals(
     goals: Sequence[float] = [goal for goal in LADDER if asked is None or abs(goal - asked) > 0.002]
     main = 0.0 if asked is None else tuned.main_share
     known = list(starts)
-    if asked is not None:
+    whole = None if asked is None else _whole_beginning(work, starts, asked, judge)
+    if asked is not None and whole is not None:
+        # From less the search would have to find what it has here already.
+        main += tuned.closing_share
+        end = begin + main * (until - begin)
+        judge.found(whole.route)
+        known += _search_whole(work, whole, asked, capacity, (begin, end), judge)
+    elif asked is not None:
         end = begin + main * (until - begin)
         found = search_goal(
             work, known, asked, capacity, (begin, end), tuned.main_stages, judge,
@@ -96,6 +103,36 @@ def search_goals(
     return known
 
 
+def _whole_beginning(work: Work, starts: Sequence[SearchStart], asked: float, judge: RouteJudge) -> SearchStart | None:
+    """Where nearly all is to be seen, the best beginning if it sees that; searches rarely come back to so much."""
+    tuned = work.tuning.goal
+    if asked <= tuned.nearly_all or work.problem.free_order or not starts:
+        return None
+    best = best_starts(work.problem, starts, asked, tuned=tuned)[0]
+    return best if judge.coverage(best.route, asked) >= asked else None
+
+
+def _search_whole(
+    work: Work, whole: SearchStart, goal: float, capacity: int, share: tuple[float, float], judge: RouteJudge
+) -> list[SearchStart]:
+    """Search from a route that sees nearly all: first on the cells of the search, then on the finest ones.
+
+    What the first search lost between its cells is a corner here and there: on finer cells it costs next to nothing.
+    """
+    (begin, end), tuned, coarse = share, work.tuning.goal, work.problem
+    if work.finest is None:
+        return search_goal(work, [whole], goal, capacity, share, tuned.main_stages, judge, closed=True)
+    middle = begin + tuned.whole_share * (end - begin)
+    found = search_goal(work, [whole], goal, capacity, (begin, middle), (1.0,), judge, closed=True)
+    if found and not work.stopped:
+        work.problem = work.finest(whole.route)
+        found += search_goal(
+            work, found, goal, capacity, (middle, end), tuned.main_stages, judge, closed=True, dearer=tuned.whole_dearer
+        )
+        work.problem = coarse
+    return found
+
+
 def search_goal(
     work: Work,
     starts: Sequence[SearchStart],
@@ -107,6 +144,7 @@ def search_goal(
     *,
     waypoint_price: float | None = None,
     closed: bool = False,
+    dearer: float | None = None,
     coverage_price: float | None = None,
     most_short: float = 1.0,
     later: float = 0.0,
@@ -126,6 +164,7 @@ def search_goal(
         waypoint_price: in radii of the sensor; beginnings are ranked by it too. By default next to nothing.
         closed: the beginning is a route whose gaps were closed, because a search ended short of the goal: it is to get shorter,
             and where nearly everything is to be seen, not to open them again.
+        dearer: factor of the price of coverage where the beginning is closed and nearly everything is to be seen.
         coverage_price: of all coverage, in lengths of the route, where it is higher than by default.
         most_short: by so much the first stage may miss the goal; by more, and the search ends there.
         later: share of all the work until which further, short stages may follow while they get nearer to the goal.
@@ -150,7 +189,7 @@ def search_goal(
     for chain in chains:
         if closed and goal > tuned.nearly_all and not work.problem.free_order:
             chain.hottest *= tuned.closed_heat
-            chain.prices = chain.prices._replace(coverage=tuned.closed_dearer * chain.prices.coverage)
+            chain.prices = chain.prices._replace(coverage=chain.prices.coverage * (dearer or tuned.closed_dearer))
         aim = _corrected(goal, chain.seen, judge.coverage(chain.route, goal))
         chain.prices = chain.prices._replace(goal=aim)
     # Two routes were judged; a correction judges one.

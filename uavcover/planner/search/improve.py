@@ -28,7 +28,7 @@ from uavcover.planner.search.local_search import (
 from uavcover.planner.search.optimizer_search import Effort, SearchProgress, SearchRun
 from uavcover.planner.search.route_judge import SAFETY, OneAfterTheOther, RouteJudge, share_seen
 from uavcover.planner.search.route_problem import RouteProblem
-from uavcover.planner.search.search_cells import counted_as_judged, search_problem
+from uavcover.planner.search.search_cells import counted_as_judged, finest_problem, search_problem
 from uavcover.planner.search.simplify import thinned_out
 from uavcover.planner.search.starts import SearchStart, best_starts
 from uavcover.planner.search.tour_with_neighbourhoods import search_free_order
@@ -93,7 +93,8 @@ def improve(
     starts = _starts(coverage, candidates, settings)
     if not starts or left == 0 or effort.is_over(run.started):
         return Improved((), 0, interrupted=False)
-    problem = counted_as_judged(search_problem(coverage, judging), judging, starts)
+    goal = _FLOWN if rule.required_coverage is None else rule.required_coverage
+    problem = counted_as_judged(search_problem(coverage, judging, starts, goal), judging, starts)
     judges = judging_maps(site) if site.scenario.sensor.looks_along_path else [judging]
     pace: SearchPace
     if effort.budget_s is None:
@@ -110,7 +111,11 @@ def improve(
         progress.report(work.proposals, chains)
         look(lambda: [*judging_of.kept, *(_shortened(problem, chain.route) for chain in chains)])
 
-    work = Work(problem, pace, generators, run.executor, run.should_stop, between, tuning)
+    finer = finer_map(site) if asked is not None and asked > tuned.nearly_all else None
+    work = Work(
+        problem, pace, generators, run.executor, run.should_stop, between,
+        None if finer is None else partial(finest_problem, finer), tuning,
+    )  # fmt: skip
     capacity = _capacity(problem, settings, starts, tuned)
     # Where time is paid for, finer cells are asked only about what the own cells confirm.
     exactly = judging_of.on_each if effort.budget_s is None else OneAfterTheOther(judges)
@@ -120,7 +125,6 @@ def improve(
     if problem.free_order:
         search_free_order(work, starts, asked=asked, capacity=capacity, judge=judge)
     else:
-        goal = _FLOWN if asked is None else asked
         starts.append(_fewer_waypoints(problem, starts, goal, tuned))
         known = search_goals(
             work, starts, asked=asked, capacity=capacity, until=1.0 - tuned.waypoint_share, judge=judge

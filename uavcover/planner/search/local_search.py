@@ -151,6 +151,7 @@ class Work:
         on_batch: called after every batch, with the chains.
         proposals: done so far, by all chains.
         stopped: whether ``should_stop`` ended the work.
+        finest: the problem on the finest cells, from a route that sees nearly all; none where there are none.
         tuning: of the search.
         correction: share of all the work that judging routes and preparing chains took the last time; 0 where work is counted
             by proposals.
@@ -162,6 +163,7 @@ class Work:
     executor: Executor | None
     should_stop: Callable[[], bool]
     on_batch: Callable[[Sequence[Chain]], None]
+    finest: Callable[[Route], RouteProblem] | None = None
     tuning: SearchTuning = TUNED
     proposals: int = 0
     stopped: bool = field(default=False)

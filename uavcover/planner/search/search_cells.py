@@ -5,6 +5,7 @@ They are other cells than routes are judged on, so that a route is not laid out 
 
 from collections.abc import Sequence
 
+from uavcover.model.route import Route
 from uavcover.planner.baselines.boustrophedon import best_height_agl_m
 from uavcover.planner.search.route_judge import share_seen
 from uavcover.planner.search.route_problem import RouteProblem, route_problem, state_of
@@ -24,17 +25,31 @@ _FAR_LESS = 0.04
 judged, others up to 0.025."""
 
 
-def search_problem(coverage: CoverageMap, judging: CoverageMap) -> RouteProblem:
+_HIDDEN, _HIDDEN_FINEST, _LESS_MARGIN = 0.004, 0.001, (0.05, 0.025, 0.0)
+"""Where the narrowed sensor loses more of the best beginning, a share of coverage, its lines have no room for the margin, and a
+smaller one, in cells, is tried."""
+
+
+def search_problem(
+    coverage: CoverageMap, judging: CoverageMap, starts: Sequence[SearchStart], goal: float
+) -> RouteProblem:
     """The problem of a search: on scattered cells, or at waypoints on the planner's.
+
+    Where lines side by side leave no room for the margin, there is none: a search that sees gaps between all lines which reach
+    the goal would close them, or give the goal up.
 
     Where routes are judged on smaller cells, these see other ground than the planner's do: on the walls of a canyon a search saw
     98.6 % where 93.7 % were judged, and its goal, corrected up to 100 %, had no effect any more.
     """
     site = coverage.site
     if site.scenario.sensor.looks_along_path or is_judged_on_smaller_cells(site):
-        return scattered_problem(
-            CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m, cut=make_scattered_cells)
-        )
+        scattered = CoverageMap(site, cell_size_m=site.scenario.area.cell_size_m, cut=make_scattered_cells)
+        problem = scattered_problem(scattered)
+        whole = [start for start in starts if start.seen >= goal]
+        best = min(whole, key=lambda start: problem.cost(start.route), default=None)
+        if best is None or problem.numbers.trigger_m > 0.0 or site.scenario.requirements.looks > 1:
+            return problem
+        return _with_room(scattered, best.route, (SCATTERED_MARGIN_CELLS, *_LESS_MARGIN), _HIDDEN)
     return _problem(site, coverage, margin_cells=0.0 if judging is coverage else MARGIN_CELLS)
 
 
@@ -43,8 +58,29 @@ def counted_as_judged(problem: RouteProblem, judging: CoverageMap, starts: Seque
     if problem.numbers.trigger_m == 0.0:
         return problem
     most = max(starts, key=lambda start: start.seen).route
-    counted = float(state_of(problem, most, capacity=len(most)).seen[0])
-    return problem.with_likely_pictures() if counted < share_seen(most, judging) - _FAR_LESS else problem
+    if share_counted(problem, most) >= share_seen(most, judging) - _FAR_LESS:
+        return problem
+    return problem.with_likely_pictures()
+
+
+def share_counted(problem: RouteProblem, route: Route) -> float:
+    """Share of what can be covered that a search counts of a route."""
+    return float(state_of(problem, route, capacity=len(route)).seen[0])
+
+
+def finest_problem(cells: CoverageMap, route: Route) -> RouteProblem:
+    """The problem of a search that ends a search for nearly all of the ground, on the finest cells, from a route that sees it."""
+    return _with_room(cells, route, _LESS_MARGIN, _HIDDEN_FINEST)
+
+
+def _with_room(cells: CoverageMap, route: Route, margins: Sequence[float], hidden: float) -> RouteProblem:
+    """The problem with the first margin, in cells, that hides no more than a share of what a route sees; else with the last."""
+    seen = share_seen(route, cells)
+    for margin_cells in margins[:-1]:
+        problem = _problem(cells.site, cells, margin_cells=margin_cells)
+        if share_counted(problem, route) >= seen - hidden:
+            return problem
+    return _problem(cells.site, cells, margin_cells=margins[-1])
 
 
 def scattered_problem(scattered: CoverageMap) -> RouteProblem:

@@ -66,8 +66,12 @@ def transit_area(site: Site) -> Polygons:
 
 def transit_area_between_walls(site: Site) -> Polygons:
     """Permitted ground for transits at one of their heights. Zones that they may pass under or over are not cut out."""
-    heights = _transit_heights_m(site)
-    return _without(site, [zone for zone in site.zones if _fills(site, zone, *heights)])
+    return _without(site, [zone for zone in site.zones if is_wall(site, zone)])
+
+
+def is_wall(site: Site, zone: Zone) -> bool:
+    """Whether no leg of any mission passes over or under a zone."""
+    return _fills(site, zone, *_transit_heights_m(site))
 
 
 def _transit_heights_m(site: Site) -> tuple[float, float]:
@@ -84,8 +88,7 @@ def _flyable_area(site: Site) -> FlyableArea:
     pieces = polygons_in(_without(site, closed))
     there = len(pieces)
     # Only what can be reached from home counts: pieces behind zones that no transit passes under or over are not.
-    heights = _transit_heights_m(site)
-    walls = [zone for zone in site.zones if _fills(site, zone, *heights)]
+    walls = [zone for zone in site.zones if is_wall(site, zone)]
     reached = [piece for piece in polygons_in(_without(site, walls)) if _holds_home(site, piece)]
     if reached:
         pieces = [piece for piece in pieces if reached[0].intersects(piece.representative_point())]

@@ -1,20 +1,20 @@
 """Shortest paths on the map between two positions inside a polygon with holes, around no-fly zones and bays."""
 
-import heapq
-import math
-import threading
-from typing import Any
-
 import numpy as np
 import shapely
 from shapely.ops import nearest_points
 
 from uavcover.kernels.arrays import BoolArray, FloatArray
-from uavcover.scenario.airspace.zones import Polygons
+from uavcover.kernels.obstacle_breach import parts_over
+from uavcover.kernels.obstacles import NO_OBSTACLES, ObstaclePrisms
+from uavcover.kernels.shortest_way import are_clear, shortest_way
+from uavcover.scenario.airspace.zones import Polygons, footprints_of
 
 _INSIDE_M = 0.02
 """Corners of ways lie this far inside, so that rounding does not take them out."""
 _HAIR_M = 1e-7
+_MOST_CORNERS = 48
+"""A wall with more corners is divided: every line that comes near asks all corners of it."""
 
 
 class WayRound:
@@ -27,12 +27,11 @@ class WayRound:
     def __init__(self, region: Polygons) -> None:
         self.region = region
         self._inner = region.buffer(-_INSIDE_M, join_style="mitre")
-        self._nodes = _corners_that_stick_in(self._inner)
-        self._seen: dict[int, BoolArray] = {}
-        # A prepared polygon builds its index on first use: not thread-safe.
-        self._prepared = region.buffer(_HAIR_M)
-        self._lock = threading.Lock()
-        shapely.prepare(self._prepared)
+        self._corners = _corners_that_stick_in(self._inner)
+        self._walls, self._free = _walls_around(region), footprints_of([self._inner])
+        # A prepared polygon builds its index on first use, which is not thread-safe: use it now.
+        shapely.prepare(self._inner)
+        shapely.covers(self._inner, shapely.centroid(region))
 
     def inside(self, place_m: FloatArray) -> FloatArray:
         """A (2,) place, or the nearest one inside."""
@@ -41,9 +40,19 @@ class WayRound:
             return place_m
         return np.asarray(nearest_points(self._inner, point)[0].coords[0])
 
+    @property
+    def corners_m(self) -> FloatArray:
+        """(k, 2) corners of ways."""
+        return self._corners[:, :2]
+
+    def are_straight(self, ends_m: FloatArray) -> BoolArray:
+        """(n,) whether each of (n, 2, 2) straight lines is inside."""
+        lines = np.ascontiguousarray(ends_m, dtype=float).reshape(-1, 4)
+        return are_clear(self._walls, lines) & (not self.region.is_empty)
+
     def is_straight(self, a_m: FloatArray, b_m: FloatArray) -> bool:
         """Whether the straight line between two places is inside."""
-        return bool(self._visible(a_m, b_m[None])[0])
+        return bool(self.are_straight(np.array([[a_m, b_m]]))[0])
 
     def between(self, a_m: FloatArray, b_m: FloatArray) -> FloatArray | None:
         """(k, 2) corners of the shortest way from one place to another, both included; none where there is no way.
@@ -52,27 +61,9 @@ class WayRound:
         """
         if self.is_straight(a_m, b_m):
             return np.array([a_m, b_m])
-        if len(self._nodes) == 0:
-            return None
-        last = self._visible(b_m, self._nodes)
-        to_goal = np.hypot(*(self._nodes - b_m).T)
-        # A*: from the start to the corners, and from those that see the goal to it.
-        length = np.full(len(self._nodes), math.inf)
-        before = np.full(len(self._nodes), -1)
-        first = self._visible(a_m, self._nodes)
-        length[first] = np.hypot(*(self._nodes[first] - a_m).T)
-        queue = [(float(length[k] + to_goal[k]), int(k)) for k in np.flatnonzero(first)]
-        heapq.heapify(queue)
-        done = np.zeros(len(self._nodes), dtype=bool)
-        while queue:
-            _, k = heapq.heappop(queue)
-            if done[k]:
-                continue
-            done[k] = True
-            if last[k]:
-                return self._way(a_m, b_m, before, k)
-            self._expand(k, length, before, to_goal, done, queue)
-        return None
+        a, b = ((float(place[0]), float(place[1])) for place in (a_m, b_m))
+        numbers = shortest_way(self._walls, self._corners, a, b)
+        return np.array([a_m, *self._corners[numbers, :2], b_m]) if numbers.size else None
 
     def along(self, a_m: FloatArray, b_m: FloatArray) -> FloatArray | None:
         """(k, 2) corners of a path that follows the straight line wherever that is inside, and is shortest in between.
@@ -81,10 +72,12 @@ class WayRound:
         """
         if self.is_straight(a_m, b_m):
             return np.array([a_m, b_m])
-        line = shapely.LineString([a_m, b_m])
-        pieces = [piece for piece in shapely.get_parts(line.intersection(self._inner)) if piece.length > _INSIDE_M]
-        starts = sorted((line.project(shapely.Point(piece.coords[0])), piece) for piece in pieces if piece.length > 0.0)
-        ends_m = [np.asarray(place) for _, piece in starts for place in (piece.coords[0], piece.coords[-1])]
+        line = np.array([[*a_m, *b_m]], dtype=float)
+        step_m = line[0, 2:] - line[0, :2]
+        _, shares = parts_over(self._free, np.zeros(1, dtype=np.int64), line)
+        kept = (shares[:, 1] - shares[:, 0]) * np.hypot(*step_m) > _INSIDE_M
+        ends_m = line[0, :2] + shares[kept].reshape(-1, 1) * step_m
+        ends_m[shares[kept].ravel() == 1.0] = b_m
         way = [np.asarray(a_m, dtype=float)]
         for place in [*ends_m, np.asarray(b_m, dtype=float)]:
             if np.hypot(*(place - way[-1])) <= _INSIDE_M:
@@ -95,45 +88,44 @@ class WayRound:
             way += list(part[1:])
         return np.array(way)
 
-    def _expand(
-        self,
-        k: int,
-        length: FloatArray,
-        before: Any,
-        to_goal: FloatArray,
-        done: BoolArray,
-        queue: list[tuple[float, int]],
-    ) -> None:
-        if k not in self._seen:
-            self._seen[k] = self._visible(self._nodes[k], self._nodes)
-        through = length[k] + np.hypot(*(self._nodes - self._nodes[k]).T)
-        for other in np.flatnonzero(self._seen[k] & ~done & (through < length)):
-            length[other], before[other] = through[other], k
-            heapq.heappush(queue, (float(through[other] + to_goal[other]), int(other)))
 
-    def _way(self, a_m: FloatArray, b_m: FloatArray, before: Any, k: int) -> FloatArray:
-        way = [b_m]
-        while k >= 0:
-            way.append(self._nodes[k])
-            k = int(before[k])
-        return np.array([*way, a_m])[::-1]
+def _walls_around(region: Polygons) -> ObstaclePrisms:
+    """Everything but a region, as footprints in an index of tiles, none of them with many corners."""
+    if region.is_empty:
+        return NO_OBSTACLES
+    outside = shapely.box(*region.bounds).buffer(1.0, join_style="mitre").difference(region.buffer(_HAIR_M))
+    walls = [wall for part in shapely.get_parts(outside) for wall in _divided(part)]
+    return footprints_of(walls)
 
-    def _visible(self, from_m: FloatArray, to_m: FloatArray) -> BoolArray:
-        """(k,) whether the straight lines from a place to (k, 2) others are inside."""
-        ends = np.stack([np.broadcast_to(from_m, to_m.shape), to_m], axis=1)
-        with self._lock:
-            seen = shapely.covers(self._prepared, shapely.linestrings(ends))
-        return np.asarray(seen, dtype=bool)
+
+def _divided(wall: shapely.Geometry) -> list[shapely.Polygon]:
+    """A polygon, or pieces of it with few corners."""
+    if not isinstance(wall, shapely.Polygon):
+        return []
+    if shapely.get_num_coordinates(wall) <= _MOST_CORNERS:
+        return [wall]
+    west, south, east, north = wall.bounds
+    if max(east - west, north - south) < _INSIDE_M:
+        return [wall]
+    if east - west > north - south:
+        middle = 0.5 * (west + east)
+        halves = shapely.box(west, south, middle, north), shapely.box(middle, south, east, north)
+    else:
+        middle = 0.5 * (south + north)
+        halves = shapely.box(west, south, east, middle), shapely.box(west, middle, east, north)
+    return [piece for half in halves for part in shapely.get_parts(wall.intersection(half)) for piece in _divided(part)]
 
 
 def _corners_that_stick_in(region: shapely.Geometry) -> FloatArray:
-    """(k, 2) corners at which the region is wider than half a turn."""
-    found = [np.empty((0, 2))]
+    """(k, 6) corners at which the region is wider than half a turn, each with the ones before and after it."""
+    found = [np.empty((0, 6))]
     for part in shapely.get_parts(region):
         oriented = shapely.orient_polygons(part)
         for ring in (oriented.exterior, *oriented.interiors):
             corners = shapely.get_coordinates(ring)[:-1]
-            onto, off = corners - np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0) - corners
+            before, after = np.roll(corners, 1, axis=0), np.roll(corners, -1, axis=0)
+            onto, off = corners - before, after - corners
             # The region is to the left of its rings: a turn to the right sticks in.
-            found.append(corners[onto[:, 0] * off[:, 1] - onto[:, 1] * off[:, 0] < 0.0])
-    return np.vstack(found)
+            sticks = onto[:, 0] * off[:, 1] - onto[:, 1] * off[:, 0] < 0.0
+            found.append(np.hstack([corners, before, after])[sticks])
+    return np.ascontiguousarray(np.vstack(found))

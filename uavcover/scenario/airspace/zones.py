@@ -5,14 +5,19 @@ continuously along a leg, so for one floor and one ceiling of the same kind this
 """
 
 import math
+import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any, Final
 
 import numpy as np
 import shapely
+from numpy.typing import NDArray
 
-from uavcover.kernels.arrays import BoolArray, FloatArray
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.kernels.obstacle_breach import edge_distances_m, parts_over
+from uavcover.kernels.obstacles import ObstaclePrisms, make_obstacles
 from uavcover.model.no_fly import NoFly
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
@@ -178,100 +183,150 @@ class ZoneCheck:
         counts = np.isfinite(begins).all(axis=1) & np.isfinite(ends).all(axis=1)
         if legs is not None:
             counts &= legs
-        numbers = np.flatnonzero(counts)
-        lines = np.asarray(shapely.linestrings(np.stack([begins[numbers, :2], ends[numbers, :2]], axis=1)))
-        found = []
-        for z, zone in enumerate(self.zones):
-            margin_m = zone.entry.margin_m if self.margins else 0.0
-            solid = _solid(zone, margin_m)
-            # The bounds first: nearly all legs are far from nearly all zones.
-            west, south, east, north = solid.bounds
-            boxes = shapely.bounds(lines)
-            near = (boxes[:, 0] <= east) & (boxes[:, 2] >= west) & (boxes[:, 1] <= north) & (boxes[:, 3] >= south)
-            vertical = (boxes[:, 0] == boxes[:, 2]) & (boxes[:, 1] == boxes[:, 3])
-            near[near] = vertical[near] | shapely.intersects(solid, lines[near])
-            for k in numbers[near]:
-                breach = self._breach(zone, solid, margin_m, begins[k], ends[k])
-                if breach is not None:
-                    found.append(ZoneBreach(int(k), z, *breach))
-        return sorted(found, key=lambda breach: (breach.leg, breach.zone))
+        parts = _solids(self.zones, self.margins).parts_inside(begins, ends, np.flatnonzero(counts))
+        parts = parts.only(~self._are_over_or_under(parts, begins, ends))
+        depths, at = parts.deepest(begins, ends)
+        # Of the parts of a leg in one zone the deepest counts; the first of equal ones.
+        order = np.lexsort((np.arange(len(depths)), -depths, parts.zone, parts.leg))
+        leg, zone = parts.leg[order], parts.zone[order]
+        first = np.ones(len(order), dtype=bool)
+        first[1:] = (np.diff(leg) != 0) | (np.diff(zone) != 0)
+        return [ZoneBreach(int(parts.leg[k]), int(parts.zone[k]), float(depths[k]), float(at[k])) for k in order[first]]
 
-    def _breach(
-        self, zone: Zone, solid: Polygons, margin_m: float, p: FloatArray, q: FloatArray
-    ) -> tuple[float, float] | None:
-        """Depth and parameter where the line p-q is deepest in a zone; none where it stays out."""
-        worst: tuple[float, float] | None = None
-        for begin, end in _parts_inside(zone, solid, margin_m, p[:2], q[:2]):
-            if self._is_over_or_under(zone.entry, p + begin * (q - p), p + end * (q - p)):
-                continue
-            depth, at = _deepest(zone, solid, margin_m, p, q, (begin, end))
-            if worst is None or depth > worst[0]:
-                worst = depth, at
-        return worst
-
-    def _is_over_or_under(self, entry: NoFly, p: FloatArray, q: FloatArray) -> bool:
-        """Whether the line p-q is below all floors or above all ceilings; not where the ground is unknown."""
-        low, _, high, _ = self.ground.leg_height_ranges_m(np.vstack([p, q]))[0]
-        alts = (p[2], q[2]) if self.frame is None else self.frame.geodetic_from_enu(np.vstack([p, q]))[2]
+    def _are_over_or_under(self, parts: "_PartsInside", begins: FloatArray, ends: FloatArray) -> BoolArray:
+        """Which parts of legs are below all floors or above all ceilings; not where the ground is unknown."""
+        out = np.zeros(len(parts.leg), dtype=bool)
+        limited = parts.solids.limited[parts.zone]
+        if not limited.any():
+            return out
+        legs, share = parts.leg[limited], parts.share[limited]
+        p, q = (begins[legs] + share[:, k, None] * (ends[legs] - begins[legs]) for k in (0, 1))
+        line = np.stack([p, q, np.full_like(p, np.nan)], axis=1).reshape(-1, 3)
+        ranges = self.ground.leg_height_ranges_m(line)[0::3]
+        both = np.stack([p, q], axis=1)
+        alts = both[:, :, 2]
+        if self.frame is not None:
+            alts = self.frame.geodetic_from_enu(both.reshape(-1, 3))[2].reshape(-1, 2)
         leeway = _HEIGHT_TOLERANCE_M + self.ground.cut_error_m - self.height_margin_m
-        floors = [(entry.floor_agl_m, high), (entry.floor_amsl_m, max(alts))]
-        ceilings = [(entry.ceiling_agl_m, low), (entry.ceiling_amsl_m, min(alts))]
-        under = [highest <= floor + leeway for floor, highest in floors if floor is not None]
-        over = [lowest >= ceiling - leeway for ceiling, lowest in ceilings if ceiling is not None]
-        return bool((under and all(under)) or (over and all(over)))
+        out[limited] = [
+            _is_over_or_under(self.zones[zone].entry, (low, high), (float(a.min()), float(a.max())), leeway)
+            for zone, (low, _, high, _), a in zip(parts.zone[limited], ranges.tolist(), alts, strict=True)
+        ]
+        return out
 
 
-@lru_cache(maxsize=1024)
-def _solid(zone: Zone, margin_m: float) -> Polygons:
-    """The grown outline without a hair of its edge, so that legs along the edge are outside."""
-    solid = zone.grown(margin_m).buffer(-_TOUCHING_M, join_style="mitre")
-    return solid if isinstance(solid, Polygons) else shapely.MultiPolygon()
+def _is_over_or_under(entry: NoFly, agl_m: tuple[float, float], amsl_m: tuple[float, float], leeway_m: float) -> bool:
+    floors = [(entry.floor_agl_m, agl_m[1]), (entry.floor_amsl_m, amsl_m[1])]
+    ceilings = [(entry.ceiling_agl_m, agl_m[0]), (entry.ceiling_amsl_m, amsl_m[0])]
+    under = [highest <= floor + leeway_m for floor, highest in floors if floor is not None]
+    over = [lowest >= ceiling - leeway_m for ceiling, lowest in ceilings if ceiling is not None]
+    return bool((under and all(under)) or (over and all(over)))
 
 
-def _parts_inside(
-    zone: Zone, solid: Polygons, margin_m: float, p: FloatArray, q: FloatArray
-) -> list[tuple[float, float]]:
-    """Intervals 0..1 of the line p-q on the map inside a zone. Touching its edge is outside."""
-    length = math.hypot(*(q - p))
-    if zone.circle is not None:
-        return _parts_in_circle((*zone.circle[:2], zone.circle[2] + margin_m), p, q, length)
-    if length <= _TOUCHING_M:
-        return [(0.0, 1.0)] if solid.contains(shapely.Point(p)) else []
-    pieces = shapely.get_parts(shapely.LineString([p, q]).intersection(solid))
-    found = []
-    for piece in pieces:
-        if isinstance(piece, shapely.LineString) and piece.length > 0.0:
-            at = (shapely.get_coordinates(piece) - p) @ (q - p) / length**2
-            found.append((max(0.0, float(at.min())), min(1.0, float(at.max()))))
-    return found
+@dataclass(frozen=True, slots=True, eq=False)
+class _PartsInside:
+    """Parts of legs that are inside of zones on the map.
+
+    Attributes:
+        solids: of the zones.
+        leg: (k,) number of the leg.
+        zone: (k,) number of the zone.
+        share: (k, 2) parameters 0..1 along the leg where the part begins and ends.
+    """
+
+    solids: "_Solids"
+    leg: IntArray
+    zone: IntArray
+    share: FloatArray
+
+    def only(self, kept: BoolArray) -> "_PartsInside":
+        """Some of the parts."""
+        return _PartsInside(self.solids, self.leg[kept], self.zone[kept], self.share[kept])
+
+    def deepest(self, begins: FloatArray, ends: FloatArray) -> tuple[FloatArray, FloatArray]:
+        """(k,) largest distances to the edge of the zone, and the parameters there. Above 0, because the parts are inside."""
+        solids, (begin, end) = self.solids, self.share.T
+        at = begin[:, None] + (end - begin)[:, None] * (np.arange(_SAMPLES + 1) / _SAMPLES)
+        p, q = begins[self.leg, None, :2], ends[self.leg, None, :2]
+        places = p + at[:, :, None] * (q - p)
+        circle = solids.circles[self.zone]
+        depths = circle[:, 2, None] - np.hypot(*np.moveaxis(places - circle[:, None, :2], 2, 0))
+        around = np.isnan(circle[:, 2])
+        depths[around] = edge_distances_m(solids.footprints, self.zone[around], np.ascontiguousarray(places[around]))
+        worst = depths.argmax(axis=1)
+        rows = np.arange(len(worst))
+        return np.maximum(depths[rows, worst], _TOUCHING_M), at[rows, worst]
 
 
-def _parts_in_circle(
-    circle: tuple[float, float, float], p: FloatArray, q: FloatArray, length: float
-) -> list[tuple[float, float]]:
-    east, north, radius = circle
-    away = p - (east, north)
-    if length <= _TOUCHING_M:
-        return [(0.0, 1.0)] if math.hypot(*away) < radius - _TOUCHING_M else []
-    towards = (q - p) / length
-    nearest = -float(away @ towards)
-    aside = abs(float(away[0] * towards[1] - away[1] * towards[0]))
-    if aside >= radius - _TOUCHING_M:
-        return []
-    half = math.sqrt(radius * radius - aside * aside)
-    begin, end = max(0.0, (nearest - half) / length), min(1.0, (nearest + half) / length)
-    return [(begin, end)] if (end - begin) * length > _TOUCHING_M else []
+class _Solids:
+    """Outlines of zones without a hair of their edges, so that legs along the edges are outside, in a spatial index.
+
+    Args:
+        zones: the zones.
+        margins: whether they are grown by their margins.
+    """
+
+    def __init__(self, zones: Sequence[Zone], margins: bool) -> None:
+        grown = [zone.grown(zone.entry.margin_m if margins else 0.0) for zone in zones]
+        solids = np.array([each.buffer(-_TOUCHING_M, join_style="mitre") for each in grown], dtype=object)
+        self.footprints = footprints_of(solids)
+        self.limited = np.array([zone.entry.has_heights for zone in zones])
+        self.circles = np.full((len(zones), 3), np.nan)
+        for number, zone in enumerate(zones):
+            if zone.circle is not None:
+                self.circles[number] = zone.circle
+                self.circles[number, 2] += zone.entry.margin_m if margins else 0.0
+        self._tree = shapely.STRtree(solids)
+
+    def parts_inside(self, begins: FloatArray, ends: FloatArray, legs: IntArray) -> _PartsInside:
+        """The parts of some legs between (n, 3) places inside of the zones. Touching an edge is outside."""
+        line, zone = self._tree.query(shapely.linestrings(np.stack([begins[legs, :2], ends[legs, :2]], axis=1)))
+        leg = legs[line]
+        ends_m = np.hstack([begins[leg, :2], ends[leg, :2]])
+        round_ = np.flatnonzero(~np.isnan(self.circles[zone, 2]))
+        other = np.flatnonzero(np.isnan(self.circles[zone, 2]))
+        pair, share = parts_over(self.footprints, zone[other], ends_m[other])
+        in_circle, of_circle = _parts_in_circles(self.circles[zone[round_]], ends_m[round_])
+        pair = np.concatenate([other[pair], round_[in_circle]])
+        return _PartsInside(self, leg[pair], zone[pair], np.concatenate([share, of_circle]))
 
 
-def _deepest(
-    zone: Zone, solid: Polygons, margin_m: float, p: FloatArray, q: FloatArray, part: tuple[float, float]
-) -> tuple[float, float]:
-    """Largest distance to the edge on a part of the line p-q, and its position. It is above 0, because the part is inside."""
-    at = np.linspace(part[0], part[1], _SAMPLES + 1)
-    places = p[:2] + at[:, None] * (q[:2] - p[:2])
-    if zone.circle is not None:
-        depths = zone.circle[2] + margin_m - np.hypot(*(places - zone.circle[:2]).T)
-    else:
-        depths = np.asarray(shapely.distance(solid.boundary, shapely.points(places)))
-    worst = int(np.argmax(depths))
-    return max(float(depths[worst]), _TOUCHING_M), float(at[worst])
+def footprints_of(shapes: Sequence[shapely.Geometry] | NDArray[Any]) -> ObstaclePrisms:
+    """Polygons as footprints with tops above 0, for the kernels: they know the edges, and which of them are nearby."""
+    edges, counts = [np.empty((0, 4))], [0]
+    for shape in shapes:
+        rings = [shapely.get_coordinates(ring) for ring in shapely.get_parts(shapely.boundary(shape))]
+        rings = rings or [np.zeros((2, 2))]  # nothing is over it
+        edges += [np.hstack([ring[:-1], ring[1:]]) for ring in rings]
+        counts.append(sum(len(ring) - 1 for ring in rings))
+    return make_obstacles(np.concatenate(edges), np.cumsum(counts), np.ones(len(shapes)), grown_m=0.0)
+
+
+_BUILDING: Final = threading.Lock()
+
+
+def _solids(zones: tuple[Zone, ...], margins: bool) -> _Solids:
+    """The index of zones: one for all threads."""
+    with _BUILDING:
+        return _solids_once(zones, margins)
+
+
+@lru_cache(maxsize=16)
+def _solids_once(zones: tuple[Zone, ...], margins: bool) -> _Solids:
+    return _Solids(zones, margins)
+
+
+def _parts_in_circles(circles: FloatArray, lines: FloatArray) -> tuple[IntArray, FloatArray]:
+    """Which of (n, 4) lines are partly inside of a circle (n, 3) each, and (k, 2) from where to where along them, 0..1."""
+    away, steps, radius = lines[:, :2] - circles[:, :2], lines[:, 2:] - lines[:, :2], circles[:, 2]
+    length = np.hypot(*steps.T)
+    still = length <= _TOUCHING_M
+    unit = np.where(still, 1.0, length)
+    towards = steps / unit[:, None]
+    nearest = -(away * towards).sum(axis=1)
+    aside = np.where(still, np.hypot(*away.T), np.abs(away[:, 0] * towards[:, 1] - away[:, 1] * towards[:, 0]))
+    half = np.sqrt(np.maximum(radius * radius - aside * aside, 0.0))
+    share = np.clip(np.column_stack([nearest - half, nearest + half]) / unit[:, None], 0.0, 1.0)
+    share[still] = 0.0, 1.0
+    inside = (aside < radius - _TOUCHING_M) & (still | ((share[:, 1] - share[:, 0]) * length > _TOUCHING_M))
+    return np.flatnonzero(inside), share[inside]

@@ -1,0 +1,219 @@
+"""Parallel lines cut at holes, bays and no-fly zones, and flown in a short order.
+
+Plain lines run over the whole extent of an area, across its holes and bays. A decomposition into cells flies the lines of one
+cell after those of another. Here the lines are cut into pieces, and a short tour through the pieces is found, each flown in the
+direction that suits it: the orders by cells are some of these tours.
+"""
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import shapely
+from scipy.sparse.csgraph import dijkstra
+
+from uavcover.kernels.arrays import FloatArray
+from uavcover.kernels.flight_time import leg_times
+from uavcover.kernels.tours import nearest, shorten
+from uavcover.kernels.way_cost import LENGTH
+from uavcover.missions.way_cost import way_cost_of
+from uavcover.model.route import Route
+from uavcover.planner.baselines.boustrophedon import PLAIN_TOLERANCE_M, best_height_agl_m, directions_rad
+from uavcover.planner.baselines.swaths import to_lines_frame, width_across_m
+from uavcover.planner.terrain_following import lay_over_terrain
+from uavcover.scenario.airspace.flyable import flyable_area
+from uavcover.scenario.airspace.way_round import WayRound
+from uavcover.scenario.site import Site
+
+NAME = "cut-lines"
+
+_CONVEX = 0.995
+"""Share of its hull that an area fills whose lines need no cuts."""
+
+_LINES = (1.0, 0.93, 1.07, 0.86)
+"""Numbers of lines, as multiples of what flat ground needs."""
+
+_DIRECTIONS = 3
+"""Of each number of lines, this number of directions is flown."""
+
+_NEAR, _BEGINNINGS, _KICKS_PER_END, _MOST_ENDS = 10, 8, 60, 700
+"""Ends that an end may be linked with; orders that are begun with; changes that are tried of each; and ends beyond which a
+table of all links takes too long."""
+
+_ROUNDS = 3
+"""Number of times that ground is looked for which the pieces miss."""
+
+_POINT_M = 1e-3
+_STAYS = -1e5
+"""Cost of the link that is a piece itself: far below all others, and small enough that sums with it stay exact."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Pieces:
+    """Pieces of lines.
+
+    Attributes:
+        ends_m: (n, 2, 2) places of both ends on the map.
+        height_agl_m: of all of them.
+    """
+
+    ends_m: FloatArray
+    height_agl_m: float
+
+
+def needs_cuts(site: Site) -> bool:
+    """Whether plain lines would lead over ground that is not to be seen, or where no flight may be."""
+    hull = shapely.convex_hull(site.area)
+    region = shapely.intersection(hull, flyable_area(site).polygon)
+    return bool(min(site.area.area, region.area) < _CONVEX * hull.area)
+
+
+def cut_lines(site: Site, goal: float) -> Iterator[Route]:
+    """Routes of cut lines, the most promising directions and numbers of lines first.
+
+    Args:
+        site: the scenario on its ground; its sensor senses along the path.
+        goal: share of the area that they should see on flat ground.
+    """
+    height_m = best_height_agl_m(site)
+    reach_m = max(site.scenario.sensor.half_width_m(height_m), site.scenario.area.cell_size_m)
+    for share in _LINES:
+        made: list[tuple[float, Pieces]] = []
+        for angle in directions_rad(site):
+            lines = max(1, math.ceil(share * width_across_m(site, angle) / (2.0 * reach_m) - 1e-9))
+            pieces = cut_pieces(site, angle, lines=lines, reach_m=reach_m, height_agl_m=height_m, goal=goal)
+            if 0 < 2 * len(pieces.ends_m) <= _MOST_ENDS:
+                # A link is at least as long as lines are apart.
+                links_m = np.tile([[[0.0, 0.0], [2.0 * reach_m, 0.0]]], (len(pieces.ends_m), 1, 1))
+                made.append((float(_leg_costs(site, np.vstack([pieces.ends_m, links_m])).sum()), pieces))
+        for _, pieces in sorted(made, key=lambda each: each[0])[:_DIRECTIONS]:
+            yield ordered_route(site, pieces)
+
+
+def cut_pieces(site: Site, angle_rad: float, *, lines: int, reach_m: float, height_agl_m: float, goal: float) -> Pieces:
+    """Lines at equal distances in a direction, cut to what there is to see and where it may be flown.
+
+    Ground that they miss, beside holes and at slanted borders, gets pieces of its own.
+
+    Args:
+        site: the scenario on its ground.
+        angle_rad: direction of the lines, counter-clockwise from east.
+        lines: how many.
+        reach_m: half the width of the strip that is seen.
+        height_agl_m: of the lines.
+        goal: share of the area that is enough.
+    """
+    turn = to_lines_frame(angle_rad)
+    area, open_to = (
+        shapely.transform(each, lambda places: places @ turn.T) for each in (site.area, flyable_area(site).polygon)
+    )
+    west, south, east, north = area.bounds
+    across = south + (np.arange(lines) + 0.5) * (north - south) / lines
+    half_m = 0.5 * (north - south) / lines
+    strips = np.array([shapely.box(west, each - half_m, east, each + half_m) for each in across.tolist()])
+    parts, line = shapely.get_parts(shapely.intersection(area, strips), return_index=True)
+    bounds = shapely.bounds(parts)
+    whole = shapely.linestrings(
+        np.stack([np.column_stack([bounds[:, k], across[line]]) for k in (0, 2)], axis=1)[bounds[:, 2] > bounds[:, 0]]
+    )
+    kept = shapely.get_parts(shapely.line_merge(shapely.intersection(shapely.union_all(whole), open_to)))
+    found = [shapely.get_coordinates(piece)[[0, -1]] for piece in kept if piece.length > _POINT_M]
+    for _ in range(_ROUNDS):
+        strips_seen = shapely.buffer(shapely.linestrings(np.array(found)), reach_m) if found else np.empty(0)
+        missed = shapely.get_parts(shapely.difference(area, shapely.union_all(strips_seen)))
+        missed = missed[np.argsort(-shapely.area(missed), kind="stable")]
+        left_m2 = float(shapely.area(missed).sum()) - np.cumsum(shapely.area(missed))
+        # Of what is missed the largest parts, until the rest does not matter.
+        missed = missed[: 1 + int(np.searchsorted(-left_m2, -max((1.0 - goal) * area.area, 1e-6 * area.area)))]
+        if float(shapely.area(missed).sum()) + 0.0 <= 1e-6 * area.area:
+            break
+        found += [_through(part, open_to, reach_m) for part in missed]
+    return Pieces(np.array(found) @ turn, height_agl_m)
+
+
+def _through(part: shapely.Geometry, open_to: shapely.Geometry, reach_m: float) -> FloatArray:
+    """(2, 2) ends of a piece along the middle of missed ground; of ground that one place sees, that place twice."""
+    circle = shapely.minimum_bounding_circle(part)
+    ring = shapely.get_coordinates(shapely.minimum_rotated_rectangle(part))
+    if shapely.minimum_bounding_radius(part) > reach_m and len(ring) == 5:
+        k = int(np.argmin(np.hypot(*np.diff(ring[:3], axis=0).T)))
+        axis = shapely.LineString([0.5 * (ring[k] + ring[k + 1]), 0.5 * (ring[k + 2] + ring[(k + 3) % 4])])
+        pieces = shapely.get_parts(shapely.intersection(axis, open_to))
+        if len(pieces) > 0 and (longest := max(pieces, key=lambda each: float(each.length))).length > _POINT_M:
+            return np.asarray(shapely.get_coordinates(longest)[[0, -1]])
+    place = shapely.get_coordinates(shapely.shortest_line(open_to, shapely.centroid(circle)))[0]
+    return np.array([place, place + np.array([_POINT_M, 0.0])])
+
+
+def ordered_route(site: Site, pieces: Pieces) -> Route:
+    """The route along pieces in a short order, around what is between them, laid over the terrain."""
+    places = pieces.ends_m.reshape(-1, 2)
+    if site.home_m is not None and way_cost_of(site).mission == 1:
+        places = np.vstack([places, site.home_m[:2]])
+    # Where there is no home, the last end of the table is near to all others.
+    number = len(pieces.ends_m) * 2
+    ways = _Ways(site, places)
+    cost = np.zeros((number + 1, number + 1))
+    cost[: len(places), : len(places)] = ways.cost
+    each = np.arange(0, number, 2)
+    cost[each, each + 1] = cost[each + 1, each] = _STAYS
+    near, rng = nearest(cost, min(_NEAR, number)), np.random.default_rng(0)
+    best, least = np.arange(number + 1), math.inf
+    for _ in range(_BEGINNINGS):
+        pieces_order = rng.permutation(number // 2)
+        begin = np.append(2 * np.repeat(pieces_order, 2) + np.tile([0, 1], number // 2), number)
+        tour = shorten(cost, near, begin, _KICKS_PER_END * number, rng)
+        if (length := float(cost[tour, np.roll(tour, -1)].sum())) < least:
+            best, least = tour, length
+    order = np.roll(best, -int(np.flatnonzero(best == number)[0]))[1:].tolist()
+    line = [places[order[:1]]]
+    line += [places[[b]] if a // 2 == b // 2 else ways.between(a, b)[1:] for a, b in itertools.pairwise(order)]
+    points = np.vstack(line)
+    points = points[np.append(True, np.hypot(*np.diff(points, axis=0).T) > 2.0 * _POINT_M)]
+    heights = np.full(len(points), pieces.height_agl_m)
+    return Route(lay_over_terrain(site, points, heights, tolerance_m=PLAIN_TOLERANCE_M))
+
+
+class _Ways:
+    """Cheapest ways between places, around what is in between.
+
+    Attributes:
+        cost: (n, n) of the way from one place to another.
+    """
+
+    def __init__(self, site: Site, places_m: FloatArray) -> None:
+        ways = WayRound(flyable_area(site).polygon)
+        self._nodes = np.vstack([places_m, ways.corners_m])
+        first, second = np.triu_indices(len(self._nodes), 1)
+        ends = np.stack([self._nodes[first], self._nodes[second]], axis=1)
+        seen = ways.are_straight(ends)
+        straight = np.zeros((len(self._nodes), len(self._nodes)))
+        straight[first, second] = straight[second, first] = np.maximum(_leg_costs(site, ends), 1e-9)
+        direct = np.zeros_like(straight, dtype=bool)
+        direct[first, second] = direct[second, first] = seen
+        count = len(places_m)
+        found, self._before = dijkstra(
+            np.where(direct, straight, 0.0), indices=np.arange(count), return_predecessors=True
+        )
+        # A place that cannot be reached is left to the terrain's own ways.
+        self.cost = np.where(np.isfinite(found[:, :count]), found[:, :count], 10.0 * straight[:count, :count])
+
+    def between(self, a: int, b: int) -> FloatArray:
+        """(k, 2) corners of the way from one place to another, both included."""
+        way = [b]
+        while way[-1] != a:
+            before = int(self._before[a, way[-1]])
+            way.append(before if before >= 0 else a)
+        return self._nodes[way[::-1]]
+
+
+def _leg_costs(site: Site, ends_m: FloatArray) -> FloatArray:
+    """(n,) metres, or seconds from rest to rest, of (n, 2, 2) level legs."""
+    way = way_cost_of(site)
+    if way.unit == LENGTH:
+        return np.asarray(np.hypot(*(ends_m[:, 1] - ends_m[:, 0]).T))
+    level = np.zeros((2 * len(ends_m), 3))
+    level[:, :2] = ends_m.reshape(-1, 2)
+    return np.asarray(leg_times(way.pace, level)[::2])
