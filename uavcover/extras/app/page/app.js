@@ -80,6 +80,8 @@ function takeEvent(job, event) {
   if (job.events.length > 500) job.events.shift();
 }
 const redrawPanel = debounced(() => drawPanel(), 200);
+// Jobs that this page started; kept over a reload.
+const own = new Set(JSON.parse(sessionStorage.getItem("jobs") ?? "[]"));
 export async function start(kind, asked) {
   const job = await api("/api/jobs", { kind, ...asked });
   follow(job);
@@ -87,6 +89,8 @@ export async function start(kind, asked) {
 }
 export function follow(job) {
   state.jobs.set(job.id, { ...job, events: [], end: 0 });
+  own.add(job.id);
+  sessionStorage.setItem("jobs", JSON.stringify([...own].slice(-60)));
   say(`$ ${job.command.filter((word) => word !== "--json" && word !== "--events").join(" ")}`);
   send({ job: job.id, from: 0 });
   if (job.kind === "fly") { watch(job.run); if (job.run === state.name || job.run.startsWith(`${state.name}/`)) map.forgetFlight(); }
@@ -100,6 +104,9 @@ async function ended(job) {
   map.set("incumbent", []);
   if (job.code !== 0) say(`${job.kind}: ${t({ 1: "endedNo", 130: "endedStopped", "-1": "endedGone" }[job.code] ?? "endedFailed")}`, job.code === 130 || job.code === 1 ? "warn" : "error");
   await refresh();
+  // What another page started opens nothing here, and never takes away an edit.
+  const of = job.run === state.name || job.run.startsWith(`${state.name}/`);
+  if (!own.has(job.id) && (state.edit || !of)) { if (!state.edit) drawPanel(); return; }
   const isThere = state.server.files.runs.some((run) => run.name === job.run) || job.run === state.name;
   if (["plan", "edit"].includes(job.kind) && isThere) { state.edit = null; await openScene(job.run, "plan"); }
   else if (["select", "upload", "verify", "gaps"].includes(job.kind) && (job.run === state.name || job.run.startsWith(`${state.name}/`))) await openScene(state.name, state.tab, { keepView: true });
