@@ -155,7 +155,7 @@ export function legendOf(title, entries) {
     ...((s ? s.area.length : d.area) ? [swatch([COLORS.area, t("area"), "line"])] : []), ...((s ? s.fence.length : d.fence) ? [swatch([COLORS.fence, t("fence"), "line dashed"])] : []),
     ...((s ? s.zones : d.zones).length ? [swatch([COLORS.zone, t("noFly"), "line"])] : []), ...((s ? s.home : d.home) ? [sign("H", COLORS.home, t("home"))] : []), ...((s ? s.rally ?? [] : d.rally).length ? [sign("R", COLORS.rally, t("rally"))] : []),
     ...(s?.sorties?.length === 1 ? [swatch([SORTIES[0], t("route"), "line"])] : (s?.sorties ?? []).map((_, n) => swatch([SORTIES[(s.colors?.[n] ?? n) % SORTIES.length], `${t("sortie")} ${n + 1}`, "line"])).slice(0, 6)),
-    ...(s?.path?.length ? [swatch(["#555555", t("outbound"), "line dashed"])] : []), ...(s?.unsafeReturns?.length ? [swatch([COLORS.unsafe, t("unsafe")])] : []), ...(s?.tracks?.length ? [swatch([COLORS.track, t("flownTrack"), "line"])] : []),
+    ...(s?.path?.length ? [swatch(["#555555", t("outbound"), "line dashed"])] : []), ...(s?.unsafeReturns?.length ? [swatch([COLORS.unsafe, t("unsafe")])] : []), ...(s?.tracks?.length ? [s.tracks.length > 1 ? swatch(["#ffffff", t("flownEdge")]) : swatch([COLORS.track, t("flownTrack"), "line"])] : []),
   ];
   const open = $("legend").querySelector("details")?.open ?? innerWidth > 640;
   $("legend").hidden = !title && !key.length;
@@ -220,6 +220,7 @@ const setTheme = (theme) => { document.documentElement.classList.toggle("dark", 
 setTheme(dark);
 $("theme").addEventListener("click", () => setTheme(document.documentElement.classList.contains("dark") ? "light" : "dark"));
 if (location.search) history.replaceState(null, "", "/"); // the token is in the cookie now
+matchMedia("(max-width: 640px)").addEventListener("change", (event) => { const key = $("legend").querySelector("details"); if (key) key.open = !event.matches; });
 drawTabs();
 attempt(async () => {
   await Promise.all([map.ready, refresh()]);

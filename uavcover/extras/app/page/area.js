@@ -115,7 +115,7 @@ function drawDraft() {
   map.set("home", state.draft.home ? [{ type: "Feature", properties: {}, geometry: { type: "Point", coordinates: state.draft.home } }] : []);
 }
 export function boundsOfDraft() {
-  const flat = JSON.stringify(state.draft.area ?? "").match(/-?\d+(?:\.\d+)?(?:e-?\d+)?,-?\d+(?:\.\d+)?(?:e-?\d+)?/g);
+  const flat = JSON.stringify([state.draft.area, state.draft.fence, state.draft.home, state.draft.rally]).match(/-?\d+(?:\.\d+)?(?:e-?\d+)?,-?\d+(?:\.\d+)?(?:e-?\d+)?/g);
   if (!flat) return null;
   const places = flat.map((pair) => pair.split(",").map(Number));
   return [Math.min(...places.map((p) => p[0])), Math.min(...places.map((p) => p[1])), Math.max(...places.map((p) => p[0])), Math.max(...places.map((p) => p[1]))];

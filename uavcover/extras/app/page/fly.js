@@ -48,7 +48,7 @@ function row(state_, what, value, why = "", place = null) {
 function preflight(s, checked) {
   const rows = [];
   for (const upload of s.uploads ?? []) {
-    const of = upload.flight ? `${upload.flight}: ` : "";
+    const of = upload.flight ? `${t("sortie")} ${upload.flight.replace("sortie-", "")}: ` : "";
     for (const part of upload.lists) {
       rows.push(row(part.passed ? "good" : "bad", `${of}${t(`list_${part.type}`)}`, `${part.received} ${t("of")} ${part.sent} ${t("itemsHeld")}`, part.normalised ? `${part.normalised} ${t("normalised")}` : ""));
       for (const wrong of part.wrong) rows.push(row("bad", `${t("item")} ${wrong.item}`, `${wrong.field}: ${wrong.sent} → ${wrong.received}`, wrong.why ?? ""));

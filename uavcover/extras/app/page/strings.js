@@ -10,7 +10,7 @@ export const TEXT = {
   drawHint: "Click each corner; click the first one again, or press Enter, to finish. Escape stops.",
   homeHint: "Click the take-off position on the map. You can drag it later.", rallyHint: "Click the rally point on the map. The vehicle can land there instead of at the take-off position.",
   holeOutside: "A hole must lie inside the area. Draw the area first.", fence: "Fence", fenceDefault: "Automatic, around area and take-off", fenceDrawn: "As drawn", home: "Take-off", rally: "Rally point",
-  changeSurvey: "Change the survey", ardupilot: "ArduPilot", px4: "PX4", "sensor_frame-camera": "rectangular photos", "sensor_nadir-camera": "straight down", sensor_sphere: "sphere", sensor_disc: "disc", key: "Key", area: "Area", route: "Route", flownTrack: "Flown track", noFly: "No-fly zone", outbound: "Transit", incumbent: "Best route so far",
+  changeSurvey: "Change the survey", ardupilot: "ArduPilot", px4: "PX4", "sensor_frame-camera": "rectangular photos", "sensor_nadir-camera": "straight down", sensor_sphere: "sphere", sensor_disc: "disc", key: "Key", area: "Area", route: "Route", flownTrack: "Flown track", flownEdge: "White edge: flown", noFly: "No-fly zone", outbound: "Transit", incumbent: "Best route so far",
   removeArea: "Delete area", removeFence: "Delete fence", seeField: "Correct the field that is marked.", rallyHere: "Rally point there", maxAlt: "Highest altitude above sea level",
   position: "Position", positionHint: "47.37, 8.54 · 47°22'12\"N 8°32'24\"E · 32T 465300 5246800 · 32T MT 65300 46800",
   go: "Go there", here: "Take off there",
