@@ -13,13 +13,9 @@ from PIL import Image
 from playwright.sync_api import sync_playwright
 
 ROOT = Path(__file__).resolve().parents[2]
-SIZES = {
-    "map-area": (1400, 900),
-    "map-plan": (1400, 900),
-    "map-fly": (1180, 820),
-    "map-judge": (1180, 820),
-    "map-phone": (390, 844),
-}
+LARGE, TABLET, PHONE = (1400, 900), (1180, 820), (390, 844)
+SIZES = {"map-area": LARGE, "map-plan": LARGE, "map-fly": TABLET, "map-judge": TABLET, "map-phone": PHONE}
+FENCE = [[-84.218, 36.469], [-84.206, 36.469], [-84.206, 36.4775], [-84.218, 36.4775], [-84.218, 36.469]]
 LIMIT_MS = 300_000
 
 
@@ -56,6 +52,8 @@ def main() -> None:
         for file in (ROOT / "docs" / "examples").iterdir():
             shutil.copy(file, scratch)
         shutil.copy(ROOT / "uavcover" / "data" / "jacksboro.tif", Path(scratch) / "dem.tif")
+        shutil.copy(ROOT / "uavcover" / "scenarios" / "jacksboro.toml", scratch)
+        (Path(scratch) / "fence.geojson").write_text(json.dumps({"type": "Polygon", "coordinates": [FENCE]}))
         command = [sys.executable, "-m", "uavcover", "serve", scratch, "--port", "0", "--no-browser", "--json"]
         server = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
         try:
@@ -72,21 +70,26 @@ def main() -> None:
             until(page, "window.uavcover.state.draft.area")
             for name, value in (("dem", "dem.tif"), ("vertical_datum", "EGM96"), ("camera", "dji-m3e")):
                 page.select_option(f"#f-{name}", value)
-            page.fill("#f-battery", "30min")
+            page.select_option("#f-fence", "fence.geojson")
+            page.fill("#f-position", "36.4712, -84.2168")
+            page.click("text=Rally point there")
             until(page, "window.uavcover.state.design?.flights")
-            page.locator("#save").scroll_into_view_if_needed()
+            page.locator("#f-position").scroll_into_view_if_needed()
             shoot(page, out, "map-area")
-            page.select_option("#f-open", "valley.toml")
+            page.select_option("#f-open", "jacksboro.toml")
             until(page, "window.uavcover.state.scene")
             page.click("#tab-plan")
-            page.select_option("#f-budget", "10s")
+            page.select_option("#f-budget", "30s")
+            page.fill("#f-vehicles", "3")
             page.click("#plan")
             until(page, "window.uavcover.state.scene.plan")
             shoot(page, out, "map-plan")
             page.click("#tab-fly")
+            page.click("#upload")
+            until(page, "document.getElementById('uploaded')")
             page.fill("#f-mock", "5")
             page.click("#fly")
-            until(page, "window.uavcover.state.live.get('valley')?.covered > 0.3")
+            until(page, "window.uavcover.state.covered.get('jacksboro') > 0.4")
             shoot(page, out, "map-fly")
             until(page, "window.uavcover.state.tab === 'judge' && document.getElementById('verdict')")
             shoot(page, out, "map-judge")

@@ -272,7 +272,7 @@ def _closed_to_home(request: NewRequest, look: TerrainLook, user: User) -> shape
     lons[1] += 360.0 if lons[1] < lons[0] else 0.0
     asked = _window_asked_for(request)
     window = None if asked is None else window_of(*asked, "--at")
-    shapes = []
+    shapes: list[shapely.Geometry] = []
     for file in request.no_fly:
         try:
             near, _ = read_zones(NoFly(file=file), near=(lons[0], lats[0], lons[1], lats[1]))

@@ -192,6 +192,98 @@ def test_the_whole_way(browser: Any, served: Client, cli: Any) -> None:
     assert p.foreign == []
 
 
+def test_a_fence_rally_points_and_several_vehicles(browser: Any, served: Client) -> None:
+    data = Path(load_site.__code__.co_filename).parents[1] / "data" / "jacksboro.tif"
+    (served.root / "dem.tif").write_bytes(data.read_bytes())
+    p = opened(browser, served)
+    page = p.page
+    page.set_input_files("#f-files", files=[{"name": "field.kml", "mimeType": "text/xml", "buffer": KML.encode()}])
+    p.until("window.uavcover.state.draft.area")
+    for name, value in (("dem", "dem.tif"), ("vertical_datum", "EGM96"), ("camera", "dji-m3e")):
+        page.select_option(f"#f-{name}", value)
+    page.fill("#f-overlap", "40/30")
+    page.fill("#f-gsd", "4cm")
+
+    # A fence from a file, rally points typed; one outside is said at its field and taken back.
+    fence = {
+        "type": "Polygon",
+        "coordinates": [[[-84.219, 36.468], [-84.21, 36.468], [-84.21, 36.475], [-84.219, 36.475]]],
+    }
+    fence["coordinates"][0].append(fence["coordinates"][0][0])
+    (served.root / "fence.geojson").write_text(json.dumps(fence))
+    page.set_input_files("#f-files", files=[{"name": "other.kml", "mimeType": "text/xml", "buffer": KML.encode()}])
+    p.until("[...document.querySelectorAll('#f-fence option')].some(o => o.value === 'fence.geojson')")
+    page.select_option("#f-fence", "fence.geojson")
+    p.until("window.uavcover.state.draft.fence")
+    for place in ("36.4712, -84.2170", "36.6, -84.2"):
+        page.fill("#f-position", place)
+        page.click("text=Rally point there")
+    p.until("document.getElementById('e-rally').textContent.includes('outside')")
+    page.click("#undo")
+    p.until("window.uavcover.state.draft.rally.length === 1")
+    p.until("document.getElementById('e-rally').textContent === '' && window.uavcover.state.design?.flights")
+    page.fill("#f-name", "fenced")
+    page.click("#save")
+    p.until("window.uavcover.state.scene?.rally.length === 1")
+    scenario = load_site(str(served.root / "fenced.toml")).scenario
+    assert scenario.planner.rally == ((-84.217, 36.4712),)
+    assert len(scenario.limits.fence_lon_lat_deg or ()) == 4
+
+    # Two vehicles: planned, checked, flown by one command, and seen both.
+    page.select_option("#f-budget", "5s")
+    page.fill("#f-vehicles", "2")
+    page.click("#plan")
+    p.until("window.uavcover.state.scene?.plan && window.uavcover.state.name === 'fenced'")
+    vehicles = page.evaluate("() => window.uavcover.state.scene.plan.fleet.by_vehicle.length")
+    page.click("#tab-fly")
+    page.click("#upload")
+    p.until("document.getElementById('uploaded')?.textContent.includes('holds what was sent')")
+    page.click("#check")
+    p.job_ended("check")
+    p.until("document.getElementById('preflight')?.textContent.includes('Check the mission')")
+    page.fill("#f-mock", "40")
+    page.click("#fly")
+    p.until(f"window.uavcover.state.live.size === {vehicles}")
+    assert page.is_visible("#hold")
+    assert page.is_visible("#back")
+    assert page.is_visible("#leave")
+    p.until("window.uavcover.state.tab === 'judge' && document.getElementById('verdict')")
+    assert [track["name"] for track in page.evaluate("() => window.uavcover.state.scene.tracks")] != []
+
+    # Photos without positions are no evidence: the command says so, and the page stays.
+    page.set_input_files(
+        "#f-photos", files=[{"name": "a.jpg", "mimeType": "image/jpeg", "buffer": b"\xff\xd8\xff\xd9"}]
+    )
+    p.job_ended("photos")
+    assert (served.root / "fenced" / "photos" / "a.jpg").is_file()
+    assert [error for error in p.errors if "400" not in error] == []
+    assert p.foreign == []
+
+
+def test_two_pages_that_edit_at_once_replace_nothing_of_each_other(browser: Any, served: Client, planned: Path) -> None:
+    shutil.copytree(planned, served.root / "run")
+    pages = [opened(browser, served) for _ in range(2)]
+    for p in pages:
+        p.page.select_option("#f-open", "run")
+        p.until("window.uavcover.state.scene?.plan")
+        p.page.click("#tab-plan")
+        p.page.click("#edit")
+        p.until("window.uavcover.state.edit && !Number.isNaN(window.uavcover.state.edit.coverage)")
+    before = (served.root / "run" / "plan.json").read_bytes()
+    for p in pages:
+        p.page.click("text=Delete")
+        p.until("document.getElementById('save-edited') && !document.getElementById('save-edited').disabled")
+        p.page.click("#save-edited")
+    for p in pages:
+        p.job_ended("edit", 2)
+    assert (served.root / "run" / "plan.json").read_bytes() == before
+    made = [path.name for path in served.root.glob("run-edited*")]
+    ended = pages[0].page.evaluate("() => [...window.uavcover.state.jobs.values()].map(j => [j.kind, j.run, j.code])")
+    runs = [run for kind, run, _ in ended if kind == "edit"]
+    assert len(set(runs)) == 2, "each page writes a folder of its own"
+    assert set(made) <= set(runs)
+
+
 @pytest.mark.parametrize(("width", "height"), [(390, 844), (1180, 820), (2560, 1300)])
 def test_sizes_themes_and_labels(browser: Any, served: Client, width: int, height: int) -> None:
     p = opened(browser, served, width, height)

@@ -6,23 +6,29 @@ import json
 import os
 import shutil
 import signal
+import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import redirect_stderr
 from pathlib import Path
 from typing import Any
+from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
 from PIL import Image
 from websockets.sync.client import connect
 
-from tests.extras.app.conftest import WATCHDOG_S, Client
+from tests.extras.app.conftest import EXAMPLES, WATCHDOG_S, Client, serving
+from uavcover.cli.console import EventConsole
 from uavcover.errors import InputError
 from uavcover.extras.app import jobs as jobs_module
 from uavcover.extras.app.jobs import Job, Jobs
 from uavcover.extras.app.live import LiveFlight, Observed
 from uavcover.extras.app.scene import Scenes
+from uavcover.extras.app.server import Server
+from uavcover.extras.app.workspace import Workspace
 
 
 def until(found: Callable[[], object], limit_s: float = WATCHDOG_S) -> None:
@@ -231,8 +237,6 @@ def test_browsers_get_what_they_lack(served: Client, flown: Path) -> None:
 
 
 def test_the_incumbent_is_drawn_while_it_is_searched_for(capfd: pytest.CaptureFixture[str]) -> None:
-    from uavcover.cli.console import EventConsole
-
     with EventConsole().progress("planning", 4) as bar:
         bar.draw(lambda: [[8.123456789, 47.0], [8.2, 47.1]])
         bar.draw(lambda: pytest.fail("once a second is enough"))
@@ -241,3 +245,49 @@ def test_the_incumbent_is_drawn_while_it_is_searched_for(capfd: pytest.CaptureFi
     events = [json.loads(line) for line in capfd.readouterr().err.splitlines()]
     assert {"route": [[8.1234568, 47.0], [8.2, 47.1]]} in events
     assert events[-1] == {"progress": {"what": "planning", "done": 4.0, "total": 4, "note": "done"}}
+
+
+@pytest.mark.parametrize("kind", ["plan", "fly"])
+def test_a_server_that_is_killed_takes_no_command_with_it(tmp_path: Path, planned: Path, kind: str) -> None:
+    """The server gets SIGKILL while it plans or flies; the command goes on, and the next server shows its end."""
+    root = tmp_path / "served"
+    shutil.copytree(EXAMPLES, root)
+    shutil.copytree(planned, root / "run")
+    command = [sys.executable, "-m", "uavcover", "serve", str(root), "--port", "0", "--no-browser", "--json"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as server:
+        assert server.stdout is not None
+        address = urlsplit(json.loads(server.stdout.readline())["url"])
+        port = int(address.port or 0)
+        client = Client(port, address.query.partition("=")[2], root, Server(Workspace(root)))
+        asked = {"plan": {"scenario": "valley.toml", "evaluations": 300}, "fly": {"run": "run", "mock_speed": "40"}}[
+            kind
+        ]
+        begun = client.post("/api/jobs", {"kind": kind, **asked})
+        job = client.server.jobs.get(begun["id"])
+        until(lambda: any("progress" in event for event in job.events()[0]))
+        server.kill()
+        server.wait(WATCHDOG_S)
+    assert job.code is None
+    until(lambda: job.code is not None)
+    for again in serving(root):
+        found = again.get(f"/api/jobs/{job.id}")
+        assert found["code"] == 0, job.events()
+        scene = again.get(f"/api/scene?name={'valley' if kind == 'plan' else 'run'}")
+    assert scene["route"]
+    assert bool(scene["tracks"]) is (kind == "fly")
+
+
+def test_escape_sequences_and_markup_of_a_vehicle_are_plain_text_in_the_events(tmp_path: Path) -> None:
+    """What a vehicle says reaches the page as one event of JSON, whatever is in it."""
+    said = '\x1b[2J\x1b]0;owned\x07<img src=x onerror=alert(1)>\n{"route": [[0, 0]]}\u202e'
+    console = EventConsole()
+    with (tmp_path / "events").open("w", encoding="utf-8") as file, redirect_stderr(file):
+        console.say(said)
+        console.warn(said)
+    events, _ = Job(tmp_path, "fly", (), "").events()
+    assert [*events[0], *events[1]] == ["say", "warn"]
+    assert len(events) == 2, "no line of it is an event of its own"
+    for event in events:
+        (text,) = event.values()
+        assert "\x1b" not in text
+        assert "\x07" not in text

@@ -1,5 +1,6 @@
 """The plugin's zip, its runner without QGIS, and the whole inside QGIS where it is installed."""
 
+import ast
 import io
 import json
 import os
@@ -9,9 +10,12 @@ import sys
 import zipfile
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
+from tests.extras.photos.test_judge_photos import shots, take
+from uavcover.extras.app.scene import Scenes
 from uavcover.extras.qgis.command import PLUGIN, plugin_zip
 from uavcover.extras.qgis.plugin import runner
 from uavcover.scenario.site import load_site
@@ -115,6 +119,44 @@ def test_a_program_that_is_missing_is_said_with_the_way_out(monkeypatch: pytest.
     assert runner.find_program([sys.executable, "-m", "uavcover"], None) == [sys.executable, "-m", "uavcover"]
 
 
+def style_of(layer: Path) -> tuple[str, str]:
+    """What a style beside a layer is for: vector or raster, and its kind of symbol or renderer."""
+    style = ElementTree.parse(layer.with_suffix(".qml")).getroot()
+    symbol, raster = style.find(".//renderer-v2//symbol"), style.find(".//rasterrenderer")
+    if raster is not None:
+        return "raster", str(raster.get("type"))
+    assert symbol is not None
+    return "vector", str(symbol.get("type"))
+
+
+def planned_photos(run: Path, folder: Path) -> None:
+    """Photos as the plan takes them, but the last third."""
+    content = Scenes().of(run).content
+    assert content is not None
+    photos = shots(content.site, content.planned.route)
+    take(folder, photos[: 2 * len(photos) // 3])
+
+
+@pytest.mark.parametrize(("items", "shown"), [([2, 3], ["", "look", "look"]), (None, ["", "", ""])], ids=str)
+def test_a_leg_shows_the_findings_of_its_items(tmp_path: Path, items: list[int] | None, shown: list[str]) -> None:
+    """The functions on files need no QGIS."""
+    functions = [
+        node for node in ast.parse((PLUGIN / "styles.py").read_text()).body if isinstance(node, ast.FunctionDef)
+    ]
+    names: dict[str, Any] = {"json": json, "os": os}
+    wanted = [node for node in functions if node.name in {"split", "write", "mark_legs"}]
+    exec(compile(ast.Module(wanted, []), "styles.py", "exec"), names)
+    path = tmp_path / "map.geojson"
+    line = {"type": "LineString", "coordinates": [[0, 0], [1, 1]]}
+    features = [{"type": "Feature", "geometry": line, "properties": {"item": k, "phase": "route"}} for k in (1, 2, 3)]
+    point = {"type": "Feature", "geometry": {"type": "Point", "coordinates": [0, 0]}, "properties": {}}
+    path.write_text(json.dumps({"type": "FeatureCollection", "features": [point, *features]}))
+    legs = names["split"](str(path), ("Point",), "legs")
+    assert json.loads(path.read_text())["features"] == [point]
+    names["mark_legs"](legs, [{"items": items, "weight": "look", "what": "slow"}])
+    assert [leg["properties"]["shown"] for leg in json.loads(Path(legs).read_text())["features"]] == shown
+
+
 @pytest.mark.skipif(QGIS is None, reason="no qgis_process; Debian has it in the package qgis")
 @pytest.mark.timeout(900)
 def test_inside_qgis_area_and_dem_layers_become_the_command_lines_mission(tmp_path: Path, cli: Any) -> None:
@@ -159,6 +201,31 @@ def test_inside_qgis_area_and_dem_layers_become_the_command_lines_mission(tmp_pa
     assert cli("plan", scenario, "-o", typed, "--evaluations", "60", "--seed", "1").code in (0, 1)
     assert (run / "mission.plan").read_bytes() == (typed / "mission.plan").read_bytes()
     assert json.loads(route.read_text())["type"] == "FeatureCollection"
+    # Each layer has one kind of geometry, and its style beside it.
+    assert style_of(route) == ("vector", "line")
+    assert style_of(route.with_name("route-waypoints.geojson")) == ("vector", "marker")
+    findings = tmp_path / "findings.geojson"
+    process(
+        "--json", "run", "uavcover:check", "--", f"MISSION={run / 'mission.plan'}", f"DEM={dem}", "VERTICAL_DATUM=EGM96",
+        f"FINDINGS={findings}",
+    )  # fmt: skip
+    legs = findings.with_name("findings-legs.geojson")
+    shown = {leg["properties"]["shown"] for leg in json.loads(legs.read_text())["features"]}
+    assert "transit" in shown
+    assert style_of(legs) == ("vector", "line")
+    photos = tmp_path / "photos"
+    planned_photos(run, photos)
+    process(
+        "--json",
+        "run",
+        "uavcover:judgephotos",
+        "--",
+        f"PHOTOS={photos}",
+        f"SCENARIO={scenario}",
+        f"OUT={tmp_path / 'out'}",
+    )
+    assert style_of(tmp_path / "out" / "footprints.geojson") == ("vector", "fill")
+    assert style_of(tmp_path / "out" / "photos.tif") == ("raster", "paletted")
     out = tmp_path / "mission.kml"
     process("--json", "run", "uavcover:export", "--", f"RUN={run}", "FORMAT=2", f"FILE={out}")
     assert out.read_bytes().startswith(b"<?xml")

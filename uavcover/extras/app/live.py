@@ -72,7 +72,8 @@ class Observed:
         parts: list[Rectangle] = [(0, 0, height, width)] if whole else self._changed[version:]
         if len(parts) > _MOST_PATCHES:
             ends = np.array(parts)
-            parts = [(*map(int, ends[:, :2].min(axis=0)), *map(int, ends[:, 2:].max(axis=0)))]
+            (top, left), (bottom, right) = ends[:, :2].min(axis=0), ends[:, 2:].max(axis=0)
+            parts = [(int(top), int(left), int(bottom), int(right))]
         patches = []
         for top, left, bottom, right in parts:
             pixels = np.zeros((bottom - top, right - left, 4), dtype=np.uint8)

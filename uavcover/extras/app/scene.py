@@ -189,7 +189,7 @@ def scene_document(scene: Scene) -> dict[str, Any]:
         "onEarth": site.frame is not None,
         "area": shapes(rings_of(site.area)),
         "drawn": shapes(rings_of(area_as_drawn(site))),
-        "areaM2": float(site.area.area),
+        "areaM2": float(area_as_drawn(site).area),
         "fence": shapes(rings_of(site.fence)),
         "zones": [
             {"name": zone.name, "heights": zone_data(zone)["heights"], "rings": shapes(rings_of(zone.outline))}

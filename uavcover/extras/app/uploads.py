@@ -11,6 +11,7 @@ from starlette.responses import JSONResponse, Response
 
 from uavcover.errors import InputError
 from uavcover.extras.app.workspace import OWN_FOLDER, PHOTOS, Workspace, free_name
+from uavcover.report.cell_layers import REASON_WORDS
 
 MOST_UPLOAD_BYTES = 256 << 20
 PHOTO_KINDS = frozenset(
@@ -93,6 +94,8 @@ def photo_document(folder: Path) -> dict[str, Any]:
             f"{folder.name}: is no verdict of photos ({error}); make one with: uavcover judge-photos"
         ) from error
     placed = [row for row in rows if row.get("lon_deg") and row.get("lat_deg")]
+    for gap in shapes[1]["features"]:
+        gap["properties"]["reason"] = REASON_WORDS.get(gap["properties"].get("reason"), "planned photos are missing")
     left_out = [[row["name"], row["reason"]] for row in rows if row["counted"] != "yes"]
     return {
         **{key: verdict.get(key) for key in _SHOWN},

@@ -4,7 +4,7 @@ import { areaPanel, boundsOfDraft, loadArea } from "/page/area.js";
 import { planPanel } from "/page/plan.js";
 import { drawOrders, flyPanel, takeLimit } from "/page/fly.js";
 import { judgePanel, openPhotos } from "/page/judge.js";
-import { SORTIES } from "/page/map.js";
+import { COLORS, SORTIES } from "/page/map.js";
 import { t } from "/page/strings.js";
 import { api, debounced, el, queued } from "/page/dom.js";
 import { profile } from "/page/charts.js";
@@ -80,6 +80,8 @@ function takeEvent(job, event) {
   if (job.events.length > 500) job.events.shift();
 }
 const redrawPanel = debounced(() => drawPanel(), 200);
+// Jobs that this page started; kept over a reload.
+const own = new Set(JSON.parse(sessionStorage.getItem("jobs") ?? "[]"));
 export async function start(kind, asked) {
   const job = await api("/api/jobs", { kind, ...asked });
   follow(job);
@@ -87,9 +89,11 @@ export async function start(kind, asked) {
 }
 export function follow(job) {
   state.jobs.set(job.id, { ...job, events: [], end: 0 });
+  own.add(job.id);
+  sessionStorage.setItem("jobs", JSON.stringify([...own].slice(-60)));
   say(`$ ${job.command.filter((word) => word !== "--json" && word !== "--events").join(" ")}`);
   send({ job: job.id, from: 0 });
-  if (job.kind === "fly") watch(job.run);
+  if (job.kind === "fly") { watch(job.run); if (job.run === state.name || job.run.startsWith(`${state.name}/`)) map.forgetFlight(); }
   drawJob();
 }
 export const running = (kind) => [...state.jobs.values()].filter((job) => job.code === null && (!kind || job.kind === kind)).at(-1);
@@ -98,8 +102,11 @@ export const signal = (job, action) => attempt(() => api(`/api/jobs/${job.id}/${
 // A command has ended: show what it wrote.
 async function ended(job) {
   map.set("incumbent", []);
-  if (job.code !== 0) say(`${job.kind}: ${t("ended")} (${job.code})`, job.code === 130 || job.code === 1 ? "warn" : "error");
+  if (job.code !== 0) say(`${job.kind}: ${t({ 1: "endedNo", 130: "endedStopped", "-1": "endedGone" }[job.code] ?? "endedFailed")}`, job.code === 130 || job.code === 1 ? "warn" : "error");
   await refresh();
+  // What another page started opens nothing here, and never takes away an edit.
+  const of = job.run === state.name || job.run.startsWith(`${state.name}/`);
+  if (!own.has(job.id) && (state.edit || !of)) { if (!state.edit) drawPanel(); return; }
   const isThere = state.server.files.runs.some((run) => run.name === job.run) || job.run === state.name;
   if (["plan", "edit"].includes(job.kind) && isThere) { state.edit = null; await openScene(job.run, "plan"); }
   else if (["select", "upload", "verify", "gaps"].includes(job.kind) && (job.run === state.name || job.run.startsWith(`${state.name}/`))) await openScene(state.name, state.tab, { keepView: true });
@@ -120,7 +127,7 @@ function offer(job) {
 // ---------------------------------------------------------------- what is open
 export async function openScene(name, tab, { keepView = false } = {}) {
   const scene = await api(`/api/scene?name=${encodeURIComponent(name)}`);
-  Object.assign(state, { name, scene, edit: null, photos: null, past: [], future: [], sortie: null, tab: tab ?? state.tab });
+  Object.assign(state, { name, scene, edit: null, photos: null, sortie: null, tab: tab ?? state.tab });
   map.scene(scene);
   map.heights(scene.onEarth || true ? `name=${encodeURIComponent(name)}` : "");
   if (!keepView) map.fit(scene.bounds);
@@ -141,8 +148,18 @@ export function showLayer() {
   legendOf(layer?.title ?? "", layer?.legend.map((entry) => [entry.color, entry.label]) ?? []);
 }
 export function legendOf(title, entries) {
-  $("legend").hidden = !title;
-  $("legend").replaceChildren(el("strong", {}, title), ...entries.map(([color, label]) => { const box = el("i"); box.style.background = color; return el("div", {}, box, label); }));
+  const swatch = ([color, label, kind]) => { const box = el("i", { class: kind ?? "" }); box.style.background = kind === "line" ? "" : color; box.style.borderColor = kind === "line" ? color : ""; return el("div", {}, box, label); };
+  const sign = (letter, color, label) => { const box = el("i", { class: "sign" }, letter); box.style.borderColor = box.style.color = color; return el("div", {}, box, label); };
+  const s = state.scene, d = state.draft;
+  const key = [
+    ...((s ? s.area.length : d.area) ? [swatch([COLORS.area, t("area"), "line"])] : []), ...((s ? s.fence.length : d.fence) ? [swatch([COLORS.fence, t("fence"), "line dashed"])] : []),
+    ...((s ? s.zones : d.zones).length ? [swatch([COLORS.zone, t("noFly"), "line"])] : []), ...((s ? s.home : d.home) ? [sign("H", COLORS.home, t("home"))] : []), ...((s ? s.rally ?? [] : d.rally).length ? [sign("R", COLORS.rally, t("rally"))] : []),
+    ...(s?.sorties?.length === 1 ? [swatch([SORTIES[0], t("route"), "line"])] : (s?.sorties ?? []).map((_, n) => swatch([SORTIES[(s.colors?.[n] ?? n) % SORTIES.length], `${t("sortie")} ${n + 1}`, "line"])).slice(0, 6)),
+    ...(s?.path?.length ? [swatch(["#555555", t("outbound"), "line dashed"])] : []), ...(s?.unsafeReturns?.length ? [swatch([COLORS.unsafe, t("unsafe")])] : []), ...(s?.tracks?.length ? [s.tracks.length > 1 ? swatch(["#ffffff", t("flownEdge")]) : swatch([COLORS.track, t("flownTrack"), "line"])] : []),
+  ];
+  const open = $("legend").querySelector("details")?.open ?? innerWidth > 640;
+  $("legend").hidden = !title && !key.length;
+  $("legend").replaceChildren(el("details", { open }, el("summary", {}, title || t("key")), ...entries.map(swatch), ...key));
 }
 async function showContours(on) {
   state.contours = on;
@@ -203,6 +220,7 @@ const setTheme = (theme) => { document.documentElement.classList.toggle("dark", 
 setTheme(dark);
 $("theme").addEventListener("click", () => setTheme(document.documentElement.classList.contains("dark") ? "light" : "dark"));
 if (location.search) history.replaceState(null, "", "/"); // the token is in the cookie now
+matchMedia("(max-width: 640px)").addEventListener("change", (event) => { const key = $("legend").querySelector("details"); if (key) key.open = !event.matches; });
 drawTabs();
 attempt(async () => {
   await Promise.all([map.ready, refresh()]);

@@ -1,6 +1,6 @@
 // The area step: what is open, the survey form, drawing.
 import { $, attempt, button, copyOf, emptyDraft, field, heading, map, refresh, runs, say, select, state } from "/page/core.js";
-import { drawPanel, drawTools, openScene, showLayer } from "/page/app.js";
+import { drawPanel, drawTools, legendOf, openScene, showLayer } from "/page/app.js";
 import { api, debounced, el, latest, number } from "/page/dom.js";
 import { inside } from "/page/map.js";
 import { moveInTime } from "/page/plan.js";
@@ -18,12 +18,12 @@ export function areaPanel() {
     el("label", { for: "f-files" }, t("drop")), chooser, el("p", { class: "hint" }, t("dropHint")));
   return [
     heading(t("open")), el("label", { for: "f-open" }, el("span", {}, t("openChoose")), opener), button(t("newSurvey"), newSurvey), drop,
-    ...(state.scene ? [sceneFigures()] : surveyForm(files)),
+    ...(state.scene ? [sceneFigures(), ...(state.draft.area && state.savedAs === state.name ? [button(t("changeSurvey"), changeSurvey, { id: "change-survey" })] : [])] : surveyForm(files)),
   ];
 }
 export function sceneFigures() {
   const s = state.scene;
-  return el("dl", {}, ...[[t("areaSize"), `${number(s.areaM2 / 1e4, 2)} ${t("ha")}`], [t("band"), `${number(s.band[0])} – ${number(s.band[1])} m`], [t("camera"), s.camera], [t("autopilot"), s.vehicle.autopilot], [t("speed"), `${number(s.vehicle.speed, 1)} m/s`]].flatMap(([k, v]) => [el("dt", {}, k), el("dd", {}, v)]));
+  return el("dl", {}, ...[[t("areaSize"), `${number(s.areaM2 / 1e4, 2)} ${t("ha")}`], [t("band"), `${number(s.band[0])} – ${number(s.band[1])} m ${t("height")}`], [t("camera"), t(`sensor_${s.camera}`)], [t("autopilot"), t(s.vehicle.autopilot)], [t("speed"), `${number(s.vehicle.speed, 1)} m/s`]].flatMap(([k, v]) => [el("dt", {}, k), el("dd", {}, v)]));
 }
 function surveyForm(files) {
   const error = state.design?.error, of = state.design?.field ?? "", wrong = (name) => (error && of === name ? error : "");
@@ -103,18 +103,19 @@ function newSurvey() {
 // ---------------------------------------------------------------- drawing
 function remember() { state.past.push(copyOf(state.draft)); state.future = []; if (state.past.length > 100) state.past.shift(); }
 function change(call) { remember(); call(); drawDraft(); redesign(); drawPanel(); }
-export function undo() { if (state.edit) { moveInTime(state.edit, "past", "future"); return; } if (!state.past.length) return; state.future.push(copyOf(state.draft)); state.draft = state.past.pop(); drawDraft(); redesign(); drawPanel(); }
-export function redo() { if (state.edit) { moveInTime(state.edit, "future", "past"); return; } if (!state.future.length) return; state.past.push(copyOf(state.draft)); state.draft = state.future.pop(); drawDraft(); redesign(); drawPanel(); }
+export function undo() { if (state.edit) { moveInTime(state.edit, "past", "future"); return; } if (state.scene || !state.past.length) return; state.future.push(copyOf(state.draft)); state.draft = state.past.pop(); drawDraft(); redesign(); drawPanel(); }
+export function redo() { if (state.edit) { moveInTime(state.edit, "future", "past"); return; } if (state.scene || !state.future.length) return; state.past.push(copyOf(state.draft)); state.draft = state.future.pop(); drawDraft(); redesign(); drawPanel(); }
 function drawDraft() {
   const polygons = (geometry) => (geometry?.type === "MultiPolygon" ? geometry.coordinates : geometry ? [geometry.coordinates] : []);
   map.set("area", polygons(state.draft.area).map((rings) => ({ type: "Feature", properties: {}, geometry: { type: "Polygon", coordinates: rings } })));
   map.set("zones", state.draft.zones.map((zone) => ({ type: "Feature", properties: { name: zone.name }, geometry: zone.geometry })));
   map.set("fence", state.draft.fence ? [{ type: "Feature", properties: {}, geometry: { type: "LineString", coordinates: state.draft.fence.coordinates[0] } }] : []);
   map.set("rally", state.draft.rally.map((point) => ({ type: "Feature", properties: {}, geometry: { type: "Point", coordinates: point } })));
+  if (!state.scene) legendOf("", []);
   map.set("home", state.draft.home ? [{ type: "Feature", properties: {}, geometry: { type: "Point", coordinates: state.draft.home } }] : []);
 }
 export function boundsOfDraft() {
-  const flat = JSON.stringify(state.draft.area ?? "").match(/-?\d+(?:\.\d+)?(?:e-?\d+)?,-?\d+(?:\.\d+)?(?:e-?\d+)?/g);
+  const flat = JSON.stringify([state.draft.area, state.draft.fence, state.draft.home, state.draft.rally]).match(/-?\d+(?:\.\d+)?(?:e-?\d+)?,-?\d+(?:\.\d+)?(?:e-?\d+)?/g);
   if (!flat) return null;
   const places = flat.map((pair) => pair.split(",").map(Number));
   return [Math.min(...places.map((p) => p[0])), Math.min(...places.map((p) => p[1])), Math.max(...places.map((p) => p[0])), Math.max(...places.map((p) => p[1]))];
@@ -219,20 +220,31 @@ const askDesign = latest(async () => {
   if (state.tab === "area" && !state.scene && place) { place.replaceChildren(...designFigures()); sayAtField(state.design); }
 });
 // What is wrong is said at its field.
+// An error without the key or option that it begins with: the field says that; a point keeps its number.
+const plain = (error) => error.replace(/^(?:--)?[a-z_-]+(?:\.[a-z_]+)*(?:\.([0-9]+))?: /, (_, n) => (n === undefined ? "" : `${Number(n) + 1}: `)).replace("limits.fence", t("fence").toLowerCase());
 function sayAtField(found) {
   for (const name of FORM) {
     const is = found?.error && found.field === name, line = $(`e-${name}`);
     $(`f-${name}`)?.setAttribute("aria-invalid", String(Boolean(is)));
-    if (line) line.textContent = is ? found.error : "";
+    if (line) line.textContent = is ? plain(found.error) : "";
   }
 }
 const redesign = debounced(askDesign, 350);
 async function saveScenario() {
-  const saved = await api("/api/scenarios", formBody());
+  let saved;
+  try { saved = await api("/api/scenarios", formBody()); } catch (error) { sayAtField({ error: error.message, field: error.field }); throw error; }
   for (const message of saved.messages) say(message.warn ?? message.say, message.warn ? "warn" : "");
   say(`${t("saved")}: ${saved.scenarios.join(", ")}`);
   await refresh();
   await openScene(saved.scenarios[0], "plan");
+  state.savedAs = saved.scenarios[0];
+}
+// Back to what was drawn and typed; it is saved under another name.
+function changeSurvey() {
+  Object.assign(state, { name: "", scene: null, edit: null, layer: "" });
+  map.scene(null); map.cells(""); showLayer(); profile($("profile"), []);
+  $("place").textContent = "";
+  drawDraft(); map.fit(boundsOfDraft()); drawPanel(); drawTools(); redesign();
 }
 async function takeFiles(files) {
   for (const file of files) {

@@ -15,7 +15,7 @@ window.uavcover = { state, map }; // for tests and for the curious
 
 // ---------------------------------------------------------------- messages
 export function say(text, kind = "") {
-  const line = el("p", { class: kind }, text);
+  const line = el("p", { class: `${kind}${/\S {3,}\S/.test(text) ? " table" : ""}` }, text); // columns stay under each other
   $("messages").append(line);
   while ($("messages").childElementCount > 300) $("messages").firstChild.remove();
   $("messages").scrollTop = $("messages").scrollHeight;

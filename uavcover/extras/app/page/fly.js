@@ -48,12 +48,12 @@ function row(state_, what, value, why = "", place = null) {
 function preflight(s, checked) {
   const rows = [];
   for (const upload of s.uploads ?? []) {
-    const of = upload.flight ? `${upload.flight}: ` : "";
+    const of = upload.flight ? `${t("sortie")} ${upload.flight.replace("sortie-", "")}: ` : "";
     for (const part of upload.lists) {
       rows.push(row(part.passed ? "good" : "bad", `${of}${t(`list_${part.type}`)}`, `${part.received} ${t("of")} ${part.sent} ${t("itemsHeld")}`, part.normalised ? `${part.normalised} ${t("normalised")}` : ""));
       for (const wrong of part.wrong) rows.push(row("bad", `${t("item")} ${wrong.item}`, `${wrong.field}: ${wrong.sent} → ${wrong.received}`, wrong.why ?? ""));
     }
-    if (Number.isFinite(upload.safeReturnHeight)) rows.push(row(upload.unsafe ? "warn" : "good", `${of}${t("ownReturn")}`, `${number(upload.returnHeight)} m; ${t("safeAbove")} ${number(upload.safeReturnHeight)} m`, upload.unsafe ? t("returnUnsafe") : ""));
+    rows.push(row(upload.unsafe ? "warn" : "good", `${of}${t("ownReturn")}`, t(upload.unsafe ? "returnUnsafe" : "returnSafe"), Number.isFinite(upload.safeReturnHeight) ? `${t("safeAbove")} ${number(upload.safeReturnHeight)} m` : ""));
     if (Number.isFinite(upload.highest)) rows.push(row("none", `${of}${t("highest")}`, `${number(upload.highest)} m`, t("highestWhy")));
   }
   const passed = (s.uploads ?? []).length ? s.uploads.every((upload) => upload.passed) : null;
@@ -64,7 +64,7 @@ function preflight(s, checked) {
     rows.push(row(checked.verdict === "passed" ? "good" : checked.verdict === "failed" ? "bad" : "warn", t("check"), t(checked.verdict), `${number(checked.figures.min_height_agl_m)} – ${number(checked.figures.max_height_agl_m)} m ${t("height")}, ${number(checked.figures.length_m)} m, ${number(checked.figures.time_s / 60, 1)} min`));
     for (const found of checked.findings.slice(0, 50)) rows.push(row(found.weight === "breaks" ? "bad" : "warn", found.kind, found.what, found.do, Number.isFinite(found.lon_deg) ? [found.lon_deg, found.lat_deg] : null));
   }
-  for (const [mark, what, planned, vehicle, why] of state.limits ?? []) rows.push(row({ "!": "warn", X: "bad" }[mark] ?? "good", what, planned === "-" ? vehicle : `${vehicle}; ${t("planned")} ${planned}`, why));
+  for (const [mark, what, planned, vehicle, why] of state.limits ?? []) rows.push(row({ "!": "warn", X: "bad" }[mark] ?? (planned !== "-" && vehicle.startsWith(planned) ? "good" : "none"), what, planned === "-" ? vehicle : `${vehicle}; ${t("planned")} ${planned}`, why));
   if (rows.length) out.push(el("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": t("beforeFlight") }, el("table", { id: "preflight" }, ...rows)));
   return out;
 }

@@ -1,6 +1,6 @@
 // The judge step: verdict, findings, gaps, photos.
 import { attempt, button, field, heading, map, ofRun, refresh, runs, say, select, state } from "/page/core.js";
-import { drawPanel, legendOf, openScene, start } from "/page/app.js";
+import { drawPanel, drawTools, legendOf, openScene, showLayer, start } from "/page/app.js";
 import { api, el, number, percent } from "/page/dom.js";
 import { t } from "/page/strings.js";
 
@@ -61,7 +61,9 @@ async function takePhotos(run, files) {
 export async function openPhotos(name) {
   state.photos = name ? { name, ...await api(`/api/photos?name=${encodeURIComponent(name)}`) } : null;
   map.photos(state.photos);
+  state.layer = state.photos ? "" : state.layer;
+  showLayer();
   if (state.photos) legendOf(t("judgePhotos"), [["#00725f", t("photoCounts")], ["#e00000", t("photoLeftOut")], ["#d55e00", t("gaps")]]);
   await refresh();
-  drawPanel();
+  drawPanel(); drawTools();
 }

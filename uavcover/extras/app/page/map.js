@@ -11,7 +11,7 @@ export const COLORS = {
   home: "#111111", rally: "#00725f", gap: "#d55e00", unsafe: "#ff8800", photo: "#333333",
 };
 export const SORTIES = ["#1a1a8c", "#b5460f", "#00725f", "#8a2f8a", "#5a5a00", "#0077aa", "#aa0055", "#444444"];
-const SLOW_MS = 60, STILL_MS = 400;
+const SLOW_MS = 60, STILL_MS = 400, LONGEST_MS = 5000, MESH = 32; // MESH: squares of a terrain tile along one side, instead of 128
 const EMPTY = { type: "FeatureCollection", features: [] };
 const collection = (features) => ({ type: "FeatureCollection", features });
 const feature = (type, coordinates, properties = {}) => ({ type: "Feature", properties, geometry: { type, coordinates } });
@@ -35,25 +35,29 @@ export class CoverageMap {
 
   // A slow renderer draws less while the map moves: no relief, half the pixels. What is left out comes back when it stands still.
   hurry() {
-    let last = 0, slow = 0, less = false, timer = 0, own = false;
+    let last = 0, slow = 0, less = false, timer = 0, own = false, until = 0;
     const full = this.map.getPixelRatio();
     const show = (on) => {
       own = true;
       less = !on;
       for (const id of ["relief", "contours"]) if (this.map.getLayer(id)) this.map.setLayoutProperty(id, "visibility", on ? "visible" : "none");
       this.map.setPixelRatio(on ? full : full / 2);
-      if (this.map.terrain) this.map.terrain.qualityFactor = 1;
+      const terrain = this.map.terrain;
+      if (terrain && terrain.meshSize !== MESH) Object.assign(terrain, { qualityFactor: 1, meshSize: MESH, _meshCache: {} });
       own = false;
     };
     this.map.on("render", () => {
-      const now = performance.now();
-      if (this.map.isMoving() || now < timer) { slow = now - last < 1000 ? 0.7 * slow + 0.3 * (now - last) : slow; if (slow > SLOW_MS && !less) show(false); }
+      const now = performance.now(), took = now - last;
       last = now;
+      if (now >= until) return;
+      slow = took < LONGEST_MS ? 0.7 * slow + 0.3 * took : slow;
+      if (slow > SLOW_MS && !less) show(false);
     });
+    const still = () => { if (performance.now() < until) timer = setTimeout(still, until - performance.now() + 1); else { timer = slow = 0; if (less) show(true); } };
     const moved = () => {
       if (own) return;
-      const at = timer = performance.now() + STILL_MS;
-      setTimeout(() => { if (timer === at && less) { slow = 0; show(true); } }, STILL_MS);
+      until = performance.now() + Math.max(STILL_MS, 3 * slow);
+      timer ||= setTimeout(still, STILL_MS);
     };
     this.map.on("move", moved);
   }
@@ -99,6 +103,7 @@ export class CoverageMap {
     });
     this.draw.start();
     this.draw.setMode("static");
+    for (const { id } of this.map.getStyle().layers) if (id.startsWith("td-")) this.map.moveLayer(id, "obstacles");
   }
 
   set(name, features) { this.map.getSource(name)?.setData(collection(features)); }
@@ -133,42 +138,38 @@ export class CoverageMap {
     this.map.addLayer({ id: "background", source: "background", type: "raster" }, this.map.getLayer("relief") ? "relief" : "contours");
   }
 
-  // One image of the cells, draped on the terrain.
+  // One picture of the cells, draped on the terrain: a layer as a whole, or the rectangles of it that changed during a flight.
   cells(image, corners) {
-    const there = this.map.getSource("cells");
-    this.canvas = null;
-    if (there?.type === "image" && image) { there.updateImage({ url: image, coordinates: corners }); return; }
-    if (there) { this.map.removeLayer("cells"); this.map.removeSource("cells"); }
-    if (image) this.drape({ type: "image", url: image, coordinates: corners });
+    this.isLive = false;
+    if (this.map.getLayer("cells")) this.map.setLayoutProperty("cells", "visibility", "none");
+    return this.paint(image ? [{ x: 0, y: 0, image }] : [], corners);
   }
 
-  drape(source) {
-    this.map.addSource("cells", source);
-    this.map.addLayer({ id: "cells", source: "cells", type: "raster", paint: { "raster-opacity": 0.75, "raster-resampling": "nearest", "raster-fade-duration": 0 } }, "area-fill");
-  }
-
-  // Cells that changed during a flight: rectangles of one picture that stays.
   async patches({ size, corners, patches, whole }) {
-    if (whole || !this.canvas || this.canvas.width !== size[0] || this.canvas.height !== size[1]) {
-      if (!whole) return false;
-      this.cells("");
-      this.canvas = Object.assign(document.createElement("canvas"), { width: size[0], height: size[1] });
-      this.drape({ type: "canvas", canvas: this.canvas, coordinates: corners, animate: false });
+    if (!whole && !(this.isLive && this.canvas.width === size[0] && this.canvas.height === size[1])) return false;
+    await this.paint(patches, corners, whole ? size : null);
+    this.isLive = true;
+    return true;
+  }
+
+  async paint(patches, corners, size = null) {
+    const turn = this.turn = (this.turn ?? 0) + 1;
+    const pictures = await Promise.all(patches.map(async (patch) => { const picture = new Image(); picture.src = patch.image; await picture.decode(); return [picture, patch.x, patch.y]; }));
+    if (turn !== this.turn || !pictures.length) return;
+    this.canvas ??= document.createElement("canvas");
+    const whole = size ?? (this.isLive ? null : [pictures[0][0].width, pictures[0][0].height]), pen = this.canvas.getContext("2d");
+    if (whole) [this.canvas.width, this.canvas.height] = whole;
+    for (const [picture, x, y] of pictures) { pen.clearRect(x, y, picture.width, picture.height); pen.drawImage(picture, x, y); }
+    if (!this.map.getSource("cells")) {
+      this.map.addSource("cells", { type: "canvas", canvas: this.canvas, coordinates: corners, animate: false });
+      this.map.addLayer({ id: "cells", source: "cells", type: "raster", paint: { "raster-opacity": 0.75, "raster-resampling": "nearest", "raster-fade-duration": 0 } }, "area-fill");
     }
-    const canvas = this.canvas, pen = canvas.getContext("2d");
-    for (const patch of patches) {
-      const picture = new Image();
-      picture.src = patch.image;
-      await picture.decode();
-      pen.clearRect(patch.x, patch.y, picture.width, picture.height);
-      pen.drawImage(picture, patch.x, patch.y);
-    }
-    if (canvas !== this.canvas) return true;
     const source = this.map.getSource("cells");
-    source.play();
+    source.setCoordinates(corners);
+    this.map.setLayoutProperty("cells", "visibility", "visible");
+    source.play(); // the texture is renewed by the next frame
     this.map.once("render", () => source.pause());
     this.map.triggerRepaint();
-    return true;
   }
 
   fit(bounds, padding = 40) {
@@ -197,6 +198,12 @@ export class CoverageMap {
   route(lines, badLegs, colors = []) {
     this.set("route", lines.map((line, n) => feature("LineString", line, { color: SORTIES[(colors[n] ?? n) % SORTIES.length] })));
     this.set("bad", badLegs.map((leg) => feature("LineString", leg)));
+  }
+
+  // What an earlier flight left does not belong to the one that begins.
+  forgetFlight() {
+    for (const name of ["gaps", "findings", "track"]) this.set(name, []);
+    this.tracks.clear();
   }
 
   // Photos that were taken: where from, what they show, what they miss.
@@ -239,7 +246,7 @@ function sign(color, letter) {
   const [pen, size] = paper();
   pen.lineWidth = 5;
   disc(pen, size / 2, size / 2 - 4, "#fff", color);
-  Object.assign(pen, { fillStyle: color, font: `bold ${size / 2}px sans-serif`, textAlign: "center", textBaseline: "central" });
+  Object.assign(pen, { fillStyle: color, font: `bold ${size / 2}px sans-serif`, textAlign: "center", textBaseline: "middle" });
   pen.fillText(letter, size / 2, size / 2 + 1);
   return pen.getImageData(0, 0, size, size);
 }

@@ -10,6 +10,7 @@ export const TEXT = {
   drawHint: "Click each corner; click the first one again, or press Enter, to finish. Escape stops.",
   homeHint: "Click the take-off position on the map. You can drag it later.", rallyHint: "Click the rally point on the map. The vehicle can land there instead of at the take-off position.",
   holeOutside: "A hole must lie inside the area. Draw the area first.", fence: "Fence", fenceDefault: "Automatic, around area and take-off", fenceDrawn: "As drawn", home: "Take-off", rally: "Rally point",
+  changeSurvey: "Change the survey", ardupilot: "ArduPilot", px4: "PX4", "sensor_frame-camera": "rectangular photos", "sensor_nadir-camera": "straight down", sensor_sphere: "sphere", sensor_disc: "disc", key: "Key", area: "Area", route: "Route", flownTrack: "Flown track", flownEdge: "White edge: flown", noFly: "No-fly zone", outbound: "Transit", incumbent: "Best route so far",
   removeArea: "Delete area", removeFence: "Delete fence", seeField: "Correct the field that is marked.", rallyHere: "Rally point there", maxAlt: "Highest altitude above sea level",
   position: "Position", positionHint: "47.37, 8.54 · 47°22'12\"N 8°32'24\"E · 32T 465300 5246800 · 32T MT 65300 46800",
   go: "Go there", here: "Take off there",
@@ -31,7 +32,7 @@ export const TEXT = {
   exportAs: "Export as", export: "Export", download: "Download",
   vehicles: "Number of vehicles", startsAt: "starts at", flies: "What flies", allVehicles: "All vehicles", allFlights: "All flights", toEach: "Vehicle addresses, with spaces between them (mock: simulates all)",
   check: "Check the mission", beforeFlight: "Before the flight", notUploaded: "Nothing was uploaded yet.", itemsHeld: "items held", normalised: "values in the autopilot's own form", item: "Item",
-  list_mission: "Mission", list_fence: "Fence", list_rally: "Rally points", ownReturn: "Return height of the autopilot", safeAbove: "safe from", returnUnsafe: "The direct return is not safe from everywhere.",
+  list_mission: "Mission", list_fence: "Fence", list_rally: "Rally points", ownReturn: "Autopilot's own return", safeAbove: "A straight return clears the ground from a height above home of", returnUnsafe: "not safe from some positions; see the orange lines", returnSafe: "safe from every position",
   highest: "Highest point above home", highestWhy: "Set the autopilot's maximum height above this.", planned: "planned", mark_good: "good", mark_warn: "warning", mark_bad: "problem", mark_none: "note",
   waits: "waiting", inAir: "in the air", ordersAll: "The buttons are for all vehicles of this flight.", leaveSure: "The vehicles stop and hover. Nothing brings them home then. Continue?",
   to: "Vehicle's address", upload: "Upload and read back", fly: "Fly", mockSpeed: "Speed of the simulated vehicle, times real time",
@@ -49,7 +50,7 @@ export const TEXT = {
   finding: "Finding", worst: "Worst", limit: "Limit", noFindings: "No leg broke a limit.",
   noGaps: "Nothing was missed.", profile: "Heights along the route", local: "This scenario has no position on Earth: the map shows it at 0°, 0°.",
   show: "Show", seen: "observed", unseen: "not observed yet",
-  busy: "Working…", ended: "ended", failedCommand: "failed", command: "Command", progress: "Progress", edited: "edited",
+  busy: "Working…", ended: "ended", endedNo: "done; a requirement is not met", endedStopped: "stopped", endedGone: "the program ended without an answer", endedFailed: "failed; the reason is above", failedCommand: "failed", command: "Command", progress: "Progress", edited: "edited",
   north: "north", of: "of", m2: "m²", points: "Waypoints", point: "Waypoint", notShown: "cannot be shown",
 };
 export const t = (key) => TEXT[key] ?? key;

@@ -10,7 +10,6 @@ from qgis.core import (
     QgsProcessingAlgorithm,
     QgsProcessingContext,
     QgsProcessingException,
-    QgsProcessingLayerPostProcessorInterface,
     QgsProcessingOutputRasterLayer,
     QgsProcessingParameterEnum,
     QgsProcessingParameterFile,
@@ -21,8 +20,8 @@ from qgis.core import (
     QgsProcessingParameterVectorLayer,
     QgsProject,
 )
-from qgis.PyQt.QtGui import QColor
 
+from . import styles
 from .program import PROGRAM
 from .runner import UavcoverError, find_program, run
 
@@ -84,31 +83,10 @@ class UavcoverAlgorithm(QgsProcessingAlgorithm):
         return words
 
 
-def load(context, path, title, color=None):
-    """Show a file as a layer when the algorithm has ended; lines and points in a colour."""
-    details = QgsProcessingContext.LayerDetails(title, context.project(), title)
-    if color is not None:
-        STYLES.append(Style(color))
-        details.setPostProcessor(STYLES[-1])
-    context.addLayerToLoadOnCompletion(path, details)
-
-
-class Style(QgsProcessingLayerPostProcessorInterface):
-    """Gives a vector layer its colour."""
-
-    def __init__(self, color):
-        super().__init__()
-        self.color = color
-
-    def postProcessLayer(self, layer, context, feedback):
-        symbol = getattr(layer.renderer(), "symbol", lambda: None)()
-        if symbol is not None:
-            symbol.setColor(QColor(self.color))
-            layer.triggerRepaint()
-
-
-STYLES = []
-"""Styles are kept: Processing does not own them."""
+def load(context, path, title, style):
+    """Style a file, and show it as a layer when the algorithm has ended."""
+    if path and os.path.isfile(path) and styles.keep(path, style):
+        context.addLayerToLoadOnCompletion(path, QgsProcessingContext.LayerDetails(title, context.project(), title))
 
 
 def optional(name, label, default=""):
@@ -177,7 +155,9 @@ class PlanAlgorithm(UavcoverAlgorithm):
         route = self.parameterAsFileOutput(parameters, "ROUTE", context)
         written = self.uavcover(["export", run_folder, "--format", "geojson", "-o", route, "--force"], feedback)
         for number, row in enumerate(written.get("files") or [{"file": route}], start=1):
-            load(context, row["file"], f"Route {number}", "#1a1a8c")
+            points = styles.split(row["file"], ("LineString",), "waypoints")
+            load(context, row["file"], f"Route {number}", styles.route)
+            load(context, points, f"Waypoints {number}", styles.waypoints)
         return {
             "RUN": run_folder,
             "ROUTE": route,
@@ -214,7 +194,11 @@ class CheckAlgorithm(UavcoverAlgorithm):
         ]
         document = self.uavcover(words, feedback)
         if os.path.isfile(found):
-            load(context, found, "Findings", "#d55e00")
+            legs = styles.split(found, ("Point",), "legs")
+            if legs:
+                styles.mark_legs(legs, document.get("findings") or ())
+            load(context, legs, "Legs with findings", styles.legs)
+            load(context, found, "Findings", styles.findings)
         return {"FINDINGS": found, "VERDICT": document.get("verdict")}
 
 
@@ -236,7 +220,7 @@ class VerifyAlgorithm(UavcoverAlgorithm):
         log = self.parameterAsFile(parameters, "LOG", context)
         document = self.uavcover(["verify", run_folder, *(["--log", log] if log else [])], feedback)
         coverage = os.path.join(run_folder, "coverage.tif")
-        load(context, coverage, "Coverage")
+        load(context, coverage, "Coverage", styles.coverage)
         return {
             "COVERAGE": coverage,
             "VERDICT": document.get("verdict"),
@@ -261,6 +245,12 @@ class PhotosAlgorithm(UavcoverAlgorithm):
         out = self.parameterAsString(parameters, "OUT", context)
         photos, scenario = (self.parameterAsFile(parameters, name, context) for name in ("PHOTOS", "SCENARIO"))
         document = self.uavcover(["judge-photos", photos, "--scenario", scenario, "-o", out, "--force"], feedback)
+        gaps = os.path.join(out, "gaps.geojson")
+        stretches = styles.split(gaps, ("Polygon", "MultiPolygon"), "stretches")
+        load(context, os.path.join(out, "photos.tif"), "Ground in the photos", styles.coverage)
+        load(context, os.path.join(out, "footprints.geojson"), "Footprints", styles.footprints)
+        load(context, gaps, "Gaps", styles.gaps)
+        load(context, stretches, "Photos that are missing", styles.missing)
         return {"OUT": out, "VERDICT": document.get("verdict")}
 
 
