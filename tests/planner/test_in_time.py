@@ -83,7 +83,7 @@ def test_an_error_after_the_end_of_a_stage_is_its_end():
 def test_a_kernel_that_is_being_loaded_is_not_interrupted():
     """The judgement after the search failed in a kernel that was half loaded."""
     loading = {"__name__": "numba.core.caching", "signal": signal}
-    exec("def load():\n    signal.raise_signal(signal.SIGALRM)\n    return 'loaded'", loading)  # noqa: S102
+    exec("def load():\n    signal.raise_signal(signal.SIGALRM)\n    return 'loaded'", loading)
     with Interrupts("stop") as stops:
         with stops.no_longer_than(60.0, lambda: True):
             assert loading["load"]() == "loaded"
