@@ -1,7 +1,6 @@
 """The planner: baselines, optimizer, local search, judging on finer cells, selection."""
 
 import dataclasses
-import itertools
 import logging
 import math
 import time
@@ -23,7 +22,6 @@ from uavcover.planner.baselines import cut_lines
 from uavcover.planner.baselines.boustrophedon import (
     TUNED,
     Baseline,
-    evaluated,
     fewest_lines,
     taken,
     taken_until_near,
@@ -84,9 +82,6 @@ _MOST_ROUNDS = 50
 
 _JUDGED_AT_ONCE = 2
 """This number of baselines is judged where there is no time for more."""
-
-_MOST_CUT = 6
-"""This number of routes of cut lines is tried."""
 
 _MOST_TUNED = 12
 """This number of tuned lines of each kind is shown: the one of most merit, and the least crowded."""
@@ -237,7 +232,9 @@ def plan_routes(
                 lambda: should_stop() or effort.is_over(started, share=SHARES.baselines_before_lines),
             )
         if other_lines and goal is not None and cut_lines.needs_cuts(site):
-            baselines += _cut(coarse, goal, lambda: should_stop() or effort.is_over(started, share=SHARES.cut_lines))
+            baselines += cut_lines.cut_baselines(
+                coarse, goal, lambda: should_stop() or effort.is_over(started, share=SHARES.cut_lines)
+            )
     each_s = (effort.now() - before) / max(len(baselines), 1)
     constructed = _named(_worth_showing(baselines, goal))
     kept = Snapshots(()) if snapshots is None else snapshots
@@ -369,16 +366,6 @@ def _lines(coarse: CoverageMap, straight: SwathLayout | None, asked: float | Non
     if budget_s is not None and not any_reaches(coarse, lines, asked):
         lines += one_line_more(site, angle)
     return lines
-
-
-def _cut(coarse: CoverageMap, goal: float, should_stop: Callable[[], bool]) -> list[Baseline]:
-    """Cut lines, the most promising ones; the first ones in any time."""
-    found: list[Baseline] = []
-    for route in itertools.islice(cut_lines.cut_lines(coarse.site, goal, should_stop), _MOST_CUT):
-        found += evaluated(coarse, cut_lines.NAME, [route], None)
-        if should_stop():
-            break
-    return found
 
 
 def _named(baselines: Sequence[Baseline]) -> list[Candidate]:

@@ -27,6 +27,7 @@ from uavcover.kernels.obstacles import make_obstacles
 from uavcover.kernels.surface import GRID
 from uavcover.model.area import Ring
 from uavcover.model.obstacles import Obstacle, Obstacles
+from uavcover.model.scenario import Scenario
 from uavcover.scenario.areas.kmz import kml_of
 from uavcover.terrain.ground import Ground
 from uavcover.terrain.pixel_frame import nodes_inside_m
@@ -360,3 +361,15 @@ def _obstacle(polygon: ElementTree.Element, told_m: float | None, name: str) -> 
             )
         told_m = max(tops)
     return Obstacle(height_m=told_m, rings_lon_lat_deg=tuple(rings), name=name)
+
+
+def check_is_clear(key: str, scenario: Scenario, place_en: FloatArray, footprints: list[Footprint]) -> None:
+    """Refuse a home or rally point that is nearer to an obstacle than its clearance."""
+    clearance_m = scenario.obstacles.clearance_beside_m
+    for footprint in footprints:
+        distance_m = footprint.polygon.distance(shapely.Point(place_en))
+        if distance_m < clearance_m:
+            raise ScenarioError(
+                f"{key}: {distance_m:.1f} m from obstacle {footprint.name!r}, obstacles.clearance_beside_m is {clearance_m:g} m; "
+                "move the position"
+            )

@@ -16,8 +16,8 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.model.area import Outline, Ring
 from uavcover.model.scenario import Objective, Scenario, Uncertainty
 from uavcover.model.terrain import RasterTerrain, SineCosineTerrain
-from uavcover.scenario.airspace.zones import Zone, ZoneCheck, local_zones
-from uavcover.scenario.obstacles import Footprint, Prism, stand_on
+from uavcover.scenario.airspace.zones import Zone, ZoneCheck, check_is_outside, local_zones
+from uavcover.scenario.obstacles import Footprint, Prism, check_is_clear, stand_on
 from uavcover.scenario.scenario_file import load_scenario, terrain_source
 from uavcover.scenario.surface_model import check_home_is_open, with_surface_over
 from uavcover.terrain.elevation_file import read_ground, read_height_amsl_m
@@ -208,7 +208,7 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
     near_zones = local_zones(scenario.no_fly, frame, places)
     zones = tuple(zone for zone in near_zones if zone.entry.in_force(scenario.flight_window))
     if home_en is not None:
-        _check_is_clear("home", scenario, home_en, footprints)
+        check_is_clear("home", scenario, home_en, footprints)
     alt_amsl_offset_m = 0.0 if frame is None else frame.alt_amsl_m
     home = None
     if home_en is not None:
@@ -219,12 +219,12 @@ def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None 
             check_home_is_open(scenario.terrain, with_surface, home_en, home_up)
         home = np.array([home_en[0], home_en[1], home_up])
         home.flags.writeable = False
-        _check_is_outside("home", zones, home, alt_amsl_offset_m)
+        check_is_outside("home", zones, home, alt_amsl_offset_m)
     for number, (place, up) in enumerate(zip(rally, bare_ground.heights_m(rally), strict=True)):
         if not np.isfinite(up):
             raise TerrainError(f"planner.rally.{number}: no elevation at this position ({bare_ground.source})")
-        _check_is_clear(f"planner.rally.{number}", scenario, place, footprints)
-        _check_is_outside(f"planner.rally.{number}", zones, np.array([*place, up]), alt_amsl_offset_m)
+        check_is_clear(f"planner.rally.{number}", scenario, place, footprints)
+        check_is_outside(f"planner.rally.{number}", zones, np.array([*place, up]), alt_amsl_offset_m)
     return Site(
         scenario=scenario, frame=frame, ground=ground, area=area, fence=fence, home_m=home, prisms=prisms, zones=zones,
         other_zones=tuple(zone for zone in near_zones if zone not in zones),
@@ -355,35 +355,6 @@ def _footprints(scenario: Scenario, frame: LocalFrame | None, places: shapely.Ge
         if polygon.distance(places) <= TERRAIN_MARGIN_M:
             found.append(Footprint(prism.name or str(number), polygon, prism.height_m))
     return found
-
-
-def _check_is_clear(key: str, scenario: Scenario, place_en: FloatArray, footprints: list[Footprint]) -> None:
-    clearance_m = scenario.obstacles.clearance_beside_m
-    for footprint in footprints:
-        distance_m = footprint.polygon.distance(shapely.Point(place_en))
-        if distance_m < clearance_m:
-            raise ScenarioError(
-                f"{key}: {distance_m:.1f} m from obstacle {footprint.name!r}, obstacles.clearance_beside_m is {clearance_m:g} m; "
-                "move the position"
-            )
-
-
-def _check_is_outside(key: str, zones: tuple[Zone, ...], place_m: FloatArray, alt_amsl_offset_m: float) -> None:
-    """Refuse a home or rally point in a no-fly zone that begins at the ground, or nearer to it than its margin."""
-    place = shapely.Point(place_m[:2])
-    for zone in zones:
-        entry = zone.entry
-        floors = [floor for floor in (entry.floor_agl_m,) if floor is not None]
-        floors += [entry.floor_amsl_m - (place_m[2] + alt_amsl_offset_m)] if entry.floor_amsl_m is not None else []
-        if floors and min(floors) > 0.0:
-            continue
-        distance_m = zone.outline.distance(place)
-        if zone.circle is not None:
-            distance_m = max(0.0, math.hypot(*(place_m[:2] - zone.circle[:2])) - zone.circle[2])
-        if distance_m < entry.margin_m or distance_m == 0.0:
-            where = "lies in" if distance_m == 0.0 else f"is {distance_m:.1f} m from"
-            more = "" if distance_m == 0.0 else f", whose margin_m is {entry.margin_m:g} m"
-            raise ScenarioError(f"{key}: {where} no-fly zone {zone.name!r}{more}; move the position")
 
 
 def _fence(

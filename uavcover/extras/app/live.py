@@ -58,7 +58,7 @@ class Observed:
                 self._changed.append((0, 0, 0, 0))
 
     def since(self, version: int) -> dict[str, Any]:
-        """What changed after a version, 0 for everything: share, size of the whole picture, and its new rectangles."""
+        """Changes after a version, 0 for everything: share, size of the whole picture, and its new rectangles."""
         with self._lock:
             if version not in self._made:
                 self._made[version] = self._document(version)

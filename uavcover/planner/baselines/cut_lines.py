@@ -20,12 +20,19 @@ from uavcover.kernels.tours import nearest, shorten
 from uavcover.kernels.way_cost import LENGTH
 from uavcover.missions.way_cost import way_cost_of
 from uavcover.model.route import Route
-from uavcover.planner.baselines.boustrophedon import PLAIN_TOLERANCE_M, best_height_agl_m, directions_rad
+from uavcover.planner.baselines.boustrophedon import (
+    PLAIN_TOLERANCE_M,
+    Baseline,
+    best_height_agl_m,
+    directions_rad,
+    evaluated,
+)
 from uavcover.planner.baselines.swaths import to_lines_frame, width_across_m
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.airspace.way_round import WayRound
 from uavcover.scenario.site import Site
+from uavcover.sensing.coverage_map import CoverageMap
 
 NAME = "cut-lines"
 
@@ -37,6 +44,8 @@ _LINES = (1.0, 0.93, 1.07, 0.86)
 
 _DIRECTIONS = 3
 """Of each number of lines, this number of directions is flown."""
+
+_MOST_ROUTES = 6
 
 _NEAR, _BEGINNINGS, _KICKS_PER_END, _MOST_ENDS = 10, 8, 60, 700
 """Ends that an end may be linked with; orders that are begun with; changes that are tried of each; and ends beyond which a
@@ -94,6 +103,16 @@ def cut_lines(site: Site, goal: float, is_over: Callable[[], bool] = lambda: Fal
                 made.append((float(_leg_costs(site, np.vstack([pieces.ends_m, links_m])).sum()), pieces))
         for _, pieces in sorted(made, key=lambda each: each[0])[:_DIRECTIONS]:
             yield ordered_route(site, pieces, is_over)
+
+
+def cut_baselines(coverage: CoverageMap, goal: float, should_stop: Callable[[], bool]) -> list[Baseline]:
+    """Cut lines evaluated, the most promising ones; the first one in any time."""
+    found: list[Baseline] = []
+    for route in itertools.islice(cut_lines(coverage.site, goal, should_stop), _MOST_ROUTES):
+        found += evaluated(coverage, NAME, [route], None)
+        if should_stop():
+            break
+    return found
 
 
 def cut_pieces(site: Site, angle_rad: float, *, lines: int, reach_m: float, height_agl_m: float, goal: float) -> Pieces:

@@ -127,7 +127,15 @@ def _search_whole(
     if found and not work.stopped:
         work.problem = work.finest(whole.route)
         found += search_goal(
-            work, found, goal, capacity, (middle, end), tuned.main_stages, judge, closed=True, dearer=tuned.whole_dearer
+            work,
+            found,
+            goal,
+            capacity,
+            (middle, end),
+            tuned.main_stages,
+            judge,
+            closed=True,
+            price_factor=tuned.whole_price,
         )
         work.problem = coarse
     return found
@@ -144,7 +152,7 @@ def search_goal(
     *,
     waypoint_price: float | None = None,
     closed: bool = False,
-    dearer: float | None = None,
+    price_factor: float | None = None,
     coverage_price: float | None = None,
     most_short: float = 1.0,
     later: float = 0.0,
@@ -164,7 +172,7 @@ def search_goal(
         waypoint_price: in radii of the sensor; beginnings are ranked by it too. By default next to nothing.
         closed: the beginning is a route whose gaps were closed, because a search ended short of the goal: it is to get shorter,
             and where nearly everything is to be seen, not to open them again.
-        dearer: factor of the price of coverage where the beginning is closed and nearly everything is to be seen.
+        price_factor: factor of the price of coverage where the beginning is closed and nearly everything is to be seen.
         coverage_price: of all coverage, in lengths of the route, where it is higher than by default.
         most_short: by so much the first stage may miss the goal; by more, and the search ends there.
         later: share of all the work until which further, short stages may follow while they get nearer to the goal.
@@ -189,7 +197,7 @@ def search_goal(
     for chain in chains:
         if closed and goal > tuned.nearly_all and not work.problem.free_order:
             chain.hottest *= tuned.closed_heat
-            chain.prices = chain.prices._replace(coverage=chain.prices.coverage * (dearer or tuned.closed_dearer))
+            chain.prices = chain.prices._replace(coverage=chain.prices.coverage * (price_factor or tuned.closed_dearer))
         aim = _corrected(goal, chain.seen, judge.coverage(chain.route, goal))
         chain.prices = chain.prices._replace(goal=aim)
     # Two routes were judged; a correction judges one.

@@ -39,7 +39,7 @@ class GoalTuning:
             98 % a search that may not open them ended up to 6 % later (jacksboro, seed 4).
         closed_dearer: factor of the price of coverage there: 10 is too little in both fields.
         closed_heat: factor of the temperature at its beginning; 0.05 and 0.2 do as well.
-        whole_dearer: the same factor on the finest cells, at the beginning: there it rises from stage to stage.
+        whole_price: the same factor on the finest cells, at the beginning: there it rises from stage to stage.
         most_short_at_first: a search that misses its goal by more after its first stage ends there, and goes on from long lines
             with the gaps closed: in a canyon it was 0.09 to 0.1 short, in six cases on other ground (scripts/bench/kinds.py) at
             most 0.047 (terraces, tilted).
@@ -91,7 +91,7 @@ class GoalTuning:
     nearly_all: float = 0.995
     closed_dearer: float = 40.0
     closed_heat: float = 0.2
-    whole_dearer: float = 10.0
+    whole_price: float = 10.0
     most_short_at_first: float = 0.06
     most_short_beginning: float = 0.1
     most_beginnings: int = 8

@@ -15,6 +15,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from uavcover.errors import ScenarioError
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.obstacle_breach import edge_distances_m, parts_over
 from uavcover.kernels.obstacles import NO_OBSTACLES, ObstaclePrisms
@@ -332,3 +333,21 @@ def _parts_in_circles(circles: FloatArray, lines: FloatArray) -> tuple[IntArray,
     share[still] = 0.0, 1.0
     inside = (aside < radius - _TOUCHING_M) & (still | ((share[:, 1] - share[:, 0]) * length > _TOUCHING_M))
     return np.flatnonzero(inside), share[inside]
+
+
+def check_is_outside(key: str, zones: tuple[Zone, ...], place_m: FloatArray, alt_amsl_offset_m: float) -> None:
+    """Refuse a home or rally point in a no-fly zone that begins at the ground, or nearer to it than its margin."""
+    place = shapely.Point(place_m[:2])
+    for zone in zones:
+        entry = zone.entry
+        floors = [floor for floor in (entry.floor_agl_m,) if floor is not None]
+        floors += [entry.floor_amsl_m - (place_m[2] + alt_amsl_offset_m)] if entry.floor_amsl_m is not None else []
+        if floors and min(floors) > 0.0:
+            continue
+        distance_m = zone.outline.distance(place)
+        if zone.circle is not None:
+            distance_m = max(0.0, math.hypot(*(place_m[:2] - zone.circle[:2])) - zone.circle[2])
+        if distance_m < entry.margin_m or distance_m == 0.0:
+            where = "lies in" if distance_m == 0.0 else f"is {distance_m:.1f} m from"
+            more = "" if distance_m == 0.0 else f", whose margin_m is {entry.margin_m:g} m"
+            raise ScenarioError(f"{key}: {where} no-fly zone {zone.name!r}{more}; move the position")

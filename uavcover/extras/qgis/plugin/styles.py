@@ -87,7 +87,7 @@ def missing(layer):
 
 
 def coverage(layer):
-    """Why each cell was not observed; observed cells in green."""
+    """Reasons why cells were not observed; observed cells in green."""
     classes = [
         QgsPalettedRasterRenderer.Class(number, QColor(color), label) for number, (label, color) in enumerate(REASONS)
     ]
