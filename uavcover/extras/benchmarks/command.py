@@ -202,6 +202,49 @@ def bench_link(
     return 0
 
 
+def bench_areas(
+    data: Annotated[Path, typer.Argument(help="Folder AC300 of the AreaCoverage dataset.", metavar="DATA")],
+    *,
+    names: Annotated[
+        str | None, typer.Option(help="Areas to plan, such as AC1_0000,AC15_0019; default: all.", metavar="A,B")
+    ] = None,
+    budget_s: Annotated[
+        float, typer.Option("--budget", help="Search time per area, in seconds of processor time.", min=1.0)
+    ] = 40.0,
+    out: ResultsFolder = None,
+    processes: Processes = None,
+    output: options.Output,
+) -> int:
+    """Plan the areas with holes of the AreaCoverage dataset, and compare the routes with the published ones.
+
+    You can stop the benchmark at any time and repeat the command to continue. Results: areas.csv.
+    """
+    from uavcover.errors import InputError
+    from uavcover.extras.benchmarks.areas import area_names, plan_areas, summary, table_lines
+    from uavcover.extras.benchmarks.runs import KeptRuns, available_cores
+    from uavcover.run.folder import write_text
+
+    console = output.console()
+    if out is None:
+        raise InputError("-o/--out: name the folder of the results, as: uavcover bench areas AC300 -o areas")
+    chosen = options.names("--names", names, area_names(data))
+    folder = KeptRuns(out, {"benchmark": "areas", "budget_s": budget_s})
+    with folder.reserved():
+        missing = [name for name in chosen if not folder.has(name)]
+        console.say(f"{len(chosen)} areas, {len(chosen) - len(missing)} of them already in {out}")
+        planned = plan_areas(folder, missing, data=data, budget_s=budget_s, processes=processes or available_cores())
+        try:
+            with console.progress("areas", total=len(missing)) as bar:
+                for done, name in enumerate(planned, start=1):
+                    bar.update(done, note=f"{done} of {len(missing)}, last {name}")
+        finally:
+            if folder.done():
+                write_text(out / "areas.csv", "\n".join(table_lines(folder)) + "\n")
+    console.say(summary(folder))
+    console.result({"areas": len(chosen), "made": len(missing), "summary": summary(folder)})
+    return 0
+
+
 @dataclass(frozen=True, slots=True)
 class RunSize:
     """Size of each run and of its result."""
@@ -337,6 +380,7 @@ def bench_paper(
 
 
 _BENCHMARKS: dict[str, tuple[Callable[..., int], str]] = {
+    "areas": (bench_areas, "areas with holes of the AreaCoverage dataset, against published routes"),
     "coverage": (bench_coverage, "planners and baselines on the bundled scenarios, at equal time"),
     "link": (bench_link, "missions over links that lose datagrams, against MAVSDK"),
     "mmf": (bench_mmf, "the paper's 24 functions: Tables 3 and 4, tests, figures"),

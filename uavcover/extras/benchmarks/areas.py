@@ -1,0 +1,245 @@
+"""Areas with holes of the AreaCoverage dataset: routes of this planner beside the published ones.
+
+The dataset (github.com/UNCCharlotte-CS-Robotics/AreaCoverage-dataset, AC300: 300 squares of one hectare with 1 to 15 buildings in
+them) has a route for each area and its cost. A robot sees 1.5 m to each side, stops at each corner, flies 3 m/s and accelerates
+with 1 m/s²: with these numbers the cost of each published route comes out to the published digits. Buildings are not crossed.
+Both routes begin and end at the same corner, and the coverage of both is computed from their lines by shapely.
+"""
+
+import dataclasses
+import json
+import math
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import shapely
+from pyproj import Transformer
+
+from uavcover.errors import InfeasibleError, InputError
+from uavcover.extras.benchmarks.runs import KeptRuns, completed
+from uavcover.kernels.arrays import FloatArray
+from uavcover.model.vehicle import AutopilotMotion, AutopilotName, Vehicle
+from uavcover.planner.planner import Effort, plan_routes
+from uavcover.scenario.site import Site, load_site
+
+SPEED_M_S, ACCELERATION_M_S2, REACH_M = 3.0, 1.0, 1.5
+REQUIRED = 0.9998
+"""Of the cells; the published routes see 99.976 to 100 % of the areas."""
+
+_HEIGHT_M, _PIXEL_M, _AROUND_M, _ALT_AMSL_M = 20.0, 2.0, 100.0, 100.0
+_CLEAR_M = 0.1
+"""Home stands this far outside of buildings, on whose corners the published routes begin."""
+
+_LAT_DEG, _LON_DEG = 46.0, 10.0
+_CRS = f"+proj=tmerc +lat_0={_LAT_DEG} +lon_0={_LON_DEG} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
+
+_SCENARIO = """\
+name = {name}
+select = "coverage>={required}"
+[area]
+polygons_lon_lat_deg = {area}
+cell_size_m = 0.5
+fewest_places = 0
+[terrain]
+kind = "raster"
+file = "dem.asc"
+crs = "{crs}"
+vertical_datum = "EGM96"
+[home]
+lat_deg = {home[1]}
+lon_deg = {home[0]}
+[sensor]
+kind = "nadir-camera"
+fov_deg = {fov_deg}
+range_m = 60.0
+mount = "stabilised"
+[limits]
+min_height_agl_m = {low_m}
+max_height_agl_m = {high_m}
+height_margin_m = 0.9
+transit_clearance_m = 5.0
+fence_margin_m = 0.5
+[vehicle]
+cruise_speed_m_s = {speed}
+acceleration_m_s2 = {acceleration}
+jerk_m_s3 = 1000.0
+takeoff_height_m = {height_m}
+return_height_m = {height_m}
+autopilot = "px4"
+[planner]
+objective = "mission-time"
+waypoint_price = 0.0
+{zones}
+"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PublishedArea:
+    """An area of the dataset.
+
+    Attributes:
+        name: of its folder.
+        outline: what is to be seen, without the holes.
+        route_m: (n, 2) corners of the published route, closed.
+    """
+
+    name: str
+    outline: shapely.Polygon
+    route_m: FloatArray
+
+    def seen(self, route_m: FloatArray) -> float:
+        """Share 0..1 of the area within reach of a route."""
+        strip = shapely.buffer(shapely.LineString(route_m), REACH_M, quad_segs=32)
+        return float(shapely.intersection(strip, self.outline).area / self.outline.area)
+
+
+class StoppingVehicle(Vehicle):
+    """A vehicle that stops at each waypoint."""
+
+    __slots__ = ()
+
+    def motion(self, autopilot: AutopilotName | None = None) -> AutopilotMotion:
+        """Motion from rest to rest."""
+        return dataclasses.replace(
+            Vehicle.motion(self, autopilot), corner_radius_m=1e-6, settling_s=0.0, smoothing_s=0.0
+        )
+
+
+def cost_s(route_m: FloatArray) -> float:
+    """Time of an (n, 2) route from rest to rest on each leg."""
+    legs_m = np.hypot(*np.diff(route_m, axis=0).T)
+    long = legs_m >= SPEED_M_S**2 / ACCELERATION_M_S2
+    return float(np.where(long, legs_m / SPEED_M_S + SPEED_M_S, 2.0 * np.sqrt(legs_m / ACCELERATION_M_S2)).sum())
+
+
+def area_names(data: Path) -> list[str]:
+    """Areas in a folder of the dataset that have holes and a published route, by name."""
+    names = sorted(folder.parent.parent.name for folder in data.glob("*/mem_inf/mem_inf_route_data0"))
+    if not names:
+        raise InputError(f"{data}: no area with mem_inf/mem_inf_route_data0; name the folder AC300 of the dataset")
+    return names
+
+
+def read_area(data: Path, name: str) -> PublishedArea:
+    """An area of the dataset.
+
+    Raises:
+        InputError: a file is missing or cannot be read.
+    """
+    folder = data / name
+    try:
+        rings = [_rings(folder / file)[:] for file in ("outer_polygon", "holes")]
+        route = np.loadtxt(folder / "mem_inf" / "mem_inf_route_data0")[:, :2]
+        holes = shapely.union_all([shapely.Polygon(ring) for ring in rings[1]])
+        outline = shapely.difference(shapely.Polygon(rings[0][0]), holes)
+    except (OSError, ValueError, IndexError) as error:
+        raise InputError(f"{folder}: cannot be read ({error})") from error
+    if not isinstance(outline, shapely.Polygon):
+        raise InputError(f"{folder}: the holes divide the area")
+    return PublishedArea(name, outline, route)
+
+
+def _rings(path: Path) -> list[FloatArray]:
+    blocks = path.read_text(encoding="utf-8").replace("\r", "").strip().split("\n\n")
+    return [np.array([line.split() for line in block.splitlines()], dtype=float) for block in blocks if block.strip()]
+
+
+def site_of(area: PublishedArea, folder: Path) -> tuple[Site, FloatArray]:
+    """The site of an area, its files written to a folder, and the place of home in the dataset's coordinates."""
+    to_earth = Transformer.from_crs(_CRS, 4326, always_xy=True)
+    free = area.outline.buffer(-_CLEAR_M)
+    home_m = shapely.get_coordinates(shapely.shortest_line(free, shapely.Point(area.route_m[0])))[0]
+
+    def on_earth(ring: shapely.LinearRing) -> list[list[float]]:
+        places = np.column_stack(to_earth.transform(*shapely.get_coordinates(ring).T)).round(9)
+        return [[float(lon), float(lat)] for lon, lat in places]
+
+    west, south, east, north = area.outline.bounds
+    columns, rows = (math.ceil((side + 2.0 * _AROUND_M) / _PIXEL_M) for side in (east - west, north - south))
+    (folder / "dem.asc").write_text(
+        f"ncols {columns}\nnrows {rows}\nxllcorner {west - _AROUND_M}\nyllcorner {south - _AROUND_M}\n"
+        f"cellsize {_PIXEL_M}\nNODATA_value -9999\n" + (f"{_ALT_AMSL_M} " * columns + "\n") * rows,
+        encoding="utf-8",
+    )
+    zones = "".join(
+        f"[[no_fly]]\nmargin_m = 0.0\npolygon_lon_lat_deg = {json.dumps(on_earth(ring))}\n"
+        for ring in area.outline.interiors
+    )
+    text = _SCENARIO.format(
+        name=json.dumps(area.name), required=REQUIRED, crs=_CRS, zones=zones, height_m=_HEIGHT_M, speed=SPEED_M_S,
+        area=json.dumps([[on_earth(ring) for ring in (area.outline.exterior, *area.outline.interiors)]]),
+        home=[float(value) for value in to_earth.transform(*home_m)], low_m=_HEIGHT_M - 1.0, high_m=_HEIGHT_M + 1.0,
+        fov_deg=2.0 * math.degrees(math.atan(REACH_M / _HEIGHT_M)), acceleration=ACCELERATION_M_S2,
+    )  # fmt: skip
+    (folder / "scenario.toml").write_text(text, encoding="utf-8")
+    site = load_site(str(folder / "scenario.toml"))
+    vehicle = site.scenario.vehicle
+    stopping = StoppingVehicle(**{f.name: getattr(vehicle, f.name) for f in dataclasses.fields(vehicle) if f.init})
+    return dataclasses.replace(site, scenario=dataclasses.replace(site.scenario, vehicle=stopping)), home_m
+
+
+@dataclass(frozen=True, slots=True)
+class _AreaTask:
+    folder: Path
+    data: Path
+    name: str
+    budget_s: float
+
+
+def _run(task: _AreaTask) -> None:
+    """Plan an area, and keep the costs and the coverage of both routes."""
+    area, begin = read_area(task.data, task.name), time.process_time()
+    with tempfile.TemporaryDirectory() as scratch:
+        site, home_m = site_of(area, Path(scratch))
+        effort = Effort(site.scenario.planner.evaluations, task.budget_s, time.process_time)
+        try:
+            plan = plan_routes(site, settings=site.scenario.planner, select_rule=site.scenario.select, effort=effort)
+        except InfeasibleError as error:
+            raise InfeasibleError(f"{task.name}: {error}") from error
+    home = np.zeros(2) if site.home_m is None else site.home_m[:2]
+    route_m = np.vstack([home, plan.chosen.route.waypoints_m[:, :2], home]) + (home_m - home)
+    KeptRuns(task.folder, {}).write(
+        task.name,
+        {
+            "holes": len(area.outline.interiors), "cost_s": cost_s(route_m), "published_s": cost_s(area.route_m),
+            "seen": area.seen(route_m), "published_seen": area.seen(area.route_m), "made_by": plan.chosen.origin,
+            "crosses_m": float(shapely.difference(shapely.LineString(route_m), area.outline.buffer(0.01)).length),
+            "cpu_s": time.process_time() - begin,
+        },
+    )  # fmt: skip
+
+
+def plan_areas(folder: KeptRuns, names: Sequence[str], *, data: Path, budget_s: float, processes: int) -> Iterator[str]:
+    """Plan areas side by side; the name of each that is done."""
+    tasks = [_AreaTask(folder.path, data, name, budget_s) for name in names]
+    for task, _ in completed(_run, tasks, processes=processes):
+        yield task.name
+
+
+def table_lines(folder: KeptRuns) -> list[str]:
+    """The areas that are done as CSV, and their means as a last line."""
+    rows = [(name, folder.read(name)) for name in folder.done()]
+    lines = ["area,holes,cost_s,published_s,ratio,seen,published_seen,crosses_m,made_by,cpu_s"]
+    for name, row in rows:
+        ratio = row["cost_s"] / row["published_s"]
+        lines.append(
+            f"{name},{row['holes']},{row['cost_s']:.2f},{row['published_s']:.2f},{ratio:.4f},{row['seen']:.6f},"
+            f"{row['published_seen']:.6f},{row['crosses_m']:.3f},{row['made_by']},{row['cpu_s']:.1f}"
+        )
+    return lines
+
+
+def summary(folder: KeptRuns) -> str:
+    """One line: how the costs of all areas compare."""
+    rows = [folder.read(name) for name in folder.done()]
+    ratios = np.array([row["cost_s"] / row["published_s"] for row in rows])
+    mean, published = (float(np.mean([row[key] for row in rows])) for key in ("cost_s", "published_s"))
+    least = min(row["seen"] for row in rows)
+    return (
+        f"{len(rows)} areas: mean cost {mean:.1f} s, published {published:.1f} s ({mean / published:.4f}); "
+        f"ratio {ratios.min():.4f} to {ratios.max():.4f}; at least {100.0 * least:.3f} % seen"
+    )
