@@ -215,6 +215,18 @@ def test_a_fence_rally_points_and_several_vehicles(browser: Any, served: Client)
     p.until("[...document.querySelectorAll('#f-fence option')].some(o => o.value === 'fence.geojson')")
     page.select_option("#f-fence", "fence.geojson")
     p.until("window.uavcover.state.draft.fence")
+    page.click("text=Move corners")
+    assert "fence" in page.evaluate("() => window.uavcover.map.draw.getSnapshot().map((each) => each.properties.of)")
+    page.keyboard.press("Escape")
+    zone = {"name": "tower", "geometry": fence, "floor_agl_m": "", "ceiling_agl_m": ""}
+    page.evaluate("(zone) => { window.uavcover.state.draft.zones.push(zone); window.uavcover.state.redraw(); }", zone)
+    assert "[object" not in page.inner_text("body")
+    page.evaluate("() => { window.uavcover.state.draft.zones.pop(); window.uavcover.state.redraw(); }")
+
+    # What is typed stays when the page is drawn anew.
+    page.fill("#f-position", "36.47")
+    page.evaluate("() => window.uavcover.state.redraw()")
+    assert page.input_value("#f-position") == "36.47"
     for place in ("36.4712, -84.2170", "36.6, -84.2"):
         page.fill("#f-position", place)
         page.click("text=Rally point there")

@@ -187,10 +187,13 @@ export function drawTools() {
 // ---------------------------------------------------------------- panel
 state.redraw = () => drawPanel();
 export function drawPanel() {
-  const panel = $("panel"), focused = document.activeElement?.id, at = panel.scrollTop;
+  const panel = $("panel"), active = document.activeElement, focused = active?.id, at = panel.scrollTop;
+  const caret = active?.type === "text" ? [active.selectionStart, active.selectionEnd] : null;
+  const typed = [...panel.querySelectorAll("[data-keep]")].map((input) => [input.id, input.value, input.checked]);
   panel.replaceChildren(...({ area: areaPanel, plan: planPanel, fly: flyPanel, judge: judgePanel }[state.tab]()).filter(Boolean));
+  for (const [id, value, checked] of typed) if ($(id)) Object.assign($(id), { value, checked });
   panel.scrollTop = at;
-  if (focused && focused !== "panel") $(focused)?.focus();
+  if (focused && focused !== "panel") { $(focused)?.focus(); if (caret && $(focused)?.type === "text") $(focused).setSelectionRange(...caret); }
   drawJob();
 }
 // ---------------------------------------------------------------- progress of commands

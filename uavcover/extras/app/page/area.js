@@ -63,7 +63,6 @@ function zoneTable() {
   if (!state.draft.zones.length) return [];
   const cell = (zone, key, label) => el("td", {}, el("input", { "aria-label": `${label}, ${zone.name}`, value: zone[key] ?? "", onchange: (e) => { remember(); zone[key] = e.target.value; drawDraft(); redesign(); } }));
   return [heading(t("zones")), el("table", {}, el("tr", {}, ...["zoneName", "zoneFloor", "zoneCeiling"].map((k) => el("th", { scope: "col" }, t(k))), el("td", {})),
-    ...(state.draft.fence ? [{ type: "Feature", properties: { mode: "polygon", of: "fence", n: 0 }, geometry: state.draft.fence }] : []),
     ...state.draft.zones.map((zone, n) => el("tr", {}, cell(zone, "name", t("zoneName")), cell(zone, "floor_agl_m", t("zoneFloor")), cell(zone, "ceiling_agl_m", t("zoneCeiling")), el("td", {}, button("✕", () => { remember(); state.draft.zones.splice(n, 1); drawDraft(); redesign(); drawPanel(); }, { "aria-label": `${t("remove")}: ${zone.name}` })))))];
 }
 // Area and fence, each with a way to take it away; a fence can also come from a file of the folder.
@@ -88,7 +87,7 @@ function pointTable() {
     el("p", { class: "error", role: "alert", id: "e-home" }), el("p", { class: "error", role: "alert", id: "e-rally" })];
 }
 function positionInput() {
-  const input = el("input", { id: "f-position", placeholder: "47.37, 8.54", "aria-describedby": "position-hint" });
+  const input = el("input", { id: "f-position", "data-keep": true, placeholder: "47.37, 8.54", "aria-describedby": "position-hint" });
   const place = async () => (await api(`/api/place?text=${encodeURIComponent(input.value)}`)).place;
   return el("div", {}, field("position", t("position"), input), el("p", { class: "hint", id: "position-hint" }, t("positionHint")), el("div", { class: "row" },
     button(t("go"), () => attempt(async () => map.map.jumpTo({ center: await place(), zoom: 14 }))), button(t("here"), () => attempt(async () => { const at = await place(); change(() => { state.draft.home = at; }); })),
@@ -165,6 +164,7 @@ function editShapes() {
   const features = [
     ...polygons.map((rings, n) => ({ type: "Feature", properties: { mode: "polygon", of: "area", n }, geometry: { type: "Polygon", coordinates: [rings[0]] } })),
     ...state.draft.zones.map((zone, n) => ({ type: "Feature", properties: { mode: "polygon", of: "zone", n }, geometry: zone.geometry })),
+    ...(state.draft.fence ? [{ type: "Feature", properties: { mode: "polygon", of: "fence", n: 0 }, geometry: state.draft.fence }] : []),
   ];
   if (!features.length) return;
   map.draw.setMode("select");

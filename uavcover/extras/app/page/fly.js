@@ -14,7 +14,7 @@ export function flyPanel() {
   const to = el("input", { id: "f-to", value: state.to ?? "mock:", oninput: (e) => { state.to = e.target.value; } });
   const all = vehicles > 1, chosen = state.sortie ?? (all ? "" : "1");
   const asked = () => ({ run, to: state.to ?? "mock:", ...(sorties.length && chosen ? { sortie: chosen } : {}), ...(all && !chosen ? { vehicles } : {}) });
-  const confirm = el("input", { id: "f-confirm", autocomplete: "off" });
+  const confirm = el("input", { id: "f-confirm", "data-keep": true, autocomplete: "off" });
   const flown = s.tracks?.length > 0, checked = lastCheck(run, sorties.length ? chosen || "1" : "");
   const flights = [...(all ? [["", t("allVehicles")]] : []), ...sorties.map((one, n) => [String(n + 1), `${t("sortie")} ${n + 1} ${t("of")} ${sorties.length}${all ? `, ${t("vehicle").toLowerCase()} ${one.vehicle}` : ""}`])];
   const chooser = select(t("sortie"), flights, chosen, (n) => { state.sortie = n; state.redraw(); });
@@ -28,9 +28,13 @@ export function flyPanel() {
       button(t("check"), () => attempt(() => start("check", { run, ...(sorties.length ? { sortie: chosen || "1" } : {}) })), { id: "check" })),
     ...preflight(s, checked),
     state.server.flightsAllowed ? field("confirm", t("confirmReal"), confirm) : el("p", { class: "hint" }, t("simulatedOnly")),
-    ...(flown ? [el("label", {}, el("input", { type: "checkbox", id: "f-replace", class: "box" }), ` ${t("replace")}`)] : []),
+    ...(flown ? [el("label", {}, el("input", { type: "checkbox", id: "f-replace", "data-keep": true, class: "box" }), ` ${t("replace")}`)] : []),
     el("div", { class: "row" },
-      button(t("fly"), () => attempt(() => start("fly", { ...asked(), mock_speed: isMock() ? state.mockSpeed ?? "20" : "", force: Boolean($("f-replace")?.checked), confirmed: isMock() ? "" : confirm.value })), { class: "main", id: "fly" }),
+      button(t("fly"), () => attempt(async () => {
+        const replace = $("f-replace"), confirmed = isMock() ? "" : confirm.value, force = Boolean(replace?.checked);
+        confirm.value = ""; if (replace) replace.checked = false; // each flight is confirmed on its own
+        await start("fly", { ...asked(), mock_speed: isMock() ? state.mockSpeed ?? "20" : "", force, confirmed });
+      }), { class: "main", id: "fly" }),
       ...(flown ? [button(t("resume"), () => attempt(() => start("fly", { ...asked(), mock_speed: isMock() ? state.mockSpeed ?? "20" : "", resume: true })))] : [])),
     el("div", { id: "job" }),
   ];
