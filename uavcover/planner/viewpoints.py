@@ -20,7 +20,7 @@ from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
 from uavcover.sensing.observing import seen_often
-from uavcover.sensing.sensors import turns_with_legs, whatever_heading
+from uavcover.sensing.sensors import whatever_heading
 
 _SPACING_REACHES = 0.4
 """Candidates stand this many reaches apart."""
@@ -74,12 +74,8 @@ class MissingCells:
         return kernels.seen_from_points(site.ground.surface, sight, self.cells, looks.places_m, looks.headings)
 
     def seen_on(self, route_m: FloatArray, sights: Sequence[Sight]) -> BoolArray:
-        """(k, m) whether an (n, 3) ENU route observes each cell by each of k sensors, by the scenario's sensing rule.
-
-        A camera that turns with the legs is turned as it is flown, for on short legs it does not come round.
-        """
-        turns = turns_with_legs(self.coverage.sight)
-        looks = self.coverage.flown_observations(route_m) if turns else self.coverage.observations(route_m)
+        """(k, m) whether an (n, 3) ENU route as flown observes each cell by each of k sensors, by the sensing rule."""
+        looks = self.coverage.flown_observations(route_m)
         return np.stack([self.seen_by(looks, sight) for sight in sights])
 
 
