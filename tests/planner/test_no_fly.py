@@ -11,7 +11,7 @@ from tests.naive.zones import enters
 from tests.planner.sites import flat, hills, make_site, ridge, tower
 from tests.planner.test_planner import make_plan
 from uavcover.errors import InfeasibleError
-from uavcover.kernels.search_problem import _crosses, inside_fence
+from uavcover.kernels.search_problem import crosses_edge, flyable_ground, is_inside
 from uavcover.missions.leg_checks import find_problems, find_waypoint_problems, measure_violations
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
@@ -19,7 +19,6 @@ from uavcover.model.sensor import NadirCamera
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planner.baselines.swaths import fly_layout
 from uavcover.planner.gap_route import plan_closing_route
-from uavcover.planner.search.route_problem import _rings_m
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.scenario.airspace.flyable import flyable_area
 from uavcover.sensing.coverage_map import CoverageMap
@@ -52,31 +51,27 @@ def assert_stays_out(site, points, ups, *, margin_share=0.999):
             assert not inside, (zone.name, p, q)
 
 
-# The kernels' fence of several rings
+# The kernels' flyable ground
 
 
-def test_rings_of_a_polygon_with_holes_are_inside_and_crossed_as_shapely_says():
+def test_places_and_lines_on_flyable_ground_are_as_shapely_says():
     rng = np.random.default_rng(7)
-    for _ in range(20):
+    found = []
+    for number in range(20):
         outer = shapely.box(0, 0, 100, 100).difference(shapely.box(60, 60, 100, 100))
         holes = [
-            shapely.Point(rng.uniform(5, 95, 2)).buffer(rng.uniform(2, 25), quad_segs=3)
-            for _ in range(rng.integers(1, 4))
+            shapely.Point(rng.uniform(5, 95, 2)).buffer(rng.uniform(2, 25), quad_segs=3 if number % 2 else 40)
+            for _ in range(rng.integers(0, 4))
         ]
         region = outer.difference(shapely.union_all(holes))
-        pieces = [part for part in shapely.get_parts(region) if isinstance(part, shapely.Polygon)]
-        region = max(pieces, key=lambda part: part.area)
-        rings = _rings_m(region)
-        boundary = region.boundary
+        region = max(shapely.get_parts(region), key=lambda part: part.area)
+        ground = flyable_ground(region)
         for p, q in rng.uniform(-10, 110, (60, 2, 2)):
-            assert inside_fence(rings, *p) == bool(shapely.contains_xy(region, *p))
-            line = shapely.LineString([p, q])
-            assert _crosses(rings, (*p, 0.0), (*q, 0.0)) == bool(line.crosses(boundary) or line.intersects(boundary))
-
-
-def test_one_ring_is_as_it_was():
-    region = shapely.box(0, 0, 3, 4)
-    assert _rings_m(region).tolist() == shapely.get_coordinates(region.exterior)[:-1].tolist()
+            assert is_inside(ground, *p) == bool(shapely.contains_xy(region, *p))
+            found.append(bool(shapely.LineString([p, q]).crosses(region.boundary)))
+            assert crosses_edge(ground, (*p, 0.0), (*q, -500.0)) == found[-1]
+    assert not is_inside(flyable_ground(shapely.Polygon()), 0.5, 0.5)
+    assert 50 < sum(found) < len(found) - 50
 
 
 # Where the route may be

@@ -10,7 +10,7 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.nadir_visibility import cone_cells
 from uavcover.kernels.picture_visibility import picture_cells
 from uavcover.kernels.route_state import RouteState, recount
-from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS, RouteLimits, SearchProblem
+from uavcover.kernels.search_problem import ALONG_PATH, AT_WAYPOINTS, RouteLimits, SearchProblem, flyable_ground
 from uavcover.kernels.sight import horizontal_reach
 from uavcover.kernels.way_cost import LENGTH, route_cost
 from uavcover.missions.way_cost import way_cost_of
@@ -138,22 +138,10 @@ def _limits(site: Site) -> RouteLimits:
         highest_up_m=highest,
         max_slope=math.tan(math.radians(limits.max_climb_angle_deg)),
         legs=1 if limits.applies_to == "legs" else 0,
-        fence_m=_rings_m(flyable_area(site).polygon),
+        ground=flyable_ground(flyable_area(site).polygon),
         beside_m=site.scenario.obstacles.clearance_beside_m,
         above_m=site.scenario.obstacles.clearance_above_m,
     )
-
-
-def _rings_m(polygon: shapely.Polygon) -> FloatArray:
-    """(k, 2) corners of all rings of a polygon in one array, for the kernels: of one ring, its corners.
-
-    Several rings are closed, and rows of NaN are between them and at the end: an edge to or from such a row compares as false, so
-    it neither toggles inside and outside nor crosses a leg.
-    """
-    rings = [shapely.get_coordinates(ring) for ring in (polygon.exterior, *polygon.interiors)]
-    if len(rings) == 1:
-        return np.ascontiguousarray(rings[0][:-1], dtype=float)
-    return np.ascontiguousarray(np.vstack([np.vstack([ring, [[np.nan, np.nan]]]) for ring in rings]), dtype=float)
 
 
 def state_of(problem: RouteProblem, route: Route, *, capacity: int) -> RouteState:
