@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.nadir_visibility import compare, make_changes
 from uavcover.kernels.route_state import (
     WIDEST,
@@ -401,7 +401,7 @@ def _compare_ends(problem: SearchProblem, state: RouteState, i: int, j: int, seg
     return weigh(problem, state)
 
 
-@kernel
+@allocating_kernel
 def snapshot(state: RouteState) -> NDArray[np.float64]:
     """(n, 3) copy of the current waypoints."""
     out = np.empty((state.size[0], 3))

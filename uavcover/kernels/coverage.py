@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import Point
 from uavcover.kernels.cells import Cells
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.line_of_sight import cell_in_line_of_sight, in_line_of_sight, known_of_sight, surroundings
 from uavcover.kernels.sight import Aim, Sight, horizontal_reach, in_view, level_aim
 from uavcover.kernels.skyline import CLEAR, HIDDEN
@@ -40,7 +40,7 @@ def sees(
     return in_line_of_sight(surface, sight, eye, centre)
 
 
-@kernel
+@allocating_kernel
 def _open_columns(cells: Cells, first: NDArray[np.int64]) -> NDArray[np.int32]:
     """(rows, columns + 1) for each place of the lattice, the next column, itself included, with a cell not yet seen.
 
@@ -106,7 +106,7 @@ def _observe(
     return new
 
 
-@kernel
+@allocating_kernel
 def first_seen(
     surface: Surface,
     sight: Sight,
@@ -131,7 +131,7 @@ def first_seen(
     return first
 
 
-@kernel
+@allocating_kernel
 def seen_often(
     surface: Surface,
     sight: Sight,
@@ -189,7 +189,7 @@ def near_another(
     return False
 
 
-@kernel
+@allocating_kernel
 def seen_from_points(
     surface: Surface,
     sight: Sight,
@@ -201,7 +201,7 @@ def seen_from_points(
     return first_seen(surface, sight, cells, eyes, headings) >= 0
 
 
-@kernel
+@allocating_kernel
 def sample_path(route: NDArray[np.float64], spacing: float) -> NDArray[np.float64]:
     """Points along the (n, 3) route, the waypoints among them, at most ``spacing`` metres apart."""
     n = route.shape[0]
@@ -228,7 +228,7 @@ def sample_path(route: NDArray[np.float64], spacing: float) -> NDArray[np.float6
     return out
 
 
-@kernel
+@allocating_kernel
 def picture_places(path: NDArray[np.float64], distance: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Where a camera that is triggered by distance takes its pictures on a path: a picture at once, and then as autopilots do.
 
@@ -286,7 +286,7 @@ def _distance(a: NDArray[np.float64], b: NDArray[np.float64]) -> float:
     return math.sqrt((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2)
 
 
-@kernel
+@allocating_kernel
 def sees_each(
     surface: Surface,
     sight: Sight,

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 
 SIDES = 5
 """From above (within ``ABOVE_WITHIN_DEG`` of the vertical), or from the north, the east, the south or the west."""
@@ -64,7 +64,7 @@ def no_looks(count: int) -> Looks:
     return Looks(np.ones(count), np.zeros((count, SIDES)))
 
 
-@kernel
+@allocating_kernel
 def look_probability(table: DetectionTable, sample_m: float, off_vertical_deg: float) -> float:
     """Probability that a look finds the target: bilinear in the table.
 

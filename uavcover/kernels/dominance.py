@@ -8,7 +8,7 @@ decides. With all totals zero this is plain Pareto dominance.
 import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 
 
 @kernel
@@ -67,7 +67,7 @@ def _ranks_up_to(objectives: FloatArray, total_violation: FloatArray, deepest: i
     return ranks
 
 
-@kernel
+@allocating_kernel
 def _sorted_ranks(objectives: FloatArray, total_violation: FloatArray, deepest: int) -> IntArray:
     """Ranks of rows in which dominators come first; rows of front ``deepest`` and beyond all get rank ``deepest``."""
     n, m = objectives.shape
@@ -134,7 +134,7 @@ def _columns_and_orders(objectives: FloatArray) -> tuple[FloatArray, IntArray]:
     return columns, orders
 
 
-@kernel
+@allocating_kernel
 def _linked(orders: IntArray) -> tuple[IntArray, IntArray]:
     """``(m, n)`` row before and row after each row along each objective, -1 past the ends."""
     m, n = orders.shape
@@ -147,7 +147,7 @@ def _linked(orders: IntArray) -> tuple[IntArray, IntArray]:
     return before, after
 
 
-@kernel
+@allocating_kernel
 def _half_spans(columns: FloatArray, orders: IntArray) -> FloatArray:
     """``(m,)`` half the range of each objective; halves, because the difference of two large values can overflow."""
     m, n = orders.shape
@@ -169,7 +169,7 @@ def _space_around(columns: FloatArray, before: IntArray, after: IntArray, half_s
     return space
 
 
-@kernel
+@allocating_kernel
 def _crowding(columns: FloatArray, orders: IntArray) -> FloatArray:
     before, after = _linked(orders)
     half_spans = _half_spans(columns, orders)
@@ -180,7 +180,7 @@ def _crowding(columns: FloatArray, orders: IntArray) -> FloatArray:
     return distance
 
 
-@kernel
+@allocating_kernel
 def _thinned(columns: FloatArray, orders: IntArray, keep: int) -> BoolArray:
     m, n = columns.shape
     before, after = _linked(orders)
@@ -211,7 +211,7 @@ def first_occurrences(rows: FloatArray) -> BoolArray:
     return _first_occurrences(np.array(rows, dtype=np.float64, order="C"))
 
 
-@kernel
+@allocating_kernel
 def _first_occurrences(rows: FloatArray) -> BoolArray:
     n, width = rows.shape
     first = np.ones(n, np.bool_)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.flight_time import Pace, Place, landing_time, leg_time, speed_over_ground, takeoff_time, turn_time
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 
 _GRAVITY_M_S2 = 9.80665
 _LEAST_M = 1e-6
@@ -141,7 +141,7 @@ def landing_energy(power: Power, pace: Pace, height_m: float) -> float:
     return time * _share_at(power, pace, 0.0, 0.0, -height_m / time) if time > 0.0 else 0.0
 
 
-@kernel
+@allocating_kernel
 def column_energies(
     power: Power, pace: Pace, winds_m_s: NDArray[np.float64], height_m: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -153,7 +153,7 @@ def column_energies(
     return up, down
 
 
-@kernel
+@allocating_kernel
 def path_energies(
     power: Power, pace: Pace, winds_m_s: NDArray[np.float64], path: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -174,7 +174,7 @@ def path_energies(
     return legs, turns
 
 
-@kernel
+@allocating_kernel
 def star_energies(
     power: Power, pace: Pace, winds_m_s: NDArray[np.float64], centre: Place, places: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

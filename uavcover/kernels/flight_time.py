@@ -18,7 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 
 Place = tuple[float, float, float]
 
@@ -106,7 +106,7 @@ def speed_over_ground(pace: Pace, east: float, north: float) -> float:
     return min(pace.cruise_m_s, along + math.sqrt(pace.airspeed_m_s**2 - across**2))
 
 
-@kernel
+@allocating_kernel
 def speeds_over_ground(pace: Pace, directions: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) speeds along (n, 2) unit vectors, east and north."""
     out = np.empty(directions.shape[0])
@@ -314,7 +314,7 @@ def turn_time(pace: Pace, p: Place, q: Place, r: Place) -> float:
     return -_blended_saving(pace, a, b)
 
 
-@kernel
+@allocating_kernel
 def leg_times(pace: Pace, route: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n - 1,) seconds on each leg of an (n, 3) route, from rest to rest."""
     out = np.zeros(max(route.shape[0] - 1, 0))
@@ -325,7 +325,7 @@ def leg_times(pace: Pace, route: NDArray[np.float64]) -> NDArray[np.float64]:
     return out
 
 
-@kernel
+@allocating_kernel
 def turn_times(pace: Pace, route: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) seconds that passing each waypoint of an (n, 3) route takes more than a stop, 0 or less; 0 at its ends."""
     out = np.zeros(route.shape[0])
@@ -339,7 +339,7 @@ def turn_times(pace: Pace, route: NDArray[np.float64]) -> NDArray[np.float64]:
     return out
 
 
-@kernel
+@allocating_kernel
 def flight_time(pace: Pace, route: NDArray[np.float64]) -> float:
     """Seconds along an (n, 3) route, from rest at its first waypoint to rest at its last one."""
     return float(leg_times(pace, route).sum() + turn_times(pace, route).sum())

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 
 _ABOVE_M = 1e-6
 """A line that is higher by this than all nodes of a cell is above it, whatever rounding does."""
@@ -91,7 +91,7 @@ def on_grid(frame: GridFrame, east: float, north: float, up: float) -> tuple[flo
     return column, row
 
 
-@kernel
+@allocating_kernel
 def places_on_grid(frame: GridFrame, places: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 2) columns and rows of (n, 3) places."""
     out = np.empty((places.shape[0], 2))
@@ -100,7 +100,7 @@ def places_on_grid(frame: GridFrame, places: NDArray[np.float64]) -> NDArray[np.
     return out
 
 
-@kernel
+@allocating_kernel
 def growth_on_grid(frame: GridFrame, east: float, north: float, up: float) -> NDArray[np.float64]:
     """(2, 3) derivatives of column and row at a place, per metre east, north and up."""
     along = 1.0 - (up - frame.level_up_m) * frame.lean_per_m

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.relief import EXACT_M, LEAST_GROWTH, Relief, farthest_seen, height
 
 E_LOW, E_HIGH, N_LOW, N_HIGH, DEAREST, PE_LOW, PE_HIGH, PN_LOW, PN_HIGH = range(9)
@@ -215,7 +215,7 @@ def _passed(
     out[BENT] = half * (half * (odd + askew) + (price * r + shifted + second) * bend) / growth
 
 
-@kernel
+@allocating_kernel
 def rates_in_squares(
     relief: Relief, prices: NodePrices, directions: NDArray[np.float64], group: int, headings: NDArray[np.float64], stride: int,
     offset: tuple[int, int], parts: int, rates: NDArray[np.float64], largest: NDArray[np.float64],
@@ -324,7 +324,7 @@ def _tell_ground(
             at = min(at + 2.0 * prices.slack, last - prices.slack)
 
 
-@kernel
+@allocating_kernel
 def _largest_sum(
     parts: NDArray[np.float64], unsure: NDArray[np.float64], headings: NDArray[np.float64], slope: NDArray[np.float64],
     tangent: float, wide: float, sums: NDArray[np.float64],

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.relief import Relief, farthest_seen, height
 
 _RINGS = 12
@@ -35,7 +35,7 @@ def _worth_in_view(
     return worth * side * side
 
 
-@kernel
+@allocating_kernel
 def looks_from_tiles(
     relief: Relief, per_m2: NDArray[np.float64], tile: int, wanted: NDArray[np.bool_], looks: NDArray[np.float64]
 ) -> None:
@@ -65,7 +65,7 @@ def looks_from_tiles(
                 looks[a, b] = _worth_in_view(relief, per_m2, i0 + 0.5, j0 + 0.5, i0 + 0.5, j0 + 0.5, top)
 
 
-@kernel
+@allocating_kernel
 def rates_by_node(
     relief: Relief, priced: NDArray[np.bool_], where: NDArray[np.int64], directions: NDArray[np.float64],
     headings: NDArray[np.float64], corner: tuple[float, float], block: float, across: int, room: int,

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.grid import growth_on_grid, on_grid
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.sight import highest_in_squares
 from uavcover.kernels.surface import GRID, Surface
 
@@ -80,7 +80,7 @@ def rises(surface: Surface, centre: NDArray[np.float64], *, reach_m: float) -> N
     return out
 
 
-@kernel
+@allocating_kernel
 def _slopes_around(surface: Surface, centre: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 8) how steeply the ground rises in the 3 x 3 cells of the grid around each centre, in each octant, and 0 at least.
 
@@ -164,7 +164,7 @@ def _entered(at_right: float, at_left: float) -> tuple[int, int]:
     return 0 if min(at_right, at_left) < 0.0 else 1, 2 if max(at_right, at_left) > 0.0 else 1
 
 
-@kernel
+@allocating_kernel
 def _raise(
     rise: NDArray[np.float64], centre: NDArray[np.float64], tops: NDArray[np.float64], east0: float, north0: float,
     side: float, begin: float, end: float,

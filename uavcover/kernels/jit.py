@@ -3,7 +3,11 @@
 **What a kernel takes.** Numbers, NumPy arrays, tuples and NamedTuples of these, other kernels, and a ``np.random.Generator``;
 no dataclass, dictionary, string or callback. Arrays are C-contiguous and of the type that the annotation states; a read-only
 array and a writable one are two compiled versions. A group of values that belong together is a NamedTuple (``Surface``,
-``Sight``, ``Cells``, ``SearchProblem``): numba passes it as it is, at no cost.
+``Sight``, ``Cells``, ``SearchProblem``).
+
+**Who owns arrays.** The caller: a :func:`kernel` makes none and does not count their users (numba's run-time library, NRT).
+Counting takes two atomic operations for each array of a group in each call, which was more than half of the time of a local
+search. A kernel that makes arrays is an :func:`allocating_kernel`.
 
 **What a kernel changes.** Nothing that it is given, unless its docstring says which array it writes. Working memory that
 outlives a call is a NamedTuple of arrays that owns them (``RouteState``), made by the caller and used by one thread at a
@@ -172,8 +176,18 @@ _F = TypeVar("_F", bound=Callable[..., object])
 
 
 def kernel(function: _F) -> _F:
-    """Compile ``function`` to machine code on its first call."""
-    compiled = numba.njit(nogil=True, fastmath=False)(function)
+    """Compile ``function`` to machine code on its first call. It makes no arrays; the compiler refuses one that does."""
+    return _compiled(function, counts=False)
+
+
+def allocating_kernel(function: _F) -> _F:
+    """:func:`kernel` for a function that makes arrays or lists, or calls one that returns them."""
+    return _compiled(function, counts=True)
+
+
+def _compiled(function: _F, *, counts: bool) -> _F:
+    """``counts``: whether users of arrays are counted; a kernel passes this on to what it calls unless that says it itself."""
+    compiled = numba.njit(nogil=True, fastmath=False, _nrt=counts)(function)
     if not SETTINGS.DISABLE_JIT:
         keep_compiled(compiled)
     return cast(_F, compiled)

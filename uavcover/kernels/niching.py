@@ -6,10 +6,10 @@
 import numpy as np
 
 from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 
 
-@kernel
+@allocating_kernel
 def distance(points: FloatArray, i: int, j: int) -> float:
     """Euclidean distance between two rows of ``points`` ``(n, d)``."""
     total = 0.0
@@ -39,7 +39,7 @@ def _measure_to_earlier(x: FloatArray, columns: FloatArray, i: int, away: FloatA
             away[j] += (own - column[j]) ** 2
 
 
-@kernel
+@allocating_kernel
 def niche_survivors(
     x: FloatArray, objectives: FloatArray, start: int, radius: float, slack: FloatArray, spacing: float
 ) -> BoolArray:
@@ -99,7 +99,7 @@ def niche_survivors(
     return ~gone
 
 
-@kernel
+@allocating_kernel
 def last_apart(x: FloatArray, spacing: float) -> BoolArray:
     """Which rows stay when each, from the last to the first, goes if one that stays is at most ``spacing`` away.
 
@@ -126,7 +126,7 @@ def last_apart(x: FloatArray, spacing: float) -> BoolArray:
     return stays
 
 
-@kernel
+@allocating_kernel
 def _row_sums(points: FloatArray) -> FloatArray:
     sums = np.zeros(len(points))
     for i in range(points.shape[0]):
@@ -135,7 +135,7 @@ def _row_sums(points: FloatArray) -> FloatArray:
     return sums
 
 
-@kernel
+@allocating_kernel
 def _cells_along(x: FloatArray, other_x: FloatArray, k: int, least: float) -> tuple[IntArray, IntArray, int]:
     """The cell of each row of both along axis k, and how many cells there are: at most 16, none narrower than ``least``."""
     low = min(x[:, k].min(), other_x[:, k].min())
@@ -151,7 +151,7 @@ def _cells_along(x: FloatArray, other_x: FloatArray, k: int, least: float) -> tu
     return cells, other_cells, int(extent / width) + 1
 
 
-@kernel
+@allocating_kernel
 def _grouped(cell_of: IntArray, totals: FloatArray, cells: int) -> tuple[IntArray, IntArray]:
     """Rows by cell, and by total inside a cell: where each cell begins, ``(cells + 1,)``, and ``(k,)`` row numbers."""
     starts = np.zeros(cells + 1, np.int64)
@@ -185,7 +185,7 @@ def _dominates(better: FloatArray, j: int, objectives: FloatArray, i: int) -> bo
     return below
 
 
-@kernel
+@allocating_kernel
 def dominated_near(
     x: FloatArray, objectives: FloatArray, other_x: FloatArray, other_objectives: FloatArray, radius: float
 ) -> BoolArray:
@@ -240,7 +240,7 @@ def dominated_near(
     return dominated
 
 
-@kernel
+@allocating_kernel
 def spread_out(points: FloatArray, first: IntArray, count: int) -> IntArray:
     """``first`` and then, one at a time, the row farthest from all chosen ones (Gonzalez 1985).
 
@@ -296,7 +296,7 @@ def _cheapest_loss(loss: FloatArray, fixed: int) -> int:
     return worst
 
 
-@kernel
+@allocating_kernel
 def two_space_medoids(
     x: FloatArray,
     f: FloatArray,

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import Point
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.obstacles import (
     ObstaclePrisms,
     clear_of,
@@ -18,7 +18,7 @@ from uavcover.kernels.obstacles import (
 )
 
 
-@kernel
+@allocating_kernel
 def worst_breach(
     obstacles: ObstaclePrisms,
     p: Point,
@@ -50,7 +50,7 @@ def worst_breach(
     return worst, lacking, place
 
 
-@kernel
+@allocating_kernel
 def _near_line(obstacles: ObstaclePrisms, pe: float, pn: float, qe: float, qn: float) -> NDArray[np.int64]:
     """Numbers of the prisms in the tiles along a finite line on the map, ascending: all within ``obstacles.grown_m`` of it."""
     rows, columns = obstacles.tile_top_m.shape
@@ -158,7 +158,7 @@ def _between(value: float, change: float, low: float, high: float) -> tuple[floa
     return max(0.0, min(t0, t1)), min(1.0, max(t0, t1))
 
 
-@kernel
+@allocating_kernel
 def breaches(
     obstacles: ObstaclePrisms,
     begins: NDArray[np.float64],
@@ -177,7 +177,7 @@ def breaches(
     return out
 
 
-@kernel
+@allocating_kernel
 def tops_near_m(obstacles: ObstaclePrisms, lines: NDArray[np.float64], beside: float) -> NDArray[np.float64]:
     """(n,) highest top within ``beside`` of each of (n, 4) lines on the map, east and north of both ends; -inf where none is."""
     out = np.full(lines.shape[0], -math.inf)
@@ -214,7 +214,7 @@ def _edge_distance_m(footprints: ObstaclePrisms, number: int, e: float, n: float
 _COARSE = 8
 
 
-@kernel
+@allocating_kernel
 def edge_distances_m(
     footprints: ObstaclePrisms, numbers: NDArray[np.int64], places: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -245,7 +245,7 @@ def edge_distances_m(
     return out
 
 
-@kernel
+@allocating_kernel
 def parts_over(
     footprints: ObstaclePrisms, numbers: NDArray[np.int64], lines: NDArray[np.float64]
 ) -> tuple[NDArray[np.int64], NDArray[np.float64]]:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import Point
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 
 _ROUNDING = 1e-9
 """In parameters 0..1 of a line, and in metres of a distance."""
@@ -264,7 +264,7 @@ def _distance2_to_edge(e: float, n: float, ae: float, an: float, be: float, bn: 
     return (e - ae - s * de) ** 2 + (n - an - s * dn) ** 2
 
 
-@kernel
+@allocating_kernel
 def roofs_m(obstacles: ObstaclePrisms, east: NDArray[np.float64], north: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) up coordinate of the highest top over each of (n,) places; -inf where no prism stands."""
     rows, columns = obstacles.tile_top_m.shape
@@ -311,7 +311,7 @@ def top_within_m(obstacles: ObstaclePrisms, east: float, north: float, radius: f
     return top
 
 
-@kernel
+@allocating_kernel
 def boxes_m(obstacles: ObstaclePrisms) -> NDArray[np.float64]:
     """(k, 4) west, east, south and north of the footprints."""
     out = np.empty((obstacles.top_m.size, 4))
@@ -324,7 +324,7 @@ def boxes_m(obstacles: ObstaclePrisms) -> NDArray[np.float64]:
     return out
 
 
-@kernel
+@allocating_kernel
 def horizons(
     obstacles: ObstaclePrisms,
     lattice: NDArray[np.int32],

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import Point
 from uavcover.kernels.cells import Cells
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.leg_visibility import leg_sees_cell, leg_surely_shows, samples_of_leg
 from uavcover.kernels.nadir_visibility import NOT_SO, columns_in_reach, laid_out, lowest_around, steepest_around
 from uavcover.kernels.sight import (
@@ -112,7 +112,7 @@ class _Planes(NamedTuple):
     fixed: NDArray[np.float64]
 
 
-@kernel
+@allocating_kernel
 def _planes(sight: Sight, aim: Aim, d: Point) -> _Planes:
     """The planes of a camera's picture, for a leg by d."""
     normal = np.empty((4, 3))
@@ -137,7 +137,7 @@ def _planes(sight: Sight, aim: Aim, d: Point) -> _Planes:
     return _Planes(normal, per_change, opens, closes, fixed)
 
 
-@kernel
+@allocating_kernel
 def list_picture_runs(
     surface: Surface,
     sight: Sight,

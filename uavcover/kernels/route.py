@@ -5,12 +5,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.obstacles import top_within_m
 from uavcover.kernels.surface import GRID, Surface, height_range_between, up_above
 
 
-@kernel
+@allocating_kernel
 def distances_to_polyline(points: NDArray[np.float64], polyline: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) distance of each of (n, 3) points from the (m, 3) polyline, metres. O(n m).
 
@@ -35,7 +35,7 @@ def distances_to_polyline(points: NDArray[np.float64], polyline: NDArray[np.floa
     return out
 
 
-@kernel
+@allocating_kernel
 def nearest_neighbour_order(points: NDArray[np.float64], reference: NDArray[np.float64]) -> NDArray[np.int64]:
     """Order of (n, 3) points: first the one nearest to ``reference`` (3,), then always the nearest one left.
 
@@ -59,7 +59,7 @@ def nearest_neighbour_order(points: NDArray[np.float64], reference: NDArray[np.f
     return order
 
 
-@kernel
+@allocating_kernel
 def two_opt(points: NDArray[np.float64], order: NDArray[np.int64]) -> NDArray[np.int64]:
     """Shorten an open tour by 2-opt and Or-opt moves until none helps; its first point stays first.
 
@@ -98,7 +98,7 @@ def two_opt(points: NDArray[np.float64], order: NDArray[np.int64]) -> NDArray[np
     return order[tour]
 
 
-@kernel
+@allocating_kernel
 def _or_opt_sweep(distance: NDArray[np.float64], tour: NDArray[np.int64]) -> bool:
     """Move stretches of one to three points to where the tour gets shorter; True when any was moved."""
     n = tour.size
@@ -156,7 +156,7 @@ def _sample_count(polyline: NDArray[np.float64], spacing: float) -> int:
     return count
 
 
-@kernel
+@allocating_kernel
 def follow_terrain(
     surface: Surface,
     polyline: NDArray[np.float64],
@@ -237,7 +237,7 @@ def follow_terrain(
     return _chords(along, east, north, reference, lowest, highest, corner, tolerance)
 
 
-@kernel
+@allocating_kernel
 def _narrow(
     surface: Surface,
     east: NDArray[np.float64],
@@ -292,7 +292,7 @@ def _widen(along: NDArray[np.float64], profile: NDArray[np.float64], max_slope: 
             profile[i] = least
 
 
-@kernel
+@allocating_kernel
 def _chords(
     along: NDArray[np.float64],
     east: NDArray[np.float64],

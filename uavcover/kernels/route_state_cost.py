@@ -5,7 +5,7 @@ Length has its own short way: the search for the shortest route asks it tens of 
 
 import numpy as np
 
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.route_state import RouteState, exchange_length
 from uavcover.kernels.search_problem import SearchProblem, distance, place
 from uavcover.kernels.way_cost import LENGTH, WayCost, route_cost, stretch_cost
@@ -17,7 +17,7 @@ def is_length(way: WayCost) -> bool:
     return way.unit == LENGTH and way.deviation_price == 0.0
 
 
-@kernel
+@allocating_kernel
 def exchange_cost(problem: SearchProblem, state: RouteState, first: int, last: int, fresh: int) -> float:
     """Change of cost when waypoints first..last - 1 are replaced by the first ``fresh`` of state.fresh."""
     if is_length(problem.way):
@@ -38,7 +38,7 @@ def exchange_cost(problem: SearchProblem, state: RouteState, first: int, last: i
     return changed - _stretch_cost(problem, state, begin, end)
 
 
-@kernel
+@allocating_kernel
 def reversal_cost(problem: SearchProblem, state: RouteState, i: int, j: int) -> float:
     """Change of cost when waypoints i..j are reversed; O(j - i) with wind or turns."""
     n = state.size[0]
@@ -60,7 +60,7 @@ def reversal_cost(problem: SearchProblem, state: RouteState, i: int, j: int) -> 
     return changed - _stretch_cost(problem, state, begin, end)
 
 
-@kernel
+@allocating_kernel
 def transfer_cost(problem: SearchProblem, state: RouteState, at: int, to: int) -> float:
     """When waypoint ``at`` is taken out and state.fresh[0] put in before waypoint ``to``; numbers count the route as it is."""
     n = state.size[0]
@@ -102,7 +102,7 @@ def _shortcut_length(state: RouteState, at: int) -> float:
     return change
 
 
-@kernel
+@allocating_kernel
 def _stretch_cost(problem: SearchProblem, state: RouteState, begin: int, end: int) -> float:
     """Current cost of waypoints begin..end - 1."""
     stretch = np.empty((end - begin, 3))

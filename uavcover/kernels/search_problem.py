@@ -8,7 +8,7 @@ import shapely
 from numpy.typing import NDArray
 
 from uavcover.kernels.cells import Cells
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.nadir_visibility import ConeCells
 from uavcover.kernels.obstacles import keeps_clear
 from uavcover.kernels.picture_visibility import PictureCells
@@ -66,7 +66,7 @@ def flyable_ground(polygon: shapely.Polygon) -> FlyableGround:
     return FlyableGround(listed, tiles, float(west), float(south), float(tile), columns)
 
 
-@kernel
+@allocating_kernel
 def _edges_of_tiles(edges: NDArray[np.float64], rows: int, columns: int) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Pairs of tiles and edges that meet: neither a side of the tile nor the edge parts the two. Ends (k, 4) are in tiles."""
     room = 16 + edges.shape[0]

@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 
 _NOTHING = 1e-12
 """A gain that rounding may have left over."""
 
 
-@kernel
+@allocating_kernel
 def transposed(
     start: NDArray[np.int64], items: NDArray[np.int32], count: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int32]]:
@@ -35,7 +35,7 @@ def transposed(
     return back, sets
 
 
-@kernel
+@allocating_kernel
 def choose_greedily(
     start: NDArray[np.int64], items: NDArray[np.int32], weight: NDArray[np.float64], enough: float, most: int
 ) -> NDArray[np.int64]:
@@ -77,7 +77,7 @@ def choose_greedily(
     return chosen[:count]
 
 
-@kernel
+@allocating_kernel
 def drop_needless(
     start: NDArray[np.int64],
     items: NDArray[np.int32],
@@ -130,7 +130,7 @@ def undominated(start: NDArray[np.int64], items: NDArray[np.int32], count: int) 
     return _undominated(start, items, count, np.argsort(-np.diff(start), kind="stable"))
 
 
-@kernel
+@allocating_kernel
 def _undominated(
     start: NDArray[np.int64], items: NDArray[np.int32], count: int, by_size: NDArray[np.int64]
 ) -> NDArray[np.bool_]:
@@ -208,7 +208,7 @@ class _State(NamedTuple):
     open: NDArray[np.int64]
 
 
-@kernel
+@allocating_kernel
 def search_cover(
     start: NDArray[np.int64],
     items: NDArray[np.int32],
@@ -259,7 +259,7 @@ def search_cover(
     return np.flatnonzero(state.chosen) if state.open[0] == 0 else best
 
 
-@kernel
+@allocating_kernel
 def _begin(start: NDArray[np.int64], items: NDArray[np.int32], count: int) -> _State:
     p = start.size - 1
     back, sets = transposed(start, items, count)

@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.obstacles import ObstaclePrisms, keeps_clear
 
 _STRAIGHT_M2 = 1e-7
@@ -20,7 +20,7 @@ _ROUNDABOUT, _AROUND_M = 1.2, 20.0
 """Ways of at most this multiple of the straight line, and this much, are looked for first; then twice as long ones."""
 
 
-@kernel
+@allocating_kernel
 def are_clear(walls: ObstaclePrisms, lines: NDArray[np.float64]) -> NDArray[np.bool_]:
     """(n,) which of (n, 4) lines on the map, east and north of both ends, lead over no footprint. All tops are above 0."""
     out = np.empty(lines.shape[0], dtype=np.bool_)
@@ -51,7 +51,7 @@ def _touches(corners: NDArray[np.float64], number: int, de: float, dn: float) ->
     return bool(before * after >= 0.0 or min(abs(before), abs(after)) <= _STRAIGHT_M2 * (abs(de) + abs(dn)))
 
 
-@kernel
+@allocating_kernel
 def _shortest_over(
     walls: ObstaclePrisms, corners: NDArray[np.float64], a: tuple[float, float], b: tuple[float, float]
 ) -> tuple[NDArray[np.int64], float]:
@@ -109,7 +109,7 @@ def _shortest_over(
     return way, whole
 
 
-@kernel
+@allocating_kernel
 def shortest_way(
     walls: ObstaclePrisms, corners: NDArray[np.float64], a: tuple[float, float], b: tuple[float, float]
 ) -> NDArray[np.int64]:

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.grid import GridFrame, in_cell, on_grid, steepest_in_cell
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.surface import GRID, Surface
 
 BLOCK_CELLS = 4
@@ -42,7 +42,7 @@ def local_slopes(surface: Surface) -> LocalSlopes:
     return LocalSlopes(_steepest_in_blocks(surface.up_m, surface.grid))
 
 
-@kernel
+@allocating_kernel
 def _steepest_in_blocks(nodes: NDArray[np.float64], frame: GridFrame) -> NDArray[np.float64]:
     rows, columns = nodes.shape[0] - 1, nodes.shape[1] - 1
     out = np.zeros(((rows - 1) // BLOCK_CELLS + 1, (columns - 1) // BLOCK_CELLS + 1))
@@ -279,7 +279,7 @@ def widest_tangent(sight: Sight) -> float:
     return reach / math.sqrt(max(0.0, sight.reach_m**2 - reach * reach)) if reach < sight.reach_m else math.inf
 
 
-@kernel
+@allocating_kernel
 def farthest_looks(
     centres: NDArray[np.float64],
     tops: NDArray[np.float64],
@@ -338,7 +338,7 @@ def farthest_looks(
     return out
 
 
-@kernel
+@allocating_kernel
 def _squares_around(count: int, side: float) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
     """Squares of a lattice up to so many rows and columns away from one, those first that may reach furthest away.
 
@@ -357,7 +357,7 @@ def _squares_around(count: int, side: float) -> tuple[NDArray[np.int64], NDArray
     return offsets, far[order]
 
 
-@kernel
+@allocating_kernel
 def highest_in_squares(
     surface: Surface, east0: float, north0: float, side: float, count: int, beside: float
 ) -> NDArray[np.float64]:

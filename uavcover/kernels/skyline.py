@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.obstacles import ObstaclePrisms, boxes_m, distance_m, over_prism
 
 BINS = 64
@@ -112,7 +112,7 @@ def beyond_skyline(bounds: NDArray[np.float32], row: int, east: float, north: fl
     return UNDECIDED
 
 
-@kernel
+@allocating_kernel
 def _bounds(
     obstacles: ObstaclePrisms, centre: NDArray[np.float64], reach: float, flattest: float
 ) -> NDArray[np.float32]:

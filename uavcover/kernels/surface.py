@@ -30,7 +30,7 @@ from uavcover.kernels.grid import (
     range_on_nodes,
     stays_above_nodes,
 )
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.obstacles import NO_OBSTACLES, ObstaclePrisms
 
 GRID = 0
@@ -116,7 +116,7 @@ def has_node_cell(surface: Surface, east: float, north: float, up: float) -> boo
     return among_nodes(surface.up_m, column, row)
 
 
-@kernel
+@allocating_kernel
 def gradient(surface: Surface, east: float, north: float) -> tuple[float, float]:
     """Slope of the surface towards east and towards north (dimensionless); NaN where there is no data."""
     if surface.kind == SINE_COSINE:
@@ -140,7 +140,7 @@ def gradient(surface: Surface, east: float, north: float) -> tuple[float, float]
     return (across * growth[0, 0] + along * growth[1, 0]) / left, (across * growth[0, 1] + along * growth[1, 1]) / left
 
 
-@kernel
+@allocating_kernel
 def heights(surface: Surface, east: NDArray[np.float64], north: NDArray[np.float64]) -> NDArray[np.float64]:
     """Heights at (n,) places, metres; NaN where there is no data."""
     out = np.empty(east.size)
@@ -149,7 +149,7 @@ def heights(surface: Surface, east: NDArray[np.float64], north: NDArray[np.float
     return out
 
 
-@kernel
+@allocating_kernel
 def ups_above(
     surface: Surface, east: NDArray[np.float64], north: NDArray[np.float64], agl: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -160,7 +160,7 @@ def ups_above(
     return out
 
 
-@kernel
+@allocating_kernel
 def heights_above(surface: Surface, places: NDArray[np.float64]) -> NDArray[np.float64]:
     """Heights above ground of (n, 3) places, metres; NaN where there is no data."""
     out = np.empty(places.shape[0])
@@ -169,7 +169,7 @@ def heights_above(surface: Surface, places: NDArray[np.float64]) -> NDArray[np.f
     return out
 
 
-@kernel
+@allocating_kernel
 def gradients(surface: Surface, east: NDArray[np.float64], north: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n, 2) slopes towards east and north at (n,) places."""
     out = np.empty((east.size, 2))
@@ -339,7 +339,7 @@ def _stays_above_grid(
     return True
 
 
-@kernel
+@allocating_kernel
 def leg_height_ranges(surface: Surface, route: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n - 1, 4) smallest height above ground, its parameter, largest, its parameter, of the legs of an (n, 3) route."""
     legs = route.shape[0] - 1

@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.sight import CONE, Sight, horizontal_reach
 from uavcover.kernels.surface import Surface, height, up_above
 
@@ -56,7 +56,7 @@ def side_reach(
     return horizontal_reach(sight)
 
 
-@kernel
+@allocating_kernel
 def balance_lines(
     surface: Surface,
     sight: Sight,

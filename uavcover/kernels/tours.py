@@ -9,7 +9,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.route import nearest_neighbour_order
 
 _LONGEST_STRETCH = 3
@@ -17,7 +17,7 @@ _WIDEST_KICK = 30
 _LEAST_GAIN = 1e-9
 
 
-@kernel
+@allocating_kernel
 def nearest(distance: NDArray[np.float64], count: int) -> NDArray[np.int64]:
     """(n, count) numbers of the points nearest to each of n points, itself left out; of equals the lower number first.
 
@@ -41,7 +41,7 @@ def nearest(distance: NDArray[np.float64], count: int) -> NDArray[np.int64]:
     return out
 
 
-@kernel
+@allocating_kernel
 def shorten(
     distance: NDArray[np.float64],
     near: NDArray[np.int64],
@@ -99,7 +99,7 @@ def _is_fixed(distance: NDArray[np.float64], tour: NDArray[np.int64], start: int
     return fixed
 
 
-@kernel
+@allocating_kernel
 def _exchange(
     distance: NDArray[np.float64], tour: NDArray[np.int64], start: int, first: int, second: int
 ) -> tuple[NDArray[np.int64], float]:
@@ -117,7 +117,7 @@ def _exchange(
     return ends, gained
 
 
-@kernel
+@allocating_kernel
 def _settle(
     distance: NDArray[np.float64],
     near: NDArray[np.int64],
@@ -166,7 +166,7 @@ def _settle(
     return gained
 
 
-@kernel
+@allocating_kernel
 def _turn_stretch(
     distance: NDArray[np.float64],
     near: NDArray[np.int64],
@@ -211,7 +211,7 @@ def _reverse(tour: NDArray[np.int64], place: NDArray[np.int64], first: int, last
         last = last - 1 if last > 0 else n - 1
 
 
-@kernel
+@allocating_kernel
 def _move_stretch(
     distance: NDArray[np.float64],
     near: NDArray[np.int64],
@@ -245,7 +245,7 @@ def _move_stretch(
     return 0.0
 
 
-@kernel
+@allocating_kernel
 def _insert(
     tour: NDArray[np.int64], place: NDArray[np.int64], a: int, step: int, length: int, c: int, side: int
 ) -> None:
@@ -288,7 +288,7 @@ def short_tour(points_m: NDArray[np.float64]) -> NDArray[np.int64]:
     return shorten_open(points, order, _KICKS_PER_POINT * len(points), np.random.default_rng(0))
 
 
-@kernel
+@allocating_kernel
 def shorten_open(
     points: NDArray[np.float64], order: NDArray[np.int64], kicks: int, rng: np.random.Generator
 ) -> NDArray[np.int64]:
@@ -324,7 +324,7 @@ def shorten_open(
     return out
 
 
-@kernel
+@allocating_kernel
 def order_between_ends(distance: NDArray[np.float64]) -> NDArray[np.int64]:
     """A short order of all points from the first to the last: nearest neighbour, then 2-opt and Or-opt until none helps.
 
@@ -354,7 +354,7 @@ def order_between_ends(distance: NDArray[np.float64]) -> NDArray[np.int64]:
     return tour
 
 
-@kernel
+@allocating_kernel
 def _nearest_neighbour(distance: NDArray[np.float64]) -> NDArray[np.int64]:
     n = distance.shape[0]
     tour = np.empty(n, dtype=np.int64)
@@ -376,7 +376,7 @@ def _nearest_neighbour(distance: NDArray[np.float64]) -> NDArray[np.int64]:
     return tour
 
 
-@kernel
+@allocating_kernel
 def _move_stretch_between(distance: NDArray[np.float64], tour: NDArray[np.int64], first: int, length: int) -> bool:
     """Move tour[first .. first + length - 1] to its cheapest position, in either direction; whether it was moved."""
     n = tour.size

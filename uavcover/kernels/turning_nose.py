@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.flight_time import Pace, circle_speed, stopping_speed
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 
 _AT_ONCE_DEG = 5.0
 """On a leg, less of a turn is made at once. With 20 degrees a plan over 40 m claimed 0.5 points more."""
@@ -65,7 +65,7 @@ class Pieces(NamedTuple):
     begins_m_s: NDArray[np.float64]
 
 
-@kernel
+@allocating_kernel
 def turned_line(pace: Pace, places_m: NDArray[np.float64], pieces: Pieces, before: NDArray[np.float64]) -> TurnedLine:
     """The line on which the nose follows the ways; where a piece is too short, it is late.
 
@@ -143,7 +143,7 @@ class _Motion(NamedTuple):
     length_m: float
 
 
-@kernel
+@allocating_kernel
 def _turn(
     pace: Pace, turn: float, rate: float, motion: _Motion, step_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
@@ -166,7 +166,7 @@ def _turn(
     return _ramped_turn(pace, turn, rate, motion, step_s)
 
 
-@kernel
+@allocating_kernel
 def _even_turn(
     pace: Pace, turn: float, motion: _Motion, step_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float]:
@@ -185,7 +185,7 @@ def _even_turn(
     return ways_m[:done].copy(), parts[: done + 1].copy(), reached
 
 
-@kernel
+@allocating_kernel
 def _ramped_turn(
     pace: Pace, turn: float, rate: float, motion: _Motion, step_s: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], float, float]:
@@ -226,7 +226,7 @@ def _ramped_turn(
     return ways_m[:done].copy(), parts[: done + 1].copy(), reached, rate
 
 
-@kernel
+@allocating_kernel
 def braked_speeds_m_s(pace: Pace, ways: NDArray[np.float64], before: NDArray[np.float64]) -> NDArray[np.float64]:
     """(n,) speeds at which PX4 begins (n, 2) ways, each behind a corner, the first one behind the (2,) way before.
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.energy import Power, landing_energy, leg_energy, takeoff_energy, turn_energy
 from uavcover.kernels.flight_time import Pace, Place, landing_time, leg_time, takeoff_time, turn_time
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.surface import Surface, height_above
 
 LENGTH = 0
@@ -258,7 +258,7 @@ def _seconds(costs: FlightCosts, first: int, last: int) -> float:
     return float(time)
 
 
-@kernel
+@allocating_kernel
 def _quickest_begins(costs: FlightCosts) -> NDArray[np.float64]:
     """(1 + w, n) seconds and energies that a flight from the best waypoint up to each takes more to it than the route does."""
     n, energies = costs.so_far_s.size, costs.energies
@@ -308,7 +308,7 @@ def _too_far(costs: FlightCosts, quickest: NDArray[np.float64], first: int, last
     return False
 
 
-@kernel
+@allocating_kernel
 def split(costs: FlightCosts) -> tuple[float, NDArray[np.int64]]:
     """The split of least total time.
 
@@ -335,7 +335,7 @@ def split(costs: FlightCosts) -> tuple[float, NDArray[np.int64]]:
     return cost[n - costs.shared], begun
 
 
-@kernel
+@allocating_kernel
 def straight_ends(
     way: WayCost, route: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
