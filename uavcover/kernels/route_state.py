@@ -59,6 +59,7 @@ class RouteState(NamedTuple):
         sets: (MOST_SETS, 3) working memory.
         squares: (n,) working memory.
         row: (columns,) working memory.
+        stretch: (capacity + WIDEST, 3) working memory.
     """
 
     route: NDArray[np.float64]
@@ -74,6 +75,7 @@ class RouteState(NamedTuple):
     sets: NDArray[np.int64]
     squares: NDArray[np.int32]
     row: NDArray[np.uint8]
+    stretch: NDArray[np.float64]
 
     @classmethod
     def empty(cls, *, capacity: int, stride: int, squares: int, cells: int, columns: int) -> "RouteState":
@@ -101,6 +103,7 @@ class RouteState(NamedTuple):
             sets=np.zeros((MOST_SETS, 3), dtype=np.int64),
             squares=np.zeros(cells, dtype=np.int32),
             row=np.zeros(columns, dtype=np.uint8),
+            stretch=np.zeros((capacity + WIDEST, 3)),
         )
 
 

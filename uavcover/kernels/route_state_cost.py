@@ -3,9 +3,7 @@
 Length has its own short way: the search for the shortest route asks it tens of thousands of times a second.
 """
 
-import numpy as np
-
-from uavcover.kernels.jit import allocating_kernel, kernel
+from uavcover.kernels.jit import kernel
 from uavcover.kernels.route_state import RouteState, exchange_length
 from uavcover.kernels.search_problem import SearchProblem, distance, place
 from uavcover.kernels.way_cost import LENGTH, WayCost, route_cost, stretch_cost
@@ -17,7 +15,7 @@ def is_length(way: WayCost) -> bool:
     return way.unit == LENGTH and way.deviation_price == 0.0
 
 
-@allocating_kernel
+@kernel
 def exchange_cost(problem: SearchProblem, state: RouteState, first: int, last: int, fresh: int) -> float:
     """Change of cost when waypoints first..last - 1 are replaced by the first ``fresh`` of state.fresh."""
     if is_length(problem.way):
@@ -25,7 +23,7 @@ def exchange_cost(problem: SearchProblem, state: RouteState, first: int, last: i
         return exchange_length(state, first, last, fresh) + problem.way.waypoint_price * more
     # Turns change up to one waypoint farther away than legs do.
     begin, end = max(first - 2, 0), min(last + 2, state.size[0])
-    new = np.empty((end - begin + fresh - (last - first), 3))
+    new = state.stretch[: end - begin + fresh - (last - first)]
     for k in range(new.shape[0]):
         number = begin + k
         if number < first:
@@ -38,7 +36,7 @@ def exchange_cost(problem: SearchProblem, state: RouteState, first: int, last: i
     return changed - _stretch_cost(problem, state, begin, end)
 
 
-@allocating_kernel
+@kernel
 def reversal_cost(problem: SearchProblem, state: RouteState, i: int, j: int) -> float:
     """Change of cost when waypoints i..j are reversed; O(j - i) with wind or turns."""
     n = state.size[0]
@@ -53,14 +51,14 @@ def reversal_cost(problem: SearchProblem, state: RouteState, i: int, j: int) -> 
             longer += distance(p, behind) - distance(q, behind)
         return longer
     begin, end = max(i - 2, 0), min(j + 3, n)
-    new = np.empty((end - begin, 3))
+    new = state.stretch[: end - begin]
     for k in range(begin, end):
         new[k - begin, 0], new[k - begin, 1], new[k - begin, 2] = place(state.route, i + j - k if i <= k <= j else k)
     changed = stretch_cost(problem.surface, problem.way, new, begin == 0, end == n)
     return changed - _stretch_cost(problem, state, begin, end)
 
 
-@allocating_kernel
+@kernel
 def transfer_cost(problem: SearchProblem, state: RouteState, at: int, to: int) -> float:
     """When waypoint ``at`` is taken out and state.fresh[0] put in before waypoint ``to``; numbers count the route as it is."""
     n = state.size[0]
@@ -75,7 +73,7 @@ def transfer_cost(problem: SearchProblem, state: RouteState, at: int, to: int) -
             if before >= 0:
                 longer -= distance(place(state.route, before), place(state.route, to))
         return longer
-    new = np.empty((n, 3))
+    new = state.stretch[:n]
     row = 0
     for k in range(n + 1):
         if k == to:
@@ -102,10 +100,7 @@ def _shortcut_length(state: RouteState, at: int) -> float:
     return change
 
 
-@allocating_kernel
+@kernel
 def _stretch_cost(problem: SearchProblem, state: RouteState, begin: int, end: int) -> float:
     """Current cost of waypoints begin..end - 1."""
-    stretch = np.empty((end - begin, 3))
-    for k in range(begin, end):
-        stretch[k - begin, 0], stretch[k - begin, 1], stretch[k - begin, 2] = place(state.route, k)
-    return stretch_cost(problem.surface, problem.way, stretch, begin == 0, end == state.size[0])
+    return stretch_cost(problem.surface, problem.way, state.route[begin:end], begin == 0, end == state.size[0])
