@@ -86,12 +86,12 @@ def suspect_pixels(heights_m: FloatArray, pixel_m: tuple[float, float]) -> list[
 
 
 def _blocks(heights: FloatArray) -> list[SuspectPixels]:
-    from scipy import ndimage  # a third of a second to load
-
     level_right, level_down = heights[:, 1:] == heights[:, :-1], heights[1:] == heights[:-1]
     square = level_right[1:] & level_right[:-1] & level_down[:, 1:] & level_down[:, :-1]
     if not square.any():
         return []
+    from scipy import ndimage  # a third of a second to load
+
     # Squares that touch share a pixel: they have one value.
     labels, count = ndimage.label(square, structure=_AROUND)
     if not count:
@@ -168,8 +168,6 @@ def _rims(heights: FloatArray, pixels: IntArray, count: int) -> tuple[FloatArray
 
 def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPixels]:
     """Single pixels and clumps of up to 3 x 3 that lie above or below all of the ring around."""
-    from scipy import ndimage
-
     high = np.where(np.isnan(heights), -np.inf, heights)
     low = np.where(np.isnan(heights), np.inf, heights)
     top, bottom = _ring(high, np.maximum), _ring(low, np.minimum)
@@ -179,6 +177,8 @@ def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPi
     spike |= _rough_alone(heights, pixel_m)
     if not spike.any():
         return []
+    from scipy import ndimage
+
     labels, _ = ndimage.label(spike, structure=_AROUND)
     found = []
     for number, (rows, columns) in enumerate(ndimage.find_objects(labels), start=1):
@@ -197,15 +197,15 @@ def _spikes(heights: FloatArray, pixel_m: tuple[float, float]) -> list[SuspectPi
 
 def _rough_alone(heights: FloatArray, pixel_m: tuple[float, float]) -> BoolArray:
     """Single pixels that differ from their eight neighbours' mean far more than any pixel within ten of them."""
-    from scipy import ndimage
-
-    around = np.full((3, 3), 0.125)
-    around[1, 1] = 0.0
-    off_m = np.abs(heights - ndimage.convolve(heights, around, mode="nearest"))
+    wide, (rows, columns) = np.pad(heights, 1, mode="edge"), heights.shape
+    around = [wide[i : i + rows, j : j + columns] for i in range(3) for j in range(3) if (i, j) != (1, 1)]
+    off_m = np.abs(heights - 0.125 * sum(around))
     off_m[np.isnan(off_m)] = 0.0
     rough = off_m > max(SUSPECTS.spike_m, SUSPECTS.alone_slope * max(pixel_m))
     if not rough.any():
         return rough
+    from scipy import ndimage
+
     # The square around each pixel without the 3 x 3 in its middle, as four rectangles.
     far, rows, columns = SUSPECTS.alone_pixels, *off_m.shape
     padded, others, half = np.pad(off_m, far), np.zeros_like(off_m), (far + 2) // 2

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 import shapely
-from scipy.sparse.csgraph import dijkstra
 
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.flight_time import leg_times
@@ -222,6 +221,8 @@ class _Ways:
             return
         direct = np.zeros_like(straight, dtype=bool)
         direct[first, second] = direct[second, first] = ways.are_straight(ends)
+        from scipy.sparse.csgraph import dijkstra  # a tenth of a second to load
+
         found, self._before = dijkstra(
             np.where(direct, straight, 0.0), indices=np.arange(count), return_predecessors=True
         )
