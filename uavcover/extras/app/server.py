@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 import json
 import signal
+import threading
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -52,6 +53,8 @@ class Server:
     def __init__(self, workspace: Workspace, *, flights_allowed: bool = False, first: str = "") -> None:
         self.workspace, self.flights_allowed, self.first = workspace, flights_allowed, first
         self.jobs, self.scenes = Jobs(workspace.root), Scenes()
+        workspace.busy = lambda: {job.run for job in self.jobs.all() if job.code is None}
+        self._starting = threading.RLock()  # of two pages at once, each gets a name of its own
         self._live: dict[str, LiveFlight] = {}
         self._observed: dict[Path, Observed] = {}
 
@@ -124,14 +127,18 @@ class Server:
         """Keep the waypoints in a file, and let ``uavcover edit`` check and write the plan."""
         run = self.workspace.path(_named(asked, "run"))
         self.scenes.of(run).enu(asked.get("waypoints") or [])
-        path = free_name(self.workspace.root, f"{run.name}-waypoints", ".json")
-        path.write_text(json.dumps(asked["waypoints"]), encoding="utf-8")
-        return self._start({"kind": "edit", "run": self.workspace.name(run), "waypoints": self.workspace.name(path)})
+        with self._starting:
+            path = free_name(self.workspace.root, f"{run.name}-waypoints", ".json")
+            path.write_text(json.dumps(asked["waypoints"]), encoding="utf-8")
+            return self._start(
+                {"kind": "edit", "run": self.workspace.name(run), "waypoints": self.workspace.name(path)}
+            )
 
     def _start(self, asked: dict[str, Any]) -> dict[str, Any]:
         kind = str(asked.get("kind") or "")
-        run, words = command_of(kind, asked, self.workspace, flights_allowed=self.flights_allowed)
-        return self.jobs.start(kind, words, run=run).document()
+        with self._starting:
+            run, words = command_of(kind, asked, self.workspace, flights_allowed=self.flights_allowed)
+            return self.jobs.start(kind, words, run=run).document()
 
     def _job(self, asked: dict[str, Any]) -> dict[str, Any]:
         return self.jobs.get(_named(asked, "id")).document()
@@ -222,6 +229,7 @@ class _Watcher:
         self._server, self._socket = server, socket
         self._runs: dict[str, int] = {}
         self._versions: dict[Observed, int] = {}
+        self._lines: dict[str, tuple[str, str]] = {}
         self._events: dict[str, int] = {}
         self._codes: dict[str, int | None] = {}
 
@@ -243,6 +251,7 @@ class _Watcher:
                     await to_thread.run_sync(self._server.live, str(asked["watch"]))
                     self._runs[str(asked["watch"])] = begin
                     self._versions.pop(self._server.live(str(asked["watch"])).observed, None)
+                    self._lines.pop(str(asked["watch"]), None)
                 elif "leave" in asked:
                     self._runs.pop(str(asked["leave"]), None)
                 elif "job" in asked:
@@ -271,6 +280,9 @@ class _Watcher:
                 if new:
                     self._runs[run] = begin + len(new)
                     await self._socket.send_json({"run": run, "from": begin, "samples": new})
+                if self._lines.get(run, ("", "")) != (live.line, live.warning):
+                    self._lines[run] = live.line, live.warning
+                    await self._socket.send_json({"run": run, "line": live.line, "warning": live.warning})
                 if slow:
                     await to_thread.run_sync(live.look)
                     await self._cells(live.observed)

@@ -1,5 +1,6 @@
 // The trade-off and the height profile, as SVG.
 import { svg, number, percent } from "/page/dom.js";
+import { t } from "/page/strings.js";
 
 export function tradeoff(members, onChoose) {
   const width = 320, height = 180, left = 44, bottom = 26, top = 8, right = 10;
@@ -8,9 +9,9 @@ export function tradeoff(members, onChoose) {
   chart.append(svg("path", { class: "axis", fill: "none", d: `M${left} ${top}V${height - bottom}H${width - right}` }));
   for (const [value, at] of x.ticks) chart.append(svg("text", { x: at, y: height - 10, "text-anchor": "middle" }, number(value, value < 10 ? 1 : 0)));
   for (const [value, at] of y.ticks) chart.append(svg("text", { x: left - 4, y: at + 4, "text-anchor": "end" }, number(value, 1)));
-  chart.append(svg("text", { x: width - right, y: height - 1, "text-anchor": "end" }, "min"), svg("text", { x: 2, y: 10 }, "%"));
+  chart.append(svg("text", { x: width - right, y: height - 1, "text-anchor": "end" }, t("minutes")), svg("text", { x: 2, y: 10 }, "%"));
   for (const m of members) {
-    const label = `${percent(m.coverage)}, ${m.waypoints} waypoints, ${number(m.timeS / 60, 1)} min, ${m.madeBy}`;
+    const label = `${percent(m.coverage)}, ${m.waypoints} ${t("waypoints")}, ${number(m.timeS / 60, 1)} ${t("minutes")}, ${m.madeBy}`;
     const dot = svg("circle", {
       class: "member", cx: x.at(m.timeS / 60), cy: y.at(100 * m.coverage), r: m.chosen ? 7 : 5, fill: m.chosen ? "#d55e00" : "#0072b2",
       tabindex: 0, role: "button", "aria-label": label, onclick: () => onChoose(m), onkeydown: (event) => { if (event.key === "Enter" || event.key === " ") { event.preventDefault(); onChoose(m); } },

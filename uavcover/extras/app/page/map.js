@@ -183,7 +183,7 @@ export class CoverageMap {
     this.set("obstacles", doc ? doc.obstacles.map((o) => polygon(o.rings, { height: o.heightM, name: o.name })) : []);
     this.set("home", doc?.home ? [feature("Point", doc.home)] : []);
     this.set("rally", (doc?.rally ?? []).map((p) => feature("Point", p)));
-    this.set("path", doc?.path?.length ? [feature("LineString", doc.path)] : []);
+    this.set("path", (doc?.paths ?? []).map((path) => feature("LineString", path)));
     this.set("photos", (doc?.photos?.planned ?? []).map((p) => feature("Point", p)));
     this.set("unsafe", (doc?.unsafeReturns ?? []).filter((u) => u.line.length > 1).map((u) => feature("LineString", u.line, { text: u.text })));
     this.set("gaps", (doc?.verdict?.gaps ?? []).map((g) => feature("Point", g.place)));
