@@ -39,6 +39,7 @@ from uavcover.scenario.site import Site, area_as_drawn, load_site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.terrain_source import TerrainSource
+from uavcover.verification.verify import Verdict
 
 _DEGREE_M = 111_319.49
 """Length of a degree on the equator, WGS 84: for scenarios without a position on Earth."""
@@ -252,15 +253,14 @@ def _run_document(scene: Scene, content: ReportContent) -> dict[str, Any]:
         "tracks": [
             _track(scene, flight.enu_m, flight.height_agl_m, flight.clock_s, flight.name) for flight in content.flights
         ],
-        "verdict": None if verdict is None else verdict_document(scene, content),
+        "verdict": None if verdict is None else verdict_document(scene, verdict),
         "warnings": list(content.warnings),
     }
 
 
-def verdict_document(scene: Scene, content: ReportContent) -> dict[str, Any]:
+def verdict_document(scene: Scene, verdict: Verdict) -> dict[str, Any]:
     """The verdict of a run's flights with its findings on the map."""
-    assert content.verdict is not None
-    report = content.verdict.report
+    report = verdict.report
     gaps = gap_data(report.gaps)
     for gap, place in zip(gaps, _places(scene, [(g["east"], g["north"]) for g in gaps]), strict=True):
         gap["place"] = place
