@@ -3,6 +3,7 @@
 import asyncio
 import contextlib
 import json
+import logging
 import signal
 import threading
 import time
@@ -30,6 +31,7 @@ from uavcover.extras.app.uploads import photo_document, refusal, take_file
 from uavcover.extras.app.workspace import Workspace, free_name
 from uavcover.terrain.terrain_source import TerrainSource
 
+_log = logging.getLogger(__name__)
 PAGE, VENDOR = Path(__file__).parent / "page", Path(__file__).parent / "vendor"
 MOST_JSON_BYTES = 4 << 20
 _LIVE_S, _SLOW_S = 0.1, 1.0
@@ -83,7 +85,7 @@ class Server:
             HttpRoute("/tiles/background/{z:int}/{x:int}/{y:int}", self._background),
             WebSocketRoute("/ws", self._socket),
         ]
-        app = Starlette(routes=routes, exception_handlers={UavcoverError: _refused})
+        app = Starlette(routes=routes, exception_handlers={UavcoverError: _refused, OSError: _failed})
         app.mount("/page", StaticFiles(directory=PAGE))
         app.mount("/vendor", StaticFiles(directory=VENDOR))
         return app
@@ -197,15 +199,16 @@ class Server:
     async def _socket(self, socket: WebSocket) -> None:
         await socket.accept()
         watcher = _Watcher(self, socket)
-        sending = asyncio.create_task(watcher.send())
-        try:
-            await watcher.receive()
-        except WebSocketDisconnect:
-            pass
-        finally:
-            sending.cancel()
-            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
-                await sending
+        tasks = [asyncio.create_task(watcher.send()), asyncio.create_task(watcher.receive())]
+        # Where one ends, so does the connection, and the page connects anew: it never waits for news that cannot come.
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in tasks:
+            task.cancel()
+        for error in await asyncio.gather(*tasks, return_exceptions=True):
+            if isinstance(error, Exception) and not isinstance(error, WebSocketDisconnect | RuntimeError):
+                _log.warning("a connection of the page ended: %s", error)
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+            await socket.close(1011)
 
     def live(self, run: str) -> LiveFlight:
         """The track of a run folder, or of a sortie in one, shared by all that watch it.
@@ -258,7 +261,7 @@ class _Watcher:
                     self._events[self._server.jobs.get(str(asked["job"])).id] = begin
             except UavcoverError as error:
                 await self._socket.send_json({"error": str(error)})
-            except (ValueError, TypeError, AttributeError):
+            except (ValueError, TypeError, AttributeError, RecursionError):
                 await self._socket.send_json({"error": "this message is not understood"})
 
     async def send(self) -> None:
@@ -321,7 +324,7 @@ def _json(handler: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[Requ
                     return refusal(413, "the request is too large")
             try:
                 body = json.loads(bytes(raw) or b"{}")
-            except ValueError:
+            except (ValueError, RecursionError):
                 body = None
             if not isinstance(body, dict):
                 return refusal(400, "the request is no JSON object")
@@ -342,6 +345,14 @@ def _named(asked: dict[str, Any], key: str) -> str:
     if not isinstance(value, str) or not value:
         raise InputError(f"{key}: is missing")
     return value
+
+
+async def _failed(request: Request, error: Exception) -> Response:
+    """A file went away, or cannot be written."""
+    del request
+    assert isinstance(error, OSError)
+    where = Path(str(error.filename or "a file")).name
+    return refusal(507, f"{where}: {error.strerror or error}; free the disk, or open another scenario or run")
 
 
 async def _refused(request: Request, error: Exception) -> Response:

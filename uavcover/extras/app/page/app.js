@@ -27,7 +27,7 @@ function connect() {
 }
 function send(message) { if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); }
 export function watch(run) { for (const track of tracksOf(run)) if (!state.watched.has(track)) { state.watched.set(track, 0); send({ watch: track, from: 0 }); } }
-window.uavcover.watch = watch;
+Object.assign(window.uavcover, { watch, loadArea, say });
 const watchFlights = () => { for (const run of runs()) if (run.flying) watch(run.name); };
 // The flights of a run folder: itself, or its sorties.
 export function tracksOf(run) {
@@ -78,7 +78,7 @@ function take(message) {
 }
 const showObserved = queued(async (run, coverage) => {
   if (!await map.patches(coverage)) { for (const track of tracksOf(run)) if (state.watched.has(track)) { send({ watch: track, from: state.watched.get(track) }); return; } }
-  legendOf(t("covered"), [["#009e73", t("seen")], ["#d55e00", t("unseen")]]);
+  legendOf(t("coveredTitle"), [["#009e73", t("seen")], ["#d55e00", t("unseen")]]);
 });
 function takeEvent(job, event) {
   if (event.progress) job.progress = event.progress;
@@ -166,7 +166,7 @@ export function legendOf(title, entries) {
     ...((s ? s.area.length : d.area) ? [swatch([COLORS.area, t("area"), "line"])] : []), ...((s ? s.fence.length : d.fence) ? [swatch([COLORS.fence, t("fence"), "line dashed"])] : []),
     ...((s ? s.zones : d.zones).length ? [swatch([COLORS.zone, t("noFly"), "line"])] : []), ...((s ? s.home : d.home) ? [sign("H", COLORS.home, t("home"))] : []), ...((s ? s.rally ?? [] : d.rally).length ? [sign("R", COLORS.rally, t("rally"))] : []),
     ...(s?.sorties?.length === 1 ? [swatch([SORTIES[0], t("route"), "line"])] : (s?.sorties ?? []).map((_, n) => swatch([SORTIES[(s.colors?.[n] ?? n) % SORTIES.length], `${t("sortie")} ${n + 1}`, "line"])).slice(0, 6)),
-    ...(s?.paths?.length ? [swatch(["#555555", t("outbound"), "line dashed"])] : []), ...(s?.unsafeReturns?.length ? [swatch([COLORS.unsafe, t("unsafe")])] : []), ...(s?.tracks?.length ? [s.tracks.length > 1 ? swatch(["#ffffff", t("flownEdge")]) : swatch([COLORS.track, t("flownTrack"), "line"])] : []),
+    ...(s?.photos?.planned?.length ? [swatch([COLORS.photo, t("plannedPhotos")])] : []), ...(s?.paths?.length ? [swatch(["#555555", t("outbound"), "line dashed"])] : []), ...(s?.unsafeReturns?.length ? [swatch([COLORS.unsafe, t("unsafe")])] : []), ...(s?.tracks?.length ? [s.tracks.length > 1 ? swatch(["#ffffff", t("flownEdge")]) : swatch([COLORS.track, t("flownTrack"), "line"])] : []),
   ];
   const open = $("legend").querySelector("details")?.open ?? innerWidth > 640;
   $("legend").hidden = !title && !key.length;
@@ -225,7 +225,6 @@ export function drawJob() {
 // ---------------------------------------------------------------- begin
 for (const each of document.querySelectorAll("[data-text]")) each.textContent = t(each.dataset.text);
 for (const each of document.querySelectorAll("[data-label]")) each.setAttribute("aria-label", t(each.dataset.label));
-$("profile").dataset.label = t("profile");
 const dark = localStorage.getItem("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
 const setTheme = (theme) => { document.documentElement.classList.toggle("dark", theme === "dark"); localStorage.setItem("theme", theme); };
 setTheme(dark);

@@ -30,13 +30,13 @@ function surveyForm(files) {
   const text = (name, label, more = {}) => field(name, label, el("input", { id: `f-${name}`, value: state.form[name] ?? "", oninput: (e) => { state.form[name] = e.target.value; redesign(); }, "aria-invalid": wrong(name) ? "true" : null, ...more }), wrong(name));
   const list = (name, label, options) => field(name, label, el("select", { id: `f-${name}`, onchange: (e) => { state.form[name] = e.target.value; if (name === "dem") map.heights(e.target.value ? `dem=${encodeURIComponent(e.target.value)}` : ""); redesign(); } }, [["", t("none")], ...options].map(([key, title]) => el("option", { value: key, selected: key === (state.form[name] ?? "") }, title))), wrong(name));
   return [
-    heading(t("drawArea")),
+    heading(t("draw")),
     el("div", { class: "row" }, button(t("drawArea"), () => drawShape("area")), button(t("drawHole"), () => drawShape("hole"), { disabled: !state.draft.area }), button(t("drawZone"), () => drawShape("zone")),
       button(t("drawFence"), () => drawShape("fence")), button(t("editShapes"), editShapes), button(t("setHome"), () => placePoint("home")), button(t("addRally"), () => placePoint("rally")), button(t("undo"), undo, { disabled: !state.past.length, id: "undo" }), button(t("redo"), redo, { disabled: !state.future.length, id: "redo" })),
     el("p", { class: "hint" }, t("drawHint")),
     positionInput(),
     ...shapeList(files), ...pointTable(), ...zoneTable(),
-    heading(t("planWith")),
+    heading(t("survey")),
     list("dem", `${t("dem")} (${t("required")})`, files.elevation.map((f) => [f.name, f.name])),
     list("vertical_datum", t("datum"), ["EGM96", "EGM2008", "ellipsoid"].map((d) => [d, d])),
     list("camera", `${t("camera")} (${t("required")})`, (state.server?.cameras ?? []).map((c) => [c.name, c.title || c.name])),

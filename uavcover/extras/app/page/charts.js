@@ -1,5 +1,5 @@
 // The trade-off and the height profile, as SVG.
-import { svg, number, percent } from "/page/dom.js";
+import { el, svg, number, percent } from "/page/dom.js";
 import { t } from "/page/strings.js";
 
 export function tradeoff(members, onChoose) {
@@ -27,18 +27,20 @@ export function profile(figure, profiles, at = null) {
   figure.hidden = points.length === 0;
   if (figure.hidden) return;
   const total = profiles.reduce((sum, p) => sum + p.along.at(-1), 0) || 1, top = Math.max(...points) * 1.08 + 1;
-  const width = 1000, height = 120, x = (v) => 40 + ((width - 50) * v) / total, y = (v) => height - 6 - ((height - 14) * v) / top;
-  const drawing = svg("svg", { viewBox: `0 0 ${width} ${height}`, preserveAspectRatio: "none", role: "img", "aria-label": figure.dataset.label ?? "" });
+  const width = 1000, height = 120, x = (v) => 40 + ((width - 50) * v) / total, y = (v) => height - 6 - ((height - 26) * v) / top;
+  const drawing = svg("svg", { viewBox: `0 0 ${width} ${height}`, preserveAspectRatio: "none", role: "img", "aria-label": t("profile") });
   let begin = 0;
   for (const p of profiles) {
     const ground = p.along.map((v, n) => [x(begin + v), y(p.ground[n] ?? 0)]), flight = p.along.map((v, n) => [x(begin + v), y(p.flight[n] ?? 0)]);
     const path = (line) => line.map((point, n) => `${n ? "L" : "M"}${point[0].toFixed(1)} ${point[1].toFixed(1)}`).join("");
     drawing.append(svg("path", { d: `${path(ground)}L${ground.at(-1)[0]} ${height}L${ground[0][0]} ${height}Z`, fill: "#8d7a5e", "fill-opacity": 0.6 }));
     drawing.append(svg("path", { d: path(flight), fill: "none", stroke: "#1f6fd0", "stroke-width": 2, "vector-effect": "non-scaling-stroke" }));
+    if (profiles.length > 1) drawing.append(svg("text", { x: x(begin) + 4, y: height - 4 }, `${t("sortie")} ${profiles.indexOf(p) + 1}`));
     begin += p.along.at(-1);
   }
   for (const value of [0, top / 2, top / 1.08]) drawing.append(svg("text", { x: 2, y: Math.max(10, y(value)) }, `${number(value)} m`));
-  figure.append(drawing);
+  const line = (color, label) => { const dash = el("b", {}, "━ "); dash.style.color = color; return [dash, label]; };
+  figure.append(drawing, el("figcaption", {}, `${t("profile")}: `, ...line("#1f6fd0", t("profileFlight")), " ", ...line("#8d7a5e", t("profileGround"))));
 }
 
 function scale(values, from, to) {

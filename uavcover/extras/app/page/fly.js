@@ -100,7 +100,7 @@ export function drawOrders() {
       button(t("hold"), () => each.forEach((job) => signal(job, "pause")), { id: `hold${name}` }),
       button(t("back"), () => each.forEach((job) => signal(job, "stop")), { id: `back${name}`, class: "danger" }),
       button(t("leave"), () => { if (window.confirm(t("leaveSure"))) each.forEach((job) => signal(job, "leave")); }, { id: `leave${name}` }));
-    const section = (name, id, ...more) => el("section", { "aria-label": `${t("flying")}: ${name}` }, el("strong", {}, `${t("flying")}: ${name}`), el("div", { "data-live": id }), ...more);
+    const section = (name, id, ...more) => el("section", { "aria-label": `${t("flying")}: ${name}` }, el("strong", {}, `${t("flying")}: ${name}`), ...more, el("div", { "data-live": id }));
     box.replaceChildren(...(jobs.length > 1 ? [el("strong", {}, t("allFlights")), buttons(jobs, "")] : []),
       ...jobs.map((job, n) => section(job.run, job.id, buttons([job], jobs.length > 1 ? `-${n + 1}` : ""))),
       ...elsewhere.map((track) => section(track, track, el("p", { class: "hint" }, t("commandedThere")))));
@@ -120,7 +120,7 @@ function liveRows(job) {
   const rows = tracks.map((track, n) => {
     const live = state.live.get(track), seen = live?.last, quiet = live && performance.now() - live.at > 4000;
     const box = el("i"); box.style.background = colorOf(track);
-    return el("tr", {}, el("td", {}, box), el("th", { scope: "row" }, `${t("sortie")} ${n + 1}`), el("td", {}, live?.line || (seen ? `${number(seen[2])} m ${t("height")}` : ""), ...warningOf(live)), el("td", {}, !live ? t("waits") : quiet ? t("ended") : t("inAir")));
+    return el("tr", {}, el("td", {}, box), el("th", { scope: "row" }, `${t("sortie")} ${n + 1}`), el("td", {}, live?.line || (seen ? `${number(seen[2])} m ${t("height")}` : ""), ...warningOf(live)), el("td", {}, !live ? t("waits") : quiet && !live.line ? t("ended") : live.line ? "" : t("inAir")));
   });
-  return [el("table", { class: "legend", id: "vehicles" }, ...rows), el("div", {}, Number.isFinite(covered) ? `${percent(covered)} ${t("covered")}` : ""), el("div", { class: "hint" }, t("ordersAll"))];
+  return [el("div", { class: "hint" }, `${t("ordersAll")} ${Number.isFinite(covered) ? `${percent(covered)} ${t("covered")}.` : ""}`), el("table", { class: "legend", id: "vehicles" }, ...rows)];
 }
