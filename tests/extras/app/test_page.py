@@ -1,15 +1,20 @@
 """How the page is used: by finger, by keyboard alone, with a connection that breaks, and while things change under it."""
 
+import io
 import json
+import os
 import re
 import shutil
+import sqlite3
 from pathlib import Path
 from typing import Any
 
 import pytest
+from PIL import Image
 
 from tests.extras.app.browser import Page, opened
 from tests.extras.app.conftest import Client
+from tests.extras.app.steps import SIZES
 from uavcover.extras.app.server import PAGE
 from uavcover.flight.flight_log import LIVE_LINE
 
@@ -122,8 +127,11 @@ def test_an_area_is_drawn_and_a_waypoint_dragged_by_finger(browser: Any, served:
         touch.send("Input.dispatchTouchEvent", {"type": kind, "touchPoints": [{"x": a, "y": b} for a, b in points]})
 
     send("touchStart", (x, y))
+    covered = page.evaluate("() => window.uavcover.state.edit.coverage")
     for step in range(1, 6):
         send("touchMove", (x + 12 * step, y))
+    p.until(f"window.uavcover.state.edit.coverage !== {covered}")  # coverage follows while the finger is down
+    assert page.evaluate("() => window.uavcover.state.edit.past.length") == 0
     send("touchEnd")
     p.until("window.uavcover.state.edit.past.length === 1")
     after = page.evaluate("() => window.uavcover.state.edit.points")
@@ -226,3 +234,73 @@ def kept(p: Page) -> int:
         assert again.input_value().endswith("7"), again.evaluate("(e) => e.outerHTML")
         assert again.evaluate("(e) => e === document.activeElement && (e.type !== 'text' || e.selectionStart === 1)")
     return fields.count()
+
+
+def test_maps_of_the_user_are_the_background(browser: Any, served: Client) -> None:
+    """A GeoTIFF and an MBTiles file, each asked for tiles and drawn below the shapes."""
+    picture = io.BytesIO()
+    Image.new("RGB", (256, 256), (200, 30, 30)).save(picture, "PNG")
+    with sqlite3.connect(served.root / "map.mbtiles") as connection:
+        connection.execute("create table tiles (zoom_level int, tile_column int, tile_row int, tile_data blob)")
+        tiles = [(z, x, y, picture.getvalue()) for z in range(4) for x in range(2**z) for y in range(2**z)]
+        connection.executemany("insert into tiles values (?, ?, ?, ?)", tiles)
+    connection.close()
+    shutil.copy(PAGE.parents[2] / "data" / "jacksboro.tif", served.root / "photo.tif")
+    p = opened(browser, served)
+    answers: list[tuple[str, int]] = []
+    p.page.on("response", lambda answer: answers.append((answer.url.partition("?")[2], answer.status)))
+    p.page.evaluate("() => window.uavcover.map.map.jumpTo({ center: [-84.2, 36.47], zoom: 1 })")
+    for name in ("map.mbtiles", "photo.tif"):
+        if name == "photo.tif":
+            p.page.evaluate("() => window.uavcover.map.map.jumpTo({ zoom: 11 })")
+        p.page.select_option("#tools select[aria-label='Background']", name)
+        p.until("window.uavcover.map.map.getLayer('background') && window.uavcover.map.map.areTilesLoaded()")
+        assert (f"file={name}", 200) in answers
+    order = p.page.evaluate("() => window.uavcover.map.map.getStyle().layers.map((layer) => layer.id)")
+    assert order.index("background") < order.index("area")
+    p.page.select_option("#tools select[aria-label='Background']", "")
+    p.until("!window.uavcover.map.map.getLayer('background')")
+    assert p.errors == []
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+@pytest.mark.parametrize("size", SIZES, ids=str)
+def test_axe_finds_nothing_serious_at_any_step(
+    browser: Any, served: Client, flown: Path, size: tuple[int, int], theme: str
+) -> None:
+    """axe-core judges contrast, names, roles and focus; it is no package of ours, so its file is named."""
+    file = os.environ.get("UAVCOVER_AXE", "")
+    if not Path(file).is_file():
+        pytest.skip("UAVCOVER_AXE names no axe.min.js (npm package axe-core)")
+    shutil.copytree(flown, served.root / "run")
+    p = opened(browser, served, *size, color_scheme=theme)
+    p.page.evaluate(Path(file).read_text() + ";0")
+    found: list[Any] = []
+
+    def judge(step: str) -> None:
+        ask = (
+            "async () => (await window.axe.run()).violations.map(v => [v.impact, v.id, v.nodes[0].html.slice(0, 200)])"
+        )
+        found.extend([step, *each] for each in p.page.evaluate(ask) if each[0] in ("serious", "critical"))
+
+    judge("area")
+    p.page.evaluate("() => window.uavcover.loadArea('valley.geojson')")
+    p.until(f"{DRAFT}.area")
+    p.page.evaluate("() => { window.uavcover.state.draft.home = [-84.209, 36.4738]; window.uavcover.state.redraw(); }")
+    judge("drawn")
+    p.page.select_option("#f-open", "run")
+    p.until("window.uavcover.state.scene?.plan")
+    for tab in ("plan", "fly", "judge"):
+        p.page.click(f"#tab-{tab}")
+        judge(tab)
+    p.page.click("#tab-plan")
+    if p.page.is_enabled("#edit"):
+        p.page.click("#edit")
+        p.until("window.uavcover.state.edit && !Number.isNaN(window.uavcover.state.edit.coverage)")
+        judge("edit")
+    (served.root / "run" / LIVE_LINE).write_text(json.dumps({"line": "mission, 61 m AGL", "warning": "GPS glitch"}))
+    p.page.evaluate("() => window.uavcover.watch('run')")
+    p.until("document.querySelector('#orders .warn')")
+    judge("flying")
+    assert p.page.evaluate("async () => (await window.axe.run()).passes.length") > 10, "it looked"
+    assert found == []

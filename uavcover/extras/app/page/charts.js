@@ -10,7 +10,7 @@ export function tradeoff(members, onChoose) {
   for (const [value, at] of x.ticks) chart.append(svg("text", { x: at, y: height - 10, "text-anchor": "middle" }, number(value, value < 10 ? 1 : 0)));
   for (const [value, at] of y.ticks) chart.append(svg("text", { x: left - 4, y: at + 4, "text-anchor": "end" }, number(value, 1)));
   chart.append(svg("text", { x: width - right, y: height - 1, "text-anchor": "end" }, t("minutes")), svg("text", { x: 2, y: 10 }, "%"));
-  for (const m of members) {
+  for (const m of [...members].sort((one, other) => one.chosen - other.chosen)) { // the chosen one above the others
     const label = `${percent(m.coverage)}, ${m.waypoints} ${t("waypoints")}, ${number(m.timeS / 60, 1)} ${t("minutes")}, ${m.madeBy}`;
     const dot = svg("circle", {
       class: "member", cx: x.at(m.timeS / 60), cy: y.at(100 * m.coverage), r: m.chosen ? 7 : 5, fill: m.chosen ? "#d55e00" : "#0072b2",

@@ -173,7 +173,7 @@ export class CoverageMap {
   }
 
   fit(bounds, padding = 40) {
-    if (bounds) this.map.fitBounds([[bounds[0], bounds[1]], [bounds[2], bounds[3]]], { padding, duration: 0, maxZoom: 18 });
+    if (bounds) this.map.fitBounds([[bounds[0], bounds[1]], [bounds[2], bounds[3]]], { padding: { top: Math.max(padding, (this.tools?.offsetHeight ?? 0) + 14), right: padding, bottom: padding, left: padding }, duration: 0, maxZoom: 18 });
   }
 
   scene(doc) {
