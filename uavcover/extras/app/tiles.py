@@ -117,7 +117,7 @@ def _read(dataset: Any, bands: list[int], zoom: int, column: int, row: int, *, d
 
 
 def _is_too_fine(dataset: Any, zoom: int, column: int, row: int) -> bool:
-    """Whether a tile covers so many pixels of a file, or of its coarsest overview, that it would take seconds."""
+    """Whether a tile takes seconds, because it covers too many pixels of a file or of its coarsest overview."""
     try:
         bounds = transform_bounds(_WEB_MERCATOR, dataset.crs, *tile_bounds_m(zoom, column, row))
     except (rasterio.errors.RasterioError, ValueError):

@@ -66,7 +66,7 @@ def show(shown: Plan | Track | Verdict | str | Path, *, height: str = "480px") -
 
 
 def document_of(shown: Plan | Track | Verdict | str | Path) -> dict[str, Any]:
-    """What the map draws."""
+    """Everything that the map draws."""
     if isinstance(shown, Track):
         return _of_track(shown)
     if isinstance(shown, Verdict):
