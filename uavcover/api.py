@@ -7,6 +7,7 @@ the other way round. Each function imports its stage when it is called: planning
 
 import sys
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -64,7 +65,7 @@ def plan(
         scenario=site, folder=Path(out), command=sys.argv, force=force, seed=seed, evaluations=evaluations,
         budget_s=budget_s, algorithm=algorithm, select=select,
     )  # fmt: skip
-    return plan_into(request, user, check_site=lambda _: None).plan
+    return replace(plan_into(request, user, check_site=lambda _: None).plan, folder=str(out))
 
 
 def select(run: str | Path, rule: str, *, force: bool = False) -> "Plan":
@@ -82,7 +83,8 @@ def select(run: str | Path, rule: str, *, force: bool = False) -> "Plan":
     folder = RunFolder(run)
     site, _ = read_planned(folder)
     with folder.reserved(flown_in(folder), force=force):
-        return choose(folder, site, rule, autopilot=site.scenario.vehicle.autopilot, command=sys.argv)[0]
+        plan = choose(folder, site, rule, autopilot=site.scenario.vehicle.autopilot, command=sys.argv)[0]
+    return replace(plan, folder=str(run))
 
 
 def compile_mission(

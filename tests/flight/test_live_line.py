@@ -25,10 +25,14 @@ def site() -> Site:
 
 
 def line(
-    site: Site, messages: dict[type, Any], *, mode: Mode = Mode.MISSION, covered: float | None = 0.424
-) -> LiveLine:
+    site: Site, messages: dict[type, Any], *, mode: Mode = Mode.MISSION, covered: float | None = 0.424,
+    link: SimpleNamespace | None = None,
+) -> LiveLine:  # fmt: skip
     vehicle: Any = SimpleNamespace(
-        client=SimpleNamespace(vehicle=SimpleNamespace(autopilot=ARDUPILOT, custom_mode=custom_mode(ARDUPILOT, mode))),
+        client=SimpleNamespace(
+            vehicle=SimpleNamespace(autopilot=ARDUPILOT, custom_mode=custom_mode(ARDUPILOT, mode)),
+            statistics=link or SimpleNamespace(frames_in=0, lost=0),
+        ),
         monitor=SimpleNamespace(latest=messages.get),
         autopilot="ardupilot",
     )
@@ -54,6 +58,18 @@ def test_everything_is_in_it(site: Site) -> None:
         f"mission, waypoint 1 of 3, {height_m:.0f} m AGL, 5.0 m/s, battery 87 %, home 200 m, covered 42 %, "
     )
     assert text.endswith(" left")
+
+
+def test_the_link_is_that_of_the_last_lines(site: Site) -> None:
+    link = SimpleNamespace(frames_in=1000, lost=900)
+    shown, at = line(site, {}, link=link), sample(site, 200.0, 1)
+    assert "link" not in shown.text(at), "one count says nothing"
+    link.frames_in, link.lost = 1090, 910
+    assert "link 90 %" in shown.text(at)
+    for _ in range(30):
+        link.frames_in += 10
+        text = shown.text(at)
+    assert "link 100 %" in text
 
 
 def test_time_left_falls_along_the_flight(site: Site) -> None:

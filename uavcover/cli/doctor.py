@@ -132,6 +132,7 @@ def _optional() -> Iterator[Diagnosis]:
         ("pyulog", ".ulg logs of PX4", "ulog"),
         ("pyserial", "serial links", "serial"),
         ("pyogrio", "areas in GeoPackage and Shapefile", "gis"),
+        ("anywidget", "the map in notebooks", "jupyter"),
         ("distributed", "--scheduler: large areas on several processes or machines", "cluster"),
     ):
         yield _extra(name, purpose, extra)

@@ -1,8 +1,11 @@
 """The record of a flight while it goes on: the track, the events, the growing recording."""
 
+import contextlib
+import json
 import logging
 import math
 import sys
+from collections import deque
 from collections.abc import Callable
 
 import numpy as np
@@ -40,6 +43,9 @@ from uavcover.sensing.site_maps import judging_map
 TELEMETRY_LOG = "flight.tlog"
 _GROWING = ".flight.rrd.growing"
 _GROWING_TELEMETRY = ".flight.tlog.growing"
+LIVE_LINE = ".flight.line"
+"""While a flight goes on: its line and its last warning, for maps in other processes."""
+_LINK_LINES = 20
 _log = logging.getLogger(__name__)
 
 
@@ -94,6 +100,7 @@ class FlightLog:
         self._line = LiveLine(site, route, vehicle, covered=lambda: None if live is None else live.covered)
         self._took_off_s = took_off_s
         self._line_at = (-math.inf, -math.inf)
+        self._warning = ""
         self._writer: TrackWriter | None = None
         self._reserve = reserve
         self.begun = False
@@ -160,7 +167,12 @@ class FlightLog:
             return
         self._line_at = (now, flown_s)
         try:
-            self._bar.status(self._line.text(sample), at_s=flown_s)
+            line = self._line.text(sample)
+            self._bar.status(line, at_s=flown_s)
+            with contextlib.suppress(OSError):  # on a full disk, the flight goes on without it
+                self._run.file(LIVE_LINE).write_text(
+                    json.dumps({"line": line, "warning": self._warning}), encoding="utf-8"
+                )
         except Exception:  # any error: the flight goes on without the line
             _log.exception("the line of the flight ended")
             self._line_at = (math.inf, math.inf)
@@ -200,6 +212,7 @@ class FlightLog:
             self._bar.update(event.waypoint, total=self._waypoint_count, note=note)
         elif event.kind is EventKind.WARNING:
             self._user.warn(event.text)
+            self._warning = event.text
             if event.alarm:
                 self._user.ring()
         else:
@@ -209,6 +222,8 @@ class FlightLog:
     def close(self) -> None:
         """Close the track, the growing recording and the telemetry log; the latter two go when the flight never began."""
         self._bar.status("", at_s=0.0)
+        with contextlib.suppress(OSError):
+            self._run.file(LIVE_LINE).unlink(missing_ok=True)
         self._reserve.release()
         if self._writer is not None and self.error is None:
             self._writer.close()
@@ -249,7 +264,7 @@ def _recorded(event: FlightEvent) -> recorded.RecordedEvent | None:
 
 
 class LiveLine:
-    """Mode, waypoint, height above ground, speed, battery, distance home, coverage so far and time left, as text.
+    """Mode, waypoint, height above ground, speed, battery, link, distance home, coverage so far and time left, as text.
 
     Everything but the coverage is read from the latest messages; the coverage is counted elsewhere, in another thread.
 
@@ -264,6 +279,7 @@ class LiveLine:
         self._site, self._vehicle, self._covered = site, vehicle, covered
         self._count = len(route)
         self._waypoint = 0
+        self._frames: deque[tuple[int, int]] = deque(maxlen=_LINK_LINES)
         self._left = _TimeLeft(site, route.waypoints_m, vehicle) if site.home_m is not None else None
 
     def text(self, sample: TrackSample) -> str:
@@ -289,6 +305,8 @@ class LiveLine:
             parts.append(f"{math.hypot(position.velocity_north_m_s, position.velocity_east_m_s):.1f} m/s")
         if status is not None and status.battery_remaining_percent is not None:
             parts.append(f"battery {status.battery_remaining_percent:.0f} %")
+        if (received := self._received_percent()) is not None:
+            parts.append(f"link {received:.0f} %")
         if self._site.home_m is not None:
             parts.append(f"home {math.hypot(*(at_m - self._site.home_m)[:2]):.0f} m")
         covered = self._covered()
@@ -298,6 +316,13 @@ class LiveLine:
             left_s = self._left.seconds(at_m, None if homeward else self._waypoint)
             parts.append(f"{int(left_s) // 60}:{int(left_s) % 60:02d} left")
         return ", ".join(parts)
+
+    def _received_percent(self) -> float | None:
+        """The messages that arrived since some lines ago, of those that were sent."""
+        counts = self._vehicle.client.statistics
+        self._frames.append((counts.frames_in, counts.lost))
+        arrived, lost = (last - first for first, last in zip(self._frames[0], self._frames[-1], strict=True))
+        return 100.0 * arrived / (arrived + lost) if arrived + lost > 0 else None
 
 
 class _TimeLeft:

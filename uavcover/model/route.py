@@ -2,7 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
@@ -156,6 +156,7 @@ class Plan:
         wall_s: time spent.
         interrupted: whether the search was ended early by the user.
         by_vehicles: what the mission of the chosen route comes to with fewer vehicles, and with all.
+        folder: the run folder that it was written to; empty where it was not.
     """
 
     chosen: RouteMember
@@ -168,6 +169,7 @@ class Plan:
     wall_s: float
     interrupted: bool = False
     by_vehicles: tuple[MissionSize, ...] = ()
+    folder: str = field(default="", compare=False)
 
     def __repr__(self) -> str:
         m = self.chosen.metrics

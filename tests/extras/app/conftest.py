@@ -105,3 +105,25 @@ def serving(root: Path) -> Iterator[Client]:
     for job in server.jobs.all():
         if job.code is None:
             job.signal(signal.SIGKILL)
+
+
+@pytest.fixture(scope="module")
+def chromium() -> Iterator[Any]:
+    """Debian's Chromium with the software renderer."""
+    playwright = pytest.importorskip("playwright.sync_api")
+    from tests.extras.app.browser import CHROMIUM, SOFTWARE
+
+    if CHROMIUM is None:
+        pytest.skip("no Chromium; Debian has it as the package chromium")
+    with playwright.sync_playwright() as started:
+        browser = started.chromium.launch(executable_path=CHROMIUM, args=SOFTWARE)
+        yield browser
+        browser.close()
+
+
+@pytest.fixture
+def browser(chromium: Any) -> Iterator[Any]:
+    """The browser; a page of an earlier test draws no more."""
+    yield chromium
+    for context in chromium.contexts:
+        context.close()

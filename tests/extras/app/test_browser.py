@@ -6,92 +6,22 @@ It skips where there is no Chromium. Nothing but the server on 127.0.0.1 is aske
 import json
 import re
 import shutil
-import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from tests.extras.app.browser import opened
 from tests.extras.app.conftest import Client
 from uavcover.scenario.site import load_site
 
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
-playwright = pytest.importorskip("playwright.sync_api")
-pytestmark = [
-    pytest.mark.skipif(CHROMIUM is None, reason="no Chromium; Debian has it as the package chromium"),
-    pytest.mark.filterwarnings("ignore::DeprecationWarning"),
-    pytest.mark.timeout(900),
-]
-LIMIT_S = 180.0
+pytestmark = [pytest.mark.filterwarnings("ignore::DeprecationWarning"), pytest.mark.timeout(900)]
 KML = """<?xml version="1.0" encoding="UTF-8"?>
 <kml xmlns="http://www.opengis.net/kml/2.2"><Document><Placemark><name>&lt;img src=x onerror=alert(1)&gt;</name><Polygon>
 <outerBoundaryIs><LinearRing><coordinates>
 -84.2160,36.4705 -84.2125,36.4705 -84.2125,36.4728 -84.2160,36.4728 -84.2160,36.4705
 </coordinates></LinearRing></outerBoundaryIs></Polygon></Placemark></Document></kml>
 """
-
-
-class Page:
-    """A page, and what went wrong on it."""
-
-    def __init__(self, page: Any) -> None:
-        self.page = page
-        self.errors: list[str] = []
-        self.foreign: list[str] = []
-        page.on("console", lambda message: self.errors.append(message.text) if message.type == "error" else None)
-        page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.on("dialog", lambda dialog: self.errors.append(f"a dialog: {dialog.message}"))
-        page.on("request", lambda request: self._seen(request.url))
-
-    def _seen(self, url: str) -> None:
-        if not url.startswith(("http://127.0.0.1:", "ws://127.0.0.1:", "data:", "blob:http://127.0.0.1:")):
-            self.foreign.append(url)
-
-    def until(self, expression: str) -> Any:
-        """Wait until an expression of the page is true; the page's policy forbids Playwright's own way."""
-        end_s = time.monotonic() + LIMIT_S
-        while time.monotonic() < end_s:
-            found = self.page.evaluate(f"() => {{ try {{ return {expression}; }} catch {{ return false; }} }}")
-            if found:
-                return found
-            self.page.wait_for_timeout(50)
-        raise AssertionError(f"not within {LIMIT_S:g} s: {expression}; {self.errors}; {self.messages()}")
-
-    def messages(self) -> str:
-        return str(self.page.inner_text("#messages"))
-
-    def at(self, lon: float, lat: float) -> tuple[float, float]:
-        """Where a place is on the screen."""
-        x, y = self.page.evaluate(
-            "([lon, lat]) => { const m = window.uavcover.map.map, p = m.project([lon, lat]),"
-            " r = m.getCanvas().getBoundingClientRect(); return [p.x + r.x, p.y + r.y]; }",
-            [lon, lat],
-        )
-        return x, y
-
-    def job_ended(self, kind: str, count: int = 1) -> Any:
-        return self.until(
-            f"[...window.uavcover.state.jobs.values()].filter(j => j.kind === '{kind}' && j.code !== null).length >= {count}"
-        )
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as started:
-        browser = started.chromium.launch(
-            executable_path=CHROMIUM,
-            args=["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"],
-        )
-        yield browser
-        browser.close()
-
-
-def opened(browser: Any, served: Client, width: int = 1400, height: int = 900) -> Page:
-    page = Page(browser.new_page(viewport={"width": width, "height": height}))
-    page.page.goto(served.url)
-    page.until("document.documentElement.dataset.ready === 'yes'")
-    return page
 
 
 def test_the_whole_way(browser: Any, served: Client, cli: Any) -> None:
@@ -325,17 +255,6 @@ def test_the_keyboard_alone_opens_a_scenario_and_its_plan_step(browser: Any, ser
     p.until("window.uavcover.state.tab === 'plan'")
     assert page.locator("#plan").count() == 1
     assert p.errors == []
-
-
-def test_a_server_that_ends_and_comes_back_loses_nothing(browser: Any, served: Client) -> None:
-    p = opened(browser, served)
-    page = p.page
-    page.evaluate("() => { window.before = window.uavcover.state; }")
-    page.context.set_offline(True)
-    page.evaluate("() => 0")
-    page.context.set_offline(False)
-    page.select_option("#f-open", "valley.toml")
-    p.until("window.uavcover.state.scene && window.before === window.uavcover.state")
 
 
 def test_the_page_is_light(served: Client) -> None:

@@ -75,6 +75,12 @@ def test_a_job_is_found_by_the_next_server_and_stopped(sleeper: Jobs, tmp_path: 
     assert not again.signal(signal.SIGINT)
 
 
+def test_a_command_that_has_not_made_its_folder_yet_keeps_its_name(served: Client, sleeper: Jobs) -> None:
+    served.server.jobs = sleeper
+    runs = [served.post("/api/jobs", {"kind": "plan", "scenario": "valley.toml"})["run"] for _ in range(3)]
+    assert runs == ["valley", "valley-2", "valley-3"]
+
+
 def test_events_are_read_from_where_one_was_and_only_whole_ones(tmp_path: Path) -> None:
     job = Job(tmp_path, "plan", (), "")
     assert job.events() == ([], 0)

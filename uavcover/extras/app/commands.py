@@ -36,7 +36,7 @@ def _plan(asked: Mapping[str, Any], workspace: Workspace) -> Words:
     scenario = workspace.path(_text(asked, "scenario"))
     if not scenario.is_file():
         raise InputError(f"{scenario.name}: no such scenario; save it first")
-    run = free_name(workspace.root, scenario.stem)
+    run = workspace.free_run(scenario.stem)
     words = ["plan", workspace.name(scenario), "-o", run.name]
     if asked.get("evaluations"):
         words += ["--evaluations", _match(asked, "evaluations", _NUMBER)]
@@ -63,7 +63,7 @@ def _select(asked: Mapping[str, Any], workspace: Workspace) -> Words:
 
 def _edit(asked: Mapping[str, Any], workspace: Workspace) -> Words:
     run = _run(asked, workspace)
-    edited = free_name(workspace.root, f"{workspace.path(run).name}-edited")
+    edited = workspace.free_run(f"{workspace.path(run).name}-edited")
     waypoints = workspace.path(_text(asked, "waypoints"))
     return edited.name, ["edit", run, workspace.name(waypoints), "-o", edited.name]
 
@@ -140,7 +140,7 @@ def _check(asked: Mapping[str, Any], workspace: Workspace) -> Words:
 
 def _photos(asked: Mapping[str, Any], workspace: Workspace) -> Words:
     run = _run(asked, workspace)
-    out = free_name(workspace.root, f"{workspace.path(run).name}-photos")
+    out = workspace.free_run(f"{workspace.path(run).name}-photos")
     photos = workspace.path(str(asked.get("photos") or f"{run}/{PHOTOS}"))
     if not photos.is_dir():
         raise InputError(f"photos: {photos.name} is no folder in {workspace.root.name}; drop photos on the page")

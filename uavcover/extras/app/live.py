@@ -3,20 +3,27 @@
 The flight is another process, which does not depend on this one.
 """
 
+import contextlib
 import csv
+import json
 import threading
+import time
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from mission_io.model.plain_text import plain_text
 from uavcover.extras.app.scene import Scene
+from uavcover.flight.flight_log import LIVE_LINE
 from uavcover.kernels.arrays import BoolArray
 from uavcover.report.cell_layers import SEEN_RGB, UNSEEN_RGB, data_uri
 
 _COLUMNS = ("time_s", "east_m", "north_m", "up_m", "yaw_deg", "lat_deg", "lon_deg")
 _MOST_BYTES = 1 << 20
 _MOST_PATCHES = 6
+_STALE_S = 30.0
+"""A line that is older is no flight's any more."""
 
 Rectangle = tuple[int, int, int, int]
 """First row and column of the picture, and the ones after the last; rows from the north."""
@@ -100,10 +107,13 @@ class LiveFlight:
     Attributes:
         samples: longitude, latitude, height above ground, vehicle time, heading; one row a sample, only ever appended to.
         observed: cells that it and other flights of its plan saw.
+        line: what the vehicle does: mode, height, battery, link, time left; empty while it does not fly.
+        warning: the last alarm of the flight.
     """
 
     def __init__(self, observed: Observed, run: Path) -> None:
         self._scene, self._file = observed.scene, run / "track.csv"
+        self.line = self.warning = ""
         self.observed = observed
         self._lock = threading.Lock()
         self._at, self._header, self._identity = 0, list[str](), (0, 0)
@@ -115,6 +125,7 @@ class LiveFlight:
     def poll(self) -> None:
         """Read what was appended since the last call. A file that was replaced is read from its beginning."""
         with self._lock:
+            self._read_line()
             try:
                 state = self._file.stat()
             except OSError:
@@ -131,6 +142,18 @@ class LiveFlight:
             whole = raw[: raw.rfind(b"\n") + 1]
             self._at += len(whole)
             self._take(whole.decode("utf-8", errors="replace").splitlines())
+
+    def _read_line(self) -> None:
+        file = self._file.with_name(LIVE_LINE)
+        try:
+            raw = file.read_text(encoding="utf-8") if time.time() - file.stat().st_mtime < _STALE_S else "{"
+        except (OSError, UnicodeDecodeError):
+            raw = "{"
+        if raw == "{":  # the flight has ended, or has not begun, or its program was killed
+            self.line = ""
+        with contextlib.suppress(ValueError, KeyError, TypeError):  # half written: the next one comes soon
+            found = json.loads(raw)
+            self.line, self.warning = plain_text(str(found["line"])), plain_text(str(found["warning"]))
 
     def _take(self, lines: list[str]) -> None:
         rows = [row for row in csv.reader(line for line in lines if not line.startswith("#")) if row]

@@ -33,11 +33,13 @@ from uavcover.report.cell_layers import (
 from uavcover.report.content import ReportContent, read_run
 from uavcover.report.map_data import gap_data, layer_data, rings_of, zone_data
 from uavcover.run.folder import RunFolder
+from uavcover.run.planned import read_planned
 from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import Site, area_as_drawn, load_site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.site_maps import judging_map
 from uavcover.terrain.terrain_source import TerrainSource
+from uavcover.verification.verify import Verdict
 
 _DEGREE_M = 111_319.49
 """Length of a degree on the equator, WGS 84: for scenarios without a position on Earth."""
@@ -213,17 +215,17 @@ def scene_document(scene: Scene) -> dict[str, Any]:
 
 def _run_document(scene: Scene, content: ReportContent) -> dict[str, Any]:
     site, verdict = scene.site, content.verdict
-    compiled = _compiled(site, content.planned.route)
+    compiled = _missions(scene, content)
     sorties = content.sorties_m or (content.planned.route.waypoints_m,)
     layers = [layer_data(layer) for layer in cell_layers(content)]
-    own_rally = {} if compiled is None else {"rally": [[p.lon_deg, p.lat_deg] for p in compiled.rally.points[1:]]}
+    own_rally = {"rally": [[p.lon_deg, p.lat_deg] for p in compiled[0].rally.points[1:]]} if compiled else {}
     metrics = content.plan
     return {
         "route": scene.waypoints(content.planned.route.waypoints_m),
         "sorties": [scene.lon_lat(route_m).tolist() for route_m in sorties],
         "profile": [_profile(site, route_m) for route_m in sorties],
-        "path": [] if compiled is None else scene.lon_lat(compiled.path_m).tolist(),
-        "unsafeReturns": [] if compiled is None else _unsafe_returns(scene, compiled),
+        "paths": [scene.lon_lat(one.path_m).tolist() for one in compiled],
+        "unsafeReturns": [unsafe for one in compiled for unsafe in _unsafe_returns(scene, one)],
         **own_rally,
         "colors": [
             int(sortie.get("vehicle") or number) - 1
@@ -251,15 +253,14 @@ def _run_document(scene: Scene, content: ReportContent) -> dict[str, Any]:
         "tracks": [
             _track(scene, flight.enu_m, flight.height_agl_m, flight.clock_s, flight.name) for flight in content.flights
         ],
-        "verdict": None if verdict is None else verdict_document(scene, content),
+        "verdict": None if verdict is None else verdict_document(scene, verdict),
         "warnings": list(content.warnings),
     }
 
 
-def verdict_document(scene: Scene, content: ReportContent) -> dict[str, Any]:
+def verdict_document(scene: Scene, verdict: Verdict) -> dict[str, Any]:
     """The verdict of a run's flights with its findings on the map."""
-    assert content.verdict is not None
-    report = content.verdict.report
+    report = verdict.report
     gaps = gap_data(report.gaps)
     for gap, place in zip(gaps, _places(scene, [(g["east"], g["north"]) for g in gaps]), strict=True):
         gap["place"] = place
@@ -344,13 +345,20 @@ def _problem(problem: LegProblem) -> dict[str, Any]:
     return {"leg": problem.leg, "kind": problem.kind, "text": str(problem)}
 
 
+def _missions(scene: Scene, content: ReportContent) -> list[CompiledMission]:
+    """The mission of the plan, or of each of its sorties."""
+    folders = RunFolder(scene.path).sorties()
+    planned = [read_planned(folder) for folder in folders] or [(content.site, content.planned)]
+    return [one for site, plan in planned if (one := _compiled(site, plan.route)) is not None]
+
+
 def _compiled(site: Site, route: Route) -> CompiledMission | None:
     if site.frame is None or site.home_m is None or route.begins:
         return None
     try:
         return compile_plan(site, route)
     except UavcoverError:
-        return None  # several sorties, or a leg that breaks a limit: the plan's own output says which
+        return None  # a leg that breaks a limit: the plan's own output says which
 
 
 def _unsafe_returns(scene: Scene, compiled: CompiledMission) -> list[dict[str, Any]]:

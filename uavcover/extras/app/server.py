@@ -3,7 +3,9 @@
 import asyncio
 import contextlib
 import json
+import logging
 import signal
+import threading
 import time
 from collections.abc import Awaitable, Callable
 from pathlib import Path
@@ -29,6 +31,7 @@ from uavcover.extras.app.uploads import photo_document, refusal, take_file
 from uavcover.extras.app.workspace import Workspace, free_name
 from uavcover.terrain.terrain_source import TerrainSource
 
+_log = logging.getLogger(__name__)
 PAGE, VENDOR = Path(__file__).parent / "page", Path(__file__).parent / "vendor"
 MOST_JSON_BYTES = 4 << 20
 _LIVE_S, _SLOW_S = 0.1, 1.0
@@ -52,6 +55,8 @@ class Server:
     def __init__(self, workspace: Workspace, *, flights_allowed: bool = False, first: str = "") -> None:
         self.workspace, self.flights_allowed, self.first = workspace, flights_allowed, first
         self.jobs, self.scenes = Jobs(workspace.root), Scenes()
+        workspace.busy = lambda: {job.run for job in self.jobs.all() if job.code is None}
+        self._starting = threading.RLock()  # of two pages at once, each gets a name of its own
         self._live: dict[str, LiveFlight] = {}
         self._observed: dict[Path, Observed] = {}
 
@@ -80,7 +85,7 @@ class Server:
             HttpRoute("/tiles/background/{z:int}/{x:int}/{y:int}", self._background),
             WebSocketRoute("/ws", self._socket),
         ]
-        app = Starlette(routes=routes, exception_handlers={UavcoverError: _refused})
+        app = Starlette(routes=routes, exception_handlers={UavcoverError: _refused, OSError: _failed})
         app.mount("/page", StaticFiles(directory=PAGE))
         app.mount("/vendor", StaticFiles(directory=VENDOR))
         return app
@@ -124,14 +129,18 @@ class Server:
         """Keep the waypoints in a file, and let ``uavcover edit`` check and write the plan."""
         run = self.workspace.path(_named(asked, "run"))
         self.scenes.of(run).enu(asked.get("waypoints") or [])
-        path = free_name(self.workspace.root, f"{run.name}-waypoints", ".json")
-        path.write_text(json.dumps(asked["waypoints"]), encoding="utf-8")
-        return self._start({"kind": "edit", "run": self.workspace.name(run), "waypoints": self.workspace.name(path)})
+        with self._starting:
+            path = free_name(self.workspace.root, f"{run.name}-waypoints", ".json")
+            path.write_text(json.dumps(asked["waypoints"]), encoding="utf-8")
+            return self._start(
+                {"kind": "edit", "run": self.workspace.name(run), "waypoints": self.workspace.name(path)}
+            )
 
     def _start(self, asked: dict[str, Any]) -> dict[str, Any]:
         kind = str(asked.get("kind") or "")
-        run, words = command_of(kind, asked, self.workspace, flights_allowed=self.flights_allowed)
-        return self.jobs.start(kind, words, run=run).document()
+        with self._starting:
+            run, words = command_of(kind, asked, self.workspace, flights_allowed=self.flights_allowed)
+            return self.jobs.start(kind, words, run=run).document()
 
     def _job(self, asked: dict[str, Any]) -> dict[str, Any]:
         return self.jobs.get(_named(asked, "id")).document()
@@ -190,15 +199,16 @@ class Server:
     async def _socket(self, socket: WebSocket) -> None:
         await socket.accept()
         watcher = _Watcher(self, socket)
-        sending = asyncio.create_task(watcher.send())
-        try:
-            await watcher.receive()
-        except WebSocketDisconnect:
-            pass
-        finally:
-            sending.cancel()
-            with contextlib.suppress(asyncio.CancelledError, WebSocketDisconnect, RuntimeError):
-                await sending
+        tasks = [asyncio.create_task(watcher.send()), asyncio.create_task(watcher.receive())]
+        # Where one ends, so does the connection, and the page connects anew: it never waits for news that cannot come.
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        for task in tasks:
+            task.cancel()
+        for error in await asyncio.gather(*tasks, return_exceptions=True):
+            if isinstance(error, Exception) and not isinstance(error, WebSocketDisconnect | RuntimeError):
+                _log.warning("a connection of the page ended: %s", error)
+        with contextlib.suppress(RuntimeError, WebSocketDisconnect):
+            await socket.close(1011)
 
     def live(self, run: str) -> LiveFlight:
         """The track of a run folder, or of a sortie in one, shared by all that watch it.
@@ -222,6 +232,7 @@ class _Watcher:
         self._server, self._socket = server, socket
         self._runs: dict[str, int] = {}
         self._versions: dict[Observed, int] = {}
+        self._lines: dict[str, tuple[str, str]] = {}
         self._events: dict[str, int] = {}
         self._codes: dict[str, int | None] = {}
 
@@ -243,13 +254,14 @@ class _Watcher:
                     await to_thread.run_sync(self._server.live, str(asked["watch"]))
                     self._runs[str(asked["watch"])] = begin
                     self._versions.pop(self._server.live(str(asked["watch"])).observed, None)
+                    self._lines.pop(str(asked["watch"]), None)
                 elif "leave" in asked:
                     self._runs.pop(str(asked["leave"]), None)
                 elif "job" in asked:
                     self._events[self._server.jobs.get(str(asked["job"])).id] = begin
             except UavcoverError as error:
                 await self._socket.send_json({"error": str(error)})
-            except (ValueError, TypeError, AttributeError):
+            except (ValueError, TypeError, AttributeError, RecursionError):
                 await self._socket.send_json({"error": "this message is not understood"})
 
     async def send(self) -> None:
@@ -271,6 +283,9 @@ class _Watcher:
                 if new:
                     self._runs[run] = begin + len(new)
                     await self._socket.send_json({"run": run, "from": begin, "samples": new})
+                if self._lines.get(run, ("", "")) != (live.line, live.warning):
+                    self._lines[run] = live.line, live.warning
+                    await self._socket.send_json({"run": run, "line": live.line, "warning": live.warning})
                 if slow:
                     await to_thread.run_sync(live.look)
                     await self._cells(live.observed)
@@ -309,7 +324,7 @@ def _json(handler: Callable[[dict[str, Any]], dict[str, Any]]) -> Callable[[Requ
                     return refusal(413, "the request is too large")
             try:
                 body = json.loads(bytes(raw) or b"{}")
-            except ValueError:
+            except (ValueError, RecursionError):
                 body = None
             if not isinstance(body, dict):
                 return refusal(400, "the request is no JSON object")
@@ -330,6 +345,14 @@ def _named(asked: dict[str, Any], key: str) -> str:
     if not isinstance(value, str) or not value:
         raise InputError(f"{key}: is missing")
     return value
+
+
+async def _failed(request: Request, error: Exception) -> Response:
+    """A file went away, or cannot be written."""
+    del request
+    assert isinstance(error, OSError)
+    where = Path(str(error.filename or "a file")).name
+    return refusal(507, f"{where}: {error.strerror or error}; free the disk, or open another scenario or run")
 
 
 async def _refused(request: Request, error: Exception) -> Response:

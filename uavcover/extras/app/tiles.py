@@ -4,6 +4,7 @@ import io
 import math
 import sqlite3
 import threading
+import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ import rasterio
 from PIL import Image
 from rasterio.enums import Resampling
 from rasterio.vrt import WarpedVRT
+from rasterio.warp import transform_bounds
 
 from uavcover.errors import InputError
 from uavcover.extras.app.scene import Scene
@@ -27,6 +29,10 @@ _HALF_M = math.pi * 6378137.0
 _WEB_MERCATOR = "EPSG:3857"
 _GDAL = threading.Lock()
 """A dataset is used by one thread at a time."""
+_MOST_SOURCE_PIXELS = 1 << 26
+"""A tile that would be made of more pixels of its file stays empty, so that the other tiles do not wait; zoom in."""
+_MOST_TILE_BYTES, _MBTILES_S, _STEPS = 4 << 20, 2.0, 10_000
+"""Limits of an MBTiles file, which may be anything: size and time of a tile; how often the time is looked at."""
 _CONTOUR_NODES = 300
 _CONTOURS = 14
 """About this many contour lines between the lowest and the highest ground."""
@@ -91,6 +97,8 @@ def _ground_heights(scene: Scene, zoom: int, column: int, row: int) -> FloatArra
 def _warped(source: TerrainSource, zoom: int, column: int, row: int) -> FloatArray:
     with _GDAL, source.opened() as dataset:
         band = source.band_of(dataset)
+        if _is_too_fine(dataset, zoom, column, row):
+            return np.full((TILE, TILE), np.nan)
         data = _read(dataset, [band], zoom, column, row, dtype="float32")
         scale, offset = dataset.scales[band - 1], dataset.offsets[band - 1]
     values = np.where(np.ma.getmaskarray(data[0]), np.nan, data[0].data.astype(float))
@@ -108,6 +116,21 @@ def _read(dataset: Any, bands: list[int], zoom: int, column: int, row: int, *, d
         return warped.read(bands, masked=True)
 
 
+def _is_too_fine(dataset: Any, zoom: int, column: int, row: int) -> bool:
+    """Whether a tile takes seconds, because it covers too many pixels of a file or of its coarsest overview."""
+    try:
+        bounds = transform_bounds(_WEB_MERCATOR, dataset.crs, *tile_bounds_m(zoom, column, row))
+    except (rasterio.errors.RasterioError, ValueError):
+        return True
+    (west, south, east, north), own = bounds, dataset.bounds
+    inside = max(0.0, min(east, own.right) - max(west, own.left)) * max(
+        0.0, min(north, own.top) - max(south, own.bottom)
+    )
+    share = inside / max(abs((own.right - own.left) * (own.top - own.bottom)), 1e-300)
+    coarser = max([1, *dataset.overviews(1)])
+    return bool(share * dataset.width * dataset.height / coarser**2 > _MOST_SOURCE_PIXELS)
+
+
 def background_tile(path: Path, zoom: int, column: int, row: int) -> tuple[bytes, str] | None:
     """A tile of a GeoTIFF or MBTiles file with its media type; None where it has nothing.
 
@@ -120,6 +143,8 @@ def background_tile(path: Path, zoom: int, column: int, row: int) -> tuple[bytes
     try:
         with _GDAL, rasterio.open(path) as dataset:
             bands = [1, 2, 3] if dataset.count >= 3 else [1]
+            if _is_too_fine(dataset, zoom, column, row):
+                return None
             data = _read(dataset, bands, zoom, column, row)
     except rasterio.errors.RasterioError as error:
         raise InputError(f"{path.name}: is no raster that can be shown ({error}); use a GeoTIFF or MBTiles") from error
@@ -139,9 +164,12 @@ def _mbtiles(path: Path, zoom: int, column: int, row: int) -> tuple[bytes, str] 
     try:
         connection = sqlite3.connect(f"file:{path.as_posix()}?mode=ro", uri=True)
         try:
+            end_s = time.monotonic() + _MBTILES_S
+            connection.set_progress_handler(lambda: time.monotonic() > end_s, _STEPS)
             found = connection.execute(
-                "select tile_data from tiles where zoom_level = ? and tile_column = ? and tile_row = ?",
-                (zoom, column, 2**zoom - 1 - row),
+                "select tile_data from tiles where zoom_level = ? and tile_column = ? and tile_row = ? "
+                "and typeof(tile_data) = 'blob' and length(tile_data) <= ?",
+                (zoom, column, 2**zoom - 1 - row, _MOST_TILE_BYTES),
             ).fetchone()
         finally:
             connection.close()

@@ -1,7 +1,7 @@
 """The folder that the page works in: what is in it, and no way out of it."""
 
 import re
-from collections.abc import Iterator
+from collections.abc import Callable, Collection, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +29,16 @@ class Workspace:
 
     Attributes:
         root: the folder; symbolic links in its own path are resolved.
+        busy: names of the run folders that commands work on now; such a command may not have made its folder yet.
     """
 
     def __init__(self, root: Path) -> None:
         self.root = root.resolve()
+        self.busy: Callable[[], Collection[str]] = tuple
+
+    def free_run(self, stem: str) -> Path:
+        """A run folder that is not there yet, and that no command is about to make."""
+        return free_name(self.root, stem, taken=self.busy())
 
     def path(self, name: str) -> Path:
         """A path inside the folder, by its name relative to it.
@@ -112,10 +118,10 @@ class Workspace:
                     yield path
 
 
-def free_name(folder: Path, stem: str, suffix: str = "") -> Path:
+def free_name(folder: Path, stem: str, suffix: str = "", *, taken: Collection[str] = ()) -> Path:
     """A path that is not there yet: ``stem``, ``stem-2``, ``stem-3``, ..."""
     path, number = folder / f"{stem}{suffix}", 1
-    while path.exists():
+    while path.exists() or path.name in taken:
         number += 1
         path = folder / f"{stem}-{number}{suffix}"
     return path

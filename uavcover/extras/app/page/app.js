@@ -6,7 +6,7 @@ import { drawOrders, flyPanel, takeLimit } from "/page/fly.js";
 import { judgePanel, openPhotos } from "/page/judge.js";
 import { COLORS, SORTIES } from "/page/map.js";
 import { t } from "/page/strings.js";
-import { api, debounced, el, queued } from "/page/dom.js";
+import { api, debounced, el, queued, renew } from "/page/dom.js";
 import { profile } from "/page/charts.js";
 
 let socket = null, wait = 500;
@@ -19,10 +19,16 @@ function connect() {
     for (const job of state.jobs.values()) if (job.code === null) send({ job: job.id, from: job.end ?? 0 });
   };
   socket.onmessage = (event) => take(JSON.parse(event.data));
-  socket.onclose = () => { $("link").textContent = t("reconnecting"); setTimeout(connect, wait); wait = Math.min(5000, wait * 2); };
+  socket.onclose = async () => {
+    const refused = await fetch("/api/state", { method: "HEAD" }).then((answer) => answer.status === 403, () => false);
+    $("link").textContent = t(refused ? "otherServer" : "reconnecting");
+    setTimeout(connect, wait); wait = Math.min(5000, wait * 2);
+  };
 }
 function send(message) { if (socket?.readyState === WebSocket.OPEN) socket.send(JSON.stringify(message)); }
 export function watch(run) { for (const track of tracksOf(run)) if (!state.watched.has(track)) { state.watched.set(track, 0); send({ watch: track, from: 0 }); } }
+Object.assign(window.uavcover, { watch, loadArea, say });
+const watchFlights = () => { for (const run of runs()) if (run.flying) watch(run.name); };
 // The flights of a run folder: itself, or its sorties.
 export function tracksOf(run) {
   const count = runs().find((each) => each.name === run)?.sorties ?? 0;
@@ -43,6 +49,11 @@ function take(message) {
     Object.assign(live, { last: message.samples.at(-1), count: message.from + message.samples.length, at: performance.now() });
     state.live.set(message.run, live);
     map.live(message.run, message.from, message.samples, colorOf(message.run));
+    drawOrders();
+  }
+  if (message.line !== undefined) {
+    const { run, line, warning } = message;
+    state.live.set(run, { ...state.live.get(run), line, warning });
     drawOrders();
   }
   if (message.coverage) {
@@ -67,7 +78,7 @@ function take(message) {
 }
 const showObserved = queued(async (run, coverage) => {
   if (!await map.patches(coverage)) { for (const track of tracksOf(run)) if (state.watched.has(track)) { send({ watch: track, from: state.watched.get(track) }); return; } }
-  legendOf(t("covered"), [["#009e73", t("seen")], ["#d55e00", t("unseen")]]);
+  legendOf(t("coveredTitle"), [["#009e73", t("seen")], ["#d55e00", t("unseen")]]);
 });
 function takeEvent(job, event) {
   if (event.progress) job.progress = event.progress;
@@ -139,7 +150,7 @@ export async function openScene(name, tab, { keepView = false } = {}) {
   if (!scene.onEarth) say(t("local"), "warn");
   for (const warning of scene.warnings ?? []) say(warning, "warn");
   for (const job of state.jobs.values()) if (job.kind === "fly" && job.code === null && (job.run === name || job.run.startsWith(`${name}/`))) watch(job.run);
-  if (runs().some((run) => run.name === name && run.flying)) watch(name);
+  watchFlights();
   drawTabs(); drawPanel(); drawTools(); drawJob();
 }
 export function showLayer() {
@@ -155,7 +166,7 @@ export function legendOf(title, entries) {
     ...((s ? s.area.length : d.area) ? [swatch([COLORS.area, t("area"), "line"])] : []), ...((s ? s.fence.length : d.fence) ? [swatch([COLORS.fence, t("fence"), "line dashed"])] : []),
     ...((s ? s.zones : d.zones).length ? [swatch([COLORS.zone, t("noFly"), "line"])] : []), ...((s ? s.home : d.home) ? [sign("H", COLORS.home, t("home"))] : []), ...((s ? s.rally ?? [] : d.rally).length ? [sign("R", COLORS.rally, t("rally"))] : []),
     ...(s?.sorties?.length === 1 ? [swatch([SORTIES[0], t("route"), "line"])] : (s?.sorties ?? []).map((_, n) => swatch([SORTIES[(s.colors?.[n] ?? n) % SORTIES.length], `${t("sortie")} ${n + 1}`, "line"])).slice(0, 6)),
-    ...(s?.path?.length ? [swatch(["#555555", t("outbound"), "line dashed"])] : []), ...(s?.unsafeReturns?.length ? [swatch([COLORS.unsafe, t("unsafe")])] : []), ...(s?.tracks?.length ? [s.tracks.length > 1 ? swatch(["#ffffff", t("flownEdge")]) : swatch([COLORS.track, t("flownTrack"), "line"])] : []),
+    ...(s?.photos?.planned?.length ? [swatch([COLORS.photo, t("plannedPhotos")])] : []), ...(s?.paths?.length ? [swatch(["#555555", t("outbound"), "line dashed"])] : []), ...(s?.unsafeReturns?.length ? [swatch([COLORS.unsafe, t("unsafe")])] : []), ...(s?.tracks?.length ? [s.tracks.length > 1 ? swatch(["#ffffff", t("flownEdge")]) : swatch([COLORS.track, t("flownTrack"), "line"])] : []),
   ];
   const open = $("legend").querySelector("details")?.open ?? innerWidth > 640;
   $("legend").hidden = !title && !key.length;
@@ -169,31 +180,28 @@ async function showContours(on) {
 
 // ---------------------------------------------------------------- tabs and tools
 function drawTabs() {
-  $("tabs").replaceChildren(...["area", "plan", "fly", "judge"].map((tab) => el("button", {
+  renew($("tabs"), ["area", "plan", "fly", "judge"].map((tab) => el("button", {
     type: "button", role: "tab", id: `tab-${tab}`, "aria-selected": String(state.tab === tab), "aria-controls": "panel", onclick: () => { state.tab = tab; drawTabs(); drawPanel(); },
   }, t(`tab${tab[0].toUpperCase()}${tab.slice(1)}`))));
 }
 function toggle(label, on, call) { return el("button", { type: "button", "aria-pressed": String(on), onclick: () => { call(!on); drawTools(); } }, label); }
 export function drawTools() {
   const layers = state.scene?.layers ?? [], backgrounds = state.server?.files.backgrounds ?? [];
-  $("tools").replaceChildren(
+  renew($("tools"), [
     el("button", { type: "button", onclick: () => map.fit(state.scene?.bounds ?? boundsOfDraft()) }, t("fit")),
     toggle(t("terrain3d"), map.terrain, (on) => map.show3d(on)),
     toggle(t("contours"), state.contours, (on) => attempt(() => showContours(on))),
     ...(layers.length ? [select(t("layers"), [["", t("layerNone")], ...layers.map((l) => [l.key, l.title])], state.layer, (key) => { state.layer = key; showLayer(); })] : []),
     ...(backgrounds.length ? [select(t("background"), [["", t("noBackground")], ...backgrounds.map((b) => [b.name, b.name])], state.background, (file) => { state.background = file; map.background(file); })] : []),
-  );
+  ]);
 }
 // ---------------------------------------------------------------- panel
 state.redraw = () => drawPanel();
 export function drawPanel() {
-  const panel = $("panel"), active = document.activeElement, focused = active?.id, at = panel.scrollTop;
-  const caret = active?.type === "text" ? [active.selectionStart, active.selectionEnd] : null;
-  const typed = [...panel.querySelectorAll("[data-keep]")].map((input) => [input.id, input.value, input.checked]);
-  panel.replaceChildren(...({ area: areaPanel, plan: planPanel, fly: flyPanel, judge: judgePanel }[state.tab]()).filter(Boolean));
-  for (const [id, value, checked] of typed) if ($(id)) Object.assign($(id), { value, checked });
-  panel.scrollTop = at;
-  if (focused && focused !== "panel") { $(focused)?.focus(); if (caret && $(focused)?.type === "text") $(focused).setSelectionRange(...caret); }
+  const panel = $("panel"), other = panel.dataset.tab !== state.tab;
+  panel.dataset.tab = state.tab;
+  renew(panel, { area: areaPanel, plan: planPanel, fly: flyPanel, judge: judgePanel }[state.tab]());
+  if (other) panel.scrollTop = 0;
   drawJob();
 }
 // ---------------------------------------------------------------- progress of commands
@@ -217,7 +225,6 @@ export function drawJob() {
 // ---------------------------------------------------------------- begin
 for (const each of document.querySelectorAll("[data-text]")) each.textContent = t(each.dataset.text);
 for (const each of document.querySelectorAll("[data-label]")) each.setAttribute("aria-label", t(each.dataset.label));
-$("profile").dataset.label = t("profile");
 const dark = localStorage.getItem("theme") ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
 const setTheme = (theme) => { document.documentElement.classList.toggle("dark", theme === "dark"); localStorage.setItem("theme", theme); };
 setTheme(dark);
@@ -235,5 +242,5 @@ attempt(async () => {
   else await openScene(first, runs().some((run) => run.name === first) ? "plan" : "area");
   document.documentElement.dataset.ready = "yes";
   // A flight that another program began, or a file that came into the folder.
-  setInterval(() => { if (!document.hidden) refresh().then(() => { for (const run of runs()) if (run.flying && run.name === state.name) watch(run.name); }).catch(() => {}); }, 5000);
+  setInterval(() => { if (!document.hidden) refresh().then(() => { watchFlights(); }).catch(() => {}); }, 5000);
 });

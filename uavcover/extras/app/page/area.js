@@ -30,13 +30,13 @@ function surveyForm(files) {
   const text = (name, label, more = {}) => field(name, label, el("input", { id: `f-${name}`, value: state.form[name] ?? "", oninput: (e) => { state.form[name] = e.target.value; redesign(); }, "aria-invalid": wrong(name) ? "true" : null, ...more }), wrong(name));
   const list = (name, label, options) => field(name, label, el("select", { id: `f-${name}`, onchange: (e) => { state.form[name] = e.target.value; if (name === "dem") map.heights(e.target.value ? `dem=${encodeURIComponent(e.target.value)}` : ""); redesign(); } }, [["", t("none")], ...options].map(([key, title]) => el("option", { value: key, selected: key === (state.form[name] ?? "") }, title))), wrong(name));
   return [
-    heading(t("drawArea")),
+    heading(t("draw")),
     el("div", { class: "row" }, button(t("drawArea"), () => drawShape("area")), button(t("drawHole"), () => drawShape("hole"), { disabled: !state.draft.area }), button(t("drawZone"), () => drawShape("zone")),
       button(t("drawFence"), () => drawShape("fence")), button(t("editShapes"), editShapes), button(t("setHome"), () => placePoint("home")), button(t("addRally"), () => placePoint("rally")), button(t("undo"), undo, { disabled: !state.past.length, id: "undo" }), button(t("redo"), redo, { disabled: !state.future.length, id: "redo" })),
     el("p", { class: "hint" }, t("drawHint")),
     positionInput(),
     ...shapeList(files), ...pointTable(), ...zoneTable(),
-    heading(t("planWith")),
+    heading(t("survey")),
     list("dem", `${t("dem")} (${t("required")})`, files.elevation.map((f) => [f.name, f.name])),
     list("vertical_datum", t("datum"), ["EGM96", "EGM2008", "ellipsoid"].map((d) => [d, d])),
     list("camera", `${t("camera")} (${t("required")})`, (state.server?.cameras ?? []).map((c) => [c.name, c.title || c.name])),
@@ -87,10 +87,11 @@ function pointTable() {
     el("p", { class: "error", role: "alert", id: "e-home" }), el("p", { class: "error", role: "alert", id: "e-rally" })];
 }
 function positionInput() {
-  const input = el("input", { id: "f-position", "data-keep": true, placeholder: "47.37, 8.54", "aria-describedby": "position-hint" });
+  const input = el("input", { id: "f-position", placeholder: "47.37, 8.54", "aria-describedby": "position-hint" });
   const place = async () => (await api(`/api/place?text=${encodeURIComponent(input.value)}`)).place;
   return el("div", {}, field("position", t("position"), input), el("p", { class: "hint", id: "position-hint" }, t("positionHint")), el("div", { class: "row" },
     button(t("go"), () => attempt(async () => map.map.jumpTo({ center: await place(), zoom: 14 }))), button(t("here"), () => attempt(async () => { const at = await place(); change(() => { state.draft.home = at; }); })),
+    ...(state.corners ? [button(t("cornerHere"), () => attempt(async () => { const at = await place(); map.map.jumpTo({ center: at, zoom: Math.max(14, map.map.getZoom()) }); addCorner(at); }), { id: "corner" }), button(t("finishDraw"), finishCorners, { id: "finish" })] : []),
     button(t("rallyHere"), () => attempt(async () => { const at = await place(); change(() => { state.draft.rally.push(at); }); }))));
 }
 function newSurvey() {
@@ -123,21 +124,36 @@ function drawShape(what) {
   stopDrawing();
   map.draw.setMode("polygon");
   say(t("drawHint"));
-  map.map.getCanvas().focus();
-  const finished = (id) => {
-    const shape = map.draw.getSnapshotFeature(id);
-    stopDrawing();
-    if (!shape) return;
+  const take = (ring) => {
     remember();
-    const ring = shape.geometry.coordinates[0];
     if (what === "fence") state.draft.fence = { type: "Polygon", coordinates: [ring] };
     else if (what === "zone") state.draft.zones.push({ name: `zone ${state.draft.zones.length + 1}`, geometry: { type: "Polygon", coordinates: [ring] } });
     else if (what === "hole") addHole(ring);
     else addArea(ring);
     drawDraft(); redesign(); drawPanel();
   };
+  const finished = (id) => { const shape = map.draw.getSnapshotFeature(id); stopDrawing(); if (shape) take(shape.geometry.coordinates[0]); };
   map.draw.on("finish", finished);
-  state.drawing = finished;
+  Object.assign(state, { drawing: finished, corners: [], take });
+  $("view").classList.add("drawing");
+  drawPanel();
+  map.map.getCanvas().focus();
+}
+// Corners that are typed, or set at the cross with the keyboard: exact, and without a pointer.
+export function addCorner(place) {
+  if (!state.corners) return;
+  state.corners.push(place);
+  map.waypoints(state.corners, state.corners.length - 1);
+  map.set("incumbent", [{ type: "Feature", properties: {}, geometry: { type: "LineString", coordinates: state.corners } }]);
+  say(`${state.corners.length} ${t("cornersSet")}`);
+}
+// Enter on the map finishes what a finger or the mouse drew, too.
+export function finishCorners() {
+  const { corners, take } = state;
+  if (!corners?.length) { for (const type of ["keydown", "keyup"]) map.map.getCanvas().dispatchEvent(new KeyboardEvent(type, { key: "Enter", bubbles: false })); return; }
+  if (corners.length < 3) return;
+  stopDrawing();
+  take([...corners, corners[0]]);
 }
 function addArea(ring) {
   const before = state.draft.area;
@@ -152,8 +168,9 @@ function addHole(ring) {
 }
 export function stopDrawing() {
   if (state.drawing) map.draw.off("finish", state.drawing);
-  state.drawing = null;
-  state.placing = "";
+  const was = state.corners;
+  Object.assign(state, { drawing: null, placing: "", corners: null, take: null });
+  if (was) { map.waypoints([], 0); map.set("incumbent", []); $("view").classList.remove("drawing"); drawPanel(); }
   map.map.getCanvas().style.cursor = "";
   map.draw.clear();
   map.draw.setMode("static");

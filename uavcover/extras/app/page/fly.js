@@ -14,7 +14,7 @@ export function flyPanel() {
   const to = el("input", { id: "f-to", value: state.to ?? "mock:", oninput: (e) => { state.to = e.target.value; } });
   const all = vehicles > 1, chosen = state.sortie ?? (all ? "" : "1");
   const asked = () => ({ run, to: state.to ?? "mock:", ...(sorties.length && chosen ? { sortie: chosen } : {}), ...(all && !chosen ? { vehicles } : {}) });
-  const confirm = el("input", { id: "f-confirm", "data-keep": true, autocomplete: "off" });
+  const confirm = el("input", { id: "f-confirm", autocomplete: "off" });
   const flown = s.tracks?.length > 0, checked = lastCheck(run, sorties.length ? chosen || "1" : "");
   const flights = [...(all ? [["", t("allVehicles")]] : []), ...sorties.map((one, n) => [String(n + 1), `${t("sortie")} ${n + 1} ${t("of")} ${sorties.length}${all ? `, ${t("vehicle").toLowerCase()} ${one.vehicle}` : ""}`])];
   const chooser = select(t("sortie"), flights, chosen, (n) => { state.sortie = n; state.redraw(); });
@@ -28,7 +28,7 @@ export function flyPanel() {
       button(t("check"), () => attempt(() => start("check", { run, ...(sorties.length ? { sortie: chosen || "1" } : {}) })), { id: "check" })),
     ...preflight(s, checked),
     state.server.flightsAllowed ? field("confirm", t("confirmReal"), confirm) : el("p", { class: "hint" }, t("simulatedOnly")),
-    ...(flown ? [el("label", {}, el("input", { type: "checkbox", id: "f-replace", "data-keep": true, class: "box" }), ` ${t("replace")}`)] : []),
+    ...(flown ? [el("label", {}, el("input", { type: "checkbox", id: "f-replace", class: "box" }), ` ${t("replace")}`)] : []),
     el("div", { class: "row" },
       button(t("fly"), () => attempt(async () => {
         const replace = $("f-replace"), confirmed = isMock() ? "" : confirm.value, force = Boolean(replace?.checked);
@@ -84,34 +84,43 @@ export function takeLimit(line) {
 
 // ---------------------------------------------------------------- orders, always visible while something flies
 const flying = () => [...state.jobs.values()].filter((job) => job.code === null && job.kind === "fly");
+// Flights that another program began, such as `uavcover fly --web`: shown, and commanded there.
+function others(jobs) {
+  const own = new Set(jobs.flatMap((job) => tracksOf(job.run)));
+  return [...state.live].filter(([track, live]) => live.line && !own.has(track)).map(([track]) => track);
+}
 export function drawOrders() {
-  const jobs = flying(), box = $("orders");
-  box.hidden = !jobs.length;
-  if (!jobs.length) { box.dataset.jobs = ""; return; }
-  const key = jobs.map((job) => job.id).join();
+  const jobs = flying(), elsewhere = others(jobs), box = $("orders");
+  box.hidden = !jobs.length && !elsewhere.length;
+  if (box.hidden) { box.dataset.jobs = ""; return; }
+  const key = [...jobs.map((job) => job.id), ...elsewhere].join();
   if (box.dataset.jobs !== key) {
     box.dataset.jobs = key;
     const buttons = (each, name) => el("div", { class: "row" },
       button(t("hold"), () => each.forEach((job) => signal(job, "pause")), { id: `hold${name}` }),
       button(t("back"), () => each.forEach((job) => signal(job, "stop")), { id: `back${name}`, class: "danger" }),
       button(t("leave"), () => { if (window.confirm(t("leaveSure"))) each.forEach((job) => signal(job, "leave")); }, { id: `leave${name}` }));
+    const section = (name, id, ...more) => el("section", { "aria-label": `${t("flying")}: ${name}` }, el("strong", {}, `${t("flying")}: ${name}`), ...more, el("div", { "data-live": id }));
     box.replaceChildren(...(jobs.length > 1 ? [el("strong", {}, t("allFlights")), buttons(jobs, "")] : []),
-      ...jobs.map((job, n) => el("section", { "aria-label": `${t("flying")}: ${job.run}` }, el("strong", {}, `${t("flying")}: ${job.run}`), el("div", { "data-live": job.id }), buttons([job], jobs.length > 1 ? `-${n + 1}` : ""))));
+      ...jobs.map((job, n) => section(job.run, job.id, buttons([job], jobs.length > 1 ? `-${n + 1}` : ""))),
+      ...elsewhere.map((track) => section(track, track, el("p", { class: "hint" }, t("commandedThere")))));
   }
   for (const job of jobs) box.querySelector(`[data-live="${job.id}"]`).replaceChildren(...liveRows(job));
+  for (const track of elsewhere) box.querySelector(`[data-live="${CSS.escape(track)}"]`).replaceChildren(...liveLine(track));
 }
+const warningOf = (live) => (live?.warning ? [el("div", { class: "warn" }, live.warning)] : []);
+const liveLine = (track, text = "") => [el("div", { id: "live-status" }, state.live.get(track)?.line || text), ...warningOf(state.live.get(track))];
 function liveRows(job) {
   const tracks = tracksOf(job.run), own = state.live.get(job.run) ?? {};
   const covered = state.covered.get(job.run) ?? state.covered.get(job.run.split("/")[0]);
-  const share = el("div", {}, Number.isFinite(covered) ? `${percent(covered)} ${t("covered")}` : "");
   if (tracks.length === 1) {
     const last = own.last, text = job.status ?? (last ? `${number(last[2], 1)} m ${t("height")}, ${own.count} ${t("samples")}` : job.progress?.what ?? t("busy"));
-    return [el("div", { id: "live-status" }, text), ...(job.status ? [] : [share])];
+    return liveLine(job.run, text);
   }
   const rows = tracks.map((track, n) => {
     const live = state.live.get(track), seen = live?.last, quiet = live && performance.now() - live.at > 4000;
     const box = el("i"); box.style.background = colorOf(track);
-    return el("tr", {}, el("td", {}, box), el("th", { scope: "row" }, `${t("sortie")} ${n + 1}`), el("td", {}, seen ? `${number(seen[2])} m ${t("height")}` : ""), el("td", {}, !live ? t("waits") : quiet ? t("ended") : t("inAir")));
+    return el("tr", {}, el("td", {}, box), el("th", { scope: "row" }, `${t("sortie")} ${n + 1}`), el("td", {}, live?.line || (seen ? `${number(seen[2])} m ${t("height")}` : ""), ...warningOf(live)), el("td", {}, !live ? t("waits") : quiet && !live.line ? t("ended") : live.line ? "" : t("inAir")));
   });
-  return [el("table", { class: "legend", id: "vehicles" }, ...rows), share, el("div", { class: "hint" }, t("ordersAll"))];
+  return [el("div", { class: "hint" }, `${t("ordersAll")} ${Number.isFinite(covered) ? `${percent(covered)} ${t("covered")}.` : ""}`), el("table", { class: "legend", id: "vehicles" }, ...rows)];
 }

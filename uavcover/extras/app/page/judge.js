@@ -5,6 +5,7 @@ import { api, el, number, percent } from "/page/dom.js";
 import { t } from "/page/strings.js";
 
 const show = (where) => button(t("show"), () => map.map.jumpTo({ center: where, zoom: Math.max(15, map.map.getZoom()) }));
+const scrolled = (label, table) => el("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": label }, table);
 const verdictLine = (id, verdict, rest) => el("p", { id, class: `verdict ${verdict === "passed" ? "passed" : verdict === "failed" ? "failed" : "unproved"}` }, `${t(verdict)} — ${rest}`);
 
 export function judgePanel() {
@@ -12,18 +13,18 @@ export function judgePanel() {
   if (!run) return [heading(t("tabJudge")), el("p", { class: "hint" }, t("noRun"))];
   const v = state.scene.verdict, flown = state.scene.tracks?.length > 0, out = [heading(t("tabJudge"))];
   if (!flown) out.push(el("p", { class: "hint" }, t("notFlown")));
-  if (v) {
-    out.push(verdictLine("verdict", v.verdict, `${percent(v.coverageOfCoverable, 2)} ${t("coverage")}`));
-    out.push(...[...v.reasons, ...v.doubts].map((line) => el("p", { class: "warn" }, line)));
-    out.push(heading(t("findings")), v.violations.length ? el("table", {}, el("tr", {}, el("td", {}), ...["finding", "worst", "limit"].map((key) => el("th", { scope: "col" }, t(key)))), ...v.violations.slice(0, 100).map((each) => el("tr", {}, el("td", {}, show(each.place)), el("td", {}, each.kind), el("td", {}, each.worst), el("td", {}, each.limit)))) : el("p", { class: "hint" }, t("noFindings")));
-    out.push(heading(t("gaps")), v.gaps.length ? el("table", {}, ...v.gaps.slice(0, 100).map((gap) => el("tr", {}, el("td", {}, show(gap.place)), el("td", {}, `${gap.area} ${t("m2")}`), el("td", {}, gap.reason)))) : el("p", { class: "hint" }, t("noGaps")));
-  }
+  if (v) out.push(verdictLine("verdict", v.verdict, `${percent(v.coverageOfCoverable, 2)} ${t("coverage")}`));
   const entry = runs().find((each) => each.name === run);
   out.push(el("div", { class: "row" },
     button(t("verify"), () => attempt(() => start("verify", { run })), { class: "main", id: "verify", disabled: !flown }),
     button(t("makeGaps"), () => attempt(() => start("gaps", { run, force: true })), { id: "gaps", disabled: !flown }),
     ...(entry?.gaps ? [button(t("openGaps"), () => attempt(() => openScene(`${run}/gaps`, "plan")), { id: "open-gaps" })] : []),
     button(t("report"), () => attempt(() => start("report", { run, force: true })))));
+  if (v) {
+    out.push(...[...v.reasons, ...v.doubts].map((line) => el("p", { class: "warn" }, line)));
+    out.push(heading(t("findings")), v.violations.length ? scrolled(t("findings"), el("table", {}, el("tr", {}, el("td", {}), ...["finding", "worst", "limit"].map((key) => el("th", { scope: "col" }, t(key)))), ...v.violations.slice(0, 100).map((each) => el("tr", {}, el("td", {}, show(each.place)), el("td", {}, each.kind), el("td", {}, each.worst), el("td", {}, each.limit))))) : el("p", { class: "hint" }, t("noFindings")));
+    out.push(heading(t("gaps")), v.gaps.length ? scrolled(t("gaps"), el("table", {}, ...v.gaps.slice(0, 100).map((gap) => el("tr", {}, el("td", {}, show(gap.place)), el("td", {}, `${gap.area} ${t("m2")}`), el("td", {}, gap.reason))))) : el("p", { class: "hint" }, t("noGaps")));
+  }
   out.push(...photosPart(run), el("div", { id: "job" }));
   return out;
 }
@@ -40,7 +41,7 @@ function photosPart(run) {
   if (!found) return out;
   out.push(verdictLine("photo-verdict", found.verdict, `${found.counted} ${t("of")} ${found.pictures} ${t("photosCount")}`));
   out.push(el("dl", {}, ...[[t("coverage"), `${percent(found.coverage_of_coverable, 2)}, ${t("required")} ${percent(found.required)}`], ...(found.overlap_fraction === null ? [] : [[t("overlapHeld"), `${percent(found.overlap_fraction)}, ${t("required")} ${percent(found.overlap_required)}`]])].flatMap(([key, value]) => [el("dt", {}, key), el("dd", {}, value)])));
-  if (found.leftOut.length) out.push(el("div", { class: "scroll", tabindex: 0, role: "region", "aria-label": t("photosLeftOut") }, el("table", {}, ...found.leftOut.map(([name, why]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", {}, why))))));
+  if (found.leftOut.length) out.push(scrolled(t("photosLeftOut"), el("table", {}, ...found.leftOut.map(([name, why]) => el("tr", {}, el("th", { scope: "row" }, name), el("td", {}, why))))));
   if (found.gapShapes.length) out.push(el("table", {}, ...found.gapShapes.slice(0, 50).map((gap) => el("tr", {}, el("td", {}, show(firstPlace(gap.geometry.coordinates))), el("td", {}, gap.properties.reason ?? ""), el("td", {}, Number.isFinite(gap.properties.area_m2) ? `${number(gap.properties.area_m2)} ${t("m2")}` : "")))));
   if (found.refly) out.push(button(t("openRefly"), () => attempt(() => openScene(`${found.name}/refly`, "plan")), { id: "open-refly" }));
   return out;

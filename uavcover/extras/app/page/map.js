@@ -173,7 +173,7 @@ export class CoverageMap {
   }
 
   fit(bounds, padding = 40) {
-    if (bounds) this.map.fitBounds([[bounds[0], bounds[1]], [bounds[2], bounds[3]]], { padding, duration: 0, maxZoom: 18 });
+    if (bounds) this.map.fitBounds([[bounds[0], bounds[1]], [bounds[2], bounds[3]]], { padding: { top: Math.max(padding, (this.tools?.offsetHeight ?? 0) + 14), right: padding, bottom: padding, left: padding }, duration: 0, maxZoom: 18 });
   }
 
   scene(doc) {
@@ -183,7 +183,7 @@ export class CoverageMap {
     this.set("obstacles", doc ? doc.obstacles.map((o) => polygon(o.rings, { height: o.heightM, name: o.name })) : []);
     this.set("home", doc?.home ? [feature("Point", doc.home)] : []);
     this.set("rally", (doc?.rally ?? []).map((p) => feature("Point", p)));
-    this.set("path", doc?.path?.length ? [feature("LineString", doc.path)] : []);
+    this.set("path", (doc?.paths ?? []).map((path) => feature("LineString", path)));
     this.set("photos", (doc?.photos?.planned ?? []).map((p) => feature("Point", p)));
     this.set("unsafe", (doc?.unsafeReturns ?? []).filter((u) => u.line.length > 1).map((u) => feature("LineString", u.line, { text: u.text })));
     this.set("gaps", (doc?.verdict?.gaps ?? []).map((g) => feature("Point", g.place)));

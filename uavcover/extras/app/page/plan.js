@@ -1,7 +1,7 @@
 // The plan step: search, trade-off, waypoints, export.
 import { $, attempt, button, copyOf, field, heading, map, say, select, state } from "/page/core.js";
 import { drawPanel, follow, openScene, running, start } from "/page/app.js";
-import { redo, sceneFigures, stopDrawing, undo } from "/page/area.js";
+import { addCorner, finishCorners, redo, sceneFigures, stopDrawing, undo } from "/page/area.js";
 import { api, el, latest, number, percent } from "/page/dom.js";
 import { SORTIES } from "/page/map.js";
 import { t } from "/page/strings.js";
@@ -32,7 +32,7 @@ function schedule(s) {
 }
 function exporter() {
   const formats = ["waypoints", "plan", "kml", "geojson", "csv", "gpx", "wpml", "litchi", "print"];
-  const format = select(t("exportAs"), formats.map((f) => [f, f]), state.format ?? "plan", (f) => { state.format = f; });
+  const format = select(t("exportAs"), formats.map((f) => [f, t(`format_${f}`)]), state.format ?? "plan", (f) => { state.format = f; });
   return [heading(t("exportAs")), el("div", { class: "row" }, format, button(t("export"), () => attempt(() => start("export", { run: state.name, format: state.format ?? "plan", drone: state.format === "wpml" ? "dji-m3e" : "" })), { id: "export" }), button(t("report"), () => attempt(() => start("report", { run: state.name, force: true }))))];
 }
 function waypointEditor() {
@@ -100,5 +100,9 @@ document.addEventListener("keydown", (event) => {
   if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "z" && !typing) { event.preventDefault(); event.shiftKey ? redo() : undo(); }
   if ((event.ctrlKey || event.metaKey) && event.key.toLowerCase() === "y" && !typing) { event.preventDefault(); redo(); }
   if (event.key === "Escape") stopDrawing();
+  if (state.corners && event.target === map.map.getCanvas()) {
+    if (event.key === " ") { event.preventDefault(); addCorner(map.map.getCenter().toArray()); }
+    if (event.key === "Enter") finishCorners();
+  }
   if (event.key === "Delete" && state.edit && !typing) deletePoint();
 });
