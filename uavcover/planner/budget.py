@@ -79,7 +79,7 @@ class Shares:
     goal_whole: float = 0.5
     goal_waypoints: float = 0.15
     goal_waypoint_stages: tuple[float, ...] = (0.4, 0.8, 1.0)
-    free_tours: float = 0.4
+    free_tours: float = 0.8
     free_quench: float = 0.2
     free_spread: float = 0.35
     free_squeeze: float = 0.85

@@ -301,7 +301,7 @@ def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: flo
         prices=Prices(
             metres,
             waypoint_m,
-            free_order.tour_coverage_price * work.problem.reach_m * cells
+            max(free_order.tour_coverage_price * work.problem.reach_m, way_m if goal >= 1.0 else 0.0) * cells
             if free
             else coverage_price * (way_m + tuned.dear_waypoints * waypoint_m * len(route)),
             goal,
@@ -312,6 +312,7 @@ def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: flo
         step_m=tuned.largest_step * work.problem.reach_m,
         fewest=fewest,
         most=max(capacity, fewest),
+        rebuilt=free_order.rebuilt if free else 0.0,
     )
 
 

@@ -147,7 +147,10 @@ class FreeOrderTuning:
         tours, quench, spread, squeeze, long_spread, first_squeeze, late_tours, attempt: see
             `uavcover.planner.budget.Shares`.
         tour_coverage_price: of a cell, in radii of the sensor, in a search for a tour.
+            Where all is to be seen no cell is worth less than the whole tour: single targets lie many radii apart.
         tour_hottest: temperature at the beginning of that search, in radii.
+        rebuilt: share of its proposals that rebuild the tour around a waypoint, ...
+        rebuilt_heat: ... and their temperature, as a multiple of that of the others.
         quenched: times the coldest temperature.
         hottest_cells, coldest_cells: temperatures.
         spread_heats, squeeze_heats, sweep_heats: of the two chains, as shares of the hottest.
@@ -158,7 +161,9 @@ class FreeOrderTuning:
 
     tours: float = SHARES.free_tours
     tour_coverage_price: float = 1.5
-    tour_hottest: float = 0.2
+    tour_hottest: float = 0.02
+    rebuilt: float = 0.1
+    rebuilt_heat: float = 50.0
     quench: float = SHARES.free_quench
     quenched: float = 5.0
     spread: float = SHARES.free_spread
