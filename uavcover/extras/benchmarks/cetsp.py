@@ -61,6 +61,7 @@ takeoff_height_m = {height_m}
 [planner]
 algorithm = "local-search"
 encoding = "waypoints"
+order = "nearest-neighbour"
 max_waypoints = {waypoints}
 cell_size_m = 50.0
 objective = "mission-time"
@@ -174,7 +175,7 @@ def site_of(instance: Instance, folder: Path) -> Site:
     text = _SCENARIO.format(
         name=json.dumps(instance.name), crs=_CRS, lat_deg=_LAT_DEG, lon_deg=_LON_DEG, radius_m=_RADIUS_M,
         area=json.dumps([list(map(float, to_earth.transform(*corner))) for corner in corners]),
-        low_m=_HEIGHT_M - 1.0, high_m=_HEIGHT_M + 1.0, height_m=_HEIGHT_M, waypoints=2 * len(moved) + 10,
+        low_m=_HEIGHT_M - 1.0, high_m=_HEIGHT_M + 1.0, height_m=_HEIGHT_M, waypoints=len(moved) + 10,
     )  # fmt: skip
     (folder / "scenario.toml").write_text(text, encoding="utf-8")
     site = load_site(str(folder / "scenario.toml"))
