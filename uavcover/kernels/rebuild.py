@@ -324,6 +324,9 @@ def rebuild(
     seen, seed = state.seen[0], int(rng.random() * size)
     e, n, u = place(state.route, seed)
     above = height_above(problem.surface, e, n, u)
+    if rng.random() < 0.5:
+        low, high = problem.limits.lowest_agl_m, problem.limits.highest_agl_m
+        above = low + rng.random() * (high - low)
     radius = radius_at(problem.sight, above)
     lost = np.empty(problem.square.size, dtype=np.int32)
     undo = np.zeros((_MOST_CHANGES, 6))

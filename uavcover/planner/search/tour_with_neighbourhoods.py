@@ -217,7 +217,8 @@ def search_free_order(
     begin = work.pace.fraction
     toured = asked is not None or any(start.seen >= goal for start in starts)
     if toured:
-        tours(starts, begin + tuned.tours * (1.0 - begin))
+        share = tuned.tours if asked is None else tuned.tours_asked
+        tours(starts, begin + share * (1.0 - begin))
         begin = work.pace.fraction
 
     def at(share: float) -> float:
