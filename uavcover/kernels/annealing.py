@@ -99,7 +99,7 @@ class Schedule(NamedTuple):
         most: nor inserted above this.
         moves: how often each kind is proposed.
         rebuilt: where the order is free, share of the proposals that rebuild the route around a waypoint.
-        rebuilt_heat: their temperature, as a multiple: what is rebuilt is pulled straight, and so near the least energy around it.
+        rebuilt_heat: their temperature, as a multiple: what is rebuilt is pulled straight, near the least energy around it.
     """
 
     proposals: int

@@ -140,25 +140,27 @@ def _neighbours(
     problem: SearchProblem, state: RouteState, before: int, behind: int
 ) -> tuple[tuple[float, float], tuple[float, float]]:
     """Where two waypoints are on the map; beyond the ends of the route that is home, or without one the other of the two."""
-    home, n = problem.way.mission == 1, state.size[0]
-    if before < 0:
-        a = (problem.way.column_top[0], problem.way.column_top[1])
-    else:
+    a = b = (problem.way.column_top[0], problem.way.column_top[1])
+    n = state.size[0]
+    if before >= 0:
         a = (state.route[before, 0], state.route[before, 1])
-    if behind >= n:
-        b = (problem.way.column_top[0], problem.way.column_top[1])
-    else:
+    if behind < n:
         b = (state.route[behind, 0], state.route[behind, 1])
-    if not home and before < 0:
-        a = b
-    if not home and behind >= n:
-        b = a
+    if problem.way.mission != 1:
+        a, b = (b if before < 0 else a), (a if behind >= n else b)
     return a, b
 
 
 @kernel
 def _change(
-    problem: SearchProblem, state: RouteState, undo: NDArray[np.float64], first: int, last: int, fresh: int, new: int, gained: float
+    problem: SearchProblem,
+    state: RouteState,
+    undo: NDArray[np.float64],
+    first: int,
+    last: int,
+    fresh: int,
+    new: int,
+    gained: float,
 ) -> None:
     """Keep an exchange of at most one waypoint for at most one that was tried, and note how to undo it."""
     done = int(undo[0, 0])
@@ -182,9 +184,14 @@ def _undo(problem: SearchProblem, state: RouteState, undo: NDArray[np.float64], 
 
 @kernel
 def _remove_near(
-    problem: SearchProblem, state: RouteState, undo: NDArray[np.float64], seed: int, number: int, lost: NDArray[np.int32]
+    problem: SearchProblem,
+    state: RouteState,
+    undo: NDArray[np.float64],
+    seed: int,
+    number: int,
+    lost: NDArray[np.int32],
 ) -> tuple[float, int, float]:
-    """Take the waypoints nearest to one out: the change of cost, how many cells are written to ``lost``, and how far they were."""
+    """Take the waypoints nearest to one out: change of cost, number of cells written to ``lost``, and how far away they were."""
     apart2 = np.empty(state.size[0])
     e, n, _ = place(state.route, seed)
     for k in range(apart2.size):
@@ -196,6 +203,7 @@ def _remove_near(
         chosen[i], farthest = nearest, math.sqrt(apart2[nearest])
         apart2[nearest] = math.inf
     chosen.sort()
+    # Computed: numba compiles a version of all that it calls for each number that it reads.
     cost, count, none = 0.0, 0, number - number
     for i in range(number - 1, -1, -1):
         first = int(chosen[i])
@@ -212,7 +220,12 @@ def _remove_near(
 
 @kernel
 def _see_again(
-    problem: SearchProblem, state: RouteState, undo: NDArray[np.float64], cell: int, above: float, rng: np.random.Generator
+    problem: SearchProblem,
+    state: RouteState,
+    undo: NDArray[np.float64],
+    cell: int,
+    above: float,
+    rng: np.random.Generator,
 ) -> float:
     """Put a waypoint in that sees a cell, where that costs the least; the change of cost, 0 where none was found."""
     ce, cn = problem.cells.centre_m[cell, 0], problem.cells.centre_m[cell, 1]
@@ -232,7 +245,7 @@ def _see_again(
             best, at, be, bn = longer, k, e, n
     if at < 0:
         return 0.0
-    fresh = int(undo[0, 0]) - int(undo[0, 0]) + 1
+    fresh = at + 1 - at
     for nearer in (1.0, 0.7, 0.0):
         e, n = ce + nearer * (be - ce), cn + nearer * (bn - cn)
         state.fresh[0, 0], state.fresh[0, 1] = e, n
@@ -248,7 +261,13 @@ def _see_again(
 
 @kernel
 def pull(
-    problem: SearchProblem, state: RouteState, undo: NDArray[np.float64], k: int, fewest: int, discs: NDArray[np.float64], least: float
+    problem: SearchProblem,
+    state: RouteState,
+    undo: NDArray[np.float64],
+    k: int,
+    fewest: int,
+    discs: NDArray[np.float64],
+    least: float,
 ) -> tuple[float, bool]:
     """Move waypoint k to the best place from which it sees what it alone sees, or leave it out where that is nothing.
 

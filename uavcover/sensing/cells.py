@@ -129,7 +129,7 @@ def make_sampled_cells(site: Site, cell_size_m: float, *, rows: range | None = N
 
 
 def make_targets(site: Site, _cell_size_m: float, *, rows: range | None = None) -> CellGrid:  # noqa: ARG001
-    """A cell of weight 1 for each target of a site, in the free square that is nearest to it on a lattice of four times as many."""
+    """A cell of weight 1 for each target of a site, in the nearest free square of a lattice of four times as many."""
     targets = np.empty((0, 2)) if site.targets_m is None else site.targets_m
     corner = targets.min(axis=0)
     sides = np.maximum(np.ptp(targets, axis=0), 1e-3)

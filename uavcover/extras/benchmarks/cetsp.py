@@ -103,7 +103,10 @@ def read_instances(data: Path) -> dict[str, Instance]:
     Raises:
         InputError: there is none, or a file cannot be read.
     """
-    files, tours = sorted(data.rglob("benchmark.json.gz")), {path.stem: path for path in data.rglob("solutions/*/*.txt")}
+    files, tours = (
+        sorted(data.rglob("benchmark.json.gz")),
+        {path.stem: path for path in data.rglob("solutions/*/*.txt")},
+    )
     if not files or not tours:
         what = "benchmark.json.gz (d-krupke/close-enough-tsp)" if not files else "solutions/*/*.txt (MA-CETSP)"
         raise InputError(f"{data}: no {what}; name a folder with copies of both repositories")
@@ -120,7 +123,7 @@ def _instance(name: str, document: Mapping[str, Any]) -> Instance | None:
     """An instance as its document has it; None where its radii differ."""
     disks = document["disks"]
     places = np.array([[disk["x"], disk["y"]] for disk in disks], dtype=float)
-    depot = [number for number, disk in enumerate(disks) if disk.get("meta") == "depot"][0]
+    depot = [disk.get("meta") for disk in disks].index("depot")
     radii = {float(disk["r"]) for number, disk in enumerate(disks) if number != depot}
     ratio = re.fullmatch(r"(.*)\(0\.(\d+)\)", name)
     if len(radii) != 1:
@@ -166,7 +169,12 @@ def site_of(instance: Instance, folder: Path) -> Site:
     around = 0.1 * max(east - west, north - south) + 10.0 * _RADIUS_M
     pixel = (max(east - west, north - south) + 2.0 * around) / _PIXELS
     to_earth = Transformer.from_crs(_CRS, 4326, always_xy=True)
-    corners = [(west - 1.0, south - 1.0), (east + 1.0, south - 1.0), (east + 1.0, north + 1.0), (west - 1.0, north + 1.0)]
+    corners = [
+        (west - 1.0, south - 1.0),
+        (east + 1.0, south - 1.0),
+        (east + 1.0, north + 1.0),
+        (west - 1.0, north + 1.0),
+    ]
     (folder / "dem.asc").write_text(
         f"ncols {_PIXELS}\nnrows {_PIXELS}\nxllcorner {west - around}\nyllcorner {south - around}\n"
         f"cellsize {pixel}\nNODATA_value -9999\n" + (f"{_ALT_AMSL_M} " * _PIXELS + "\n") * _PIXELS,

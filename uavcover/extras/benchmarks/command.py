@@ -247,7 +247,8 @@ def bench_areas(
 
 def bench_cetsp(
     data: Annotated[
-        Path, typer.Argument(help="Folder with copies of d-krupke/close-enough-tsp and leizy1008/MA-CETSP.", metavar="DATA")
+        Path,
+        typer.Argument(help="Folder with copies of d-krupke/close-enough-tsp and leizy1008/MA-CETSP.", metavar="DATA"),
     ],
     *,
     names: Annotated[
