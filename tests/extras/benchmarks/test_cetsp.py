@@ -78,8 +78,8 @@ def test_the_command_plans_a_short_tour_keeps_it_and_goes_on(cli: Cli, data: Pat
     assert (second.code, second.document["made"]) == (0, 0)
     name, discs, length, _, _, unseen, *_ = (tmp_path / "out" / "cetsp.csv").read_text().splitlines()[1].split(",")
     assert (name, discs, unseen) == ("four", "4", "0")
-    # Not shorter than there and back to the far corner's disc, and not longer than the tour above.
-    assert 2.0 * (math.hypot(10.0, 8.0) - 2.0) < float(length) < 32.0
+    # Not shorter than there and back to the far corner's disc, nor longer than a tour of the centres.
+    assert 2.0 * (math.hypot(10.0, 8.0) - 2.0) < float(length) < 18.0 + math.hypot(10.0, 2.0) + 10.0
 
 
 def test_bad_usage_is_one_line(cli: Cli, data: Path, tmp_path: Path) -> None:
