@@ -149,7 +149,8 @@ def make_targets(site: Site, _cell_size_m: float, *, rows: range | None = None) 
     arrays = lattice, centre, normal, np.zeros(len(targets)), np.ones(len(targets))
     for array in arrays:
         array.flags.writeable = False
-    return CellGrid(Cells(*corner.tolist(), size_m, *arrays[:4], math.sqrt(scatter2)), arrays[4])
+    cells = Cells(float(corner[0]), float(corner[1]), size_m, *arrays[:4], math.sqrt(scatter2))
+    return CellGrid(cells, arrays[4])
 
 
 def make_other_cells(site: Site, cell_size_m: float) -> CellGrid:
