@@ -117,6 +117,17 @@ def test_a_lattice_gets_coarser_until_it_has_few_enough_places(dome):
     assert coarse.spacing_m == 0.01 * 2.0 ** round(np.log2(coarse.spacing_m / 0.01))
 
 
+def test_a_band_without_a_level_of_the_lattice_has_places_in_its_middle():
+    site = make_site(
+        sensor=SphereSensor(kind="sphere", range_m=90.0),
+        limits={"min_height_agl_m": 42.0, "max_height_agl_m": 44.0, "height_margin_m": 0.0, "applies_to": "waypoints"},
+        cell_m=20.0,
+    )
+    places = finest_lattice_candidates(CoverageMap(site, cell_size_m=20.0), spacing_m=20.0, most=10_000).places_m
+    assert len(places) > 100
+    assert set(places[:, 2]) == {43.0}
+
+
 def test_one_level_lies_at_one_height(dome):
     places = level_candidates(dome, spacing_m=30.0, height_agl_m=55.0).places_m
     assert set(places[:, 2]) == {55.0}

@@ -3,7 +3,8 @@
 The energy is ``way * cost of the way + waypoint * waypoints + coverage * max(0, goal - seen)``. One proposal draws one change
 of one kind; one that breaks a limit is never made. Kinds: move a waypoint, change its height, shift a stretch, insert, remove,
 turn a stretch of the order round (a stretch of two is a swap: 2-opt), and, where the order is free, transfer a waypoint to
-another place in the order (Or-opt) or to a cell that nobody sees.
+another place in the order (Or-opt) or to a cell that nobody sees, and rebuild the route around a waypoint
+(:mod:`uavcover.kernels.rebuild`).
 """
 
 import math
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.nadir_visibility import compare, make_changes
+from uavcover.kernels.rebuild import rebuild
 from uavcover.kernels.route_state import (
     WIDEST,
     RouteState,
@@ -34,6 +36,9 @@ from uavcover.kernels.sight import FRUSTUM, Sight
 from uavcover.kernels.surface import height_above, up_above
 
 _TRIES_FOR_A_GAP = 24
+_PROPOSALS_PER_REBUILDING = 100
+"""About what it costs in time."""
+
 _STRAIGHT_DOWN = 1e-9
 """Cosine of a camera's pitch below which a leg shows the same both ways."""
 
@@ -93,6 +98,8 @@ class Schedule(NamedTuple):
         fewest: waypoints are not removed below this.
         most: nor inserted above this.
         moves: how often each kind is proposed.
+        rebuilt: where the order is free, share of the proposals that rebuild the route around a waypoint.
+        rebuilt_heat: their temperature, as a multiple: what is rebuilt is pulled straight, near the least energy around it.
     """
 
     proposals: int
@@ -102,6 +109,8 @@ class Schedule(NamedTuple):
     fewest: int
     most: int
     moves: Moves
+    rebuilt: float = 0.0
+    rebuilt_heat: float = 1.0
 
 
 @kernel
@@ -117,11 +126,18 @@ def anneal(
     free_order = problem.sensing != ALONG_PATH and problem.limits.legs == 0
     moves = schedule.moves
     to_gap = moves.turn + moves.transfer_to_gap
-    for number in range(schedule.proposals):
+    number = -1
+    while number + 1 < schedule.proposals:
+        number += 1
         temperature = schedule.hottest * math.exp(cooling * number)
         # How much the energy may rise: the Metropolis rule, solved for it.
         allowance = -temperature * math.log(1.0 - rng.random())
         draw = rng.random()
+        if free_order and schedule.rebuilt > 0.0 and rng.random() < schedule.rebuilt:
+            number += _PROPOSALS_PER_REBUILDING - 1
+            if rebuild(problem, prices, state, schedule.rebuilt_heat * allowance, schedule.fewest, schedule.most, rng):
+                kept += 1
+            continue
         step = schedule.largest_step_m * math.exp(math.log(moves.smallest_step) * rng.random())
         if draw < moves.turn:
             done = _turn_round(problem, prices, state, allowance, rng)

@@ -48,7 +48,8 @@ class Shares:
         goal_whole: of a search for nearly all of the ground from a route that sees it, before the finest cells are searched.
         goal_waypoints: for searches for fewer waypoints, ...
         goal_waypoint_stages: ... and the stages of each.
-        free_tours: of a search in any order, for shortest tours, once something sees as much as they are to see.
+        free_tours: of a search in any order, for shortest tours, once something sees as much as they are to see; ...
+        free_tours_asked: ... and where the rule asks for a coverage: what sees that is chosen by its cost.
         free_quench: cold, on what there is, first: a search that is stopped early has that.
         free_spread, free_squeeze: of what is left for numbers of waypoints, after which these parts end; the rest is the sweep.
         free_long_spread, free_first_squeeze, free_late_tours: the same while nothing sees enough.
@@ -80,6 +81,7 @@ class Shares:
     goal_waypoints: float = 0.15
     goal_waypoint_stages: tuple[float, ...] = (0.4, 0.8, 1.0)
     free_tours: float = 0.4
+    free_tours_asked: float = 0.8
     free_quench: float = 0.2
     free_spread: float = 0.35
     free_squeeze: float = 0.85

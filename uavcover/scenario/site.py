@@ -51,6 +51,7 @@ class Site:
         ground_model: the ground under the surface model; none without one.
         whole: the site of which this one's area is a part, where their routes are flown as one; none otherwise.
         block_cells: cells of a block, where the cells that results are judged on are evaluated in blocks; none: in one piece.
+        targets_m: (n, 2) east and north of single places that are to be seen, in place of the area's cells; none: the cells.
     """
 
     scenario: Scenario
@@ -65,6 +66,7 @@ class Site:
     ground_model: Ground | None = None
     whole: "Site | None" = None
     block_cells: int | None = None
+    targets_m: FloatArray | None = None
 
     def __repr__(self) -> str:
         where = "no position on Earth" if self.frame is None else f"{self.frame.lat_deg:.5f}, {self.frame.lon_deg:.5f}"

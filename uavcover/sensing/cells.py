@@ -114,6 +114,8 @@ def make_cells(site: Site, cell_size_m: float, *, rows: range | None = None) -> 
 
 def cut_for(site: Site) -> Callable[..., CellGrid]:
     """Cells on which results are judged: the paper's surface has no pixels, and its cells are their centres."""
+    if site.targets_m is not None:
+        return make_targets
     return make_cells if isinstance(site.scenario.terrain, SineCosineTerrain) else make_sampled_cells
 
 
@@ -124,6 +126,31 @@ def make_sampled_cells(site: Site, cell_size_m: float, *, rows: range | None = N
     at the foot of a wall, or all on top of it. On terraces that alone made a coverage wrong by two points.
     """
     return _cut(site, cell_size_m, steps=_SAMPLED, rows=rows)
+
+
+def make_targets(site: Site, _cell_size_m: float, *, rows: range | None = None) -> CellGrid:  # noqa: ARG001
+    """A cell of weight 1 for each target of a site, in the nearest free square of a lattice of four times as many."""
+    targets = np.empty((0, 2)) if site.targets_m is None else site.targets_m
+    corner = targets.min(axis=0)
+    sides = np.maximum(np.ptp(targets, axis=0), 1e-3)
+    size_m = float(max(math.sqrt(sides.prod() / (4.0 * len(targets))), sides.max() / (4.0 * len(targets))))
+    columns, rows_ = (math.ceil(side / size_m) + 1 for side in sides)
+    squares = corner + size_m * np.stack(np.meshgrid(np.arange(columns), np.arange(rows_)), axis=-1)
+    free, lattice = np.zeros((rows_, columns)), np.full((rows_, columns), -1, dtype=np.int32)
+    scatter2 = 0.0
+    for number, target in enumerate(targets):
+        apart2 = ((squares - target) ** 2).sum(axis=-1) + free
+        at = np.unravel_index(int(np.argmin(apart2)), free.shape)
+        lattice[at], free[at], scatter2 = number, np.inf, max(scatter2, float(apart2[at]))
+    centre = np.column_stack([targets, site.ground.heights_m(targets)])
+    if not np.isfinite(centre).all():
+        raise TerrainError("targets: no elevation at some of them; the targets reach outside the data")
+    normal = np.tile([0.0, 0.0, 1.0], (len(targets), 1))
+    arrays = lattice, centre, normal, np.zeros(len(targets)), np.ones(len(targets))
+    for array in arrays:
+        array.flags.writeable = False
+    cells = Cells(float(corner[0]), float(corner[1]), size_m, *arrays[:4], math.sqrt(scatter2))
+    return CellGrid(cells, arrays[4])
 
 
 def make_other_cells(site: Site, cell_size_m: float) -> CellGrid:

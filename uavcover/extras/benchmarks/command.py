@@ -245,6 +245,53 @@ def bench_areas(
     return 0
 
 
+def bench_cetsp(
+    data: Annotated[
+        Path,
+        typer.Argument(help="Folder with copies of d-krupke/close-enough-tsp and leizy1008/MA-CETSP.", metavar="DATA"),
+    ],
+    *,
+    names: Annotated[
+        str | None, typer.Option(help="Instances to plan, such as bubbles1,d493_or2; default: all.", metavar="A,B")
+    ] = None,
+    budget_s: Annotated[
+        float, typer.Option("--budget", help="Search time per instance, in seconds of processor time.", min=1.0)
+    ] = 60.0,
+    out: ResultsFolder = None,
+    processes: Processes = None,
+    output: options.Output,
+) -> int:
+    """Plan tours that see discs of one radius (close-enough TSP), and compare them with the best known ones.
+
+    You can stop the benchmark at any time and repeat the command to continue. Results: cetsp.csv.
+    """
+    from uavcover.errors import InputError
+    from uavcover.extras.benchmarks.cetsp import plan_instances, read_instances, summary, table_lines
+    from uavcover.extras.benchmarks.runs import KeptRuns, available_cores
+    from uavcover.run.folder import write_text
+
+    console = output.console()
+    if out is None:
+        raise InputError("-o/--out: name the folder of the results, as: uavcover bench cetsp DATA -o cetsp")
+    instances = read_instances(data)
+    chosen = options.names("--names", names, instances)
+    folder = KeptRuns(out, {"benchmark": "cetsp", "budget_s": budget_s})
+    with folder.reserved():
+        missing = [instances[name] for name in chosen if not folder.has(name)]
+        console.say(f"{len(chosen)} instances, {len(chosen) - len(missing)} of them already in {out}")
+        planned = plan_instances(folder, missing, budget_s=budget_s, processes=processes or available_cores())
+        try:
+            with console.progress("instances", total=len(missing)) as bar:
+                for done, name in enumerate(planned, start=1):
+                    bar.update(done, note=f"{done} of {len(missing)}, last {name}")
+        finally:
+            if folder.done():
+                write_text(out / "cetsp.csv", "\n".join(table_lines(folder)) + "\n")
+    console.say(summary(folder))
+    console.result({"instances": len(chosen), "made": len(missing), "summary": summary(folder)})
+    return 0
+
+
 @dataclass(frozen=True, slots=True)
 class RunSize:
     """Size of each run and of its result."""
@@ -381,6 +428,7 @@ def bench_paper(
 
 _BENCHMARKS: dict[str, tuple[Callable[..., int], str]] = {
     "areas": (bench_areas, "areas with holes of the AreaCoverage dataset, against published routes"),
+    "cetsp": (bench_cetsp, "close-enough TSP: discs seen from waypoints, against the best known tours"),
     "coverage": (bench_coverage, "planners and baselines on the bundled scenarios, at equal time"),
     "link": (bench_link, "missions over links that lose datagrams, against MAVSDK"),
     "mmf": (bench_mmf, "the paper's 24 functions: Tables 3 and 4, tests, figures"),

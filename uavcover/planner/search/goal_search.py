@@ -191,8 +191,11 @@ def search_goal(
     if work.stopped or work.pace.fraction >= end:
         return []
     before = work.pace.fraction
+    # Where the order is free, one chain rebuilds: for single targets it is far better, where heights matter the other one.
+    rebuilt = [free_order.rebuilt if k == 0 else 0.0 for k in range(CHAINS)]
     chains = [
-        _chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m, price_of_goal) for k in range(CHAINS)
+        _chain(work, ranked[k % len(ranked)].route, aim, capacity, waypoint_m, price_of_goal, rebuilt[k])
+        for k in range(CHAINS)
     ]
     for chain in chains:
         if closed and goal > tuned.nearly_all and not work.problem.free_order:
@@ -202,7 +205,8 @@ def search_goal(
         chain.prices = chain.prices._replace(goal=aim)
     # Two routes were judged; a correction judges one.
     work.correction = 0.5 * (work.pace.fraction - before)
-    hottest, coldest = chains[0].hottest, chains[0].coldest
+    heated = chains if work.problem.free_order else [chains[0]] * CHAINS
+    coldest, heats = chains[0].coldest, [chain.hottest for chain in heated]
     if work.problem.free_order:
         for chain in chains:
             chain.hottest = free_order.quenched * coldest
@@ -222,7 +226,7 @@ def search_goal(
             stage, steps = warm + least, 1
         else:
             break
-        for k, chain in enumerate(chains):
+        for k, (chain, hottest) in enumerate(zip(chains, heats, strict=True)):
             # The second of two chains from the same beginning is cooler: from a good one heat only leads away.
             cooler = tuned.second_chain**k if out else 1.0
             chain.hottest = max(coldest, cooler * hottest * (coldest / hottest) ** warm)
@@ -246,7 +250,7 @@ def search_goal(
             break
         aim = _corrected(goal, best.seen, judged)
         if warm == 0.0:
-            chains = [_chain(work, best.route, aim, capacity, waypoint_m, price_of_goal) for _ in chains]
+            chains = [_chain(work, best.route, aim, capacity, waypoint_m, price_of_goal, share) for share in rebuilt]
         # Where coverage costs more than its price, the price rises until the goal is worth reaching.
         price *= 1.0 if judged >= goal else tuned.price_step**steps
         for chain in chains:
@@ -286,7 +290,9 @@ def _corrected(goal: float, seen: float, judged: float) -> float:
     return min(1.0, max(0.0, seen + goal + SAFETY - judged))
 
 
-def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: float, coverage_price: float) -> Chain:
+def _chain(
+    work: Work, route: Route, goal: float, capacity: int, waypoint_m: float, coverage_price: float, rebuilt: float
+) -> Chain:
     tuned, free_order = work.tuning.goal, work.tuning.free_order
     metres = work.problem.metres_per_cost(route)
     way_m = max(metres * work.problem.cost(route), work.problem.reach_m)
@@ -301,17 +307,18 @@ def _chain(work: Work, route: Route, goal: float, capacity: int, waypoint_m: flo
         prices=Prices(
             metres,
             waypoint_m,
-            free_order.tour_coverage_price * work.problem.reach_m * cells
+            max(free_order.tour_coverage_price * work.problem.reach_m, way_m if goal >= 1.0 else 0.0) * cells
             if free
             else coverage_price * (way_m + tuned.dear_waypoints * waypoint_m * len(route)),
             goal,
         ),
-        hottest=(free_order.tour_hottest if free else heat) * work.problem.reach_m
+        hottest=(free_order.hottest_tour(rebuilt) if free else heat) * work.problem.reach_m
         + tuned.hottest_of_waypoint * waypoint_m,
         coldest=tuned.coldest * work.problem.reach_m,
         step_m=tuned.largest_step * work.problem.reach_m,
         fewest=fewest,
         most=max(capacity, fewest),
+        rebuilt=rebuilt if free else 0.0,
     )
 
 

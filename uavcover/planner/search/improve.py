@@ -221,15 +221,14 @@ def _capacity(
 
 
 def _shortened(problem: RouteProblem, route: Route) -> Route:
-    """Where the order is free: a short tour, begun at the end that is nearer to the origin."""
+    """Where the order is free: a short tour, if it costs less, begun at the end that is nearer to the origin."""
     if not problem.free_order or len(route) < 2:
         return route
     points = route.waypoints_m
     order = short_tour(points)
-    first, last = points[order[0]], points[order[-1]]
-    if np.linalg.norm(last) < np.linalg.norm(first):
+    if np.linalg.norm(points[order[-1]]) < np.linalg.norm(points[order[0]]):
         order = order[::-1]
-    return Route(points[order])
+    return min((Route(points[order]), route), key=problem.cost)
 
 
 class _Progress:

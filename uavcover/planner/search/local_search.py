@@ -106,6 +106,7 @@ class Chain:
         step_m: widest moves.
         fewest: waypoints.
         most: waypoints.
+        rebuilt: share of the proposals that rebuild the route around a waypoint, where the order is free.
     """
 
     problem: RouteProblem
@@ -116,6 +117,7 @@ class Chain:
     step_m: float
     fewest: int
     most: int
+    rebuilt: float = 0.0
 
     @property
     def route(self) -> Route:
@@ -190,8 +192,9 @@ class Work:
                 chain = chains[number]
                 temperature = chain.hottest * (chain.coldest / chain.hottest) ** share
                 schedule = Schedule(
-                    batch, temperature, temperature, chain.step_m, chain.fewest, chain.most, self.tuning.moves
-                )
+                    batch, temperature, temperature, chain.step_m, chain.fewest, chain.most, self.tuning.moves,
+                    chain.rebuilt, self.tuning.free_order.rebuilt_heat,
+                )  # fmt: skip
                 annealing.anneal(self.problem.numbers, chain.prices, schedule, chain.state, self.rngs[number])
 
             numbers = range(len(chains))

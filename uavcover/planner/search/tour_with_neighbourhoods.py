@@ -26,6 +26,10 @@ _MOST_THINNED = 100
 """This number of routes is kept at most while one is thinned: every one is laid out as a short tour."""
 
 
+_THINNING = 0.05
+"""Share of all the work that the first thinning takes at most."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Stage:
     """Annealing stage of chains: heats of the chains, prices of a waypoint and of a radius of path in cells."""
@@ -72,7 +76,7 @@ def spread(
     """
     tuned = work.tuning.free_order
     stage = _Stage(tuned.spread_heats, tuned.waypoint_price_cells, (tuned.way_price_cells, tuned.way_price_cells))
-    ranked = sorted(starts, key=lambda start: (-start.seen, len(start.route)))
+    ranked = sorted(starts, key=_fewest_that_see_most)
     chains = _chains(work, [ranked[k % len(ranked)].route for k in range(CHAINS)], stage, capacity=capacity)
     work.run(chains, until=until)
     best = _better(chains, found)
@@ -119,7 +123,7 @@ def sweep(work: Work, fewest: Fewest, *, until: float, found: Callable[[Route], 
         until: share of all the work, 0..1, after which this ends.
         found: called with every route worth judging.
     """
-    thin(work, fewest.whole.route, found)
+    thin(work, fewest.whole.route, found, until=until)
     chains = [fewest.best] * CHAINS
     more = not work.stopped and work.pace.fraction < until
     while more and max(len(chain.route) for chain in chains) > 1:
@@ -130,14 +134,22 @@ def sweep(work: Work, fewest: Fewest, *, until: float, found: Callable[[Route], 
         _better(chains, found)
 
 
-def thin(work: Work, route: Route, found: Callable[[Route], None]) -> None:
-    """Thin to one waypoint without annealing: the most coverage where there is no time for the sweep yet."""
+def thin(work: Work, route: Route, found: Callable[[Route], None], *, until: float) -> None:
+    """Thin to one waypoint without annealing: the most coverage where there is no time for the sweep yet.
+
+    Ends early after a share of all the work.
+    """
     apart = math.ceil(len(route) / _MOST_THINNED)
-    while len(route) > 1:
+    while len(route) > 1 and work.pace.fraction < until:
         chain, _ = _chains(work, [route] * CHAINS, _sweep(work.tuning.free_order))
         route = _without_least(work, chain)
         if len(route) % apart == 0:
             found(route)
+
+
+def _fewest_that_see_most(start: SearchStart) -> tuple[float, int]:
+    """Sorts first what sees the most, and of what sees all the fewest waypoints."""
+    return -min(start.seen, FULL), len(start.route)
 
 
 def _better(chains: Sequence[Chain], found: Callable[[Route], None]) -> Chain:
@@ -201,12 +213,12 @@ def search_free_order(
     def tours(known: Sequence[SearchStart], until: float) -> None:
         search_goals(work, known, asked=goal, capacity=capacity, until=until, judge=judge)
 
-    most = min(starts, key=lambda start: (-start.seen, len(start.route)))
-    thin(work, most.route, judge.found)
+    thin(work, min(starts, key=_fewest_that_see_most).route, judge.found, until=_THINNING)
     begin = work.pace.fraction
     toured = asked is not None or any(start.seen >= goal for start in starts)
     if toured:
-        tours(starts, begin + tuned.tours * (1.0 - begin))
+        share = tuned.tours if asked is None else tuned.tours_asked
+        tours(starts, begin + share * (1.0 - begin))
         begin = work.pace.fraction
 
     def at(share: float) -> float:

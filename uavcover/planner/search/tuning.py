@@ -144,10 +144,14 @@ class FreeOrderTuning:
     Temperatures and prices "in cells" are in units of the coverage of one cell of average weight.
 
     Attributes:
-        tours, quench, spread, squeeze, long_spread, first_squeeze, late_tours, attempt: see
+        tours, tours_asked, quench, spread, squeeze, long_spread, first_squeeze, late_tours, attempt: see
             `uavcover.planner.budget.Shares`.
         tour_coverage_price: of a cell, in radii of the sensor, in a search for a tour.
+            Where all is to be seen no cell is worth less than the whole tour: single targets lie many radii apart.
         tour_hottest: temperature at the beginning of that search, in radii.
+        rebuilt: share of the proposals that rebuild the tour around a waypoint, in one of the two chains at first, ...
+        rebuilt_hottest: ... the temperature at its beginning, ...
+        rebuilt_heat: ... and that of rebuilding, as a multiple.
         quenched: times the coldest temperature.
         hottest_cells, coldest_cells: temperatures.
         spread_heats, squeeze_heats, sweep_heats: of the two chains, as shares of the hottest.
@@ -157,8 +161,12 @@ class FreeOrderTuning:
     """
 
     tours: float = SHARES.free_tours
+    tours_asked: float = SHARES.free_tours_asked
     tour_coverage_price: float = 1.5
     tour_hottest: float = 0.2
+    rebuilt: float = 0.1
+    rebuilt_hottest: float = 0.02
+    rebuilt_heat: float = 50.0
     quench: float = SHARES.free_quench
     quenched: float = 5.0
     spread: float = SHARES.free_spread
@@ -175,6 +183,10 @@ class FreeOrderTuning:
     way_price_cells: float = 0.04
     sweep_way_price_cells: float = 1.0
     waypoint_price_cells: float = 1.2
+
+    def hottest_tour(self, rebuilt: float) -> float:
+        """Temperature at the beginning of a search for a tour with this share of rebuilding, in radii."""
+        return self.rebuilt_hottest if rebuilt > 0.0 else self.tour_hottest
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

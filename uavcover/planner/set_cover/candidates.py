@@ -124,15 +124,17 @@ def seen_from_each(
 
 
 def _lattice(coverage: CoverageMap, spacing_m: float) -> FloatArray:
-    """(p, 3) places of a cubic lattice inside fence and height band."""
+    """(p, 3) places of a cubic lattice inside fence and height band; in the middle of a band that has no level of it."""
     places = _lattice_2d(coverage.site, horizontal_reach(coverage.sight), spacing_m)
     low, high = allowed_band_m(coverage.site, places)
     lowest = np.ceil((low - _ROUNDING_M) / spacing_m)
     levels = np.where(np.isfinite(low + high), np.floor((high + _ROUNDING_M) / spacing_m) - lowest + 1.0, 0.0)
-    counts = np.maximum(levels, 0.0).astype(np.int64)
+    between = (levels < 1.0) & (low <= high)
+    counts = np.where(between, 1.0, np.maximum(levels, 0.0)).astype(np.int64)
     rows = np.repeat(np.arange(len(places)), counts)
     level = np.arange(len(rows)) - np.repeat(np.cumsum(counts) - counts, counts)
-    return np.column_stack([places[rows], (lowest[rows] + level) * spacing_m])
+    ups = np.where(between, 0.5 * (low + high), lowest * spacing_m)
+    return np.column_stack([places[rows], ups[rows] + level * spacing_m])
 
 
 def _lattice_2d(site: Site, reach_m: float, spacing_m: float) -> FloatArray:

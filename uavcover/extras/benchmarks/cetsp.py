@@ -1,0 +1,253 @@
+"""Close-enough travelling salesman: discs seen from waypoints by a tour through home, beside the best known tours.
+
+The instances (Mennell 2009) are those that github.com/d-krupke/close-enough-tsp holds as ``benchmark.json.gz``; the best known
+tours are those of github.com/leizy1008/MA-CETSP, in ``solutions``, and the upper bounds that the instances state. A disc may be
+seen from anywhere on a tour, here only from its waypoints: that is never easier, so each tour is one of the published problem.
+"""
+
+import gzip
+import json
+import math
+import re
+import tempfile
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pyproj import Transformer
+
+from uavcover.errors import InfeasibleError, InputError
+from uavcover.extras.benchmarks.runs import KeptRuns, completed
+from uavcover.kernels.arrays import FloatArray
+from uavcover.planner.planner import Effort, plan_routes
+from uavcover.scenario.site import Site, load_site
+
+_RADIUS_M, _HEIGHT_M, _ALT_AMSL_M, _PIXELS = 50.0, 20.0, 100.0, 60
+_SHARED = 1e-3
+"""Of a radius: published positions have five digits."""
+
+_LAT_DEG, _LON_DEG = 46.0, 10.0
+_CRS = f"+proj=tmerc +lat_0={_LAT_DEG} +lon_0={_LON_DEG} +k=1 +x_0=0 +y_0=0 +datum=WGS84 +units=m"
+
+_SCENARIO = """\
+name = {name}
+select = "coverage>=1.0"
+[area]
+polygon_lon_lat_deg = {area}
+cell_size_m = 50.0
+fewest_places = 0
+[terrain]
+kind = "raster"
+file = "dem.asc"
+crs = "{crs}"
+vertical_datum = "EGM96"
+[home]
+lat_deg = {lat_deg}
+lon_deg = {lon_deg}
+[sensor]
+kind = "disc"
+radius_m = {radius_m}
+[limits]
+min_height_agl_m = {low_m}
+max_height_agl_m = {high_m}
+height_margin_m = 0.9
+applies_to = "waypoints"
+fence_margin_m = 100.0
+[vehicle]
+takeoff_height_m = {height_m}
+[planner]
+algorithm = "local-search"
+encoding = "waypoints"
+order = "nearest-neighbour"
+max_waypoints = {waypoints}
+cell_size_m = 50.0
+objective = "mission-time"
+"""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Instance:
+    """Discs of one radius.
+
+    Attributes:
+        name: of the instance.
+        home: (2,) where the tour begins and ends.
+        centres: (n, 2) of the discs.
+        radius: of all discs.
+        best_known: length of the best known tour.
+    """
+
+    name: str
+    home: FloatArray
+    centres: FloatArray
+    radius: float
+    best_known: float
+
+    def unseen(self, places: FloatArray) -> int:
+        """Discs that none of (m, 2) places lies in."""
+        apart = [float(np.hypot(*(places - centre).T).min()) for centre in self.centres]
+        return int((np.array(apart) > self.radius * (1.0 + 1e-9)).sum())
+
+
+def tour_length(places: FloatArray) -> float:
+    """Length of the closed tour through (m, 2) places."""
+    return float(np.hypot(*(places - np.roll(places, 1, axis=0)).T).sum())
+
+
+def read_instances(data: Path) -> dict[str, Instance]:
+    """The instances of one radius below a folder, by name, whose best known tour is of the same discs.
+
+    Raises:
+        InputError: there is none, or a file cannot be read.
+    """
+    files, tours = (
+        sorted(data.rglob("benchmark.json.gz")),
+        {path.stem: path for path in data.rglob("solutions/*/*.txt")},
+    )
+    if not files or not tours:
+        what = "benchmark.json.gz (d-krupke/close-enough-tsp)" if not files else "solutions/*/*.txt (MA-CETSP)"
+        raise InputError(f"{data}: no {what}; name a folder with copies of both repositories")
+    try:
+        documents: Mapping[str, Mapping[str, Any]] = json.loads(gzip.decompress(files[0].read_bytes()))
+        found = [_instance(name, documents[name]) for name in documents]
+    except (OSError, EOFError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f"{files[0]}: cannot be read ({error!r}); copy the file again") from error
+    known = {each.name: each for each in found if each is not None and each.name in tours}
+    return {name: each for name in sorted(known) if (each := _with_tour(known[name], tours[name])) is not None}
+
+
+def _instance(name: str, document: Mapping[str, Any]) -> Instance | None:
+    """An instance as its document has it; None where its radii differ."""
+    disks = document["disks"]
+    places = np.array([[disk["x"], disk["y"]] for disk in disks], dtype=float)
+    depot = [disk.get("meta") for disk in disks].index("depot")
+    radii = {float(disk["r"]) for number, disk in enumerate(disks) if number != depot}
+    ratio = re.fullmatch(r"(.*)\(0\.(\d+)\)", name)
+    if len(radii) != 1:
+        return None
+    radius = radii.pop()
+    if ratio is not None:
+        # The radii of these are not those of the overlap ratio in their name, as the file's own history says.
+        name = f"{ratio[1]}_or{float('0.' + ratio[2]) * 100.0:g}"
+        radius = float("0." + ratio[2]) * float(np.ptp(places, axis=0).max())
+    bound = float(document["carrabs2020_upper_bound"])
+    return Instance(name, places[depot], np.delete(places, depot, axis=0), radius, bound)
+
+
+def _with_tour(instance: Instance, path: Path) -> Instance | None:
+    """The instance with the better of its two best known lengths; None where the tour is one of other discs."""
+    try:
+        first, _, *rows = path.read_text(encoding="utf-8").strip().splitlines()
+        stated = float(first.split(":")[1])
+        visited = np.array([row.split() for row in rows], dtype=float).reshape(-1, 3)
+    except (OSError, ValueError, IndexError) as error:
+        raise InputError(f"{path}: cannot be read ({error}); copy the file again") from error
+    tour = visited[:, 1:]
+    ends = np.roll(tour, -1, axis=0)
+    apart = np.array([_from_legs(tour, ends, centre) for centre in instance.centres])
+    same = visited[:, 0].max() <= len(instance.centres) and abs(tour_length(tour) - stated) <= _SHARED * stated
+    if not same or apart.max() > instance.radius * (1.0 + _SHARED):
+        return None
+    return replace(instance, best_known=min(stated, instance.best_known))
+
+
+def _from_legs(begins: FloatArray, ends: FloatArray, place: FloatArray) -> float:
+    """Distance of a place from the nearest of the straight lines between (m, 2) places."""
+    along = ends - begins
+    share = ((place - begins) * along).sum(axis=1) / np.maximum((along**2).sum(axis=1), 1e-300)
+    return float(np.hypot(*(begins + np.clip(share, 0.0, 1.0)[:, None] * along - place).T).min())
+
+
+def site_of(instance: Instance, folder: Path) -> Site:
+    """The site of an instance on flat ground: a radius is 50 m, the depot is home, and each disc's centre is to be seen."""
+    metres = _RADIUS_M / instance.radius
+    moved = (instance.centres - instance.home) * metres
+    (west, south), (east, north) = np.minimum(moved.min(axis=0), 0.0), np.maximum(moved.max(axis=0), 0.0)
+    around = 0.1 * max(east - west, north - south) + 10.0 * _RADIUS_M
+    pixel = (max(east - west, north - south) + 2.0 * around) / _PIXELS
+    to_earth = Transformer.from_crs(_CRS, 4326, always_xy=True)
+    corners = [
+        (west - 1.0, south - 1.0),
+        (east + 1.0, south - 1.0),
+        (east + 1.0, north + 1.0),
+        (west - 1.0, north + 1.0),
+    ]
+    (folder / "dem.asc").write_text(
+        f"ncols {_PIXELS}\nnrows {_PIXELS}\nxllcorner {west - around}\nyllcorner {south - around}\n"
+        f"cellsize {pixel}\nNODATA_value -9999\n" + (f"{_ALT_AMSL_M} " * _PIXELS + "\n") * _PIXELS,
+        encoding="utf-8",
+    )
+    text = _SCENARIO.format(
+        name=json.dumps(instance.name), crs=_CRS, lat_deg=_LAT_DEG, lon_deg=_LON_DEG, radius_m=_RADIUS_M,
+        area=json.dumps([list(map(float, to_earth.transform(*corner))) for corner in corners]),
+        low_m=_HEIGHT_M - 1.0, high_m=_HEIGHT_M + 1.0, height_m=_HEIGHT_M, waypoints=len(moved) + 10,
+    )  # fmt: skip
+    (folder / "scenario.toml").write_text(text, encoding="utf-8")
+    site = load_site(str(folder / "scenario.toml"))
+    home = np.zeros(2) if site.home_m is None else site.home_m[:2]
+    # Turns take no time, so that the mission time grows with the length of the tour.
+    vehicle = replace(site.scenario.vehicle, acceleration_m_s2=math.inf)
+    return replace(site, targets_m=moved + home, scenario=replace(site.scenario, vehicle=vehicle))
+
+
+@dataclass(frozen=True, slots=True)
+class _Task:
+    folder: Path
+    instance: Instance
+    budget_s: float
+
+
+def _run(task: _Task) -> None:
+    """Plan an instance, and keep the length of the tour and the number of discs that it does not see."""
+    instance, begin = task.instance, time.process_time()
+    with tempfile.TemporaryDirectory() as scratch:
+        site = site_of(instance, Path(scratch))
+        effort = Effort(site.scenario.planner.evaluations, task.budget_s, time.process_time)
+        try:
+            plan = plan_routes(site, settings=site.scenario.planner, select_rule=site.scenario.select, effort=effort)
+        except InfeasibleError as error:
+            raise InfeasibleError(f"{instance.name}: {error}") from error
+    home = np.zeros(2) if site.home_m is None else site.home_m[:2]
+    places = (plan.chosen.route.waypoints_m[:, :2] - home) * (instance.radius / _RADIUS_M) + instance.home
+    KeptRuns(task.folder, {}).write(
+        instance.name,
+        {
+            "discs": len(instance.centres), "length": tour_length(np.vstack([instance.home, places])),
+            "best_known": instance.best_known, "unseen": instance.unseen(places), "waypoints": len(places),
+            "cpu_s": time.process_time() - begin,
+        },
+    )  # fmt: skip
+
+
+def plan_instances(
+    folder: KeptRuns, instances: Sequence[Instance], *, budget_s: float, processes: int
+) -> Iterator[str]:
+    """Plan instances side by side; the name of each that is done."""
+    tasks = [_Task(folder.path, instance, budget_s) for instance in instances]
+    for task, _ in completed(_run, tasks, processes=processes):
+        yield task.instance.name
+
+
+def table_lines(folder: KeptRuns) -> list[str]:
+    """The instances that are done as CSV."""
+    lines = ["instance,discs,length,best_known,ratio,unseen,waypoints,cpu_s"]
+    for name in folder.done():
+        row = folder.read(name)
+        lines.append(
+            f"{name},{row['discs']},{row['length']:.4f},{row['best_known']:.4f},{row['length'] / row['best_known']:.4f},"
+            f"{row['unseen']},{row['waypoints']},{row['cpu_s']:.1f}"
+        )
+    return lines
+
+
+def summary(folder: KeptRuns) -> str:
+    """One line: how the lengths compare."""
+    rows = [folder.read(name) for name in folder.done()]
+    ratios = np.array([row["length"] / row["best_known"] if row["unseen"] == 0 else math.inf for row in rows])
+    return (
+        f"{len(rows)} instances: {int((ratios <= 1.01).sum())} within 1 % of the best known tour; ratio {ratios.min():.4f} "
+        f"to {ratios.max():.4f}, median {np.median(ratios):.4f}; {sum(row['unseen'] > 0 for row in rows)} with unseen discs"
+    )
