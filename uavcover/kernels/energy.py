@@ -70,7 +70,8 @@ def in_wind(pace: Pace, east_m_s: float, north_m_s: float) -> Pace:
         pace.cruise_m_s, pace.climb_m_s, pace.descent_m_s, pace.airspeed_m_s, east_m_s, north_m_s,
         pace.acceleration_m_s2, pace.vertical_acceleration_m_s2, pace.jerk_m_s3, pace.corner, pace.corner_radius_m,
         pace.smoothing_s, pace.settling_s, pace.settling_tc_s, pace.vertical_change_m_s, pace.takeoff_m_s,
-        pace.takeoff_slow_m, pace.land_m_s, pace.land_slow_m, pace.land_band_m,
+        pace.takeoff_slow_m, pace.land_m_s, pace.land_slow_m, pace.land_band_m, pace.yaw_rate_deg_s,
+        pace.yaw_acceleration_deg_s2,
     )  # fmt: skip
 
 

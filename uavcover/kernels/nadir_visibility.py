@@ -262,7 +262,8 @@ def list_cone_runs(
     tan = sight.tan_half_fov
     if quick.up_m.size == 0 or abs(tan * du) >= 0.99 * horizontal > 0.0 or (horizontal == 0.0 and du != 0.0):
         return NOT_SO
-    if not (has_node_cell(surface, p[0], p[1], p[2]) and has_node_cell(surface, q[0], q[1], q[2])):
+    over_nodes = has_node_cell(surface, p[0], p[1], p[2]) and has_node_cell(surface, q[0], q[1], q[2])
+    if not over_nodes:
         return NOT_SO
     pieces = samples_of_leg(math.sqrt(horizontal * horizontal + du * du), spacing)
     rows, columns = quick.up_m.shape
@@ -282,7 +283,7 @@ def list_cone_runs(
             seen = row[j - first] == _INSIDE
             if row[j - first] == _TO_BE_TRIED:
                 cell = cells.lattice[i, j]
-                seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, True)
+                seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, over_nodes)
             if seen != inside:
                 if count == out.size:
                     return -1

@@ -176,7 +176,8 @@ def list_picture_runs(
     beyond = 0.5 * trigger / horizontal if trigger > 0.0 else 0.0
     begin = (p[0] - beyond * de, p[1] - beyond * dn, p[2] - beyond * du)
     end = (q[0] + beyond * de, q[1] + beyond * dn, q[2] + beyond * du)
-    if not (has_node_cell(surface, *begin) and has_node_cell(surface, *end)):
+    over_nodes = has_node_cell(surface, *begin) and has_node_cell(surface, *end)
+    if not over_nodes:
         return NOT_SO
     d = (de * (1.0 + 2.0 * beyond), dn * (1.0 + 2.0 * beyond), du * (1.0 + 2.0 * beyond))
     pieces = samples_of_leg(math.sqrt(horizontal * horizontal + du * du), spacing)
@@ -203,9 +204,9 @@ def list_picture_runs(
             if row[j - first] == _TO_BE_TRIED:
                 cell = cells.lattice[i, j]
                 if trigger > 0.0:
-                    seen = leg_surely_shows(surface, sight, cells, cell, p, (de, dn, du), trigger, True)
+                    seen = leg_surely_shows(surface, sight, cells, cell, p, (de, dn, du), trigger, over_nodes)
                 else:
-                    seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, True)
+                    seen = leg_sees_cell(surface, sight, cells, cell, p, (de, dn, du), pieces, over_nodes)
             if seen != inside:
                 if count == out.size:
                     return -1

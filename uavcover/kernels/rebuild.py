@@ -11,7 +11,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from uavcover.kernels.jit import kernel
+from uavcover.kernels.jit import allocating_kernel, kernel
 from uavcover.kernels.route_state import RouteState, exchange_allowed, keep_exchange, try_exchange
 from uavcover.kernels.route_state_cost import exchange_cost
 from uavcover.kernels.search_problem import SearchProblem, place
@@ -182,7 +182,7 @@ def _undo(problem: SearchProblem, state: RouteState, undo: NDArray[np.float64], 
     state.seen[0] = seen
 
 
-@kernel
+@allocating_kernel
 def _remove_near(
     problem: SearchProblem,
     state: RouteState,
@@ -230,8 +230,9 @@ def _see_again(
     """Put a waypoint in that sees a cell, where that costs the least; the change of cost, 0 where none was found."""
     ce, cn = problem.cells.centre_m[cell, 0], problem.cells.centre_m[cell, 1]
     radius = radius_at(problem.sight, above) * _INSIDE
-    best, at, be, bn = math.inf, -1, 0.0, 0.0
-    for k in range(state.size[0] + 1):
+    size = state.size[0]
+    best, at, be, bn = math.inf, size - size - 1, 0.0, 0.0  # computed, as all numbers that are passed on
+    for k in range(size + 1):
         a, b = _neighbours(problem, state, k - 1, k)
         long = math.hypot(a[0] - b[0], a[1] - b[1])
         if 2.0 * (math.hypot(a[0] - ce, a[1] - cn) - radius - long) >= best:
@@ -314,7 +315,7 @@ def pull(
     return 0.0, False
 
 
-@kernel
+@allocating_kernel
 def rebuild(
     problem: SearchProblem,
     prices: tuple[float, float, float, float],
@@ -362,7 +363,7 @@ def rebuild(
     discs = np.empty((problem.square.size, 3))
     around2 = (farthest + _AROUND * radius) ** 2
     for _ in range(_PASSES):
-        before, k = cost, 0
+        before, k = cost, size - size
         while k < state.size[0] and undo[0, 0] < _MOST_CHANGES - 2:
             if (state.route[k, 0] - e) ** 2 + (state.route[k, 1] - n) ** 2 <= around2:
                 change, gone = pull(problem, state, undo, k, fewest, discs, _LEAST_GAIN * radius)

@@ -59,11 +59,15 @@ class MissingCells:
         numbers = whole.lattice[cut][chosen[cut]]
         lattice = np.full(chosen[cut].shape, -1, dtype=np.int32)
         lattice[chosen[cut]] = np.arange(numbers.size, dtype=np.int32)
-        cells = Cells(
-            whole.east0_m + whole.size_m * int(columns[0]), whole.north0_m + whole.size_m * int(rows[0]), whole.size_m,
+        own = (
             lattice, np.ascontiguousarray(whole.centre_m[numbers]), np.ascontiguousarray(whole.normal[numbers]),
-            np.ascontiguousarray(whole.horizon[numbers]), whole.scatter_m,
+            np.ascontiguousarray(whole.horizon[numbers]),
         )  # fmt: skip
+        for array in own:
+            array.flags.writeable = False  # kernels are compiled separately for writable and read-only arrays
+        west_m = whole.east0_m + whole.size_m * int(columns[0])
+        south_m = whole.north0_m + whole.size_m * int(rows[0])
+        cells = Cells(west_m, south_m, whole.size_m, *own, whole.scatter_m)
         return cls(coverage, cells, numbers.astype(np.int64), coverage.grid.weight_m2[numbers])
 
     def seen_by(self, looks: LevelObservations, sight: Sight) -> BoolArray:
