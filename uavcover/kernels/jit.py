@@ -187,7 +187,8 @@ def allocating_kernel(function: _F) -> _F:
 
 def _compiled(function: _F, *, counts: bool) -> _F:
     """``counts``: whether users of arrays are counted; a kernel passes this on to what it calls unless that says it itself."""
-    compiled = numba.njit(nogil=True, fastmath=False, _nrt=counts)(function)
+    settings: dict[str, Any] = {"nogil": True, "fastmath": False, "_nrt": counts}  # numba's stubs do not know _nrt
+    compiled = numba.njit(**settings)(function)
     if not SETTINGS.DISABLE_JIT:
         keep_compiled(compiled)
     return cast(_F, compiled)

@@ -186,7 +186,7 @@ def is_inside(ground: FlyableGround, east: float, north: float) -> bool:
             middle = (be - ae) * (mn - an) - (bn - an) * (me - ae)
             if (place > 0.0) != (middle > 0.0):
                 inside = not inside
-    return inside
+    return bool(inside)
 
 
 @kernel
