@@ -3,7 +3,7 @@
 The energy is ``way * cost of the way + waypoint * waypoints + coverage * max(0, goal - seen)``. One proposal draws one change
 of one kind; one that breaks a limit is never made. Kinds: move a waypoint, change its height, shift a stretch, insert, remove,
 turn a stretch of the order round (a stretch of two is a swap: 2-opt), and, where the order is free, transfer a waypoint to
-another place in the order (Or-opt) or to a cell that nobody sees, and rebuild the route around a waypoint
+another place in the order (Or-opt) or to a cell that no waypoint sees, and rebuild the route around a waypoint
 (:mod:`uavcover.kernels.rebuild`).
 """
 
@@ -64,7 +64,7 @@ class Moves(NamedTuple):
 
     Attributes:
         turn: turn a stretch of the order round.
-        transfer_to_gap: where the order is free, move a waypoint to a cell that nobody sees; else an exchange, as all below.
+        transfer_to_gap: where the order is free, move a waypoint to a cell that no waypoint sees; else an exchange, as all below.
         transfer: likewise, to another place in the order.
         move_and_height: of the exchanges: move a waypoint on the map, and change its height.
         move: move it on the map only.

@@ -6,7 +6,7 @@ array and a writable one are two compiled versions. A group of values that belon
 ``Sight``, ``Cells``, ``SearchProblem``).
 
 **Who owns arrays.** The caller: a :func:`kernel` makes none and does not count their users (numba's run-time library, NRT).
-Counting takes two atomic operations for each array of a group in each call, which was more than half of the time of a local
+Counting takes two atomic operations for each array of a group in each call, which was about half of the time of a local
 search. A kernel that makes arrays is an :func:`allocating_kernel`.
 
 **What a kernel changes.** Nothing that it is given, unless its docstring says which array it writes. Working memory that

@@ -37,7 +37,7 @@ _BISECTIONS = 30
 
 @kernel
 def radius_at(sight: Sight, above: float) -> float:
-    """Radius on the map of what a sensor sees of level ground from so many metres above it."""
+    """Radius on the map of what a sensor sees of level ground from a height above it, metres."""
     if sight.kind == SPHERE:
         return math.sqrt(max(0.0, sight.reach_m * sight.reach_m - above * above))
     if sight.kind == CONE:
