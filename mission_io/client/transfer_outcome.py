@@ -37,11 +37,6 @@ class TransferredList(NamedTuple):
     list_id: int
 
 
-_KILOBYTE = 1024
-_HEADER_BYTES = 4
-_ITEM_BYTES = 15
-
-
 def ask_item_limit(connection: Connection, autopilot: Autopilot, *, timeout_s: float) -> int | None:
     """Ask the vehicle for its number of mission items, home included; None without an answer.
 
@@ -63,7 +58,7 @@ def items_on_card(size_kb: float) -> int | None:
     """Number of items that ArduPilot stores in a card file of this size; None without a card or a size."""
     if not (math.isfinite(size_kb) and size_kb >= 1.0):
         return None
-    return (int(size_kb) * _KILOBYTE - _HEADER_BYTES) // _ITEM_BYTES
+    return (int(size_kb) * 1024 - 4) // 15  # 4 bytes of header, 15 for each item
 
 
 _ERRORS: Final[dict[Enum, type[TransferError]]] = {

@@ -18,8 +18,6 @@ _DECIMAL_COMMA: Final = re.compile(r"[-+]?\d+,\d+(?:[eE][-+]?\d+)?", re.ASCII)
 _DECIMAL_POINT: Final = re.compile(r"[-+]?\d*\.\d+(?:[eE][-+]?\d+)?", re.ASCII)
 _SPREADSHEET: Final = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 """A first line that tells a spreadsheet the separator."""
-_LOOKED_AT: Final = 200
-"""Rows that show how decimals are written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +92,7 @@ def sniff(text: str) -> Dialect:
     plain = Dialect(separator, ".", first + 1)
     with_comma = with_point = 0
     for number, (line, cells) in enumerate(plain.rows(text)):
-        if number > _LOOKED_AT:
+        if number > 200:  # rows that show how decimals are written
             break
         with_comma = with_comma or (line if any(map(_DECIMAL_COMMA.fullmatch, cells)) else 0)
         with_point = with_point or (line if any(map(_DECIMAL_POINT.fullmatch, cells)) else 0)

@@ -22,7 +22,6 @@ MOST_WAYPOINTS = 99
 """Limit of DJI's mobile SDK; Litchi chains more of them only while it has a signal."""
 _HEIGHTS_M = (-200.0, 500.0)
 _PITCHES_DEG = (-90.0, 0.0)
-_MOST_SPEED_M_S = 15.0
 _APART_M = (0.5, 2000.0)
 _ACTIONS = 15
 _NO_ACTION, _STAY_FOR, _TAKE_PHOTO, _ROTATE_AIRCRAFT, _TILT_CAMERA = -1, 0, 1, 4, 5
@@ -61,7 +60,7 @@ def _row(number: int, points: Sequence[CameraPoint]) -> str:
     pitch_deg = 0.0 if point.pitch_deg is None else point.pitch_deg
     _check("m above home", point.height_above_home_m, _HEIGHTS_M, where)
     _check("degrees of the camera's pitch", pitch_deg, _PITCHES_DEG, where)
-    _check("m/s", point.speed_m_s, (0.1, _MOST_SPEED_M_S), where)
+    _check("m/s", point.speed_m_s, (0.1, 15.0), where)
     if pictures > _ACTIONS:
         raise FormatError(f"{pictures} photos, Litchi takes {_ACTIONS}", where=where)
     heading_deg = _course_deg(points, number) if point.heading_deg is None else point.heading_deg

@@ -22,7 +22,6 @@ _PLAIN_FRAMES = {int(frame): frame for frame in Frame}
 _ABOVE_TERRAIN_AS_AMSL = 3
 """AltitudeMode of heights above the terrain that QGroundControl turned into heights above sea level."""
 _MODE_FRAMES = {1: Frame.ABOVE_HOME, 2: Frame.AMSL, _ABOVE_TERRAIN_AS_AMSL: Frame.AMSL, 4: Frame.ABOVE_TERRAIN}
-_SAME_HEIGHT_M = 0.01
 _NOTHING = (math.nan, math.nan, math.nan)
 
 
@@ -110,7 +109,7 @@ def contradictions(node: Node, item: MissionItem) -> list[str]:
     if frame is not None and item.frame is not frame:
         found.append(f"{where}: AltitudeMode {mode} is {frame.name}, its frame {item.frame.name}; the frame is flown")
     stated = amsl if mode == _ABOVE_TERRAIN_AS_AMSL else height
-    if isinstance(stated, int | float) and not isinstance(stated, bool) and abs(stated - item.alt_m) > _SAME_HEIGHT_M:
+    if isinstance(stated, int | float) and not isinstance(stated, bool) and abs(stated - item.alt_m) > 0.01:
         key = "AMSLAltAboveTerrain" if mode == _ABOVE_TERRAIN_AS_AMSL else "Altitude"
         found.append(f"{where}: {key} is {stated:g}, params[6] {item.alt_m:g}; {item.alt_m:g} m is flown")
     return found

@@ -7,9 +7,6 @@ from dataclasses import dataclass
 from mission_io.model.actions import PointGimbal, StartPictures, StopPictures, TriggerEvery, Turn, item_of
 from mission_io.model.items import MissionItem, delay
 
-_HEADING_DIFFERS_DEG = 1.0
-_MOST_PICTURES = 1000
-
 
 @dataclass(frozen=True, slots=True)
 class StopCamera:
@@ -50,9 +47,9 @@ def items_at_stop(before: StopCamera, here: StopCamera, course_deg: float | None
         found.append(item_of(PointGimbal(pitch_deg=here.pitch_deg)))
     if here.heading_deg is not None and course_deg is not None:
         off_deg = math.remainder(here.heading_deg - course_deg, 360.0)
-        if abs(off_deg) > _HEADING_DIFFERS_DEG:
+        if abs(off_deg) > 1.0:
             found.append(item_of(Turn(heading_deg=here.heading_deg % 360.0)))
-    found += [item_of(StartPictures(count=1))] * min(here.pictures, _MOST_PICTURES)
+    found += [item_of(StartPictures(count=1))] * min(here.pictures, 1000)
     if here.distance_m != before.distance_m:
         found.append(item_of(TriggerEvery(distance_m=here.distance_m or 0.0)))
     if here.interval_s != before.interval_s:

@@ -25,7 +25,6 @@ MOST_POINTS = 65536
 """Numbers of points go from 0 to 65535; what apps and aircraft take is less."""
 IMAGE_FORMATS = ("wide", "zoom", "ir", "narrow_band", "visible")
 """Lenses that pictures are kept of."""
-_MOST_TRANSITIONAL_M_S = 15.0
 _SECURITY_HEIGHTS_M = (1.2, 1500.0)
 _STAMP = (1980, 1, 1, 0, 0, 0)
 """The time of the archive's files: equal missions are equal files."""
@@ -90,7 +89,7 @@ def write_kmz(
         "aircraft": aircraft,
         "return_height_m": return_height_m,
         # The way to the first point is the climb alone, so the speed of that way, which has a limit of its own, is no matter.
-        "transitional_m_s": min(flight.points[0].speed_m_s, _MOST_TRANSITIONAL_M_S),
+        "transitional_m_s": min(flight.points[0].speed_m_s, 15.0),
         "is_absolute": absolute is not None,
         "points": _points(flight, absolute),
     }

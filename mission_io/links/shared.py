@@ -20,8 +20,6 @@ from mission_io.wire.framing import Framer, FramingCounts
 MOST_WAITING: Final = 4096
 """Datagrams that wait for a share without a reader; of more, the oldest are lost, as in a socket's buffer."""
 
-_LOOK_S = 0.02
-"""A share that waits while another one reads looks so often for the end of its time."""
 
 _log = logging.getLogger(__name__)
 
@@ -92,7 +90,8 @@ class SharedLink:
                 if self._reading:
                     if left_s == 0.0:
                         return None
-                    self._lock.wait(min(left_s, _LOOK_S))
+                    # while another share reads, this one looks this often for the end of its time
+                    self._lock.wait(min(left_s, 0.02))
                     continue
                 self._reading = True
             try:

@@ -117,10 +117,6 @@ def _damaged(data: bytes, rng: Random) -> bytes:
     return bytes(damaged)
 
 
-_BUFFERED: Final = 270
-"""Datagrams that a UDP socket keeps by default on Linux: 208 KiB, in which each small one takes 768 bytes."""
-
-
 class _Backlog:
     """A buffer on the way that fills and is emptied; see ``SimulatedLink.fall_behind``."""
 
@@ -178,7 +174,8 @@ class SimulatedLink:
         self._arrived.clear()
         while (left_s := until_s - self._clock.now()) > 0.0:
             data = self.receive(left_s)
-            if data is not None and len(kept) < _BUFFERED:
+            # datagrams that a UDP socket keeps by default on Linux: 208 KiB, in which each small one takes 768 bytes
+            if data is not None and len(kept) < 270:
                 kept.append(data)
         self._arrived.extend(kept)
 

@@ -16,8 +16,6 @@ QUIET_S: Final = 0.5
 SEND_BUFFER_BYTES: Final = 65_536
 """What waits to be sent to a peer that does not take it; frames that find no room are lost."""
 
-_READ_BYTES = 65_536
-
 
 class Channel(Protocol):
     """Something open that bytes go through, without waiting."""
@@ -72,7 +70,7 @@ class FramedChannel:
 
     def take(self) -> list[bytes]:
         """The frames that are complete now; reads once."""
-        data = self.channel.read(_READ_BYTES)
+        data = self.channel.read(65_536)
         if data:
             self._last_byte_s = self._clock.now()
         return [frame.data for frame in self._framer.feed(data)]

@@ -13,7 +13,6 @@ from mission_io.protocol.parameter_values import (
 )
 from mission_io.wire import messages as m
 
-_NO_INDEX = 65535
 _ACCEPTED, _IN_PROGRESS = 0, 3
 """PARAM_ACK numbers."""
 _REASONS = {1: "unsupported value", 2: "failed"}
@@ -95,4 +94,4 @@ class ParameterMessages:
                 return Heard(name, parameter, in_progress=result == _IN_PROGRESS)
             case _:
                 return None
-        return Heard(name, Parameter(name, value, param_type, None if index == _NO_INDEX else index), count)
+        return Heard(name, Parameter(name, value, param_type, None if index == 0xFFFF else index), count)

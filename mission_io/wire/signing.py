@@ -145,7 +145,6 @@ UNSIGNED_ALLOWED: Final = frozenset({109, 166})
 _RESERVED_TICKS = 5 * TICKS_PER_S
 _LATEST = 2**48 - 1
 _KEY_SIZE, _DIGEST_SIZE = 32, 6
-_LARGEST_KEY_FILE = 4096
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +189,7 @@ class SigningKey:
             MisuseError: there is no such file, others may read it, or it holds none of these; the line says what to do.
         """
         path = Path(path)
-        content = read_private(path, what="signing key", largest=_LARGEST_KEY_FILE)
+        content = read_private(path, what="signing key", largest=4096)
         return cls(_secret_in(content, path), path)
 
 

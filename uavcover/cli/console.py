@@ -24,10 +24,7 @@ from uavcover.cli.ending import PlainFormatter, stop_signals
 from uavcover.errors import OutputError, StageOver
 from uavcover.run.folder import json_line
 
-_SHOW_AFTER_S = 2.0
 _STATUS_EVERY_S, _LINE_EVERY_S, _EVENT_EVERY_S, _DRAWN_EVERY_S = 30.0, 60.0, 0.2, 1.0
-_BAR_WIDTH = 24
-"""So that a note of 36 characters fits beside it into 80."""
 
 
 class Console:
@@ -114,7 +111,7 @@ class Console:
             return
         columns = (
             TextColumn("{task.description}", markup=False),
-            BarColumn(bar_width=_BAR_WIDTH),
+            BarColumn(bar_width=24),  # so that a note of 36 characters fits beside it into 80
             TextColumn("{task.fields[note]}", markup=False),
             TimeRemainingColumn(),
         )
@@ -122,7 +119,7 @@ class Console:
             *columns, console=self._terminal, transient=True, redirect_stdout=False, redirect_stderr=False
         )
         task = progress.add_task(plain_text(what), total=total, note="", status="")
-        appears = threading.Timer(_SHOW_AFTER_S, progress.start)
+        appears = threading.Timer(2.0, progress.start)
         appears.daemon = True
         appears.start()
         self._bar_is_there = True

@@ -17,7 +17,6 @@ from uavcover.errors import InputError, OutputError
 from uavcover.terrain.frames import LocalFrame
 
 KINDS = ("mission", "fence", "rally", "all")
-_HOME_WARNING_M = 10.0
 
 
 def read_contents(file: Path, kind: str | None) -> tuple[list[MissionList], tuple[str, ...]]:
@@ -73,7 +72,7 @@ def warn_of_home(client: Client, home: GeoPoint | None, console: Console) -> Non
     east, north, up = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m).enu_from_geodetic(
         here.lat_deg, here.lon_deg, here.alt_amsl_m
     )[0]
-    if max(abs(east), abs(north), abs(up)) > _HOME_WARNING_M:
+    if max(abs(east), abs(north), abs(up)) > 10.0:
         console.warn(
             f"the vehicle's home is {math.hypot(east, north):.0f} m from the file's, {abs(up):.0f} m "
             f"{'above' if up > 0 else 'below'} it; heights above home then differ from those of the file"

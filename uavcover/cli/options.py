@@ -13,9 +13,6 @@ from typer.core import TyperGroup
 
 from uavcover.errors import InputError
 
-_GROUP_WIDTH = 10
-_NAME_WIDTH = 15
-
 
 class Overview(TyperGroup):
     """The commands with the group they belong to in front; a group is what typer calls a help panel."""
@@ -34,7 +31,7 @@ class Overview(TyperGroup):
             if not short:  # its neighbour's row names it: a small terminal has 24 rows
                 continue
             title, group = "" if of_group == group else of_group, of_group
-            formatter.write(f"{title:{_GROUP_WIDTH}}{name:{_NAME_WIDTH}}{short}\n")
+            formatter.write(f"{title:10}{name:15}{short}\n")
         formatter.write("COMMAND --help lists its options. All take --json, -q, -v. --install-completion\n")
 
 

@@ -45,7 +45,6 @@ _GROWING = ".flight.rrd.growing"
 _GROWING_TELEMETRY = ".flight.tlog.growing"
 LIVE_LINE = ".flight.line"
 """While a flight goes on: its line and its last warning, for maps in other processes."""
-_LINK_LINES = 20
 _log = logging.getLogger(__name__)
 
 
@@ -279,7 +278,7 @@ class LiveLine:
         self._site, self._vehicle, self._covered = site, vehicle, covered
         self._count = len(route)
         self._waypoint = 0
-        self._frames: deque[tuple[int, int]] = deque(maxlen=_LINK_LINES)
+        self._frames: deque[tuple[int, int]] = deque(maxlen=20)
         self._left = _TimeLeft(site, route.waypoints_m, vehicle) if site.home_m is not None else None
 
     def text(self, sample: TrackSample) -> str:

@@ -18,7 +18,6 @@ from uavcover.model.vehicle import MOTIONS
 
 __all__ = ["Limit", "Weight", "limit_table", "parameter_groups", "plan_facts"]
 
-_GROUND_STATION = 255
 _POINTS_GIMBAL = (Command.DO_MOUNT_CONTROL, Command.DO_GIMBAL_MANAGER_PITCHYAW)
 _TAKES_PHOTO = (Command.DO_DIGICAM_CONTROL, Command.IMAGE_START_CAPTURE)
 
@@ -34,7 +33,7 @@ def limit_table(
     *,
     px4: bool,
     home_alt_amsl_m: float | None,
-    own_system: int = _GROUND_STATION,
+    own_system: int = 255,  # a ground station
 ) -> tuple[Limit, ...]:
     """Compare the plan with the vehicle's parameters.
 

@@ -29,9 +29,6 @@ _PIECE_M = 1000.0
 _HEIGHT_TOLERANCE_M = 0.05
 _EARTH_RADIUS_M = 6.371e6
 _FENCE_TOLERANCE_M = 0.1
-_FENCE_STEP_M = 5.0
-_GAP = 3
-"""Fewer moments than this between two intervals do not separate them: at a waypoint the vehicle stops elsewhere."""
 
 
 class HeightSource(Protocol):
@@ -175,7 +172,8 @@ class _Judged:
         states, paths = self._states, self._paths
         for danger, bad, badness, values, places, name in self._found:
             numbers = np.flatnonzero(bad)
-            for run in np.split(numbers, np.flatnonzero(np.diff(numbers) > _GAP) + 1):
+            # fewer moments between two intervals do not separate them: at a waypoint the vehicle stops elsewhere
+            for run in np.split(numbers, np.flatnonzero(np.diff(numbers) > 3) + 1):
                 if not len(run):
                     continue
                 k = int(run[np.argmax(badness[run])])
@@ -305,7 +303,7 @@ class _Judged:
         depth, where = np.zeros(self._n), points[:, -1].copy()
         for k in np.flatnonzero(leaves):
             outside = shapely.difference(lines[k], fence)
-            corners = shapely.get_coordinates(shapely.segmentize(outside, _FENCE_STEP_M))
+            corners = shapely.get_coordinates(shapely.segmentize(outside, 5.0))
             if len(corners):
                 away = shapely.distance(fence, shapely.points(corners))
                 depth[k], where[k, :2] = float(away.max()), corners[int(away.argmax())]

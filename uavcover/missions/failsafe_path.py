@@ -27,13 +27,6 @@ from uavcover.missions.failsafe_states import (
 GroundHeights = Callable[[FloatArray], FloatArray]
 """Heights of the ground above sea level (n,) at (n, 2) positions; NaN where unknown."""
 
-_LEAST_RETURN_M = 0.3  # RTL_ALT_MIN of ArduCopter
-_LEAST_CONE_SLOPE = 0.5  # RTL_MIN_CONE_SLOPE
-_POSITION_GAIN_1_S = 1.0  # PSC_POSXY_P
-_TERRAIN_STEP_M = 30.0
-_SLOW_LANDING_M = 10.0
-_ABOVE_START_M = 2.0  # mode_smart_rtl.cpp: where it begins to land
-
 
 def predict(
     settings: FailsafeSettings, states: FlightStates, to: Destinations, ground: GroundHeights
@@ -212,7 +205,7 @@ class _Model:
         get = self._get
         speed = get["cruise_m_s"] if self._is_px4 else get["return_speed_m_s"] or get["cruise_m_s"]
         rise = b[:, 2] - a[:, 2]
-        slow = np.minimum(_SLOW_LANDING_M, np.maximum(0.0, -rise))
+        slow = np.minimum(10.0, np.maximum(0.0, -rise))
         level = np.hypot(*(b[:, :2] - a[:, :2]).T) / max(speed, 0.1)
         up, down = np.maximum(rise, 0.0), np.maximum(-rise, 0.0)
         vertical = up / max(get["climb_m_s"], 0.1) + (down - slow) / max(get["descent_m_s"], 0.1)
@@ -226,7 +219,7 @@ class _Model:
         if self._is_px4:
             way = speed * (speed / (2.0 * a) + a / self._get["jerk_m_s3"])
         else:
-            kp = _POSITION_GAIN_1_S
+            kp = 1.0  # PSC_POSXY_P
             way = np.where(speed < a / kp, speed / kp, 0.5 * a / kp**2 + speed**2 / (2.0 * a))
         if self._states.ahead_m is not None:
             way = np.minimum(way, self._states.ahead_m)
@@ -244,7 +237,7 @@ class _Model:
         start, route = self._to.home_m, self._to.route_m
         line = np.vstack([start, route])
         line[0, 2] = route[0, 2]
-        low = np.array([[*start[:2], start[2] + _ABOVE_START_M]])
+        low = np.array([[*start[:2], start[2] + 2.0]])  # mode_smart_rtl.cpp: where it begins to land
         final = self._landing_alt(start[None]) if self._lands() else self._final_alt(start[None], low[:, 2])
         tail = np.vstack([line[::-1], low, _lifted(low, final)])
         joins = np.clip(
@@ -334,11 +327,11 @@ class _Model:
         if over_terrain:
             base, target_base = self._ground(self._at[:, :2]), self._ground(target[:, :2])
         current = self._at[:, 2] - base
-        least = np.maximum(_LEAST_RETURN_M, current + max(0.0, get["climb_min_m"]))
+        least = np.maximum(0.3, current + max(0.0, get["climb_min_m"]))  # RTL_ALT_MIN of ArduCopter
         wanted = np.maximum.reduce(
             [np.maximum(target[:, 2] - target_base, 0.0), np.full(self._n, get["return_height_m"]), least]
         )
-        if get["cone_slope"] >= _LEAST_CONE_SLOPE:
+        if get["cone_slope"] >= 0.5:  # RTL_MIN_CONE_SLOPE
             distance = np.hypot(*(target[:, :2] - self._stop[:, :2]).T)
             wanted = np.minimum(wanted, np.maximum(distance * get["cone_slope"], least))
         if round(get["fence_enabled"]) and round(get["fence_kinds"]) & CEILING_BIT:
@@ -363,7 +356,7 @@ class _Model:
     def _over_terrain(self, origin: FloatArray, target: FloatArray, height: FloatArray) -> FloatArray:
         """(n, p, 3) a line at (n,) heights above the terrain."""
         longest = float(np.hypot(*(target[:, :2] - origin[:, :2]).T).max(initial=0.0))
-        t = np.linspace(0.0, 1.0, 2 + math.ceil(longest / _TERRAIN_STEP_M))[None, :, None]
+        t = np.linspace(0.0, 1.0, 2 + math.ceil(longest / 30.0))[None, :, None]
         level = (1.0 - t) * origin[:, None, :2] + t * target[:, None, :2]
         ground = self._ground(level.reshape(-1, 2)).reshape(level.shape[:2])
         return np.concatenate([level, (ground + height[:, None])[..., None]], axis=2)

@@ -36,7 +36,6 @@ _MOST_CANDIDATES, _MOST_MOMENTS = 40, 400
 _MORE_HEIGHTS_M = (0.0, 40.0)
 """A rally point of ArduPilot is a least height of the return to it as well."""
 _SLACK_M = 1.0
-_HEIGHT_DECIMALS = 3
 
 
 def with_rally(returns: OwnReturns) -> tuple[OwnReturns, ReturnAdvice]:
@@ -83,7 +82,7 @@ def _above_home(site: Site, places_m: FloatArray) -> tuple[FramedPoint, ...]:
     lat, lon, alt = site.frame.geodetic_from_enu(places_m)
     above = alt - site.alts_amsl_m(site.home_m[None])[0]
     return tuple(
-        FramedPoint(float(a), float(o), round(float(up), _HEIGHT_DECIMALS), Frame.ABOVE_HOME)
+        FramedPoint(float(a), float(o), round(float(up), 3), Frame.ABOVE_HOME)
         for a, o, up in zip(lat, lon, above, strict=True)
     )
 

@@ -18,7 +18,6 @@ from uavcover.scenario.site import Site
 
 _STEP_M = 5.0
 """Returns begin at least this often along the path; at up to 5 m/s that is every second."""
-_FAST_STEP_S = 1.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,7 +102,7 @@ def flight_states(site: Site, path_m: FloatArray, *, begin_s: float = 0.0) -> Fl
     upright = np.where(steps[:, 2] > 0.0, steps[:, 2] / vehicle.max_climb_m_s, -steps[:, 2] / vehicle.max_descent_m_s)
     times_s = begin_s + np.concatenate([[0.0], np.cumsum(np.maximum(level, upright))])
     line = np.column_stack([path_m[:, :2], site.alts_amsl_m(path_m)])
-    return states_along(line, times_s, step_m=min(_STEP_M, site.ground.surface.step_m), step_s=_FAST_STEP_S)
+    return states_along(line, times_s, step_m=min(_STEP_M, site.ground.surface.step_m), step_s=1.0)
 
 
 def return_limits(site: Site) -> ReturnLimits:

@@ -28,11 +28,6 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import whatever_heading
 
-_ROUNDS = 200
-"""Number of new splits after the compiler has refused a flight of the previous one."""
-_ROUNDS_BEFORE_TIGHTER = 60
-"""Number of flights excluded one by one for being too long, before the room of every flight is reduced."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sortie:
@@ -225,7 +220,7 @@ def _cut_and_compiled(
     costs = [flyer.costs(route) for flyer in flyers]
     compiled: dict[tuple[int, int, int], CompiledMission] = {}
     all_checked: set[int] = set()
-    for attempt in range(_ROUNDS):
+    for attempt in range(200):  # new splits after the compiler has refused a flight of the previous one
         flights = cut(costs)
         if flights is None:
             reasons = dict.fromkeys(
@@ -241,7 +236,8 @@ def _cut_and_compiled(
             except MissionTooLongError as error:
                 # The compiler includes costs that the estimate does not.
                 refusal, costs[number] = error, without(own, first, last)
-                if attempt >= _ROUNDS_BEFORE_TIGHTER:
+                # flights excluded one by one for being too long, before the room of every flight is reduced
+                if attempt >= 60:
                     costs[number] = tighter(costs[number])
                 break
             except InfeasibleError as error:

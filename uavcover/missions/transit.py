@@ -16,11 +16,9 @@ from uavcover.scenario.airspace.zones import ZoneCheck
 from uavcover.scenario.site import Site, once
 from uavcover.terrain.frames import LocalFrame
 
-_NO_CEILING_M = 5_000.0
 _TRANSIT_TOLERANCE_M = 15.0
 _TRANSIT_SLACK_M = 1.0
 """Added to the target height of a transit, for ground between two samples and for rounding."""
-_TRANSIT_TRIES = 5
 _SAMPLE_SPACING_M = 5.0
 _ASIDE, _ALONG = (0.1, -0.1, 0.2, -0.2, 0.4, -0.4, 0.8, -0.8), (0.5, 0.3, 0.7, 0.15, 0.85)
 """Corners of transits that are tried where the straight one is too high: so much beside it and along it, in its lengths."""
@@ -155,13 +153,13 @@ def _over_terrain(site: Site, corners_m: FloatArray, heights_agl_m: tuple[float,
     wanted_m = limits.transit_clearance_m + limits.height_margin_m
     aim_m = wanted_m + _TRANSIT_SLACK_M
     flown_m = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(corners_m, axis=0).T))])
-    for attempt in range(_TRANSIT_TRIES):
+    for attempt in range(5):
         points = follow_terrain(
             site.ground.surface,
             np.ascontiguousarray(corners_m),
             np.interp(flown_m, flown_m[[0, -1]], [heights_agl_m[0], max(heights_agl_m[1], aim_m)]),
             aim_m,
-            _NO_CEILING_M,
+            5_000.0,
             math.tan(math.radians(limits.max_climb_angle_deg)) * (1.0 - 1e-9),
             _TRANSIT_TOLERANCE_M,
             _SAMPLE_SPACING_M / 2.0**attempt,

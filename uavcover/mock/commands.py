@@ -16,7 +16,6 @@ from uavcover.mock.state import MockState
 from uavcover.mock.telemetry import KIND_BY_ID, tell
 
 Params = tuple[float, ...]
-_FORCE_DISARM = 21196.0
 
 
 def answer_command(control: FlightControl, command: m.CommandLong | m.CommandInt) -> CommandResult:
@@ -51,14 +50,13 @@ _STREAMS: dict[int, tuple[type[m.Message], ...]] = {
     12: (m.SystemTime, m.EkfStatusReport, m.BatteryStatus, m.TerrainReport, m.TerrainRequest),
 }
 """The messages of this vehicle in each of ArduPilot's groups (MAV_DATA_STREAM)."""
-_EVERY_STREAM = 0
 
 
 def request_stream(vehicle: MockState, message: m.RequestDataStream) -> None:
     """Start or stop groups of messages, as ArduPilot does; PX4 has no groups."""
     if not vehicle.is_ardupilot:
         return
-    groups = _STREAMS.values() if message.stream == _EVERY_STREAM else [_STREAMS.get(message.stream, ())]
+    groups = _STREAMS.values() if message.stream == 0 else [_STREAMS.get(message.stream, ())]
     interval_s = 1.0 / message.rate_hz if message.start and message.rate_hz > 0 else None
     for kind in (kind for group in groups for kind in group):
         vehicle.set_interval(kind, interval_s)
@@ -67,7 +65,7 @@ def request_stream(vehicle: MockState, message: m.RequestDataStream) -> None:
 def _arm(control: FlightControl, params: Params) -> CommandResult:
     if params[0] != 0.0:
         return control.arm()
-    return control.disarm(force=len(params) > 1 and params[1] == _FORCE_DISARM)
+    return control.disarm(force=len(params) > 1 and params[1] == 21196.0)  # MAVLink: force
 
 
 def _set_mode(control: FlightControl, params: Params) -> CommandResult:

@@ -37,8 +37,6 @@ _FENCE_ACTIONS: Mapping[bool, Mapping[float, Mode | Smart]] = {
     False: {2.0: _HOLD, 3.0: _RETURN, 5.0: _LAND},
 }
 """Parameter value to action; ArduPilot under True, PX4 under False. It knows no AUTO_RTL: then ArduPilot returns."""
-_GCS_CONTINUES_MISSION = 2
-"""Bit of FS_OPTIONS."""
 
 
 class Failsafes:
@@ -126,7 +124,9 @@ class Failsafes:
         timeout_s = get["FS_GCS_TIMEOUT" if ardupilot else "COM_DL_LOSS_T"]
         if vehicle.behaviour.transfer_clock is TransferClock.LINK:
             timeout_s *= vehicle.speed
-        goes_on = ardupilot and vehicle.mode is Mode.MISSION and int(get["FS_OPTIONS"]) & _GCS_CONTINUES_MISSION
+        goes_on = (
+            ardupilot and vehicle.mode is Mode.MISSION and int(get["FS_OPTIONS"]) & 2
+        )  # bit: go on with the mission
         if vehicle.time_s >= self._heard_at_s + timeout_s and not goes_on and self._once("ground station"):
             self._act("GCS" if ardupilot else "Data link lost", action)
 

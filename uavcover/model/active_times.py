@@ -21,8 +21,6 @@ _A_DAY = timedelta(days=1)
 _FIRST_YEAR, _LAST_YEAR = 1970, 2999
 _FIRST_FLIGHT_S, _LAST_FLIGHT_S = 946_684_800.0, 32_472_144_000.0
 """The years 2000 and 2999."""
-_MOST_DAYS = 10
-"""Days of a window that are examined: every day of the week is among them."""
 
 
 def utc_time(text: str, key: str) -> datetime:
@@ -109,7 +107,7 @@ class ActivePeriod:
         first, lasts = self.hours or (time(), _A_DAY)
         # From the day before: hours may go on over midnight.
         day = begin.astimezone(self.zone).date() - _A_DAY
-        for _ in range(_MOST_DAYS):
+        for _ in range(10):  # days of a window that are examined: every day of the week is among them
             opens = datetime.combine(day, first, tzinfo=self.zone)
             if opens > end:
                 return False

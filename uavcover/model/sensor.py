@@ -13,8 +13,6 @@ from uavcover.model.sensor_base import FlatPicture, LineOfSight, Mount, Rays, Se
 from uavcover.model.value_checks import STRICT, require, require_positive
 
 _LINE_OF_SIGHT = {"ray": RAY, "midpoint": MIDPOINT}
-_PICTURE_STEPS = 41
-_RIM = 32
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -170,7 +168,7 @@ class NadirCamera(SensorBase):
     @property
     def edges(self) -> FloatArray:
         """See :class:`SensorBase`."""
-        turn, radius = np.linspace(0.0, 2.0 * np.pi, _RIM + 1), _tan_half(self.fov_deg)
+        turn, radius = np.linspace(0.0, 2.0 * np.pi, 33), _tan_half(self.fov_deg)
         return np.column_stack([radius * np.sin(turn), radius * np.cos(turn)])
 
     def half_width_m(self, height_agl_m: float) -> float:
@@ -338,7 +336,7 @@ class FrameCamera(SensorBase):
             far = min(far, (deepest + sight.sin_pitch * height_agl_m) / sight.cos_pitch)
         if far <= near:
             return None
-        ahead = np.linspace(near, far, _PICTURE_STEPS)
+        ahead = np.linspace(near, far, 41)
         depth = -sight.sin_pitch * height_agl_m + ahead * sight.cos_pitch
         width = np.minimum(sight.tan_half_fov * depth, np.sqrt(np.maximum(farthest**2 - ahead**2, 0.0)))
         return FlatPicture(near, far, float(width.max()))

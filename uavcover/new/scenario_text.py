@@ -18,7 +18,6 @@ from uavcover.new.tuning import SURVEY, TERRAIN, TEXT
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
 from uavcover.terrain.terrain_source import TerrainSource
 
-_COMMENT_AT = 44
 _NOTHING = "\0\n"
 """A line of the template without a value: it is taken out."""
 
@@ -124,7 +123,7 @@ def _line(key: str, value: object, reason: str) -> str:
     """One line of the file; for no value ``_NOTHING``, whose line is removed."""
     if value is None:
         return _NOTHING[:-1]
-    return f"{f'{key} = {_toml(value)}':{_COMMENT_AT}} # {plain_text(reason)}"
+    return f"{f'{key} = {_toml(value)}':44} # {plain_text(reason)}"
 
 
 def _toml(value: object) -> str:

@@ -20,7 +20,6 @@ from uavcover.recording.layout import RecordingError
 
 Columns = dict[str, NDArray[Any]]
 
-_HEADER_BYTES = 12
 _FRAME = struct.Struct("<QQ")
 
 
@@ -180,7 +179,7 @@ def whole_messages(data: bytes) -> int:
     Each message follows its kind and its length, both little-endian 64-bit numbers, after a header of 12 bytes
     (rerun-sdk 0.41, the version that wrote it).
     """
-    end = _HEADER_BYTES
+    end = 12
     while end + _FRAME.size <= len(data):
         _, length = _FRAME.unpack_from(data, end)
         if end + _FRAME.size + length > len(data):

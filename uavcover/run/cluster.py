@@ -26,10 +26,6 @@ Result = TypeVar("Result")
 _log = logging.getLogger(__name__)
 
 _ANSWER_S = 10.0
-_FIRST_WORKER_S = 30.0
-_ASK_EVERY_S = 0.5
-_ALLOWED_FAILURES = 20
-"""A local task may lose its worker so often before it is taken for the one that ends it."""
 
 _IDLE = {
     "distributed.worker.profile.enabled": False,
@@ -135,7 +131,7 @@ class DaskWorkers:
         """Those that are done, after a moment at most."""
         try:
             with self._client.as_current():
-                wait(futures, timeout=_ASK_EVERY_S, return_when="FIRST_COMPLETED")
+                wait(futures, timeout=0.5, return_when="FIRST_COMPLETED")
         except TimeoutError:
             if self._client.status != "running":
                 raise CommClosedError from None
@@ -150,7 +146,8 @@ def local_workers(count: int) -> Iterator[DaskWorkers]:
     """
     _be_quiet()
     settings = {
-        "distributed.scheduler.allowed-failures": _ALLOWED_FAILURES,
+        # a local task may lose its worker this often before it is taken for the cause
+        "distributed.scheduler.allowed-failures": 20,
         "distributed.worker.preload": [_DEAF_TO_CTRL_C],
         "distributed.admin.system-monitor.gil.enabled": False,
         **_IDLE,
@@ -187,7 +184,7 @@ def remote_workers(address: str) -> Iterator[DaskWorkers]:
             ) from error
         with client:
             try:
-                client.wait_for_workers(1, timeout=_FIRST_WORKER_S)
+                client.wait_for_workers(1, timeout=30.0)
             except TimeoutError:
                 raise InputError(f"{where}: has no workers; start some with: dask worker {address}") from None
             _require_same_program(client, where)

@@ -22,7 +22,6 @@ from uavcover.terrain.terrain_source import TerrainSource
 WHATS = ("scenario", "terrain", "surface", "obstacles", "plan", "mission", "track", "version", "record")
 """What can have changed, in the words of ``--accept-changed``; ``record`` is what says how it was: run.json itself."""
 EVERYTHING = "all"
-_SHOWN_DIGITS = 12
 _STILL_FLYING = ("flying", "interrupted")
 
 
@@ -47,7 +46,7 @@ class Change:
     def __str__(self) -> str:
         if self.why:
             return self.why
-        was, now = (None if value is None else value[:_SHOWN_DIGITS] for value in (self.was, self.now))
+        was, now = (None if value is None else value[:12] for value in (self.was, self.now))
         if was is None:
             return f"{self.file} was not there, and is {now} now"
         return f"{self.file} was {was}, and is {'gone' if now is None else f'{now} now'}"

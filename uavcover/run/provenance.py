@@ -243,8 +243,6 @@ FLYING: Final = "flying"
 INTERRUPTED: Final = "interrupted"
 _KEY, _PROCESS = "flight", "process"
 _BOOT = Path("/proc/sys/kernel/random/boot_id")
-_STARTED_FIELD = 19
-"""Of those behind the name of the program in ``/proc/PID/stat``: when it was started, in ticks since the machine was."""
 
 
 def forget(run: RunFolder) -> None:
@@ -333,6 +331,7 @@ def _started(pid: int) -> int | None:
     try:
         stat = Path(f"/proc/{pid}/stat").read_text(encoding="utf-8", errors="replace")
         fields = stat.rpartition(")")[2].split()
-        return None if fields[0] in ("Z", "X") else int(fields[_STARTED_FIELD])
+        # of the fields behind the program's name in ``/proc/PID/stat``: when it started, in ticks since the machine did
+        return None if fields[0] in ("Z", "X") else int(fields[19])
     except (OSError, IndexError, ValueError):
         return None

@@ -15,11 +15,6 @@ from uavcover.scenario.airspace.zones import Polygons
 from uavcover.terrain.ground import Ground
 from uavcover.terrain.pixel_frame import Bounds, nodes_between, places_of_nodes_m
 
-_APART_STEPS = 0.75
-_SIMPLER_STEPS = 0.7
-"""In distances between nodes: so far from a step are the places from which legs may lead, and so much simpler are their outlines
-than those of pixels."""
-
 _LEAST_SHARE = 0.005
 """Smallest share of a region: a smaller part behind steps, such as a ledge, is ignored."""
 
@@ -97,10 +92,11 @@ def _steps(surface: Surface, region: Polygons, width_m: float, slope: float) -> 
     steep = across[:-1] | across[1:] | along[:, :-1] | along[:, 1:]
     if not steep.any():
         return None
-    apart_m = _APART_STEPS * max(column_m, row_m)
+    apart_m = 0.75 * max(column_m, row_m)
     found = shapely.union_all(_runs(surface, steep, columns[0], rows[0]))
     grown = found.buffer(apart_m, join_style="mitre")
-    return grown.simplify(_SIMPLER_STEPS * max(column_m, row_m))
+    # in distances between nodes: outlines this much simpler than those of pixels
+    return grown.simplify(0.7 * max(column_m, row_m))
 
 
 def _runs(surface: Surface, steep: BoolArray, first_column: int, first_row: int) -> list[shapely.Geometry]:

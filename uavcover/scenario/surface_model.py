@@ -20,7 +20,6 @@ from uavcover.terrain.tuning import FILES
 
 _log = logging.getLogger(__name__)
 
-_NODES_AT_ONCE = 1_000_000
 _COMPARED = 40_000
 _NOISE_M = 2.0
 """A surface may lie this much under the ground on level ground, and on a slope as much more as half a pixel rises."""
@@ -29,7 +28,6 @@ _MORE_BELOW = 3.0
 """Times as many places under the ground as above it."""
 _NEVER_NEARER_M = 20.0
 _FOOT_M, _LIKE_FEET = 0.3048, 0.02
-_FEW_PLACES = 100
 _ROUNDING_M, _SAME_M = 1e-4, 1e-3
 
 
@@ -112,7 +110,7 @@ def higher_of(ground: Ground, surface: Ground, *, bounds_m: Bounds, alt_amsl_off
     base, other = (surface, ground) if surface_is_finer else (ground, surface)
     up = np.empty_like(base.surface.up_m)
     rows, columns = up.shape
-    block = max(1, _NODES_AT_ONCE // columns)
+    block = max(1, 1_000_000 // columns)
     for first in range(0, rows, block):
         part = slice(first, min(first + block, rows))
         own = base.surface.up_m[part].ravel()
@@ -183,7 +181,7 @@ def refuse_other_heights(ground_amsl_m: FloatArray, surface_amsl_m: FloatArray, 
         TerrainError: with what to set.
     """
     known = np.isfinite(ground_amsl_m) & np.isfinite(surface_amsl_m)
-    if known.sum() < _FEW_PLACES:
+    if known.sum() < 100:
         raise TerrainError(
             f"terrain.surface_file: {surface} and terrain.file do not overlap around the area; give a surface model of "
             "that location"

@@ -16,7 +16,6 @@ _ARDUPILOT = re.compile(rb"Ardu(?:Copter|Plane|Rover|Sub) V(\d+)\.(\d+)\.\d+(-?[
 _PX4 = re.compile(rb"uint32_t ver_sw_release(.{4})", re.DOTALL)
 _MESSAGE = re.compile(rb"\xfd[\x14-\xff].{5}\x94\x00\x00.{16}(.{4})", re.DOTALL)
 """AUTOPILOT_VERSION (148) as MAVLink 2: the version comes after two numbers of 64 bits."""
-_OFFICIAL = 255
 _TELEMETRY = "flight.tlog"
 
 
@@ -66,4 +65,4 @@ def firmware_of(log: Path) -> Firmware | None:
         return None
     level, _, minor, major = found[1]
     autopilot = "px4" if kind == ".ulg" or major == 1 else "ardupilot"
-    return Firmware(autopilot, major, minor, level == _OFFICIAL)
+    return Firmware(autopilot, major, minor, level == 255)  # FIRMWARE_VERSION_TYPE_OFFICIAL

@@ -102,12 +102,11 @@ def planned_for(log: Path, run: RunFolder, track: Track | None = None) -> Planne
 
 
 _NEAR_M = 10.0
-_MOST_SAMPLES = 5000
 
 
 def _followed_by(track: Track, run: RunFolder) -> RunFolder:
     """The folder of the plan that a track followed; of equals the one with the most waypoints."""
-    places_m = track.enu_m[:: 1 + len(track) // _MOST_SAMPLES]
+    places_m = track.enu_m[:: 1 + len(track) // 5000]
 
     def follows(folder: RunFolder) -> tuple[float, int]:
         planned = read_planned_route(folder)

@@ -65,10 +65,6 @@ class FlownTrack:
     dates: DateBounds = UNKNOWN_DATES
 
 
-_DRAWN_CELLS = 2000
-"""Cells of a gap in a notebook's map."""
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class Verdict:
     """The complete result of verification.
@@ -105,7 +101,8 @@ class Verdict:
         parts = [area] if isinstance(area, shapely.Polygon) else list(area.geoms)
         shapes = [("area", np.array(part.exterior.coords)) for part in parts]
         middles = self.coverage.grid.middles_m
-        shapes += [("gap", middles[cell] + corners) for region in self.gaps for cell in region.cells[:_DRAWN_CELLS]]
+        # cells of a gap in a notebook's map
+        shapes += [("gap", middles[cell] + corners) for region in self.gaps for cell in region.cells[:2000]]
         return svg_map(shapes, repr(self)[1:-1])
 
 

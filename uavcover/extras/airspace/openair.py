@@ -19,8 +19,6 @@ OPEN_TO_ALL = frozenset({"E", "F", "G"})
 """Classes of airspace without clearance."""
 
 _NAUTICAL_MILE_M = 1852.0
-_ARC_STEP_DEG = 1.0
-"""Between corners of an arc: they lie on it, and their chords leave it by 0.004 % of the radius."""
 _MOST_CORNERS = 20_000
 _EARTH = Geod(ellps="WGS84")
 _HALF = r"(\d+(?:\.\d+)?)(?::(\d+(?:\.\d+)?))?(?::(\d+(?:\.\d+)?))?\s*([{}])"
@@ -242,7 +240,8 @@ def _arc(
     begin, end = bearings_deg
     turn = (end - begin) % 360.0 if clockwise else -((begin - end) % 360.0)
     turn = turn or (360.0 if clockwise else -360.0)
-    count = max(2, int(np.ceil(abs(turn) / _ARC_STEP_DEG)) + 1)
+    # one degree between the corners of an arc: their chords leave it by 0.004 % of the radius
+    count = max(2, int(np.ceil(abs(turn))) + 1)
     lons, lats, _ = _EARTH.fwd(
         np.full(count, center[0]), np.full(count, center[1]), begin + np.linspace(0.0, turn, count),
         np.linspace(radii_m[0], radii_m[1], count),

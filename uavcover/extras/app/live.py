@@ -21,9 +21,6 @@ from uavcover.report.cell_layers import SEEN_RGB, UNSEEN_RGB, data_uri
 
 _COLUMNS = ("time_s", "east_m", "north_m", "up_m", "yaw_deg", "lat_deg", "lon_deg")
 _MOST_BYTES = 1 << 20
-_MOST_PATCHES = 6
-_STALE_S = 30.0
-"""A line that is older is no flight's any more."""
 
 Rectangle = tuple[int, int, int, int]
 """First row and column of the picture, and the ones after the last; rows from the north."""
@@ -77,7 +74,7 @@ class Observed:
         height, width = seen.shape
         whole = not 0 < version <= self.version
         parts: list[Rectangle] = [(0, 0, height, width)] if whole else self._changed[version:]
-        if len(parts) > _MOST_PATCHES:
+        if len(parts) > 6:
             ends = np.array(parts)
             (top, left), (bottom, right) = ends[:, :2].min(axis=0), ends[:, 2:].max(axis=0)
             parts = [(int(top), int(left), int(bottom), int(right))]
@@ -146,7 +143,8 @@ class LiveFlight:
     def _read_line(self) -> None:
         file = self._file.with_name(LIVE_LINE)
         try:
-            raw = file.read_text(encoding="utf-8") if time.time() - file.stat().st_mtime < _STALE_S else "{"
+            # an older line belongs to no flight
+            raw = file.read_text(encoding="utf-8") if time.time() - file.stat().st_mtime < 30.0 else "{"
         except (OSError, UnicodeDecodeError):
             raw = "{"
         if raw == "{":  # the flight has ended, or has not begun, or its program was killed

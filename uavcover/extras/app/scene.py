@@ -43,7 +43,6 @@ from uavcover.verification.verify import Verdict
 
 _DEGREE_M = 111_319.49
 """Length of a degree on the equator, WGS 84: for scenarios without a position on Earth."""
-_KEPT = 6
 _DRAWN_SAMPLES = 4000
 _PROFILE_EVERY_M = 5.0
 
@@ -159,7 +158,7 @@ class Scenes:
         scene = _read(path)
         with self._lock:
             self._kept[key] = scene
-            while len(self._kept) > _KEPT:
+            while len(self._kept) > 6:
                 self._kept.popitem(last=False)
         return scene
 

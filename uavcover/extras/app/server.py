@@ -39,8 +39,6 @@ _LIVE_S, _SLOW_S = 0.1, 1.0
 _MOST_MESSAGES, _MOST_MESSAGE_BYTES = 20, 4096
 """A browser's messages in a second, and their size; the connection of one that sends more is closed."""
 _MOST_SAMPLES_SENT = 2000
-_BETWEEN_SIGNALS_S = 0.5
-"""Two signals that come at once are one."""
 
 
 class Server:
@@ -153,7 +151,7 @@ class Server:
             raise InputError(f"{action}: is neither stop, leave nor pause")
         job, sent = self.jobs.get(_named(asked, "id")), False
         for number, one in enumerate(signals[action]):
-            time.sleep(_BETWEEN_SIGNALS_S if number else 0.0)
+            time.sleep(0.5 if number else 0.0)  # two signals at once are one
             sent = job.signal(one) or sent
         return {"sent": sent}
 

@@ -20,7 +20,6 @@ PHOTO_KINDS = frozenset(
 _SHOWN = (
     "verdict", "pictures", "counted", "coverage_of_coverable", "required", "overlap_fraction", "overlap_required", "gaps",
 )  # fmt: skip
-_MOST_LEFT_OUT = 200
 MOST_PHOTO_BYTES = 16 << 30
 """Of all photos of a run."""
 
@@ -103,6 +102,6 @@ def photo_document(folder: Path) -> dict[str, Any]:
             {"name": row["name"], "why": row["reason"], "place": [float(row["lon_deg"]), float(row["lat_deg"])]}
             for row in placed
         ],
-        "footprints": shapes[0]["features"], "gapShapes": shapes[1]["features"], "leftOut": left_out[:_MOST_LEFT_OUT],
+        "footprints": shapes[0]["features"], "gapShapes": shapes[1]["features"], "leftOut": left_out[:200],
         "refly": (folder / "refly" / "plan.json").is_file(),
     }  # fmt: skip

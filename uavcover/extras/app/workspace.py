@@ -19,8 +19,6 @@ TRACKS = frozenset({".bin", ".tlog", ".ulg", ".rrd", ".gpx", ".csv"})
 PHOTOS = "photos"
 """Folder inside a run folder that its photos are kept in."""
 _FIRST = ("plan.json", "photos.json")
-_MOST_LISTED = 2000
-_MOST_DEEP = 3
 _NAME = re.compile(r"[^\x00-\x1f\x7f<>:\"|?*\\/]{1,120}")
 
 
@@ -99,7 +97,7 @@ class Workspace:
 
     def _files(self) -> Iterator[Path]:
         """Files of the folder, a run's plan before what else is in it; hidden ones and what is deep inside are left out."""
-        left = _MOST_LISTED
+        left = 2000
         folders = [(self.root, 0)]
         while folders and left > 0:
             folder, depth = folders.pop(0)
@@ -111,7 +109,7 @@ class Workspace:
                 if path.name.startswith(".") or not path.resolve().is_relative_to(self.root):
                     continue
                 of_a_run = path.name == PHOTOS and (folder / "plan.json").is_file()
-                if path.is_dir() and depth < _MOST_DEEP and not of_a_run:
+                if path.is_dir() and depth < 3 and not of_a_run:
                     folders.append((path, depth + 1))
                 elif path.is_file():
                     left -= 1

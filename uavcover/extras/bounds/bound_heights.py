@@ -16,9 +16,6 @@ from uavcover.sensing.sensors import whatever_heading
 _PARTS = 8
 """Parts of a square's side, at which heights between its nodes are tried."""
 _ROWS_AT_ONCE = 64
-_TILE = 16
-"""Squares along the side of a tile, within which departures of the ground from its nodes are taken together: what is added to
-the heights changes little from square to square, so that slopes stay as they are."""
 _LEEWAY_M = 0.01
 """Against rounding in the tests of sensor and height band."""
 
@@ -110,7 +107,7 @@ def _largest_in_squares(values: FloatArray) -> FloatArray:
     return largest
 
 
-def over_tiles(squares: FloatArray, tile: int = _TILE) -> FloatArray:
+def over_tiles(squares: FloatArray, tile: int = 16) -> FloatArray:
     """(rows + 1, columns + 1) numbers at the nodes, nowhere below those of the squares (rows, columns) around them.
 
     Bilinear over tiles of squares. Each corner of a tile has the largest number of the tiles that meet there.

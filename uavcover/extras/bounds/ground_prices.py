@@ -24,16 +24,10 @@ _SQUARES_A_CELL = (8, 6, 4, 3, 2, 1)
 """Squares of the lattice along the side of a cell: the finer, the higher the bound, and the longer the proof takes."""
 _BINS_A_SECOND = 1.28e6
 """Direction bins a second of the whole proof, from all squares together, on one core."""
-_GROUP = 2
-_HEADINGS = 48
 _BINS_A_SIDE = 1.6
 """Direction bins a square's side at the end of view."""
 _SLACK = 0.19
 """Share of a square's side by which distances may change without another look. With this number a window has three squares."""
-_SAMPLES_ACROSS = 120
-_LOOKS = 6
-_STRIDE_CELLS = 2
-"""Between places that are looked at in passing."""
 _OFFSETS = ((0, 0), (1, 1), (0, 1), (1, 0))
 """Offsets of these positions, in halves of their distance: other ones each time."""
 _NEARLY = 1.005
@@ -105,12 +99,12 @@ def price_ground(coverage: CoverageMap, share: float, *, parts: int) -> PricedGr
     relief = relief_over(coverage, parts)
     program = PriceProgram(coverage, weight_m2, relief, share)
     near = scipy.ndimage.distance_transform_edt(~program.priced) * relief.side < relief.reach
-    step = max(1, max(relief.allowed.shape) // _SAMPLES_ACROSS)
+    step = max(1, max(relief.allowed.shape) // 120)
     where = np.argwhere((relief.allowed & near)[step // 2 :: step, step // 2 :: step]) * step + step // 2
     program.look_at(where, np.ones(len(where)))
     program.solve()
-    stride = _STRIDE_CELLS * parts
-    for look in range(_LOOKS):
+    stride = 2 * parts  # between places that are looked at in passing
+    for look in range(6):
         # Where rates come out largest, of places that are looked at in passing, prices are tried next, with what the proof
         # adds there for all that it does not know exactly: the largest around, and all in the upper half of the excess.
         down, along = _OFFSETS[look % len(_OFFSETS)]
@@ -146,7 +140,7 @@ def _rates(
     rows, columns = relief.allowed.shape
     rates, largest = np.zeros((rows, columns)), np.zeros((rows // program.parts, columns // program.parts))
     rates_in_squares(
-        relief, _prices(relief, program, bins), middles_of_bins(bins), _GROUP, headings_over_half_a_turn(_HEADINGS), stride,
+        relief, _prices(relief, program, bins), middles_of_bins(bins), 2, headings_over_half_a_turn(48), stride,
         offset, program.parts, rates, largest,
     )  # fmt: skip
     return rates, largest

@@ -13,15 +13,11 @@ from uavcover.kernels.ground_samples import rates_by_node
 from uavcover.kernels.relief import Relief
 from uavcover.sensing.coverage_map import CoverageMap
 
-_BLOCKS_ACROSS = 64
-"""At most."""
 _BLOCKS_A_REACH = 3.2
 """Smaller blocks gain in the program, and lose as much in the proof: their prices are rougher."""
 _FEWEST_CELLS = 3
 """Along the side of a block."""
 _HEADINGS = 16
-_BINS = 192
-_ROUNDS = 4
 _NEARLY = 1.003
 """A rate that is not worth another round of the program."""
 _IDLE = 0.9
@@ -59,7 +55,7 @@ class PriceProgram:
         cells = coverage.grid.cells
         self._cells_a_block = max(
             _FEWEST_CELLS,
-            math.ceil(max(cells.lattice.shape) / _BLOCKS_ACROSS),
+            math.ceil(max(cells.lattice.shape) / 64),  # at most 64 blocks across
             math.floor(relief.reach / (_BLOCKS_A_REACH * cells.size_m)),
         )
         self.across = math.ceil(max(cells.lattice.shape) / self._cells_a_block) + 2
@@ -106,7 +102,7 @@ class PriceProgram:
 
     def solve(self) -> None:
         """A start with few of the moves, and those added that gain too much, until none does."""
-        for _ in range(_ROUNDS):
+        for _ in range(4):
             found = self._solve_chosen()
             per_m2, look_m = np.maximum(found[:-2], 0.0), float(found[-1])
             gains = [(rows @ per_m2) * self._scale for rows in self._rows[:-1]]
@@ -162,7 +158,7 @@ class PriceProgram:
         corner = self._margin * self._size_m
         while True:
             starts, columns, data = rates_by_node(
-                self._relief, self.priced, np.ascontiguousarray(where), middles_of_bins(_BINS), headings,
+                self._relief, self.priced, np.ascontiguousarray(where), middles_of_bins(192), headings,
                 (corner, corner), self._cells_a_block * self._size_m, self.across, room,
             )  # fmt: skip
             if starts[0] == 0:
@@ -228,7 +224,6 @@ class PriceProgram:
 # S. Mehrotra, On the implementation of a primal-dual interior point method, SIAM Journal on Optimization 2 (1992). The normal
 # equations have a row for each variable. For the prices of a path bound this takes a second where HiGHS takes a minute.
 
-_MOST_STEPS = 60
 _EXACT = 1e-3
 
 
@@ -314,7 +309,7 @@ def most_worth(worth: FloatArray, matrix: scipy.sparse.csr_array, limits: FloatA
     """
     m, n = matrix.shape
     at = _Point(np.ones(n), np.ones(m), np.ones(m), np.ones(n))
-    for _ in range(_MOST_STEPS):
+    for _ in range(60):
         newton = _Newton(worth, matrix, limits, common, at)
         value = float(worth @ at.x)
         gap = max(np.abs(newton.primal_gap).max(), np.abs(newton.dual_gap).max())

@@ -38,7 +38,6 @@ DJI's controllers are reported to take 100 to 250 points, Litchi takes 99 (:mod:
 """
 _FEWEST_POINTS = 4
 """Above home, a leg, above home again."""
-_TIGHTER_SPLITS = 8
 
 
 def mission_formats() -> tuple[str, ...]:
@@ -315,7 +314,7 @@ def _flights_with_stops(
     """Flights of few points that a vehicle which stops at each of them completes inside its endurance."""
     most = request.most_points or CONTROLLER_POINTS["wpml" if request.aircraft is not None else request.file_format]
     longest_s = site.scenario.vehicle.longest_flight_s
-    for _ in range(_TIGHTER_SPLITS):
+    for _ in range(8):
         sorties: Sequence[Sortie] = compile_sorties(
             site, route, autopilot=autopilot, most_points=most, vehicles=vehicles
         )

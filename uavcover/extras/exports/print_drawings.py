@@ -17,9 +17,6 @@ MAP_WIDTH, MAP_HEIGHT = 720.0, 520.0
 _COLORS = ("#005a9c", "#b8460e", "#1b7a3d", "#7a2f8f", "#8a6d00", "#00747a")
 _DASHES = ("", "9 3", "2 3", "9 3 2 3", "14 4", "5 2")
 _CONTOUR_NODES = 160
-_CONTOURS = 12
-_PROFILE_STEPS = 600
-_NUMBERS_ON_MAP = 24
 
 
 def style_of(number: int) -> Markup:
@@ -51,7 +48,7 @@ def profile_svg(site: Site, sortie: Sortie, number: int) -> Markup:
     compiled, limits = sortie.compiled, site.scenario.limits
     steps_m = np.hypot(*np.diff(compiled.path_m[:, :2], axis=0).T)
     along_m = np.concatenate([[0.0], np.cumsum(steps_m)])
-    at_m = np.union1d(along_m, np.linspace(0.0, along_m[-1], _PROFILE_STEPS))
+    at_m = np.union1d(along_m, np.linspace(0.0, along_m[-1], 600))
     places = np.column_stack([np.interp(at_m, along_m, compiled.path_m[:, k]) for k in range(3)])
     # At a vertical leg two heights have one distance; the corners themselves are drawn from the path.
     ground_up_m = site.ground.heights_m(places[:, :2])
@@ -183,7 +180,7 @@ class _View:
 
 def _numbers(view: _View, sortie: Sortie) -> list[Markup]:
     """Numbers of planned waypoints, thinned, as the plan counts them, from 0."""
-    step = max(1, math.ceil(len(sortie.route) / _NUMBERS_ON_MAP))
+    step = max(1, math.ceil(len(sortie.route) / 24))
     return [
         view.label(float(east), float(north), str(sortie.first + k), "waypoint")
         for k, (east, north) in enumerate(sortie.route.waypoints_m[:, :2])
@@ -199,7 +196,7 @@ def _contours(site: Site, view: _View) -> tuple[Markup, float]:
     up_m = site.ground.heights_m(grid).reshape(_CONTOUR_NODES, _CONTOUR_NODES) + site.alt_amsl_offset_m
     if not np.isfinite(up_m).any() or np.nanmax(up_m) - np.nanmin(up_m) < 1.0:
         return Markup(""), 0.0
-    levels = _ticks(float(np.nanmin(up_m)), float(np.nanmax(up_m)), _CONTOURS)
+    levels = _ticks(float(np.nanmin(up_m)), float(np.nanmax(up_m)), 12)
     lines = contourpy.contour_generator(easts, norths, np.ma.masked_invalid(up_m))
     shapes = [
         _path([view.at(float(east), float(north)) for east, north in np.asarray(line)])

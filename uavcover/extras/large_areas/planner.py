@@ -44,8 +44,6 @@ RunTasks = Callable[[Site, Sequence[PartTask]], Iterator[tuple[PartTask, FloatAr
 
 _ROUNDS = SHARES.part_rounds
 
-_MORE_ROUNDS = 2
-"""This number of further rounds, as long as the last one, while the joined route lacks the required coverage."""
 
 _FLOWN = 0.98
 """The coverage that is searched for when the rule asks for none."""
@@ -141,7 +139,8 @@ def plan_by_parts(
     found: list[Route] = []
     aim = goal
     seen = 0.0
-    for number, share in enumerate((*_ROUNDS, *_ROUNDS[-1:] * _MORE_ROUNDS)):
+    # two further rounds, as long as the last one, while the joined route lacks the required coverage
+    for number, share in enumerate((*_ROUNDS, *_ROUNDS[-1:] * 2)):
         if found and (run.should_stop() or (number >= len(_ROUNDS) and seen >= goal)):
             break
         budget_s = None if effort.budget_s is None else SHARES.parts * share * effort.budget_s * workers / len(areas)

@@ -28,7 +28,6 @@ from uavcover.sensing.coverage_map import CoverageMap
 FEWEST = 4
 """With fewer flights sectors are wide, and the transits are short beside the rest."""
 _MOST = 400
-_MOST_LAYERS = 4
 _WIDEST_RAD = 0.5 * math.pi
 """Widest sector."""
 _TOLERANCE = 1 / 8
@@ -48,8 +47,6 @@ _FULL = 1.03
 """Largest battery use of an initial solution, as a share; the search makes flights shorter by 5 to 8 %."""
 _WELL_FILLED = 0.5
 """At least: fewer flights would do else."""
-_WAY_ITEMS = 4
-"""Mission items of a way between home and the first place that is seen: a few waypoints."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -85,7 +82,7 @@ def sortie_parts(site: Site, coarse: CoverageMap, goal: float) -> list[SortiePar
     """
     best: tuple[float, int, int] | None = None
     plans = _Sorties(site)
-    for layers in range(1, _MOST_LAYERS + 1):
+    for layers in range(1, 5):
         tried: dict[int, tuple[float, float]] = {}
         sectors = plans.first_guess(layers)
         while sectors not in tried and len(tried) < _COUNTS and sectors * layers <= _MOST:
@@ -184,7 +181,8 @@ class _Sorties:
         return lay_over_terrain(site, best, heights_m, tolerance_m=self._tolerance_m)
 
     def _part(self, area: Piece, begin_m: FloatArray) -> SortiePart:
-        costs = straight_flight_costs(self._site, begin_m, way_items=_WAY_ITEMS)
+        # mission items of a way between home and the first place that is seen: a few waypoints
+        costs = straight_flight_costs(self._site, begin_m, way_items=4)
         last = len(begin_m) - 1
         free = costs._replace(
             endurance_s=math.inf, item_limit=math.inf, energies=costs.energies._replace(usable_s=math.inf)

@@ -41,7 +41,6 @@ TRIES = 10
 
 _SILENT_S = 8.0
 _ANSWER_S = 10.0
-_CANCEL_S = 3.0
 _BETWEEN_TRIES_S = 0.5
 _LISTEN_S = 0.05
 _FINAL_FROM_TRY: Final = {
@@ -287,7 +286,7 @@ class MavsdkClient(Client):
     def _cancel(self, call: Call, mission_type: MissionType) -> None:
         """Cancel a transfer, and let MAVSDK say so."""
         self._session.cancel(mission_type)
-        self._await(call, lambda _: None, self.clock.now() + _CANCEL_S)
+        self._await(call, lambda _: None, self.clock.now() + 3.0)
 
     def _await(self, call: Call, hear: Heard, deadline: float, stop: Stop | None = None) -> Answer | None:
         """The answer to a call; None when the deadline came first, or ``stop`` said so."""

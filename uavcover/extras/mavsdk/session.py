@@ -251,20 +251,13 @@ def _log_line(level: Any, text: str, file: str | None, line: int) -> bool:
     return True
 
 
-_SLICE_S = 0.002
-"""Longest delay of a message that MAVSDK wants to send."""
-
-
 _OF_NO_CALL = frozenset({0, 111})
 """HEARTBEAT and TIMESYNC."""
 
 
 def _message_id(data: bytes) -> int:
     """The number of a datagram's message."""
-    return int.from_bytes(data[7:10], "little") if data[0] == _MAVLINK_2 else data[5]
-
-
-_MAVLINK_2 = 0xFD
+    return int.from_bytes(data[7:10], "little") if data[0] == 0xFD else data[5]  # MAVLink 2
 
 
 class TappedLink(WrappingLink):
@@ -304,7 +297,8 @@ class TappedLink(WrappingLink):
             for datagram in self._session.take_outgoing():
                 self._link.send(datagram)
             left_s = deadline - self.clock.now()
-            data = self._link.receive(min(max(0.0, left_s), _SLICE_S))
+            # longest delay of a message that MAVSDK wants to send
+            data = self._link.receive(min(max(0.0, left_s), 0.002))
             if data is not None:
                 self._session.receive(self._of_vehicle(data))
             if data is not None or left_s <= 0.0:

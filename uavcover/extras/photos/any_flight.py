@@ -49,10 +49,6 @@ __all__ = [
 PHOTOS = "photos"
 """The folder inside a run folder where the verdict on photos is kept."""
 _IN_FLIGHT_M = 5.0
-_NO_FLOOR_M = 0.01
-_ABOVE_HIGHEST_M = 10.0
-"""Without a height limit, the band reaches from the ground to this height above the flight."""
-_NO_FENCE_M = 30_000.0
 
 
 def evidence_of(logs: Sequence[Path], photos: Sequence[Path], *, system: int | None = None) -> GivenEvidence:
@@ -233,9 +229,10 @@ def run_of_flight(
             side_overlap=sensor.side_overlap if overlaps else 0.0,
         )
         limits = replace(
-            scenario.limits, transit_clearance_m=0.0, min_height_agl_m=_NO_FLOOR_M, height_margin_m=0.0,
-            fence_margin_m=_NO_FENCE_M,
-            max_height_agl_m=highest_m + _ABOVE_HIGHEST_M if ceiling_m is None else ceiling_m,
+            scenario.limits, transit_clearance_m=0.0, min_height_agl_m=0.01, height_margin_m=0.0,
+            fence_margin_m=30_000.0,
+            # without a height limit, the band reaches from the ground to this height above the flight
+            max_height_agl_m=highest_m + 10.0 if ceiling_m is None else ceiling_m,
             max_transit_height_agl_m=ceiling_m,
         )  # fmt: skip
         asked = scenario.requirements

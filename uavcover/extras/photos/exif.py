@@ -19,8 +19,6 @@ from uavcover.errors import TrackError
 from uavcover.extras.photos.picture import RTK_FIXED, HeightDatum, Picture, finite, moment
 
 ENDINGS = (".jpg", ".jpeg", ".tif", ".tiff", ".dng")
-_LARGEST_XMP = 1_000_000
-_SAME_SHAPE = 0.02
 _JPEG = (".jpg", ".jpeg")
 _TAIL, _LONG_TAIL = 65_536, 16_000_000
 _CUT_OFF = "its file is cut off; copy it from the card again"
@@ -102,7 +100,7 @@ def _xmp(packet: object) -> dict[str, str]:
     """Properties by their local names; those of Pix4D's and senseFly's "Camera" with it in front."""
     if isinstance(packet, str):
         packet = packet.encode()
-    if not isinstance(packet, bytes) or len(packet) > _LARGEST_XMP:
+    if not isinstance(packet, bytes) or len(packet) > 1_000_000:
         return {}
     text = packet.strip(b"\x00 \r\n\t")
     if b"<!DOCTYPE" in text or b"<!ENTITY" in text:
@@ -224,7 +222,7 @@ def _sides(size: tuple[int, int], details: Mapping[int, Any]) -> tuple[int, int]
     taken = [finite(details.get(tag)) for tag in (ExifTags.Base.ExifImageWidth, ExifTags.Base.ExifImageHeight)]
     if taken[0] and taken[1]:
         taken_long, taken_short = max(taken[0], taken[1]), min(taken[0], taken[1])
-        if abs(taken_long / taken_short * short / long - 1.0) <= _SAME_SHAPE:
+        if abs(taken_long / taken_short * short / long - 1.0) <= 0.02:
             return int(taken_long), int(taken_short)
     return long, short
 

@@ -21,7 +21,6 @@ from uavcover.errors import TrackError
 from uavcover.extras.photos.picture import RTK_FIXED, HeightDatum, Picture, finite, moment
 
 _LARGEST = 100_000_000
-_SECONDS_A_WEEK = 604_800.0
 _DEGREES = CRS.from_epsg(4326)
 
 
@@ -114,7 +113,6 @@ _MRK = re.compile(
     rf"\s*(\d{{1,9}})\s+{_NUMBER}\s+\[(\d{{1,6}})\]\s.*?(?<![-+\d.]){_NUMBER},Lat\s+{_NUMBER},Lon\s+{_NUMBER},Ellh\s+"
     rf"{_NUMBER},\s*{_NUMBER},\s*{_NUMBER}"
 )
-_LONGEST_ROW = 500
 
 
 def read_mrk(path: Path) -> list[Picture]:
@@ -127,7 +125,7 @@ def read_mrk(path: Path) -> list[Picture]:
     for number, line in enumerate(_text(path).splitlines(), start=1):
         if not line.strip():
             continue
-        row = _MRK.match(line) if len(line) <= _LONGEST_ROW else None
+        row = _MRK.match(line) if len(line) <= 500 else None
         if row is None:
             raise TrackError(f"{path}: line {number}: {line[:60]!r} is not a row of DJI's image log")
         values = [float(row[k]) for k in (2, 3, 4, 5, 6, 7, 8, 9)]
@@ -135,7 +133,7 @@ def read_mrk(path: Path) -> list[Picture]:
         pictures.append(
             Picture(
                 name=f"{int(row[1]):04d}", lat_deg=lat, lon_deg=lon, alt_m=height, datum=HeightDatum.ELLIPSOID,
-                time_s=_SECONDS_A_WEEK * week + seconds, clock="GPS", horizontal_error_m=max(north, east), vertical_error_m=up,
+                time_s=7 * 86_400.0 * week + seconds, clock="GPS", horizontal_error_m=max(north, east), vertical_error_m=up,
             )
         )  # fmt: skip
     return pictures
@@ -186,7 +184,6 @@ _SEXAGESIMAL = re.compile(
 )
 """Sign, hemisphere, degrees, minutes, seconds, hemisphere."""
 _WITH_UNIT = re.compile(r"(.+?)\s*(?:m|mm|s|deg|°)?\s*((?:above|below) sea level)?", re.IGNORECASE)
-_LONGEST_CELL = 60
 _SIXTY = 60.0
 _NEGATIVE = {"lat_deg": ("s",), "lon_deg": ("w",), "alt_m": ("below", "negative", "1", "3")}
 _ABOVE_ELLIPSOID = ("2", "3", "positive ellipsoid", "negative ellipsoid")
@@ -274,7 +271,7 @@ def _of_row(
 def _number(key: str, cell: str) -> float | None:
     """A number as tables hold it: also in degrees, minutes and seconds, or with a unit."""
     value = finite(cell)
-    if value is not None or len(cell) > _LONGEST_CELL:
+    if value is not None or len(cell) > 60:
         return value
     if key in ("lat_deg", "lon_deg"):
         return _degrees(cell, "NS" if key == "lat_deg" else "EW")

@@ -27,7 +27,6 @@ from uavcover.run.user import User, percent
 from uavcover.scenario.site import area_as_drawn
 from uavcover.sensing.pictures import PictureCounts, overlap_rule
 
-_MAX_ROWS = 30
 _HOLDS = {"yes": "yes", "no": "NO", "not proved": "not proved"}
 
 
@@ -47,7 +46,7 @@ def render_photo_report(verdict: PhotoVerdict) -> str:
             "reason_words": REASON_WORDS,
             "drawn_every": footprints_drawn_every(verdict),
             "left_out": list(document["left_out"].items()),
-            "max_rows": _MAX_ROWS,
+            "max_rows": 30,
         },
     )
 

@@ -29,8 +29,6 @@ from uavcover.verification.flown_coverage import FlownCoverage
 from uavcover.verification.gaps import GapRegion, reason_codes
 from uavcover.verification.geotiff import cells_geotiff
 
-_LONGEST_STEP_S = 10.0
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoVerdict:
@@ -105,7 +103,7 @@ def _speeds_m_s(placed: PlacedPictures) -> FloatArray:
     clocks = [p.clock for p in placed.pictures]
     same = np.array([one == other for one, other in itertools.pairwise(clocks)])
     with np.errstate(divide="ignore", invalid="ignore"):
-        speed = np.where(same & (step_s > 0.0) & (step_s <= _LONGEST_STEP_S), step_m / step_s, np.nan)
+        speed = np.where(same & (step_s > 0.0) & (step_s <= 10.0), step_m / step_s, np.nan)
     onwards, before = np.append(speed, np.nan), np.append(np.nan, speed)
     return np.where(np.isfinite(reported), reported, np.where(np.isfinite(onwards), onwards, before))
 
@@ -203,8 +201,6 @@ def photo_raster(verdict: PhotoVerdict) -> bytes:
 
 
 _A_SIDE = 4
-_STEPS = 400
-_HALVINGS = 20
 
 
 def footprint_m(
@@ -224,14 +220,14 @@ def footprint_m(
     y = np.concatenate([-one, share, one, -share]) * along
     rays = axis + x[:, None] * right + y[:, None] * top
     rays /= np.linalg.norm(rays, axis=1)[:, None]
-    distances = np.linspace(0.0, reach_m, _STEPS + 1)
+    distances = np.linspace(0.0, reach_m, 401)
     line = eye + distances[None, :, None] * rays[:, None, :]
     above = ground.heights_agl_m(line.reshape(-1, 3)).reshape(line.shape[:2])
     below = above < 0.0  # ground that is not known (NaN) stops no ray
     met = below.any(axis=1)
     first = np.argmax(below, axis=1)[met]
     low, high = distances[np.maximum(first - 1, 0)], distances[first]
-    for _ in range(_HALVINGS):
+    for _ in range(20):
         middle = 0.5 * (low + high)
         under = ground.heights_agl_m(eye + middle[:, None] * rays[met]) < 0.0
         low, high = np.where(under, low, middle), np.where(under, middle, high)

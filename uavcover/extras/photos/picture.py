@@ -6,8 +6,6 @@ import re
 from dataclasses import dataclass
 from enum import StrEnum
 
-_HIGHEST_M = 20_000.0
-_NO_ZOOM = 1.001
 RTK_FIXED = 50.0
 """``RtkFlag`` of a fixed solution, whose heights are above the ellipsoid."""
 _MOMENT = re.compile(
@@ -91,7 +89,7 @@ class Picture:
         """Reason why it shows nothing known; None if it does."""
         if self.fault is not None:
             return self.fault
-        if self.digital_zoom is not None and self.digital_zoom > _NO_ZOOM:
+        if self.digital_zoom is not None and self.digital_zoom > 1.001:
             return f"digital zoom {self.digital_zoom:g}: its field of view is unknown; take photos without digital zoom"
         if self.lat_deg is None or self.lon_deg is None:
             return "no position"
@@ -100,7 +98,7 @@ class Picture:
         heights = [height for height in (self.alt_m, self.height_above_takeoff_m) if height is not None]
         if not heights:
             return "no height"
-        if any(abs(height) > _HIGHEST_M for height in heights):
+        if any(abs(height) > 20_000.0 for height in heights):
             return f"height {max(heights, key=abs):g} m is impossible for a flight"
         angles = (self.yaw_deg, self.pitch_deg, self.roll_deg, self.vehicle_yaw_deg)
         if any(angle is not None and abs(angle) > 360.0 for angle in angles):

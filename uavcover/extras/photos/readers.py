@@ -20,7 +20,6 @@ LISTS: dict[str, Callable[[Path], list[Picture]]] = {
     ".csv": read_table,
 }
 GEO_TXT = "geo.txt"
-_SHOWN_CLOCKS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +85,7 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
     clocks = sorted({picture.clock for picture in once if picture.clock is not None})
     if len(clocks) > 1:
         notes.append(
-            f"times are of {len(clocks)} clocks ({', '.join(clocks[:_SHOWN_CLOCKS])}): order and speed are taken within each"
+            f"times are of {len(clocks)} clocks ({', '.join(clocks[:4])}): order and speed are taken within each"
         )
     return PictureSet(tuple(once), tuple(notes))
 

@@ -12,7 +12,6 @@ from uavcover.scenario.airspace.zones import Polygons, footprints_of
 
 _INSIDE_M = 0.02
 """Corners of ways lie this far inside, so that rounding does not take them out."""
-_HAIR_M = 1e-7
 _MOST_CORNERS = 48
 """A wall with more corners is divided: every line that comes near asks all corners of it."""
 
@@ -93,7 +92,7 @@ def _walls_around(region: Polygons) -> ObstaclePrisms:
     """Everything but a region, as footprints in an index of tiles, none of them with many corners."""
     if region.is_empty:
         return NO_OBSTACLES
-    outside = shapely.box(*region.bounds).buffer(1.0, join_style="mitre").difference(region.buffer(_HAIR_M))
+    outside = shapely.box(*region.bounds).buffer(1.0, join_style="mitre").difference(region.buffer(1e-7))
     walls = [wall for part in shapely.get_parts(outside) for wall in _divided(part)]
     found = footprints_of(walls)
     return make_obstacles(found.edges_m, found.first_edge, found.top_m, grown_m=0.0)

@@ -27,7 +27,6 @@ _TIMES: Final = ("from_utc", "until_utc")
 NEAR_KM = 20.0
 """Zones of a file farther from area, home and fence are left out."""
 
-_DEGREE_KM = 111.0
 _LARGEST_RADIUS_M = 1_000_000.0
 
 Bounds = tuple[float, float, float, float]
@@ -249,7 +248,7 @@ def _is_near(zone: ReadZone, near: Bounds) -> bool:
     # Continuous from the first corner on, and that one beside the middle.
     steps = np.concatenate([[0.0], np.cumsum((np.diff(lons) + 180.0) % 360.0 - 180.0)])
     lons = (lons[0] - middle + 180.0) % 360.0 - 180.0 + middle + steps
-    aside = reach_km / _DEGREE_KM
+    aside = reach_km / 111.0  # km per degree
     along = aside / max(math.cos(math.radians(min(max(abs(north), abs(south)) + aside, 89.9))), 1e-3)
     return bool(
         lons.max() >= west - along and lons.min() <= east + along

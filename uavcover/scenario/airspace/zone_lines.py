@@ -7,9 +7,6 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.site import Site
 
-_PIECES_PER_SIDE = 60
-"""Lines follow the ground in pieces: this number along the longer side of the display."""
-
 
 def zone_lines_m(site: Site, zone: Zone, bounds_m: tuple[float, float, float, float]) -> list[FloatArray]:
     """(m, 3) lines of a no-fly zone inside the displayed bounds: rings at floor and ceiling, and vertical lines at its corners.
@@ -27,7 +24,8 @@ def zone_lines_m(site: Site, zone: Zone, bounds_m: tuple[float, float, float, fl
     for part in shapely.get_parts(shown):
         for ring in _rings_m(part) if isinstance(part, shapely.Polygon) else ():
             places = np.asarray(
-                shapely.LineString(ring).segmentize(max(east - west, north - south) / _PIECES_PER_SIDE).coords
+                # lines follow the ground in pieces: this number along the longer side of the display
+                shapely.LineString(ring).segmentize(max(east - west, north - south) / 60).coords
             )
             ground = site.ground.heights_m(places)
             known = np.isfinite(ground)

@@ -26,8 +26,6 @@ _VELOCITIES: tuple[_Velocity, ...] = (
 """Topics with velocities in order of preference, with their fields and what has to be true for them to count."""
 _LOOKS_DOWN = 25
 _FIX_3D = 3
-_FAILED = 0
-"""``camera_capture.result`` of a photo that was not taken; -1 is a camera that does not answer."""
 
 _MAGIC = b"ULog\x01\x12\x35"
 
@@ -143,7 +141,8 @@ def _pictures(path: Path, datasets: dict[str, dict[str, Any]]) -> tuple[FloatArr
     if capture := datasets.get("camera_capture"):
         if lacking := {"timestamp", "seq", "lat", "lon", "result"} - set(capture):
             raise TrackError(f"{path}: its camera_capture messages have no {', '.join(sorted(lacking))}")
-        taken = np.asarray(capture["result"]) != _FAILED
+        # ``camera_capture.result`` of a photo that was not taken; -1 is a camera that does not answer
+        taken = np.asarray(capture["result"]) != 0
         rows = np.column_stack([np.asarray(capture["timestamp"], float) * 1e-6, capture["lat"], capture["lon"]])
         # A log may report one capture twice.
         _, first = np.unique(np.asarray(capture["seq"])[taken], return_index=True)

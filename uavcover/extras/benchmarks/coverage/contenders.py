@@ -42,7 +42,6 @@ _MOST_NODES = 120
 
 _LESS_COVERAGE = (0.0, 0.002, 0.005, 0.01, 0.03)
 _LONGER = 1.05
-_LITTLE_LONGER = 1.01
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +99,7 @@ def scan(judge: Judge) -> tuple[list[Tried], list[NamedRoute]]:
         families = _families(site)
         laid = [item for family in families for item in _flown(site, family)]
         first = _tried(coarse, laid)
-        best = short_families(first, coverages, longer=_LITTLE_LONGER)
+        best = short_families(first, coverages, longer=1.01)
         for family in _closer(site, [family for family in families if family.name in best]):
             closer = list(_flown(site, family))
             laid += closer

@@ -21,9 +21,6 @@ EVALUATIONS = "evaluations"
 LONG_S = 100.0
 """Budgets above this are run with few seeds."""
 
-_SEEDS_OF_EVALUATIONS = 3
-_GUESSED_S = 60.0
-
 
 @dataclass(frozen=True, slots=True)
 class CoverageRun:
@@ -54,7 +51,7 @@ class CoverageRun:
     @property
     def guessed_s(self) -> float:
         """Approximate duration."""
-        return _GUESSED_S if self.budget_s is None else self.budget_s
+        return 60.0 if self.budget_s is None else self.budget_s
 
 
 def run_of_key(key: str) -> CoverageRun:
@@ -86,7 +83,7 @@ def wanted_runs(
     runs = [CoverageRun(s, name, ONCE, 1) for s in scenarios for name in algorithms if name in CONSTRUCTIONS]
     efforts = [(effort_of(t), seeds if t <= LONG_S else min(seeds, seeds_long)) for t in sorted(times_s)]
     if equal_evaluations:
-        efforts.insert(1, (EVALUATIONS, min(seeds, _SEEDS_OF_EVALUATIONS)))
+        efforts.insert(1, (EVALUATIONS, min(seeds, 3)))
     for effort, count in efforts:
         runs += [
             CoverageRun(scenario, name, effort, number)

@@ -175,9 +175,6 @@ def known(values: Sequence[float]) -> list[float]:
     return [value for value in values if not math.isnan(value)]
 
 
-_FEWEST_RUNS = 2
-
-
 def ranks_markdown(outcomes: Outcomes) -> str:
     """Both tables for every processor time that has enough runs of all; empty when none has."""
     parts = []
@@ -193,7 +190,7 @@ def _at(outcomes: Outcomes, at_s: float, label: str, from_coverage: float) -> st
     lines, table = [], []
     for scenario in outcomes.scenarios:
         samples = {name: outcomes.at(scenario, name, at_s) for name in PLANNERS}
-        values = {name: _volumes(found, from_coverage) for name, found in samples.items() if len(found) >= _FEWEST_RUNS}
+        values = {name: _volumes(found, from_coverage) for name, found in samples.items() if len(found) >= 2}
         rivals = [(name, volumes) for name, volumes in values.items() if name != OURS]
         if OURS not in values or not rivals:
             continue

@@ -34,7 +34,6 @@ from uavcover.plugins import load
 
 _LOCALHOST = "127.0.0.1"
 _SYSTEM = Address(1, 1)
-_HEARTBEAT_S = 1.0
 
 
 class MissionVehicle:
@@ -61,7 +60,7 @@ class MissionVehicle:
         """Datagrams to send by now."""
         messages = list(self._server.messages_to_send(now))
         if now >= self._beat_at:
-            self._beat_at = now + _HEARTBEAT_S
+            self._beat_at = now + 1.0
             messages.append(self._heartbeat)
         return [self._codec.encode(message) for message in messages]
 

@@ -207,7 +207,6 @@ def _plain(figures: Figures) -> Sequence[str]:
 
 _FIGURES = {"modbo": (8, 10), "imodbo": (9, 11)}
 _SIDE = 10.0
-_STEPS = 81
 
 
 def draw_terrain(path: Path) -> Path:
@@ -274,7 +273,7 @@ def _top_view(axis: Any, reading: Reading, route: FloatArray) -> None:
 
 
 def _surface(reading: Reading) -> tuple[FloatArray, FloatArray, FloatArray]:
-    axis = np.linspace(0.0, _SIDE, _STEPS)
+    axis = np.linspace(0.0, _SIDE, 81)
     x, y = np.meshgrid(axis, axis)
     z = reading.site().ground.heights_m(np.column_stack([x.ravel(), y.ravel()])).reshape(x.shape)
     return x, y, z
@@ -289,9 +288,6 @@ def _pyplot() -> Any:
     return pyplot
 
 
-_MOST_RUNS = 1000
-
-
 def read_results(folder: KeptRuns) -> Results:
     """All finished runs.
 
@@ -300,7 +296,7 @@ def read_results(folder: KeptRuns) -> Results:
     """
     found: dict[tuple[str, str], list[PaperResult]] = {}
     done = set(folder.done())
-    for run in paper_runs(READINGS, ALGORITHMS, _MOST_RUNS):
+    for run in paper_runs(READINGS, ALGORITHMS, 1000):
         if run.key in done:
             found.setdefault((run.reading, run.algorithm), []).append(read_result(folder, run))
     return found
