@@ -57,88 +57,58 @@ __all__ = [
 
 @dataclass(frozen=True, slots=True)
 class Autopilot:
-    """Treatment of missions by one autopilot.
+    """Treatment of missions by one autopilot."""
 
-    Attributes:
-        name: For people.
-        mav_autopilot: Its MAV_AUTOPILOT number in heartbeats.
-        firmware: Which of its programs: each has flight mode numbers of its own.
-        home_in_item_0: Whether item 0 of a mission is home (overwritten by the vehicle's own) or the first item.
-        frames: The frames it takes for positions.
-        position_free_frames: The frames it takes for commands without a position.
-        command_frame_returned: The frame that such a command comes back with.
-        returns_int_frames: Whether items come back with the frames 5, 6 and 11, or with 0, 3 and 10 although their
-            coordinates are integers.
-        storage: What it changes in the numbers it stores, by field and command.
-        keeps_autocontinue: Whether that flag comes back as it was sent. If not, it comes back set, and not set from fences
-            and rally points (seen with ArduCopter 4.7).
-        nan_allowed: For each command, the parameters (1 to 4) that may be NaN; key 0 is every other command.
-        refuses_bad_numbers: Whether an item with an impossible number is refused, or taken as it is.
-        item_limit: More items than this are refused (None: it depends on the board).
-        card_parameter: The parameter with the kilobytes of a memory card that missions are kept on instead (0: none is);
-            None for no such thing. See ``item_limits``.
-        legacy_requests: Whether it asks for items with the deprecated MISSION_REQUEST.
-        rerequest_s: It asks again after this silence.
-        give_up_s: It ends an upload after this silence.
-        says_give_up: Whether it tells (with OPERATION_CANCELLED) that it gave up.
-        atomic: The lists that a failed upload leaves as they were.
-        busy_result: What a second ground station's upload is answered.
-        busy_request_result: Answer to a request for a list or an item while another transfer keeps
-            it out; None for nothing.
-        busy_clear_results: What an emptying is answered meanwhile: ArduPilot says no twice, in two words.
-        stopped_by: The results with which a ground station ends its upload; others are ignored. ArduPilot 4.7 and PX4 1.17
-            say so in their sources.
-        answers_in_floats: Whether it answers the deprecated MISSION_REQUEST with the deprecated MISSION_ITEM.
-        clears_all_at_once: Whether it empties all lists for mission_type 255; if not, it says UNSUPPORTED.
-        answers_strangers: Whether an item is answered that comes from a station which began no transfer, or not the last.
-        count_restarts: Whether a COUNT in the middle of an upload starts it over, and CLEAR_ALL of who uploads ends it; if
-            not, COUNT is answered ERROR.
-        wrong_sequence_result: What an item that was not asked for is answered; None for nothing.
-        acks_repeated_last_item: Whether the last item, sent again after the end, is acknowledged again.
-        idle_item_result: What an item is answered when no upload is going on; None for nothing.
-        download_blocks_s: For how long a download that was not acknowledged keeps uploads out; 0 for not at all.
-        boot_refusal_s: For how long after boot an upload is answered NO_SPACE.
-        has_list_ids: Whether it tells an id of each list, in transfers and in MISSION_CURRENT, that changes with its content.
-        takes_parts: Whether items of a list can be written over, the others being left as they are
-            (MISSION_WRITE_PARTIAL_LIST).
-        lists_as_files: Whether its lists are files too, as ``mission_io.formats.mission_dat`` has them.
-    """
-
-    name: str
-    mav_autopilot: AutopilotId
-    firmware: Firmware
-    home_in_item_0: bool
-    frames: frozenset[Frame]
-    position_free_frames: frozenset[Frame]
-    command_frame_returned: Frame
+    name: str  # for people
+    mav_autopilot: AutopilotId  # its MAV_AUTOPILOT number in heartbeats
+    firmware: Firmware  # which of its programs: each has flight mode numbers of its own
+    home_in_item_0: bool  # whether item 0 of a mission is home (overwritten by the vehicle's own) or the first item
+    frames: frozenset[Frame]  # the frames it takes for positions
+    position_free_frames: frozenset[Frame]  # the frames it takes for commands without a position
+    command_frame_returned: Frame  # the frame that such a command comes back with
+    # whether items come back with the frames 5, 6 and 11, or with 0, 3 and 10 although their coordinates are integers
     returns_int_frames: bool
-    storage: Storage
+    storage: Storage  # what it changes in the numbers it stores, by field and command
+    # whether that flag comes back as it was sent. If not, it comes back set, and not set from fences and rally points
+    # (seen with ArduCopter 4.7).
     keeps_autocontinue: bool
+    # for each command, the parameters (1 to 4) that may be NaN; key 0 is every other command
     nan_allowed: Mapping[int, frozenset[int]]
-    refuses_bad_numbers: bool
-    item_limit: int | None
+    refuses_bad_numbers: bool  # whether an item with an impossible number is refused, or taken as it is
+    item_limit: int | None  # more items than this are refused (None: it depends on the board)
+    # the parameter with the kilobytes of a memory card that missions are kept on instead (0: none is); None for no such
+    # thing. See ``item_limits``.
     card_parameter: str | None
-    legacy_requests: bool
-    rerequest_s: float
-    give_up_s: float
-    says_give_up: bool
-    atomic: frozenset[MissionType]
-    busy_result: MissionResult
+    legacy_requests: bool  # whether it asks for items with the deprecated MISSION_REQUEST
+    rerequest_s: float  # it asks again after this silence
+    give_up_s: float  # it ends an upload after this silence
+    says_give_up: bool  # whether it tells (with OPERATION_CANCELLED) that it gave up
+    atomic: frozenset[MissionType]  # the lists that a failed upload leaves as they were
+    busy_result: MissionResult  # what a second ground station's upload is answered
+    # answer to a request for a list or an item while another transfer keeps it out; None for nothing
     busy_request_result: MissionResult | None
+    # what an emptying is answered meanwhile: ArduPilot says no twice, in two words
     busy_clear_results: tuple[MissionResult, ...]
+    # the results with which a ground station ends its upload; others are ignored. ArduPilot 4.7 and PX4 1.17 say so in
+    # their sources.
     stopped_by: frozenset[MissionResult]
-    answers_in_floats: bool
-    clears_all_at_once: bool
+    answers_in_floats: bool  # whether it answers the deprecated MISSION_REQUEST with the deprecated MISSION_ITEM
+    clears_all_at_once: bool  # whether it empties all lists for mission_type 255; if not, it says UNSUPPORTED
+    # whether an item is answered that comes from a station which began no transfer, or not the last
     answers_strangers: bool
+    # whether a COUNT in the middle of an upload starts it over, and CLEAR_ALL of who uploads ends it; if not, COUNT is
+    # answered ERROR
     count_restarts: bool
-    wrong_sequence_result: MissionResult | None
-    acks_repeated_last_item: bool
-    idle_item_result: MissionResult | None
-    download_blocks_s: float
-    boot_refusal_s: float
+    wrong_sequence_result: MissionResult | None  # what an item that was not asked for is answered; None for nothing
+    acks_repeated_last_item: bool  # whether the last item, sent again after the end, is acknowledged again
+    idle_item_result: MissionResult | None  # what an item is answered when no upload is going on; None for nothing
+    download_blocks_s: float  # for how long a download that was not acknowledged keeps uploads out; 0 for not at all
+    boot_refusal_s: float  # for how long after boot an upload is answered NO_SPACE
+    # whether it tells an id of each list, in transfers and in MISSION_CURRENT, that changes with its content
     has_list_ids: bool
+    # whether items of a list can be written over, the others being left as they are (MISSION_WRITE_PARTIAL_LIST)
     takes_parts: bool
-    lists_as_files: bool
+    lists_as_files: bool  # whether its lists are files too, as ``mission_io.formats.mission_dat`` has them
 
     def rule_for(self, item: MissionItem, field_name: str) -> StorageRule | None:
         """The storage rule for a field of an item, if any."""

@@ -21,17 +21,11 @@ _NAMES = {"lat_deg": "latitude", "lon_deg": "longitude"}
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """Something an autopilot would refuse or misunderstand.
+    """Something an autopilot would refuse or misunderstand."""
 
-    Attributes:
-        item: Number of the item on the wire, from 0; None for the whole list.
-        field: The field; empty for the whole item.
-        what: What is wrong and what to do.
-    """
-
-    item: int | None
-    field: str
-    what: str
+    item: int | None  # number of the item on the wire, from 0; None for the whole list
+    field: str  # the field; empty for the whole item
+    what: str  # what is wrong and what to do
 
     def __str__(self) -> str:
         """One line for people."""

@@ -32,26 +32,18 @@ _STRUCTURE = ("count", "command", "frame")
 
 @dataclass(frozen=True, slots=True)
 class Difference:
-    """One field that differs from what was meant.
+    """One field that differs from what was meant."""
 
-    Attributes:
-        item: Number of the item on the wire, from 0; None when the lists differ in length.
-        field: ``count``, ``command``, ``frame``, ``param1`` to ``param4``, ``lat_deg``, ``lon_deg``, ``alt_m``,
-            ``autocontinue``, or ``home`` for a whole item 0 that an autopilot replaced.
-        sent: What was sent, or meant.
-        received: What came back, or is held.
-        acceptable: Whether it is none: rounding, the autopilot's design, or another number for the same thing.
-        why: The reason for that verdict.
-        size_m: How far apart two places are over ground, or two heights, in metres; None for what is no length, infinite
-            where one of the two is not a number.
-    """
-
-    item: int | None
+    item: int | None  # number of the item on the wire, from 0; None when the lists differ in length
+    # ``count``, ``command``, ``frame``, ``param1`` to ``param4``, ``lat_deg``, ``lon_deg``, ``alt_m``,
+    # ``autocontinue``, or ``home`` for a whole item 0 that an autopilot replaced
     field: str
-    sent: FieldValue
-    received: FieldValue
-    acceptable: bool
-    why: str
+    sent: FieldValue  # what was sent, or meant
+    received: FieldValue  # what came back, or is held
+    acceptable: bool  # whether it is none: rounding, the autopilot's design, or another number for the same thing
+    why: str  # the reason for that verdict
+    # how far apart two places are over ground, or two heights, in metres; None for what is no length, infinite where
+    # one of the two is not a number
     size_m: float | None = None
 
 

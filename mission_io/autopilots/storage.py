@@ -44,21 +44,13 @@ NOT_STEPS = FENCE | RALLY
 
 @dataclass(frozen=True, slots=True)
 class StorageRule:
-    """One way in which an autopilot changes what it is given, by design.
+    """One way in which an autopilot changes what it is given, by design."""
 
-    Attributes:
-        field: The changed field: ``param1`` to ``param4``, ``lat_deg``, ``lon_deg`` or ``alt_m``.
-        commands: The commands it concerns.
-        store: From the number sent to the number that comes back.
-        largest_change: A larger change is not by design, even when ``store`` predicts it.
-        why: The reason, for people.
-    """
-
-    field: str
-    commands: frozenset[int]
-    store: Callable[[float], float]
-    largest_change: float
-    why: str
+    field: str  # the changed field: ``param1`` to ``param4``, ``lat_deg``, ``lon_deg`` or ``alt_m``
+    commands: frozenset[int]  # the commands it concerns
+    store: Callable[[float], float]  # from the number sent to the number that comes back
+    largest_change: float  # a larger change is not by design, even when ``store`` predicts it
+    why: str  # the reason, for people
 
 
 Storage: TypeAlias = Mapping[tuple[str, int], StorageRule]

@@ -48,21 +48,13 @@ Part = tuple[int, ...]
 
 @dataclass(frozen=True, slots=True)
 class TerrainBlock:
-    """One block of the grid.
+    """One block of the grid."""
 
-    Attributes:
-        south_deg: Latitude of the whole degree that the block is counted from.
-        west_deg: Longitude of that degree.
-        north: The block's number from the degree's corner to the north.
-        east: The block's number from there to the east.
-        spacing_m: Distance of neighbouring heights.
-    """
-
-    south_deg: int
-    west_deg: int
-    north: int
-    east: int
-    spacing_m: int
+    south_deg: int  # latitude of the whole degree that the block is counted from
+    west_deg: int  # longitude of that degree
+    north: int  # the block's number from the degree's corner to the north
+    east: int  # the block's number from there to the east
+    spacing_m: int  # distance of neighbouring heights
 
     @property
     def corner_e7(self) -> tuple[int, int]:

@@ -20,25 +20,15 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True)
 class VehicleInfo:
-    """A vehicle as its latest heartbeat describes it.
+    """A vehicle as its latest heartbeat describes it."""
 
-    Attributes:
-        system_id: Its MAVLink system.
-        component_id: The autopilot's component.
-        mav_autopilot: MAV_AUTOPILOT number.
-        vehicle_type: MAV_TYPE number.
-        armed: Whether it is armed.
-        custom_mode: The autopilot's own number of its flight mode.
-        system_status: MAV_STATE number.
-    """
-
-    system_id: int
-    component_id: int
-    mav_autopilot: int
-    vehicle_type: int
-    armed: bool
-    custom_mode: int
-    system_status: int
+    system_id: int  # its MAVLink system
+    component_id: int  # the autopilot's component
+    mav_autopilot: int  # MAV_AUTOPILOT number
+    vehicle_type: int  # MAV_TYPE number
+    armed: bool  # whether it is armed
+    custom_mode: int  # the autopilot's own number of its flight mode
+    system_status: int  # MAV_STATE number
 
     @property
     def address(self) -> Address:

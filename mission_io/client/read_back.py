@@ -14,21 +14,13 @@ from mission_io.protocol.tuning import TRANSFERS
 
 @dataclass(frozen=True, slots=True)
 class ReadBack:
-    """The result of ``Client.upload_and_verify``.
+    """The result of ``Client.upload_and_verify``."""
 
-    Attributes:
-        mission_type: The list.
-        autopilot: Name of the autopilot whose changes by design the comparison knows.
-        sent: The items as they were sent, with home in front where item 0 is home.
-        received: The items as they were read back.
-        differences: Every field that came back changed, acceptable or not.
-    """
-
-    mission_type: MissionType
-    autopilot: str
-    sent: tuple[MissionItem, ...]
-    received: tuple[MissionItem, ...]
-    differences: tuple[Difference, ...]
+    mission_type: MissionType  # the list
+    autopilot: str  # name of the autopilot whose changes by design the comparison knows
+    sent: tuple[MissionItem, ...]  # the items as they were sent, with home in front where item 0 is home
+    received: tuple[MissionItem, ...]  # the items as they were read back
+    differences: tuple[Difference, ...]  # every field that came back changed, acceptable or not
 
     @property
     def passed(self) -> bool:

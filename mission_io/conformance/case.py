@@ -27,19 +27,12 @@ class Outcome(Enum):
 
 @dataclass(frozen=True, slots=True)
 class CaseResult:
-    """The answer to one case.
+    """The answer to one case."""
 
-    Attributes:
-        case: Its name.
-        outcome: How it ended.
-        seen: What the other side did, one line.
-        took_s: Seconds from the first message to the verdict.
-    """
-
-    case: str
-    outcome: Outcome
-    seen: str
-    took_s: float = 0.0
+    case: str  # its name
+    outcome: Outcome  # how it ended
+    seen: str  # what the other side did, one line
+    took_s: float = 0.0  # seconds from the first message to the verdict
 
 
 class EndedError(MissionIoError):
@@ -66,21 +59,13 @@ class LackingError(EndedError):
 
 @dataclass(frozen=True, slots=True)
 class ProtocolCase(Generic[SubjectT]):
-    """One question.
+    """One question."""
 
-    Attributes:
-        name: For ``--case`` and tables.
-        says: What the guide says, in short.
-        section: Where it says so.
-        ask: Asks it; returns what was seen, or raises an ``EndedError``.
-        like: The tests of MAVSDK's transfer suites that ask the same.
-    """
-
-    name: str
-    says: str
-    section: Section
-    ask: Callable[[SubjectT], str]
-    like: tuple[str, ...] = ()
+    name: str  # for ``--case`` and tables
+    says: str  # what the guide says, in short
+    section: Section  # where it says so
+    ask: Callable[[SubjectT], str]  # asks it; returns what was seen, or raises an ``EndedError``
+    like: tuple[str, ...] = ()  # the tests of MAVSDK's transfer suites that ask the same
 
     def answered_by(self, subject: SubjectT) -> tuple[Outcome, str]:
         """Ask it; the verdict and the observation."""

@@ -38,32 +38,19 @@ class HeardMessage:
 
 @dataclass(slots=True)
 class StationEvidence:
-    """Messages and states of one case.
+    """Messages and states of one case."""
 
-    Attributes:
-        operation: What the station began.
-        mission_type: About which list.
-        station: Who it is.
-        vehicle: Whom it should talk to.
-        heard: What it said in the mission protocol.
-        said: What the vehicle said.
-        old: The list that the vehicle held before.
-        held: The list that it holds now.
-        reported_success: The station's report to its user; None when that is not known.
-        unending: Whether the station was still at it when the time was up.
-    """
-
-    operation: Operation
-    mission_type: MissionType
-    station: Address
-    vehicle: Address
+    operation: Operation  # what the station began
+    mission_type: MissionType  # about which list
+    station: Address  # who it is
+    vehicle: Address  # whom it should talk to
     began_s: float
-    old: tuple[MissionItem, ...]
-    heard: list[HeardMessage] = field(default_factory=list)
-    said: list[HeardMessage] = field(default_factory=list)
-    held: tuple[MissionItem, ...] = ()
-    reported_success: bool | None = None
-    unending: bool = False
+    old: tuple[MissionItem, ...]  # the list that the vehicle held before
+    heard: list[HeardMessage] = field(default_factory=list)  # what it said in the mission protocol
+    said: list[HeardMessage] = field(default_factory=list)  # what the vehicle said
+    held: tuple[MissionItem, ...] = ()  # the list that it holds now
+    reported_success: bool | None = None  # the station's report to its user; None when that is not known
+    unending: bool = False  # whether the station was still at it when the time was up
 
     def of(self, *kinds: type[Message]) -> list[HeardMessage]:
         """The station's messages of some kinds, about the list."""
@@ -84,14 +71,8 @@ class StationEvidence:
 
 @dataclass(frozen=True, slots=True)
 class ClientCase(ProtocolCase[StationEvidence]):
-    """A case for a ground station.
+    """A case for a ground station."""
 
-    Attributes:
-        operation: What it has to begin.
-        trick: Makes what the vehicle does wrong.
-        mission_type: The list that it has to be about; None for any.
-    """
-
-    operation: Operation = Operation.UPLOAD
-    trick: Callable[[], Trick] = Trick
-    mission_type: MissionType | None = None
+    operation: Operation = Operation.UPLOAD  # what it has to begin
+    trick: Callable[[], Trick] = Trick  # makes what the vehicle does wrong
+    mission_type: MissionType | None = None  # the list that it has to be about; None for any

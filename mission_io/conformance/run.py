@@ -79,15 +79,10 @@ def _refuse_armed(probe: Probe) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Kept:
-    """The lists that a vehicle held; a list that it does not have is not in it.
+    """The lists that a vehicle held; a list that it does not have is not in it."""
 
-    Attributes:
-        lists: Their items as on the wire.
-        copy: A file with them, while they are not put back; None when there was nothing to keep.
-    """
-
-    lists: Mapping[MissionType, tuple[MissionItem, ...]]
-    copy: Path | None
+    lists: Mapping[MissionType, tuple[MissionItem, ...]]  # their items as on the wire
+    copy: Path | None  # a file with them, while they are not put back; None when there was nothing to keep
 
 
 def keep(client: Client) -> Kept:

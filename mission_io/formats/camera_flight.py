@@ -36,39 +36,24 @@ _SAME_PLACE_DEG, _SAME_HEIGHT_M = 1e-9, 1e-4
 
 @dataclass(frozen=True, slots=True)
 class CameraPoint:
-    """A point of a flight, and what holds from there on.
+    """A point of a flight, and what holds from there on."""
 
-    Attributes:
-        lat_deg: Latitude, WGS 84.
-        lon_deg: Longitude, WGS 84.
-        height_above_home_m: Height above the place of take-off.
-        speed_m_s: Over ground, from there on.
-        heading_deg: Heading held from there on, clockwise from north; None: along the legs.
-        pitch_deg: Pitch of the camera from there on, -90 is straight down; None: not stated.
-        pictures: How many pictures are taken there.
-        picture_distance_m: Trigger distance over ground in metres from there on; None: no trigger.
-    """
-
-    lat_deg: float
-    lon_deg: float
-    height_above_home_m: float
-    speed_m_s: float
-    heading_deg: float | None = None
-    pitch_deg: float | None = None
-    pictures: int = 0
-    picture_distance_m: float | None = None
+    lat_deg: float  # latitude, WGS 84
+    lon_deg: float  # longitude, WGS 84
+    height_above_home_m: float  # height above the place of take-off
+    speed_m_s: float  # over ground, from there on
+    heading_deg: float | None = None  # heading held from there on, clockwise from north; None: along the legs
+    pitch_deg: float | None = None  # pitch of the camera from there on, -90 is straight down; None: not stated
+    pictures: int = 0  # how many pictures are taken there
+    picture_distance_m: float | None = None  # trigger distance over ground in metres from there on; None: no trigger
 
 
 @dataclass(frozen=True, slots=True)
 class CameraFlight:
-    """A flight from the ground at home to the ground at home.
+    """A flight from the ground at home to the ground at home."""
 
-    Attributes:
-        home: Where it takes off and lands.
-        points: In flying order: the first is the top of the climb, straight above home, the last is straight above the landing.
-    """
-
-    home: GeoPoint
+    home: GeoPoint  # where it takes off and lands
+    # in flying order: the first is the top of the climb, straight above home, the last is straight above the landing
     points: tuple[CameraPoint, ...]
 
 

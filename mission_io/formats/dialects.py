@@ -22,17 +22,11 @@ _SPREADSHEET: Final = re.compile(r"sep=(.)\s*", re.IGNORECASE)
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """Notation of a table.
+    """Notation of a table."""
 
-    Attributes:
-        separator: between columns.
-        decimal: between the whole and the rest of a number.
-        first_line: of the header, from 1.
-    """
-
-    separator: str = ","
-    decimal: str = "."
-    first_line: int = 1
+    separator: str = ","  # between columns
+    decimal: str = "."  # between the whole and the rest of a number
+    first_line: int = 1  # of the header, from 1
 
     def __str__(self) -> str:
         decimals = "decimal commas" if self.decimal == "," else "decimal points"
@@ -124,15 +118,10 @@ def _cells(line: str, separator: str) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """The words of a line of numbers.
+    """The words of a line of numbers."""
 
-    Attributes:
-        words: without quotes, decimals with points.
-        changed: what was unusual, for a list of repairs; empty where nothing was.
-    """
-
-    words: tuple[str, ...]
-    changed: str = ""
+    words: tuple[str, ...]  # without quotes, decimals with points
+    changed: str = ""  # what was unusual, for a list of repairs; empty where nothing was
 
 
 _SPLITS: Final = (

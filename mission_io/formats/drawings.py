@@ -26,19 +26,12 @@ def place_of(lon_deg: float, lat_deg: float, where: str) -> LatLon:
 
 @dataclass(frozen=True, slots=True)
 class DrawnArea:
-    """A polygon, possibly with holes. Its rings are not closed: no vertex is repeated.
+    """A polygon, possibly with holes. Its rings are not closed: no vertex is repeated."""
 
-    Attributes:
-        exterior: The outer ring.
-        holes: The inner rings.
-        name: Of its feature or placemark.
-        folder: The innermost folder that it is in, where a format has folders.
-    """
-
-    exterior: tuple[LatLon, ...]
-    holes: tuple[tuple[LatLon, ...], ...] = ()
-    name: str = ""
-    folder: str = ""
+    exterior: tuple[LatLon, ...]  # the outer ring
+    holes: tuple[tuple[LatLon, ...], ...] = ()  # the inner rings
+    name: str = ""  # of its feature or placemark
+    folder: str = ""  # the innermost folder that it is in, where a format has folders
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,19 +52,12 @@ class Spot:
 
 @dataclass(frozen=True, slots=True)
 class Drawing:
-    """The content of a drawing, each kind in the order of the file.
+    """The content of a drawing, each kind in the order of the file."""
 
-    Attributes:
-        areas: The polygons; a multipolygon is several.
-        lines: The lines.
-        spots: The single positions.
-        repairs: What was repaired or dropped to read it, one line each.
-    """
-
-    areas: tuple[DrawnArea, ...] = ()
-    lines: tuple[DrawnLine, ...] = ()
-    spots: tuple[Spot, ...] = ()
-    repairs: tuple[str, ...] = ()
+    areas: tuple[DrawnArea, ...] = ()  # the polygons; a multipolygon is several
+    lines: tuple[DrawnLine, ...] = ()  # the lines
+    spots: tuple[Spot, ...] = ()  # the single positions
+    repairs: tuple[str, ...] = ()  # what was repaired or dropped to read it, one line each
 
 
 def fence_from_areas(areas: Iterable[DrawnArea]) -> Fence:

@@ -43,19 +43,12 @@ _FENCE_COMMANDS = range(Command.NAV_FENCE_RETURN_POINT, Command.NAV_FENCE_CIRCLE
 
 @dataclass(frozen=True, slots=True)
 class MissionFile:
-    """Content of a mission file; None for a list that it does not have.
+    """Content of a mission file; None for a list that it does not have."""
 
-    Attributes:
-        mission: Its mission.
-        fence: Its fence.
-        rally: Its rally points.
-        repairs: What had to be repaired to read the file, one line each.
-    """
-
-    mission: Mission | None = None
-    fence: Fence | None = None
-    rally: RallyPoints | None = None
-    repairs: tuple[str, ...] = ()
+    mission: Mission | None = None  # its mission
+    fence: Fence | None = None  # its fence
+    rally: RallyPoints | None = None  # its rally points
+    repairs: tuple[str, ...] = ()  # what had to be repaired to read the file, one line each
 
     @property
     def lists(self) -> tuple[MissionList, ...]:

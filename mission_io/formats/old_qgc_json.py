@@ -23,19 +23,12 @@ _VERSIONS_1 = (1, "1", "1.0")
 
 @dataclass(frozen=True, slots=True)
 class OldFile:
-    """The one list that such a file holds, and what was repaired to read it, one line each.
+    """The one list that such a file holds, and what was repaired to read it, one line each."""
 
-    Attributes:
-        mission: Of a ``.mission``.
-        fence: Of a ``.fence``.
-        rally: Of a ``.rally``.
-        repairs: One line each.
-    """
-
-    mission: Mission | None = None
-    fence: Fence | None = None
-    rally: RallyPoints | None = None
-    repairs: tuple[str, ...] = ()
+    mission: Mission | None = None  # of a ``.mission``
+    fence: Fence | None = None  # of a ``.fence``
+    rally: RallyPoints | None = None  # of a ``.rally``
+    repairs: tuple[str, ...] = ()  # one line each
 
 
 def read(text: str) -> OldFile:

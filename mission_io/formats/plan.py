@@ -45,31 +45,19 @@ _HOME = "plannedHomePosition"
 
 @dataclass(frozen=True, slots=True)
 class PlanFile:
-    """The content of a ``.plan`` file.
+    """The content of a ``.plan`` file."""
 
-    Attributes:
-        mission: Its mission with the items of complex items in their places; home is the planned home position.
-        fence: Its geofence, empty when it has none.
-        rally: Its rally points, empty when it has none.
-        mav_autopilot: The MAV_AUTOPILOT number it was planned for.
-        vehicle_type: The MAV_TYPE number it was planned for.
-        cruise_speed_m_s: The planner's cruise speed, for display only.
-        hover_speed_m_s: The planner's hover speed, for display only.
-        entries: The entries of its item list that say more than the items they fly, in order.
-        extras: Other keys of the document and of its parts ``mission``, ``geoFence`` and ``rallyPoints``.
-        repairs: What was missing or dropped to read it, one line each.
-    """
-
-    mission: Mission
-    fence: Fence
-    rally: RallyPoints
-    mav_autopilot: int
-    vehicle_type: int = VehicleClass.QUADROTOR
-    cruise_speed_m_s: float = 15.0
-    hover_speed_m_s: float = 5.0
-    entries: tuple[PlanEntry, ...] = ()
+    mission: Mission  # its mission with the items of complex items in their places; home is the planned home position
+    fence: Fence  # its geofence, empty when it has none
+    rally: RallyPoints  # its rally points, empty when it has none
+    mav_autopilot: int  # the MAV_AUTOPILOT number it was planned for
+    vehicle_type: int = VehicleClass.QUADROTOR  # the MAV_TYPE number it was planned for
+    cruise_speed_m_s: float = 15.0  # the planner's cruise speed, for display only
+    hover_speed_m_s: float = 5.0  # the planner's hover speed, for display only
+    entries: tuple[PlanEntry, ...] = ()  # the entries of its item list that say more than the items they fly, in order
+    # other keys of the document and of its parts ``mission``, ``geoFence`` and ``rallyPoints``
     extras: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
-    repairs: tuple[str, ...] = field(default=(), compare=False)
+    repairs: tuple[str, ...] = field(default=(), compare=False)  # what was missing or dropped to read it, one line each
 
     def doubts(self) -> tuple[str, ...]:
         """Probable mistakes, such as a route far from home; see ``model.places.doubts_about``."""

@@ -27,19 +27,12 @@ _NOTHING = (math.nan, math.nan, math.nan)
 
 @dataclass(frozen=True, slots=True)
 class PlanEntry:
-    """An entry of a plan's item list, kept whole because it holds more than its items.
+    """An entry of a plan's item list, kept whole because it holds more than its items."""
 
-    Attributes:
-        first: Position of its first item in the mission, from 0.
-        items: The items that it flies.
-        document: Its JSON, written back unchanged. Not to be modified.
-        is_flyable: Whether the file contains the items it flies.
-    """
-
-    first: int
-    items: tuple[MissionItem, ...]
-    document: Mapping[str, Any]
-    is_flyable: bool = True
+    first: int  # position of its first item in the mission, from 0
+    items: tuple[MissionItem, ...]  # the items that it flies
+    document: Mapping[str, Any]  # its JSON, written back unchanged. Not to be modified.
+    is_flyable: bool = True  # whether the file contains the items it flies
 
     @property
     def kind(self) -> str:

@@ -32,21 +32,15 @@ class RouteStop:
 
 @dataclass(frozen=True, slots=True)
 class PointRoute:
-    """A route as a mission.
+    """A route as a mission."""
 
-    Attributes:
-        mission: Item 1 is a take-off to the height of the first point, the points follow. It has no home: the files have none.
-        numbers: The number of the item of each point.
-        repairs: What was read otherwise than it stands there, one line each.
-        return_height_m: Above home, at which the aircraft returns by itself; None where the file does not say.
-        speed_m_s: Of all of it; None where the file states none, or several, which are then items.
-    """
-
+    # item 1 is a take-off to the height of the first point, the points follow. It has no home: the files have none.
     mission: Mission
-    numbers: tuple[int, ...]
-    repairs: tuple[str, ...] = ()
+    numbers: tuple[int, ...]  # the number of the item of each point
+    repairs: tuple[str, ...] = ()  # what was read otherwise than it stands there, one line each
+    # above home, at which the aircraft returns by itself; None where the file does not say
     return_height_m: float | None = None
-    speed_m_s: float | None = None
+    speed_m_s: float | None = None  # of all of it; None where the file states none, or several, which are then items
 
 
 def route_from_stops(

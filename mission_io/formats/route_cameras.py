@@ -10,23 +10,14 @@ from mission_io.model.items import MissionItem, delay
 
 @dataclass(frozen=True, slots=True)
 class StopCamera:
-    """Actions at a point, and settings from there on.
+    """Actions at a point, and settings from there on."""
 
-    Attributes:
-        pitch_deg: Of the camera from there on, -90 is straight down; None: as before.
-        heading_deg: Of the aircraft's nose on the leg after it; None: along the leg.
-        pictures: How many are taken there.
-        distance_m: Between pictures from there on; None: none by distance.
-        interval_s: The same by time.
-        hover_s: How long it stays.
-    """
-
-    pitch_deg: float | None = None
-    heading_deg: float | None = None
-    pictures: int = 0
-    distance_m: float | None = None
-    interval_s: float | None = None
-    hover_s: float = 0.0
+    pitch_deg: float | None = None  # of the camera from there on, -90 is straight down; None: as before
+    heading_deg: float | None = None  # of the aircraft's nose on the leg after it; None: along the leg
+    pictures: int = 0  # how many are taken there
+    distance_m: float | None = None  # between pictures from there on; None: none by distance
+    interval_s: float | None = None  # the same by time
+    hover_s: float = 0.0  # how long it stays
 
 
 NOTHING = StopCamera()

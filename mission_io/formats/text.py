@@ -22,15 +22,10 @@ _WIDE = ((codecs.BOM_UTF32_LE, "utf-32"), (codecs.BOM_UTF16_LE, "utf-16"), (code
 
 @dataclass(frozen=True, slots=True)
 class FileText:
-    """The text of a file.
+    """The text of a file."""
 
-    Attributes:
-        text: Without a byte order mark and with LF line ends.
-        repairs: What was repaired, one line each.
-    """
-
-    text: str
-    repairs: tuple[str, ...]
+    text: str  # without a byte order mark and with LF line ends
+    repairs: tuple[str, ...]  # what was repaired, one line each
 
 
 def text_from_bytes(data: bytes) -> FileText:

@@ -60,20 +60,14 @@ _NAN_AS_NUMBER: Mapping[Meaning, str] = MappingProxyType(
 
 @dataclass(frozen=True, slots=True)
 class WplFile:
-    """The content of a ``.waypoints`` file.
+    """The content of a ``.waypoints`` file."""
 
-    Attributes:
-        version: 110 (the first row is home) or 120 (it is not).
-        home: The first row of a version 110 file; None in a version 120 file, when there are no rows, and when the first
-            row is no waypoint: a fence item or a rally point, as in MAVProxy's files, or a take-off.
-        items: The other rows.
-        repairs: What had to be repaired to read it, one line each; empty for a file in strict form.
-    """
-
-    version: int
+    version: int  # 110 (the first row is home) or 120 (it is not)
+    # the first row of a version 110 file; None in a version 120 file, when there are no rows, and when the first row is
+    # no waypoint: a fence item or a rally point, as in MAVProxy's files, or a take-off
     home: GeoPoint | None
-    items: tuple[MissionItem, ...]
-    repairs: tuple[str, ...]
+    items: tuple[MissionItem, ...]  # the other rows
+    repairs: tuple[str, ...]  # what had to be repaired to read it, one line each; empty for a file in strict form
 
     def mission(self) -> Mission:
         """The file as a mission."""

@@ -32,38 +32,23 @@ _STAMP = (1980, 1, 1, 0, 0, 0)
 
 @dataclass(frozen=True, slots=True)
 class DjiAircraft:
-    """An aircraft with its camera, as WPML names it.
+    """An aircraft with its camera, as WPML names it."""
 
-    Attributes:
-        title: For people.
-        drone: Its type and subtype.
-        payload: The type of its camera.
-        payload_position: Where the camera is mounted; 0 is the main gimbal.
-        image_format: Which lenses' pictures are kept: one of IMAGE_FORMATS, or several with commas.
-        pitch_range_deg: Angles that its gimbal reaches.
-        max_speed_m_s: Largest speed over ground.
-    """
-
-    title: str
-    drone: tuple[int, int]
-    payload: int
-    payload_position: int
-    image_format: str
-    pitch_range_deg: tuple[float, float]
-    max_speed_m_s: float
+    title: str  # for people
+    drone: tuple[int, int]  # its type and subtype
+    payload: int  # the type of its camera
+    payload_position: int  # where the camera is mounted; 0 is the main gimbal
+    image_format: str  # which lenses' pictures are kept: one of IMAGE_FORMATS, or several with commas
+    pitch_range_deg: tuple[float, float]  # angles that its gimbal reaches
+    max_speed_m_s: float  # largest speed over ground
 
 
 @dataclass(frozen=True, slots=True)
 class AbsoluteHeights:
-    """Heights of the points of a flight, one each.
+    """Heights of the points of a flight, one each."""
 
-    Attributes:
-        amsl_m: Above the sea level of EGM96.
-        ellipsoid_m: Above the ellipsoid of WGS 84.
-    """
-
-    amsl_m: Sequence[float]
-    ellipsoid_m: Sequence[float]
+    amsl_m: Sequence[float]  # above the sea level of EGM96
+    ellipsoid_m: Sequence[float]  # above the ellipsoid of WGS 84
 
 
 def write_kmz(

@@ -33,21 +33,13 @@ BUILT_IN_SCHEMES: Final = frozenset({*_SCHEMES, "serial"})
 
 @dataclass(frozen=True, slots=True)
 class LinkUrl:
-    """A link's URL in its parts; ``scheme`` is the canonical one, whichever form was written.
+    """A link's URL in its parts; ``scheme`` is the canonical one, whichever form was written."""
 
-    Attributes:
-        scheme: ``udpin``, ``udpout``, ``tcp``, ``tcpin``, ``serial``, or one that was registered.
-        host: Name or address, for UDP and TCP.
-        port: Port, for UDP and TCP; 0 is any, where this side listens.
-        rest: The device of a serial link; what follows the colon of a registered scheme.
-        baud: Bits per second of a serial link.
-    """
-
-    scheme: str
-    host: str = ""
-    port: int = 0
-    rest: str = ""
-    baud: int = 0
+    scheme: str  # ``udpin``, ``udpout``, ``tcp``, ``tcpin``, ``serial``, or one that was registered
+    host: str = ""  # name or address, for UDP and TCP
+    port: int = 0  # port, for UDP and TCP; 0 is any, where this side listens
+    rest: str = ""  # the device of a serial link; what follows the colon of a registered scheme
+    baud: int = 0  # bits per second of a serial link
 
 
 def parse_url(url: str, *, registered: frozenset[str]) -> LinkUrl:

@@ -258,17 +258,11 @@ class LossyLink(WrappingLink):
 
 @dataclass(frozen=True, slots=True)
 class LinkPreset:
-    """A kind of link.
+    """A kind of link."""
 
-    Attributes:
-        name: Its name in options.
-        timing: For ``Client(timing=...)``.
-        conditions: For ``SimulatedLink(conditions=...)``: such a link on a bad day, each way.
-    """
-
-    name: str
-    timing: Timing
-    conditions: Conditions
+    name: str  # its name in options
+    timing: Timing  # for ``Client(timing=...)``
+    conditions: Conditions  # for ``SimulatedLink(conditions=...)``: such a link on a bad day, each way
 
 
 DEFAULT: Final = LinkPreset("default", Timing(), Conditions(loss=0.01, delay_s=0.005, jitter_s=0.005))

@@ -15,30 +15,19 @@ from mission_io.model.items import Command, GeoPoint, Mission, MissionItem
 
 @dataclass(frozen=True, slots=True)
 class Edit:
-    """A run of items replaced by another.
+    """A run of items replaced by another."""
 
-    Attributes:
-        at: Position of its first item in the old list, from 0.
-        removed: The old items; empty for an insertion.
-        inserted: The new items; empty for a removal.
-    """
-
-    at: int
-    removed: tuple[MissionItem, ...]
-    inserted: tuple[MissionItem, ...]
+    at: int  # position of its first item in the old list, from 0
+    removed: tuple[MissionItem, ...]  # the old items; empty for an insertion
+    inserted: tuple[MissionItem, ...]  # the new items; empty for a removal
 
 
 @dataclass(frozen=True, slots=True)
 class MissionDiff:
-    """The changes from one mission to another; false when there are none.
+    """The changes from one mission to another; false when there are none."""
 
-    Attributes:
-        home: The old and the new home, when they differ.
-        edits: The changed runs of items, in order, none adjacent to another.
-    """
-
-    home: tuple[GeoPoint | None, GeoPoint | None] | None
-    edits: tuple[Edit, ...]
+    home: tuple[GeoPoint | None, GeoPoint | None] | None  # the old and the new home, when they differ
+    edits: tuple[Edit, ...]  # the changed runs of items, in order, none adjacent to another
 
     def __bool__(self) -> bool:
         return self.home is not None or bool(self.edits)

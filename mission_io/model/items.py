@@ -134,25 +134,16 @@ class GeoPoint:
 
 @dataclass(frozen=True, slots=True)
 class MissionItem:
-    """One item of a mission, fence or rally list.
+    """One item of a mission, fence or rally list."""
 
-    Attributes:
-        command: MAV_CMD number; any number is kept.
-        frame: The reference of ``alt_m``.
-        params: The first four parameters, whose meaning depends on the command. NaN means "the vehicle's default".
-        lat_deg: Latitude in degrees, WGS 84 (the fifth parameter when the frame is COMMAND).
-        lon_deg: Longitude in degrees, WGS 84 (the sixth parameter when the frame is COMMAND).
-        alt_m: Height in metres above the frame's reference (the seventh parameter when the frame is COMMAND).
-        autocontinue: Whether the vehicle continues with the next item by itself.
-    """
-
-    command: int
-    frame: Frame
+    command: int  # MAV_CMD number; any number is kept
+    frame: Frame  # the reference of ``alt_m``
+    # the first four parameters, whose meaning depends on the command. NaN means "the vehicle's default".
     params: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 0.0)
-    lat_deg: float = 0.0
-    lon_deg: float = 0.0
-    alt_m: float = 0.0
-    autocontinue: bool = True
+    lat_deg: float = 0.0  # latitude in degrees, WGS 84 (the fifth parameter when the frame is COMMAND)
+    lon_deg: float = 0.0  # longitude in degrees, WGS 84 (the sixth parameter when the frame is COMMAND)
+    alt_m: float = 0.0  # height in metres above the frame's reference (the seventh parameter when the frame is COMMAND)
+    autocontinue: bool = True  # whether the vehicle continues with the next item by itself
 
     @property
     def has_position(self) -> bool:
@@ -170,13 +161,10 @@ class Mission:
     """A mission: its items in flying order, without home.
 
     The first item is number 1 (home is 0); DO_JUMP refers to items by these numbers, for every autopilot.
-
-    Attributes:
-        home: The planned start; None when unknown.
-        items: The items in flying order. Home is not one of them, also where a file or an autopilot puts it in row 0.
     """
 
-    home: GeoPoint | None
+    home: GeoPoint | None  # the planned start; None when unknown
+    # the items in flying order. Home is not one of them, also where a file or an autopilot puts it in row 0.
     items: tuple[MissionItem, ...]
 
 

@@ -22,27 +22,16 @@ _INVALID_PARAMS = (
 
 @dataclass(slots=True)
 class Incoming:
-    """An upload in progress.
+    """An upload in progress."""
 
-    Attributes:
-        station: Who sends it.
-        mission_type: The list.
-        count: How many items come.
-        heard_at: When the last one came.
-        asked_at: When the next one was last asked for.
-        first: Its first item's number; others than 0 where only a part of a list comes.
-        base: The list of which a part is written over; None for a whole list.
-        items: Those that have come.
-    """
-
-    station: Address
-    mission_type: MissionType
-    count: int
-    heard_at: float
-    asked_at: float
-    first: int = 0
-    base: tuple[MissionItem, ...] | None = None
-    items: list[MissionItem] = field(default_factory=list)
+    station: Address  # who sends it
+    mission_type: MissionType  # the list
+    count: int  # how many items come
+    heard_at: float  # when the last one came
+    asked_at: float  # when the next one was last asked for
+    first: int = 0  # its first item's number; others than 0 where only a part of a list comes
+    base: tuple[MissionItem, ...] | None = None  # the list of which a part is written over; None for a whole list
+    items: list[MissionItem] = field(default_factory=list)  # those that have come
 
     @property
     def next_seq(self) -> int:

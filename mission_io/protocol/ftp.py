@@ -55,27 +55,17 @@ class FtpError(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class FtpMessage:
-    """One request or answer.
+    """One request or answer."""
 
-    Attributes:
-        seq: Sequence number, 0 to 65535.
-        operation: The request, or ACK or NAK; a number that is no operation stays a number.
-        session: The open file that is meant.
-        offset: Where in the file, in bytes; in a directory, the entry.
-        data: Up to 239 bytes; of a NAK, the error and perhaps the errno.
-        size: What the size field says; None is the size of the data. Reading says by it how much is wanted.
-        answers: The operation that an answer is for.
-        burst_complete: Whether this is the last answer of a burst.
-    """
-
-    seq: int
-    operation: int
-    session: int = 0
-    offset: int = 0
-    data: bytes = b""
+    seq: int  # sequence number, 0 to 65535
+    operation: int  # the request, or ACK or NAK; a number that is no operation stays a number
+    session: int = 0  # the open file that is meant
+    offset: int = 0  # where in the file, in bytes; in a directory, the entry
+    data: bytes = b""  # up to 239 bytes; of a NAK, the error and perhaps the errno
+    # what the size field says; None is the size of the data. Reading says by it how much is wanted.
     size: int | None = None
-    answers: int = 0
-    burst_complete: bool = False
+    answers: int = 0  # the operation that an answer is for
+    burst_complete: bool = False  # whether this is the last answer of a burst
 
     def encoded(self) -> bytes:
         """The payload, 251 bytes.

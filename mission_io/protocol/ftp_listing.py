@@ -11,17 +11,11 @@ from mission_io.protocol.tuning import FILES
 
 @dataclass(frozen=True, slots=True)
 class FtpEntry:
-    """A file or a folder in a folder.
+    """A file or a folder in a folder."""
 
-    Attributes:
-        name: Without the folder.
-        size_bytes: Of a file; None for a folder, and where the vehicle says none.
-        is_folder: Whether it is a folder.
-    """
-
-    name: str
-    size_bytes: int | None
-    is_folder: bool
+    name: str  # without the folder
+    size_bytes: int | None  # of a file; None for a folder, and where the vehicle says none
+    is_folder: bool  # whether it is a folder
 
 
 class FtpListingState(Enum):
@@ -48,7 +42,7 @@ class FtpListing:
         self._path = path_bytes(path if path == "/" else path.rstrip("/"))
         self._entries: dict[str, FtpEntry] = {}
         self._offset, self._heard_at_s = 0, now
-        # A server answers a repeated number as it did before, and an earlier transfer may have ended with any.
+        # a server answers a repeated number as it did before, and an earlier transfer may have ended with any.
         self._seq = round(now * 1000.0) % 65536
         self._waits = FtpWaits()
         self._question = self._next_question()

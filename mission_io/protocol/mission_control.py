@@ -126,19 +126,12 @@ class SetCurrent:
 
 @dataclass(frozen=True, slots=True)
 class ItemProgress:
-    """Progress of a mission.
+    """Progress of a mission."""
 
-    Attributes:
-        current: The item that the vehicle flies to, by its number on the wire; None before it has said.
-        reached: The latest item that it has reported as reached; it may repeat some and leave some out.
-        total: How many items there are, home left out; None where the vehicle does not say.
-        state: A MissionState; UNKNOWN where the vehicle does not say.
-    """
-
-    current: int | None = None
-    reached: int | None = None
-    total: int | None = None
-    state: int = MissionState.UNKNOWN
+    current: int | None = None  # the item that the vehicle flies to, by its number on the wire; None before it has said
+    reached: int | None = None  # the latest item that it has reported as reached; it may repeat some and leave some out
+    total: int | None = None  # how many items there are, home left out; None where the vehicle does not say
+    state: int = MissionState.UNKNOWN  # A MissionState; UNKNOWN where the vehicle does not say
 
     @property
     def complete(self) -> bool:

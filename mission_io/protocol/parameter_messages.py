@@ -22,21 +22,13 @@ _ERRORS = {1: "does not exist", 2: "value out of range", 3: "permission denied",
 
 @dataclass(frozen=True, slots=True)
 class Heard:
-    """Content of a message about parameters.
+    """Content of a message about parameters."""
 
-    Attributes:
-        name: Which one.
-        parameter: Its value; None when the message refuses.
-        count: How many there are; 0 where the message does not say.
-        refused: Why there is no value, or why it was not set; empty for a value.
-        in_progress: Whether the component is still setting it.
-    """
-
-    name: str
-    parameter: Parameter | None
-    count: int = 0
-    refused: str = ""
-    in_progress: bool = False
+    name: str  # which one
+    parameter: Parameter | None  # its value; None when the message refuses
+    count: int = 0  # how many there are; 0 where the message does not say
+    refused: str = ""  # why there is no value, or why it was not set; empty for a value
+    in_progress: bool = False  # whether the component is still setting it
 
 
 class ParameterMessages:

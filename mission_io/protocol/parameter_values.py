@@ -46,19 +46,12 @@ _WORD_BYTES: Final = 4
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A parameter as a vehicle has it.
+    """A parameter as a vehicle has it."""
 
-    Attributes:
-        name: At most 16 letters.
-        value: In its own unit: int for whole types, float for REAL32 and REAL64, bytes for CUSTOM.
-        param_type: A ParamType, or the number of a type that does not exist.
-        index: Its place among all; None where the vehicle does not say.
-    """
-
-    name: str
-    value: Value
-    param_type: int
-    index: int | None = None
+    name: str  # at most 16 letters
+    value: Value  # in its own unit: int for whole types, float for REAL32 and REAL64, bytes for CUSTOM
+    param_type: int  # A ParamType, or the number of a type that does not exist
+    index: int | None = None  # its place among all; None where the vehicle does not say
 
 
 def is_whole(param_type: int) -> bool:

@@ -44,18 +44,12 @@ class Patience:
     An answer to a repeated question does not tell which repetition it answers (Karn), but it bounds the round trip, which
     cannot exceed the time since the first. On a link that loses every third datagram, waiting longer and longer would be
     wrong; only after a run of doubtful answers is the smallest bound among them taken as the round trip.
-
-    Attributes:
-        round_trip: The estimate; None before the first answer.
-        is_bound: Whether the estimate is such a bound, which the first certain answer replaces.
-        doubtful: Number of consecutive doubtful answers.
-        smallest_s: The smallest bound among them.
     """
 
-    round_trip: RoundTrip | None = None
-    is_bound: bool = False
-    doubtful: int = 0
-    smallest_s: float = math.inf
+    round_trip: RoundTrip | None = None  # the estimate; None before the first answer
+    is_bound: bool = False  # whether the estimate is such a bound, which the first certain answer replaces
+    doubtful: int = 0  # number of consecutive doubtful answers
+    smallest_s: float = math.inf  # the smallest bound among them
 
     def after(self, answer: "AnswerDelay") -> "Patience":
         """Updated by an answer."""

@@ -20,16 +20,11 @@ ChangeReason = Literal["uploaded", "upload failed", "cleared"]
 
 @dataclass(frozen=True, slots=True)
 class ListChanged:
-    """One of the vehicle's lists has changed.
+    """One of the vehicle's lists has changed."""
 
-    Attributes:
-        mission_type: The list.
-        items: Its items now, as on the wire (with home first where item 0 is home).
-        reason: An upload was completed, one failed half-way (non-atomic autopilots), or the list was emptied.
-    """
-
-    mission_type: MissionType
-    items: tuple[MissionItem, ...]
+    mission_type: MissionType  # the list
+    items: tuple[MissionItem, ...]  # its items now, as on the wire (with home first where item 0 is home)
+    # an upload was completed, one failed half-way (non-atomic autopilots), or the list was emptied
     reason: ChangeReason
 
 

@@ -22,25 +22,15 @@ _Key = tuple[float, float, int]
 
 @dataclass(frozen=True, slots=True)
 class TerrainCounts:
-    """Counts of the requests by their outcome.
+    """Counts of the requests by their outcome."""
 
-    Attributes:
-        requests: Requests that arrived.
-        blocks: Different blocks that were requested.
-        blocks_incomplete: Those of them with heights that are not known.
-        parts_sent: Parts that were sent, again where they were requested again.
-        parts_unknown: Requested parts that were not sent because a height in them is not known.
-        refused: Requests that make no sense.
-        crowded_out: Requests that were dropped because too many blocks were waiting.
-    """
-
-    requests: int = 0
-    blocks: int = 0
-    blocks_incomplete: int = 0
-    parts_sent: int = 0
-    parts_unknown: int = 0
-    refused: int = 0
-    crowded_out: int = 0
+    requests: int = 0  # requests that arrived
+    blocks: int = 0  # different blocks that were requested
+    blocks_incomplete: int = 0  # those of them with heights that are not known
+    parts_sent: int = 0  # parts that were sent, again where they were requested again
+    parts_unknown: int = 0  # requested parts that were not sent because a height in them is not known
+    refused: int = 0  # requests that make no sense
+    crowded_out: int = 0  # requests that were dropped because too many blocks were waiting
 
 
 class TerrainAnswers:

@@ -15,40 +15,30 @@ from mission_io.protocol.tuning import TRANSFERS
 
 @dataclass(frozen=True, slots=True)
 class Timing:
-    """Time-outs of a client, in seconds, and how far ahead it works.
+    """Time-outs of a client, in seconds, and how far ahead it works."""
 
-    Attributes:
-        resend_s: Silence after which the last thing the vehicle waits for is sent again, until the round trip is
-            measured. From then on it follows the measurement (``RoundTrip.time_out_s``) ...
-        resend_shortest_s: ... but is never shorter than this.
-        resend_growth: Each further silence in a row is longer by this factor ...
-        resend_longest_s: ... up to this.
-        items_ahead: Number of items sent (or requested, where the vehicle serves any order) ahead of their turn. A silence
-            sets it to 0, every eight answers in a row add one back.
-        stall_s: Silence after which an exchange is restarted. Longer than PX4 takes to drop one.
-        give_up_s: Silence after which the vehicle counts as silent. A vehicle that answered late gets twice the time of
-            its latest answer before it counts as stalled, and as much longer before it counts as silent.
-        no_progress_s: Time without progress after which an exchange is given up, although the vehicle answers.
-        busy_retry_s: Wait after "busy" or "no space" before asking again.
-        busy_give_up_s: Time after which a busy vehicle counts as refusing. Longer than ArduPilot's own time-out.
-        doubt_s: Wait for a sign of progress after an ERROR that may only answer a duplicate.
-        recheck_s: The same after an ERROR when everything was sent. Longer than a vehicle takes to repeat a request.
-        linger_s: How long a cancelled transfer repeats the cancellation.
-    """
-
+    # silence after which the last thing the vehicle waits for is sent again, until the round trip is measured. From
+    # then on it follows the measurement (``RoundTrip.time_out_s``) ...
     resend_s: float = 0.1
-    resend_shortest_s: float = 0.02
-    resend_growth: float = 1.25
-    resend_longest_s: float = 0.5
+    resend_shortest_s: float = 0.02  # ... but is never shorter than this.
+    resend_growth: float = 1.25  # each further silence in a row is longer by this factor ..
+    resend_longest_s: float = 0.5  # ... up to this.
+    # number of items sent (or requested, where the vehicle serves any order) ahead of their turn. A silence sets it to
+    # 0, every eight answers in a row add one back.
     items_ahead: int = 1
-    stall_s: float = 6.0
+    stall_s: float = 6.0  # silence after which an exchange is restarted. Longer than PX4 takes to drop one.
+    # silence after which the vehicle counts as silent. A vehicle that answered late gets twice the time of its latest
+    # answer before it counts as stalled, and as much longer before it counts as silent.
     give_up_s: float = 15.0
+    # time without progress after which an exchange is given up, although the vehicle answers
     no_progress_s: float = 60.0
-    busy_retry_s: float = 0.5
+    busy_retry_s: float = 0.5  # wait after "busy" or "no space" before asking again
+    # time after which a busy vehicle counts as refusing. Longer than ArduPilot's own time-out.
     busy_give_up_s: float = 15.0
-    doubt_s: float = 2.5
+    doubt_s: float = 2.5  # wait for a sign of progress after an ERROR that may only answer a duplicate
+    # the same after an ERROR when everything was sent. Longer than a vehicle takes to repeat a request.
     recheck_s: float = 0.8
-    linger_s: float = 1.0
+    linger_s: float = 1.0  # how long a cancelled transfer repeats the cancellation
 
     def __post_init__(self) -> None:
         """Refuse times that would never end or never begin."""
@@ -68,21 +58,13 @@ class Timing:
 
 @dataclass(frozen=True, slots=True)
 class LongestTimes:
-    """Bounds in seconds, reached only by a hostile vehicle.
+    """Bounds in seconds, reached only by a hostile vehicle."""
 
-    Attributes:
-        stuck_s: From the last progress of a transfer to its end.
-        download_s: ``Client.download``.
-        upload_s: ``Client.upload``, with reading back what the vehicle holds when it fails.
-        verified_upload_s: ``Client.upload_and_verify`` of a list within the known item limit.
-        clear_s: ``Client.clear``, with reading back.
-    """
-
-    stuck_s: float
-    download_s: float
-    upload_s: float
-    verified_upload_s: float
-    clear_s: float
+    stuck_s: float  # from the last progress of a transfer to its end
+    download_s: float  # ``Client.download``
+    upload_s: float  # ``Client.upload``, with reading back what the vehicle holds when it fails
+    verified_upload_s: float  # ``Client.upload_and_verify`` of a list within the known item limit
+    clear_s: float  # ``Client.clear``, with reading back
 
 
 def longest_times(timing: Timing, item_count: int) -> LongestTimes:

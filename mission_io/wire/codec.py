@@ -35,41 +35,23 @@ _HALF = 128
 
 @dataclass(frozen=True, slots=True)
 class LinkStatistics:
-    """Counts since the link was opened; ``str`` is one line with those that are not 0.
+    """Counts since the link was opened; ``str`` is one line with those that are not 0."""
 
-    Attributes:
-        frames_in: Frames with a right checksum.
-        frames_out: Frames sent.
-        lost: Frames that never came, by the gaps in their senders' sequence numbers.
-        late: Frames that came behind a later one of their sender.
-        duplicates: Frames that came twice.
-        checksum_errors: Places where a whole frame would be, if its checksum were right.
-        truncated_frames: Frames that began and did not end.
-        garbage_bytes: Bytes that belong to no frame.
-        signed: Frames with an unverified signature, because this side has no key.
-        unsigned: Frames refused because they are not signed.
-        forged: Frames refused because their signature is not made with our key, or damaged.
-        replayed: Frames refused because their signature is not newer than what was heard before.
-        other_kinds: Good frames of kinds that mission_io has no use for.
-        for_others: Messages to other systems or components; ignored.
-        echoes: Our own frames that came back; ignored.
-    """
-
-    frames_in: int = 0
-    frames_out: int = 0
-    lost: int = 0
-    late: int = 0
-    duplicates: int = 0
-    checksum_errors: int = 0
-    truncated_frames: int = 0
-    garbage_bytes: int = 0
-    signed: int = 0
-    unsigned: int = 0
-    forged: int = 0
-    replayed: int = 0
-    other_kinds: int = 0
-    for_others: int = 0
-    echoes: int = 0
+    frames_in: int = 0  # frames with a right checksum
+    frames_out: int = 0  # frames sent
+    lost: int = 0  # frames that never came, by the gaps in their senders' sequence numbers
+    late: int = 0  # frames that came behind a later one of their sender
+    duplicates: int = 0  # frames that came twice
+    checksum_errors: int = 0  # places where a whole frame would be, if its checksum were right
+    truncated_frames: int = 0  # frames that began and did not end
+    garbage_bytes: int = 0  # bytes that belong to no frame
+    signed: int = 0  # frames with an unverified signature, because this side has no key
+    unsigned: int = 0  # frames refused because they are not signed
+    forged: int = 0  # frames refused because their signature is not made with our key, or damaged
+    replayed: int = 0  # frames refused because their signature is not newer than what was heard before
+    other_kinds: int = 0  # good frames of kinds that mission_io has no use for
+    for_others: int = 0  # messages to other systems or components; ignored
+    echoes: int = 0  # our own frames that came back; ignored
 
     @property
     def refused(self) -> int:

@@ -38,18 +38,12 @@ PAYLOAD_SIZES: Final[Mapping[int, int]] = {
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """Packing of the payload of a kind of message.
+    """Packing of the payload of a kind of message."""
 
-    Attributes:
-        name: Its MAVLink name, in small letters.
-        message_id: Its number.
-        struct: Packs and unpacks the whole payload, extensions included.
-        places: For each field, where its first value is among the values of ``struct``, and how many it has.
-    """
-
-    name: str
-    message_id: int
-    struct: Struct
+    name: str  # its MAVLink name, in small letters
+    message_id: int  # its number
+    struct: Struct  # packs and unpacks the whole payload, extensions included
+    # for each field, where its first value is among the values of ``struct``, and how many it has
     places: Mapping[str, tuple[int, int]]
 
     @property
@@ -133,42 +127,25 @@ _MAGIC: Final = re.compile(rb"[\xfd\xfe]")
 
 
 class WireFrame(NamedTuple):
-    """One frame whose checksum is right.
+    """One frame whose checksum is right."""
 
-    Attributes:
-        version: MAVLink 1 or 2.
-        seq: The sender's count of its frames, from 0 to 255 and over again.
-        system_id: Who sent it.
-        component_id: Which part of the sender.
-        message_id: The kind of message.
-        payload: Its payload; in MAVLink 2 without the zeros at its end.
-        data: All of the frame's bytes, the signature included.
-        signature: Link id, timestamp and signature (13 bytes), or nothing.
-    """
-
-    version: int
-    seq: int
-    system_id: int
-    component_id: int
-    message_id: int
-    payload: bytes
-    data: bytes
-    signature: bytes
+    version: int  # MAVLink 1 or 2
+    seq: int  # the sender's count of its frames, from 0 to 255 and over again
+    system_id: int  # who sent it
+    component_id: int  # which part of the sender
+    message_id: int  # the kind of message
+    payload: bytes  # its payload; in MAVLink 2 without the zeros at its end
+    data: bytes  # all of the frame's bytes, the signature included
+    signature: bytes  # link id, timestamp and signature (13 bytes), or nothing
 
 
 @dataclass(frozen=True, slots=True)
 class FramingCounts:
-    """Counts of a framer.
+    """Counts of a framer."""
 
-    Attributes:
-        garbage_bytes: Bytes that belong to no frame, those of damaged frames included.
-        checksum_errors: Places where a whole frame would be, if its checksum were right.
-        truncated_frames: Places where a frame begins that does not end.
-    """
-
-    garbage_bytes: int = 0
-    checksum_errors: int = 0
-    truncated_frames: int = 0
+    garbage_bytes: int = 0  # bytes that belong to no frame, those of damaged frames included
+    checksum_errors: int = 0  # places where a whole frame would be, if its checksum were right
+    truncated_frames: int = 0  # places where a frame begins that does not end
 
     def __add__(self, other: "FramingCounts") -> "FramingCounts":
         return FramingCounts(
@@ -289,7 +266,7 @@ def _claimed_size(buffer: bytes, start: int) -> int:
     if rest < _HEADER_2:
         return _HEADER_2 + _CHECKSUM_SIZE
     flags = buffer[start + 2]
-    # A payload longer than we know is fine: a newer peer may have more extensions.
+    # a payload longer than we know is fine: a newer peer may have more extensions.
     if flags & ~SIGNED_FLAG or int.from_bytes(buffer[start + 7 : start + 10], "little") not in CRC_EXTRAS:
         return 0
     return _HEADER_2 + buffer[start + 1] + _CHECKSUM_SIZE + (SIGNATURE_SIZE if flags else 0)

@@ -23,28 +23,19 @@ class FieldRow:
 
 @dataclass(frozen=True, slots=True)
 class MessageRow:
-    """A message of ours and the MAVLink message it is.
+    """A message of ours and the MAVLink message it is."""
 
-    Attributes:
-        ours: Our class.
-        layout: How MAVLink packs it.
-        fields: How our attributes stand to its fields, in the order of the class.
-        attributes: Takes all of them from a message.
-        takers: For each, what takes it from the values of the layout.
-        slots: For each, where it is among the values of the layout: a place, or from where to where.
-        constants: Values in the order of the layout, where what our attributes do not set is always the same.
-        size_1: The bytes of its payload that exist in MAVLink 1.
-        extensions: Our attributes that do not exist in MAVLink 1, each with the value that stands for "not said".
-    """
-
-    ours: type[m.Message]
-    layout: Layout
-    fields: tuple[FieldRow, ...]
-    attributes: Callable[[m.Message], tuple[Any, ...]]
-    takers: tuple[Callable[[Sequence[Any]], Any], ...]
+    ours: type[m.Message]  # our class
+    layout: Layout  # how MAVLink packs it
+    fields: tuple[FieldRow, ...]  # how our attributes stand to its fields, in the order of the class
+    attributes: Callable[[m.Message], tuple[Any, ...]]  # takes all of them from a message
+    takers: tuple[Callable[[Sequence[Any]], Any], ...]  # for each, what takes it from the values of the layout
+    # for each, where it is among the values of the layout: a place, or from where to where
     slots: tuple[int | slice, ...]
+    # values in the order of the layout, where what our attributes do not set is always the same
     constants: tuple[Any, ...]
-    size_1: int
+    size_1: int  # the bytes of its payload that exist in MAVLink 1
+    # our attributes that do not exist in MAVLink 1, each with the value that stands for "not said"
     extensions: Mapping[str, Any]
 
 

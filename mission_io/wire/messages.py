@@ -127,19 +127,12 @@ TEXT_LETTERS = 50
 
 @dataclass(frozen=True, slots=True)
 class StatusText(Message):
-    """A line for the pilot; severity 0 is an emergency and 7 is debug.
+    """A line for the pilot; severity 0 is an emergency and 7 is debug."""
 
-    Attributes:
-        severity: How bad it is.
-        text: The line, or a piece of it.
-        text_id: Other than 0 for a line that comes in pieces of 50 letters; the same for all of them.
-        chunk: The piece's number; the last one has fewer letters.
-    """
-
-    severity: int
-    text: str
-    text_id: int = 0
-    chunk: int = 0
+    severity: int  # how bad it is
+    text: str  # the line, or a piece of it
+    text_id: int = 0  # other than 0 for a line that comes in pieces of 50 letters; the same for all of them
+    chunk: int = 0  # the piece's number; the last one has fewer letters
 
 
 @dataclass(frozen=True, slots=True)

@@ -149,14 +149,10 @@ _KEY_SIZE, _DIGEST_SIZE = 32, 6
 
 @dataclass(frozen=True, slots=True)
 class SigningKey:
-    """The 32-byte key shared by both ends of a signed link. Never shown in text.
+    """The 32-byte key shared by both ends of a signed link. Never shown in text."""
 
-    Attributes:
-        secret: The bytes.
-        path: The file they came from, beside which the timestamps are kept; None for a key that was given otherwise.
-    """
-
-    secret: bytes
+    secret: bytes  # the bytes
+    # the file they came from, beside which the timestamps are kept; None for a key that was given otherwise
     path: Path | None = None
 
     def __post_init__(self) -> None:

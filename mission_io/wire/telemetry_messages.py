@@ -101,48 +101,29 @@ class EkfStatusReport(Message):
 
 @dataclass(frozen=True, slots=True)
 class RadioStatus(Message):
-    """Report of a telemetry radio about its link; strengths and noise in its own units, 255 unknown.
+    """Report of a telemetry radio about its link; strengths and noise in its own units, 255 unknown."""
 
-    Attributes:
-        rssi: Signal here.
-        remote_rssi: Signal at the other radio.
-        transmit_buffer_percent: Room left in the radio's buffer.
-        noise: Noise here.
-        remote_noise: Noise at the other radio.
-        receive_errors: Packets with errors.
-        corrected: Packets that the radio repaired.
-    """
-
-    rssi: int
-    remote_rssi: int
-    transmit_buffer_percent: int
-    noise: int
-    remote_noise: int
-    receive_errors: int = 0
-    corrected: int = 0
+    rssi: int  # signal here
+    remote_rssi: int  # signal at the other radio
+    transmit_buffer_percent: int  # room left in the radio's buffer
+    noise: int  # noise here
+    remote_noise: int  # noise at the other radio
+    receive_errors: int = 0  # packets with errors
+    corrected: int = 0  # packets that the radio repaired
 
 
 @dataclass(frozen=True, slots=True)
 class BatteryStatus(Message):
-    """One battery.
+    """One battery."""
 
-    Attributes:
-        battery: Its number, from 0.
-        voltages_v: Of up to ten cells, None for the rest; a battery that knows only its sum has it in the first.
-        current_a: What is drawn; None unknown.
-        consumed_mah: What was drawn; None unknown.
-        remaining_percent: What is left; None unknown.
-        time_left_s: Until it is empty; None unknown.
-        charge_state: A MAV_BATTERY_CHARGE_STATE number: 1 ok, 2 low, 3 critical.
-    """
-
-    battery: int
+    battery: int  # its number, from 0
+    # of up to ten cells, None for the rest; a battery that knows only its sum has it in the first
     voltages_v: tuple[float | None, ...]
-    current_a: float | None = None
-    consumed_mah: int | None = None
-    remaining_percent: int | None = None
-    time_left_s: int | None = None
-    charge_state: int = 0
+    current_a: float | None = None  # what is drawn; None unknown
+    consumed_mah: int | None = None  # what was drawn; None unknown
+    remaining_percent: int | None = None  # what is left; None unknown
+    time_left_s: int | None = None  # until it is empty; None unknown
+    charge_state: int = 0  # A MAV_BATTERY_CHARGE_STATE number: 1 ok, 2 low, 3 critical
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,37 +149,23 @@ class RequestDataStream(Addressed):
 
 @dataclass(frozen=True, slots=True)
 class TerrainRequest(Message):
-    """Asks for parts of a block of heights.
+    """Asks for parts of a block of heights."""
 
-    Attributes:
-        lat_deg: Latitude of the block's south-west corner.
-        lon_deg: Longitude of the block's south-west corner.
-        spacing_m: Distance of neighbouring heights.
-        mask: Bit n is set when part n is wanted; 8 parts to the east, then the next row to the north.
-    """
-
-    lat_deg: float
-    lon_deg: float
-    spacing_m: int
-    mask: int
+    lat_deg: float  # latitude of the block's south-west corner
+    lon_deg: float  # longitude of the block's south-west corner
+    spacing_m: int  # distance of neighbouring heights
+    mask: int  # bit n is set when part n is wanted; 8 parts to the east, then the next row to the north
 
 
 @dataclass(frozen=True, slots=True)
 class TerrainData(Message):
-    """One part of a block.
+    """One part of a block."""
 
-    Attributes:
-        lat_deg: Latitude of the block's south-west corner, as requested.
-        lon_deg: Longitude of the block's south-west corner, as requested.
-        spacing_m: Distance of neighbouring heights.
-        part: Its number, the bit in the request.
-        heights_amsl_m: 16 whole metres above mean sea level: 4 to the east, then the next row to the north.
-    """
-
-    lat_deg: float
-    lon_deg: float
-    spacing_m: int
-    part: int
+    lat_deg: float  # latitude of the block's south-west corner, as requested
+    lon_deg: float  # longitude of the block's south-west corner, as requested
+    spacing_m: int  # distance of neighbouring heights
+    part: int  # its number, the bit in the request
+    # 16 whole metres above mean sea level: 4 to the east, then the next row to the north
     heights_amsl_m: tuple[int, ...]
 
 
@@ -236,21 +203,13 @@ class LogRequestList(Addressed):
 
 @dataclass(frozen=True, slots=True)
 class LogEntry(Message):
-    """One log of the vehicle.
+    """One log of the vehicle."""
 
-    Attributes:
-        log_id: Its number.
-        log_count: How many logs there are; with 0 the rest means nothing.
-        last_log_id: The highest number.
-        time_unix_s: When it was begun; 0 when the vehicle did not know the time.
-        size_bytes: Its size; 0 for a log that is being written, with some autopilots.
-    """
-
-    log_id: int
-    log_count: int
-    last_log_id: int
-    time_unix_s: int
-    size_bytes: int
+    log_id: int  # its number
+    log_count: int  # how many logs there are; with 0 the rest means nothing
+    last_log_id: int  # the highest number
+    time_unix_s: int  # when it was begun; 0 when the vehicle did not know the time
+    size_bytes: int  # its size; 0 for a log that is being written, with some autopilots
 
 
 @dataclass(frozen=True, slots=True)
@@ -303,22 +262,12 @@ class TimeSync(Message):
 
 @dataclass(frozen=True, slots=True)
 class Event(Message):
-    """An event of PX4's events interface, which gives reasons that STATUSTEXT lacks.
+    """An event of PX4's events interface, which gives reasons that STATUSTEXT lacks."""
 
-    Attributes:
-        target_component: who is to take it; 0 is everybody.
-        target_system: the same for the system.
-        event_id: number of the event: the component in the highest byte, below it 24 bits of a hash of its name.
-        time_boot_ms: when it happened.
-        sequence: counts the events of a component.
-        log_levels: severity, for logs outside of the vehicle in the lower four bits.
-        arguments: 40 bytes, packed as the event defines.
-    """
-
-    target_component: int
-    target_system: int
-    event_id: int
-    time_boot_ms: int
-    sequence: int
-    log_levels: int
-    arguments: tuple[int, ...]
+    target_component: int  # who is to take it; 0 is everybody
+    target_system: int  # the same for the system
+    event_id: int  # number of the event: the component in the highest byte, below it 24 bits of a hash of its name
+    time_boot_ms: int  # when it happened
+    sequence: int  # counts the events of a component
+    log_levels: int  # severity, for logs outside of the vehicle in the lower four bits
+    arguments: tuple[int, ...]  # 40 bytes, packed as the event defines

@@ -40,19 +40,12 @@ _PACKAGES = {
 
 @dataclass(frozen=True, slots=True)
 class Diagnosis:
-    """One thing that was looked at.
+    """One thing that was looked at."""
 
-    Attributes:
-        name: what.
-        ok: whether it is there and works.
-        needed: whether uavcover cannot do without it.
-        text: version, or what to do.
-    """
-
-    name: str
-    ok: bool
-    needed: bool
-    text: str
+    name: str  # what
+    ok: bool  # whether it is there and works
+    needed: bool  # whether uavcover cannot do without it
+    text: str  # version, or what to do
 
 
 def examine(*, try_imports: bool) -> list[Diagnosis]:

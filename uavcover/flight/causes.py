@@ -65,21 +65,13 @@ _CRITICAL_STATES: Mapping[int, str] = MappingProxyType({5: "CRITICAL", 6: "EMERG
 
 @dataclass(frozen=True, slots=True)
 class Sign:
-    """One piece of evidence.
+    """One piece of evidence."""
 
-    Attributes:
-        cause: what it speaks for.
-        text: what was reported, for people.
-        at_s: when, on the link's clock.
-        time_s: vehicle time when it began; None where that is not known.
-        seen_s: vehicle time when it was seen last; None where that is not known.
-    """
-
-    cause: Ending
-    text: str
-    at_s: float
-    time_s: float | None
-    seen_s: float | None
+    cause: Ending  # what it speaks for
+    text: str  # what was reported, for people
+    at_s: float  # when, on the link's clock
+    time_s: float | None  # vehicle time when it began; None where that is not known
+    seen_s: float | None  # vehicle time when it was seen last; None where that is not known
 
     def __str__(self) -> str:
         """For people."""
@@ -88,17 +80,11 @@ class Sign:
 
 @dataclass(frozen=True, slots=True)
 class Cause:
-    """Reason for an event.
+    """Reason for an event."""
 
-    Attributes:
-        kind: the name of it.
-        text: a clause for people.
-        evidence: what it is concluded from.
-    """
-
-    kind: Ending
-    text: str
-    evidence: tuple[str, ...] = ()
+    kind: Ending  # the name of it
+    text: str  # a clause for people
+    evidence: tuple[str, ...] = ()  # what it is concluded from
 
 
 def cause_in(text: str, *, severity: int = Severity.WARNING) -> Ending | None:

@@ -60,21 +60,13 @@ ClientName = Literal["native", "mavsdk"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Connected:
-    """A vehicle that has been found.
+    """A vehicle that has been found."""
 
-    Attributes:
-        client: talks to it.
-        monitor: hears all that the client hears.
-        autopilot: its name in scenarios.
-        link: where a telemetry log can listen; none for a client that was made elsewhere.
-        url: where it is.
-    """
-
-    client: Client
-    monitor: Monitor
-    autopilot: AutopilotName
-    link: LoggedLink | None = None
-    url: str = ""
+    client: Client  # talks to it
+    monitor: Monitor  # hears all that the client hears
+    autopilot: AutopilotName  # its name in scenarios
+    link: LoggedLink | None = None  # where a telemetry log can listen; none for a client that was made elsewhere
+    url: str = ""  # where it is
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

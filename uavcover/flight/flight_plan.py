@@ -21,84 +21,56 @@ _PLACES = (Command.NAV_WAYPOINT, Command.NAV_TAKEOFF, Command.NAV_LAND, Command.
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PlanNeeds:
-    """Assumptions of a plan about the vehicle's settings.
+    """Assumptions of a plan about the vehicle's settings."""
 
-    Attributes:
-        pace: its speeds and acceleration.
-        return_height_m: height above home at which a straight return was checked.
-        fence: whether it has a fence that must be active.
-        camera_turns: whether the camera turns with the vehicle, and so with its legs.
-        longest_flight_s: what the mission may take, its endurance less the reserve; None where there is no limit.
-        vehicle: its endurance and reserve, to watch the battery against; None skips that.
-        way_home_s: seconds from a (3,) ENU place in flight to the ground at home along a checked transit; None where none is
-            known. Raises UavcoverError where there is no such transit.
-    """
-
-    pace: Pace
-    return_height_m: float
-    fence: bool
-    camera_turns: bool = False
+    pace: Pace  # its speeds and acceleration
+    return_height_m: float  # height above home at which a straight return was checked
+    fence: bool  # whether it has a fence that must be active
+    camera_turns: bool = False  # whether the camera turns with the vehicle, and so with its legs
+    # what the mission may take, its endurance less the reserve; None where there is no limit
     longest_flight_s: float | None = None
-    vehicle: Vehicle | None = None
+    vehicle: Vehicle | None = None  # its endurance and reserve, to watch the battery against; None skips that
+    # seconds from a (3,) ENU place in flight to the ground at home along a checked transit; None where none is known.
+    # Raises UavcoverError where there is no such transit.
     way_home_s: Callable[[FloatArray], float] | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OperatingVolume:
-    """Where the vehicle may be: fence, height band and known ground.
+    """Where the vehicle may be: fence, height band and known ground."""
 
-    Attributes:
-        ground_up_m: height of the ground in the local frame by east and north; NaN where unknown.
-        outside_fence_m: distance outside the fence, or inside one of its exclusions, by east and north; 0 where it is kept.
-        min_height_agl_m: lower end of the height band between the first and the last planned waypoint.
-        max_height_agl_m: its upper end.
-    """
-
+    # height of the ground in the local frame by east and north; NaN where unknown
     ground_up_m: Callable[[float, float], float]
+    # distance outside the fence, or inside one of its exclusions, by east and north; 0 where it is kept
     outside_fence_m: Callable[[float, float], float]
-    min_height_agl_m: float
-    max_height_agl_m: float
+    min_height_agl_m: float  # lower end of the height band between the first and the last planned waypoint
+    max_height_agl_m: float  # its upper end
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightPlan:
-    """The mission that the vehicle must hold, and what was planned with it.
+    """The mission that the vehicle must hold, and what was planned with it."""
 
-    Attributes:
-        mission: the mission as it was uploaded; the vehicle's is compared with it before arming.
-        first_waypoint_item: index in ``mission.items`` of the first planned waypoint.
-        waypoint_count: how many planned waypoints there are from it on.
-        frame: the scenario's local frame, for the track.
-        home: where the mission was planned to start.
-        ground_alt_amsl_m: height of the terrain at ``home``, or none when there is no terrain.
-        ground_at: height of the terrain anywhere, or none when there is no terrain.
-        max_home_error_m: largest distance of the vehicle's home from the planned one, over ground and in height.
-        passed_before: how many planned waypoints were passed before the flight, where it goes on with a mission.
-        acceptance_radius_m: distance within which a planned waypoint counts as passed.
-        max_climb_m_s: upward speed that the plan assumes; None when it assumes none.
-        max_descent_m_s: downward speed that the plan assumes.
-        needs: what else the plan assumes, for the table of limits before arming; None skips the table.
-        items_per_waypoint: how many items each planned waypoint takes: itself, then commands that are carried out there.
-        volume: ground, fence and height band to check positions against in flight; None skips the check.
-        returns: judges the vehicle's own returns by its parameters; None skips the check.
-    """
-
-    mission: Mission
-    first_waypoint_item: int
-    waypoint_count: int
-    frame: LocalFrame
-    home: GeoPoint
-    ground_alt_amsl_m: float | None = None
-    ground_at: GroundAt | None = None
+    mission: Mission  # the mission as it was uploaded; the vehicle's is compared with it before arming
+    first_waypoint_item: int  # index in ``mission.items`` of the first planned waypoint
+    waypoint_count: int  # how many planned waypoints there are from it on
+    frame: LocalFrame  # the scenario's local frame, for the track
+    home: GeoPoint  # where the mission was planned to start
+    ground_alt_amsl_m: float | None = None  # height of the terrain at ``home``, or none when there is no terrain
+    ground_at: GroundAt | None = None  # height of the terrain anywhere, or none when there is no terrain
+    # largest distance of the vehicle's home from the planned one, over ground and in height
     max_home_error_m: float = 10.0
-    passed_before: int = 0
-    acceptance_radius_m: float = 3.0
-    max_climb_m_s: float | None = None
-    max_descent_m_s: float | None = None
+    passed_before: int = 0  # how many planned waypoints were passed before the flight, where it goes on with a mission
+    acceptance_radius_m: float = 3.0  # distance within which a planned waypoint counts as passed
+    max_climb_m_s: float | None = None  # upward speed that the plan assumes; None when it assumes none
+    max_descent_m_s: float | None = None  # downward speed that the plan assumes
+    # ground, fence and height band to check positions against in flight; None skips the check
     volume: OperatingVolume | None = None
+    # what else the plan assumes, for the table of limits before arming; None skips the table
     needs: PlanNeeds | None = None
+    # how many items each planned waypoint takes: itself, then commands that are carried out there
     items_per_waypoint: int = 1
-    returns: OwnReturns | None = None
+    returns: OwnReturns | None = None  # judges the vehicle's own returns by its parameters; None skips the check
 
     def way_home(self, mission: Mission, *, home_up_m: float) -> "FlightPlan":
         """The plan of a return that the vehicle holds now, without planned waypoints.
@@ -164,40 +136,27 @@ class FlightPlan:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FlightTimeouts:
-    """Timeouts of a flight, in seconds of vehicle time unless noted otherwise.
+    """Timeouts of a flight, in seconds of vehicle time unless noted otherwise."""
 
-    Attributes:
-        deadman_s: silence, or time without a position, before a warning; on the link's clock.
-        heartbeat_s: time without a heartbeat, while other messages arrive, before a warning; on the link's clock.
-        link_lost_s: silence before the vehicle is given up; on the link's clock.
-        ready_s: time to get ready for arming; ArduPilot needs about 41 s.
-        arm_s: time during which a refused arming is retried.
-        terrain_s: the same for a vehicle that requests terrain heights, since it last requested others than before.
-        start_s: time from the start command to leaving the ground.
-        halt_s: time to come to rest after a hold command.
-        stuck_s: time without progress.
-        override_s: without moving in a mode that a pilot or another station chose, after which
-            following ends; by default it never does, and the record goes on until the vehicle is on the ground.
-        held_s: time of holding because of a breach, after which following ends and the vehicle is left holding.
-        rate_s: window over which telemetry rates are measured.
-        disarm_s: time from landing to disarming itself.
-        watchdog: each timeout in vehicle time also ends after this many times as long on the link's clock.
-    """
-
-    deadman_s: float = 3.0
+    deadman_s: float = 3.0  # silence, or time without a position, before a warning; on the link's clock
+    # time without a heartbeat, while other messages arrive, before a warning; on the link's clock
     heartbeat_s: float = 5.0
-    link_lost_s: float = 30.0
-    ready_s: float = 120.0
-    arm_s: float = 10.0
+    link_lost_s: float = 30.0  # silence before the vehicle is given up; on the link's clock
+    ready_s: float = 120.0  # time to get ready for arming; ArduPilot needs about 41 s
+    arm_s: float = 10.0  # time during which a refused arming is retried
+    # the same for a vehicle that requests terrain heights, since it last requested others than before
     terrain_s: float = 60.0
-    start_s: float = 30.0
-    halt_s: float = 20.0
-    stuck_s: float = 60.0
+    start_s: float = 30.0  # time from the start command to leaving the ground
+    halt_s: float = 20.0  # time to come to rest after a hold command
+    stuck_s: float = 60.0  # time without progress
+    # without moving in a mode that a pilot or another station chose, after which following ends; by default it never
+    # does, and the record goes on until the vehicle is on the ground
     override_s: float = math.inf
+    # time of holding because of a breach, after which following ends and the vehicle is left holding
     held_s: float = 180.0
-    rate_s: float = 2.0
-    disarm_s: float = 30.0
-    watchdog: float = 10.0
+    rate_s: float = 2.0  # window over which telemetry rates are measured
+    disarm_s: float = 30.0  # time from landing to disarming itself
+    watchdog: float = 10.0  # each timeout in vehicle time also ends after this many times as long on the link's clock
 
     def __post_init__(self) -> None:
         for name in self.__slots__:

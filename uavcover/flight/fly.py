@@ -37,18 +37,14 @@ from uavcover.model.track import TrackSample
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Clearance:
-    """Permission to start or fly home, asked repeatedly while the vehicle waits, holds or flies.
+    """Permission to start or fly home, asked repeatedly while the vehicle waits, holds or flies."""
 
-    Attributes:
-        may_start: whether it may arm and take off now.
-        may_go_home: whether it may fly these checked legs home now; raises InfeasibleError when it never may, and the vehicle is
-            left holding then.
-        must_go_home: why it must end its mission now and fly home along checked legs, as text, None while it may fly on;
-            without such a function its own battery and endurance decide.
-    """
-
-    may_start: Callable[[], bool] = lambda: True
+    may_start: Callable[[], bool] = lambda: True  # whether it may arm and take off now
+    # whether it may fly these checked legs home now; raises InfeasibleError when it never may, and the vehicle is left
+    # holding then
     may_go_home: Callable[[Mission], bool] = lambda _: True
+    # why it must end its mission now and fly home along checked legs, as text, None while it may fly on; without such a
+    # function its own battery and endurance decide
     must_go_home: Callable[[], str | None] | None = None
 
 
@@ -61,30 +57,21 @@ __all__ = ["Ending", "FlightOutcome", "Orders", "fly"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Orders:
-    """The user's orders for a flight, and the receiver of its events.
+    """The user's orders for a flight, and the receiver of its events."""
 
-    Attributes:
-        on_sample: called with every sample as it is recorded, also when the flight fails.
-        on_event: called with every event.
-        on_begin: called before the vehicle is armed, or commanded in the air; an exception that it raises ends the flight there.
-        stop: how often the user has asked to stop (Ctrl-C): once to fly home along checked legs, twice to hold.
-        pause: whether the user wants the vehicle to hold its place; it continues when this turns false.
-        confirmed: whether the user confirmed that a vehicle that may be real may be flown.
-        timeouts: how long to wait for what; None takes the defaults.
-        precautions: what to do before the flight, and when something goes wrong.
-        clearance: when it may start, and fly home, beside other vehicles.
-        utc_offset_s: from the link's clock to UTC, for the times of arrival in the track; NaN where there is no such clock.
-    """
-
-    on_sample: Callable[[TrackSample], None]
-    on_event: Callable[[FlightEvent], None] = lambda _: None
+    on_sample: Callable[[TrackSample], None]  # called with every sample as it is recorded, also when the flight fails
+    on_event: Callable[[FlightEvent], None] = lambda _: None  # called with every event
+    # called before the vehicle is armed, or commanded in the air; an exception that it raises ends the flight there
     on_begin: Callable[[], None] = lambda: None
+    # how often the user has asked to stop (Ctrl-C): once to fly home along checked legs, twice to hold
     stop: Callable[[], int] = lambda: 0
+    # whether the user wants the vehicle to hold its place; it continues when this turns false
     pause: Callable[[], bool] = lambda: False
-    confirmed: bool = False
-    timeouts: FlightTimeouts | None = None
-    precautions: Precautions = USUAL
-    clearance: Clearance = ALONE
+    confirmed: bool = False  # whether the user confirmed that a vehicle that may be real may be flown
+    timeouts: FlightTimeouts | None = None  # how long to wait for what; None takes the defaults
+    precautions: Precautions = USUAL  # what to do before the flight, and when something goes wrong
+    clearance: Clearance = ALONE  # when it may start, and fly home, beside other vehicles
+    # from the link's clock to UTC, for the times of arrival in the track; NaN where there is no such clock
     utc_offset_s: float = math.nan
 
 

@@ -20,17 +20,11 @@ from uavcover.model.outcome import Ending, EventKind, FlightFaultError, FlightOu
 
 @dataclass(frozen=True, slots=True)
 class Continuation:
-    """Continuation of a vehicle in the air.
+    """Continuation of a vehicle in the air."""
 
-    Attributes:
-        plan: what it flies from here.
-        upload: whether the mission must be uploaded; otherwise the vehicle holds it already.
-        first_item: index in ``plan.mission.items`` of the first item to fly to.
-    """
-
-    plan: FlightPlan
-    upload: bool
-    first_item: int
+    plan: FlightPlan  # what it flies from here
+    upload: bool  # whether the mission must be uploaded; otherwise the vehicle holds it already
+    first_item: int  # index in ``plan.mission.items`` of the first item to fly to
 
 
 PlanContinuation = Callable[[float, float, float], Continuation]

@@ -35,17 +35,11 @@ class _Place:
 
 @dataclass(frozen=True, slots=True)
 class Fall:
-    """A vehicle that came down without motors.
+    """A vehicle that came down without motors."""
 
-    Attributes:
-        height_m: from where.
-        above: above what: the ground, or home where the ground is not known.
-        sink_m_s: how fast it was seen to sink.
-    """
-
-    height_m: float
-    above: str
-    sink_m_s: float
+    height_m: float  # from where
+    above: str  # above what: the ground, or home where the ground is not known
+    sink_m_s: float  # how fast it was seen to sink
 
     def __str__(self) -> str:
         """For people."""

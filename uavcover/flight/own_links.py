@@ -10,15 +10,10 @@ from uavcover.scenario.scenario_file import load_scenario
 
 
 class VehiclePlace(NamedTuple):
-    """Where a vehicle is.
+    """Where a vehicle is."""
 
-    Attributes:
-        url: its link.
-        system_id: which one on it; none where it is the only one.
-    """
-
-    url: str
-    system_id: int | None = None
+    url: str  # its link
+    system_id: int | None = None  # which one on it; none where it is the only one
 
 
 def given_places(urls: Sequence[str] | None, systems: Sequence[int] | None) -> list[VehiclePlace]:

@@ -44,31 +44,19 @@ class Weight(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Limit:
-    """A row of the table.
+    """A row of the table."""
 
-    Attributes:
-        what: for people.
-        planned: what the plan counts on, in ``unit``; None where it does not say.
-        vehicle: what the vehicle says, in ``unit``.
-        unit: of both; empty for a setting's number.
-        parameter: the vehicle's; empty for what is no parameter.
-        weight: how much the difference matters.
-        matters: why.
-        wanted: what the plan needs the parameter to be, in the parameter's own unit; None for nothing.
-        doing: what the vehicle does at such a speed, for people; empty for what is none.
-        shown: whether it stands in the table before arming.
-    """
-
-    what: str
-    planned: float | None
-    vehicle: float
-    unit: str
-    parameter: str
-    weight: Weight
-    matters: str
+    what: str  # for people
+    planned: float | None  # what the plan counts on, in ``unit``; None where it does not say
+    vehicle: float  # what the vehicle says, in ``unit``
+    unit: str  # of both; empty for a setting's number
+    parameter: str  # the vehicle's; empty for what is no parameter
+    weight: Weight  # how much the difference matters
+    matters: str  # why
+    # what the plan needs the parameter to be, in the parameter's own unit; None for nothing
     wanted: float | None = None
-    doing: str = ""
-    shown: bool = True
+    doing: str = ""  # what the vehicle does at such a speed, for people; empty for what is none
+    shown: bool = True  # whether it stands in the table before arming
 
     def as_json(self) -> dict[str, Any]:
         """For ``--json``."""
@@ -139,19 +127,13 @@ _OPERATORS: Final[Mapping[str, Callable[[float, Sequence[float]], bool]]] = Mapp
 
 @dataclass(frozen=True, slots=True)
 class RuleCase:
-    """Weight of a broken rule, under conditions.
+    """Weight of a broken rule, under conditions."""
 
-    Attributes:
-        weight: how much.
-        says: what comes of it, for people; a fact in braces is filled in.
-        when: what has to be so besides.
-        sets: what the plan needs the parameter to be: a fact, a number, a fact with a number added and rounded away from it,
-            or bits to set (``|4``) or to clear (``~4``); empty for nothing.
-    """
-
-    weight: Weight
-    says: str
-    when: tuple[RuleCondition, ...] = ()
+    weight: Weight  # how much
+    says: str  # what comes of it, for people; a fact in braces is filled in
+    when: tuple[RuleCondition, ...] = ()  # what has to be so besides
+    # what the plan needs the parameter to be: a fact, a number, a fact with a number added and rounded away from it, or
+    # bits to set (``|4``) or to clear (``~4``); empty for nothing
     sets: str = ""
 
     def wanted(self, value: float, facts: Facts) -> float | None:
@@ -170,60 +152,34 @@ class RuleCase:
 
 @dataclass(frozen=True, slots=True)
 class ParameterRow:
-    """A parameter, and the decision about it.
+    """A parameter, and the decision about it."""
 
-    Attributes:
-        names: older to newer, each with its units in one of ours.
-        key: by which conditions name it.
-        category: one of ``CATEGORIES``.
-        what: for people.
-        why: the reason of the decision.
-        unit: ours; empty for a setting's number.
-        doing: what the vehicle does at such a speed, for people.
-        planned: the fact in the table's column; empty for none, and for the rule's own.
-        default: what counts where the vehicle does not say.
-        shown: whether the table before arming has it even when it is as planned.
-        returns: whether it changes the autopilot's own return.
-        other_version: whether the autopilot's current version does not have it.
-        applies: what has to be so for the rule to count.
-        moot: what the table says when it does not count; empty is not to have the row.
-        rule: what has to be so; None only to watch it in flight.
-        worse: what breaking the rule means, the first that fits.
-        fine: what the table says when it is so.
-        flown: what breaking the rule in flight means besides, at once.
-    """
-
-    names: tuple[tuple[str, float], ...]
-    key: str
-    category: str
-    what: str
-    why: str
-    unit: str = ""
-    doing: str = ""
-    planned: str = ""
-    default: float = 0.0
-    shown: bool = False
-    returns: bool = False
-    other_version: bool = False
-    applies: tuple[RuleCondition, ...] = ()
-    moot: str = ""
-    rule: RuleCondition | None = None
-    worse: tuple[RuleCase, ...] = ()
-    fine: str = ""
-    flown: str = ""
+    names: tuple[tuple[str, float], ...]  # older to newer, each with its units in one of ours
+    key: str  # by which conditions name it
+    category: str  # one of ``CATEGORIES``
+    what: str  # for people
+    why: str  # the reason of the decision
+    unit: str = ""  # ours; empty for a setting's number
+    doing: str = ""  # what the vehicle does at such a speed, for people
+    planned: str = ""  # the fact in the table's column; empty for none, and for the rule's own
+    default: float = 0.0  # what counts where the vehicle does not say
+    shown: bool = False  # whether the table before arming has it even when it is as planned
+    returns: bool = False  # whether it changes the autopilot's own return
+    other_version: bool = False  # whether the autopilot's current version does not have it
+    applies: tuple[RuleCondition, ...] = ()  # what has to be so for the rule to count
+    moot: str = ""  # what the table says when it does not count; empty is not to have the row
+    rule: RuleCondition | None = None  # what has to be so; None only to watch it in flight
+    worse: tuple[RuleCase, ...] = ()  # what breaking the rule means, the first that fits
+    fine: str = ""  # what the table says when it is so
+    flown: str = ""  # what breaking the rule in flight means besides, at once
 
 
 @dataclass(frozen=True, slots=True)
 class ParameterTable:
-    """All rows of an autopilot.
+    """All rows of an autopilot."""
 
-    Attributes:
-        rows: in the table's order.
-        dismissed: beginnings of names that were considered and left out, with the reason.
-    """
-
-    rows: tuple[ParameterRow, ...]
-    dismissed: Mapping[str, str]
+    rows: tuple[ParameterRow, ...]  # in the table's order
+    dismissed: Mapping[str, str]  # beginnings of names that were considered and left out, with the reason
 
     def row_of(self, name: str) -> ParameterRow | None:
         """The row of a parameter by any of its names; None for one that has none."""

@@ -22,19 +22,12 @@ class Phase(Enum):
 
 @dataclass(frozen=True, slots=True)
 class PolicyCell:
-    """One cell of the table.
+    """One cell of the table."""
 
-    Attributes:
-        simulated: what is done with a vehicle that is proved to be simulated.
-        real: what is done with any other.
-        choice: whether the user's ``--on-breach`` replaces it.
-        reason: why, for the documentation.
-    """
-
-    simulated: OnBreach
-    real: OnBreach
-    choice: bool
-    reason: str
+    simulated: OnBreach  # what is done with a vehicle that is proved to be simulated
+    real: OnBreach  # what is done with any other
+    choice: bool  # whether the user's ``--on-breach`` replaces it
+    reason: str  # why, for the documentation
 
 
 @cache

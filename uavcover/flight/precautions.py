@@ -87,23 +87,18 @@ class OnBreach(Enum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Precautions:
-    """The user's precautions.
+    """The user's precautions."""
 
-    Attributes:
-        on_breach: what to do on a breach; None leaves it to the policy (``data/breach_policy.toml``).
-        apply_limits: whether to set the parameters that the plan needs, and to put the old values back at the end.
-        agree: asked with the list of changes before any is made.
-        keep: receives the old values while they are changed, to have them on disk; an empty mapping when all are back.
-        left_changed: old values that an earlier flight could not put back.
-        photos_required: whether a camera that reports no photo at all is an alarm too.
-    """
-
+    # what to do on a breach; None leaves it to the policy (``data/breach_policy.toml``)
     on_breach: OnBreach | None = None
+    # whether to set the parameters that the plan needs, and to put the old values back at the end
     apply_limits: bool = False
-    agree: Callable[[str], bool] = lambda _: False
+    agree: Callable[[str], bool] = lambda _: False  # asked with the list of changes before any is made
+    # receives the old values while they are changed, to have them on disk; an empty mapping when all are back
     keep: Callable[[Mapping[str, float]], None] = lambda _: None
+    # old values that an earlier flight could not put back
     left_changed: Mapping[str, float] = field(default_factory=dict)
-    photos_required: bool = False
+    photos_required: bool = False  # whether a camera that reports no photo at all is an alarm too
 
 
 USUAL = Precautions()

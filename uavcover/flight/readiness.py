@@ -21,15 +21,10 @@ from uavcover.terrain.frames import LocalFrame
 
 @dataclass(frozen=True, slots=True)
 class _Stream:
-    """A kind of message that following needs.
+    """A kind of message that following needs."""
 
-    Attributes:
-        interval_s: the requested interval.
-        least_hz: how often it has to come, by the vehicle's time.
-    """
-
-    interval_s: float
-    least_hz: float
+    interval_s: float  # the requested interval
+    least_hz: float  # how often it has to come, by the vehicle's time
 
 
 _STREAMS: dict[type[m.Message], _Stream] = {

@@ -17,21 +17,14 @@ class BatteryAllows(Enum):
 
 @dataclass(slots=True)
 class BatteryUse:
-    """Battery use of a flight. Knows no clock: times are arguments.
+    """Battery use of a flight. Knows no clock: times are arguments."""
 
-    Attributes:
-        vehicle: with its endurance and reserve.
-        planned_each_s: percent that a second in the air is planned to use.
-        first: time in the air, and the charge at the first report after the climb; none before.
-        percent: its latest report.
-        aloft_s: time in the air by then.
-    """
-
-    vehicle: Vehicle
-    planned_each_s: float
+    vehicle: Vehicle  # with its endurance and reserve
+    planned_each_s: float  # percent that a second in the air is planned to use
+    # time in the air, and the charge at the first report after the climb; none before
     first: tuple[float, float] | None = None
-    percent: float = math.nan
-    aloft_s: float = 0.0
+    percent: float = math.nan  # its latest report
+    aloft_s: float = 0.0  # time in the air by then
 
     def take(self, percent: float, *, aloft_s: float) -> None:
         """Take the battery's report at a time after take-off."""

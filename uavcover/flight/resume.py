@@ -21,23 +21,14 @@ from uavcover.sensing.site_maps import judging_map
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Unfinished:
-    """A flight that left something of its plan.
+    """A flight that left something of its plan."""
 
-    Attributes:
-        flown: folder of the latest flight: the run itself, or of a flight that resumed it.
-        planned: what that flight was to fly.
-        track: what it flew.
-        broken: where it left its route.
-        route: what is left.
-        folder: where the flight that goes on is kept.
-    """
-
-    flown: RunFolder
-    planned: PlannedDocument
-    track: Track
-    broken: ResumePoint
-    route: Route
-    folder: RunFolder
+    flown: RunFolder  # folder of the latest flight: the run itself, or of a flight that resumed it
+    planned: PlannedDocument  # what that flight was to fly
+    track: Track  # what it flew
+    broken: ResumePoint  # where it left its route
+    route: Route  # what is left
+    folder: RunFolder  # where the flight that goes on is kept
 
     @property
     def complete(self) -> bool:

@@ -70,15 +70,10 @@ class Passage:
 
 @dataclass(frozen=True, slots=True)
 class ResumePoint:
-    """The end of what was flown of a planned route.
+    """The end of what was flown of a planned route."""
 
-    Attributes:
-        waypoint: number of the first planned waypoint that was not passed; the number of waypoints when all were.
-        flown_m: distance flown along the leg to it before the vehicle left it; 0 when that leg was not begun.
-    """
-
-    waypoint: int
-    flown_m: float
+    waypoint: int  # number of the first planned waypoint that was not passed; the number of waypoints when all were
+    flown_m: float  # distance flown along the leg to it before the vehicle left it; 0 when that leg was not begun
 
 
 def find_resume_point(track: Track, waypoints_m: FloatArray, *, radius_m: float) -> ResumePoint:

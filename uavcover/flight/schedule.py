@@ -24,19 +24,12 @@ _WAITS = (Command.NAV_WAYPOINT, Command.NAV_DELAY, Command.NAV_LOITER_TIME)
 
 @dataclass(frozen=True, slots=True)
 class Timetable:
-    """When a flight is planned to be where.
+    """When a flight is planned to be where."""
 
-    Attributes:
-        legs_m: the leg to each place, by the index of its item: (2, 3) ENU.
-        begins_s: when each leg is begun, by the index of its item, in seconds after take-off.
-        ends_s: when each leg is ended.
-        total_s: from take-off to landing.
-    """
-
-    legs_m: dict[int, FloatArray]
-    begins_s: dict[int, float]
-    ends_s: dict[int, float]
-    total_s: float
+    legs_m: dict[int, FloatArray]  # the leg to each place, by the index of its item: (2, 3) ENU
+    begins_s: dict[int, float]  # when each leg is begun, by the index of its item, in seconds after take-off
+    ends_s: dict[int, float]  # when each leg is ended
+    total_s: float  # from take-off to landing
 
     def planned_s(self, index: int, place_m: FloatArray) -> float | None:
         """Planned time after take-off at a (3,) ENU position on the leg to an item; None without a leg."""

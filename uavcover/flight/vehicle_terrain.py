@@ -44,25 +44,15 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ElevationData:
-    """Elevation files as the user names them, beside any scenario.
+    """Elevation files as the user names them, beside any scenario."""
 
-    Attributes:
-        names: files, folders or patterns of tiles.
-        vertical_datum: "EGM96", "EGM2008" or "ellipsoid"; None: what the files say, or EGM96.
-        crs: coordinate system, where the files name none.
-        height_unit: "m", "dm", "cm", "ft" or "us-ft", where the files do not say.
-        band: number or name of the band with the heights.
-        water_height: of open water above sea level, as "0m"; None: places without data have no height.
-        option: that names them, for errors.
-    """
-
-    names: tuple[str, ...]
-    vertical_datum: str | None = None
-    crs: str | None = None
-    height_unit: str | None = None
-    band: str | None = None
-    water_height: str | None = None
-    option: str = "--dem"
+    names: tuple[str, ...]  # files, folders or patterns of tiles
+    vertical_datum: str | None = None  # "EGM96", "EGM2008" or "ellipsoid"; None: what the files say, or EGM96
+    crs: str | None = None  # coordinate system, where the files name none
+    height_unit: str | None = None  # "m", "dm", "cm", "ft" or "us-ft", where the files do not say
+    band: str | None = None  # number or name of the band with the heights
+    water_height: str | None = None  # of open water above sea level, as "0m"; None: places without data have no height
+    option: str = "--dem"  # that names them, for errors
 
 
 def open_elevation_data(data: ElevationData, *, around: Bounds | None = None) -> tuple[TerrainSource, str]:

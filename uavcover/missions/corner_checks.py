@@ -75,25 +75,15 @@ def find_corner_problems(site: Site, route_m: FloatArray, *, with_ends: bool = T
 
 @dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class _Figures:
-    """Values of n corners, at k positions each, compared with one limit.
+    """Values of n corners, at k positions each, compared with one limit."""
 
-    Attributes:
-        kind: which.
-        places_m: (n, k, 3) ENU.
-        values: (n, k) what is limited.
-        excess_m: (n, k) beyond the limit; 0 where it is kept.
-        limit: the limit.
-        unit: of values and limit.
-        names: (n,) of what is too near.
-    """
-
-    kind: ProblemKind
-    places_m: FloatArray
-    values: FloatArray
-    excess_m: FloatArray
-    limit: float
-    unit: str
-    names: tuple[str, ...]
+    kind: ProblemKind  # which
+    places_m: FloatArray  # (n, k, 3) ENU
+    values: FloatArray  # (n, k) what is limited
+    excess_m: FloatArray  # (n, k) beyond the limit; 0 where it is kept
+    limit: float  # the limit
+    unit: str  # of values and limit
+    names: tuple[str, ...]  # (n,) of what is too near
 
 
 def _figures(site: Site, route_m: FloatArray) -> list[_Figures]:

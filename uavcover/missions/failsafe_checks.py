@@ -40,29 +40,17 @@ class HeightSource(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class ReturnLimits:
-    """Limits by which the paths are judged.
+    """Limits by which the paths are judged."""
 
-    Attributes:
-        frame: of the positions; none where up is the height above sea level.
-        heights: above what the paths keep their clearance.
-        ground: with its obstacles, and where the vehicle lands.
-        zones: no-fly zones.
-        obstacles: clearances.
-        prisms: the obstacles, by number.
-        fence: allowed area; none without a fence.
-        clearance_m: least height above ground of a return.
-        endurance_s: longest flight; none: unknown.
-    """
-
-    frame: LocalFrame | None
-    heights: HeightSource
-    ground: Ground
-    zones: ZoneCheck
-    obstacles: Obstacles
-    prisms: tuple[Prism, ...]
-    fence: shapely.Geometry | None
-    clearance_m: float
-    endurance_s: float | None = None
+    frame: LocalFrame | None  # of the positions; none where up is the height above sea level
+    heights: HeightSource  # above what the paths keep their clearance
+    ground: Ground  # with its obstacles, and where the vehicle lands
+    zones: ZoneCheck  # no-fly zones
+    obstacles: Obstacles  # clearances
+    prisms: tuple[Prism, ...]  # the obstacles, by number
+    fence: shapely.Geometry | None  # allowed area; none without a fence
+    clearance_m: float  # least height above ground of a return
+    endurance_s: float | None = None  # longest flight; none: unknown
 
     def ground_alts_m(self, east_north_m: FloatArray) -> FloatArray:
         """Heights of the ground above sea level (n,) at (n, 2) positions."""
@@ -85,24 +73,16 @@ class ReturnLimits:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReturnJudgement:
-    """Safety of the returns from every moment.
+    """Safety of the returns from every moment."""
 
-    Attributes:
-        unsafe: worst first within each response.
-        is_unsafe: (n,) moments with any danger.
-        destinations: (n,) of the commanded return.
-        least_clearance_m: of all returns; NaN where ground is unknown.
-        safe_return_height_m: above the destination for PX4, above home for ArduPilot: the lowest return height that clears the
-            terrain from everywhere; infinite where ground is unknown.
-        settings: by which it was judged.
-    """
-
-    unsafe: tuple[UnsafeReturn, ...]
-    is_unsafe: BoolArray
-    destinations: IntArray
-    least_clearance_m: float
+    unsafe: tuple[UnsafeReturn, ...]  # worst first within each response
+    is_unsafe: BoolArray  # (n,) moments with any danger
+    destinations: IntArray  # (n,) of the commanded return
+    least_clearance_m: float  # of all returns; NaN where ground is unknown
+    # above the destination for PX4, above home for ArduPilot: the lowest return height that clears the terrain from
+    # everywhere; infinite where ground is unknown
     safe_return_height_m: float
-    settings: FailsafeSettings
+    settings: FailsafeSettings  # by which it was judged
 
 
 def judge_returns(
@@ -292,7 +272,7 @@ class _Judged:
         points = self._line.reshape(self._n, self._k + 1, 3)[:, : self._k]
         shapely.prepare(fence)
         starts_inside = shapely.covers(fence, shapely.points(points[:, 0, :2]))
-        # A route that leaves the fence is reported as such: its returns begin where it is, not where it would come to rest.
+        # a route that leaves the fence is reported as such: its returns begin where it is, not where it would come to rest.
         stops_outside = ~np.asarray(shapely.covers(fence, shapely.points(points[:, 1, :2])))
         at_stop = (points[:, :, :2] == points[:, 1:2, :2]).all(axis=2) & stops_outside[:, None]
         level = np.where(at_stop[..., None], points[:, :1, :2], points[:, :, :2])

@@ -24,21 +24,14 @@ _TABLE = "data/failsafes.toml"
 
 @dataclass(frozen=True, slots=True)
 class Response:
-    """Failsafe response of a vehicle.
+    """Failsafe response of a vehicle."""
 
-    Attributes:
-        action: what it does.
-        trigger: what makes it do so, for people; "commanded" for a return that the pilot or the ground station asks for.
-        parameter: that decides it; empty where it is commanded.
-        value: of that parameter.
-        is_assumed: whether the value is the autopilot's default, because the vehicle's is unknown.
-    """
-
-    action: Action
+    action: Action  # what it does
+    # what makes it do so, for people; "commanded" for a return that the pilot or the ground station asks for
     trigger: str
-    parameter: str = ""
-    value: int = 0
-    is_assumed: bool = False
+    parameter: str = ""  # that decides it; empty where it is commanded
+    value: int = 0  # of that parameter
+    is_assumed: bool = False  # whether the value is the autopilot's default, because the vehicle's is unknown
 
     def __str__(self) -> str:
         if not self.parameter:
@@ -48,19 +41,13 @@ class Response:
 
 @dataclass(frozen=True, slots=True)
 class FailsafeSettings:
-    """The parameters of one vehicle, by their meaning.
+    """The parameters of one vehicle, by their meaning."""
 
-    Attributes:
-        autopilot: whose parameters they are.
-        values: by the names of ``settings`` in ``data/failsafes.toml``, in metres, seconds and m/s.
-        responses: what it does by itself or when commanded; responses that change nothing are left out.
-        assumed: names of the parameters whose defaults stand in for unknown values.
-    """
-
-    autopilot: AutopilotName
-    values: Mapping[str, float]
+    autopilot: AutopilotName  # whose parameters they are
+    values: Mapping[str, float]  # by the names of ``settings`` in ``data/failsafes.toml``, in metres, seconds and m/s
+    # what it does by itself or when commanded; responses that change nothing are left out
     responses: tuple[Response, ...]
-    assumed: tuple[str, ...]
+    assumed: tuple[str, ...]  # names of the parameters whose defaults stand in for unknown values
 
     def __getitem__(self, name: str) -> float:
         """A value by the name of its setting."""

@@ -26,40 +26,25 @@ _NEARER_BY_M, _TOO_NEAR_HOME_M = 2.0, 10.0  # PX4: MIN_DIST_THRESHOLD, and a saf
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlightStates:
-    """n moments of a flight.
+    """n moments of a flight."""
 
-    Attributes:
-        places_m: (n, 3) east, north, height above sea level.
-        velocities_m_s: (n, 2) east, north.
-        times_s: (n,) since take-off.
-        legs: (n,) vertex of the route that the vehicle flies to.
-        ahead_m: (n,) way to that vertex, before which the vehicle slows down; none: it flies on.
-    """
-
-    places_m: FloatArray
-    velocities_m_s: FloatArray
-    times_s: FloatArray
-    legs: IntArray
-    ahead_m: FloatArray | None = None
+    places_m: FloatArray  # (n, 3) east, north, height above sea level
+    velocities_m_s: FloatArray  # (n, 2) east, north
+    times_s: FloatArray  # (n,) since take-off
+    legs: IntArray  # (n,) vertex of the route that the vehicle flies to
+    ahead_m: FloatArray | None = None  # (n,) way to that vertex, before which the vehicle slows down; none: it flies on
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Destinations:
-    """Destinations of a vehicle, in positions as in :class:`FlightStates`.
+    """Destinations of a vehicle, in positions as in :class:`FlightStates`."""
 
-    Attributes:
-        home_m: (3,) on the ground.
-        rally_m: (r, 3).
-        fence: area that the vehicle's fence allows, by its polygons; none without polygons.
-        route_m: (m, 3) vertices of the flown mission, take-off's top to landing's top.
-        landing: vertex of the route where the mission's landing begins; none without one.
-    """
-
-    home_m: FloatArray
-    rally_m: FloatArray
-    route_m: FloatArray
+    home_m: FloatArray  # (3,) on the ground
+    rally_m: FloatArray  # (r, 3)
+    route_m: FloatArray  # (m, 3) vertices of the flown mission, take-off's top to landing's top
+    # area that the vehicle's fence allows, by its polygons; none without polygons
     fence: shapely.Geometry | None = None
-    landing: int | None = None
+    landing: int | None = None  # vertex of the route where the mission's landing begins; none without one
 
     @property
     def items_m(self) -> FloatArray:
@@ -71,27 +56,16 @@ class Destinations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FailsafePaths:
-    """Paths that the vehicle flies from each of n moments, for one kind of response.
+    """Paths that the vehicle flies from each of n moments, for one kind of response."""
 
-    Attributes:
-        responses: that lead to these paths.
-        points_m: (n, k, 3) vertices; legs without length where a stage is left out.
-        stages: k - 1 of them.
-        destinations: (n,) number of a rally point, ``HOME`` or ``IN_PLACE``.
-        duration_s: (n,) until it lands or holds.
-        tail_m: (m, 3) legs of the mission that follow; none without them.
-        joins: (n,) first vertex of the tail that is flown to.
-        note: what else the paths depend on, for people.
-    """
-
-    responses: tuple[Response, ...]
-    points_m: FloatArray
-    stages: tuple[Stage, ...]
-    destinations: IntArray
-    duration_s: FloatArray
-    tail_m: FloatArray | None = None
-    joins: IntArray | None = None
-    note: str = ""
+    responses: tuple[Response, ...]  # that lead to these paths
+    points_m: FloatArray  # (n, k, 3) vertices; legs without length where a stage is left out
+    stages: tuple[Stage, ...]  # k - 1 of them
+    destinations: IntArray  # (n,) number of a rally point, ``HOME`` or ``IN_PLACE``
+    duration_s: FloatArray  # (n,) until it lands or holds
+    tail_m: FloatArray | None = None  # (m, 3) legs of the mission that follow; none without them
+    joins: IntArray | None = None  # (n,) first vertex of the tail that is flown to
+    note: str = ""  # what else the paths depend on, for people
 
     def path_m(self, moment: int) -> FloatArray:
         """(j, 3) the whole path from one moment, without legs that have no length."""

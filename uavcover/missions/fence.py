@@ -23,17 +23,11 @@ _MOST_CORNERS = 70
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionFence:
-    """A fence for a mission.
+    """A fence for a mission."""
 
-    Attributes:
-        fence: one inclusion polygon, then exclusions.
-        zones: the no-fly zones among the exclusions.
-        left_out: those that the mission passes over or under, or inside whose hole it is.
-    """
-
-    fence: Fence
-    zones: tuple[Zone, ...]
-    left_out: tuple[Zone, ...]
+    fence: Fence  # one inclusion polygon, then exclusions
+    zones: tuple[Zone, ...]  # the no-fly zones among the exclusions
+    left_out: tuple[Zone, ...]  # those that the mission passes over or under, or inside whose hole it is
 
 
 def fence_of(site: Site, frame: LocalFrame, path_m: FloatArray) -> MissionFence:
@@ -62,19 +56,12 @@ def fence_of(site: Site, frame: LocalFrame, path_m: FloatArray) -> MissionFence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Exclusions:
-    """The zones of a site as exclusions of a fence.
+    """The zones of a site as exclusions of a fence."""
 
-    Attributes:
-        index: of their outlines without holes; of circles, of the polygons around them.
-        polygons: of each zone.
-        circles: of each zone.
-        fences: those that were made, by the zones that a mission passes over or under.
-    """
-
-    index: shapely.STRtree
-    polygons: list[tuple[FencePolygon, ...]]
-    circles: list[tuple[FenceCircle, ...]]
-    fences: dict[bytes, MissionFence]
+    index: shapely.STRtree  # of their outlines without holes; of circles, of the polygons around them
+    polygons: list[tuple[FencePolygon, ...]]  # of each zone
+    circles: list[tuple[FenceCircle, ...]]  # of each zone
+    fences: dict[bytes, MissionFence]  # those that were made, by the zones that a mission passes over or under
 
 
 @once

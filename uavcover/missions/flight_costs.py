@@ -44,7 +44,7 @@ def flight_costs_along_transits(
         onto, off = points[k + 1 : k + 1] if stops else points[k + 1 : k + 2], points[max(k - 1, 0) : k]
         there[k] = _there_s(pace, home, way, onto)
         back[k] = _back_s(pace, home, way, off)
-        # A flight to this waypoint alone turns from the way there to the way home.
+        # a flight to this waypoint alone turns from the way there to the way home.
         round_m = np.vstack([way, way[-1:] if stops else way[:0], way[-2::-1]])
         column_m = way[0, 2] - home[2]
         alone[k] = takeoff_time(pace, column_m) + flight_time(pace, round_m) + landing_time(pace, column_m)
@@ -147,15 +147,10 @@ def checked(costs: FlightCosts, site: Site, route: Route) -> FlightCosts:
 
 @dataclass(frozen=True, slots=True)
 class MissionCost:
-    """Cost of the whole mission of a route, from take-off to landing, of all its flights.
+    """Cost of the whole mission of a route, from take-off to landing, of all its flights."""
 
-    Attributes:
-        time_s: in the air.
-        energy_hover_s: seconds of hovering that take as much of the batteries, in the stated wind.
-    """
-
-    time_s: float
-    energy_hover_s: float
+    time_s: float  # in the air
+    energy_hover_s: float  # seconds of hovering that take as much of the batteries, in the stated wind
 
 
 def mission_time_s(site: Site, route: Route) -> float:

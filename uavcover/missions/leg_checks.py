@@ -40,32 +40,20 @@ ProblemKind = Literal[
 
 @dataclass(frozen=True, slots=True)
 class LegProblem:
-    """A leg, or a waypoint, that breaks a limit.
+    """A leg, or a waypoint, that breaks a limit."""
 
-    Attributes:
-        leg: number of the waypoint at its end, counted from 0; leg k goes from waypoint k - 1 to k.
-        kind: which limit.
-        value: the leg's worst value; for the fence, metres outside it; for an obstacle, metres of clearance missing beside or
-            above it, whichever is less; for a no-fly zone, metres inside it or its margin.
-        limit: the allowed value.
-        unit: of both.
-        east_m: where it is worst.
-        north_m: where it is worst.
-        waypoint_alone: whether only the waypoint was checked, not the leg to it.
-        in_corner: whether it is in the corner that is flown beside the waypoint, not on the leg to it.
-        name: of the obstacle or the no-fly zone.
-    """
-
-    leg: int
-    kind: ProblemKind
+    leg: int  # number of the waypoint at its end, counted from 0; leg k goes from waypoint k - 1 to k
+    kind: ProblemKind  # which limit
+    # the leg's worst value; for the fence, metres outside it; for an obstacle, metres of clearance missing beside or
+    # above it, whichever is less; for a no-fly zone, metres inside it or its margin
     value: float
-    limit: float
-    unit: str
-    east_m: float
-    north_m: float
-    waypoint_alone: bool = False
-    name: str = ""
-    in_corner: bool = False
+    limit: float  # the allowed value
+    unit: str  # of both
+    east_m: float  # where it is worst
+    north_m: float  # where it is worst
+    waypoint_alone: bool = False  # whether only the waypoint was checked, not the leg to it
+    name: str = ""  # of the obstacle or the no-fly zone
+    in_corner: bool = False  # whether it is in the corner that is flown beside the waypoint, not on the leg to it
 
     def __str__(self) -> str:
         what = f"waypoint {self.leg}" if self.waypoint_alone else f"leg to waypoint {self.leg}"
@@ -86,27 +74,17 @@ class LegProblem:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Violations:
-    """Excess over each hard limit; all zero for a feasible route.
+    """Excess over each hard limit; all zero for a feasible route."""
 
-    Attributes:
-        below_m: metres below the lower limit of height above ground, summed over the legs.
-        above_m: metres above the upper limit, summed in the same way.
-        sea_level_m: metres outside the sea-level limits, summed over the waypoints.
-        climb_deg: degrees steeper than the limit, summed over the legs.
-        fence_m: metres of the route outside the fence.
-        obstacle_m: metres of missing clearance from obstacles, summed over the legs.
-        no_fly_m: metres inside no-fly zones and their margins, at the deepest place of every leg, summed over the legs.
-        no_data_legs: legs without elevation data.
-    """
-
-    below_m: float
-    above_m: float
-    sea_level_m: float
-    climb_deg: float
-    fence_m: float
-    obstacle_m: float
+    below_m: float  # metres below the lower limit of height above ground, summed over the legs
+    above_m: float  # metres above the upper limit, summed in the same way
+    sea_level_m: float  # metres outside the sea-level limits, summed over the waypoints
+    climb_deg: float  # degrees steeper than the limit, summed over the legs
+    fence_m: float  # metres of the route outside the fence
+    obstacle_m: float  # metres of missing clearance from obstacles, summed over the legs
+    # metres inside no-fly zones and their margins, at the deepest place of every leg, summed over the legs
     no_fly_m: float
-    no_data_legs: int
+    no_data_legs: int  # legs without elevation data
 
     @property
     def total(self) -> float:

@@ -130,34 +130,24 @@ class CompiledMission:
     """The complete mission for the vehicle, with the facts that checks and reports need.
 
     The autopilot's own returns are judged when somebody asks for them: most flights are compiled for their size or time alone.
-
-    Attributes:
-        mission: home and items.
-        fence: one inclusion polygon, then its holes and no-fly zones as exclusions.
-        first_waypoint_item: index in ``mission.items`` of the first planned waypoint.
-        waypoint_count: how many planned waypoints there are from it on.
-        items_per_waypoint: how many items each of them takes, itself first.
-        path_m: (k, 3) ENU: top of the column at home (or the vehicle's position), transit, planned waypoints, transit home,
-            top of the column.
-        bare_returns: the autopilot's own returns, before rally points.
-        max_height_above_home_m: highest point of the whole path above home: what the autopilot's maximum altitude must allow.
-        flight_time_s: of the whole path, take-off and landing included.
-        battery_used: share of a full battery, in the worst of the winds that it is planned for; none without an endurance.
-        zones_in_fence: the no-fly zones that are exclusions of the fence.
-        zones_left_out: those that are not, because the path passes over or under them and a fence has no floors.
     """
 
-    mission: Mission
-    fence: Fence
-    first_waypoint_item: int
-    waypoint_count: int
-    items_per_waypoint: int
+    mission: Mission  # home and items
+    fence: Fence  # one inclusion polygon, then its holes and no-fly zones as exclusions
+    first_waypoint_item: int  # index in ``mission.items`` of the first planned waypoint
+    waypoint_count: int  # how many planned waypoints there are from it on
+    items_per_waypoint: int  # how many items each of them takes, itself first
+    # (k, 3) ENU: top of the column at home (or the vehicle's position), transit, planned waypoints, transit home, top
+    # of the column
     path_m: FloatArray
-    bare_returns: OwnReturns
+    bare_returns: OwnReturns  # the autopilot's own returns, before rally points
+    # highest point of the whole path above home: what the autopilot's maximum altitude must allow
     max_height_above_home_m: float
-    flight_time_s: float
+    flight_time_s: float  # of the whole path, take-off and landing included
+    # share of a full battery, in the worst of the winds that it is planned for; none without an endurance
     battery_used: float | None = None
-    zones_in_fence: tuple[Zone, ...] = ()
+    zones_in_fence: tuple[Zone, ...] = ()  # the no-fly zones that are exclusions of the fence
+    # those that are not, because the path passes over or under them and a fence has no floors
     zones_left_out: tuple[Zone, ...] = ()
 
     @property
@@ -288,7 +278,7 @@ def _compiled(
     opening = [*opening, *pointing_items(sensor, autopilot)]
     picture_distance_m = trigger_distance_m(site.scenario)
     if picture_distance_m is not None:
-        # A command is executed once the waypoint before it is reached, so the first waypoint appears twice.
+        # a command is executed once the waypoint before it is reached, so the first waypoint appears twice.
         opening += [first, start_pictures(picture_distance_m)]
         sensing.append(stop_pictures())
     if not sensor.looks_along_path:
@@ -394,7 +384,7 @@ def _check_autopilot(content: MissionList, autopilot: autopilots.Autopilot, *, i
     items = items_of(content, autopilot)
     problems = check_for_autopilot(items, autopilot, mission_type_of(content))
     if problems:
-        # A problem without an item concerns the whole list: too many items, of which a mission can be split.
+        # a problem without an item concerns the whole list: too many items, of which a mission can be split.
         is_mission = mission_type_of(content) is MissionType.MISSION
         refused = MissionTooLongError if problems[0].item is None and is_mission else InfeasibleError
         raise refused(f"{autopilot.name} would not take this {mission_type_of(content).name.lower()}: {problems[0]}")

@@ -25,15 +25,10 @@ OBJECTIVES = ("minus_coverage", "waypoint_count", "cost")
 
 @dataclass(frozen=True, eq=False)
 class Evaluation:
-    """Objectives and violations of many routes.
+    """Objectives and violations of many routes."""
 
-    Attributes:
-        objectives: (n, 3) in the order of OBJECTIVES.
-        violations: (n, 1) total violation, 0 when the hard limits hold.
-    """
-
-    objectives: FloatArray
-    violations: FloatArray
+    objectives: FloatArray  # (n, 3) in the order of OBJECTIVES
+    violations: FloatArray  # (n, 1) total violation, 0 when the hard limits hold
 
 
 def evaluate_routes(coverage: CoverageMap, routes: Sequence[Route], executor: Executor | None = None) -> Evaluation:

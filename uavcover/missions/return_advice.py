@@ -22,28 +22,20 @@ _STEP_M = 5.0
 
 @dataclass(frozen=True, slots=True)
 class ReturnAdvice:
-    """Whether the autopilot's own returns are safe, from every second along the path and not from waypoints alone.
+    """Whether the autopilot's own returns are safe, from every second along the path and not from waypoints alone."""
 
-    Attributes:
-        return_height_m: height above home that was checked.
-        unsafe_waypoints: numbers of the planned waypoints from which, or from the leg to which, the return is unsafe. The
-            transit counts as the leg to waypoint 0, the transit home as part of the last waypoint.
-        worst_clearance_m: lowest point of all returns above ground; NaN where ground is unknown.
-        safe_return_height_m: return height from which all returns keep the transit clearance; infinite where ground is unknown.
-        no_fly: names of the no-fly zones that returns enter.
-        no_fly_waypoints: numbers of the waypoints from which they do, as ``unsafe_waypoints``.
-        unsafe: from where to where, and why; ``first_leg`` and ``last_leg`` are numbers of planned waypoints here.
-        assumed: names of the parameters that are taken as the autopilot's defaults.
-    """
-
-    return_height_m: float
+    return_height_m: float  # height above home that was checked
+    # numbers of the planned waypoints from which, or from the leg to which, the return is unsafe. The transit counts as
+    # the leg to waypoint 0, the transit home as part of the last waypoint.
     unsafe_waypoints: tuple[int, ...]
-    worst_clearance_m: float
+    worst_clearance_m: float  # lowest point of all returns above ground; NaN where ground is unknown
+    # return height from which all returns keep the transit clearance; infinite where ground is unknown
     safe_return_height_m: float
-    no_fly: tuple[str, ...] = ()
-    no_fly_waypoints: tuple[int, ...] = ()
+    no_fly: tuple[str, ...] = ()  # names of the no-fly zones that returns enter
+    no_fly_waypoints: tuple[int, ...] = ()  # numbers of the waypoints from which they do, as ``unsafe_waypoints``
+    # from where to where, and why; ``first_leg`` and ``last_leg`` are numbers of planned waypoints here
     unsafe: tuple[UnsafeReturn, ...] = ()
-    assumed: tuple[str, ...] = ()
+    assumed: tuple[str, ...] = ()  # names of the parameters that are taken as the autopilot's defaults
 
     @property
     def sentences(self) -> tuple[str, ...]:
@@ -209,25 +201,15 @@ def return_advice(
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class OwnReturns:
-    """The returns of a compiled flight, to be judged by any parameters: the vehicle's, and again when they change.
+    """The returns of a compiled flight, to be judged by any parameters: the vehicle's, and again when they change."""
 
-    Attributes:
-        site: the scenario on its ground.
-        path_m: (k, 3) ENU, the whole flight between the columns above home.
-        first_waypoint: row of the first planned waypoint in it.
-        waypoint_count: how many planned waypoints follow.
-        autopilot: who returns.
-        rally: rally points that the vehicle holds.
-        begin_s: when the path begins.
-    """
-
-    site: Site
-    path_m: FloatArray
-    first_waypoint: int
-    waypoint_count: int
-    autopilot: AutopilotName
-    rally: tuple[FramedPoint, ...] = ()
-    begin_s: float = 0.0
+    site: Site  # the scenario on its ground
+    path_m: FloatArray  # (k, 3) ENU, the whole flight between the columns above home
+    first_waypoint: int  # row of the first planned waypoint in it
+    waypoint_count: int  # how many planned waypoints follow
+    autopilot: AutopilotName  # who returns
+    rally: tuple[FramedPoint, ...] = ()  # rally points that the vehicle holds
+    begin_s: float = 0.0  # when the path begins
 
     def advice(
         self,

@@ -31,22 +31,14 @@ from uavcover.sensing.sensors import whatever_heading
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sortie:
-    """One flight of a planned route.
+    """One flight of a planned route."""
 
-    Attributes:
-        first: number of its first waypoint in the whole route.
-        last: number of its last waypoint; for sensing along the path, the next sortie begins there too.
-        route: its waypoints.
-        compiled: its mission, from take-off at home to landing there.
-        vehicle: who flies it, from 1.
-        start_s: its planned take-off, since the first take-off of all; none where there is no schedule.
-    """
-
-    first: int
-    last: int
-    route: Route
-    compiled: CompiledMission
-    vehicle: int = 1
+    first: int  # number of its first waypoint in the whole route
+    last: int  # number of its last waypoint; for sensing along the path, the next sortie begins there too
+    route: Route  # its waypoints
+    compiled: CompiledMission  # its mission, from take-off at home to landing there
+    vehicle: int = 1  # who flies it, from 1
+    # its planned take-off, since the first take-off of all; none where there is no schedule
     start_s: float | None = None
 
 
@@ -241,7 +233,7 @@ def _cut_and_compiled(
                     costs[number] = tighter(costs[number])
                 break
             except InfeasibleError as error:
-                # A transit that breaks a limit bars only its own waypoint from beginning or ending a flight, and no
+                # a transit that breaks a limit bars only its own waypoint from beginning or ending a flight, and no
                 # other. Transits are checked one by one, and only where it matters.
                 refusal, own = error, own if number in all_checked else checked(own, flyer.site, route)
                 all_checked.add(number)

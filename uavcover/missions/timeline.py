@@ -16,15 +16,10 @@ from uavcover.sensing.sensors import trigger_distance_m
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Timeline:
-    """A flight as points with their times; between them it moves evenly.
+    """A flight as points with their times; between them it moves evenly."""
 
-    Attributes:
-        time_s: (n,) since take-off, not decreasing.
-        place_m: (n, 3) ENU metres, the ground at home first and last.
-    """
-
-    time_s: FloatArray
-    place_m: FloatArray
+    time_s: FloatArray  # (n,) since take-off, not decreasing
+    place_m: FloatArray  # (n, 3) ENU metres, the ground at home first and last
 
     @property
     def duration_s(self) -> float:

@@ -12,38 +12,23 @@ Danger = Literal["terrain", "descent", "unknown ground", "obstacle", "fence", "z
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnsafeReturn:
-    """Consecutive moments from which one response is unsafe in one respect.
+    """Consecutive moments from which one response is unsafe in one respect."""
 
-    Attributes:
-        responses: that lead there.
-        danger: in which respect.
-        begin_s: first moment, since take-off.
-        end_s: last moment.
-        first_leg: vertex of the route that the vehicle flies to at the first moment.
-        last_leg: at the last one.
-        value: worst value: least height above ground; metres of missing clearance, outside the fence or inside the zone;
-            seconds of flight.
-        limit: the allowed value.
-        place_m: (east, north, up) where it is worst.
-        worst_s: the moment whose path is worst.
-        destination: number of the rally point there, ``HOME`` or ``IN_PLACE``.
-        name: of the obstacle or zone.
-        note: what the path depends on.
-    """
-
-    responses: tuple[Response, ...]
-    danger: Danger
-    begin_s: float
-    end_s: float
-    first_leg: int
-    last_leg: int
+    responses: tuple[Response, ...]  # that lead there
+    danger: Danger  # in which respect
+    begin_s: float  # first moment, since take-off
+    end_s: float  # last moment
+    first_leg: int  # vertex of the route that the vehicle flies to at the first moment
+    last_leg: int  # at the last one
+    # worst value: least height above ground; metres of missing clearance, outside the fence or inside the zone; seconds
+    # of flight
     value: float
-    limit: float
-    place_m: tuple[float, float, float]
-    worst_s: float
-    destination: int
-    name: str = ""
-    note: str = ""
+    limit: float  # the allowed value
+    place_m: tuple[float, float, float]  # (east, north, up) where it is worst
+    worst_s: float  # the moment whose path is worst
+    destination: int  # number of the rally point there, ``HOME`` or ``IN_PLACE``
+    name: str = ""  # of the obstacle or zone
+    note: str = ""  # what the path depends on
 
     @property
     def what(self) -> str:

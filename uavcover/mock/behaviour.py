@@ -19,25 +19,15 @@ from uavcover.model.vehicle import AutopilotMotion, AutopilotName, Vehicle
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """Settings of the vehicle's flight without commands of a mission.
+    """Settings of the vehicle's flight without commands of a mission."""
 
-    Attributes:
-        cruise_m_s: ground speed.
-        climb_m_s: upward speed.
-        descent_m_s: downward speed.
-        land_m_s: downward speed of the last metres.
-        acceptance_radius_m: a waypoint without a radius of its own counts as reached within this distance.
-        return_height_m: height above home that the vehicle returns at.
-        motion: how it is led along legs, up and down; none: as fast as its airframe can.
-    """
-
-    cruise_m_s: float = 10.0
-    climb_m_s: float = 4.0
-    descent_m_s: float = 3.0
-    land_m_s: float = 0.7
-    acceptance_radius_m: float = 2.0
-    return_height_m: float = 30.0
-    motion: AutopilotMotion | None = None
+    cruise_m_s: float = 10.0  # ground speed
+    climb_m_s: float = 4.0  # upward speed
+    descent_m_s: float = 3.0  # downward speed
+    land_m_s: float = 0.7  # downward speed of the last metres
+    acceptance_radius_m: float = 2.0  # a waypoint without a radius of its own counts as reached within this distance
+    return_height_m: float = 30.0  # height above home that the vehicle returns at
+    motion: AutopilotMotion | None = None  # how it is led along legs, up and down; none: as fast as its airframe can
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -105,42 +95,25 @@ class Streams(Enum):
 
 @dataclass(frozen=True, slots=True)
 class StartText:
-    """A STATUSTEXT sent during start-up.
+    """A STATUSTEXT sent during start-up."""
 
-    Attributes:
-        at_s: when, in seconds since it was switched on.
-        severity: how bad it is.
-        text: the line.
-    """
-
-    at_s: float
-    severity: Severity
-    text: str
+    at_s: float  # when, in seconds since it was switched on
+    severity: Severity  # how bad it is
+    text: str  # the line
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Behaviour:
-    """One way to behave.
+    """One way to behave."""
 
-    Attributes:
-        fix_s: satellite fix, in seconds since it was switched on.
-        checks_pass_s: home is known and the pre-arm bit is good.
-        ready_s: arming works.
-        start_texts: the texts it sends until then.
-        streams: messages that it sends unasked.
-        transfer_clock: the clock on which transfers time out.
-        terrain: source of its terrain heights.
-        stale_read_back: share of the uploads after which a read-back still returns the previous list for a moment.
-    """
-
-    fix_s: float
-    checks_pass_s: float
-    ready_s: float
-    start_texts: tuple[StartText, ...]
-    streams: Streams
-    transfer_clock: TransferClock
-    terrain: GroundSource
-    stale_read_back: float
+    fix_s: float  # satellite fix, in seconds since it was switched on
+    checks_pass_s: float  # home is known and the pre-arm bit is good
+    ready_s: float  # arming works
+    start_texts: tuple[StartText, ...]  # the texts it sends until then
+    streams: Streams  # messages that it sends unasked
+    transfer_clock: TransferClock  # the clock on which transfers time out
+    terrain: GroundSource  # source of its terrain heights
+    stale_read_back: float  # share of the uploads after which a read-back still returns the previous list for a moment
 
 
 def quick(ready_s: float = 2.0) -> Behaviour:

@@ -29,37 +29,22 @@ Vector = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Airframe:
-    """Limits of the vehicle's dynamics.
+    """Limits of the vehicle's dynamics."""
 
-    Attributes:
-        max_speed_m_s: largest horizontal speed over ground.
-        max_climb_m_s: largest upward speed.
-        max_descent_m_s: largest downward speed.
-        max_acceleration_m_s2: largest horizontal acceleration of the controller.
-        max_vertical_acceleration_m_s2: largest vertical acceleration of the controller.
-        max_jerk_m_s3: how fast that acceleration changes, over ground and vertically.
-        max_airspeed_m_s: largest horizontal speed through the air that it asks for.
-        max_lean_deg: largest lean; the part that the wind takes is not available for acceleration.
-        max_yaw_rate_deg_s: largest yaw rate; 60 is ATC_SLEW_YAW of ArduCopter and MPC_YAWRAUTO_MAX of PX4 from 1.15 on.
-        max_yaw_acceleration_deg_s2: how fast that rate changes; by default in one step.
-        velocity_gain_1_s: acceleration asked for per metre per second of speed error.
-        drag_1_s: acceleration per metre per second of air speed.
-        wind_estimate_s: time constant with which the controller learns the wind.
-    """
-
-    max_speed_m_s: float = 20.0
-    max_climb_m_s: float = 6.0
-    max_descent_m_s: float = 4.0
-    max_acceleration_m_s2: float = 4.0
-    max_vertical_acceleration_m_s2: float = 2.5
-    max_jerk_m_s3: float = 20.0
-    max_airspeed_m_s: float = 18.0
-    max_lean_deg: float = 35.0
+    max_speed_m_s: float = 20.0  # largest horizontal speed over ground
+    max_climb_m_s: float = 6.0  # largest upward speed
+    max_descent_m_s: float = 4.0  # largest downward speed
+    max_acceleration_m_s2: float = 4.0  # largest horizontal acceleration of the controller
+    max_vertical_acceleration_m_s2: float = 2.5  # largest vertical acceleration of the controller
+    max_jerk_m_s3: float = 20.0  # how fast that acceleration changes, over ground and vertically
+    max_airspeed_m_s: float = 18.0  # largest horizontal speed through the air that it asks for
+    max_lean_deg: float = 35.0  # largest lean; the part that the wind takes is not available for acceleration
+    # largest yaw rate; 60 is ATC_SLEW_YAW of ArduCopter and MPC_YAWRAUTO_MAX of PX4 from 1.15 on
     max_yaw_rate_deg_s: float = 60.0
-    max_yaw_acceleration_deg_s2: float = 10_000.0
-    velocity_gain_1_s: float = 3.0
-    drag_1_s: float = 0.2
-    wind_estimate_s: float = 1.5
+    max_yaw_acceleration_deg_s2: float = 10_000.0  # how fast that rate changes; by default in one step
+    velocity_gain_1_s: float = 3.0  # acceleration asked for per metre per second of speed error
+    drag_1_s: float = 0.2  # acceleration per metre per second of air speed
+    wind_estimate_s: float = 1.5  # time constant with which the controller learns the wind
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -187,19 +172,12 @@ def _within(x: float, y: float, most: float) -> tuple[float, float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class WindModel:
-    """A steady horizontal wind with gusts on top.
+    """A steady horizontal wind with gusts on top."""
 
-    Attributes:
-        speed_m_s: steady speed.
-        from_deg: where it comes from, clockwise from north.
-        gust_m_s: standard deviation of the gusts in each horizontal direction; half of it vertically.
-        gust_time_s: correlation time of the gusts.
-    """
-
-    speed_m_s: float = 0.0
-    from_deg: float = 0.0
-    gust_m_s: float = 0.0
-    gust_time_s: float = 3.0
+    speed_m_s: float = 0.0  # steady speed
+    from_deg: float = 0.0  # where it comes from, clockwise from north
+    gust_m_s: float = 0.0  # standard deviation of the gusts in each horizontal direction; half of it vertically
+    gust_time_s: float = 3.0  # correlation time of the gusts
 
     def __post_init__(self) -> None:
         if not (self.speed_m_s >= 0.0 and self.gust_m_s >= 0.0 and self.gust_time_s > 0.0):
@@ -262,17 +240,12 @@ class WindField:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BatteryData:
-    """A battery and the multirotor that it carries.
+    """A battery and the multirotor that it carries."""
 
-    Attributes:
-        endurance_s: hovering time on a full charge; a day by default, so that no flight ends unexpectedly.
-        hover_w: hovering power.
-        power: what flight takes, as a multiple of that.
-    """
-
+    # hovering time on a full charge; a day by default, so that no flight ends unexpectedly
     endurance_s: float = 86_400.0
-    hover_w: float = 300.0
-    power: PowerModel = field(default_factory=PowerModel)
+    hover_w: float = 300.0  # hovering power
+    power: PowerModel = field(default_factory=PowerModel)  # what flight takes, as a multiple of that
 
     def __post_init__(self) -> None:
         for name in ("endurance_s", "hover_w"):

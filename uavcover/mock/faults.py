@@ -45,15 +45,10 @@ class Since(Enum):
 
 @dataclass(frozen=True, slots=True)
 class FaultTrigger:
-    """When a fault begins.
+    """When a fault begins."""
 
-    Attributes:
-        since: the reference.
-        value: vehicle seconds after it, or the number of an item.
-    """
-
-    since: Since
-    value: float
+    since: Since  # the reference
+    value: float  # vehicle seconds after it, or the number of an item
 
     def has_come(self, powered_s: float, took_off_at_s: float | None, current_seq: int) -> bool:
         """Whether its time has come.
@@ -72,19 +67,12 @@ class FaultTrigger:
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One fault.
+    """One fault."""
 
-    Attributes:
-        kind: what goes wrong.
-        trigger: when it begins.
-        number: duration or amount, see ``ARGUMENTS``; infinite is permanent.
-        mode: what the pilot or the failsafe changes to; None where a fault has no mode.
-    """
-
-    kind: FaultKind
-    trigger: FaultTrigger
-    number: float = math.inf
-    mode: Mode | None = None
+    kind: FaultKind  # what goes wrong
+    trigger: FaultTrigger  # when it begins
+    number: float = math.inf  # duration or amount, see ``ARGUMENTS``; infinite is permanent
+    mode: Mode | None = None  # what the pilot or the failsafe changes to; None where a fault has no mode
 
     def __str__(self) -> str:
         """The fault as ``parse_fault`` reads it."""
@@ -94,16 +82,11 @@ class Fault:
 
 @dataclass(frozen=True, slots=True)
 class Argument:
-    """The argument after the colon.
+    """The argument after the colon."""
 
-    Attributes:
-        meaning: for people.
-        default: the number when none is given; infinite is permanent.
-        modes: the modes that may be named instead of a number, the default first; empty for a number.
-    """
-
-    meaning: str
-    default: float = math.inf
+    meaning: str  # for people
+    default: float = math.inf  # the number when none is given; infinite is permanent
+    # the modes that may be named instead of a number, the default first; empty for a number
     modes: tuple[Mode, ...] = ()
 
 

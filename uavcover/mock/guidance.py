@@ -24,17 +24,11 @@ class Speeds:
 
 @dataclass(frozen=True, slots=True)
 class Stop:
-    """A point of a route.
+    """A point of a route."""
 
-    Attributes:
-        position_m: east, north, up.
-        radius_m: acceptance radius.
-        must_halt: whether to come to rest here.
-    """
-
-    position_m: Vector
-    radius_m: float
-    must_halt: bool
+    position_m: Vector  # east, north, up
+    radius_m: float  # acceptance radius
+    must_halt: bool  # whether to come to rest here
 
 
 def along_speed(direction: Vector, speeds: Speeds) -> float:

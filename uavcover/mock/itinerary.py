@@ -45,15 +45,10 @@ class StepKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class CameraOrder:
-    """Order of one mission command to the camera.
+    """Order of one mission command to the camera."""
 
-    Attributes:
-        distance_m: between pictures from now on, 0 stops them; none: as before.
-        now: whether to take a picture at once.
-    """
-
-    distance_m: float | None
-    now: bool
+    distance_m: float | None  # between pictures from now on, 0 stops them; none: as before
+    now: bool  # whether to take a picture at once
 
     @classmethod
     def of(cls, item: MissionItem) -> Self | None:
@@ -70,25 +65,15 @@ class CameraOrder:
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """One step.
+    """One step."""
 
-    Attributes:
-        seq: the mission item it belongs to; None for what a mode does.
-        kind: what to do.
-        speeds: how fast.
-        point_m: where to; None for here.
-        radius_m: acceptance radius.
-        wait_s: how long to wait.
-        camera: what the camera has to do once the step is done.
-    """
-
-    seq: int | None
-    kind: StepKind
-    speeds: Speeds
-    point_m: Vector | None = None
-    radius_m: float = FLIGHT.settled_m
-    wait_s: float = 0.0
-    camera: tuple[CameraOrder, ...] = ()
+    seq: int | None  # the mission item it belongs to; None for what a mode does
+    kind: StepKind  # what to do
+    speeds: Speeds  # how fast
+    point_m: Vector | None = None  # where to; None for here
+    radius_m: float = FLIGHT.settled_m  # acceptance radius
+    wait_s: float = 0.0  # how long to wait
+    camera: tuple[CameraOrder, ...] = ()  # what the camera has to do once the step is done
 
 
 def mission_steps(

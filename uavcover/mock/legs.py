@@ -25,13 +25,9 @@ class Leg:
 
 
 class Legs(Protocol):
-    """Guide of a vehicle along legs.
+    """Guide of a vehicle along legs."""
 
-    Attributes:
-        passed: how many of them are done.
-    """
-
-    passed: int
+    passed: int  # how many of them are done
 
     def wanted_velocity(self, position_m: Vector) -> Vector:
         """The velocity to command, one step later; east, north, up."""

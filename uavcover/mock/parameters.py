@@ -17,19 +17,12 @@ _REAL, _INT = 9, 6
 
 @dataclass(frozen=True, slots=True)
 class MockParameter:
-    """One parameter.
+    """One parameter."""
 
-    Attributes:
-        default: its value unless it is set.
-        attribute: the attribute of ``Settings`` that it exposes; empty for a value of its own.
-        per_unit: units of the parameter in one of the attribute.
-        whole: whether it is an integer.
-    """
-
-    default: float = 0.0
-    attribute: str = ""
-    per_unit: float = 1.0
-    whole: bool = False
+    default: float = 0.0  # its value unless it is set
+    attribute: str = ""  # the attribute of ``Settings`` that it exposes; empty for a value of its own
+    per_unit: float = 1.0  # units of the parameter in one of the attribute
+    whole: bool = False  # whether it is an integer
 
     def __post_init__(self) -> None:
         if self.attribute and self.attribute not in Settings.__slots__:

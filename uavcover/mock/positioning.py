@@ -22,19 +22,12 @@ from uavcover.mock.tuning import BODY
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class GpsError:
-    """Position error of the satellite receiver.
+    """Position error of the satellite receiver."""
 
-    Attributes:
-        horizontal_m: standard deviation of the error, east and north each.
-        vertical_m: standard deviation of the error in height.
-        time_s: correlation time of both: the error wanders, it does not jump.
-        latency_s: age of a position when the receiver reports it.
-    """
-
-    horizontal_m: float = 0.0
-    vertical_m: float = 0.0
-    time_s: float = 30.0
-    latency_s: float = 0.0
+    horizontal_m: float = 0.0  # standard deviation of the error, east and north each
+    vertical_m: float = 0.0  # standard deviation of the error in height
+    time_s: float = 30.0  # correlation time of both: the error wanders, it does not jump
+    latency_s: float = 0.0  # age of a position when the receiver reports it
 
     def __post_init__(self) -> None:
         for name in ("horizontal_m", "vertical_m", "latency_s"):
@@ -144,31 +137,18 @@ def _sum(a: Vector, b: Vector) -> Vector:
 
 @dataclass(frozen=True, slots=True)
 class TruthSample:
-    """True and believed position when a position was reported.
+    """True and believed position when a position was reported."""
 
-    Attributes:
-        time_s: vehicle time since it was switched on, as in the reported position.
-        lat_deg: true latitude.
-        lon_deg: true longitude.
-        alt_amsl_m: true height above mean sea level.
-        east_error_m: believed position less the true one.
-        north_error_m: the same.
-        up_error_m: the same.
-        roll_deg: right side down is positive.
-        pitch_deg: nose up is positive.
-        yaw_deg: clockwise from north.
-    """
-
-    time_s: float
-    lat_deg: float
-    lon_deg: float
-    alt_amsl_m: float
-    east_error_m: float
-    north_error_m: float
-    up_error_m: float
-    roll_deg: float
-    pitch_deg: float
-    yaw_deg: float
+    time_s: float  # vehicle time since it was switched on, as in the reported position
+    lat_deg: float  # true latitude
+    lon_deg: float  # true longitude
+    alt_amsl_m: float  # true height above mean sea level
+    east_error_m: float  # believed position less the true one
+    north_error_m: float  # the same
+    up_error_m: float  # the same
+    roll_deg: float  # right side down is positive
+    pitch_deg: float  # nose up is positive
+    yaw_deg: float  # clockwise from north
 
 
 OnTruth = Callable[[TruthSample], None]

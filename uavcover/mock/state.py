@@ -35,31 +35,18 @@ from uavcover.model.vehicle import MOTIONS
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MockConfig:
-    """Configuration of a simulated vehicle.
+    """Configuration of a simulated vehicle."""
 
-    Attributes:
-        settings: speeds and heights unless a mission overrides them.
-        airframe: limits of its dynamics.
-        wind: the wind that it flies in.
-        gps: error of its positions.
-        battery: its battery.
-        behaviour: how it starts up and what it sends unasked.
-        faults: what goes wrong.
-        speed: vehicle seconds per second on the link's clock.
-        system_id: its MAVLink system id; its component id is 1.
-        vehicle_type: the MAV_TYPE that it reports, with the flight mode numbers of such a vehicle; it always flies as a
-            multirotor.
-    """
-
-    settings: Settings = field(default_factory=Settings)
-    airframe: Airframe = field(default_factory=Airframe)
-    wind: WindModel = field(default_factory=WindModel)
-    gps: GpsError = field(default_factory=GpsError)
-    battery: BatteryData = field(default_factory=BatteryData)
-    behaviour: Behaviour = field(default_factory=quick)
-    faults: Sequence[Fault] = ()
-    speed: float = 1.0
-    system_id: int = 1
+    settings: Settings = field(default_factory=Settings)  # speeds and heights unless a mission overrides them
+    airframe: Airframe = field(default_factory=Airframe)  # limits of its dynamics
+    wind: WindModel = field(default_factory=WindModel)  # the wind that it flies in
+    gps: GpsError = field(default_factory=GpsError)  # error of its positions
+    battery: BatteryData = field(default_factory=BatteryData)  # its battery
+    behaviour: Behaviour = field(default_factory=quick)  # how it starts up and what it sends unasked
+    faults: Sequence[Fault] = ()  # what goes wrong
+    speed: float = 1.0  # vehicle seconds per second on the link's clock
+    system_id: int = 1  # its MAVLink system id; its component id is 1
+    # the MAV_TYPE that it reports, with the flight mode numbers of such a vehicle; it always flies as a multirotor
     vehicle_type: int = VehicleClass.QUADROTOR
 
 

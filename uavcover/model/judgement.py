@@ -46,17 +46,11 @@ Requirement = Literal[
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """One thing that was found.
+    """One thing that was found."""
 
-    Attributes:
-        effect: what it does to what it concerns.
-        concerns: the requirements; none only where it is noted.
-        text: one line for people.
-    """
-
-    effect: Effect
-    concerns: tuple[Requirement, ...]
-    text: str
+    effect: Effect  # what it does to what it concerns
+    concerns: tuple[Requirement, ...]  # the requirements; none only where it is noted
+    text: str  # one line for people
 
 
 def fails(concerns: Requirement | tuple[Requirement, ...], text: str) -> Finding:
@@ -96,13 +90,9 @@ def worst(verdicts: Iterable[VerdictName]) -> VerdictName:
 
 @dataclass(frozen=True, slots=True)
 class Judgement:
-    """A verdict and its grounds.
+    """A verdict and its grounds."""
 
-    Attributes:
-        findings: everything that was found.
-    """
-
-    findings: tuple[Finding, ...] = ()
+    findings: tuple[Finding, ...] = ()  # everything that was found
 
     @property
     def verdict(self) -> VerdictName:

@@ -19,21 +19,13 @@ class EventKind(Enum):
 
 @dataclass(frozen=True, slots=True)
 class FlightEvent:
-    """Something that happened.
+    """Something that happened."""
 
-    Attributes:
-        kind: what it is about.
-        text: one line for people.
-        time_s: vehicle time; None before the vehicle sent its time.
-        waypoint: number of the planned waypoint that is flown to, for progress; None for other events.
-        alarm: whether something is wrong now, so that it should be heard too.
-    """
-
-    kind: EventKind
-    text: str
-    time_s: float | None = None
-    waypoint: int | None = None
-    alarm: bool = False
+    kind: EventKind  # what it is about
+    text: str  # one line for people
+    time_s: float | None = None  # vehicle time; None before the vehicle sent its time
+    waypoint: int | None = None  # number of the planned waypoint that is flown to, for progress; None for other events
+    alarm: bool = False  # whether something is wrong now, so that it should be heard too
 
 
 class Ending(Enum):
@@ -97,45 +89,27 @@ class Ending(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Incident:
-    """Something that went wrong in flight.
+    """Something that went wrong in flight."""
 
-    Attributes:
-        kind: what, by the name of the ending that it leads to when it lasts.
-        text: the event's text.
-        begin_s: vehicle time; None before the vehicle sent its time.
-        end_s: when it was over; None when it lasted to the end.
-        evidence: what it is concluded from, each with its time.
-    """
-
-    kind: Ending
-    text: str
-    begin_s: float | None
-    end_s: float | None = None
-    evidence: tuple[str, ...] = ()
+    kind: Ending  # what, by the name of the ending that it leads to when it lasts
+    text: str  # the event's text
+    begin_s: float | None  # vehicle time; None before the vehicle sent its time
+    end_s: float | None = None  # when it was over; None when it lasted to the end
+    evidence: tuple[str, ...] = ()  # what it is concluded from, each with its time
 
 
 @dataclass(frozen=True, slots=True)
 class FlightOutcome:
-    """Outcome of a flight.
+    """Outcome of a flight."""
 
-    Attributes:
-        ending: how.
-        waypoints_reached: how many planned waypoints were reached, one after the other.
-        sample_count: how many samples were recorded.
-        duration_s: vehicle time from the first sample to the last.
-        simulated_by: what simulates the vehicle; None for one that may be real.
-        incidents: what went wrong, also what was ridden out.
-        limits: the table of what the plan counts on and what the vehicle was set to; empty for a flight that had none.
-        vehicle_now: what the vehicle did when it was heard last, for people.
-    """
-
-    ending: Ending
-    waypoints_reached: int
-    sample_count: int
-    duration_s: float
-    simulated_by: str | None
-    incidents: tuple[Incident, ...] = ()
-    vehicle_now: str = ""
+    ending: Ending  # how
+    waypoints_reached: int  # how many planned waypoints were reached, one after the other
+    sample_count: int  # how many samples were recorded
+    duration_s: float  # vehicle time from the first sample to the last
+    simulated_by: str | None  # what simulates the vehicle; None for one that may be real
+    incidents: tuple[Incident, ...] = ()  # what went wrong, also what was ridden out
+    vehicle_now: str = ""  # what the vehicle did when it was heard last, for people
+    # the table of what the plan counts on and what the vehicle was set to; empty for a flight that had none
     limits: tuple[dict[str, Any], ...] = ()
 
     def as_json(self) -> dict[str, Any]:

@@ -16,33 +16,22 @@ PART_OF = "part of "
 
 @dataclass(frozen=True, slots=True)
 class RouteMetrics:
-    """Metrics of a route on the cells of the area.
+    """Metrics of a route on the cells of the area."""
 
-    Attributes:
-        coverage_fraction: fraction of the area's ground that is covered, 0..1.
-        coverage_of_coverable: fraction of the area that can be covered within the limits, 0..1.
-        waypoint_count: number of waypoints.
-        path_length_m: length of the open path in three dimensions.
-        flight_time_s: of the route alone, with climbs, descents, turns and wind.
-        min_height_agl_m: lowest height above ground, along the legs or at the waypoints as the limits require.
-        max_height_agl_m: largest height above ground, at the same positions.
-        cost: the minimised cost by ``planner.objective`` and ``planner.band_deviation_price``; by default ``mission_time_s``, and
-            ``path_length_m`` without a home.
-        mission_time_s: of the whole mission, from the ground at home to the ground at home, of all flights that it takes; none
-            without a home.
-        mission_energy_hover_s: energy of the same mission, as seconds of hovering in the stated wind.
-    """
-
-    coverage_fraction: float
-    coverage_of_coverable: float
-    waypoint_count: int
-    path_length_m: float
-    flight_time_s: float
-    min_height_agl_m: float
-    max_height_agl_m: float
+    coverage_fraction: float  # fraction of the area's ground that is covered, 0..1
+    coverage_of_coverable: float  # fraction of the area that can be covered within the limits, 0..1
+    waypoint_count: int  # number of waypoints
+    path_length_m: float  # length of the open path in three dimensions
+    flight_time_s: float  # of the route alone, with climbs, descents, turns and wind
+    min_height_agl_m: float  # lowest height above ground, along the legs or at the waypoints as the limits require
+    max_height_agl_m: float  # largest height above ground, at the same positions
+    # the minimised cost by ``planner.objective`` and ``planner.band_deviation_price``; by default ``mission_time_s``,
+    # and ``path_length_m`` without a home
     cost: float
+    # of the whole mission, from the ground at home to the ground at home, of all flights that it takes; none without a
+    # home
     mission_time_s: float | None = None
-    mission_energy_hover_s: float | None = None
+    mission_energy_hover_s: float | None = None  # energy of the same mission, as seconds of hovering in the stated wind
 
     @property
     def time_s(self) -> float:
@@ -104,35 +93,22 @@ class Route:
 
 @dataclass(frozen=True, slots=True)
 class MissionSize:
-    """Size of a route's mission, split into flights, allocated to vehicles and timed as it would be flown.
+    """Size of a route's mission, split into flights, allocated to vehicles and timed as it would be flown."""
 
-    Attributes:
-        sorties: number of flights.
-        vehicles: how many fly them.
-        makespan_s: from the first take-off to the last landing, with changes of battery and the order of starts.
-    """
-
-    sorties: int
-    vehicles: int
-    makespan_s: float
+    sorties: int  # number of flights
+    vehicles: int  # how many fly them
+    makespan_s: float  # from the first take-off to the last landing, with changes of battery and the order of starts
 
 
 @dataclass(frozen=True, slots=True)
 class RouteMember:
-    """A route of the Pareto set with its metrics.
+    """A route of the Pareto set with its metrics."""
 
-    Attributes:
-        route: the waypoints.
-        metrics: its metrics on the cells of the area.
-        violation: total violation of the hard limits, 0 for a feasible route.
-        origin: the algorithm or baseline that made it; for a part of a route, PART_OF and the origin of the whole.
-        mission: what its mission comes to; none where it cannot be flown, or was not cut into flights.
-    """
-
-    route: Route
-    metrics: RouteMetrics
-    violation: float
-    origin: str
+    route: Route  # the waypoints
+    metrics: RouteMetrics  # its metrics on the cells of the area
+    violation: float  # total violation of the hard limits, 0 for a feasible route
+    origin: str  # the algorithm or baseline that made it; for a part of a route, PART_OF and the origin of the whole
+    # what its mission comes to; none where it cannot be flown, or was not cut into flights
     mission: MissionSize | None = None
 
     @property
@@ -188,25 +164,17 @@ Question = Literal["fewest_waypoints", "most_coverage", "shortest_path_m"]
 
 @dataclass(frozen=True, slots=True)
 class Bound:
-    """A proved bound, and the best result found.
+    """A proved bound, and the best result found."""
 
-    Attributes:
-        question: fewest waypoints for a coverage; largest coverage by a number of waypoints; shortest path for a coverage.
-        asked: the coverage as a fraction of the coverable area, 0..1, or the number of waypoints.
-        limit: the proved lower bound; for "most_coverage" an upper bound.
-        found: the best of the plan's routes, none when no route achieves what was asked.
-        proved_on: the positions considered: a route through others may beat a bound that was proved on a lattice.
-        method: how it was proved.
-        counted: what the limit's share is a share of: "cells", which are seen where one place in each is, as ``found`` is
-            counted; or "ground", all of it between those places too.
-    """
-
+    # fewest waypoints for a coverage; largest coverage by a number of waypoints; shortest path for a coverage
     question: Question
-    asked: float
-    limit: float
-    found: float | None
-    proved_on: str
-    method: str
+    asked: float  # the coverage as a fraction of the coverable area, 0..1, or the number of waypoints
+    limit: float  # the proved lower bound; for "most_coverage" an upper bound
+    found: float | None  # the best of the plan's routes, none when no route achieves what was asked
+    proved_on: str  # the positions considered: a route through others may beat a bound that was proved on a lattice
+    method: str  # how it was proved
+    # what the limit's share is a share of: "cells", which are seen where one place in each is, as ``found`` is counted;
+    # or "ground", all of it between those places too
     counted: Literal["cells", "ground"] = "cells"
 
     @property

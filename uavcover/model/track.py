@@ -39,48 +39,31 @@ MAY_BE_EMPTY = ("roll_deg", "pitch_deg", "yaw_deg", *OPTIONAL_COLUMNS)
 
 @dataclass(frozen=True, slots=True)
 class TrackSample:
-    """One sample, a row of ``track.csv``.
+    """One sample, a row of ``track.csv``."""
 
-    Attributes:
-        time_s: vehicle time.
-        lat_deg: latitude.
-        lon_deg: longitude.
-        alt_amsl_m: height above sea level.
-        east_m: east in the local frame of the scenario.
-        north_m: north.
-        up_m: up.
-        roll_deg: right side down is positive; NaN when unknown.
-        pitch_deg: nose up is positive; NaN when unknown.
-        yaw_deg: clockwise from north, 0..360; NaN when unknown.
-        current_waypoint: number in ``plan.json`` of the planned waypoint that the vehicle is flying to; -1 before it heads
-            for the first one and after it has reached the last.
-        attitude_age_s: time from the attitude to the position; NaN when unknown.
-        pictures_taken: number of photos of the vehicle's camera so far, by its own count; NaN when it has reported none.
-        unix_time_s: seconds since 1970 in UTC, as the vehicle's receiver reports the time; NaN when it has not.
-        received_utc_s: when the position arrived, seconds since 1970 on the ground station's clock; NaN when unknown.
-        velocity_north_m_s: over ground, as the vehicle reports it; NaN when not reported.
-        velocity_east_m_s: the same.
-        velocity_down_m_s: the same.
-    """
-
-    time_s: float
-    lat_deg: float
-    lon_deg: float
-    alt_amsl_m: float
-    east_m: float
-    north_m: float
-    up_m: float
-    roll_deg: float
-    pitch_deg: float
-    yaw_deg: float
+    time_s: float  # vehicle time
+    lat_deg: float  # latitude
+    lon_deg: float  # longitude
+    alt_amsl_m: float  # height above sea level
+    east_m: float  # east in the local frame of the scenario
+    north_m: float  # north
+    up_m: float  # up
+    roll_deg: float  # right side down is positive; NaN when unknown
+    pitch_deg: float  # nose up is positive; NaN when unknown
+    yaw_deg: float  # clockwise from north, 0..360; NaN when unknown
+    # number in ``plan.json`` of the planned waypoint that the vehicle is flying to; -1 before it heads for the first
+    # one and after it has reached the last
     current_waypoint: int
-    attitude_age_s: float = math.nan
+    attitude_age_s: float = math.nan  # time from the attitude to the position; NaN when unknown
+    # number of photos of the vehicle's camera so far, by its own count; NaN when it has reported none
     pictures_taken: float = math.nan
+    # seconds since 1970 in UTC, as the vehicle's receiver reports the time; NaN when it has not
     unix_time_s: float = math.nan
+    # when the position arrived, seconds since 1970 on the ground station's clock; NaN when unknown
     received_utc_s: float = math.nan
-    velocity_north_m_s: float = math.nan
-    velocity_east_m_s: float = math.nan
-    velocity_down_m_s: float = math.nan
+    velocity_north_m_s: float = math.nan  # over ground, as the vehicle reports it; NaN when not reported
+    velocity_east_m_s: float = math.nan  # the same
+    velocity_down_m_s: float = math.nan  # the same
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -158,12 +141,7 @@ class Track:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadTrack:
-    """A track read from a file.
+    """A track read from a file."""
 
-    Attributes:
-        track: the samples.
-        warnings: what was dropped or assumed, one line each.
-    """
-
-    track: Track
-    warnings: tuple[str, ...]
+    track: Track  # the samples
+    warnings: tuple[str, ...]  # what was dropped or assumed, one line each

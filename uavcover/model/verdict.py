@@ -75,198 +75,121 @@ UnobservedReason = Literal["no samples", "impossible motion", "before the first 
 
 @dataclass(frozen=True, slots=True)
 class Violation:
-    """A violation of a limit on one stretch of the track.
+    """A violation of a limit on one stretch of the track."""
 
-    Attributes:
-        kind: the limit violated.
-        start_s: vehicle time at which it began.
-        end_s: vehicle time at which it ended.
-        worst_s: vehicle time at which it was worst.
-        worst: the worst value reached, in the unit of the limit; for the fence, metres outside; for an obstacle, metres of
-            missing clearance beside or above it, whichever is less; for a no-fly zone, metres inside of its outline.
-        limit: the limit.
-        excess: how far the worst value is beyond the limit, above 0.
-        unit: of all three.
-        lat_deg: where it was worst.
-        lon_deg: where it was worst.
-        east_m: where it was worst.
-        north_m: where it was worst.
-        phase: "route" between the first and the last planned waypoint, "transit" elsewhere.
-        track: number of the track, counted from 0.
-        name: of the no-fly zone.
-        other_track: number of the other vehicle's track, for the separation; its place is the first vehicle's.
-        worst_utc_s: when it was worst on the ground station's clock, for the separation.
-    """
-
-    kind: ViolationKind
-    start_s: float
-    end_s: float
-    worst_s: float
+    kind: ViolationKind  # the limit violated
+    start_s: float  # vehicle time at which it began
+    end_s: float  # vehicle time at which it ended
+    worst_s: float  # vehicle time at which it was worst
+    # the worst value reached, in the unit of the limit; for the fence, metres outside; for an obstacle, metres of
+    # missing clearance beside or above it, whichever is less; for a no-fly zone, metres inside of its outline
     worst: float
-    limit: float
-    excess: float
-    unit: Literal["m", "m/s"]
-    lat_deg: float
-    lon_deg: float
-    east_m: float
-    north_m: float
-    phase: Literal["route", "transit"]
-    track: int = 0
-    name: str = ""
+    limit: float  # the limit
+    excess: float  # how far the worst value is beyond the limit, above 0
+    unit: Literal["m", "m/s"]  # of all three
+    lat_deg: float  # where it was worst
+    lon_deg: float  # where it was worst
+    east_m: float  # where it was worst
+    north_m: float  # where it was worst
+    phase: Literal["route", "transit"]  # "route" between the first and the last planned waypoint, "transit" elsewhere
+    track: int = 0  # number of the track, counted from 0
+    name: str = ""  # of the no-fly zone
+    # number of the other vehicle's track, for the separation; its place is the first vehicle's
     other_track: int | None = None
-    worst_utc_s: float | None = None
+    worst_utc_s: float | None = None  # when it was worst on the ground station's clock, for the separation
 
 
 @dataclass(frozen=True, slots=True)
 class PairSeparation:
-    """Least distance of two vehicles.
+    """Least distance of two vehicles."""
 
-    Attributes:
-        first: number of the first track, counted from 0.
-        second: number of the second one.
-        least_m: least distance, while one of them was in the air at least.
-        possibly_m: least distance that the errors of clocks and positions, and unobserved stretches, leave possible.
-        utc_s: when they were nearest, on the ground station's clock.
-        first_s: the same in the first vehicle's time.
-        second_s: in the second one's.
-        together_s: for how long both were recorded, vehicle time.
-    """
-
-    first: int
-    second: int
-    least_m: float
+    first: int  # number of the first track, counted from 0
+    second: int  # number of the second one
+    least_m: float  # least distance, while one of them was in the air at least
+    # least distance that the errors of clocks and positions, and unobserved stretches, leave possible
     possibly_m: float
-    utc_s: float
-    first_s: float
-    second_s: float
-    together_s: float
+    utc_s: float  # when they were nearest, on the ground station's clock
+    first_s: float  # the same in the first vehicle's time
+    second_s: float  # in the second one's
+    together_s: float  # for how long both were recorded, vehicle time
 
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """A connected region of cells unseen for the same reason.
+    """A connected region of cells unseen for the same reason."""
 
-    Attributes:
-        cells: number of cells.
-        area_m2: ground area.
-        lat_deg: latitude of its centre.
-        lon_deg: longitude of its centre.
-        east_m: east of its centre.
-        north_m: north of its centre.
-        reason: why it was not seen.
-        coverable: whether it can be seen from within the limits.
-    """
-
-    cells: int
-    area_m2: float
-    lat_deg: float
-    lon_deg: float
-    east_m: float
-    north_m: float
-    reason: GapReason
-    coverable: bool
+    cells: int  # number of cells
+    area_m2: float  # ground area
+    lat_deg: float  # latitude of its centre
+    lon_deg: float  # longitude of its centre
+    east_m: float  # east of its centre
+    north_m: float  # north of its centre
+    reason: GapReason  # why it was not seen
+    coverable: bool  # whether it can be seen from within the limits
 
 
 @dataclass(frozen=True, slots=True)
 class CellStatistics:
-    """Statistics of how well the cells were seen, over seen cells only; none when no cell has a value.
+    """Statistics of how well the cells were seen, over seen cells only; none when no cell has a value."""
 
-    Attributes:
-        count: number of cells of the area.
-        seen: number of cells seen.
-        looks_mean: mean number of separate passes over a seen cell.
-        looks_max: largest number of passes over any cell.
-        seen_twice_fraction: fraction of the area seen in two or more passes.
-        ground_sample_median_m: median of the cells' smallest ground sample distances.
-        ground_sample_p95_m: 95th percentile of the same.
-        incidence_median_deg: median of the cells' smallest incidence angles.
-        incidence_p95_deg: 95th percentile of the same.
-    """
-
-    count: int
-    seen: int
-    looks_mean: float | None
-    looks_max: int
-    seen_twice_fraction: float
-    ground_sample_median_m: float | None
-    ground_sample_p95_m: float | None
-    incidence_median_deg: float | None
-    incidence_p95_deg: float | None
+    count: int  # number of cells of the area
+    seen: int  # number of cells seen
+    looks_mean: float | None  # mean number of separate passes over a seen cell
+    looks_max: int  # largest number of passes over any cell
+    seen_twice_fraction: float  # fraction of the area seen in two or more passes
+    ground_sample_median_m: float | None  # median of the cells' smallest ground sample distances
+    ground_sample_p95_m: float | None  # 95th percentile of the same
+    incidence_median_deg: float | None  # median of the cells' smallest incidence angles
+    incidence_p95_deg: float | None  # 95th percentile of the same
 
 
 @dataclass(frozen=True, slots=True)
 class PictureStatistics:
-    """In how many photos the ground of the area is, as it was drawn, without its margin.
+    """In how many photos the ground of the area is, as it was drawn, without its margin."""
 
-    Attributes:
-        taken: how many photos there are.
-        looks: how many looks they are: photos from one place, in a like direction, are one look, and overlap counts looks.
-        asked: number of photos in which the required overlap puts a point: floor(1 / (1 - forward)) times
-            floor(1 / (1 - side)); none where no overlap is required.
-        overlap_fraction: fraction of the ground in at least ``asked`` photos, 0..1.
-        overlap_holds: whether that is enough.
-        fewest: of any cell.
-        median: of the cells.
-        ground_sample_median_m: median of the best ground sample distance of each cell; none where it is not known.
-        ground_sample_p95_m: 95 % of the cells have a better one.
-    """
-
-    taken: int
+    taken: int  # how many photos there are
+    # how many looks they are: photos from one place, in a like direction, are one look, and overlap counts looks
     looks: int
+    # number of photos in which the required overlap puts a point: floor(1 / (1 - forward)) times floor(1 / (1 - side));
+    # none where no overlap is required
     asked: int | None
-    overlap_fraction: float | None
-    overlap_holds: bool | None
-    fewest: int
-    median: float
+    overlap_fraction: float | None  # fraction of the ground in at least ``asked`` photos, 0..1
+    overlap_holds: bool | None  # whether that is enough
+    fewest: int  # of any cell
+    median: float  # of the cells
+    # median of the best ground sample distance of each cell; none where it is not known
     ground_sample_median_m: float | None
-    ground_sample_p95_m: float | None
+    ground_sample_p95_m: float | None  # 95 % of the cells have a better one
 
 
 @dataclass(frozen=True, slots=True)
 class CoverageMoment:
-    """Coverage reached at a moment.
+    """Coverage reached at a moment."""
 
-    Attributes:
-        time_s: vehicle time.
-        coverage_fraction: fraction of the area seen by then.
-    """
-
-    time_s: float
-    coverage_fraction: float
+    time_s: float  # vehicle time
+    coverage_fraction: float  # fraction of the area seen by then
 
 
 @dataclass(frozen=True, slots=True)
 class Unobserved:
-    """An unobserved stretch of a flight: it proves neither coverage nor any limit.
+    """An unobserved stretch of a flight: it proves neither coverage nor any limit."""
 
-    Attributes:
-        reason: why it was not observed.
-        detail: the same with figures, for people.
-        start_s: vehicle time of the last evidence before it.
-        end_s: vehicle time of the first evidence after it; both are the same before the first sample and after the last.
-        length_m: straight distance between its ends; before the first sample and after the last, the length of the planned
-            route that is missing.
-        lat_deg: where it begins.
-        lon_deg: where it begins.
-        east_m: where it begins.
-        north_m: where it begins.
-        phase: "route" when it lies between the first and the last planned waypoint, "transit" elsewhere.
-        in_flight: whether it lies between take-off and landing.
-        track: number of the track, counted from 0.
-    """
-
-    reason: UnobservedReason
-    detail: str
-    start_s: float
+    reason: UnobservedReason  # why it was not observed
+    detail: str  # the same with figures, for people
+    start_s: float  # vehicle time of the last evidence before it
+    # vehicle time of the first evidence after it; both are the same before the first sample and after the last
     end_s: float
+    # straight distance between its ends; before the first sample and after the last, the length of the planned route
+    # that is missing
     length_m: float
-    lat_deg: float
-    lon_deg: float
-    east_m: float
-    north_m: float
+    lat_deg: float  # where it begins
+    lon_deg: float  # where it begins
+    east_m: float  # where it begins
+    north_m: float  # where it begins
+    # "route" when it lies between the first and the last planned waypoint, "transit" elsewhere
     phase: Literal["route", "transit"]
-    in_flight: bool = True
-    track: int = 0
+    in_flight: bool = True  # whether it lies between take-off and landing
+    track: int = 0  # number of the track, counted from 0
 
     @property
     def duration_s(self) -> float:
@@ -276,29 +199,17 @@ class Unobserved:
 
 @dataclass(frozen=True, slots=True)
 class MissingPhotos:
-    """A stretch of a flight on which photos were expected that the vehicle did not report.
+    """A stretch of a flight on which photos were expected that the vehicle did not report."""
 
-    Attributes:
-        expected: number of photos that are missing.
-        start_s: vehicle time of the last reported photo before it, or at which its route began.
-        end_s: vehicle time of the next reported photo, or at which its route ended.
-        length_m: length flown between them.
-        lat_deg: where it begins.
-        lon_deg: where it begins.
-        east_m: where it begins.
-        north_m: where it begins.
-        track: number of the track, counted from 0.
-    """
-
-    expected: int
-    start_s: float
-    end_s: float
-    length_m: float
-    lat_deg: float
-    lon_deg: float
-    east_m: float
-    north_m: float
-    track: int = 0
+    expected: int  # number of photos that are missing
+    start_s: float  # vehicle time of the last reported photo before it, or at which its route began
+    end_s: float  # vehicle time of the next reported photo, or at which its route ended
+    length_m: float  # length flown between them
+    lat_deg: float  # where it begins
+    lon_deg: float  # where it begins
+    east_m: float  # where it begins
+    north_m: float  # where it begins
+    track: int = 0  # number of the track, counted from 0
 
     def __str__(self) -> str:
         """Description for people."""

@@ -14,29 +14,17 @@ _OPTIONAL = ("min_interval_s",)
 
 @dataclass(frozen=True, slots=True)
 class CameraBody:
-    """A camera with its lens, in landscape: the longer side of the photo across the way it is flown.
+    """A camera with its lens, in landscape: the longer side of the photo across the way it is flown."""
 
-    Attributes:
-        name: in the table, or of the file.
-        title: for people.
-        sensor_across_mm: longer side of the sensor's part that makes the photo.
-        sensor_along_mm: shorter side.
-        pixels_across: pixels along the longer side.
-        pixels_along: along the shorter side.
-        focal_length_mm: of the lens.
-        min_interval_s: shortest time between two photos; none: unknown.
-        source: where the values are from.
-    """
-
-    name: str
-    title: str
-    sensor_across_mm: float
-    sensor_along_mm: float
-    pixels_across: int
-    pixels_along: int
-    focal_length_mm: float
-    min_interval_s: float | None = None
-    source: str = ""
+    name: str  # in the table, or of the file
+    title: str  # for people
+    sensor_across_mm: float  # longer side of the sensor's part that makes the photo
+    sensor_along_mm: float  # shorter side
+    pixels_across: int  # pixels along the longer side
+    pixels_along: int  # along the shorter side
+    focal_length_mm: float  # of the lens
+    min_interval_s: float | None = None  # shortest time between two photos; none: unknown
+    source: str = ""  # where the values are from
 
     @property
     def fov_across_deg(self) -> float:

@@ -59,23 +59,14 @@ _MOUNTS = {"stabilised": "stabilised", "gimbal": "stabilised", "fixed": "fixed"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NewScenario:
-    """Result of ``new``.
+    """Result of ``new``."""
 
-    Attributes:
-        text: the TOML.
-        site: the scenario on its ground.
-        design: heights, distances, speed.
-        look: at the terrain.
-        view: which flight of a pattern it is.
-        surface: at the surface model; none without one.
-    """
-
-    text: str
-    site: Site
-    design: SurveyDesign
-    look: TerrainLook
-    view: View
-    surface: SurfaceLook | None
+    text: str  # the TOML
+    site: Site  # the scenario on its ground
+    design: SurveyDesign  # heights, distances, speed
+    look: TerrainLook  # at the terrain
+    view: View  # which flight of a pattern it is
+    surface: SurfaceLook | None  # at the surface model; none without one
 
 
 def new_scenario(request: NewRequest, user: User, *, folder: Path) -> NewScenario:

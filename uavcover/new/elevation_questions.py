@@ -21,65 +21,35 @@ from uavcover.terrain.terrain_source import TerrainSource, find_tiles
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NewRequest:
-    """User input as text; None for what was left out.
+    """User input as text; None for what was left out."""
 
-    Attributes:
-        area: what is to be seen.
-        dem: elevation data: files, folders or patterns of tiles.
-        camera: name or file.
-        gsd: ground sample distance, as "2.5cm".
-        overlap: forward and side, as "75/70".
-        battery: time in the air, as "25min".
-        vehicle: name or file.
-        home: "LAT,LON".
-        max_height: above ground, as "120m".
-        speed: as "8m/s".
-        margin: around the area, as "40m", or "0".
-        mount: "stabilised" or "fixed".
-        vertical_datum: "EGM96", "EGM2008" or "ellipsoid".
-        autopilot: "ardupilot" or "px4".
-        dem_crs: of the elevation data, where it names none.
-        height_unit: of the elevation data: "m", "dm", "cm", "ft" or "us-ft".
-        band: its band, number or name.
-        fill_lakes: gaps up to this long are interpolated, as "200m".
-        water_height: of open water above sea level, as "0m".
-        no_fly: files of no-fly zones.
-        at: when it is flown, as "2026-07-01T09:00Z/2h".
-        pattern: "single", "crosshatch" or "oblique".
-        dsm: a surface model: files, folders or patterns of tiles.
-        fence: ring of [longitude, latitude] that the vehicle must stay inside.
-        max_alt: highest altitude above sea level, as "900m".
-        rally: [longitude, latitude] of each rally point.
-        trust_dem: whether heights are taken as they are where they do not look like ground.
-    """
-
-    area: AreaQuery
-    dem: tuple[str, ...] = ()
-    camera: str | None = None
-    gsd: str | None = None
-    overlap: str | None = None
-    battery: str | None = None
-    vehicle: str | None = None
-    home: str | None = None
-    max_height: str | None = None
-    speed: str | None = None
-    margin: str | None = None
-    mount: str | None = None
-    vertical_datum: str | None = None
-    autopilot: str | None = None
-    dem_crs: str | None = None
-    height_unit: str | None = None
-    band: str | None = None
-    fill_lakes: str | None = None
-    water_height: str | None = None
-    no_fly: tuple[str, ...] = ()
-    at: str | None = None
-    pattern: str | None = None
-    dsm: tuple[str, ...] = ()
-    fence: Ring | None = None
-    max_alt: str | None = None
-    rally: Ring | None = None
-    trust_dem: bool = False
+    area: AreaQuery  # what is to be seen
+    dem: tuple[str, ...] = ()  # elevation data: files, folders or patterns of tiles
+    camera: str | None = None  # name or file
+    gsd: str | None = None  # ground sample distance, as "2.5cm"
+    overlap: str | None = None  # forward and side, as "75/70"
+    battery: str | None = None  # time in the air, as "25min"
+    vehicle: str | None = None  # name or file
+    home: str | None = None  # "LAT,LON"
+    max_height: str | None = None  # above ground, as "120m"
+    speed: str | None = None  # as "8m/s"
+    margin: str | None = None  # around the area, as "40m", or "0"
+    mount: str | None = None  # "stabilised" or "fixed"
+    vertical_datum: str | None = None  # "EGM96", "EGM2008" or "ellipsoid"
+    autopilot: str | None = None  # "ardupilot" or "px4"
+    dem_crs: str | None = None  # of the elevation data, where it names none
+    height_unit: str | None = None  # of the elevation data: "m", "dm", "cm", "ft" or "us-ft"
+    band: str | None = None  # its band, number or name
+    fill_lakes: str | None = None  # gaps up to this long are interpolated, as "200m"
+    water_height: str | None = None  # of open water above sea level, as "0m"
+    no_fly: tuple[str, ...] = ()  # files of no-fly zones
+    at: str | None = None  # when it is flown, as "2026-07-01T09:00Z/2h"
+    pattern: str | None = None  # "single", "crosshatch" or "oblique"
+    dsm: tuple[str, ...] = ()  # a surface model: files, folders or patterns of tiles
+    fence: Ring | None = None  # ring of [longitude, latitude] that the vehicle must stay inside
+    max_alt: str | None = None  # highest altitude above sea level, as "900m"
+    rally: Ring | None = None  # [longitude, latitude] of each rally point
+    trust_dem: bool = False  # whether heights are taken as they are where they do not look like ground
 
 
 def _files(names: tuple[str, ...], area: FoundArea, option: str) -> tuple[Path, ...]:

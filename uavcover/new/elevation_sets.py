@@ -18,37 +18,21 @@ from uavcover.new.tuning import TERRAIN
 
 @dataclass(frozen=True, slots=True)
 class ElevationSet:
-    """A set of tiles with heights.
+    """A set of tiles with heights."""
 
-    Attributes:
-        name: short.
-        title: as its provider calls it.
-        resolution: of its pixels.
-        surface: what the heights are those of.
-        vertical_datum: what they are above.
-        files: names of a tile, the usual one first, with fields for its corners.
-        licence: in short.
-        address: of the provider.
-        tile_deg: side of a tile.
-        south_deg: lowest latitude that it has.
-        north_deg: highest latitude.
-        hgt_bytes: size of a .hgt file, which tells its resolution.
-        note: what else to know.
-    """
-
-    name: str
-    title: str
-    resolution: str
-    surface: str
-    vertical_datum: str
-    files: tuple[str, ...]
-    licence: str
-    address: str
-    tile_deg: int = 1
-    south_deg: int = -90
-    north_deg: int = 90
-    hgt_bytes: int | None = None
-    note: str = ""
+    name: str  # short
+    title: str  # as its provider calls it
+    resolution: str  # of its pixels
+    surface: str  # what the heights are those of
+    vertical_datum: str  # what they are above
+    files: tuple[str, ...]  # names of a tile, the usual one first, with fields for its corners
+    licence: str  # in short
+    address: str  # of the provider
+    tile_deg: int = 1  # side of a tile
+    south_deg: int = -90  # lowest latitude that it has
+    north_deg: int = 90  # highest latitude
+    hgt_bytes: int | None = None  # size of a .hgt file, which tells its resolution
+    note: str = ""  # what else to know
 
     def names(self, corner: tuple[int, int]) -> tuple[str, ...]:
         """The file names that a tile goes by, the usual one first.
@@ -83,17 +67,11 @@ class NationalSource:
 
 @dataclass(frozen=True, slots=True)
 class NeededTiles:
-    """Tiles of one set that an area needs.
+    """Tiles of one set that an area needs."""
 
-    Attributes:
-        of: the set.
-        corners: south-west corners of the tiles, from south to north and then eastward.
-        beyond: how many tiles would be beyond the latitudes that the set has.
-    """
-
-    of: ElevationSet
-    corners: tuple[tuple[int, int], ...]
-    beyond: int
+    of: ElevationSet  # the set
+    corners: tuple[tuple[int, int], ...]  # south-west corners of the tiles, from south to north and then eastward
+    beyond: int  # how many tiles would be beyond the latitudes that the set has
 
     @property
     def names(self) -> tuple[str, ...]:

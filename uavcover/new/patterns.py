@@ -12,19 +12,12 @@ _COMPASS = (("north", 0.0), ("east", 90.0), ("south", 180.0), ("west", 270.0))
 
 @dataclass(frozen=True, slots=True)
 class View:
-    """Camera view of one flight of a pattern.
+    """Camera view of one flight of a pattern."""
 
-    Attributes:
-        name: of the flight; empty where there is one.
-        pitch_deg: of the camera's axis; -90 is straight down.
-        heading_deg: that the camera keeps, clockwise from north; none: that of its legs.
-        line_heading_deg: of the lines; none: the planner chooses every leg's.
-    """
-
-    name: str
-    pitch_deg: float
-    heading_deg: float | None
-    line_heading_deg: float | None
+    name: str  # of the flight; empty where there is one
+    pitch_deg: float  # of the camera's axis; -90 is straight down
+    heading_deg: float | None  # that the camera keeps, clockwise from north; none: that of its legs
+    line_heading_deg: float | None  # of the lines; none: the planner chooses every leg's
 
     @property
     def is_tilted(self) -> bool:

@@ -24,59 +24,33 @@ _NOTHING = "\0\n"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurveyScenario:
-    """All that goes into the file.
+    """All that goes into the file."""
 
-    Attributes:
-        name: of the scenario.
-        query: how the area was specified.
-        area: what was read.
-        terrain_files: the elevation data: files, folders or patterns.
-        terrain: how they are read.
-        vertical_datum: of its heights.
-        datum_is_stated: whether the file, or the user, says so.
-        design: heights, distances, speed.
-        home: latitude and longitude.
-        home_is_given: whether the user gave it.
-        return_height_m: above home, over all ground around.
-        slope_deg: slope that 95 % of the ground stays below.
-        autopilot: whose conventions mission files follow.
-        mount: "stabilised" or "fixed".
-        no_fly: files of no-fly zones.
-        flight_window_utc: when it is flown; none: at any time.
-        view: what this flight of a pattern looks at.
-        surface_files: a surface model: files, folders or patterns.
-        surface: what was seen of it; none without one.
-        trust_heights: whether the user confirmed heights that do not look like ground.
-        fence: ring in longitude and latitude; none for the default around area and home.
-        max_alt_amsl_m: highest altitude of the whole flight; none without a limit.
-        rally: rally points in longitude and latitude.
-        keeps_overlap: share of the ground on which plain lines keep the overlap asked for, which is then required; none where
-            they do not.
-    """
-
-    name: str
-    query: AreaQuery
-    area: FoundArea
-    terrain_files: tuple[str, ...]
-    terrain: TerrainSource
-    vertical_datum: str
-    datum_is_stated: bool
-    design: SurveyDesign
-    home: tuple[float, float]
-    home_is_given: bool
-    return_height_m: float
-    slope_deg: float
-    autopilot: str
-    mount: str
-    no_fly: tuple[str, ...] = ()
-    flight_window_utc: tuple[str, str] | None = None
-    view: View = SINGLE
-    surface_files: tuple[str, ...] = ()
-    surface: SurfaceLook | None = None
-    trust_heights: bool = False
-    fence: Ring | None = None
-    max_alt_amsl_m: float | None = None
-    rally: Ring | None = None
+    name: str  # of the scenario
+    query: AreaQuery  # how the area was specified
+    area: FoundArea  # what was read
+    terrain_files: tuple[str, ...]  # the elevation data: files, folders or patterns
+    terrain: TerrainSource  # how they are read
+    vertical_datum: str  # of its heights
+    datum_is_stated: bool  # whether the file, or the user, says so
+    design: SurveyDesign  # heights, distances, speed
+    home: tuple[float, float]  # latitude and longitude
+    home_is_given: bool  # whether the user gave it
+    return_height_m: float  # above home, over all ground around
+    slope_deg: float  # slope that 95 % of the ground stays below
+    autopilot: str  # whose conventions mission files follow
+    mount: str  # "stabilised" or "fixed"
+    no_fly: tuple[str, ...] = ()  # files of no-fly zones
+    flight_window_utc: tuple[str, str] | None = None  # when it is flown; none: at any time
+    view: View = SINGLE  # what this flight of a pattern looks at
+    surface_files: tuple[str, ...] = ()  # a surface model: files, folders or patterns
+    surface: SurfaceLook | None = None  # what was seen of it; none without one
+    trust_heights: bool = False  # whether the user confirmed heights that do not look like ground
+    fence: Ring | None = None  # ring in longitude and latitude; none for the default around area and home
+    max_alt_amsl_m: float | None = None  # highest altitude of the whole flight; none without a limit
+    rally: Ring | None = None  # rally points in longitude and latitude
+    # share of the ground on which plain lines keep the overlap asked for, which is then required; none where they do
+    # not
     keeps_overlap: float | None = None
 
 

@@ -18,22 +18,14 @@ from uavcover.terrain.terrain_source import TerrainSource
 
 @dataclass(frozen=True, slots=True)
 class SurfaceLook:
-    """Summary of a surface model over an area.
+    """Summary of a surface model over an area."""
 
-    Attributes:
-        source: its files.
-        vertical_datum: of its heights, where it is not that of the ground.
-        highest_amsl_m: highest place of the surface in and around the area.
-        tallest_m: largest height of the surface above the ground there.
-        hidden_share: share of the area's ground that it hides, 0..1.
-        above_ground_m: height above the ground, (n,) at (n, 2) places in the frame of the terrain's look.
-    """
-
-    source: TerrainSource
-    vertical_datum: str | None
-    highest_amsl_m: float
-    tallest_m: float
-    hidden_share: float
+    source: TerrainSource  # its files
+    vertical_datum: str | None  # of its heights, where it is not that of the ground
+    highest_amsl_m: float  # highest place of the surface in and around the area
+    tallest_m: float  # largest height of the surface above the ground there
+    hidden_share: float  # share of the area's ground that it hides, 0..1
+    # height above the ground, (n,) at (n, 2) places in the frame of the terrain's look
     above_ground_m: Callable[[FloatArray], FloatArray]
 
     def is_open(self, east_north_m: FloatArray) -> np.ndarray:

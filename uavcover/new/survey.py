@@ -11,29 +11,17 @@ from uavcover.new.vehicles import VehicleType
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SurveyWish:
-    """Requirements of a survey.
+    """Requirements of a survey."""
 
-    Attributes:
-        camera: the camera.
-        gsd_m: largest ground sample distance.
-        forward_overlap: share of a photo's length that the next one shows again.
-        side_overlap: share of its width that the next line shows again.
-        vehicle: the vehicle, or none.
-        ceiling_agl_m: largest height above ground; none: the usual limit.
-        speed_m_s: speed over ground; none: the vehicle's usual one.
-        endurance_s: time in the air on a full battery; none: the vehicle's.
-        margin_m: how far beyond the area photos overlap; none: as far as they have to.
-    """
-
-    camera: CameraBody
-    gsd_m: float
-    forward_overlap: float
-    side_overlap: float
-    vehicle: VehicleType | None = None
-    ceiling_agl_m: float | None = None
-    speed_m_s: float | None = None
-    endurance_s: float | None = None
-    margin_m: float | None = None
+    camera: CameraBody  # the camera
+    gsd_m: float  # largest ground sample distance
+    forward_overlap: float  # share of a photo's length that the next one shows again
+    side_overlap: float  # share of its width that the next line shows again
+    vehicle: VehicleType | None = None  # the vehicle, or none
+    ceiling_agl_m: float | None = None  # largest height above ground; none: the usual limit
+    speed_m_s: float | None = None  # speed over ground; none: the vehicle's usual one
+    endurance_s: float | None = None  # time in the air on a full battery; none: the vehicle's
+    margin_m: float | None = None  # how far beyond the area photos overlap; none: as far as they have to
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,38 +29,22 @@ class SurveyDesign:
     """Flight values derived from the requirements.
 
     Distances on the ground are for flat ground.
-
-    Attributes:
-        wish: the requirements.
-        gsd_height_m: height at which a pixel covers the required ground sample distance.
-        min_height_agl_m: lower end of the height band.
-        max_height_agl_m: upper end.
-        height_margin_m: the planner stays this far inside both.
-        max_climb_angle_deg: steepest leg; a multicopter climbs as steeply as the ground does.
-        picture_distance_m: between two photos, for the overlap at the lower end.
-        line_distance_m: between two lines, at the middle of the band.
-        speed_m_s: over ground.
-        speed_reason: why it is not the usual one; empty if it is.
-        endurance_s: time in the air on a full battery; none: unknown.
-        margin_m: how far the area is grown.
-        cell_size_m: side of the cells on which results are judged.
-        range_m: largest slant range, from the top of the band to the corners of a photo on a slope.
     """
 
-    wish: SurveyWish
-    gsd_height_m: float
-    min_height_agl_m: float
-    max_height_agl_m: float
-    height_margin_m: float
-    max_climb_angle_deg: float
-    picture_distance_m: float
-    line_distance_m: float
-    speed_m_s: float
-    speed_reason: str
-    endurance_s: float | None
-    margin_m: float
-    cell_size_m: float
-    range_m: float
+    wish: SurveyWish  # the requirements
+    gsd_height_m: float  # height at which a pixel covers the required ground sample distance
+    min_height_agl_m: float  # lower end of the height band
+    max_height_agl_m: float  # upper end
+    height_margin_m: float  # the planner stays this far inside both
+    max_climb_angle_deg: float  # steepest leg; a multicopter climbs as steeply as the ground does
+    picture_distance_m: float  # between two photos, for the overlap at the lower end
+    line_distance_m: float  # between two lines, at the middle of the band
+    speed_m_s: float  # over ground
+    speed_reason: str  # why it is not the usual one; empty if it is
+    endurance_s: float | None  # time in the air on a full battery; none: unknown
+    margin_m: float  # how far the area is grown
+    cell_size_m: float  # side of the cells on which results are judged
+    range_m: float  # largest slant range, from the top of the band to the corners of a photo on a slope
 
     @property
     def is_capped(self) -> bool:
@@ -122,7 +94,7 @@ def design_survey(wish: SurveyWish, *, slope_deg: float, area_m2: float, step_m:
     speed_m_s, reason = _speed(wish, picture_distance_m)
     margin_m = wish.margin_m
     if margin_m is None:
-        # A place at the edge is in as many photos as one inside when lines, and photos along them, reach as far beyond
+        # a place at the edge is in as many photos as one inside when lines, and photos along them, reach as far beyond
         # the edge as a photo overlaps the next: f L along, s W / 2 across (docs/how-to/survey_from_files.md).
         margin_m = math.ceil(max(wish.forward_overlap * along, 0.5 * wish.side_overlap * across) * top_m)
     cell_m = min(max(math.sqrt(area_m2 / SURVEY.cells), SURVEY.finest_cell_m), max(line_distance_m / 4.0, 0.5))

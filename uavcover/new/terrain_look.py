@@ -22,27 +22,17 @@ from uavcover.terrain.vertical import ELLIPSOID, SEA_LEVEL_DATUMS
 
 @dataclass(frozen=True, slots=True)
 class TerrainLook:
-    """Summary of the elevation data over an area.
+    """Summary of the elevation data over an area."""
 
-    Attributes:
-        frame: a local frame in the middle of the area.
-        area: the area in it, metres.
-        area_m2: its size.
-        lowest_amsl_m: lowest ground in and around it.
-        highest_amsl_m: highest ground there.
-        slope_deg: slope that 95 % of its ground stays below.
-        gap_m: length, rounded up, of the largest gap in the elevation data that lies in holes of the area alone; 0 without one.
-        datums: the vertical datums that the file may have; one when it names it.
-    """
-
-    frame: LocalFrame
-    area: shapely.MultiPolygon
-    area_m2: float
-    lowest_amsl_m: float
-    highest_amsl_m: float
-    slope_deg: float
+    frame: LocalFrame  # a local frame in the middle of the area
+    area: shapely.MultiPolygon  # the area in it, metres
+    area_m2: float  # its size
+    lowest_amsl_m: float  # lowest ground in and around it
+    highest_amsl_m: float  # highest ground there
+    slope_deg: float  # slope that 95 % of its ground stays below
+    # length, rounded up, of the largest gap in the elevation data that lies in holes of the area alone; 0 without one
     gap_m: float
-    datums: tuple[str, ...]
+    datums: tuple[str, ...]  # the vertical datums that the file may have; one when it names it
 
 
 def look_at_terrain(

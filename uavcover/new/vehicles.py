@@ -14,31 +14,18 @@ _NUMBERS = (
 
 @dataclass(frozen=True, slots=True)
 class VehicleType:
-    """A multirotor as its data sheet has it; None where that says nothing.
+    """A multirotor as its data sheet has it; None where that says nothing."""
 
-    Attributes:
-        name: in the table, or of the file.
-        title: for people.
-        endurance_s: longest time in the air.
-        cruise_speed_m_s: usual speed over ground.
-        max_speed_m_s: largest speed over ground in still air.
-        max_climb_m_s: largest upward speed.
-        max_descent_m_s: largest downward speed.
-        acceleration_m_s2: over ground.
-        autopilot: whose conventions it follows.
-        source: where the values are from.
-    """
-
-    name: str
-    title: str
-    endurance_s: float | None = None
-    cruise_speed_m_s: float | None = None
-    max_speed_m_s: float | None = None
-    max_climb_m_s: float | None = None
-    max_descent_m_s: float | None = None
-    acceleration_m_s2: float | None = None
-    autopilot: AutopilotName | None = None
-    source: str = ""
+    name: str  # in the table, or of the file
+    title: str  # for people
+    endurance_s: float | None = None  # longest time in the air
+    cruise_speed_m_s: float | None = None  # usual speed over ground
+    max_speed_m_s: float | None = None  # largest speed over ground in still air
+    max_climb_m_s: float | None = None  # largest upward speed
+    max_descent_m_s: float | None = None  # largest downward speed
+    acceleration_m_s2: float | None = None  # over ground
+    autopilot: AutopilotName | None = None  # whose conventions it follows
+    source: str = ""  # where the values are from
 
 
 def all_vehicles() -> tuple[VehicleType, ...]:

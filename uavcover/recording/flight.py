@@ -20,36 +20,22 @@ from uavcover.sensing.coverage_map import CoverageMap
 
 @dataclass(frozen=True, slots=True)
 class RecordedEvent:
-    """An event of the flight.
+    """An event of the flight."""
 
-    Attributes:
-        time_s: vehicle time.
-        text: one line.
-        level: its severity.
-    """
-
-    time_s: float
-    text: str
-    level: Literal["INFO", "WARN", "ERROR"] = "INFO"
+    time_s: float  # vehicle time
+    text: str  # one line
+    level: Literal["INFO", "WARN", "ERROR"] = "INFO"  # its severity
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:
-    """State of vehicle and link at a moment of the flight.
+    """State of vehicle and link at a moment of the flight."""
 
-    Attributes:
-        time_s: vehicle time.
-        battery_v: voltage; none where unknown.
-        battery_percent: remaining charge; none where unknown.
-        frames_in: messages that arrived since the link was opened.
-        frames_lost: lost messages, by gaps in their sequence numbers.
-    """
-
-    time_s: float
-    battery_v: float | None
-    battery_percent: float | None
-    frames_in: int
-    frames_lost: int
+    time_s: float  # vehicle time
+    battery_v: float | None  # voltage; none where unknown
+    battery_percent: float | None  # remaining charge; none where unknown
+    frames_in: int  # messages that arrived since the link was opened
+    frames_lost: int  # lost messages, by gaps in their sequence numbers
 
 
 def track_columns(track: Track) -> dict[str, NDArray[np.float64] | NDArray[np.int64]]:

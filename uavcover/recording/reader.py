@@ -25,21 +25,13 @@ _FRAME = struct.Struct("<QQ")
 
 @dataclass(frozen=True, slots=True)
 class RecordingRow:
-    """Summary of one entity of a recording.
+    """Summary of one entity of a recording."""
 
-    Attributes:
-        entity: its path; the coverage tiles are one row that ends in ``*``.
-        timelines: names of its timelines, empty for static data.
-        samples: rows in time, or 1 for static data.
-        start_s: first time on the recording's own timeline, none for static data.
-        end_s: last time.
-    """
-
-    entity: str
-    timelines: tuple[str, ...]
-    samples: int
-    start_s: float | None
-    end_s: float | None
+    entity: str  # its path; the coverage tiles are one row that ends in ``*``
+    timelines: tuple[str, ...]  # names of its timelines, empty for static data
+    samples: int  # rows in time, or 1 for static data
+    start_s: float | None  # first time on the recording's own timeline, none for static data
+    end_s: float | None  # last time
 
 
 def read_recorded_track(path: str | Path) -> Track:

@@ -24,19 +24,12 @@ from uavcover.terrain.shaded_relief import relief_grid
 
 @dataclass(frozen=True, eq=False)
 class ReliefMesh:
-    """A triangle mesh of the ground.
+    """A triangle mesh of the ground."""
 
-    Attributes:
-        vertices_m: (n, 3) ENU metres.
-        triangles: (m, 3) uint32 numbers of vertices, counter-clockwise seen from above.
-        texture_places: (n, 2) position of each vertex in the texture, 0..1 from its left and top.
-        texture: (rows, columns, 3) uint8 RGB, north on top.
-    """
-
-    vertices_m: FloatArray
-    triangles: NDArray[np.uint32]
-    texture_places: FloatArray
-    texture: ByteArray
+    vertices_m: FloatArray  # (n, 3) ENU metres
+    triangles: NDArray[np.uint32]  # (m, 3) uint32 numbers of vertices, counter-clockwise seen from above
+    texture_places: FloatArray  # (n, 2) position of each vertex in the texture, 0..1 from its left and top
+    texture: ByteArray  # (rows, columns, 3) uint8 RGB, north on top
 
 
 def scene_bounds_m(site: Site) -> tuple[float, float, float, float]:

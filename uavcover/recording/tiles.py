@@ -19,21 +19,13 @@ from uavcover.terrain.shaded_relief import hillshade, shaded
 
 @dataclass(frozen=True, eq=False)
 class Tile:
-    """A group of cells with their colours over time.
+    """A group of cells with their colours over time."""
 
-    Attributes:
-        cells: (n,) numbers of cells.
-        vertices_m: (4 n, 3) ENU metres, four corners of each cell, slightly above the ground.
-        triangles: (2 n, 3) uint32 numbers of vertices, counter-clockwise seen from above.
-        time_s: (k,) when the colours change; the first is the start of the flight.
-        rgba: (k, n) uint32 colours, 0xRRGGBBAA.
-    """
-
-    cells: NDArray[np.int64]
-    vertices_m: FloatArray
-    triangles: NDArray[np.uint32]
-    time_s: FloatArray
-    rgba: NDArray[np.uint32]
+    cells: NDArray[np.int64]  # (n,) numbers of cells
+    vertices_m: FloatArray  # (4 n, 3) ENU metres, four corners of each cell, slightly above the ground
+    triangles: NDArray[np.uint32]  # (2 n, 3) uint32 numbers of vertices, counter-clockwise seen from above
+    time_s: FloatArray  # (k,) when the colours change; the first is the start of the flight
+    rgba: NDArray[np.uint32]  # (k, n) uint32 colours, 0xRRGGBBAA
 
     @property
     def vertex_rgba(self) -> NDArray[np.uint32]:
@@ -103,7 +95,7 @@ def _corners_m(coverage: CoverageMap) -> FloatArray:
     offsets = half_m * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
     places = coverage.grid.middles_m[:, None] + offsets
     up = coverage.site.ground.heights_m(places.reshape(-1, 2)).reshape(-1, 4)
-    # A corner can lie outside the data although the centre does not.
+    # a corner can lie outside the data although the centre does not.
     up = np.where(np.isfinite(up), up, cells.centre_m[:, None, 2])
     return np.concatenate([places, (up + lift_m(coverage))[..., None]], axis=2)
 

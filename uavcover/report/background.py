@@ -38,34 +38,21 @@ _MERCATOR_HALF_M = 20037508.342789244
 
 @dataclass(frozen=True, slots=True)
 class Background:
-    """A picture for the map.
+    """A picture for the map."""
 
-    Attributes:
-        image: data URI; covers the requested bounds, transparent where the file has nothing.
-        attribution: what the file says of its makers, as text; empty where it says nothing.
-        name: of the file.
-    """
-
-    image: str
-    attribution: str
-    name: str
+    image: str  # data URI; covers the requested bounds, transparent where the file has nothing
+    attribution: str  # what the file says of its makers, as text; empty where it says nothing
+    name: str  # of the file
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Picture:
-    """Pixels of a file, and where positions of the file are in them.
+    """Pixels of a file, and where positions of the file are in them."""
 
-    Attributes:
-        rgba: (rows, columns, 4) bytes.
-        attribution: as in Background.
-        column: (n, n) of the lattice's nodes, in pixels from the left side.
-        row: (n, n) in pixels from the top.
-    """
-
-    rgba: ByteArray
-    attribution: str
-    column: FloatArray
-    row: FloatArray
+    rgba: ByteArray  # (rows, columns, 4) bytes
+    attribution: str  # as in Background
+    column: FloatArray  # (n, n) of the lattice's nodes, in pixels from the left side
+    row: FloatArray  # (n, n) in pixels from the top
 
 
 def read_background(path: Path, site: Site, bounds_m: Bounds) -> Background:
@@ -199,7 +186,7 @@ def _mercator_shares(lat: FloatArray, lon: FloatArray) -> tuple[FloatArray, Floa
     """Places on the world's square map, 0..1 from its west and from its north."""
     x, y = Transformer.from_crs(4326, 3857, always_xy=True).transform(lon, lat)
     x, y = _finite((x, y))
-    # A rectangle across 180 degrees goes on beyond the eastern side.
+    # a rectangle across 180 degrees goes on beyond the eastern side.
     x = np.where(x < x.max() - _MERCATOR_HALF_M, x + 2.0 * _MERCATOR_HALF_M, x)
     return (x + _MERCATOR_HALF_M) / (2.0 * _MERCATOR_HALF_M), (_MERCATOR_HALF_M - y) / (2.0 * _MERCATOR_HALF_M)
 

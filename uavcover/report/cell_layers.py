@@ -62,19 +62,12 @@ class LegendEntry:
 
 @dataclass(frozen=True, slots=True)
 class CellLayer:
-    """A picture of the cells.
+    """A picture of the cells."""
 
-    Attributes:
-        key: short name.
-        title: for people.
-        image: data URI, one pixel a cell, transparent outside the area.
-        legend: what the colours mean.
-    """
-
-    key: str
-    title: str
-    image: str
-    legend: tuple[LegendEntry, ...]
+    key: str  # short name
+    title: str  # for people
+    image: str  # data URI, one pixel a cell, transparent outside the area
+    legend: tuple[LegendEntry, ...]  # what the colours mean
 
 
 def cells_bounds_m(coverage: CoverageMap) -> Bounds:

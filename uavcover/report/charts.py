@@ -12,31 +12,18 @@ from uavcover.kernels.arrays import FloatArray
 
 @dataclass(frozen=True, slots=True)
 class ChartSize:
-    """The size of a picture in its own units, about pixels, and the margins around what is drawn.
+    """The size of a picture in its own units, about pixels, and the margins around what is drawn."""
 
-    Attributes:
-        name: style class; the style sheet shows the frame that fits the screen.
-        width: of the picture.
-        height: of the picture.
-        left: margin for the labels of the vertical axis.
-        right: margin.
-        top: margin.
-        bottom: margin for the labels of the horizontal axis.
-        x_ticks: about how many ticks the horizontal axis has.
-        y_ticks: about how many ticks the vertical axis has.
-        points: largest number of points of a line: more cannot be distinguished and enlarge the file.
-    """
-
-    name: str
-    width: float
-    height: float
-    left: float
-    right: float
-    top: float
-    bottom: float
-    x_ticks: int
-    y_ticks: int
-    points: int
+    name: str  # style class; the style sheet shows the frame that fits the screen
+    width: float  # of the picture
+    height: float  # of the picture
+    left: float  # margin for the labels of the vertical axis
+    right: float  # margin
+    top: float  # margin
+    bottom: float  # margin for the labels of the horizontal axis
+    x_ticks: int  # about how many ticks the horizontal axis has
+    y_ticks: int  # about how many ticks the vertical axis has
+    points: int  # largest number of points of a line: more cannot be distinguished and enlarge the file
 
 
 WIDE = ChartSize("wide", 760.0, 270.0, 62.0, 14.0, 12.0, 44.0, x_ticks=8, y_ticks=6, points=1500)
@@ -97,27 +84,16 @@ class ChartView:
 
 @dataclass(frozen=True, slots=True)
 class Chart:
-    """A chart ready for drawing.
+    """A chart ready for drawing."""
 
-    Attributes:
-        name: identifies it in the page.
-        title: above it.
-        x_label: below it.
-        y_label: beside it.
-        x_range: values at the left and right end.
-        y_range: values at the bottom and the top.
-        pictures: the same in each of FRAMES.
-        keys: what the styles mean.
-    """
-
-    name: str
-    title: str
-    x_label: str
-    y_label: str
-    x_range: tuple[float, float]
-    y_range: tuple[float, float]
-    pictures: tuple[ChartView, ...]
-    keys: tuple[Key, ...]
+    name: str  # identifies it in the page
+    title: str  # above it
+    x_label: str  # below it
+    y_label: str  # beside it
+    x_range: tuple[float, float]  # values at the left and right end
+    y_range: tuple[float, float]  # values at the bottom and the top
+    pictures: tuple[ChartView, ...]  # the same in each of FRAMES
+    keys: tuple[Key, ...]  # what the styles mean
 
     @property
     def wide(self) -> ChartView:

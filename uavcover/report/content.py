@@ -31,23 +31,14 @@ from uavcover.verification.verify import Verdict, track_positions_m
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Flight:
-    """A flown track with what the report shows of it.
+    """A flown track with what the report shows of it."""
 
-    Attributes:
-        name: name of the track's file, with its path inside the run folder.
-        track: the flown track.
-        planned_m: (k, 3) waypoints of its plan, which ``track.current_waypoint`` counts; none without a plan.
-        enu_m: (n, 3) its positions as judged.
-        height_agl_m: (n,) above ground, NaN where there is no elevation.
-        clock_s: (n,) time on the common clock of all flights, 0 at the start of the first.
-    """
-
-    name: str
-    track: Track
-    planned_m: FloatArray
-    enu_m: FloatArray
-    height_agl_m: FloatArray
-    clock_s: FloatArray
+    name: str  # name of the track's file, with its path inside the run folder
+    track: Track  # the flown track
+    planned_m: FloatArray  # (k, 3) waypoints of its plan, which ``track.current_waypoint`` counts; none without a plan
+    enu_m: FloatArray  # (n, 3) its positions as judged
+    height_agl_m: FloatArray  # (n,) above ground, NaN where there is no elevation
+    clock_s: FloatArray  # (n,) time on the common clock of all flights, 0 at the start of the first
 
     @property
     def duration_s(self) -> float:
@@ -57,54 +48,33 @@ class Flight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedView:
-    """Coverage that the plan promises.
+    """Coverage that the plan promises."""
 
-    Attributes:
-        seen: (cells,) whether it sees each cell.
-        poses: from where it observes.
-        pictures: how many of these, as single pictures, show each cell; none for a sensor that takes no single pictures.
-        statistics: of these pictures.
-    """
-
-    seen: BoolArray
-    poses: SensorPoses
+    seen: BoolArray  # (cells,) whether it sees each cell
+    poses: SensorPoses  # from where it observes
+    # how many of these, as single pictures, show each cell; none for a sensor that takes no single pictures
     pictures: PictureCounts | None
-    statistics: PictureStatistics | None
+    statistics: PictureStatistics | None  # of these pictures
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReportContent:
-    """The content of a whole run.
+    """The content of a whole run."""
 
-    Attributes:
-        site: the scenario on its ground.
-        coverage: the cells of the area.
-        plan: the content of ``plan.json``.
-        planned: the selected route.
-        sorties_m: (k, 3) waypoints of each sortie that the plan is flown in; none when it is one flight.
-        planned_view: what they promise to see.
-        members: the Pareto set, empty where there is no ``pareto.csv``.
-        about: ``run.json``, empty where there is none.
-        upload: ``upload.json``, empty where there is none.
-        flights: the flown tracks, counted as one flight; empty before a flight.
-        verdict: coverage and safety, recomputed here from the tracks; none before a flight.
-        warnings: irregularities in the track files.
-        notices: how the judged tracks relate to the plan and to ``verification.json``.
-    """
-
-    site: Site
-    coverage: CoverageMap
-    plan: dict[str, Any]
-    planned: PlannedDocument
+    site: Site  # the scenario on its ground
+    coverage: CoverageMap  # the cells of the area
+    plan: dict[str, Any]  # the content of ``plan.json``
+    planned: PlannedDocument  # the selected route
+    # (k, 3) waypoints of each sortie that the plan is flown in; none when it is one flight
     sorties_m: tuple[FloatArray, ...]
-    planned_view: PlannedView
-    members: tuple[ParetoRow, ...]
-    about: dict[str, Any]
-    upload: dict[str, Any]
-    flights: tuple[Flight, ...]
-    verdict: Verdict | None
-    warnings: tuple[str, ...]
-    notices: tuple[str, ...] = ()
+    planned_view: PlannedView  # what they promise to see
+    members: tuple[ParetoRow, ...]  # the Pareto set, empty where there is no ``pareto.csv``
+    about: dict[str, Any]  # ``run.json``, empty where there is none
+    upload: dict[str, Any]  # ``upload.json``, empty where there is none
+    flights: tuple[Flight, ...]  # the flown tracks, counted as one flight; empty before a flight
+    verdict: Verdict | None  # coverage and safety, recomputed here from the tracks; none before a flight
+    warnings: tuple[str, ...]  # irregularities in the track files
+    notices: tuple[str, ...] = ()  # how the judged tracks relate to the plan and to ``verification.json``
 
 
 def read_run(

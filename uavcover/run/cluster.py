@@ -207,17 +207,11 @@ def _require_same_program(client: Client, where: str) -> None:
 
 
 class InFile(NamedTuple):
-    """Shared input of all tasks of a worker, in a file of this machine.
+    """Shared input of all tasks of a worker, in a file of this machine."""
 
-    Attributes:
-        path: of the file.
-        sha256: of its content.
-        about: the program that wrote it.
-    """
-
-    path: str
-    sha256: str
-    about: dict[str, str]
+    path: str  # of the file
+    sha256: str  # of its content
+    about: dict[str, str]  # the program that wrote it
 
 
 _FROM_FILE: dict[str, Any] = {}

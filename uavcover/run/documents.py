@@ -18,21 +18,13 @@ from uavcover.scenario.site import Site
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedDocument:
-    """Content of a ``plan.json`` that later stages need.
+    """Content of a ``plan.json`` that later stages need."""
 
-    Attributes:
-        route: the chosen route.
-        coverage_fraction: planned share of the area.
-        coverage_of_coverable: planned share of what can be seen.
-        rule_met: whether the selection rule was met.
-        vehicles: how many fly it; a sortie, a gap mission or what is left of a flight is for one.
-    """
-
-    route: Route
-    coverage_fraction: float
-    coverage_of_coverable: float
-    rule_met: bool
-    vehicles: int = 1
+    route: Route  # the chosen route
+    coverage_fraction: float  # planned share of the area
+    coverage_of_coverable: float  # planned share of what can be seen
+    rule_met: bool  # whether the selection rule was met
+    vehicles: int = 1  # how many fly it; a sortie, a gap mission or what is left of a flight is for one
 
 
 def plan_document(

@@ -27,21 +27,13 @@ _STILL_FLYING = ("flying", "interrupted")
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """Something that is not as it was when it was recorded.
+    """Something that is not as it was when it was recorded."""
 
-    Attributes:
-        what: one of ``WHATS``.
-        file: which file, by its path in the run folder where it is inside.
-        was: its hash, or version, as recorded; none where it was not there, or is not recorded.
-        now: as it is; none where it is not there.
-        why: what is wrong, when no two hashes say it.
-    """
-
-    what: str
-    file: str
-    was: str | None = None
-    now: str | None = None
-    why: str = ""
+    what: str  # one of ``WHATS``
+    file: str  # which file, by its path in the run folder where it is inside
+    was: str | None = None  # its hash, or version, as recorded; none where it was not there, or is not recorded
+    now: str | None = None  # as it is; none where it is not there
+    why: str = ""  # what is wrong, when no two hashes say it
 
     def __str__(self) -> str:
         if self.why:
@@ -54,19 +46,12 @@ class Change:
 
 @dataclass(frozen=True, slots=True)
 class JudgedInputs:
-    """The inputs of a verdict.
+    """The inputs of a verdict."""
 
-    Attributes:
-        hashes: ``inputs`` of ``verification.json``.
-        changes: what is not as it was recorded.
-        unsealed: tracks of the run of which no end is recorded, as of a flight that was killed.
-        site: the scenario on its ground, whose hashes these are; none where it cannot be made.
-    """
-
-    hashes: dict[str, Any]
-    changes: tuple[Change, ...]
-    unsealed: tuple[str, ...]
-    site: Site | None = None
+    hashes: dict[str, Any]  # ``inputs`` of ``verification.json``
+    changes: tuple[Change, ...]  # what is not as it was recorded
+    unsealed: tuple[str, ...]  # tracks of the run of which no end is recorded, as of a flight that was killed
+    site: Site | None = None  # the scenario on its ground, whose hashes these are; none where it cannot be made
 
 
 def inspect_inputs(run: RunFolder, logs: Sequence[Path]) -> JudgedInputs:
@@ -86,7 +71,7 @@ def inspect_inputs(run: RunFolder, logs: Sequence[Path]) -> JudgedInputs:
     finding.add_files(run, record)
     folders = {log.parent.resolve(): RunFolder(log.parent) for log in logs}
     if any(not folder.file("plan.json").exists() for folder in folders.values()):
-        # A log from elsewhere is judged by the plan that it followed: any of these.
+        # a log from elsewhere is judged by the plan that it followed: any of these.
         folders |= {folder.path.resolve(): folder for folder in plans_of(run)[1:]}
     for place, folder in folders.items():
         if place != run.path.resolve() and any(folder.file(name).exists() for name in ("plan.json", "run.json")):

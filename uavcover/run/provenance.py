@@ -31,20 +31,15 @@ _LIST = "provenance"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Record:
-    """Record of the files of a folder in ``run.json``.
+    """Record of the files of a folder in ``run.json``."""
 
-    Attributes:
-        inputs: hashes of what was planned from, by name (``scenario``, ``terrain``, ``obstacles``), null where there was none;
-            none when no plan is recorded.
-        files: hash of every file that was written since the plan, by its path in the folder; null where it was removed.
-        version: of the uavcover that planned.
-        faults: what is wrong with the record itself.
-    """
-
+    # hashes of what was planned from, by name (``scenario``, ``terrain``, ``obstacles``), null where there was none;
+    # none when no plan is recorded
     inputs: Mapping[str, str | None] | None
+    # hash of every file that was written since the plan, by its path in the folder; null where it was removed
     files: Mapping[str, str | None]
-    version: str | None
-    faults: tuple[str, ...]
+    version: str | None  # of the uavcover that planned
+    faults: tuple[str, ...]  # what is wrong with the record itself
 
 
 def sha256_of(path: Path) -> str | None:

@@ -18,13 +18,9 @@ Result = TypeVar("Result")
 
 
 class Workers(Protocol):
-    """Workers that do tasks, wherever they are.
+    """Workers that do tasks, wherever they are."""
 
-    Attributes:
-        count: how many tasks they do at a time.
-    """
-
-    count: int
+    count: int  # how many tasks they do at a time
 
     def completed(
         self,

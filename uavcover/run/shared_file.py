@@ -23,17 +23,11 @@ _COUNT = struct.Struct("<Q")
 
 @dataclass(frozen=True, slots=True)
 class SharedFile:
-    """A file with an object.
+    """A file with an object."""
 
-    Attributes:
-        file: open in this process; the object can be read while it is.
-        sha256: of its content.
-        size: in bytes.
-    """
-
-    file: IO[bytes]
-    sha256: str
-    size: int
+    file: IO[bytes]  # open in this process; the object can be read while it is
+    sha256: str  # of its content
+    size: int  # in bytes
 
     @property
     def path(self) -> str:

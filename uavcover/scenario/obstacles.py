@@ -35,30 +35,19 @@ from uavcover.terrain.pixel_frame import nodes_inside_m
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """A footprint before its ground is known.
+    """A footprint before its ground is known."""
 
-    Attributes:
-        name: for people.
-        polygon: (east, north) metres, courtyards cut out.
-        height_m: height of the flat top above the highest ground under the footprint.
-    """
-
-    name: str
-    polygon: shapely.Polygon
-    height_m: float
+    name: str  # for people
+    polygon: shapely.Polygon  # (east, north) metres, courtyards cut out
+    height_m: float  # height of the flat top above the highest ground under the footprint
 
 
 @dataclass(frozen=True, eq=False)
 class Prism:
-    """An obstacle in the local frame.
+    """An obstacle in the local frame."""
 
-    Attributes:
-        footprint: its footprint.
-        top_m: up coordinate of its flat top.
-    """
-
-    footprint: Footprint
-    top_m: float
+    footprint: Footprint  # its footprint
+    top_m: float  # up coordinate of its flat top
 
 
 def stand_on(

@@ -18,15 +18,10 @@ SLIVER_M = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class OwnParts:
-    """The area, shared out as the scenario says.
+    """The area, shared out as the scenario says."""
 
-    Attributes:
-        of_vehicle: the part of each vehicle that has one, by its number from 1; (east, north) metres.
-        rest: what the others see together; none where every vehicle has a part.
-    """
-
-    of_vehicle: dict[int, Piece]
-    rest: Piece | None
+    of_vehicle: dict[int, Piece]  # the part of each vehicle that has one, by its number from 1; (east, north) metres
+    rest: Piece | None  # what the others see together; none where every vehicle has a part
 
 
 def groups_of(scenario: Scenario) -> tuple[tuple[int, ...], ...]:

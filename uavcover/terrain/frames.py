@@ -18,17 +18,11 @@ from uavcover.kernels.arrays import FloatArray
 
 @dataclass(frozen=True)
 class LocalFrame:
-    """A right-handed east-north-up frame in metres, tangent to the Earth at its origin (WGS 84).
+    """A right-handed east-north-up frame in metres, tangent to the Earth at its origin (WGS 84)."""
 
-    Attributes:
-        lat_deg: latitude of the origin, -90..90.
-        lon_deg: longitude of the origin, -180..180.
-        alt_amsl_m: height of the origin above mean sea level.
-    """
-
-    lat_deg: float
-    lon_deg: float
-    alt_amsl_m: float
+    lat_deg: float  # latitude of the origin, -90..90
+    lon_deg: float  # longitude of the origin, -180..180
+    alt_amsl_m: float  # height of the origin above mean sea level
 
     def __post_init__(self) -> None:
         if not (-90.0 <= self.lat_deg <= 90.0):
@@ -62,7 +56,7 @@ class LocalFrame:
             (n, 3) east, north, up in metres; non-finite where the input is.
         """
         if isinstance(lat_deg, float) and isinstance(lon_deg, float) and isinstance(alt_amsl_m, float):
-            # A vehicle's place comes many times a second, and pyproj is five times as fast for one without arrays.
+            # a vehicle's place comes many times a second, and pyproj is five times as fast for one without arrays.
             return np.array([self._pipeline.transform(float(lon_deg), float(lat_deg), float(alt_amsl_m))])
         lat, lon, alt = np.broadcast_arrays(
             *(np.atleast_1d(np.asarray(a, float)) for a in (lat_deg, lon_deg, alt_amsl_m))

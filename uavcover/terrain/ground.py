@@ -20,27 +20,19 @@ from uavcover.terrain.pixel_frame import nodes_between, places_of_nodes_m
 
 @dataclass(frozen=True, eq=False)
 class Ground:
-    """A height surface with its provenance.
+    """A height surface with its provenance."""
 
-    Attributes:
-        surface: the surface as kernels take it.
-        source: its origin, for people.
-        vertical_datum: reference of the source's heights.
-        sha256: hash of the source file, empty for a computed surface.
-        surface_sha256: hash of the surface model's file that lies over it, empty without one.
-        left_out: parts of the map whose heights were not believed, with the reason in words; there is no data there.
-        error_m: largest measured difference between the surface and the file's own bilinear surface, metres; 0 for a computed
-            surface.
-        cut_error_m: largest difference between heights above ground along a leg and along the parts it is cut into.
-    """
-
-    surface: Surface
-    source: str
-    vertical_datum: str
-    sha256: str = ""
+    surface: Surface  # the surface as kernels take it
+    source: str  # its origin, for people
+    vertical_datum: str  # reference of the source's heights
+    sha256: str = ""  # hash of the source file, empty for a computed surface
+    # largest measured difference between the surface and the file's own bilinear surface, metres; 0 for a computed
+    # surface
     error_m: float = 0.0
+    # largest difference between heights above ground along a leg and along the parts it is cut into
     cut_error_m: float = 0.0
-    surface_sha256: str = ""
+    surface_sha256: str = ""  # hash of the surface model's file that lies over it, empty without one
+    # parts of the map whose heights were not believed, with the reason in words; there is no data there
     left_out: tuple[tuple[BaseGeometry, str], ...] = ()
 
     def without(self, parts: Sequence[tuple[BaseGeometry, str]]) -> "Ground":

@@ -11,17 +11,11 @@ _NEIGHBOURS = np.ones((3, 3), dtype=int)
 
 @dataclass(frozen=True, slots=True)
 class FilledGaps:
-    """Heights without the gaps that were small enough.
+    """Heights without the gaps that were small enough."""
 
-    Attributes:
-        heights_m: (rows, columns) with NaN only where a gap is larger, or reaches the edge of the data.
-        count: how many gaps were filled.
-        largest_m: longer side of the largest one that was filled.
-    """
-
-    heights_m: FloatArray
-    count: int
-    largest_m: float
+    heights_m: FloatArray  # (rows, columns) with NaN only where a gap is larger, or reaches the edge of the data
+    count: int  # how many gaps were filled
+    largest_m: float  # longer side of the largest one that was filled
 
 
 def fill_gaps(heights_m: FloatArray, *, pixel_m: tuple[float, float], up_to_m: float) -> FilledGaps:

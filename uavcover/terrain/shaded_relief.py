@@ -49,19 +49,12 @@ def _height_colors(up_m: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReliefGrid:
-    """Ground on a grid; rows run north, columns east.
+    """Ground on a grid; rows run north, columns east."""
 
-    Attributes:
-        east_m: (rows, columns).
-        north_m: (rows, columns).
-        up_m: (rows, columns) heights, NaN where there is no data.
-        rgb: (rows, columns, 3) uint8, black where there is no data.
-    """
-
-    east_m: FloatArray
-    north_m: FloatArray
-    up_m: FloatArray
-    rgb: NDArray[np.uint8]
+    east_m: FloatArray  # (rows, columns)
+    north_m: FloatArray  # (rows, columns)
+    up_m: FloatArray  # (rows, columns) heights, NaN where there is no data
+    rgb: NDArray[np.uint8]  # (rows, columns, 3) uint8, black where there is no data
 
 
 def relief_grid(ground: Ground, bounds_m: tuple[float, float, float, float], *, nodes: int) -> ReliefGrid:

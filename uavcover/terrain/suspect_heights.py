@@ -31,21 +31,14 @@ _AROUND = np.ones((3, 3), dtype=int)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SuspectPixels:
-    """Pixels whose heights are not believed.
+    """Pixels whose heights are not believed."""
 
-    Attributes:
-        kind: what they look like.
-        first: row and column of the first one of ``mask``.
-        mask: (rows, columns) which pixels, in their bounding box; the ones that a warp may have blended included.
-        value_m: the one height of a block, the height of a spike, or the step of a seam.
-        rim_m: typical height of the ground around; not for a seam.
-    """
-
-    kind: Kind
-    first: tuple[int, int]
+    kind: Kind  # what they look like
+    first: tuple[int, int]  # row and column of the first one of ``mask``
+    # (rows, columns) which pixels, in their bounding box; the ones that a warp may have blended included
     mask: BoolArray
-    value_m: float
-    rim_m: float
+    value_m: float  # the one height of a block, the height of a spike, or the step of a seam
+    rim_m: float  # typical height of the ground around; not for a seam
 
     @property
     def places(self) -> tuple[slice, slice]:
@@ -278,15 +271,10 @@ def _seams(heights: FloatArray) -> list[tuple[int, int, int, float]]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SuspectPlace:
-    """A place of elevation data whose heights are not believed.
+    """A place of elevation data whose heights are not believed."""
 
-    Attributes:
-        words: what it looks like, and where.
-        shape: in longitude and latitude, degrees, continuous across 180.
-    """
-
-    words: str
-    shape: BaseGeometry
+    words: str  # what it looks like, and where
+    shape: BaseGeometry  # in longitude and latitude, degrees, continuous across 180
 
     def in_frame(self, frame: LocalFrame) -> BaseGeometry:
         """The shape on the map of a local frame, (east, north) metres."""
@@ -325,16 +313,12 @@ def suspect_places(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PixelWindow:
-    """A part of a file, pixel by pixel.
+    """A part of a file, pixel by pixel."""
 
-    Attributes:
-        heights_m: (rows, columns) as the file has them, in metres above its own datum; NaN where there is no data.
-        pixel_m: height and width of a pixel.
-        lon_lat_deg: longitudes, continuous, and latitudes (n, 2) of columns and rows (n, 2), integers at pixel centres.
-    """
-
+    # (rows, columns) as the file has them, in metres above its own datum; NaN where there is no data
     heights_m: FloatArray
-    pixel_m: tuple[float, float]
+    pixel_m: tuple[float, float]  # height and width of a pixel
+    # longitudes, continuous, and latitudes (n, 2) of columns and rows (n, 2), integers at pixel centres
     lon_lat_deg: Callable[[FloatArray], FloatArray]
 
 

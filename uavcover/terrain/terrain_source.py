@@ -31,26 +31,17 @@ Bounds = tuple[float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class TerrainSource:
-    """One or more files whose pixels lie on one grid.
+    """One or more files whose pixels lie on one grid."""
 
-    Attributes:
-        files: the files.
-        crs: coordinate system, where the files do not name theirs.
-        band: number or name of the band with the heights; none: the first.
-        height_unit: unit of the heights, where the files do not say.
-        fill_no_data_m: gaps without data up to this long are closed by interpolation.
-        water_height_m: height above sea level of open water, which is wherever there is no data, also around the files; none:
-            such places have no height.
-        key: of the scenario, or the option, for errors.
-    """
-
-    files: tuple[Path, ...]
-    crs: str | None = None
-    band: int | str | None = None
-    height_unit: str | None = None
-    fill_no_data_m: float = 0.0
+    files: tuple[Path, ...]  # the files
+    crs: str | None = None  # coordinate system, where the files do not name theirs
+    band: int | str | None = None  # number or name of the band with the heights; none: the first
+    height_unit: str | None = None  # unit of the heights, where the files do not say
+    fill_no_data_m: float = 0.0  # gaps without data up to this long are closed by interpolation
+    # height above sea level of open water, which is wherever there is no data, also around the files; none: such places
+    # have no height
     water_height_m: float | None = None
-    key: str = "terrain.file"
+    key: str = "terrain.file"  # of the scenario, or the option, for errors
 
     def __str__(self) -> str:
         more = len(self.files) - 1

@@ -28,17 +28,12 @@ from uavcover.verification.tuning import ATTITUDE, LEAN
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeanProblem:
-    """An attitude that does not fit the motion, or that the motion does not confirm.
+    """An attitude that does not fit the motion, or that the motion does not confirm."""
 
-    Attributes:
-        text: what is wrong, for people.
-        samples: (n,) the affected samples.
-        kind: whether it leaves accelerations unexplained; whether the motion contradicts it, so that one of the two was not
-            measured; or whether the motion is too gentle to confirm it.
-    """
-
-    text: str
-    samples: BoolArray
+    text: str  # what is wrong, for people
+    samples: BoolArray  # (n,) the affected samples
+    # whether it leaves accelerations unexplained; whether the motion contradicts it, so that one of the two was not
+    # measured; or whether the motion is too gentle to confirm it
     kind: Literal["unexplained", "contradicted", "unconfirmed"]
 
 
@@ -59,7 +54,7 @@ def lean_problem(
     unconfirmed = _unconfirmed(time_s, enu_m, joined, attitude_deg)
     if unexplained is None:
         return unconfirmed
-    # A storm leaves much unexplained, and contradicts nothing.
+    # a storm leaves much unexplained, and contradicts nothing.
     contradicted = unconfirmed is not None and unconfirmed.kind == "contradicted"
     return replace(unexplained, kind="contradicted") if contradicted else unexplained
 
@@ -186,21 +181,15 @@ def _stands_alone(columns: FloatArray, number: int) -> bool:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownAttitude:
-    """The attitudes of a track that can be trusted.
+    """The attitudes of a track that can be trusted."""
 
-    Attributes:
-        attitude_deg: (n, 3) roll, pitch and yaw, NaN where unknown.
-        problems: what was found, one line each.
-        unconfirmed: why it is not known although nothing is wrong with it: the motion is too gentle to confirm it.
-        contradiction: the problem that the motion contradicts, so that either attitude or motion was not measured.
-        confirmed: whether the motion confirms it.
-    """
-
-    attitude_deg: FloatArray
-    problems: tuple[str, ...]
+    attitude_deg: FloatArray  # (n, 3) roll, pitch and yaw, NaN where unknown
+    problems: tuple[str, ...]  # what was found, one line each
+    # why it is not known although nothing is wrong with it: the motion is too gentle to confirm it
     unconfirmed: str | None = None
+    # the problem that the motion contradicts, so that either attitude or motion was not measured
     contradiction: str | None = None
-    confirmed: bool = False
+    confirmed: bool = False  # whether the motion confirms it
 
 
 def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownAttitude:
@@ -214,7 +203,7 @@ def known_attitude(track: Track, enu_m: FloatArray, joined: BoolArray) -> KnownA
     attitude = track.attitude_deg.copy()
     problems: list[str] = []
     old = np.abs(track.attitude_age_s) > ATTITUDE.max_age_s
-    # A heading without roll and pitch was derived from the positions themselves.
+    # a heading without roll and pitch was derived from the positions themselves.
     attitude[old & np.isfinite(attitude[:, :2]).any(axis=1)] = np.nan
     low, high = np.array([-180.0, -90.0, -180.0]), np.array([180.0, 90.0, 360.0])
     wrong = np.flatnonzero(((attitude < low) | (attitude > high)).any(axis=1))

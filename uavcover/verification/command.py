@@ -138,15 +138,10 @@ _HOLDS = {"yes": "met", "no": "NOT met", "not proved": "not proved"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JudgedPictures:
-    """Result of judging a flight's photos.
+    """Result of judging a flight's photos."""
 
-    Attributes:
-        evidence: what that means for the flight.
-        document: the verdict on them alone; none where there are no photos.
-    """
-
-    evidence: PictureEvidence = NOTHING_KNOWN
-    document: Mapping[str, Any] | None = None
+    evidence: PictureEvidence = NOTHING_KNOWN  # what that means for the flight
+    document: Mapping[str, Any] | None = None  # the verdict on them alone; none where there are no photos
 
 
 _NO_PICTURES = JudgedPictures()

@@ -72,17 +72,11 @@ def coverage_by_time(coverage: CoverageMap, flown: FlownCoverage, times_s: Float
 
 @dataclass(frozen=True, slots=True)
 class Decision:
-    """The decision and its grounds; see :class:`uavcover.model.verdict.VerificationReport`.
+    """The decision and its grounds; see :class:`uavcover.model.verdict.VerificationReport`."""
 
-    Attributes:
-        judgement: passed, failed or not proved, and why.
-        unobserved: unobserved stretches of all tracks.
-        unobserved_route_fraction: fraction of the time on the route; none without a route.
-    """
-
-    judgement: Judgement
-    unobserved: tuple[Unobserved, ...]
-    unobserved_route_fraction: float | None
+    judgement: Judgement  # passed, failed or not proved, and why
+    unobserved: tuple[Unobserved, ...]  # unobserved stretches of all tracks
+    unobserved_route_fraction: float | None  # fraction of the time on the route; none without a route
 
 
 def judged_requirements(scenario: Scenario) -> Mapping[str, Any]:

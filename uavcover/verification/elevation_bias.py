@@ -17,19 +17,12 @@ from uavcover.verification.tuning import TRACK
 
 @dataclass(frozen=True, slots=True)
 class ElevationBias:
-    """Difference between the ground as a vehicle knows it and the elevation data.
+    """Difference between the ground as a vehicle knows it and the elevation data."""
 
-    Attributes:
-        source: "rangefinder", which measures, or "terrain data of the vehicle", which is another model of the ground.
-        count: readings over known ground.
-        bias_m: median of measured less modelled height.
-        spread_m: half the range of the middle 68 %.
-    """
-
-    source: str
-    count: int
-    bias_m: float
-    spread_m: float
+    source: str  # "rangefinder", which measures, or "terrain data of the vehicle", which is another model of the ground
+    count: int  # readings over known ground
+    bias_m: float  # median of measured less modelled height
+    spread_m: float  # half the range of the middle 68 %
 
     @property
     def bound_m(self) -> float:

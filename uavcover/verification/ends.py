@@ -14,23 +14,14 @@ from uavcover.verification.tuning import ENDS
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackEnd:
-    """The first or the last sample of a track.
+    """The first or the last sample of a track."""
 
-    Attributes:
-        which: first or last.
-        time_s: vehicle time.
-        enu_m: (3,) its position.
-        height_agl_m: height above ground, NaN where the ground is unknown.
-        on_ground: whether the vehicle is on the ground.
-        still: whether it does not move.
-    """
-
-    which: Literal["begins", "ends"]
-    time_s: float
-    enu_m: FloatArray
-    height_agl_m: float
-    on_ground: bool
-    still: bool
+    which: Literal["begins", "ends"]  # first or last
+    time_s: float  # vehicle time
+    enu_m: FloatArray  # (3,) its position
+    height_agl_m: float  # height above ground, NaN where the ground is unknown
+    on_ground: bool  # whether the vehicle is on the ground
+    still: bool  # whether it does not move
 
     def __str__(self) -> str:
         """Description for people."""
@@ -103,15 +94,10 @@ def _still(enu_m: FloatArray, first: int, last: int, time_s: FloatArray, noise_m
 
 @dataclass(frozen=True, slots=True)
 class FlightContinuation:
-    """A track that continues in the air where another one ended.
+    """A track that continues in the air where another one ended."""
 
-    Attributes:
-        before: number of the track that ended.
-        after: number of the track that continues.
-    """
-
-    before: int
-    after: int
+    before: int  # number of the track that ended
+    after: int  # number of the track that continues
 
 
 def continuations(ends: Sequence[tuple[TrackEnd, TrackEnd]], limits: MotionLimits) -> list[FlightContinuation]:

@@ -21,19 +21,12 @@ _TELEMETRY = "flight.tlog"
 
 @dataclass(frozen=True, slots=True)
 class Firmware:
-    """A firmware's version.
+    """A firmware's version."""
 
-    Attributes:
-        autopilot: "ardupilot" or "px4".
-        major: first number.
-        minor: second number.
-        official: whether it is a release, and not a build on the way to one.
-    """
-
-    autopilot: str
-    major: int
-    minor: int
-    official: bool
+    autopilot: str  # "ardupilot" or "px4"
+    major: int  # first number
+    minor: int  # second number
+    official: bool  # whether it is a release, and not a build on the way to one
 
     def __str__(self) -> str:
         """Name and version."""

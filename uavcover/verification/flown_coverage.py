@@ -23,31 +23,22 @@ from uavcover.verification.possible_motion import MAX_LEAN_DEG
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlownCoverage:
-    """Coverage by cell; every array has one value for each cell.
+    """Coverage by cell; every array has one value for each cell."""
 
-    Attributes:
-        seen: whether it was seen, with measured positions and terrain taken as exact.
-        surely_seen: whether it was seen for every error within the scenario's [uncertainty]; subset of ``seen``.
-        possibly_seen: whether it may have been seen for some error, or for some direction of the camera where that is unknown;
-            superset of ``seen``.
-        possibly_by_attitude: whether it was not seen, but may have been by an observation of unknown direction.
-        first_seen_s: time at which it was first seen, NaN where it was not.
-        passes: how many separate passes saw it.
-        nearest_m: shortest distance from which it was seen, NaN where it was not.
-        ground_sample_m: smallest ground sample distance with which it was seen, NaN where it was not or none is known.
-        incidence_deg: smallest incidence angle under which it was seen, NaN where it was not.
-        outcome: the best outcome of any observation, see :class:`uavcover.kernels.observation_counting.ObservationCounts`.
-    """
-
-    seen: BoolArray
+    seen: BoolArray  # whether it was seen, with measured positions and terrain taken as exact
+    # whether it was seen for every error within the scenario's [uncertainty]; subset of ``seen``
     surely_seen: BoolArray
+    # whether it may have been seen for some error, or for some direction of the camera where that is unknown; superset
+    # of ``seen``
     possibly_seen: BoolArray
-    possibly_by_attitude: BoolArray
-    first_seen_s: FloatArray
-    passes: NDArray[np.int32]
-    nearest_m: FloatArray
+    possibly_by_attitude: BoolArray  # whether it was not seen, but may have been by an observation of unknown direction
+    first_seen_s: FloatArray  # time at which it was first seen, NaN where it was not
+    passes: NDArray[np.int32]  # how many separate passes saw it
+    nearest_m: FloatArray  # shortest distance from which it was seen, NaN where it was not
+    # smallest ground sample distance with which it was seen, NaN where it was not or none is known
     ground_sample_m: FloatArray
-    incidence_deg: FloatArray
+    incidence_deg: FloatArray  # smallest incidence angle under which it was seen, NaN where it was not
+    # the best outcome of any observation, see :class:`uavcover.kernels.observation_counting.ObservationCounts`
     outcome: NDArray[np.uint8]
 
 
@@ -174,7 +165,7 @@ def _camera(coverage: CoverageMap, slopes: LocalSlopes) -> Camera:
     sensor, wanted = coverage.site.scenario.sensor, coverage.site.scenario.requirements
     uncertainty = coverage.site.scenario.uncertainty
     horizontal, vertical = uncertainty.position_m, coverage.site.vertical_uncertainty_m
-    # A ray shifted sideways by p at the eye and fixed at the cell meets ground that is higher by at most its slope
+    # a ray shifted sideways by p at the eye and fixed at the cell meets ground that is higher by at most its slope
     # times the shift: the same as lowering the eye by p times the steepest slope.
     lift = vertical + (horizontal * _steepest_known(slopes) if horizontal > 0.0 else 0.0)
     return Camera(
@@ -220,7 +211,7 @@ def count_by(workers: Workers, *, block_cells: int = _BLOCK_CELLS) -> CountObser
     """Count by workers, in blocks of about ``block_cells`` cells; the result does not depend on either."""
 
     def count(coverage: CoverageMap, observations: Observations) -> FlownCoverage:
-        # A copy of the site has nothing that can be computed again.
+        # a copy of the site has nothing that can be computed again.
         flight = CountedFlight(dataclasses.replace(coverage.site), observations)
         tasks = [(rows.start, rows.stop) for rows in row_blocks(coverage.site, cells=block_cells)]
         found = dict(workers.completed(count_block, flight, tasks))
@@ -237,15 +228,10 @@ def count_by(workers: Workers, *, block_cells: int = _BLOCK_CELLS) -> CountObser
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CountedFlight:
-    """Data shared by the tasks of a flight.
+    """Data shared by the tasks of a flight."""
 
-    Attributes:
-        site: the scenario on its ground.
-        observations: of the flight, in order of time.
-    """
-
-    site: Site
-    observations: Observations
+    site: Site  # the scenario on its ground
+    observations: Observations  # of the flight, in order of time
 
 
 def count_block(flight: CountedFlight, rows: tuple[int, int]) -> FlownCoverage:

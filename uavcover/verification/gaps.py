@@ -29,15 +29,10 @@ _OUTCOMES: dict[int, GapReason] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GapRegion:
-    """A gap and its cells.
+    """A gap and its cells."""
 
-    Attributes:
-        gap: its description in the report.
-        cells: (k,) numbers of its cells.
-    """
-
-    gap: Gap
-    cells: NDArray[np.int64]
+    gap: Gap  # its description in the report
+    cells: NDArray[np.int64]  # (k,) numbers of its cells
 
 
 def find_gaps(coverage: CoverageMap, flown: FlownCoverage) -> list[GapRegion]:
@@ -159,7 +154,7 @@ def _geometry(coverage: CoverageMap, frame: LocalFrame, outline: shapely.MultiPo
 
     def to_lon_lat(places_m: NDArray[np.float64]) -> NDArray[np.float64]:
         heights = ground.heights_m(places_m)
-        # A corner may lie just outside the elevation data; a few metres of height shift it by micrometres.
+        # a corner may lie just outside the elevation data; a few metres of height shift it by micrometres.
         heights = np.where(np.isfinite(heights), heights, level)
         lat, lon, _ = frame.geodetic_from_enu(np.column_stack([places_m, heights]))
         return np.column_stack([lon, lat])

@@ -18,17 +18,11 @@ from uavcover.terrain.frames import LocalFrame
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Band:
-    """One layer.
+    """One layer."""
 
-    Attributes:
-        name: description of the band.
-        unit: of its values, or what they stand for.
-        values: (rows, columns), rows going north, NaN where there is none.
-    """
-
-    name: str
-    unit: str
-    values: FloatArray
+    name: str  # description of the band
+    unit: str  # of its values, or what they stand for
+    values: FloatArray  # (rows, columns), rows going north, NaN where there is none
 
 
 def cells_geotiff(coverage: CoverageMap, frame: LocalFrame, layers: Sequence[tuple[str, str, NDArray[Any]]]) -> bytes:

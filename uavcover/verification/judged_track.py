@@ -37,43 +37,25 @@ from uavcover.verification.waypoints_passed import Passing, contradiction, passi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JudgedTrack:
-    """One track judged by itself.
+    """One track judged by itself."""
 
-    Attributes:
-        track: the samples that are evidence, with the attitudes that are known.
-        enu_m: (n, 3) their positions.
-        joined: (n - 1,) legs that were observed.
-        planned: its plan, if any.
-        passed: where it passed the planned waypoints, none without a plan.
-        phases: phase of each sample.
-        heights: heights above ground.
-        speeds_m_s: (n,) ground speed.
-        deviations_m: (n,) distance from the planned route, none without a plan.
-        violations: limits that it broke.
-        begin: its first sample.
-        end: its last sample.
-        unobserved: unobserved stretches between its samples.
-        findings: why it cannot pass, or proves nothing, independent of the coverage, and other irregularities.
-        attitude_problems: problems of its attitudes.
-        photos: where photos were taken; none for a sensor that looks along the path.
-    """
-
-    track: Track
-    enu_m: FloatArray
-    joined: BoolArray
-    planned: PlannedRoute | None
-    passed: Passing | None
-    phases: Phases
-    heights: Heights
-    speeds_m_s: FloatArray
-    deviations_m: FloatArray | None
-    violations: tuple[Violation, ...]
-    begin: TrackEnd
-    end: TrackEnd
-    unobserved: tuple[Unobserved, ...]
+    track: Track  # the samples that are evidence, with the attitudes that are known
+    enu_m: FloatArray  # (n, 3) their positions
+    joined: BoolArray  # (n - 1,) legs that were observed
+    planned: PlannedRoute | None  # its plan, if any
+    passed: Passing | None  # where it passed the planned waypoints, none without a plan
+    phases: Phases  # phase of each sample
+    heights: Heights  # heights above ground
+    speeds_m_s: FloatArray  # (n,) ground speed
+    deviations_m: FloatArray | None  # (n,) distance from the planned route, none without a plan
+    violations: tuple[Violation, ...]  # limits that it broke
+    begin: TrackEnd  # its first sample
+    end: TrackEnd  # its last sample
+    unobserved: tuple[Unobserved, ...]  # unobserved stretches between its samples
+    # why it cannot pass, or proves nothing, independent of the coverage, and other irregularities
     findings: tuple[Finding, ...]
-    attitude_problems: tuple[str, ...]
-    photos: TrackPhotos | None
+    attitude_problems: tuple[str, ...]  # problems of its attitudes
+    photos: TrackPhotos | None  # where photos were taken; none for a sensor that looks along the path
 
     def observations(self, site: Site) -> Observations:
         """The observations of its sensor."""
@@ -138,7 +120,7 @@ def judge_track(
         *motion_doubts(site, whole, told_m, motion, limits, position_error_m=error_m),
         *sampling_doubts(whole, motion, known),
         known.contradiction,
-        # A flight that ended before its route has no place and no pace of the plan to keep.
+        # a flight that ended before its route has no place and no pace of the plan to keep.
         commanded_pace_doubt(
             track,
             enu,

@@ -52,25 +52,15 @@ def mean_over(time_s: FloatArray, values: FloatArray, middles_s: FloatArray, hal
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeanFit:
-    """Dependence of a track's accelerations on its lean.
+    """Dependence of a track's accelerations on its lean."""
 
-    Attributes:
-        correlation: of both.
-        signal: the correlation in its standard errors, after Fisher.
-        acceleration_of_lean: slope of the acceleration over that of the lean, and its standard error.
-        steady: fraction of the lean's energy that leaning against gusts does not explain.
-        lean_of_acceleration: slope the other way, and its standard error.
-        known: fraction of the acceleration's energy that noise of the positions does not explain.
-        count: number of independent accelerations.
-    """
-
-    correlation: float
-    signal: float
-    acceleration_of_lean: tuple[float, float]
-    steady: float
-    lean_of_acceleration: tuple[float, float]
-    known: float
-    count: float
+    correlation: float  # of both
+    signal: float  # the correlation in its standard errors, after Fisher
+    acceleration_of_lean: tuple[float, float]  # slope of the acceleration over that of the lean, and its standard error
+    steady: float  # fraction of the lean's energy that leaning against gusts does not explain
+    lean_of_acceleration: tuple[float, float]  # slope the other way, and its standard error
+    known: float  # fraction of the acceleration's energy that noise of the positions does not explain
+    count: float  # number of independent accelerations
 
     @classmethod
     def of(cls, acceleration: FloatArray, lean: FloatArray, *, count: float, noise_m_s2: float) -> Self:
@@ -129,30 +119,20 @@ class LeanFit:
 
 @dataclass(frozen=True, slots=True)
 class BadStretch:
-    """A stretch of a flight whose lean contradicts its accelerations.
+    """A stretch of a flight whose lean contradicts its accelerations."""
 
-    Attributes:
-        begin_s: vehicle time.
-        end_s: vehicle time.
-        why: in what, for people.
-    """
-
-    begin_s: float
-    end_s: float
-    why: str
+    begin_s: float  # vehicle time
+    end_s: float  # vehicle time
+    why: str  # in what, for people
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeanFits:
-    """The fits of a track.
+    """The fits of a track."""
 
-    Attributes:
-        late: by the seconds by which the lean is taken from later; without 0 where too little is known.
-        bad: the shortest stretches that contradict, in order of time.
-    """
-
+    # by the seconds by which the lean is taken from later; without 0 where too little is known
     late: Mapping[float, LeanFit]
-    bad: tuple[BadStretch, ...]
+    bad: tuple[BadStretch, ...]  # the shortest stretches that contradict, in order of time
 
 
 def lean_fits(time_s: FloatArray, enu_m: FloatArray, joined: BoolArray, attitude_deg: FloatArray) -> LeanFits:

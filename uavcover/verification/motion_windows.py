@@ -42,28 +42,18 @@ _BLOCK = 50_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Windows:
-    """Windows of three samples: one, and the nearest ones at least the window length before and after it.
+    """Windows of three samples: one, and the nearest ones at least the window length before and after it."""
 
-    Attributes:
-        time_s: (n,) times of all samples.
-        enu_m: (n, 3) their positions.
-        before: (k,) number of the first sample.
-        middle: (k,) of the middle one.
-        after: (k,) of the last one.
-        level_m_s2: (k,) horizontal part of the mean acceleration around the middle sample.
-        vertical_m_s2: (k,) its vertical part, unsigned.
-        noise_m: medians of the horizontal and vertical second differences over windows in which the vehicle moved.
-        most_noise_m: the largest second differences that an estimator's error can have over these windows.
-    """
-
-    time_s: FloatArray
-    enu_m: FloatArray
-    before: NDArray[np.signedinteger[Any]]
-    middle: NDArray[np.signedinteger[Any]]
-    after: NDArray[np.signedinteger[Any]]
-    level_m_s2: FloatArray
-    vertical_m_s2: FloatArray
+    time_s: FloatArray  # (n,) times of all samples
+    enu_m: FloatArray  # (n, 3) their positions
+    before: NDArray[np.signedinteger[Any]]  # (k,) number of the first sample
+    middle: NDArray[np.signedinteger[Any]]  # (k,) of the middle one
+    after: NDArray[np.signedinteger[Any]]  # (k,) of the last one
+    level_m_s2: FloatArray  # (k,) horizontal part of the mean acceleration around the middle sample
+    vertical_m_s2: FloatArray  # (k,) its vertical part, unsigned
+    # medians of the horizontal and vertical second differences over windows in which the vehicle moved
     noise_m: tuple[float, float]
+    # the largest second differences that an estimator's error can have over these windows
     most_noise_m: tuple[float, float]
 
     @classmethod

@@ -23,21 +23,13 @@ _SHALLOWEST = 0.3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Observations:
-    """Observations of a sensor in order of time.
+    """Observations of a sensor in order of time."""
 
-    Attributes:
-        places_m: (k, 3) ENU positions.
-        axes: (k, 3) ENU unit vectors along the camera's viewing direction.
-        tops: (k, 3) unit vectors perpendicular to them, towards the top of the photo.
-        times_s: (k,) times.
-        known: (k,) whether the attitude is known; otherwise level and nose ahead are assumed.
-    """
-
-    places_m: FloatArray
-    axes: FloatArray
-    tops: FloatArray
-    times_s: FloatArray
-    known: BoolArray
+    places_m: FloatArray  # (k, 3) ENU positions
+    axes: FloatArray  # (k, 3) ENU unit vectors along the camera's viewing direction
+    tops: FloatArray  # (k, 3) unit vectors perpendicular to them, towards the top of the photo
+    times_s: FloatArray  # (k,) times
+    known: BoolArray  # (k,) whether the attitude is known; otherwise level and nose ahead are assumed
 
     def __len__(self) -> int:
         return int(self.times_s.size)
@@ -78,7 +70,7 @@ def observations_of(
 
         def read(values: FloatArray) -> FloatArray:
             t = share if values.ndim == 1 else share[:, None]
-            # An observation at a sample ignores the next sample, which may be far away or NaN.
+            # an observation at a sample ignores the next sample, which may be far away or NaN.
             return np.asarray(np.where(t == 0.0, values[before], values[before] + t * (values[after] - values[before])))
 
         attitude = np.column_stack([read(track.attitude_deg[:, 0]), read(track.attitude_deg[:, 1]), read(yaw_deg)])

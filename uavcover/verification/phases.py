@@ -12,15 +12,10 @@ from uavcover.verification.waypoints_passed import Passing
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedRoute:
-    """The part of a plan that verification may use: its waypoints and its promised coverage.
+    """The part of a plan that verification may use: its waypoints and its promised coverage."""
 
-    Attributes:
-        waypoints_m: (n, 3) ENU positions.
-        coverage_fraction: fraction of the area that the plan promised to cover, 0..1.
-    """
-
-    waypoints_m: FloatArray
-    coverage_fraction: float
+    waypoints_m: FloatArray  # (n, 3) ENU positions
+    coverage_fraction: float  # fraction of the area that the plan promised to cover, 0..1
 
 
 def on_route(

@@ -10,34 +10,23 @@ from uavcover.verification.flown_coverage import FlownCoverage
 
 @dataclass(frozen=True, slots=True)
 class GivenEvidence:
-    """Records of a flight that the user gave.
+    """Records of a flight that the user gave."""
 
-    Attributes:
-        logs: flown tracks.
-        photos: photos, folders and lists of them.
-        system: the vehicle of telemetry logs that have several; none: the only one.
-    """
-
-    logs: tuple[Path, ...]
-    photos: tuple[Path, ...]
-    system: int | None = None
+    logs: tuple[Path, ...]  # flown tracks
+    photos: tuple[Path, ...]  # photos, folders and lists of them
+    system: int | None = None  # the vehicle of telemetry logs that have several; none: the only one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureEvidence:
-    """Evidence from a flight's photos beside its track.
+    """Evidence from a flight's photos beside its track."""
 
-    Attributes:
-        shown: coverage by cell, on the cells that results are judged on; none where the track alone tells it.
-        counts: number of photos that show each cell; none as for ``shown``.
-        findings: why they do not show enough, or nothing proves that they do, and what else is to be said of them.
-        photos_required: whether a flight whose vehicle reported no photo is not proved.
-    """
-
+    # coverage by cell, on the cells that results are judged on; none where the track alone tells it
     shown: FlownCoverage | None = None
-    counts: PictureCounts | None = None
+    counts: PictureCounts | None = None  # number of photos that show each cell; none as for ``shown``
+    # why they do not show enough, or nothing proves that they do, and what else is to be said of them
     findings: tuple[Finding, ...] = ()
-    photos_required: bool = False
+    photos_required: bool = False  # whether a flight whose vehicle reported no photo is not proved
 
 
 NOTHING_KNOWN = PictureEvidence()

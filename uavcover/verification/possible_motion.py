@@ -52,19 +52,12 @@ MoveKind = Literal["speed", "climb", "acceleration", "velocity", "out of reach"]
 
 @dataclass(frozen=True, slots=True)
 class MotionLimits:
-    """The physical limits of a vehicle.
+    """The physical limits of a vehicle."""
 
-    Attributes:
-        speed_m_s: over ground.
-        climb_m_s: upwards.
-        descent_m_s: downwards.
-        acceleration_m_s2: over ground, and vertically.
-    """
-
-    speed_m_s: float
-    climb_m_s: float
-    descent_m_s: float
-    acceleration_m_s2: float
+    speed_m_s: float  # over ground
+    climb_m_s: float  # upwards
+    descent_m_s: float  # downwards
+    acceleration_m_s2: float  # over ground, and vertically
 
 
 def motion_limits(vehicle: Vehicle, wind: Wind) -> MotionLimits:
@@ -92,24 +85,17 @@ def _finite(acceleration_m_s2: float | None) -> float:
 
 @dataclass(frozen=True, slots=True)
 class ImpossibleMove:
-    """A stretch of a track that no vehicle of the scenario can have flown.
+    """A stretch of a track that no vehicle of the scenario can have flown."""
 
-    Attributes:
-        first: number of the sample at which it begins.
-        last: number of the sample at which it ends.
-        kind: the first impossibility: speed, climb (or descent), acceleration, a reported velocity that contradicts the
-            positions, or a position out of reach.
-        worst: its worst value; for a position out of reach, the speed required.
-        limit: the limit of that value.
-        step_m_s: excess of the velocity change across it over what is possible. A receiver's jump changes the position but not
-            the velocity; where the velocity has changed, an unknown part of the flight is missing.
-    """
-
-    first: int
-    last: int
+    first: int  # number of the sample at which it begins
+    last: int  # number of the sample at which it ends
+    # the first impossibility: speed, climb (or descent), acceleration, a reported velocity that contradicts the
+    # positions, or a position out of reach
     kind: MoveKind
-    worst: float
-    limit: float
+    worst: float  # its worst value; for a position out of reach, the speed required
+    limit: float  # the limit of that value
+    # excess of the velocity change across it over what is possible. A receiver's jump changes the position but not the
+    # velocity; where the velocity has changed, an unknown part of the flight is missing.
     step_m_s: float = 0.0
 
     def __str__(self) -> str:
@@ -126,25 +112,19 @@ class ImpossibleMove:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Motion:
-    """Possible part of a track's motion.
+    """Possible part of a track's motion."""
 
-    Attributes:
-        joined: (n - 1,) whether the straight line between two neighbours is evidence: close enough in time, and possible.
-        evidence: (n,) whether a sample is evidence: possible motion reaches it from the others.
-        moves: the impossible moves, in order of time.
-        noise_m: (2,) measured horizontal and vertical position noise: medians of second differences over 0.2 s.
-        white_m: see :func:`white_noise_m`.
-        contradicted_fraction: part of the time over which the reported velocity contradicts the positions, where that is too
-            much to leave it out: one of the two was not measured, and it is not known which.
-        contradiction: the stretch from the first to the last of these contradictions, with the worst.
-    """
-
+    # (n - 1,) whether the straight line between two neighbours is evidence: close enough in time, and possible
     joined: BoolArray
-    evidence: BoolArray
-    moves: tuple[ImpossibleMove, ...]
+    evidence: BoolArray  # (n,) whether a sample is evidence: possible motion reaches it from the others
+    moves: tuple[ImpossibleMove, ...]  # the impossible moves, in order of time
+    # (2,) measured horizontal and vertical position noise: medians of second differences over 0.2 s
     noise_m: tuple[float, float]
-    white_m: float
+    white_m: float  # see :func:`white_noise_m`
+    # part of the time over which the reported velocity contradicts the positions, where that is too much to leave it
+    # out: one of the two was not measured, and it is not known which
     contradicted_fraction: float = 0.0
+    # the stretch from the first to the last of these contradictions, with the worst
     contradiction: ImpossibleMove | None = None
 
 
@@ -199,7 +179,7 @@ def judge_motion(
             found.add(new)
     joined = joined & ~found.marked
     evidence, unreachable = _reachable(time_s, enu_m, joined, limits)
-    # A single sample with only impossible motion around it is no evidence.
+    # a single sample with only impossible motion around it is no evidence.
     alone = ~np.append(joined, False) & ~np.insert(joined, 0, False)
     evidence &= ~(alone & (np.append(found.marked, False) | np.insert(found.marked, 0, False)))
     # The flight needs at least one sample even where none of its motion is possible.
@@ -266,7 +246,7 @@ def _mark_speeds(
     allowance_m: tuple[float, float],
     window_s: float,
 ) -> None:
-    # A second difference contains up to four times the position error, a distance twice.
+    # a second difference contains up to four times the position error, a distance twice.
     level_m, vertical_m = (0.5 * each_m for each_m in allowance_m)
     ways: tuple[tuple[MoveKind, float], ...] = (
         ("speed", limits.speed_m_s), ("climb", limits.climb_m_s), ("climb", limits.descent_m_s)

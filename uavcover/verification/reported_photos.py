@@ -28,22 +28,14 @@ _SHOWN = 3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackPhotos:
-    """Positions of photos, and stretches without a report.
+    """Positions of photos, and stretches without a report."""
 
-    Attributes:
-        source: whether the vehicle reported them, or the track predicts them.
-        before: (k,) the sample at or before each photo.
-        share: (k,) fraction of the way from it to the next sample, 0..1.
-        expected: number of photos that the plan takes where the track is on its route.
-        missing: stretches without the photos that were expected.
-        perhaps_m: (n, 3) ENU each: paths on which photos may have been taken at places that are not known.
-    """
-
-    source: PhotoSource
-    before: IntArray
-    share: FloatArray
-    expected: int
-    missing: tuple[MissingPhotos, ...] = ()
+    source: PhotoSource  # whether the vehicle reported them, or the track predicts them
+    before: IntArray  # (k,) the sample at or before each photo
+    share: FloatArray  # (k,) fraction of the way from it to the next sample, 0..1
+    expected: int  # number of photos that the plan takes where the track is on its route
+    missing: tuple[MissingPhotos, ...] = ()  # stretches without the photos that were expected
+    # (n, 3) ENU each: paths on which photos may have been taken at places that are not known
     perhaps_m: tuple[FloatArray, ...] = ()
 
     @property

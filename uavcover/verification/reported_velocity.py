@@ -28,15 +28,10 @@ _BLOCK = 50_000
 
 @dataclass(frozen=True, slots=True)
 class PositionError:
-    """Error of positions as known from outside: a wandering one.
+    """Error of positions as known from outside: a wandering one."""
 
-    Attributes:
-        deviation_m: standard deviation on each axis over ground, and vertically.
-        time_s: its time constant.
-    """
-
-    deviation_m: tuple[float, float]
-    time_s: float
+    deviation_m: tuple[float, float]  # standard deviation on each axis over ground, and vertically
+    time_s: float  # its time constant
 
     def change_m(self, seconds: FloatArray, axis: int) -> FloatArray:
         """Standard deviation of its change over these times, on each axis over ground (0) or vertically (1)."""
@@ -45,19 +40,12 @@ class PositionError:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WindowFigures:
-    """Windows of samples first..last with one figure each, and its limit.
+    """Windows of samples first..last with one figure each, and its limit."""
 
-    Attributes:
-        first: (k,) number of the first sample.
-        last: (k,) of the last one.
-        values: (k,) a velocity or an acceleration.
-        limits: (k,) the largest possible value.
-    """
-
-    first: IntArray
-    last: IntArray
-    values: FloatArray
-    limits: FloatArray
+    first: IntArray  # (k,) number of the first sample
+    last: IntArray  # (k,) of the last one
+    values: FloatArray  # (k,) a velocity or an acceleration
+    limits: FloatArray  # (k,) the largest possible value
 
     @classmethod
     def larger(cls, first: IntArray, last: IntArray, parts: list[tuple[FloatArray, FloatArray]]) -> Self:
@@ -122,21 +110,14 @@ def contradictions(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Reported:
-    """Samples with a reported velocity.
+    """Samples with a reported velocity."""
 
-    Attributes:
-        time_s: (n,) times.
-        enu_m: (n, 3) positions.
-        velocity_m_s: (n, 3) velocities.
-        integral_m: (n, 3) their integral, by trapezia.
-        trapezia_m: two (n,): its largest error, over ground and vertically. A trapezium is off by at most half of the change of
-            velocity in its step, or by a dip between two samples.
-    """
-
-    time_s: FloatArray
-    enu_m: FloatArray
-    velocity_m_s: FloatArray
-    integral_m: FloatArray
+    time_s: FloatArray  # (n,) times
+    enu_m: FloatArray  # (n, 3) positions
+    velocity_m_s: FloatArray  # (n, 3) velocities
+    integral_m: FloatArray  # (n, 3) their integral, by trapezia
+    # two (n,): its largest error, over ground and vertically. A trapezium is off by at most half of the change of
+    # velocity in its step, or by a dip between two samples.
     trapezia_m: tuple[FloatArray, FloatArray]
 
     @classmethod

@@ -23,19 +23,12 @@ _OTHERS: Mapping[Requirement, str] = {
 
 @dataclass(frozen=True, slots=True)
 class RequirementRow:
-    """A row of the table.
+    """A row of the table."""
 
-    Attributes:
-        name: the requirement.
-        asked: its limit, for people.
-        found: what the flight did, for people.
-        holds: whether it holds; "not proved" where nothing breaks it, but not enough was observed.
-    """
-
-    name: str
-    asked: str
-    found: str
-    holds: Holds
+    name: str  # the requirement
+    asked: str  # its limit, for people
+    found: str  # what the flight did, for people
+    holds: Holds  # whether it holds; "not proved" where nothing breaks it, but not enough was observed
 
 
 def requirement_rows(scenario: Scenario, report: VerificationReport) -> list[RequirementRow]:

@@ -126,17 +126,12 @@ Unit = Literal["m", "m/s"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Phases:
-    """The phase of each sample; every sample belongs to exactly one.
+    """The phase of each sample; every sample belongs to exactly one."""
 
-    Attributes:
-        route: (n,) between the first and the last planned waypoint.
-        column: (n,) take-off and landing, where no clearance can be required.
-        junction: (n,) part of the transit directly above or below an end of the planned route; there the band of the route
-            applies where it is lower than the transit clearance.
-    """
-
-    route: BoolArray
-    column: BoolArray
+    route: BoolArray  # (n,) between the first and the last planned waypoint
+    column: BoolArray  # (n,) take-off and landing, where no clearance can be required
+    # (n,) part of the transit directly above or below an end of the planned route; there the band of the route applies
+    # where it is lower than the transit clearance
     junction: BoolArray
 
     @property
@@ -147,15 +142,10 @@ class Phases:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SampleValues:
-    """A value for each sample, and its position along the track.
+    """A value for each sample, and its position along the track."""
 
-    Attributes:
-        values: (n,) the values.
-        at: (n,) position along the track in samples: 7.25 is a quarter of the way from sample 7 to sample 8.
-    """
-
-    values: FloatArray
-    at: FloatArray
+    values: FloatArray  # (n,) the values
+    at: FloatArray  # (n,) position along the track in samples: 7.25 is a quarter of the way from sample 7 to sample 8
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -163,14 +153,10 @@ class Heights:
     """Lowest and highest height above ground on the legs before and after each sample.
 
     A leg between two phases counts for the less strict one: column, then transit, then route.
-
-    Attributes:
-        lowest: metres above ground; NaN where the ground there, or below such a leg, is unknown.
-        highest: as ``lowest``, but the greatest heights.
     """
 
-    lowest: SampleValues
-    highest: SampleValues
+    lowest: SampleValues  # metres above ground; NaN where the ground there, or below such a leg, is unknown
+    highest: SampleValues  # as ``lowest``, but the greatest heights
 
 
 def track_heights(site: Site, enu_m: FloatArray, joined: BoolArray, phases: Phases) -> Heights:
@@ -183,7 +169,7 @@ def track_heights(site: Site, enu_m: FloatArray, joined: BoolArray, phases: Phas
     of_leg = np.maximum(laxity[:-1], laxity[1:])
     for side in (slice(None, -1), slice(1, None)):
         counts = joined & (laxity[side] == of_leg)
-        # An unknown height on one leg makes the sample's height unknown; the other leg does not matter.
+        # an unknown height on one leg makes the sample's height unknown; the other leg does not matter.
         unknown = np.isnan(ranges[:, 0])
         lower = counts & (unknown | (ranges[:, 0] < lowest[side]))
         higher = counts & (unknown | (ranges[:, 2] > highest[side]))

@@ -14,21 +14,13 @@ from uavcover.verification.tuning import SAME_FLIGHT
 
 @dataclass(frozen=True, slots=True)
 class SameFlight:
-    """Agreement of two records of one flight.
+    """Agreement of two records of one flight."""
 
-    Attributes:
-        duration_s: how long they agree while moving.
-        shift_s: seconds to add to the times of the second record.
-        median_m: median distance between their positions.
-        aside_m: horizontal distance, less most of the time.
-        above_m: difference in height, less most of the time.
-    """
-
-    duration_s: float
-    shift_s: float
-    median_m: float
-    aside_m: float
-    above_m: float
+    duration_s: float  # how long they agree while moving
+    shift_s: float  # seconds to add to the times of the second record
+    median_m: float  # median distance between their positions
+    aside_m: float  # horizontal distance, less most of the time
+    above_m: float  # difference in height, less most of the time
 
     @property
     def disagrees(self) -> bool:
@@ -83,15 +75,10 @@ def same_flight(one: Track, one_m: FloatArray, other: Track, other_m: FloatArray
 
 @dataclass(frozen=True, slots=True)
 class CommonTime:
-    """Relation of the times of two tracks.
+    """Relation of the times of two tracks."""
 
-    Attributes:
-        overlaps: whether both were recorded at the same time for a while.
-        shift_s: seconds to add to the times of the second to get those of the first.
-    """
-
-    overlaps: bool
-    shift_s: float
+    overlaps: bool  # whether both were recorded at the same time for a while
+    shift_s: float  # seconds to add to the times of the second to get those of the first
 
 
 def common_time(one: Track, other: Track) -> CommonTime | None:
@@ -121,17 +108,11 @@ def _same_stamps(one_s: FloatArray, other_s: FloatArray) -> bool:
 
 @dataclass(frozen=True, slots=True)
 class Records:
-    """Two tracks that record one flight.
+    """Two tracks that record one flight."""
 
-    Attributes:
-        first: number of the first one, from 0.
-        second: of the other.
-        same: how they agree.
-    """
-
-    first: int
-    second: int
-    same: SameFlight
+    first: int  # number of the first one, from 0
+    second: int  # of the other
+    same: SameFlight  # how they agree
 
     def __str__(self) -> str:
         """Description for people."""

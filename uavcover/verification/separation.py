@@ -18,17 +18,11 @@ from uavcover.verification.tuning import SAFETY
 
 @dataclass(frozen=True, slots=True)
 class Separation:
-    """Distances between the vehicles according to their tracks.
+    """Distances between the vehicles according to their tracks."""
 
-    Attributes:
-        pairs: of tracks that overlap in time.
-        violations: stretches on which two vehicles were too near to each other.
-        findings: why the flight failed, or is not proved.
-    """
-
-    pairs: tuple[PairSeparation, ...]
-    violations: tuple[Violation, ...]
-    findings: tuple[Finding, ...]
+    pairs: tuple[PairSeparation, ...]  # of tracks that overlap in time
+    violations: tuple[Violation, ...]  # stretches on which two vehicles were too near to each other
+    findings: tuple[Finding, ...]  # why the flight failed, or is not proved
 
 
 NOT_ASKED = Separation((), (), ())

@@ -30,17 +30,11 @@ BEFORE_PLAN_S, AFTER_FILE_S = 600.0, 86_400.0
 
 @dataclass(frozen=True, slots=True)
 class DateBounds:
-    """Between what a track's date lies, seconds since 1970; none where it is not known.
+    """Between what a track's date lies, seconds since 1970; none where it is not known."""
 
-    Attributes:
-        planned_s: when its plan was made.
-        written_s: when its file was written.
-        firmware: that flew it.
-    """
-
-    planned_s: float | None = None
-    written_s: float | None = None
-    firmware: Firmware | None = None
+    planned_s: float | None = None  # when its plan was made
+    written_s: float | None = None  # when its file was written
+    firmware: Firmware | None = None  # that flew it
 
 
 UNKNOWN_DATES = DateBounds()
@@ -77,7 +71,7 @@ def clocks_apart(track: Track) -> str | None:
         return None
     at_s = np.append(np.arange(own_s[0], own_s[-1], CLOCK.clocks_compared_s), own_s[-1])
     drift_s = np.diff(np.interp(at_s, own_s, apart_s))
-    # A simulation that runs fast, or waits, drifts all the time.
+    # a simulation that runs fast, or waits, drifts all the time.
     if np.median(np.abs(drift_s)) > CLOCK.alike_s and np.abs(np.diff(apart_s)).max() <= CLOCK.clock_step_s:
         return None
     worst = int(np.argmax(np.abs(drift_s)))
@@ -116,15 +110,10 @@ def _day(unix_s: float) -> str:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedTimes:
-    """The samples of a track on the shared clock.
+    """The samples of a track on the shared clock."""
 
-    Attributes:
-        taken_utc_s: (n,) when each sample was taken, not decreasing.
-        pace: seconds of the shared clock in a second of vehicle time; below 1 for a simulation that runs fast.
-    """
-
-    taken_utc_s: FloatArray
-    pace: float
+    taken_utc_s: FloatArray  # (n,) when each sample was taken, not decreasing
+    pace: float  # seconds of the shared clock in a second of vehicle time; below 1 for a simulation that runs fast
 
 
 def shared_times(track: Track) -> SharedTimes | None:

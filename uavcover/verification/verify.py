@@ -50,19 +50,13 @@ __all__ = ["FlownTrack", "Verdict", "flown_coverage", "track_positions_m", "veri
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlownTrack:
-    """A track and the plan it followed.
+    """A track and the plan it followed."""
 
-    Attributes:
-        track: the flown track.
-        planned: its plan, if any.
-        site: of its vehicle, where the vehicles differ: the same ground, another home; none: that of all.
-        dates: between what its date lies.
-    """
-
-    track: Track
-    planned: PlannedRoute | None = None
+    track: Track  # the flown track
+    planned: PlannedRoute | None = None  # its plan, if any
+    # of its vehicle, where the vehicles differ: the same ground, another home; none: that of all
     site: Site | None = None
-    dates: DateBounds = UNKNOWN_DATES
+    dates: DateBounds = UNKNOWN_DATES  # between what its date lies
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,18 +12,12 @@ from uavcover.verification.tuning import SAFETY
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Passing:
-    """Record of a track following its plan.
+    """Record of a track following its plan."""
 
-    Attributes:
-        samples: (m,) number of the sample at which each planned waypoint was passed, in the order of the plan; -1 where it
-            was not.
-        nearest_m: (m,) shortest distance over ground from the track to each waypoint, at any time.
-        radius_m: distance within which a waypoint counts as passed.
-    """
-
+    # (m,) number of the sample at which each planned waypoint was passed, in the order of the plan; -1 where it was not
     samples: IntArray
-    nearest_m: FloatArray
-    radius_m: float
+    nearest_m: FloatArray  # (m,) shortest distance over ground from the track to each waypoint, at any time
+    radius_m: float  # distance within which a waypoint counts as passed
 
     @property
     def passed(self) -> BoolArray:

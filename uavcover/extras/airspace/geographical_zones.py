@@ -28,19 +28,12 @@ _EVERY_DAY = "ANY"
 
 @dataclass(frozen=True, slots=True)
 class Applicability:
-    """Times in which a zone is in force, by the keys of a scenario.
+    """Times in which a zone is in force, by the keys of a scenario."""
 
-    Attributes:
-        from_utc: its begin, none where it is open.
-        until_utc: its end, none where it is open.
-        active: its periods; empty: all the time between these two.
-        whole_days: whether a schedule could not be read, and counts all day.
-    """
-
-    from_utc: str | None = None
-    until_utc: str | None = None
-    active: tuple[str, ...] = ()
-    whole_days: bool = False
+    from_utc: str | None = None  # its begin, none where it is open
+    until_utc: str | None = None  # its end, none where it is open
+    active: tuple[str, ...] = ()  # its periods; empty: all the time between these two
+    whole_days: bool = False  # whether a schedule could not be read, and counts all day
 
 
 def read_applicability(about: Node, key: str) -> Applicability:

@@ -30,19 +30,12 @@ KEPT = 60
 
 @dataclass(frozen=True, slots=True)
 class Job:
-    """One command.
+    """One command."""
 
-    Attributes:
-        folder: where its files are.
-        kind: which command it is.
-        arguments: its command line, without ``uavcover``.
-        run: the run folder that it works on, relative to the page's folder; empty without one.
-    """
-
-    folder: Path
-    kind: str
-    arguments: tuple[str, ...]
-    run: str
+    folder: Path  # where its files are
+    kind: str  # which command it is
+    arguments: tuple[str, ...]  # its command line, without ``uavcover``
+    run: str  # the run folder that it works on, relative to the page's folder; empty without one
 
     @property
     def id(self) -> str:

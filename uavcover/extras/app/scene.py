@@ -49,17 +49,11 @@ _PROFILE_EVERY_M = 5.0
 
 @dataclass(slots=True, eq=False)
 class Scene:
-    """A scenario, or a run folder, that was read.
+    """A scenario, or a run folder, that was read."""
 
-    Attributes:
-        site: the scenario on its ground.
-        path: the scenario file, or the run folder.
-        content: of a run folder with a plan; none for a scenario.
-    """
-
-    site: Site
-    path: Path
-    content: ReportContent | None = None
+    site: Site  # the scenario on its ground
+    path: Path  # the scenario file, or the run folder
+    content: ReportContent | None = None  # of a run folder with a plan; none for a scenario
     _lock: threading.Lock = field(default_factory=threading.Lock)
     _coverage: CoverageMap | None = None
 
@@ -174,7 +168,7 @@ def _read(path: Path) -> Scene:
     except UavcoverError:
         if not run.file("track.csv").is_file():
             raise
-        # A flight that has just begun, or whose track cannot be judged, still has its plan.
+        # a flight that has just begun, or whose track cannot be judged, still has its plan.
         content = read_run(run, logs=(), judged=False)
     return Scene(content.site, path, content)
 

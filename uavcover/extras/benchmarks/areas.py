@@ -79,17 +79,11 @@ waypoint_price = 0.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PublishedArea:
-    """An area of the dataset.
+    """An area of the dataset."""
 
-    Attributes:
-        name: of its folder.
-        outline: what is to be seen, without the holes.
-        route_m: (n, 2) corners of the published route, closed.
-    """
-
-    name: str
-    outline: shapely.Polygon
-    route_m: FloatArray
+    name: str  # of its folder
+    outline: shapely.Polygon  # what is to be seen, without the holes
+    route_m: FloatArray  # (n, 2) corners of the published route, closed
 
     def seen(self, route_m: FloatArray) -> float:
         """Share 0..1 of the area within reach of a route."""

@@ -70,21 +70,13 @@ objective = "mission-time"
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Instance:
-    """Discs of one radius.
+    """Discs of one radius."""
 
-    Attributes:
-        name: of the instance.
-        home: (2,) where the tour begins and ends.
-        centres: (n, 2) of the discs.
-        radius: of all discs.
-        best_known: length of the best known tour.
-    """
-
-    name: str
-    home: FloatArray
-    centres: FloatArray
-    radius: float
-    best_known: float
+    name: str  # of the instance
+    home: FloatArray  # (2,) where the tour begins and ends
+    centres: FloatArray  # (n, 2) of the discs
+    radius: float  # of all discs
+    best_known: float  # length of the best known tour
 
     def unseen(self, places: FloatArray) -> int:
         """Discs that none of (m, 2) places lies in."""

@@ -46,19 +46,12 @@ def holm(p_values: ArrayLike) -> FloatArray:
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Comparison of a contender with a rival.
+    """Comparison of a contender with a rival."""
 
-    Attributes:
-        rival: its name.
-        p: of the rank-sum test.
-        p_holm: the same, adjusted for all rivals compared with at once.
-        outcome: of the contender; a tie if ``p_holm`` is not below `SIGNIFICANCE`.
-    """
-
-    rival: str
-    p: float
-    p_holm: float
-    outcome: Outcome
+    rival: str  # its name
+    p: float  # of the rank-sum test
+    p_holm: float  # the same, adjusted for all rivals compared with at once
+    outcome: Outcome  # of the contender; a tie if ``p_holm`` is not below `SIGNIFICANCE`
 
 
 def compared(
@@ -85,17 +78,11 @@ def compared(
 
 @dataclass(frozen=True, slots=True)
 class FriedmanRanks:
-    """Mean ranks of contenders over several problems.
+    """Mean ranks of contenders over several problems."""
 
-    Attributes:
-        ranks: ``(k,)`` mean rank of each, 1 is best.
-        statistic: Friedman's chi-square; NaN for fewer than 3 contenders.
-        p: that all contenders are equal; NaN for fewer than 3 contenders.
-    """
-
-    ranks: FloatArray
-    statistic: float
-    p: float
+    ranks: FloatArray  # ``(k,)`` mean rank of each, 1 is best
+    statistic: float  # Friedman's chi-square; NaN for fewer than 3 contenders
+    p: float  # that all contenders are equal; NaN for fewer than 3 contenders
 
 
 def friedman(values: ArrayLike, *, better: Literal["less", "more"]) -> FriedmanRanks:

@@ -37,24 +37,16 @@ _TILES = (16, 4, 1, 0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PricedGround:
-    """Prices that no path gains faster than it flies.
+    """Prices that no path gains faster than it flies."""
 
-    Attributes:
-        prices_m: (cells,) of what can be covered, metres, at least 0.
-        dearest_m: (cells,) the price if all of a cell cost as much as its most expensive point.
-        weight_m2: (cells,) ground in each of them.
-        first_look_m: what is seen at any one place is worth at most this.
-        rates: (rows, columns) what a metre gained at most in each square of the lattice before the prices were divided; near 1
-            where ground is seen as fast as anywhere, near 0 where length is wasted.
-        side_m: of the squares.
-    """
-
-    prices_m: FloatArray
-    dearest_m: FloatArray
-    weight_m2: FloatArray
-    first_look_m: float
+    prices_m: FloatArray  # (cells,) of what can be covered, metres, at least 0
+    dearest_m: FloatArray  # (cells,) the price if all of a cell cost as much as its most expensive point
+    weight_m2: FloatArray  # (cells,) ground in each of them
+    first_look_m: float  # what is seen at any one place is worth at most this
+    # (rows, columns) what a metre gained at most in each square of the lattice before the prices were divided; near 1
+    # where ground is seen as fast as anywhere, near 0 where length is wasted
     rates: FloatArray
-    side_m: float
+    side_m: float  # of the squares
 
     def least_length_m(self, share: float) -> float:
         """Lower bound in metres on paths that cover a share of the ground: the view is worth its length and one look.
@@ -194,7 +186,7 @@ def _over_windows(values: FloatArray, squares: int, *, least: bool) -> FloatArra
 def _first_look_m(relief: Relief, program: PriceProgram, by: FloatArray) -> float:
     """Bound on the worth of any position's view, with the prices of cells times ``by``. Closer where it may be largest."""
     mean = _corners(program.at_nodes()).mean(axis=0) * program.by_squares(by)
-    # A look that is as good as the program's may well be there, so smaller ones need no closer look.
+    # a look that is as good as the program's may well be there, so smaller ones need no closer look.
     enough = program.first_look_m
     coarser, before = np.full((1, 1), math.inf), max(relief.allowed.shape)
     for tile in _TILES:

@@ -18,37 +18,21 @@ BANK_DEG: Final[Mapping[AutopilotName, float]] = MappingProxyType({"ardupilot": 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Aircraft:
-    """An aircraft and its autopilot's settings.
+    """An aircraft and its autopilot's settings."""
 
-    Attributes:
-        autopilot: whose meaning the commands have.
-        kind: how it moves.
-        cruise_speed_m_s: over ground for a multirotor, through the air for the others.
-        max_climb_m_s: largest upward speed.
-        max_descent_m_s: largest downward speed.
-        max_airspeed_m_s: largest speed through the air; none: wind does not slow a multirotor.
-        return_height_m: height above home of the autopilot's own return.
-        loiter_radius_m: radius of a circle whose item states none.
-        turn_radius_m: smallest radius of a turn at cruise speed; 0 for a multirotor.
-        acceptance_m: how far before a waypoint the next leg is taken, where its item does not say.
-        endurance_s: time in the air; none: unknown.
-        reserve_fraction: share of it that a flight leaves.
-        speeds_from: where the speeds are from, for people.
-    """
-
-    autopilot: AutopilotName = "ardupilot"
-    kind: Kind = "multirotor"
-    cruise_speed_m_s: float = 10.0
-    max_climb_m_s: float = 2.5
-    max_descent_m_s: float = 1.5
-    max_airspeed_m_s: float | None = None
-    return_height_m: float = 15.0
-    loiter_radius_m: float = 10.0
-    turn_radius_m: float = 0.0
-    acceptance_m: float = 0.0
-    endurance_s: float | None = None
-    reserve_fraction: float = 0.2
-    speeds_from: str = "the autopilot's defaults"
+    autopilot: AutopilotName = "ardupilot"  # whose meaning the commands have
+    kind: Kind = "multirotor"  # how it moves
+    cruise_speed_m_s: float = 10.0  # over ground for a multirotor, through the air for the others
+    max_climb_m_s: float = 2.5  # largest upward speed
+    max_descent_m_s: float = 1.5  # largest downward speed
+    max_airspeed_m_s: float | None = None  # largest speed through the air; none: wind does not slow a multirotor
+    return_height_m: float = 15.0  # height above home of the autopilot's own return
+    loiter_radius_m: float = 10.0  # radius of a circle whose item states none
+    turn_radius_m: float = 0.0  # smallest radius of a turn at cruise speed; 0 for a multirotor
+    acceptance_m: float = 0.0  # how far before a waypoint the next leg is taken, where its item does not say
+    endurance_s: float | None = None  # time in the air; none: unknown
+    reserve_fraction: float = 0.2  # share of it that a flight leaves
+    speeds_from: str = "the autopilot's defaults"  # where the speeds are from, for people
 
     @property
     def speeds_in_words(self) -> str:

@@ -56,46 +56,28 @@ ZoneReader = Callable[[Bounds], Sequence[NoFly]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckRequest:
-    """Subject and limits of a check.
+    """Subject and limits of a check."""
 
-    Attributes:
-        mission: as its file has it.
-        aircraft: who flies it.
-        limits: what it has to keep.
-        fence: the fence, none for none.
-        home: latitude and longitude of the take-off position; none: the mission's.
-        pilot: latitude and longitude of the pilot; none: at home.
-        obstacles: in longitude and latitude.
-        own_return: what is known of the autopilot's own returns.
-    """
-
-    mission: Mission
-    aircraft: Aircraft
-    limits: Limits
-    fence: FenceSource | None = None
-    home: tuple[float, float] | None = None
-    pilot: tuple[float, float] | None = None
-    obstacles: tuple[Obstacle, ...] = ()
+    mission: Mission  # as its file has it
+    aircraft: Aircraft  # who flies it
+    limits: Limits  # what it has to keep
+    fence: FenceSource | None = None  # the fence, none for none
+    home: tuple[float, float] | None = None  # latitude and longitude of the take-off position; none: the mission's
+    pilot: tuple[float, float] | None = None  # latitude and longitude of the pilot; none: at home
+    obstacles: tuple[Obstacle, ...] = ()  # in longitude and latitude
+    # what is known of the autopilot's own returns
     own_return: OwnReturn = field(default_factory=lambda: OwnReturn(parameters={}))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Checked:
-    """The outcome.
+    """The outcome."""
 
-    Attributes:
-        findings: everything found; what breaks first.
-        path: as it would be flown; none where home is unknown.
-        world: its surroundings; none where home is unknown.
-        time_s: of the whole flight; infinite where the wind stops it.
-        around: fence, zones and obstacles; none where home is unknown.
-    """
-
-    findings: tuple[CheckFinding, ...]
-    path: FlownPath | None
-    world: World | None
-    time_s: float
-    around: Surroundings | None = None
+    findings: tuple[CheckFinding, ...]  # everything found; what breaks first
+    path: FlownPath | None  # as it would be flown; none where home is unknown
+    world: World | None  # its surroundings; none where home is unknown
+    time_s: float  # of the whole flight; infinite where the wind stops it
+    around: Surroundings | None = None  # fence, zones and obstacles; none where home is unknown
 
     @property
     def judgement(self) -> Judgement:
@@ -202,7 +184,7 @@ def _world(
     """The ground wherever the mission may come, and the obstacles on it."""
     frame = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m)
     lat_lon = [(home.lat_deg, home.lon_deg), *([] if request.pilot is None else [request.pilot])]
-    # A rally point may lie in the ground data, or on another continent: then its finding says that the ground is unknown.
+    # a rally point may lie in the ground data, or on another continent: then its finding says that the ground is unknown.
     lat_lon += [
         (point.lat_deg, point.lon_deg)
         for point in request.own_return.rally

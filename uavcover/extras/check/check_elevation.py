@@ -34,20 +34,13 @@ _AS_OPTIONS = (
 
 @dataclass(frozen=True, slots=True)
 class CheckElevation:
-    """Sources of heights.
+    """Sources of heights."""
 
-    Attributes:
-        ground: the ground's files.
-        datum: of their heights.
-        over: files of a surface model; none without one.
-        over_datum: of its heights.
-        suspects: places of the ground's files that do not look like ground: their heights count as unknown.
-    """
-
-    ground: TerrainSource
-    datum: str
-    over: TerrainSource | None = None
-    over_datum: str = ""
+    ground: TerrainSource  # the ground's files
+    datum: str  # of their heights
+    over: TerrainSource | None = None  # files of a surface model; none without one
+    over_datum: str = ""  # of its heights
+    # places of the ground's files that do not look like ground: their heights count as unknown
     suspects: tuple[SuspectPlace, ...] = ()
 
     def heights_amsl_m(self, lat_deg: FloatArray, lon_deg: FloatArray) -> FloatArray:

@@ -13,31 +13,19 @@ Weight = Literal["breaks", "unknown", "look"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckFinding:
-    """One thing found.
+    """One thing found."""
 
-    Attributes:
-        kind: what kind of thing, one of the words in docs/reference/checked_missions.md.
-        weight: how much it weighs.
-        what: what is wrong, for people.
-        do: what to do about it.
-        items: numbers of the first and the last item concerned, home being 0; none: the whole mission.
-        lat_deg: where it is worst; none without a place.
-        lon_deg: where it is worst; none without a position.
-        alt_amsl_m: where it is worst; none without a position.
-        by: by how much, in the unit of ``unit``; 0 where there is no measure.
-        unit: "m", "s", or empty.
-    """
-
-    kind: str
-    weight: Weight
-    what: str
-    do: str
+    kind: str  # what kind of thing, one of the words in docs/reference/checked_missions.md
+    weight: Weight  # how much it weighs
+    what: str  # what is wrong, for people
+    do: str  # what to do about it
+    # numbers of the first and the last item concerned, home being 0; none: the whole mission
     items: tuple[int, int] | None = None
-    lat_deg: float | None = None
-    lon_deg: float | None = None
-    alt_amsl_m: float | None = None
-    by: float = 0.0
-    unit: str = ""
+    lat_deg: float | None = None  # where it is worst; none without a place
+    lon_deg: float | None = None  # where it is worst; none without a position
+    alt_amsl_m: float | None = None  # where it is worst; none without a position
+    by: float = 0.0  # by how much, in the unit of ``unit``; 0 where there is no measure
+    unit: str = ""  # "m", "s", or empty
 
     @property
     def decides(self) -> Finding:

@@ -203,15 +203,10 @@ _JUMP_TAG, _DO_JUMP_TAG = 600, 601
 
 @dataclass(frozen=True, slots=True)
 class ItemOrder:
-    """Items in flying order.
+    """Items in flying order."""
 
-    Attributes:
-        numbers: of the items, the first being 1, as often as each is flown.
-        findings: jumps that lead nowhere or have no end.
-    """
-
-    numbers: tuple[int, ...]
-    findings: tuple[CheckFinding, ...]
+    numbers: tuple[int, ...]  # of the items, the first being 1, as often as each is flown
+    findings: tuple[CheckFinding, ...]  # jumps that lead nowhere or have no end
 
 
 def order_of(items: Sequence[MissionItem]) -> ItemOrder:

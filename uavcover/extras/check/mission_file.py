@@ -53,72 +53,40 @@ _FENCE_FILES = (".plan", ".waypoints", ".txt", ".fen")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CheckQuery:
-    """Request of the user.
+    """Request of the user."""
 
-    Attributes:
-        file: the mission.
-        elevation: the elevation data of the ground.
-        surface: files of a surface model, with trees and roofs, that flights keep clear of too.
-        fence: file of a fence, or of an area to stay inside; none: the mission file's own.
-        rally: file of rally points; none: the mission file's own.
-        parameters: file of the vehicle's parameters; none: the autopilot's defaults.
-        no_fly: files of no-fly zones.
-        flight_window_utc: when it is flown; none: at any time.
-        vehicle: a vehicle by name; none: the autopilot's defaults.
-        autopilot: "ardupilot" or "px4"; none: the file's, or ArduPilot.
-        kind: how the aircraft moves; none: the file's, or what its commands suggest.
-        home: take-off position; none: the file's.
-        pilot: where the pilot stands; none: at home.
-        return_height_m: the autopilot's return altitude above home; none: its default.
-        speed_m_s: none: the vehicle's.
-        bank_deg: of wings in turns; none: the autopilot's default.
-        endurance_s: none: the vehicle's.
-        reserve_fraction: of the endurance.
-        limits: of heights, distance and wind.
-        view: the required coverage; none: not checked.
-        obstacles: file of obstacles with heights.
-        most_items: that the vehicle or its controller takes; none: not judged.
-        trust_dem: whether heights are taken as they are where they do not look like ground.
-    """
-
-    file: Path
-    elevation: ElevationData
-    surface: tuple[str, ...] = ()
-    fence: Path | None = None
-    rally: Path | None = None
-    parameters: Path | None = None
-    no_fly: tuple[str, ...] = ()
-    flight_window_utc: tuple[str, str] | None = None
-    vehicle: str | None = None
-    autopilot: str | None = None
-    kind: str | None = None
-    home: tuple[float, float] | None = None
-    pilot: tuple[float, float] | None = None
-    return_height_m: float | None = None
-    speed_m_s: float | None = None
-    bank_deg: float | None = None
-    endurance_s: float | None = None
-    reserve_fraction: float = 0.2
-    limits: Limits = field(default_factory=Limits)
-    view: ViewQuery | None = None
-    obstacles: Path | None = None
-    most_items: int | None = None
-    trust_dem: bool = False
+    file: Path  # the mission
+    elevation: ElevationData  # the elevation data of the ground
+    surface: tuple[str, ...] = ()  # files of a surface model, with trees and roofs, that flights keep clear of too
+    fence: Path | None = None  # file of a fence, or of an area to stay inside; none: the mission file's own
+    rally: Path | None = None  # file of rally points; none: the mission file's own
+    parameters: Path | None = None  # file of the vehicle's parameters; none: the autopilot's defaults
+    no_fly: tuple[str, ...] = ()  # files of no-fly zones
+    flight_window_utc: tuple[str, str] | None = None  # when it is flown; none: at any time
+    vehicle: str | None = None  # a vehicle by name; none: the autopilot's defaults
+    autopilot: str | None = None  # "ardupilot" or "px4"; none: the file's, or ArduPilot
+    kind: str | None = None  # how the aircraft moves; none: the file's, or what its commands suggest
+    home: tuple[float, float] | None = None  # take-off position; none: the file's
+    pilot: tuple[float, float] | None = None  # where the pilot stands; none: at home
+    return_height_m: float | None = None  # the autopilot's return altitude above home; none: its default
+    speed_m_s: float | None = None  # none: the vehicle's
+    bank_deg: float | None = None  # of wings in turns; none: the autopilot's default
+    endurance_s: float | None = None  # none: the vehicle's
+    reserve_fraction: float = 0.2  # of the endurance
+    limits: Limits = field(default_factory=Limits)  # of heights, distance and wind
+    view: ViewQuery | None = None  # the required coverage; none: not checked
+    obstacles: Path | None = None  # file of obstacles with heights
+    most_items: int | None = None  # that the vehicle or its controller takes; none: not judged
+    trust_dem: bool = False  # whether heights are taken as they are where they do not look like ground
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CheckOutcome:
-    """Result of a check.
+    """Result of a check."""
 
-    Attributes:
-        checked: the findings, also of what would be seen, and the path.
-        aircraft: whose speeds and returns were counted on.
-        view: the expected coverage; none where it is not checked, or nothing is flown.
-    """
-
-    checked: Checked
-    aircraft: Aircraft
-    view: MissionView | None = None
+    checked: Checked  # the findings, also of what would be seen, and the path
+    aircraft: Aircraft  # whose speeds and returns were counted on
+    view: MissionView | None = None  # the expected coverage; none where it is not checked, or nothing is flown
 
     @property
     def verdict(self) -> VerdictName:
@@ -128,31 +96,19 @@ class CheckOutcome:
 
 @dataclass(frozen=True, slots=True)
 class ReadMission:
-    """A mission file as it is judged.
+    """A mission file as it is judged."""
 
-    Attributes:
-        mission: its mission.
-        fence: its fence, none where it has none.
-        autopilot: whom it was made for; none: it does not say.
-        kind: of aircraft; none: it does not say.
-        repairs: what was repaired to read it.
-        return_height_m: above home, where the file states it.
-        speed_m_s: cruise speed, where the file states it.
-        points: of a route, the item that each of its points became.
-        home: latitude and longitude of a home without a height, which is none to ``mission``.
-        rally: its rally points.
-    """
-
-    mission: Mission
-    fence: Fence | None = None
-    autopilot: AutopilotName | None = None
-    kind: Kind | None = None
-    repairs: tuple[str, ...] = ()
-    return_height_m: float | None = None
-    speed_m_s: float | None = None
-    points: tuple[int, ...] = ()
+    mission: Mission  # its mission
+    fence: Fence | None = None  # its fence, none where it has none
+    autopilot: AutopilotName | None = None  # whom it was made for; none: it does not say
+    kind: Kind | None = None  # of aircraft; none: it does not say
+    repairs: tuple[str, ...] = ()  # what was repaired to read it
+    return_height_m: float | None = None  # above home, where the file states it
+    speed_m_s: float | None = None  # cruise speed, where the file states it
+    points: tuple[int, ...] = ()  # of a route, the item that each of its points became
+    # latitude and longitude of a home without a height, which is none to ``mission``
     home: tuple[float, float] | None = None
-    rally: tuple[FramedPoint, ...] = ()
+    rally: tuple[FramedPoint, ...] = ()  # its rally points
 
 
 def check(query: CheckQuery, user: User) -> CheckOutcome:

@@ -24,17 +24,11 @@ OTHER_DATA = "give other data, or mark its missing heights (gdal_edit.py -a_noda
 
 @dataclass(frozen=True, slots=True)
 class MissionPlaces:
-    """Positions of a mission.
+    """Positions of a mission."""
 
-    Attributes:
-        home: on the ground; none where that is not known, and nothing can be judged.
-        skipped: numbers of items whose place cannot be meant.
-        findings: what is wrong with places.
-    """
-
-    home: GeoPoint | None
-    skipped: frozenset[int]
-    findings: tuple[CheckFinding, ...]
+    home: GeoPoint | None  # on the ground; none where that is not known, and nothing can be judged
+    skipped: frozenset[int]  # numbers of items whose place cannot be meant
+    findings: tuple[CheckFinding, ...]  # what is wrong with places
 
 
 def believed(_lat_deg: float, _lon_deg: float) -> str:

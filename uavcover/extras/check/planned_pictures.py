@@ -32,25 +32,15 @@ class _Also(IntEnum):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlannedPictures:
-    """The n photos of a mission, in the order they are taken.
+    """The n photos of a mission, in the order they are taken."""
 
-    Attributes:
-        places_m: (n, 3) ENU of the camera.
-        yaw_deg: (n,) direction of the photo's top when it looks straight down, clockwise from north.
-        pitch_deg: (n,) of the camera above the horizon: -90 looks straight down.
-        items: (n,) number of the item on the way to which it is taken.
-        least_gap_s: shortest time between two photos of a series; infinite where there is no series.
-        least_gap_item: where that is.
-        notes: what was not understood or does not count, for people.
-    """
-
-    places_m: FloatArray
-    yaw_deg: FloatArray
-    pitch_deg: FloatArray
-    items: IntArray
-    least_gap_s: float
-    least_gap_item: int
-    notes: tuple[str, ...]
+    places_m: FloatArray  # (n, 3) ENU of the camera
+    yaw_deg: FloatArray  # (n,) direction of the photo's top when it looks straight down, clockwise from north
+    pitch_deg: FloatArray  # (n,) of the camera above the horizon: -90 looks straight down
+    items: IntArray  # (n,) number of the item on the way to which it is taken
+    least_gap_s: float  # shortest time between two photos of a series; infinite where there is no series
+    least_gap_item: int  # where that is
+    notes: tuple[str, ...]  # what was not understood or does not count, for people
 
 
 @dataclass(frozen=True, slots=True)

@@ -50,44 +50,26 @@ GroundReader = Callable[[LocalFrame, Bounds], tuple[Ground, Ground | None]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ViewQuery:
-    """Required coverage.
+    """Required coverage."""
 
-    Attributes:
-        area: the ground.
-        camera: name or file.
-        gsd_m: largest ground sample distance that counts as seen; none: any.
-        overlap: forward and side, as "75/70"; none: not judged.
-        coverage: share of the area that has to be seen; none: not judged.
-        pitch_deg: of the camera where the mission does not say it.
-        always: photos that are taken beside those of the mission's items.
-    """
-
-    area: AreaQuery
-    camera: str
-    gsd_m: float | None = None
-    overlap: str | None = None
-    coverage: float | None = None
-    pitch_deg: float = -90.0
-    always: Series | None = None
+    area: AreaQuery  # the ground
+    camera: str  # name or file
+    gsd_m: float | None = None  # largest ground sample distance that counts as seen; none: any
+    overlap: str | None = None  # forward and side, as "75/70"; none: not judged
+    coverage: float | None = None  # share of the area that has to be seen; none: not judged
+    pitch_deg: float = -90.0  # of the camera where the mission does not say it
+    always: Series | None = None  # photos that are taken beside those of the mission's items
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MissionView:
-    """Expected coverage.
+    """Expected coverage."""
 
-    Attributes:
-        document: figures for programs.
-        lines: the same for people.
-        findings: what lacks.
-        unseen_m: (east, north) metres of what no photo shows.
-        pictures: where they are taken.
-    """
-
-    document: dict[str, Any]
-    lines: tuple[str, ...]
-    findings: tuple[CheckFinding, ...]
-    unseen_m: shapely.MultiPolygon
-    pictures: PlannedPictures
+    document: dict[str, Any]  # figures for programs
+    lines: tuple[str, ...]  # the same for people
+    findings: tuple[CheckFinding, ...]  # what lacks
+    unseen_m: shapely.MultiPolygon  # (east, north) metres of what no photo shows
+    pictures: PlannedPictures  # where they are taken
 
 
 def planned_view(

@@ -31,17 +31,11 @@ Fly = Callable[[Mission], FlownPath]
 
 @dataclass(frozen=True, slots=True)
 class Repaired:
-    """A repaired mission.
+    """A repaired mission."""
 
-    Attributes:
-        mission: with what was changed.
-        raised: numbers of items that were raised, in the mission as it is now.
-        inserted: numbers of waypoints that were put in.
-    """
-
-    mission: Mission
-    raised: tuple[int, ...]
-    inserted: tuple[int, ...]
+    mission: Mission  # with what was changed
+    raised: tuple[int, ...]  # numbers of items that were raised, in the mission as it is now
+    inserted: tuple[int, ...]  # numbers of waypoints that were put in
 
 
 @dataclass(frozen=True, slots=True)

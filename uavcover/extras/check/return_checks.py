@@ -33,15 +33,10 @@ _HEIGHT_NAMES = {("ardupilot", False): "RTL_ALT", ("ardupilot", True): "RTL_ALTI
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class OwnReturn:
-    """Known facts about the autopilot's own returns.
+    """Known facts about the autopilot's own returns."""
 
-    Attributes:
-        parameters: of the vehicle, by the autopilot's names; what is missing has its default.
-        rally: the rally points.
-    """
-
-    parameters: Mapping[str, float]
-    rally: Sequence[FramedPoint] = ()
+    parameters: Mapping[str, float]  # of the vehicle, by the autopilot's names; what is missing has its default
+    rally: Sequence[FramedPoint] = ()  # the rally points
 
 
 def return_findings(
@@ -274,15 +269,10 @@ def places_along(segment: Segment) -> FloatArray:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Lines:
-    """Many lines in one array, so that each question about them is asked once.
+    """Many lines in one array, so that each question about them is asked once."""
 
-    Attributes:
-        points_m: (m, 3) ENU; a row of NaN ends each line.
-        owner: (m,) number of the line that a row belongs to.
-    """
-
-    points_m: FloatArray
-    owner: IntArray
+    points_m: FloatArray  # (m, 3) ENU; a row of NaN ends each line
+    owner: IntArray  # (m,) number of the line that a row belongs to
 
     def __add__(self, other: "Lines") -> "Lines":
         """Lines of both, those of the same number beside each other."""

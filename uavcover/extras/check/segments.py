@@ -13,53 +13,32 @@ Phase = Literal["take-off", "route", "return", "landing"]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Segment:
-    """A piece of the path.
+    """A piece of the path."""
 
-    Attributes:
-        items: the item that it begins at, home being 0, and the item that makes it.
-        phase: take-off and landing are near the ground on purpose.
-        enu_m: (n, 3) its places.
-        speed_m_s: wanted horizontal speed.
-        wait_s: time spent at its end.
-        is_straight: whether it is one straight leg.
-        doubt: why the path there is not known from the mission; empty where it is.
-    """
-
-    items: tuple[int, int]
-    phase: Phase
-    enu_m: FloatArray
-    speed_m_s: float
-    wait_s: float = 0.0
-    is_straight: bool = True
-    doubt: str = ""
+    items: tuple[int, int]  # the item that it begins at, home being 0, and the item that makes it
+    phase: Phase  # take-off and landing are near the ground on purpose
+    enu_m: FloatArray  # (n, 3) its places
+    speed_m_s: float  # wanted horizontal speed
+    wait_s: float = 0.0  # time spent at its end
+    is_straight: bool = True  # whether it is one straight leg
+    doubt: str = ""  # why the path there is not known from the mission; empty where it is
 
 
 @dataclass(frozen=True, slots=True)
 class Deed:
-    """An item that flies nowhere, such as a camera's: it is carried out where the segments before it end.
+    """An item that flies nowhere, such as a camera's: it is carried out where the segments before it end."""
 
-    Attributes:
-        item: its number.
-        after: how many segments are flown before.
-    """
-
-    item: int
-    after: int
+    item: int  # its number
+    after: int  # how many segments are flown before
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FlownPath:
-    """The whole path.
+    """The whole path."""
 
-    Attributes:
-        segments: in flying order, repetitions included.
-        findings: what the items themselves show.
-        deeds: items that fly nowhere, in the order of their turn.
-    """
-
-    segments: tuple[Segment, ...]
-    findings: tuple[CheckFinding, ...]
-    deeds: tuple[Deed, ...] = ()
+    segments: tuple[Segment, ...]  # in flying order, repetitions included
+    findings: tuple[CheckFinding, ...]  # what the items themselves show
+    deeds: tuple[Deed, ...] = ()  # items that fly nowhere, in the order of their turn
 
     @property
     def distinct(self) -> tuple[Segment, ...]:

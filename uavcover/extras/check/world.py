@@ -12,16 +12,12 @@ from uavcover.terrain.ground import Ground
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """The local frame of a mission, whose origin is home on the ground.
+    """The local frame of a mission, whose origin is home on the ground."""
 
-    Attributes:
-        frame: origin at home.
-        ground: the height surface in that frame, with obstacles: heights above the terrain, home and zones count from it.
-        surface: a surface model, with trees and roofs, that the path must keep clear of too; none without one.
-    """
-
-    frame: LocalFrame
+    frame: LocalFrame  # origin at home
+    # the height surface in that frame, with obstacles: heights above the terrain, home and zones count from it
     ground: Ground
+    # a surface model, with trees and roofs, that the path must keep clear of too; none without one
     surface: Ground | None = None
 
     @property

@@ -51,27 +51,17 @@ ELLIPSOID_HEIGHTS: Final = "ellipsoid"
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ExportRequest:
-    """Request of an export.
+    """Request of an export."""
 
-    Attributes:
-        file_format: one of `mission_formats`.
-        out: the file to write; several files have numbers before the suffix.
-        sortie: which flight of a plan that is flown as several; none: all, one file each.
-        autopilot: for whom; default: the scenario's.
-        most_points: how many points a file may have; none: as many as the format's controller takes.
-        aircraft: for ``wpml``, and for ``print``: what flies it.
-        heights: for ``wpml``: "takeoff", above the place of take-off, or "ellipsoid", above the ellipsoid of WGS 84.
-        force: whether files are replaced.
-    """
-
-    file_format: str
-    out: Path
-    sortie: int | None = None
-    autopilot: AutopilotName | None = None
-    most_points: int | None = None
-    aircraft: DjiAircraft | None = None
+    file_format: str  # one of `mission_formats`
+    out: Path  # the file to write; several files have numbers before the suffix
+    sortie: int | None = None  # which flight of a plan that is flown as several; none: all, one file each
+    autopilot: AutopilotName | None = None  # for whom; default: the scenario's
+    most_points: int | None = None  # how many points a file may have; none: as many as the format's controller takes
+    aircraft: DjiAircraft | None = None  # for ``wpml``, and for ``print``: what flies it
+    # for ``wpml``: "takeoff", above the place of take-off, or "ellipsoid", above the ellipsoid of WGS 84
     heights: str = TAKEOFF_HEIGHTS
-    force: bool = False
+    force: bool = False  # whether files are replaced
 
     @property
     def stops(self) -> bool:
@@ -81,25 +71,15 @@ class ExportRequest:
 
 @dataclass(frozen=True, slots=True)
 class FlightFile:
-    """A flight in a format.
+    """A flight in a format."""
 
-    Attributes:
-        content: of the file.
-        items: mission items, or points for controllers that fly points.
-        flight_time_s: from take-off to landing.
-        highest_m: its highest point above home.
-        pictures: whether a controller's file takes photos; none for missions, whose items say it.
-        warnings: what a pilot has to know who lets a controller return by itself, one line each.
-        return_height_m: height above home for a return by the controller itself; none for missions.
-    """
-
-    content: bytes
-    items: int
-    flight_time_s: float
-    highest_m: float
-    pictures: bool | None = None
-    warnings: tuple[str, ...] = ()
-    return_height_m: float | None = None
+    content: bytes  # of the file
+    items: int  # mission items, or points for controllers that fly points
+    flight_time_s: float  # from take-off to landing
+    highest_m: float  # its highest point above home
+    pictures: bool | None = None  # whether a controller's file takes photos; none for missions, whose items say it
+    warnings: tuple[str, ...] = ()  # what a pilot has to know who lets a controller return by itself, one line each
+    return_height_m: float | None = None  # height above home for a return by the controller itself; none for missions
 
 
 @dataclass(frozen=True, slots=True)

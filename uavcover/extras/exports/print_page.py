@@ -31,16 +31,11 @@ class PrintNotes:
     """Entries that only the pilot knows.
 
     An empty one becomes a line to fill in by hand.
-
-    Attributes:
-        pilot: who flies.
-        contact: whom to call in an emergency.
-        weather: the weather window, such as "07:00 to 10:00, wind below 6 m/s".
     """
 
-    pilot: str = ""
-    contact: str = ""
-    weather: str = ""
+    pilot: str = ""  # who flies
+    contact: str = ""  # whom to call in an emergency
+    weather: str = ""  # the weather window, such as "07:00 to 10:00, wind below 6 m/s"
 
 
 def print_plan(run: RunFolder, request: ExportRequest, notes: PrintNotes) -> int:

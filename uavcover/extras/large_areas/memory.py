@@ -37,17 +37,11 @@ _LEAST_PART_CELLS = 5_000
 
 @dataclass(frozen=True, slots=True)
 class MemoryNeed:
-    """Approximate memory for planning a site, in bytes.
+    """Approximate memory for planning a site, in bytes."""
 
-    Attributes:
-        command: the command itself, without searching.
-        worker: each process beside it, without searching; 0 for threads.
-        cells: of the whole area, their number.
-    """
-
-    command: float
-    worker: float
-    cells: float
+    command: float  # the command itself, without searching
+    worker: float  # each process beside it, without searching; 0 for threads
+    cells: float  # of the whole area, their number
 
     def of_part(self, parts: int) -> float:
         """Memory of the search in one of this number of equal parts."""

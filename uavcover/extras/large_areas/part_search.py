@@ -48,42 +48,26 @@ _STRAIGHT = 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Neighbour:
-    """The route of another part.
+    """The route of another part."""
 
-    Attributes:
-        route_m: (n, 3) its waypoints.
-        first: whether a cell that both see is its own.
-    """
-
-    route_m: FloatArray
-    first: bool
+    route_m: FloatArray  # (n, 3) its waypoints
+    first: bool  # whether a cell that both see is its own
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PartTask:
-    """Search task of one part.
+    """Search task of one part."""
 
-    Attributes:
-        number: of the part, from 0.
-        round: of the search, from 0.
-        area_wkb: the part, as well-known binary.
-        goal: required share of the coverable ground.
-        seed: of the whole search.
-        evaluations: of the local search, PROPOSALS_PER_EVALUATION proposals each.
-        budget_s: or a time budget.
-        route_m: (n, 3) the route so far; none in the first round where lines are to be laid out for the part.
-        neighbours: the routes that see some of the part.
-    """
-
-    number: int
-    round: int
-    area_wkb: bytes
-    goal: float
-    seed: int
-    evaluations: int
-    budget_s: float | None = None
+    number: int  # of the part, from 0
+    round: int  # of the search, from 0
+    area_wkb: bytes  # the part, as well-known binary
+    goal: float  # required share of the coverable ground
+    seed: int  # of the whole search
+    evaluations: int  # of the local search, PROPOSALS_PER_EVALUATION proposals each
+    budget_s: float | None = None  # or a time budget
+    # (n, 3) the route so far; none in the first round where lines are to be laid out for the part
     route_m: FloatArray | None = None
-    neighbours: tuple[Neighbour, ...] = ()
+    neighbours: tuple[Neighbour, ...] = ()  # the routes that see some of the part
 
     @property
     def area(self) -> Piece:
@@ -157,7 +141,7 @@ def _search(part: Site, task: PartTask, *, now: Callable[[], float], should_stop
             known[key] = min(each.share_of_coverable(each.seen(route.waypoints_m)) for each in judges)
         return known[key]
 
-    # A short search may end with worse than what it began with.
+    # a short search may end with worse than what it began with.
     found = [best_starts(problem, starts, task.goal)[0].route]
     seeds = np.random.SeedSequence([task.seed, task.round, task.number]).spawn(CHAINS)
     work = Work(problem, pace, [np.random.default_rng(seed) for seed in seeds], None, should_stop, lambda _: None)

@@ -30,17 +30,11 @@ _ROUNDED = 0.3
 
 @dataclass(frozen=True, slots=True)
 class Swath:
-    """Strip that a flight covers beside it.
+    """Strip that a flight covers beside it."""
 
-    Attributes:
-        width_m: of the ground that one line sees.
-        spacing_m: between lines across.
-        inset_m: how far lines stop before the border of what they see.
-    """
-
-    width_m: float
-    spacing_m: float
-    inset_m: float
+    width_m: float  # of the ground that one line sees
+    spacing_m: float  # between lines across
+    inset_m: float  # how far lines stop before the border of what they see
 
 
 class Sector:

@@ -46,15 +46,10 @@ parts with lines of their own are better."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Slice:
-    """A part with its lines.
+    """A part with its lines."""
 
-    Attributes:
-        area: of the part.
-        begin_m: (n, 3) ENU along its lines.
-    """
-
-    area: Piece
-    begin_m: FloatArray
+    area: Piece  # of the part
+    begin_m: FloatArray  # (n, 3) ENU along its lines
 
 
 def sliced(site: Site, coarse: CoverageMap, goal: float, count: int) -> list[Slice]:

@@ -51,19 +51,12 @@ _WELL_FILLED = 0.5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SortiePart:
-    """A part of an area for one flight.
+    """A part of an area for one flight."""
 
-    Attributes:
-        area: of the part.
-        begin_m: (n, 3) ENU of a flight that sees it, nearly.
-        cost: of the mission that flies it.
-        load: the share of what one flight may take: time, battery or items, whichever is most.
-    """
-
-    area: Piece
-    begin_m: FloatArray
-    cost: float
-    load: float
+    area: Piece  # of the part
+    begin_m: FloatArray  # (n, 3) ENU of a flight that sees it, nearly
+    cost: float  # of the mission that flies it
+    load: float  # the share of what one flight may take: time, battery or items, whichever is most
 
 
 def may_have_sorties(site: Site) -> bool:

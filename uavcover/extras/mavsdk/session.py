@@ -83,15 +83,10 @@ _LEVELS = {0: logging.DEBUG, 1: logging.DEBUG, 2: logging.INFO, 3: logging.INFO}
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """Result of one call.
+    """Result of one call."""
 
-    Attributes:
-        result: MAVSDK's name of the result, for instance ``SUCCESS`` or ``TIMEOUT``.
-        content: what it brought: raw items of a download, or the result number of a command.
-    """
-
-    result: str
-    content: Any = None
+    result: str  # MAVSDK's name of the result, for instance ``SUCCESS`` or ``TIMEOUT``
+    content: Any = None  # what it brought: raw items of a download, or the result number of a command
 
 
 @dataclass(frozen=True, slots=True)

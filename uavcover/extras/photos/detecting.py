@@ -15,19 +15,12 @@ _FAR_FINER = 3.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detection:
-    """Probability that the photos find a target, in each of n cells, if it is there.
+    """Probability that the photos find a target, in each of n cells, if it is there."""
 
-    Attributes:
-        curve: of one look.
-        best_look: (n,) by the best photo alone.
-        by_sides: (n,) by the best photo from each side, each an independent chance.
-        by_pictures: (n,) by every photo, each an independent chance.
-    """
-
-    curve: DetectionCurve
-    best_look: FloatArray
-    by_sides: FloatArray
-    by_pictures: FloatArray
+    curve: DetectionCurve  # of one look
+    best_look: FloatArray  # (n,) by the best photo alone
+    by_sides: FloatArray  # (n,) by the best photo from each side, each an independent chance
+    by_pictures: FloatArray  # (n,) by every photo, each an independent chance
 
     @property
     def pod(self) -> FloatArray:

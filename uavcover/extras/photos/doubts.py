@@ -32,23 +32,14 @@ _AROUND_NODES = 60
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MissingStretch:
-    """A step of a flight that is longer than the steps around it.
+    """A step of a flight that is longer than the steps around it."""
 
-    Attributes:
-        after: the last photo before it.
-        before: the first photo after it.
-        photos: how many are missing.
-        length_m: of the step.
-        usual_m: median of the steps around it.
-        lon_lat_deg: of both photos.
-    """
-
-    after: str
-    before: str
-    photos: int
-    length_m: float
-    usual_m: float
-    lon_lat_deg: tuple[tuple[float, float], tuple[float, float]]
+    after: str  # the last photo before it
+    before: str  # the first photo after it
+    photos: int  # how many are missing
+    length_m: float  # of the step
+    usual_m: float  # median of the steps around it
+    lon_lat_deg: tuple[tuple[float, float], tuple[float, float]]  # of both photos
 
 
 def missing_stretches(placed: PlacedPictures) -> list[MissingStretch]:
@@ -234,7 +225,7 @@ def direction_doubts(placed: PlacedPictures) -> list[str]:
     is_judged = (
         placed.direction_known & np.isfinite(course) & (-placed.axes[:, 2] >= math.cos(math.radians(_DOWN_WITHIN_DEG)))
     )
-    # A landscape sensor lies across the line, whichever way the vehicle flies along it.
+    # a landscape sensor lies across the line, whichever way the vehicle flies along it.
     off = np.abs((yaw - course + 90.0) % 180.0 - 90.0)[is_judged]
     if off.size >= _FEW and np.median(off) > _TURNED_DEG:
         doubts.append(

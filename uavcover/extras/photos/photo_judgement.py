@@ -41,36 +41,25 @@ _FARTHEST_M = 5000.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PhotoRequest:
-    """Requirements on photos.
+    """Requirements on photos."""
 
-    Attributes:
-        photos: folders, photo files, lists.
-        area: what should be seen, with elevation data and camera; none with ``scenario``.
-        scenario: of the survey, instead.
-        assumed: what is taken where photos do not tell it; the height of take-off is filled in from ``takeoff``.
-        takeoff: latitude and longitude: heights above it count, not those above the sea.
-        coverage: share of what can be seen that some photo has to show; none: what the scenario requires, or 0.98.
-        detection: probability that one look finds the object; none: there is no search.
-        pod: least mean probability, over the area, that the photos find it; none: it is only reported.
-        max_blur_px: photos in which the ground moves farther do not count, and none whose blur is not known; none: any count.
-        mount_known: whether the camera hangs on its vehicle as the sensor says, where photos tell only the vehicle's attitude.
-        refly: whether to plan the flight for what is missing.
-        budget_s: time for its search; none: the scenario's number of evaluations.
-        force: whether files may be replaced.
-    """
-
-    photos: Sequence[Path]
-    area: NewRequest | None
-    scenario: Path | None
+    photos: Sequence[Path]  # folders, photo files, lists
+    area: NewRequest | None  # what should be seen, with elevation data and camera; none with ``scenario``
+    scenario: Path | None  # of the survey, instead
+    # what is taken where photos do not tell it; the height of take-off is filled in from ``takeoff``
     assumed: Assumptions
-    takeoff: tuple[float, float] | None
+    takeoff: tuple[float, float] | None  # latitude and longitude: heights above it count, not those above the sea
+    # share of what can be seen that some photo has to show; none: what the scenario requires, or 0.98
     coverage: float | None
+    # whether the camera hangs on its vehicle as the sensor says, where photos tell only the vehicle's attitude
     mount_known: bool
-    refly: bool
-    budget_s: float | None
-    force: bool
-    detection: DetectionCurve | None = None
+    refly: bool  # whether to plan the flight for what is missing
+    budget_s: float | None  # time for its search; none: the scenario's number of evaluations
+    force: bool  # whether files may be replaced
+    detection: DetectionCurve | None = None  # probability that one look finds the object; none: there is no search
+    # least mean probability, over the area, that the photos find it; none: it is only reported
     pod: float | None = None
+    # photos in which the ground moves farther do not count, and none whose blur is not known; none: any count
     max_blur_px: float | None = None
 
 

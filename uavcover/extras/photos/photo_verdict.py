@@ -32,31 +32,18 @@ from uavcover.verification.geotiff import cells_geotiff
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PhotoVerdict:
-    """Verdict on photos.
+    """Verdict on photos."""
 
-    Attributes:
-        site: whose area it is, as a flight for it is planned.
-        coverage: its cells with the whole photo in view.
-        placed: the photos that count.
-        shown: what they show.
-        drawn: (cells,) of the area without its margin.
-        asked: photos in which the overlap asked for puts each point; none where none is.
-        blur_px: (n,) of each photo that counts, NaN where it is not known.
-        gaps: where too few show it.
-        judgement: the decision, and what it comes from.
-        document: what ``photos.json`` says.
-    """
-
-    site: Site
-    coverage: CoverageMap
-    placed: PlacedPictures
-    shown: ShownCells
-    drawn: BoolArray
-    asked: int | None
-    blur_px: FloatArray
-    gaps: list[GapRegion]
-    judgement: Judgement
-    document: dict[str, Any]
+    site: Site  # whose area it is, as a flight for it is planned
+    coverage: CoverageMap  # its cells with the whole photo in view
+    placed: PlacedPictures  # the photos that count
+    shown: ShownCells  # what they show
+    drawn: BoolArray  # (cells,) of the area without its margin
+    asked: int | None  # photos in which the overlap asked for puts each point; none where none is
+    blur_px: FloatArray  # (n,) of each photo that counts, NaN where it is not known
+    gaps: list[GapRegion]  # where too few show it
+    judgement: Judgement  # the decision, and what it comes from
+    document: dict[str, Any]  # what ``photos.json`` says
 
     @property
     def needed(self) -> int:

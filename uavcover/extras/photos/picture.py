@@ -22,63 +22,37 @@ class HeightDatum(StrEnum):
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Picture:
-    """Metadata of a photo; unknown values are None.
+    """Metadata of a photo; unknown values are None."""
 
-    Attributes:
-        name: of its file, or of its row.
-        lat_deg: geodetic, WGS 84.
-        lon_deg: geodetic, WGS 84.
-        alt_m: height of the camera above ``datum``.
-        datum: what that refers to.
-        height_above_takeoff_m: the same above the place of take-off, as barometers tell it.
-        time_s: when it was taken, in seconds on ``clock``.
-        clock: whose time that is; seconds of two clocks have nothing in common. ``UTC`` only where the zone is known.
-        utc_s: when it was taken in Unix time, where the zone or the satellites' time is known.
-        yaw_deg: of the camera, clockwise from north; the direction of the photo's top when it looks straight down.
-        pitch_deg: of the camera above the horizon: -90 looks straight down.
-        roll_deg: of the camera, clockwise as it looks.
-        vehicle_yaw_deg: of the vehicle's nose.
-        vehicle_roll_deg: of the vehicle, right side down is positive.
-        vehicle_pitch_deg: of the vehicle, nose up is positive.
-        horizontal_error_m: of its place, one standard deviation.
-        vertical_error_m: of its height.
-        speed_m_s: over ground.
-        exposure_s: time for which the shutter was open.
-        camera: maker and model.
-        pixels: longer and shorter side.
-        focal_length_mm: of the lens.
-        focal_length_35mm: of the lens with the same diagonal field of view on film of 36 x 24 mm.
-        capture_id: of the exposure that it belongs to: bands of a multispectral camera, and cameras of a rig, share one.
-        digital_zoom: how many times a digital zoom enlarged it.
-        fault: why its file cannot be read.
-    """
-
-    name: str
-    lat_deg: float | None = None
-    lon_deg: float | None = None
-    alt_m: float | None = None
-    datum: HeightDatum = HeightDatum.SEA_LEVEL
-    height_above_takeoff_m: float | None = None
-    time_s: float | None = None
+    name: str  # of its file, or of its row
+    lat_deg: float | None = None  # geodetic, WGS 84
+    lon_deg: float | None = None  # geodetic, WGS 84
+    alt_m: float | None = None  # height of the camera above ``datum``
+    datum: HeightDatum = HeightDatum.SEA_LEVEL  # what that refers to
+    height_above_takeoff_m: float | None = None  # the same above the place of take-off, as barometers tell it
+    time_s: float | None = None  # when it was taken, in seconds on ``clock``
+    # whose time that is; seconds of two clocks have nothing in common. ``UTC`` only where the zone is known.
     clock: str | None = None
-    utc_s: float | None = None
+    utc_s: float | None = None  # when it was taken in Unix time, where the zone or the satellites' time is known
+    # of the camera, clockwise from north; the direction of the photo's top when it looks straight down
     yaw_deg: float | None = None
-    pitch_deg: float | None = None
-    roll_deg: float | None = None
-    vehicle_yaw_deg: float | None = None
-    vehicle_roll_deg: float | None = None
-    vehicle_pitch_deg: float | None = None
-    horizontal_error_m: float | None = None
-    vertical_error_m: float | None = None
-    speed_m_s: float | None = None
-    exposure_s: float | None = None
-    camera: str | None = None
-    pixels: tuple[int, int] | None = None
-    focal_length_mm: float | None = None
-    focal_length_35mm: float | None = None
+    pitch_deg: float | None = None  # of the camera above the horizon: -90 looks straight down
+    roll_deg: float | None = None  # of the camera, clockwise as it looks
+    vehicle_yaw_deg: float | None = None  # of the vehicle's nose
+    vehicle_roll_deg: float | None = None  # of the vehicle, right side down is positive
+    vehicle_pitch_deg: float | None = None  # of the vehicle, nose up is positive
+    horizontal_error_m: float | None = None  # of its place, one standard deviation
+    vertical_error_m: float | None = None  # of its height
+    speed_m_s: float | None = None  # over ground
+    exposure_s: float | None = None  # time for which the shutter was open
+    camera: str | None = None  # maker and model
+    pixels: tuple[int, int] | None = None  # longer and shorter side
+    focal_length_mm: float | None = None  # of the lens
+    focal_length_35mm: float | None = None  # of the lens with the same diagonal field of view on film of 36 x 24 mm
+    # of the exposure that it belongs to: bands of a multispectral camera, and cameras of a rig, share one
     capture_id: str | None = None
-    digital_zoom: float | None = None
-    fault: str | None = None
+    digital_zoom: float | None = None  # how many times a digital zoom enlarged it
+    fault: str | None = None  # why its file cannot be read
 
     @property
     def has_direction(self) -> bool:

@@ -20,57 +20,34 @@ _ROUGHLY_M = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumptions:
-    """Defaults for values that photos do not have.
+    """Defaults for values that photos do not have."""
 
-    Attributes:
-        horizontal_m: error of places.
-        vertical_m: error of heights above sea level or the ellipsoid.
-        vertical_by_barometer_m: error of heights above the place of take-off.
-        attitude_deg: error of the camera's angles where they are known.
-        unknown_attitude_deg: largest lean of a camera without known angles.
-        pitch_deg: of the camera where it is not known.
-        takeoff_alt_amsl_m: of the place of take-off: heights above it count, if given.
-        geoid_height_m: of the sea level above the ellipsoid; default: by PROJ's grid.
-        mounted: a camera whose mount says how it hangs on the vehicle, for photos that tell the vehicle's attitude only; none:
-            that is not known.
-    """
-
-    horizontal_m: float = 3.0
-    vertical_m: float = 10.0
-    vertical_by_barometer_m: float = 3.0
-    attitude_deg: float = 2.0
-    unknown_attitude_deg: float = 10.0
-    pitch_deg: float = -90.0
-    takeoff_alt_amsl_m: float | None = None
-    geoid_height_m: float | None = None
+    horizontal_m: float = 3.0  # error of places
+    vertical_m: float = 10.0  # error of heights above sea level or the ellipsoid
+    vertical_by_barometer_m: float = 3.0  # error of heights above the place of take-off
+    attitude_deg: float = 2.0  # error of the camera's angles where they are known
+    unknown_attitude_deg: float = 10.0  # largest lean of a camera without known angles
+    pitch_deg: float = -90.0  # of the camera where it is not known
+    takeoff_alt_amsl_m: float | None = None  # of the place of take-off: heights above it count, if given
+    geoid_height_m: float | None = None  # of the sea level above the ellipsoid; default: by PROJ's grid
+    # a camera whose mount says how it hangs on the vehicle, for photos that tell the vehicle's attitude only; none:
+    # that is not known
     mounted: FrameCamera | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedPictures:
-    """The n photos that have a place and a direction.
+    """The n photos that have a place and a direction."""
 
-    Attributes:
-        pictures: themselves.
-        eyes_m: (n, 3) ENU.
-        axes: (n, 3) unit vectors along their views.
-        tops: (n, 3) unit vectors towards their tops.
-        direction_known: (n,) whether the camera's angles were known.
-        horizontal_m: (n,) errors of places.
-        vertical_m: (n,) errors of heights.
-        turn_deg: (n,) errors of directions.
-        left_out: why the others do not count, by name.
-    """
-
-    pictures: tuple[Picture, ...]
-    eyes_m: FloatArray
-    axes: FloatArray
-    tops: FloatArray
-    direction_known: BoolArray
-    horizontal_m: FloatArray
-    vertical_m: FloatArray
-    turn_deg: FloatArray
-    left_out: dict[str, str]
+    pictures: tuple[Picture, ...]  # themselves
+    eyes_m: FloatArray  # (n, 3) ENU
+    axes: FloatArray  # (n, 3) unit vectors along their views
+    tops: FloatArray  # (n, 3) unit vectors towards their tops
+    direction_known: BoolArray  # (n,) whether the camera's angles were known
+    horizontal_m: FloatArray  # (n,) errors of places
+    vertical_m: FloatArray  # (n,) errors of heights
+    turn_deg: FloatArray  # (n,) errors of directions
+    left_out: dict[str, str]  # why the others do not count, by name
 
     def without(self, why: Mapping[str, str]) -> "PlacedPictures":
         """Those that are not named; the others do not count any more, with the reason."""
@@ -127,7 +104,7 @@ def place_pictures(pictures: Sequence[Picture], frame: LocalFrame, assumed: Assu
         raise TrackError(_none_placed(left_out))
     pitch = np.array([assumed.pitch_deg if picture.pitch_deg is None else picture.pitch_deg for picture in placed])
     roll = np.array([picture.roll_deg or 0.0 for picture in placed])
-    # A gimbal's pitch counts with the vehicle's heading, too: its yaw follows the nose.
+    # a gimbal's pitch counts with the vehicle's heading, too: its yaw follows the nose.
     tilted = known | np.array([picture.vehicle_yaw_deg is not None for picture in placed])
     axes, tops = camera_axes(yaw, np.where(tilted, pitch, assumed.pitch_deg), np.where(tilted, roll, 0.0))
     if assumed.mounted is not None:

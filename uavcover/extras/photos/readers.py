@@ -24,15 +24,10 @@ GEO_TXT = "geo.txt"
 
 @dataclass(frozen=True, slots=True)
 class PictureSet:
-    """All photos of a flight.
+    """All photos of a flight."""
 
-    Attributes:
-        pictures: in order of time, clock by clock, where all tell it, otherwise of name.
-        notes: what the user should know of how they were read.
-    """
-
-    pictures: tuple[Picture, ...]
-    notes: tuple[str, ...]
+    pictures: tuple[Picture, ...]  # in order of time, clock by clock, where all tell it, otherwise of name
+    notes: tuple[str, ...]  # what the user should know of how they were read
 
     @property
     def sha256(self) -> str:
@@ -145,7 +140,7 @@ def _joined(row: Picture, file: Picture | None) -> Picture:
         for name in Picture.__slots__
         if getattr(row, name) is None and getattr(file, name) is not None
     }
-    # A list that places a photo anew does not move its height above take-off; one height is enough.
+    # a list that places a photo anew does not move its height above take-off; one height is enough.
     missing.pop("height_above_takeoff_m", None)
     if row.alt_m is None and file.alt_m is not None:
         missing["datum"] = file.datum

@@ -29,21 +29,17 @@ class ShownCells:
     The whole photo counts, hidden ground does not.
 
     How coarse a photo is does not matter for how many there are, as :mod:`uavcover.sensing.pictures` counts them.
-
-    Attributes:
-        pictures: (n,) how many looks show it, measurements taken as exact, however coarse; photos from one place are one look.
-        looks: how many looks the photos are.
-        directions: (n,) into how many of ``DIRECTIONS`` their cameras looked.
-        coverage: (n,) each: seen by a photo as finely as the sensor has to, surely, possibly, how closely, and the best
-            outcome of any photo.
-        detection: how probably they find what is searched for, by the photos that are as fine as the sensor has to be; none
-            where there is no search.
     """
 
+    # (n,) how many looks show it, measurements taken as exact, however coarse; photos from one place are one look
     pictures: NDArray[np.int32]
-    looks: int
-    directions: NDArray[np.int32]
+    looks: int  # how many looks the photos are
+    directions: NDArray[np.int32]  # (n,) into how many of ``DIRECTIONS`` their cameras looked
+    # (n,) each: seen by a photo as finely as the sensor has to, surely, possibly, how closely, and the best outcome of
+    # any photo
     coverage: FlownCoverage
+    # how probably they find what is searched for, by the photos that are as fine as the sensor has to be; none where
+    # there is no search
     detection: Detection | None = None
 
     def enough(self, needed: int) -> BoolArray:

@@ -27,19 +27,12 @@ _SHOWN = 12
 
 @dataclass(frozen=True, slots=True)
 class AreaTerrain:
-    """Data that an area needs.
+    """Data that an area needs."""
 
-    Attributes:
-        needed: the tiles of each free set.
-        national: national models that may have it.
-        around: west, south, east, north with what is around; east may be above 180.
-        places: (latitude, longitude) of places all over the area, degrees.
-    """
-
-    needed: tuple[NeededTiles, ...]
-    national: tuple[NationalSource, ...]
-    around: Bounds
-    places: np.ndarray
+    needed: tuple[NeededTiles, ...]  # the tiles of each free set
+    national: tuple[NationalSource, ...]  # national models that may have it
+    around: Bounds  # west, south, east, north with what is around; east may be above 180
+    places: np.ndarray  # (latitude, longitude) of places all over the area, degrees
 
 
 def terrain_of_area(query: AreaQuery, *, around_m: float) -> AreaTerrain:

@@ -30,21 +30,15 @@ _BETWEEN_SAMPLES_M = 5.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FlyableArea:
-    """Permitted ground for the planned route.
+    """Permitted ground for the planned route."""
 
-    Attributes:
-        polygon: one piece of the fence, zones with their margins cut out.
-        closed: the zones that close the height band over some of the fence.
-        partly: those of them with a floor or a ceiling inside of the band, so that a narrower band would open some of them.
-        cut_off: whether zones cut off other pieces of the fence.
-        wide_enough_m: width of the height band, margins not counted, at which legs get over the steps of the ground that part
-            the piece from others; none where there are no such steps.
-    """
-
-    polygon: shapely.Polygon
-    closed: tuple[Zone, ...] = ()
+    polygon: shapely.Polygon  # one piece of the fence, zones with their margins cut out
+    closed: tuple[Zone, ...] = ()  # the zones that close the height band over some of the fence
+    # those of them with a floor or a ceiling inside of the band, so that a narrower band would open some of them
     partly: tuple[Zone, ...] = ()
-    cut_off: bool = False
+    cut_off: bool = False  # whether zones cut off other pieces of the fence
+    # width of the height band, margins not counted, at which legs get over the steps of the ground that part the piece
+    # from others; none where there are no such steps
     wide_enough_m: float | None = None
 
 

@@ -22,31 +22,18 @@ _COLD_SHARE = 0.15
 
 @dataclass(frozen=True, slots=True)
 class ReadZone:
-    """A zone of a file: polygons, or a circle.
+    """A zone of a file: polygons, or a circle."""
 
-    Attributes:
-        name: for people.
-        names: names and identifiers by which it can be ignored.
-        heights: its floors and ceilings by the scenario's keys, such as ``floor_agl_m``.
-        polygons: each its outer ring and its holes.
-        crs: the system of the polygons.
-        rings_may_be_open: whether the last corner need not repeat the first.
-        circle: longitude, latitude in degrees and radius in metres.
-        from_utc: when it begins.
-        until_utc: when it ends.
-        active: the periods between these two, as the scenario has them.
-    """
-
-    name: str
-    names: frozenset[str]
-    heights: dict[str, float]
-    polygons: tuple[Rings, ...] = ()
-    crs: CRS = WGS84
-    rings_may_be_open: bool = False
-    circle: tuple[float, float, float] | None = None
-    from_utc: str | None = None
-    until_utc: str | None = None
-    active: tuple[str, ...] = ()
+    name: str  # for people
+    names: frozenset[str]  # names and identifiers by which it can be ignored
+    heights: dict[str, float]  # its floors and ceilings by the scenario's keys, such as ``floor_agl_m``
+    polygons: tuple[Rings, ...] = ()  # each its outer ring and its holes
+    crs: CRS = WGS84  # the system of the polygons
+    rings_may_be_open: bool = False  # whether the last corner need not repeat the first
+    circle: tuple[float, float, float] | None = None  # longitude, latitude in degrees and radius in metres
+    from_utc: str | None = None  # when it begins
+    until_utc: str | None = None  # when it ends
+    active: tuple[str, ...] = ()  # the periods between these two, as the scenario has them
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,15 +46,11 @@ class ReadZones:
 
 @dataclass(frozen=True, slots=True)
 class ZoneReader:
-    """A format of zones: an entry point of the group ``uavcover.zone_readers``.
+    """A format of zones: an entry point of the group ``uavcover.zone_readers``."""
 
-    Attributes:
-        suffixes: of its files, in lower case with the dot.
-        read: takes the text of a file and its suffix; none where the text is not of this format. A text of this format that
-            cannot be read is a `mission_io.errors.FormatError`.
-    """
-
-    suffixes: tuple[str, ...]
+    suffixes: tuple[str, ...]  # of its files, in lower case with the dot
+    # takes the text of a file and its suffix; none where the text is not of this format. A text of this format that
+    # cannot be read is a `mission_io.errors.FormatError`.
     read: Callable[[str, str], ReadZones | None]
 
 

@@ -37,19 +37,12 @@ _SAMPLES = 64
 
 @dataclass(frozen=True, eq=False)
 class Zone:
-    """A no-fly zone in the local frame.
+    """A no-fly zone in the local frame."""
 
-    Attributes:
-        entry: as the scenario has it.
-        name: for people, never empty.
-        outline: (east, north) metres; of a circle, a polygon around it.
-        circle: east, north, radius, metres; none for polygons.
-    """
-
-    entry: NoFly
-    name: str
-    outline: Polygons
-    circle: tuple[float, float, float] | None = None
+    entry: NoFly  # as the scenario has it
+    name: str  # for people, never empty
+    outline: Polygons  # (east, north) metres; of a circle, a polygon around it
+    circle: tuple[float, float, float] | None = None  # east, north, radius, metres; none for polygons
 
     def grown(self, margin_m: float) -> Polygons:
         """The outline with everything that is nearer to it than a margin, and a little more at corners."""
@@ -80,19 +73,12 @@ class Zone:
 
 @dataclass(frozen=True, slots=True)
 class ZoneBreach:
-    """A leg in a zone.
+    """A leg in a zone."""
 
-    Attributes:
-        leg: number of the leg, from 0; of places alone, number of the place.
-        zone: number of the zone.
-        depth_m: horizontal distance to the edge of the zone, margin included, at the deepest place.
-        at: parameter 0..1 along the leg there.
-    """
-
-    leg: int
-    zone: int
-    depth_m: float
-    at: float
+    leg: int  # number of the leg, from 0; of places alone, number of the place
+    zone: int  # number of the zone
+    depth_m: float  # horizontal distance to the edge of the zone, margin included, at the deepest place
+    at: float  # parameter 0..1 along the leg there
 
 
 def around_circle(east_m: float, north_m: float, radius_m: float, *, corners: int = CIRCLE_CORNERS) -> shapely.Polygon:
@@ -143,21 +129,13 @@ def _local(entry: NoFly, frame: LocalFrame | None, name: str) -> Zone:
 
 @dataclass(frozen=True, eq=False)
 class ZoneCheck:
-    """Tests legs against zones.
+    """Tests legs against zones."""
 
-    Attributes:
-        zones: the zones.
-        ground: for heights above ground.
-        frame: for heights above sea level; none where up is such a height.
-        height_margin_m: floors count as this much lower, ceilings as this much higher.
-        margins: whether the margins of the zones are kept too.
-    """
-
-    zones: tuple[Zone, ...]
-    ground: Ground
-    frame: LocalFrame | None
-    height_margin_m: float = 0.0
-    margins: bool = False
+    zones: tuple[Zone, ...]  # the zones
+    ground: Ground  # for heights above ground
+    frame: LocalFrame | None  # for heights above sea level; none where up is such a height
+    height_margin_m: float = 0.0  # floors count as this much lower, ceilings as this much higher
+    margins: bool = False  # whether the margins of the zones are kept too
 
     def leg_breaches(self, route_m: FloatArray, legs: BoolArray | None = None) -> list[ZoneBreach]:
         """Every entry of a leg of an (n, 3) ENU route into a zone, by legs.
@@ -226,19 +204,12 @@ def _is_over_or_under(entry: NoFly, agl_m: tuple[float, float], amsl_m: tuple[fl
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PartsInside:
-    """Parts of legs that are inside of zones on the map.
+    """Parts of legs that are inside of zones on the map."""
 
-    Attributes:
-        solids: of the zones.
-        leg: (k,) number of the leg.
-        zone: (k,) number of the zone.
-        share: (k, 2) parameters 0..1 along the leg where the part begins and ends.
-    """
-
-    solids: "_Solids"
-    leg: IntArray
-    zone: IntArray
-    share: FloatArray
+    solids: "_Solids"  # of the zones
+    leg: IntArray  # (k,) number of the leg
+    zone: IntArray  # (k,) number of the zone
+    share: FloatArray  # (k, 2) parameters 0..1 along the leg where the part begins and ends
 
     def only(self, kept: BoolArray) -> "_PartsInside":
         """Some of the parts."""

@@ -40,40 +40,25 @@ _WKT = re.compile(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class AreaQuery:
-    """Selection of features to read.
+    """Selection of features to read."""
 
-    Attributes:
-        source: a file; or ``WEST,SOUTH,EAST,NORTH`` in degrees; or ``LAT,LON,RADIUS`` in degrees and metres; or well-known text.
-        layer: of the file; none: the only one.
-        feature: name or number (from 1) of one feature; none: all of them.
-        crs: the coordinate system, such as ``EPSG:32632``, instead of the one that the file names.
-        make_valid: whether outlines that cross themselves and rings that are not closed are mended.
-        swap_axes: whether the file has latitude, or north, first.
-    """
-
+    # a file; or ``WEST,SOUTH,EAST,NORTH`` in degrees; or ``LAT,LON,RADIUS`` in degrees and metres; or well-known text
     source: str
-    layer: str | None = None
-    feature: str | None = None
-    crs: str | None = None
-    make_valid: bool = False
-    swap_axes: bool = False
+    layer: str | None = None  # of the file; none: the only one
+    feature: str | None = None  # name or number (from 1) of one feature; none: all of them
+    crs: str | None = None  # the coordinate system, such as ``EPSG:32632``, instead of the one that the file names
+    make_valid: bool = False  # whether outlines that cross themselves and rings that are not closed are mended
+    swap_axes: bool = False  # whether the file has latitude, or north, first
 
 
 @dataclass(frozen=True, slots=True)
 class FoundArea:
-    """An area on WGS 84.
+    """An area on WGS 84."""
 
-    Attributes:
-        parts: its polygons, each an outer ring and holes of (longitude, latitude), -180..180.
-        name: of its only feature, or of the file; empty for a box, a circle or text.
-        is_file: whether it was read from a file.
-        notes: what was repaired or left out, one line each.
-    """
-
-    parts: tuple[Rings, ...]
-    name: str
-    is_file: bool
-    notes: tuple[str, ...]
+    parts: tuple[Rings, ...]  # its polygons, each an outer ring and holes of (longitude, latitude), -180..180
+    name: str  # of its only feature, or of the file; empty for a box, a circle or text
+    is_file: bool  # whether it was read from a file
+    notes: tuple[str, ...]  # what was repaired or left out, one line each
 
 
 def is_area_file(source: str) -> bool:

@@ -16,42 +16,26 @@ _MOST_NAMES = 12
 
 @dataclass(frozen=True, slots=True)
 class AreaFeature:
-    """A feature with one or more polygons.
+    """A feature with one or more polygons."""
 
-    Attributes:
-        polygons: each its outer ring and its holes, as (x, y) or (longitude, latitude) pairs in the order of the file.
-        name: of the feature; empty without one.
-        layer: the layer, folder or kind it belongs to; empty where the format has none.
-        properties: what else GeoJSON says of it.
-    """
-
+    # each its outer ring and its holes, as (x, y) or (longitude, latitude) pairs in the order of the file
     polygons: tuple[Rings, ...]
-    name: str = ""
-    layer: str = ""
-    properties: Mapping[str, Any] = field(default_factory=dict)
+    name: str = ""  # of the feature; empty without one
+    layer: str = ""  # the layer, folder or kind it belongs to; empty where the format has none
+    properties: Mapping[str, Any] = field(default_factory=dict)  # what else GeoJSON says of it
 
 
 @dataclass(frozen=True, slots=True)
 class AreaDocument:
-    """The content of a file.
+    """The content of a file."""
 
-    Attributes:
-        source: names it in errors.
-        features: those with polygons, in the order of the file.
-        crs: their coordinate system; none when the file does not say.
-        others: what else is in it, for the error when there is no polygon: "2 lines".
-        rings_may_be_open: whether the format leaves out the last corner, which repeats the first.
-        unclosed: places of rings that should have been closed and were not, found while reading.
-        notes: what was repaired or left out, one line each.
-    """
-
-    source: str
-    features: tuple[AreaFeature, ...]
-    crs: CRS | None = WGS84
-    others: str = ""
-    rings_may_be_open: bool = False
-    unclosed: tuple[str, ...] = ()
-    notes: tuple[str, ...] = ()
+    source: str  # names it in errors
+    features: tuple[AreaFeature, ...]  # those with polygons, in the order of the file
+    crs: CRS | None = WGS84  # their coordinate system; none when the file does not say
+    others: str = ""  # what else is in it, for the error when there is no polygon: "2 lines"
+    rings_may_be_open: bool = False  # whether the format leaves out the last corner, which repeats the first
+    unclosed: tuple[str, ...] = ()  # places of rings that should have been closed and were not, found while reading
+    notes: tuple[str, ...] = ()  # what was repaired or left out, one line each
 
 
 def chosen(document: AreaDocument, layer: str | None, feature: str | None) -> tuple[tuple[str, AreaFeature], ...]:

@@ -21,20 +21,14 @@ _EARTH = Geod(ellps="WGS84")
 
 @dataclass(frozen=True, slots=True)
 class RingReading:
-    """Settings for reading rings.
+    """Settings for reading rings."""
 
-    Attributes:
-        crs: their coordinate system.
-        may_be_open: whether the last corner need not repeat the first.
-        make_valid: whether rings that are not closed are closed, and invalid polygons replaced by the union of their outlines
-            minus the union of their holes.
-        swap_axes: whether the file has latitude, or north, first.
-    """
-
-    crs: CRS
-    may_be_open: bool = False
+    crs: CRS  # their coordinate system
+    may_be_open: bool = False  # whether the last corner need not repeat the first
+    # whether rings that are not closed are closed, and invalid polygons replaced by the union of their outlines minus
+    # the union of their holes
     make_valid: bool = False
-    swap_axes: bool = False
+    swap_axes: bool = False  # whether the file has latitude, or north, first
 
 
 def read_polygons(rings: Rings, reading: RingReading, where: str) -> tuple[list[shapely.Polygon], tuple[str, ...]]:

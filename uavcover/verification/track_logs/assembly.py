@@ -15,29 +15,23 @@ from uavcover.verification.tuning import CLOCK, LOGS
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoggedRows:
-    """Positions and attitudes of a log.
+    """Positions and attitudes of a log."""
 
-    Attributes:
-        positions: (n, 4) time in seconds, latitude and longitude in degrees, height above sea level in metres.
-        attitudes: (k, 4) time in seconds, roll, pitch and yaw in degrees; may be empty.
-        pictures: (p, 3) time in seconds, latitude and longitude in degrees of every photo that was taken, NaN or 0 where its
-            position is not reported; none in a log without camera messages.
-        warnings: what was dropped or assumed so far.
-        ranges: (r, 2) time in seconds and distance in metres of every valid reading of a rangefinder that looks down.
-        stored: (s, 3) latitude, longitude and height above sea level of the ground in the vehicle's own terrain data.
-        lost: (p,) number of photos before each photo that the camera counted and whose message is missing; empty: none.
-        clock: (c, 2) times in seconds and the same moments in seconds since 1970 (UTC), where the log tells them.
-        velocities: (v, 4) time in seconds, reported velocity over ground north, east and down in m/s; empty: not reported.
-    """
-
-    positions: FloatArray
-    attitudes: FloatArray
+    positions: FloatArray  # (n, 4) time in seconds, latitude and longitude in degrees, height above sea level in metres
+    attitudes: FloatArray  # (k, 4) time in seconds, roll, pitch and yaw in degrees; may be empty
+    # (p, 3) time in seconds, latitude and longitude in degrees of every photo that was taken, NaN or 0 where its
+    # position is not reported; none in a log without camera messages
     pictures: FloatArray | None = None
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()  # what was dropped or assumed so far
+    # (c, 2) times in seconds and the same moments in seconds since 1970 (UTC), where the log tells them
     clock: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    # (r, 2) time in seconds and distance in metres of every valid reading of a rangefinder that looks down
     ranges: FloatArray = field(default_factory=lambda: np.empty((0, 2)))
+    # (s, 3) latitude, longitude and height above sea level of the ground in the vehicle's own terrain data
     stored: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
+    # (p,) number of photos before each photo that the camera counted and whose message is missing; empty: none
     lost: IntArray = field(default_factory=lambda: np.empty(0, dtype=np.int64))
+    # (v, 4) time in seconds, reported velocity over ground north, east and down in m/s; empty: not reported
     velocities: FloatArray = field(default_factory=lambda: np.empty((0, 4)))
 
 

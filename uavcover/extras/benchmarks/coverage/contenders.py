@@ -46,25 +46,15 @@ _LONGER = 1.05
 
 @dataclass(frozen=True, slots=True)
 class Tried:
-    """A boustrophedon that was tried.
+    """A boustrophedon that was tried."""
 
-    Attributes:
-        family: all that does not change with the number of lines, as text.
-        lines: how many lines, or rows of nodes.
-        coverage: share of what is coverable, on the cells of the area.
-        hold_out: the same on cells that no planner has used.
-        waypoints: how many.
-        length_m: of the open path.
-        violation: 0 when all limits are kept.
-    """
-
-    family: str
-    lines: int
-    coverage: float
-    hold_out: float
-    waypoints: int
-    length_m: float
-    violation: float
+    family: str  # all that does not change with the number of lines, as text
+    lines: int  # how many lines, or rows of nodes
+    coverage: float  # share of what is coverable, on the cells of the area
+    hold_out: float  # the same on cells that no planner has used
+    waypoints: int  # how many
+    length_m: float  # of the open path
+    violation: float  # 0 when all limits are kept
 
 
 @dataclass(frozen=True, slots=True)
@@ -206,19 +196,13 @@ OURS = PLANNERS[0]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Found:
-    """Result of a contender.
+    """Result of a contender."""
 
-    Attributes:
-        moments: the routes worth judging, by processor time; under the key of the last moment what it ended with.
-        evaluations: full evaluations that were spent.
-        cpu_s: processor time that it took, judging by itself included.
-        tried: every boustrophedon, for a scan.
-    """
-
+    # the routes worth judging, by processor time; under the key of the last moment what it ended with
     moments: dict[float, tuple[NamedRoute, ...]]
-    evaluations: int
-    cpu_s: float
-    tried: tuple[Tried, ...] = ()
+    evaluations: int  # full evaluations that were spent
+    cpu_s: float  # processor time that it took, judging by itself included
+    tried: tuple[Tried, ...] = ()  # every boustrophedon, for a scan
 
 
 def plan_for(

@@ -28,21 +28,13 @@ from uavcover.sensing.coverage_map import CoverageMap
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A bundled scenario as a problem.
+    """A bundled scenario as a problem."""
 
-    Attributes:
-        scenario: its name.
-        rule: by which the planners choose.
-        asked: share of the coverable area at which routes are compared.
-        most_waypoints: reference point of the hypervolume; its coverage is 0.
-        longest_m: reference point of the hypervolume, its length.
-    """
-
-    scenario: str
-    rule: str
-    asked: float
-    most_waypoints: float
-    longest_m: float
+    scenario: str  # its name
+    rule: str  # by which the planners choose
+    asked: float  # share of the coverable area at which routes are compared
+    most_waypoints: float  # reference point of the hypervolume; its coverage is 0
+    longest_m: float  # reference point of the hypervolume, its length
 
 
 CASES: Final = MappingProxyType(
@@ -127,40 +119,24 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Chosen:
-    """The route that was chosen from a set.
+    """The route that was chosen from a set."""
 
-    Attributes:
-        met: whether it has the required coverage.
-        coverage: share of what is coverable, on the cells of the area.
-        hold_out: the same on cells that no planner has used.
-        waypoints: how many.
-        length_m: of the open path.
-        violation: sum over the limits of the scenario, at full length; 0 when all are kept.
-        made_by: the algorithm, or the name of a baseline.
-    """
-
-    met: bool
-    coverage: float
-    hold_out: float
-    waypoints: int
-    length_m: float
-    violation: float
-    made_by: str
+    met: bool  # whether it has the required coverage
+    coverage: float  # share of what is coverable, on the cells of the area
+    hold_out: float  # the same on cells that no planner has used
+    waypoints: int  # how many
+    length_m: float  # of the open path
+    violation: float  # sum over the limits of the scenario, at full length; 0 when all are kept
+    made_by: str  # the algorithm, or the name of a baseline
 
 
 @dataclass(frozen=True, slots=True)
 class JudgedMoment:
-    """A set of routes, judged.
+    """A set of routes, judged."""
 
-    Attributes:
-        at_s: processor time that it took, by the plan of the run.
-        front: those that keep the limits and that no other dominates, by coverage.
-        chosen: by the names of CHOICES; empty when no route keeps the limits.
-    """
-
-    at_s: float
-    front: tuple[Point, ...]
-    chosen: dict[str, Chosen]
+    at_s: float  # processor time that it took, by the plan of the run
+    front: tuple[Point, ...]  # those that keep the limits and that no other dominates, by coverage
+    chosen: dict[str, Chosen]  # by the names of CHOICES; empty when no route keeps the limits
 
 
 class Judge:

@@ -24,19 +24,12 @@ LONG_S = 100.0
 
 @dataclass(frozen=True, slots=True)
 class CoverageRun:
-    """One run.
+    """One run."""
 
-    Attributes:
-        scenario: a key of CASES.
-        algorithm: a name of CONTENDERS.
-        effort: "once", "evaluations", or seconds of processor time as "10s".
-        number: from 1; the seed.
-    """
-
-    scenario: str
-    algorithm: str
-    effort: str
-    number: int
+    scenario: str  # a key of CASES
+    algorithm: str  # a name of CONTENDERS
+    effort: str  # "once", "evaluations", or seconds of processor time as "10s"
+    number: int  # from 1; the seed
 
     @property
     def key(self) -> str:
@@ -143,7 +136,7 @@ def _planned(judge: Judge, run: CoverageRun, times_s: Sequence[float]) -> Found:
     moments = [] if run.budget_s is None else [t for t in times_s if t <= run.budget_s]
     algorithm = next(name for name in PLANNERS if name == run.algorithm)
     return plan_for(
-        # A copy of the site: the planner's clock counts the coverage maps of every run.
+        # a copy of the site: the planner's clock counts the coverage maps of every run.
         dataclasses.replace(judge.site), judge.case, algorithm, seed=run.number, moments_s=moments,
         evaluations=judge.site.scenario.planner.evaluations,
     )  # fmt: skip

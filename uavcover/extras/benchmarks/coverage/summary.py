@@ -34,21 +34,13 @@ _SAME = 1.0 + 1e-9
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CoverageOutcome:
-    """A run that is done.
+    """A run that is done."""
 
-    Attributes:
-        run: which.
-        moments: what it had when, ascending.
-        evaluations: that it spent.
-        cpu_s: processor time that planning took.
-        tried: every boustrophedon of a scan.
-    """
-
-    run: CoverageRun
-    moments: tuple[JudgedMoment, ...]
-    evaluations: int
-    cpu_s: float
-    tried: tuple[Tried, ...]
+    run: CoverageRun  # which
+    moments: tuple[JudgedMoment, ...]  # what it had when, ascending
+    evaluations: int  # that it spent
+    cpu_s: float  # processor time that planning took
+    tried: tuple[Tried, ...]  # every boustrophedon of a scan
 
 
 @dataclass(frozen=True, slots=True, eq=False)

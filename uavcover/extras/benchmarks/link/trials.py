@@ -23,43 +23,26 @@ ITEMS: Final = 100
 
 @dataclass(frozen=True, slots=True, order=True)
 class Trial:
-    """One transfer of a list to or from a new vehicle, with that share of the datagrams lost each way.
+    """One transfer of a list to or from a new vehicle, with that share of the datagrams lost each way."""
 
-    Attributes:
-        client: One of ``CLIENTS``.
-        vehicle: One of ``AUTOPILOTS``.
-        direction: One of ``DIRECTIONS``.
-        delay_s: How long each datagram is under way, in seconds.
-        loss: Share of the datagrams lost, each way.
-        seed: Of the losses.
-        items: How many there are in the list.
-    """
-
-    client: str
-    vehicle: str
-    direction: str
-    delay_s: float
-    loss: float
-    seed: int
-    items: int = ITEMS
+    client: str  # one of ``CLIENTS``
+    vehicle: str  # one of ``AUTOPILOTS``
+    direction: str  # one of ``DIRECTIONS``
+    delay_s: float  # how long each datagram is under way, in seconds
+    loss: float  # share of the datagrams lost, each way
+    seed: int  # of the losses
+    items: int = ITEMS  # how many there are in the list
 
 
 @dataclass(frozen=True, slots=True)
 class TransferOutcome:
-    """Outcome of a trial.
-
-    Attributes:
-        claimed: Whether the client says that it worked.
-        correct: Whether the list at the receiving end is the one that was sent, independent of the client's claim.
-        time_s: How long the client took, from being asked to its answer.
-        error: What it said when it failed.
-    """
+    """Outcome of a trial."""
 
     trial: Trial
-    claimed: bool
-    correct: bool
-    time_s: float
-    error: str = ""
+    claimed: bool  # whether the client says that it worked
+    correct: bool  # whether the list at the receiving end is the one that was sent, independent of the client's claim
+    time_s: float  # how long the client took, from being asked to its answer
+    error: str = ""  # what it said when it failed
 
     def row(self) -> dict[str, str]:
         """As a line of a CSV file."""

@@ -22,25 +22,16 @@ _LG2: Final = np.log10(2.0)  # base 10, as the reference data confirm
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MmfProblem:
-    """One problem of the suite.
+    """One problem of the suite."""
 
-    Attributes:
-        name: as in the report.
-        lower: (n,) lower bounds, read-only.
-        upper: (n,) upper bounds, read-only.
-        n_objectives: m.
-        hypervolume_reference: (m,) reference point of the suite.
-        local_sets_wanted: whether local Pareto sets belong to the reference (the problems whose names end in ``_l``, ``_l1``...).
-        function: (k, n) points to (k, m) objectives, without checks.
-    """
-
-    name: str
-    lower: FloatArray
-    upper: FloatArray
-    n_objectives: int
-    hypervolume_reference: FloatArray
+    name: str  # as in the report
+    lower: FloatArray  # (n,) lower bounds, read-only
+    upper: FloatArray  # (n,) upper bounds, read-only
+    n_objectives: int  # m
+    hypervolume_reference: FloatArray  # (m,) reference point of the suite
+    # whether local Pareto sets belong to the reference (the problems whose names end in ``_l``, ``_l1``...)
     local_sets_wanted: bool
-    function: Function
+    function: Function  # (k, n) points to (k, m) objectives, without checks
 
     @property
     def n_variables(self) -> int:

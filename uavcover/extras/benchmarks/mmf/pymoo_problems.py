@@ -23,9 +23,6 @@ class MmfInPymoo(Problem):  # type: ignore[misc]
     ``pareto_front()`` and ``pareto_set()`` are our reference sets, with pymoo's order: a front of two objectives is sorted
     by the first, so its rows are not those of the set. For a problem with local sets they hold the local ones too.
 
-    Attributes:
-        local_sets_wanted: as `MmfProblem.local_sets_wanted`; `UavcoverAlgorithm` hands it to algorithms that read it.
-
     Args:
         mmf: a key of `PROBLEMS`.
 
@@ -33,6 +30,7 @@ class MmfInPymoo(Problem):  # type: ignore[misc]
         InputError: there is no such problem.
     """
 
+    # as `MmfProblem.local_sets_wanted`; `UavcoverAlgorithm` hands it to algorithms that read it
     local_sets_wanted: bool
 
     def __init__(self, mmf: str) -> None:

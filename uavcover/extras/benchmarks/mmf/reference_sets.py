@@ -13,15 +13,10 @@ _PI = np.pi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReferenceSets:
-    """The reference of a problem; read-only. Rows of both have the same count, but need not be images of one another.
+    """The reference of a problem; read-only. Rows of both have the same count, but need not be images of one another."""
 
-    Attributes:
-        pareto_set: (r, n) points in decision space.
-        pareto_front: (r, m) points in objective space.
-    """
-
-    pareto_set: FloatArray
-    pareto_front: FloatArray
+    pareto_set: FloatArray  # (r, n) points in decision space
+    pareto_front: FloatArray  # (r, m) points in objective space
 
 
 def reference_sets(name: str) -> ReferenceSets:

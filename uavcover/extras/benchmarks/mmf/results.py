@@ -22,17 +22,11 @@ from uavcover.run.folder import write_text
 
 @dataclass(frozen=True, slots=True)
 class PaperFigure:
-    """A figure of the paper.
+    """A figure of the paper."""
 
-    Attributes:
-        number: in the paper.
-        function: what was solved.
-        space: whether the front (objective space) or the set (decision space) is drawn.
-    """
-
-    number: int
-    function: str
-    space: Literal["front", "set"]
+    number: int  # in the paper
+    function: str  # what was solved
+    space: Literal["front", "set"]  # whether the front (objective space) or the set (decision space) is drawn
 
 
 FIGURES: Final = (

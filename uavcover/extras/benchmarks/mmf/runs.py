@@ -29,17 +29,11 @@ from uavcover.run.folder import RunFolder, json_text, write_text
 
 @dataclass(frozen=True, slots=True)
 class Budget:
-    """Budget of every contender, and size of its result.
+    """Budget of every contender, and size of its result."""
 
-    Attributes:
-        population: candidates of each round.
-        iterations: rounds; ``population * iterations`` evaluations in all.
-        archive: most solutions to return.
-    """
-
-    population: int = 200
-    iterations: int = 500
-    archive: int = 200
+    population: int = 200  # candidates of each round
+    iterations: int = 500  # rounds; ``population * iterations`` evaluations in all
+    archive: int = 200  # most solutions to return
 
 
 Solver = Callable[[MmfProblem, int, Budget], FloatArray]

@@ -78,19 +78,12 @@ Samples = Mapping[tuple[str, str], Mapping[str, FloatArray]]
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A metric over several runs.
+    """A metric over several runs."""
 
-    Attributes:
-        mean: the average.
-        std: the sample standard deviation (n - 1); NaN for one run.
-        median: the middle one.
-        runs: how many there were.
-    """
-
-    mean: float
-    std: float
-    median: float
-    runs: int
+    mean: float  # the average
+    std: float  # the sample standard deviation (n - 1); NaN for one run
+    median: float  # the middle one
+    runs: int  # how many there were
 
 
 def indicators(function: str, x: FloatArray, objectives: FloatArray) -> dict[str, float]:

@@ -21,15 +21,10 @@ from uavcover.extras.benchmarks.rank_tests import Comparison, compared, friedman
 
 @dataclass(frozen=True, slots=True)
 class Published:
-    """A figure of the paper.
+    """A figure of the paper."""
 
-    Attributes:
-        mean: over 10 runs.
-        std: the standard deviation; NaN where there is none.
-    """
-
-    mean: float
-    std: float
+    mean: float  # over 10 runs
+    std: float  # the standard deviation; NaN where there is none
 
 
 @cache

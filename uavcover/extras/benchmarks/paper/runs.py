@@ -48,19 +48,12 @@ TABLE_6: Final = MappingProxyType({"modbo": Figures(0.746, 40.0, 71.1091), "imod
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """A reading of sections 2.2 and 5.2.
+    """A reading of sections 2.2 and 5.2."""
 
-    Attributes:
-        name: short.
-        scenario: the bundled scenario that it is a variant of.
-        line_of_sight: how a cell is hidden by ground; none where nothing hides it.
-        meaning: in words.
-    """
-
-    name: str
-    scenario: str
-    line_of_sight: LineOfSight | None
-    meaning: str
+    name: str  # short
+    scenario: str  # the bundled scenario that it is a variant of
+    line_of_sight: LineOfSight | None  # how a cell is hidden by ground; none where nothing hides it
+    meaning: str  # in words
 
     def site(self) -> Site:
         """The paper's ground, seen by this reading's sensor."""
@@ -109,19 +102,12 @@ class PaperRun:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PaperResult:
-    """Result of a run.
+    """Result of a run."""
 
-    Attributes:
-        front: the Pareto set, by coverage.
-        routes: the waypoints (n, 3) of each member.
-        chosen: number of the member that the weights choose.
-        cpu_s: processor time.
-    """
-
-    front: tuple[Figures, ...]
-    routes: tuple[FloatArray, ...]
-    chosen: int
-    cpu_s: float
+    front: tuple[Figures, ...]  # the Pareto set, by coverage
+    routes: tuple[FloatArray, ...]  # the waypoints (n, 3) of each member
+    chosen: int  # number of the member that the weights choose
+    cpu_s: float  # processor time
 
 
 def paper_runs(readings: Collection[str], algorithms: Collection[PlannerAlgorithm], runs: int) -> list[PaperRun]:
