@@ -41,7 +41,7 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.terrain.elevation_file import read_heights_amsl_m
 from uavcover.terrain.suspect_heights import suspect_places
 from uavcover.terrain.terrain_source import TerrainSource
-from uavcover.verification.elevation_bias import elevation_biases, widened
+from uavcover.verification.command import elevation_biases, widened
 from uavcover.verification.shared_clock import ROLLOVER_S, dated
 from uavcover.verification.track_logs.readers import read_foreign_log
 

@@ -77,8 +77,8 @@ def select(run: str | Path, rule: str, *, force: bool = False) -> "Plan":
         force: also when the route before was flown; it is kept in a folder of its own.
     """
     from uavcover.planner.select import choose
+    from uavcover.run.flight_folders import read_planned
     from uavcover.run.folder import RunFolder, flown_in
-    from uavcover.run.planned import read_planned
 
     folder = RunFolder(run)
     site, _ = read_planned(folder)
@@ -117,8 +117,8 @@ def upload(vehicle: "Connected", run: str | Path, *, in_flight: bool = False, us
         mission_io.MissionIoError: the vehicle refused or fell silent; says what it holds now.
     """
     from uavcover.flight.upload import send_and_compare
+    from uavcover.run.flight_folders import read_planned
     from uavcover.run.folder import RunFolder
-    from uavcover.run.planned import read_planned
 
     folder = RunFolder(run)
     site, planned = read_planned(folder)
@@ -147,8 +147,8 @@ def fly(
         OutputError: the folder holds a flight already; ``force=True`` replaces it.
     """
     from uavcover.flight.command import USUAL_FLIGHT, fly_connected, refuse_older_flight
+    from uavcover.run.flight_folders import read_planned
     from uavcover.run.folder import FLIGHT_FILES, RunFolder
-    from uavcover.run.planned import read_planned
     from uavcover.run.track_file import read_track
 
     options = USUAL_FLIGHT if options is None else options
@@ -189,7 +189,7 @@ def verify_track(site: "Site", track: "Track", plan: "Plan | None" = None) -> "V
         plan: what was planned, for the deviation and the planned coverage.
     """
     from uavcover.sensing.site_maps import judging_map
-    from uavcover.verification.phases import PlannedRoute
+    from uavcover.verification.unobserved import PlannedRoute
     from uavcover.verification.verify import FlownTrack, verify_flight
 
     chosen = None if plan is None else plan.chosen

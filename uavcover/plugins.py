@@ -13,7 +13,7 @@ _log = logging.getLogger(__name__)
 
 GROUPS: Final[Mapping[str, str]] = MappingProxyType(
     {
-        "uavcover.commands": "commands: groups of the overview with their commands (uavcover.cli.on_demand.Groups)",
+        "uavcover.commands": "commands: groups of the overview with their commands (uavcover.cli.main.Groups)",
         "uavcover.clients": "clients for --client: a module with open_client(link, own_system=...)",
         "uavcover.bounds": "provers of bounds: a module with proved(site, plan, time_s=...) and least_length_m(site, rule)",
         "uavcover.evidence": "other evidence of flights than tracks, for verify: the module uavcover.extras.photos.any_flight",

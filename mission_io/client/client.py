@@ -36,9 +36,8 @@ from mission_io.errors import (
 from mission_io.links.opening import Link
 from mission_io.model.enums import AutopilotId
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.clear import Clear, ClearState
 from mission_io.protocol.download import Download, DownloadState
-from mission_io.protocol.exchange import Address
+from mission_io.protocol.exchange import Address, Clear, ClearState
 from mission_io.protocol.mission_control import ItemProgress
 from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.tables import UploadState

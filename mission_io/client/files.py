@@ -11,8 +11,8 @@ from mission_io.formats.mission_dat import dat_path, read_mission_dat, write_mis
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.ftp import FtpMessage
 from mission_io.protocol.ftp_download import FtpDownload, FtpDownloadState
-from mission_io.protocol.ftp_listing import FtpEntry, FtpListing, FtpListingState
 from mission_io.protocol.ftp_upload import FtpUpload, FtpUploadState
+from mission_io.protocol.ftp_window import FtpEntry, FtpListing, FtpListingState
 from mission_io.protocol.tuning import CALLS
 from mission_io.wire.messages import FileTransfer, Received
 

@@ -24,8 +24,8 @@ from mission_io.errors import (
     VehicleSilentError,
 )
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.clear import Clear, ClearState
 from mission_io.protocol.download import Download, DownloadState
+from mission_io.protocol.exchange import Clear, ClearState
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.upload import Upload
 

@@ -16,9 +16,8 @@ from mission_io.conformance.client_cases import CLIENT_CASES
 from mission_io.conformance.download_cases import DOWNLOAD_CASES
 from mission_io.conformance.evidence import ON_REQUEST, ClientCase
 from mission_io.conformance.fake_vehicle import FakeVehicle
-from mission_io.conformance.list_cases import LIST_CASES
 from mission_io.conformance.probe import Probe
-from mission_io.conformance.refusal_cases import REFUSAL_CASES
+from mission_io.conformance.refusal_cases import LIST_CASES, REFUSAL_CASES
 from mission_io.conformance.run import ask_vehicle
 from mission_io.conformance.tuning import STATION
 from mission_io.conformance.upload_cases import UPLOAD_CASES

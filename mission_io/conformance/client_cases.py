@@ -6,9 +6,8 @@ from typing import Any, Final
 
 from mission_io.conformance import judges as j
 from mission_io.conformance import tricks as t
+from mission_io.conformance.case import LIST_NAMES, Section
 from mission_io.conformance.evidence import ClientCase, Operation
-from mission_io.conformance.guide import Section
-from mission_io.conformance.samples import LIST_NAMES
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionType
 from mission_io.wire import messages as m

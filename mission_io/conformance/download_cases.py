@@ -3,10 +3,17 @@
 from dataclasses import replace
 from typing import Final
 
-from mission_io.conformance.case import FailedError, ProtocolCase, RefusedError, check, for_each_list
-from mission_io.conformance.guide import Section
+from mission_io.conformance.case import (
+    FailedError,
+    ProtocolCase,
+    RefusedError,
+    Section,
+    check,
+    difference,
+    for_each_list,
+    sample,
+)
 from mission_io.conformance.probe import ITEMS, REQUESTS, Probe, described, seq_of
-from mission_io.conformance.samples import difference, sample
 from mission_io.conformance.tuning import PROBE
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionItem, MissionType

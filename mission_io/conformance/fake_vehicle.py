@@ -11,9 +11,8 @@ from dataclasses import replace
 from typing import Final
 
 from mission_io.autopilots.autopilot import PX4
-from mission_io.conformance.case import CaseResult
+from mission_io.conformance.case import CaseResult, sample
 from mission_io.conformance.evidence import ClientCase, HeardMessage, Operation, StationEvidence
-from mission_io.conformance.samples import sample
 from mission_io.conformance.tricks import Said, Trick
 from mission_io.conformance.tuning import STATION
 from mission_io.model.enums import AutopilotId, CommandResult, MissionResult

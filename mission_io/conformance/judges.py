@@ -3,10 +3,9 @@
 from collections.abc import Callable
 from typing import Final
 
-from mission_io.conformance.case import FailedError, LackingError, check
+from mission_io.conformance.case import FailedError, LackingError, check, difference
 from mission_io.conformance.evidence import HeardMessage, Operation, StationEvidence
 from mission_io.conformance.probe import result_name
-from mission_io.conformance.samples import difference
 from mission_io.conformance.tuning import STATION
 from mission_io.model.enums import MissionResult
 from mission_io.wire import messages as m

@@ -6,8 +6,7 @@ from typing import Final
 
 from mission_io.client.client import Client
 from mission_io.client.connection import VehicleInfo
-from mission_io.conformance.case import FailedError, LackingError, RefusedError, check
-from mission_io.conformance.samples import LIST_NAMES, difference
+from mission_io.conformance.case import LIST_NAMES, FailedError, LackingError, RefusedError, check, difference
 from mission_io.conformance.tuning import PROBE
 from mission_io.errors import FormatError, TransferError, TransferSilentError
 from mission_io.links.opening import Link

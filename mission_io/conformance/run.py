@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from mission_io.client.client import Client
-from mission_io.conformance.case import CaseResult, Outcome, ProtocolCase
+from mission_io.conformance.case import LIST_NAMES, CaseResult, Outcome, ProtocolCase, difference
 from mission_io.conformance.probe import Probe
-from mission_io.conformance.samples import LIST_NAMES, difference
 from mission_io.errors import FormatError, MissionIoError, MisuseError, TransferError, TransferSilentError
 from mission_io.model.items import MissionItem, MissionType
 

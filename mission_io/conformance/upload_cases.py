@@ -4,10 +4,17 @@ from dataclasses import replace
 from functools import partial
 from typing import Final
 
-from mission_io.conformance.case import FailedError, LackingError, ProtocolCase, RefusedError, check, for_each_list
-from mission_io.conformance.guide import Section
+from mission_io.conformance.case import (
+    FailedError,
+    LackingError,
+    ProtocolCase,
+    RefusedError,
+    Section,
+    check,
+    for_each_list,
+    sample,
+)
 from mission_io.conformance.probe import REQUESTS, Probe, described, result_name, seq_of
-from mission_io.conformance.samples import sample
 from mission_io.conformance.tuning import PROBE, STATION
 from mission_io.model.enums import MissionResult
 from mission_io.model.items import MissionType

@@ -23,7 +23,7 @@ from typing import Final
 
 from mission_io.autopilots.autopilot import ARDUPILOT, Autopilot, MissionList, items_of
 from mission_io.errors import FormatError, MisuseError
-from mission_io.formats import csv, geojson, gpx, kml, old_qgc_json, plan, poly, wpl
+from mission_io.formats import csv, geojson, gpx, kml, plan, poly, wpl
 from mission_io.formats.text import text_from_bytes
 from mission_io.model.areas import Fence, RallyPoints
 from mission_io.model.items import Command, Mission, MissionType
@@ -216,7 +216,7 @@ def _read_rally_lines(text: str, _: MissionType | None) -> MissionFile:
 
 
 def _read_old_json(text: str, _: MissionType | None) -> MissionFile:
-    read = old_qgc_json.read(text)
+    read = plan.read_old_json(text)
     return MissionFile(read.mission, read.fence, read.rally, read.repairs)
 
 

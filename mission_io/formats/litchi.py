@@ -12,8 +12,7 @@ from collections.abc import Sequence
 from mission_io.errors import FormatError
 from mission_io.formats.camera_flight import CameraFlight, CameraPoint
 from mission_io.formats.dialects import header_of, sniff
-from mission_io.formats.point_route import PointRoute, RouteStop, number_in, route_from_stops
-from mission_io.formats.route_cameras import StopCamera, course_deg
+from mission_io.formats.point_route import PointRoute, RouteStop, StopCamera, course_deg, number_in, route_from_stops
 from mission_io.formats.text import clean_text, degrees_text, plain_decimal
 from mission_io.model.items import Command, Frame
 from mission_io.model.places import earth_centred_m, ground_distance_m

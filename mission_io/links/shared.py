@@ -13,8 +13,7 @@ from typing import Final
 from mission_io.clock import Clock
 from mission_io.errors import LinkError, MisuseError
 from mission_io.links.base import Link, StreamLink
-from mission_io.links.places import Place, Places
-from mission_io.links.udp import UdpLink
+from mission_io.links.udp import Place, Places, UdpLink
 from mission_io.wire.framing import Framer, FramingCounts
 
 MOST_WAITING: Final = 4096

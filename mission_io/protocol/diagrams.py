@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any, Final
 
 from mission_io.errors import FormatError
-from mission_io.protocol.clear import CLEAR_TABLE, ClearState
 from mission_io.protocol.download import DOWNLOAD_TABLE, DownloadState
+from mission_io.protocol.exchange import CLEAR_TABLE, ClearState
 from mission_io.protocol.tables import SERVER_TABLE, UPLOAD_TABLE, ServerState, Table, UploadState, mermaid
 
 TABLES: Final[dict[str, tuple[Table[Any, Any], Enum]]] = {

@@ -50,15 +50,15 @@ from uavcover.missions.mission_files import compile_plan
 from uavcover.missions.objectives import judge_member
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import BatteryData
-from uavcover.mock.peer import InMemoryPeer
+from uavcover.mock.ports import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.outcome import Ending, FlightFailedError
 from uavcover.model.route import Plan
 from uavcover.model.vehicle import AutopilotName
 from uavcover.planner.baselines.boustrophedon import fly_layout, regular_layout
 from uavcover.planner.plan_files import save_plan
+from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
-from uavcover.run.planned import read_planned
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.site_maps import judging_map
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from mission_io.errors import FormatError
-from mission_io.formats import csv, files, geojson, kml, old_qgc_json, plan, poly, wpl
+from mission_io.formats import csv, files, geojson, kml, plan, poly, wpl
 from mission_io.formats.drawings import DrawnArea, fence_from_areas
 from mission_io.formats.mission_dat import read_mission_dat, write_mission_dat
 from mission_io.formats.text import text_from_bytes
@@ -128,7 +128,7 @@ def try_fen(text: str) -> None:
 
 def try_old(text: str) -> None:
     """QGroundControl's JSON from before ``.plan``."""
-    read = old_qgc_json.read(text)
+    read = plan.read_old_json(text)
     check((read.mission is None) + (read.fence is None) + (read.rally is None) == 2, "one list")
     mission = read.mission or Mission(None, ())
     lists = plan.PlanFile(

@@ -11,7 +11,7 @@ from pathlib import Path
 from PIL import Image
 
 from mission_io.errors import FormatError
-from mission_io.formats import csv, gpx, kml, litchi, wpml_reader
+from mission_io.formats import csv, gpx, kml, litchi, wpml
 from mission_io.formats.point_route import PointRoute
 from mission_io.model.items import GeoPoint, Mission, MissionType
 from mission_io.protocol.ftp import FtpMessage
@@ -105,7 +105,7 @@ def _route_targets() -> dict[str, Target]:
     readers = {
         "gpx": try_route(gpx.read_route),
         "kml_route": try_route(kml.read_route),
-        "wpml": try_route(wpml_reader.read_route),
+        "wpml": try_route(wpml.read_route),
         "litchi": try_route(litchi.read_route),
         "openair": try_zones(".txt"),
         "zones": try_zones(".json"),

@@ -28,8 +28,7 @@ if __name__ == "__main__":
 
 from scripts.bench.planner import window
 from scripts.options import file_to_write, one_of
-from uavcover.extras.bounds.bounds import least_path_length_m
-from uavcover.extras.bounds.ground_prices import lattice_parts, price_ground
+from uavcover.extras.bounds.bounds import lattice_parts, least_path_length_m, price_ground
 from uavcover.missions.objectives import judge_member
 from uavcover.planner.baselines.boustrophedon import boustrophedons
 from uavcover.scenario.scenario_file import dump_scenario

@@ -31,7 +31,7 @@ from scripts.options import file_to_write
 from uavcover.kernels.annealing import Prices, Schedule, anneal
 from uavcover.missions.objectives import evaluate_routes
 from uavcover.model.area import Area
-from uavcover.model.home import Home
+from uavcover.model.limits import Home
 from uavcover.model.route import Route
 from uavcover.model.scenario import Origin, Scenario
 from uavcover.planner.baselines.adaptive_swaths import adaptive_swaths, can_be_adapted

@@ -20,8 +20,7 @@ import typer
 
 from uavcover.cli.main import app
 from uavcover.model.scenario import Scenario
-from uavcover.new.cameras import all_cameras
-from uavcover.new.vehicles import all_vehicles
+from uavcover.new.catalog import all_cameras, all_vehicles
 
 _VALUE_NAMES: dict[Any, str] = {
     str: "TEXT",

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from tests.cli.conftest import Cli
 from uavcover.missions.mission_files import compile_plan, export_text
+from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
-from uavcover.run.planned import read_planned
 
 
 def set_of(run: Path) -> list[dict[str, str]]:

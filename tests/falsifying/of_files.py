@@ -16,7 +16,7 @@ from tests.falsifying.of_place import shifted
 from tests.falsifying.way import Meddle, Way, family
 from uavcover.model.terrain import RasterTerrain
 from uavcover.scenario.scenario_file import dump_scenario, terrain_source
-from uavcover.verification.geotiff import Band, geotiff
+from uavcover.verification.gaps import Band, geotiff
 
 CHANGED = "what is judged is not what was planned and flown"
 

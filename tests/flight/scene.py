@@ -16,7 +16,7 @@ from uavcover.flight.fly import FlightOutcome, Orders, fly
 from uavcover.flight.monitor import Monitor, open_vehicle
 from uavcover.flight.precautions import OnBreach, Precautions
 from uavcover.mock.body import Ground
-from uavcover.mock.peer import InMemoryPeer
+from uavcover.mock.ports import InMemoryPeer
 from uavcover.mock.positioning import OnTruth
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.outcome import EventKind, FlightEvent

@@ -9,8 +9,7 @@ from mission_io.autopilots.autopilot import ARDUPILOT, PX4
 from tests.flight.scene import FRAME, HOME, Scene, make_scene, mission, plan_for
 from uavcover.flight.flight_plan import FlightTimeouts, OperatingVolume
 from uavcover.flight.fly import Ending
-from uavcover.flight.policy import Phase, reaction
-from uavcover.flight.precautions import OnBreach, Precautions
+from uavcover.flight.precautions import OnBreach, Phase, Precautions, reaction
 from uavcover.mock.dynamics import BatteryData, WindModel
 from uavcover.mock.faults import parse_fault
 from uavcover.model.outcome import EventKind, FlightEvent, FlightFailedError

@@ -25,7 +25,7 @@ from uavcover.missions.objectives import judge_member
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import Battery, BatteryData
 from uavcover.mock.faults import parse_fault
-from uavcover.mock.peer import InMemoryPeer
+from uavcover.mock.ports import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.outcome import FlightEvent, FlightFailedError
 from uavcover.model.route import Plan, Route

@@ -17,7 +17,7 @@ from mission_io.model.items import Command, Frame, GeoPoint, land, takeoff, wayp
 from mission_io.protocol.mission_control import ItemProgress
 from mission_io.wire import messages as m
 from tests.mission_io.vehicle import VehiclePeer, connected
-from uavcover.mock.peer import InMemoryPeer
+from uavcover.mock.ports import InMemoryPeer
 from uavcover.mock.vehicle import MockVehicle
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "vehicle_calls.md"

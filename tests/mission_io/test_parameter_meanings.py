@@ -6,7 +6,7 @@ import re
 import pytest
 from pymavlink.dialects.v20 import common as dialect
 
-from mission_io.autopilots.parameter_meanings import Meaning, _meanings, has_no_place, meaning_of, number_for_nan
+from mission_io.autopilots.comparison import Meaning, _meanings, has_no_place, meaning_of, number_for_nan
 from mission_io.errors import FormatError
 from mission_io.formats import plan, wpl
 from mission_io.model.areas import Fence, RallyPoints

@@ -27,9 +27,8 @@ from uavcover.model.sensor import SphereSensor
 from uavcover.model.vehicle import Wind
 from uavcover.planner.plan_files import save_plan
 from uavcover.planner.terrain_following import lay_over_terrain
-from uavcover.run.flight_folders import flown_tracks
+from uavcover.run.flight_folders import flown_tracks, read_planned
 from uavcover.run.folder import RunFolder
-from uavcover.run.planned import read_planned
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.site_maps import judging_map

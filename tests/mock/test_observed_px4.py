@@ -18,7 +18,7 @@ from tests.flight.scene import HOME, mission
 from tests.mock.bench import Bench, go, up_there
 from uavcover.flight.modes import Mode
 from uavcover.mock.behaviour import OBSERVED
-from uavcover.mock.peer import InMemoryPeer
+from uavcover.mock.ports import InMemoryPeer
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 
 SEEN = OBSERVED[PX4.mav_autopilot]

@@ -23,8 +23,7 @@ from uavcover.errors import InputError, VehicleError
 from uavcover.flight.fly import Ending, Orders, fly
 from uavcover.flight.monitor import open_vehicle
 from uavcover.flight.precautions import OnBreach, Precautions
-from uavcover.mock.peer import InMemoryPeer
-from uavcover.mock.ports import TcpPort
+from uavcover.mock.ports import InMemoryPeer, TcpPort
 from uavcover.mock.server import MockServer, mock_endpoint, run, start_in_background
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 

@@ -7,8 +7,7 @@ import pytest
 
 from uavcover.errors import InputError
 from uavcover.extras.exports.command import dji_aircraft_named
-from uavcover.new.cameras import all_cameras, camera_named
-from uavcover.new.vehicles import all_vehicles, vehicle_named
+from uavcover.new.catalog import all_cameras, all_vehicles, camera_named, vehicle_named
 
 CAMERAS = {camera.name: camera for camera in all_cameras()}
 VEHICLES = {vehicle.name: vehicle for vehicle in all_vehicles()}

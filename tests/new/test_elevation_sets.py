@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from uavcover.errors import InputError
-from uavcover.new.elevation_sets import NeededTiles, all_sets, national_sources, needed_tiles
+from uavcover.new.elevation_questions import NeededTiles, all_sets, national_sources, needed_tiles
 
 
 def box(west: float, south: float, east: float, north: float):

@@ -5,7 +5,7 @@ import rasterio
 
 from tests.scenario.surface_files import write_models
 from uavcover.errors import TerrainError
-from uavcover.new.elevation_words import bands_in_words, feet_in_words, shading_in_words, surface_in_words
+from uavcover.new.elevation_questions import bands_in_words, feet_in_words, shading_in_words, surface_in_words
 from uavcover.terrain.terrain_source import TerrainSource
 
 SURFACES = {

@@ -5,10 +5,9 @@ import math
 import pytest
 
 from uavcover.errors import InputError
-from uavcover.new.cameras import all_cameras, camera_named
+from uavcover.new.catalog import all_cameras, camera_named, vehicle_named
 from uavcover.new.survey import SurveyWish, design_survey
 from uavcover.new.tuning import SURVEY
-from uavcover.new.vehicles import vehicle_named
 
 M3E = camera_named("dji-m3e")
 

@@ -9,8 +9,7 @@ import numpy as np
 import shapely
 
 from uavcover.model.area import Area
-from uavcover.model.home import Home
-from uavcover.model.limits import FlightLimits
+from uavcover.model.limits import FlightLimits, Home
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.model.scenario import Origin, PlannerSettings, Requirements, Scenario

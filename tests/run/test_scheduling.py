@@ -8,8 +8,8 @@ import threading
 import pytest
 
 from uavcover.errors import InputError, TerrainError
-from uavcover.run import program as programs
-from uavcover.run.program import differences, program
+from uavcover.run import provenance as programs
+from uavcover.run.provenance import differences, program
 from uavcover.run.scheduling import workers_of
 
 

@@ -9,7 +9,7 @@ import pytest
 from tests.scenario.scenario_texts import GOOD, parse, refused
 from uavcover.model.area import Outline
 from uavcover.model.fleet import Fleet
-from uavcover.model.home import Home
+from uavcover.model.limits import Home
 from uavcover.model.vehicle import Vehicle
 from uavcover.scenario.scenario_file import dump_scenario
 

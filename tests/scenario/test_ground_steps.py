@@ -13,8 +13,7 @@ from tests.planner.test_planner import make_plan
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.planner.plan_words import say_steps
 from uavcover.run.user import Unattended
-from uavcover.scenario.airspace.flyable import flyable_area
-from uavcover.scenario.ground_steps import least_width_m, parts_between_steps
+from uavcover.scenario.airspace.flyable import flyable_area, least_width_m, parts_between_steps
 from uavcover.terrain.ground import sine_cosine_ground
 
 REGION = shapely.box(-200.0, -150.0, 400.0, 350.0)

@@ -10,8 +10,7 @@ from tests.scenario.scenario_texts import GOOD, parse, refused
 from uavcover.errors import ScenarioError
 from uavcover.model.area import Area
 from uavcover.model.fleet import Fleet
-from uavcover.model.home import Home
-from uavcover.model.limits import FlightLimits
+from uavcover.model.limits import FlightLimits, Home
 from uavcover.model.scenario import Origin, PlannerSettings, Requirements, Scenario
 from uavcover.model.sensor import DiscSensor, NadirCamera, SphereSensor
 from uavcover.model.terrain import RasterTerrain, SineCosineTerrain

@@ -5,7 +5,7 @@ import pytest
 import shapely
 
 from uavcover.errors import ScenarioError, TerrainError
-from uavcover.model.home import Home
+from uavcover.model.limits import Home
 from uavcover.model.scenario import Origin
 from uavcover.scenario.scenario_file import load_scenario, terrain_source
 from uavcover.scenario.site import build_site

@@ -10,10 +10,9 @@ import rasterio
 
 from tests.terrain.dem_files import write_dem
 from uavcover.errors import TerrainError
-from uavcover.terrain import packed_raster
+from uavcover.terrain import terrain_source
 from uavcover.terrain.elevation_file import read_height_amsl_m, read_heights_amsl_m
-from uavcover.terrain.packed_raster import gdal_name
-from uavcover.terrain.terrain_source import TerrainSource, find_tiles
+from uavcover.terrain.terrain_source import TerrainSource, find_tiles, gdal_name
 from uavcover.terrain.tuning import FILES
 
 LAT, LON = 46.55, 8.03
@@ -90,7 +89,7 @@ def test_a_packed_tile_of_open_sea_is_no_bomb(tmp_path):
 
 
 def test_zip_files_that_are_none_or_hold_something_else(tmp_path, monkeypatch):
-    monkeypatch.setattr(packed_raster, "FILES", replace(FILES, harmless_zip_bytes=1_000_000))
+    monkeypatch.setattr(terrain_source, "FILES", replace(FILES, harmless_zip_bytes=1_000_000))
     for entries, words in (
         ([("a.txt", b"x")], "holds 0 elevation files"),
         ([("a.hgt", b"x"), ("b.hgt", b"x")], "holds 2 elevation files"),
@@ -120,7 +119,7 @@ def test_gzip_files_that_are_none_damaged_or_too_long(tmp_path, monkeypatch):
         assert "\n" not in str(refused.value)
         path.unlink()
     # The length at the end of the file lies; what comes out counts.
-    monkeypatch.setattr(packed_raster, "FILES", replace(FILES, max_gzip_bytes=2_000_000))
+    monkeypatch.setattr(terrain_source, "FILES", replace(FILES, max_gzip_bytes=2_000_000))
     bomb = gzip.compress(bytes(5_000_000))
     (tmp_path / "bomb.hgt.gz").write_bytes(bomb[:-4] + (100).to_bytes(4, "little"))
     with pytest.raises(

@@ -15,7 +15,7 @@ from uavcover.missions.mission_files import compile_plan
 from uavcover.mock.behaviour import Settings
 from uavcover.mock.dynamics import WindModel
 from uavcover.mock.faults import parse_fault
-from uavcover.mock.peer import InMemoryPeer
+from uavcover.mock.ports import InMemoryPeer
 from uavcover.mock.positioning import GpsError
 from uavcover.mock.vehicle import MockConfig, MockVehicle
 from uavcover.model.route import Route

@@ -8,8 +8,7 @@ import pytest
 from tests.verification.flights import Flight, make_site
 from uavcover.model.scenario import Uncertainty
 from uavcover.model.track import Track
-from uavcover.verification.command import judge_tracks
-from uavcover.verification.elevation_bias import elevation_biases, widened
+from uavcover.verification.command import elevation_biases, judge_tracks, widened
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")
 

@@ -11,8 +11,8 @@ from uavcover.errors import TrackError
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.verification.ends import TrackEnd, track_ends
-from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.tuning import ENDS
+from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import FlownTrack, verify_flight
 
 pytestmark = pytest.mark.usefixtures("attitudes_count")

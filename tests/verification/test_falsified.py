@@ -15,7 +15,7 @@ from uavcover.planner.baselines.swaths import fly_layout, regular_layout
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.verification.judged_track import judge_track
-from uavcover.verification.phases import PlannedRoute
+from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import verify_track
 
 SEEDS = range(4)

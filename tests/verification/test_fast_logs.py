@@ -19,7 +19,7 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.verification import observations
 from uavcover.verification.judged_track import JudgedTrack, judge_track
-from uavcover.verification.phases import PlannedRoute
+from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import verify_track
 
 SENSORS: dict[str, Sensor] = {

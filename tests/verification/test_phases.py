@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.verification.flights import make_site, track_of
-from uavcover.verification.phases import PlannedRoute, on_route
+from uavcover.verification.unobserved import PlannedRoute, on_route
 from uavcover.verification.waypoints_passed import Passing
 
 SAMPLES = 40

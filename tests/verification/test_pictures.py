@@ -9,12 +9,12 @@ from tests.verification.flights import Flight, changed, reasons
 from tests.verification.flights import make_site as nimble_site
 from uavcover.mock.vehicle import MockVehicle
 from uavcover.model.sensor import SphereSensor
+from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
-from uavcover.run.planned import read_planned
 from uavcover.run.track_file import read_track
 from uavcover.sensing.site_maps import judging_map
-from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.reported_photos import reports_photos
+from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import verify_track
 
 SPHERES = 'kind = "sphere"\nrange_m = {range_m}\nsensing = "at-waypoints"\n'

@@ -10,12 +10,12 @@ from tests.falsifying.honest_run import SURVEY, Field, make_site, save_lines
 from tests.verification.flights import changed
 from uavcover.mock.faults import parse_fault
 from uavcover.planner.close_gaps import plan_gap_mission
+from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
-from uavcover.run.planned import read_planned
 from uavcover.run.track_file import read_track
 from uavcover.sensing.site_maps import judging_map
-from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.photo_evidence import PictureEvidence
+from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import FlownTrack, verify_flight
 
 REQUIRED = PictureEvidence(photos_required=True)

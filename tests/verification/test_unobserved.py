@@ -5,9 +5,9 @@ import pytest
 
 from tests.verification.flights import make_site, track_of
 from uavcover.model.verdict import Unobserved
-from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.possible_motion import ImpossibleMove, Motion
 from uavcover.verification.unobserved import (
+    PlannedRoute,
     length_of_m,
     place_of,
     unobserved_stretches,

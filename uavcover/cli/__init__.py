@@ -1,4 +1,4 @@
-"""The command line: one core command a file; each parses, loads, calls one workflow and prints.
+"""The command line: the core commands; each parses, loads, calls one workflow and prints.
 
 Begin with ``main.py``, which lists the commands of the core and of installed extras.
 """

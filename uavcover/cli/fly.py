@@ -112,8 +112,8 @@ def fly(
     from uavcover.flight.own_links import links_of_run
     from uavcover.model.outcome import Ending
     from uavcover.plugins import load
+    from uavcover.run.flight_folders import read_planned
     from uavcover.run.folder import RunFolder
-    from uavcover.run.planned import read_planned
     from uavcover.run.user import to_paste
 
     if older.resume and not to and sortie is None and RunFolder(run).sorties():

@@ -77,8 +77,7 @@ def _refuse_to_replace(paths: list[Path], *, force: bool) -> None:
 
 
 def _list(console: "Console", *, cameras: bool, vehicles: bool) -> int:
-    from uavcover.new.cameras import all_cameras
-    from uavcover.new.vehicles import all_vehicles
+    from uavcover.new.catalog import all_cameras, all_vehicles
 
     document: dict[str, Any] = {}
     if cameras:

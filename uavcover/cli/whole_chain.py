@@ -8,8 +8,12 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
+from pathlib import Path
+from typing import Annotated, Any
 
+import typer
+
+from uavcover.cli import options
 from uavcover.cli.console import Console
 from uavcover.errors import INTERRUPTED, InputError, VehicleError
 from uavcover.flight.command import ENDED_BY_USER, FlightOptions, fly_run
@@ -22,6 +26,36 @@ from uavcover.run.folder import REPORT_FILE, RunFolder
 from uavcover.run.provenance import add_stage
 from uavcover.run.user import metres, percent, to_paste
 from uavcover.verification.command import verify_run
+
+# ``uavcover demo``: the whole chain on real terrain, against a mock vehicle in another process.
+
+
+def demo(
+    *,
+    run: Annotated[
+        Path, typer.Option("-o", "--out", help="Folder for the results (the run folder).", metavar="RUN")
+    ] = Path("out"),
+    scenario: Annotated[str, typer.Option(help="Scenario to fly.")] = "jacksboro",
+    evaluations: Annotated[
+        int | None, typer.Option(help=("Number of route evaluations; default: that of the scenario."))
+    ] = None,
+    seed: options.Seed = None,
+    autopilot: options.Autopilot = None,
+    speed: Annotated[float, typer.Option(help="Speed of the mock vehicle, as a multiple of real time.")] = 100.0,
+    force: options.ForcePlan = False,
+    output: options.Output,
+) -> int:
+    """Plan a mission, upload it to a mock vehicle over UDP, fly it, record it and verify it."""
+    from uavcover.cli.whole_chain import demonstrate
+    from uavcover.planner.command import PlanRequest
+
+    console = output.console()
+    request = PlanRequest(
+        scenario=scenario, folder=run, command=sys.argv, force=force, seed=seed, evaluations=evaluations,
+        autopilot=autopilot,
+    )  # fmt: skip
+    return demonstrate(request, scenario, console, speed=speed)
+
 
 _MOCK_START_S = 60.0
 _WIND = ("--wind", "3", "--wind-from", "250", "--gust", "0.7")

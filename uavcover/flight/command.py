@@ -32,16 +32,15 @@ from uavcover.model.route import Route
 from uavcover.model.track import TrackSample
 from uavcover.recording.writer import write_recording
 from uavcover.run import provenance
-from uavcover.run.flight_folders import GAP_FOLDER, TRACK, flown_tracks, whole_run
+from uavcover.run.flight_folders import GAP_FOLDER, TRACK, flown_tracks, read_planned, whole_run
 from uavcover.run.folder import FLIGHT_FILES, RunFolder
 from uavcover.run.judged_inputs import was_flown
-from uavcover.run.planned import read_planned
 from uavcover.run.provenance import note_files, seal_flight
 from uavcover.run.track_file import SpaceReserve, read_track, record_bytes
 from uavcover.run.user import User, to_paste
 from uavcover.scenario.site import Site
 from uavcover.sensing.site_maps import judging_map
-from uavcover.verification.phases import PlannedRoute
+from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import flown_coverage
 
 _LEFT_SOMETHING = frozenset({Ending.RETURNED, Ending.LEFT_HOLDING, Ending.RESERVE_KEPT})

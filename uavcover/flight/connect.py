@@ -30,7 +30,7 @@ from uavcover.flight.modes import require_multirotor
 from uavcover.flight.monitor import Monitor, open_vehicle
 from uavcover.flight.precautions import require_answers
 from uavcover.flight.readiness import check_home as check_home_of
-from uavcover.flight.resume_point import along_leg_m
+from uavcover.flight.resume import along_leg_m
 from uavcover.flight.return_home import PlanReturn
 from uavcover.flight.session import Session
 from uavcover.flight.vehicle_terrain import answer_from_site

@@ -12,8 +12,7 @@ from uavcover.flight.arming import continue_mission, hold_mode, send_disarm, set
 from uavcover.flight.home_watch import HoldState, HoldWatch
 from uavcover.flight.mission_guard import ModeOverride
 from uavcover.flight.modes import Mode
-from uavcover.flight.policy import Phase, policy, reaction
-from uavcover.flight.precautions import OnBreach
+from uavcover.flight.precautions import OnBreach, Phase, policy, reaction
 from uavcover.flight.progress import MissionProgress
 from uavcover.flight.session import Session, Stopped, TakenOverError, Timer
 from uavcover.flight.tuning import FOLLOWING

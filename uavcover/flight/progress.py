@@ -7,7 +7,7 @@ import numpy as np
 from mission_io.model.enums import Firmware
 from mission_io.wire import messages as m
 from uavcover.flight.flight_plan import FlightPlan
-from uavcover.flight.resume_point import Passage
+from uavcover.flight.resume import Passage
 from uavcover.flight.session import Session
 from uavcover.flight.tuning import PROGRESS
 from uavcover.kernels.arrays import FloatArray

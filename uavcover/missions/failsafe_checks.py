@@ -12,8 +12,16 @@ from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.kernels.obstacle_breach import tops_near_m
 from uavcover.missions.failsafe_parameters import FailsafeSettings
 from uavcover.missions.failsafe_path import predict
-from uavcover.missions.failsafe_states import HOME, Destinations, FailsafePaths, FlightStates, Stage
-from uavcover.missions.unsafe_returns import Danger, UnsafeReturn, joined_returns
+from uavcover.missions.failsafe_states import (
+    HOME,
+    Danger,
+    Destinations,
+    FailsafePaths,
+    FlightStates,
+    Stage,
+    UnsafeReturn,
+    joined_returns,
+)
 from uavcover.model.obstacles import Obstacles
 from uavcover.scenario.airspace.zones import ZoneCheck
 from uavcover.scenario.obstacles import Prism, leg_breaches

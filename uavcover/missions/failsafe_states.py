@@ -4,7 +4,8 @@ Positions are (east, north, height above sea level): autopilots keep a level abo
 """
 
 import math
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -165,3 +166,73 @@ def px4_destination(
 def _away_m(places_m: FloatArray, other_m: FloatArray) -> FloatArray:
     """(n,) horizontal."""
     return np.asarray(np.hypot(places_m[:, 0] - other_m[0], places_m[:, 1] - other_m[1]), float)
+
+
+# Intervals of legs from which a return is unsafe, with the reason, as data.
+
+Danger = Literal["terrain", "descent", "unknown ground", "obstacle", "fence", "zone", "battery"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnsafeReturn:
+    """Consecutive moments from which one response is unsafe in one respect."""
+
+    responses: tuple[Response, ...]  # that lead there
+    danger: Danger  # in which respect
+    begin_s: float  # first moment, since take-off
+    end_s: float  # last moment
+    first_leg: int  # vertex of the route that the vehicle flies to at the first moment
+    last_leg: int  # at the last one
+    # worst value: least height above ground; metres of missing clearance, outside the fence or inside the zone; seconds
+    # of flight
+    value: float
+    limit: float  # the allowed value
+    place_m: tuple[float, float, float]  # (east, north, up) where it is worst
+    worst_s: float  # the moment whose path is worst
+    destination: int  # number of the rally point there, ``HOME`` or ``IN_PLACE``
+    name: str = ""  # of the obstacle or zone
+    note: str = ""  # what the path depends on
+
+    @property
+    def what(self) -> str:
+        """The problem as text, without the moments and the position."""
+        to = {HOME: "home", IN_PLACE: "down at the current position"}.get(
+            self.destination, f"to rally point {self.destination + 1}"
+        )
+        path = f"the path {to}{f', {self.note},' if self.note else ''}"
+        match self.danger:
+            case "terrain" if self.value < 0.0:
+                return f"{path} goes {-self.value:.1f} m below the ground"
+            case "terrain":
+                return f"{path} is {self.value:.1f} m above ground, at least {self.limit:.1f} m are required"
+            case "descent" if self.value < 0.0:
+                return f"{path} descends {-self.value:.1f} m below the ground at flying speed"
+            case "descent":
+                return f"{path} comes within {self.value:.1f} m of the ground at flying speed"
+            case "unknown ground":
+                return f"{path} leads over unknown ground"
+            case "obstacle":
+                return f"{path} lacks {self.value:.1f} m of clearance from obstacle {self.name!r}"
+            case "fence":
+                return f"{path} comes {self.value:.1f} m outside the fence"
+            case "zone":
+                return f"{path} comes {self.value:.1f} m into no-fly zone {self.name!r}"
+            case "battery":
+                return f"{path} ends after {self.value:.0f} s, the battery lasts {self.limit:.0f} s"
+
+
+def joined_returns(unsafe: Iterable[UnsafeReturn]) -> list[UnsafeReturn]:
+    """Join intervals of different responses with the same path from the same legs; keep the worst figures."""
+    found: dict[tuple[object, ...], UnsafeReturn] = {}
+    for one in unsafe:
+        key = (one.danger, one.destination, one.name, one.note, one.first_leg, one.last_leg)
+        other = found.get(key)
+        if other is None:
+            found[key] = one
+            continue
+        worse = one if abs(one.value - one.limit) > abs(other.value - other.limit) else other
+        found[key] = replace(
+            worse, responses=(*other.responses, *one.responses), begin_s=min(one.begin_s, other.begin_s),
+            end_s=max(one.end_s, other.end_s),
+        )  # fmt: skip
+    return list(found.values())

@@ -11,8 +11,7 @@ from mission_io.model.items import Frame, GeoPoint
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.failsafe_checks import ReturnJudgement, ReturnLimits, judge_returns
 from uavcover.missions.failsafe_parameters import FailsafeSettings, failsafe_settings
-from uavcover.missions.failsafe_states import IN_PLACE, Destinations, FlightStates, states_along
-from uavcover.missions.unsafe_returns import UnsafeReturn
+from uavcover.missions.failsafe_states import IN_PLACE, Destinations, FlightStates, UnsafeReturn, states_along
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.site import Site
 

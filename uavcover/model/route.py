@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.outline import svg_map
+from uavcover.model.area import svg_map
 
 PART_OF = "part of "
 """Prefix of the origin of a route that is part of another."""

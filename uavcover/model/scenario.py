@@ -8,8 +8,7 @@ from uavcover.kernels.sight import MIDPOINT
 from uavcover.model.active_times import Window, window_of
 from uavcover.model.area import Area
 from uavcover.model.fleet import Fleet
-from uavcover.model.home import Home
-from uavcover.model.limits import FlightLimits
+from uavcover.model.limits import FlightLimits, Home
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.sensor import Sensor

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.outline import svg_map
+from uavcover.model.area import svg_map
 
 COLUMNS = (
     "time_s",

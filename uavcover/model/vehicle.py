@@ -7,7 +7,7 @@ from typing import ClassVar, Literal
 
 from uavcover.errors import InputError
 from uavcover.model.area import Outline
-from uavcover.model.home import Home
+from uavcover.model.limits import Home
 from uavcover.model.power import PowerModel
 from uavcover.model.sensor import Sensor
 from uavcover.model.value_checks import STRICT, require, require_not_negative, require_positive

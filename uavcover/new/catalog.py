@@ -1,14 +1,18 @@
 """Tables of products that come with the package: rows by name, near misses, and files of people's own."""
 
 import difflib
+import math
 import re
 import tomllib
 from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from mission_io.data_tables import read_document
 from uavcover.errors import InputError
+from uavcover.model.vehicle import AutopilotName
+from uavcover.new.tuning import SURVEY
 
 _LONGEST_BITS = 1000
 _MOST_NAMES = 8
@@ -153,3 +157,131 @@ def pair_of(row: Mapping[str, Any], key: str, *, where: str) -> tuple[float, flo
     if first is None or second is None:
         raise InputError(f"{where}: {key}: two numbers are needed; across the photo, then along it")
     return first, second
+
+
+# Vehicles by name or from a file: speeds, acceleration and time in the air.
+
+_NUMBERS = (
+    "endurance_s", "cruise_speed_m_s", "max_speed_m_s", "max_climb_m_s", "max_descent_m_s", "acceleration_m_s2",
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleType:
+    """A multirotor as its data sheet has it; None where that says nothing."""
+
+    name: str  # in the table, or of the file
+    title: str  # for people
+    endurance_s: float | None = None  # longest time in the air
+    cruise_speed_m_s: float | None = None  # usual speed over ground
+    max_speed_m_s: float | None = None  # largest speed over ground in still air
+    max_climb_m_s: float | None = None  # largest upward speed
+    max_descent_m_s: float | None = None  # largest downward speed
+    acceleration_m_s2: float | None = None  # over ground
+    autopilot: AutopilotName | None = None  # whose conventions it follows
+    source: str = ""  # where the values are from
+
+
+def all_vehicles() -> tuple[VehicleType, ...]:
+    """The vehicles of the table."""
+    rows = read_catalog("vehicles.toml")
+    return tuple(_vehicle(name, row, where=f"vehicles.toml: {name}") for name, row in rows.items())
+
+
+def vehicle_named(name: str) -> VehicleType:
+    """A vehicle of the table, or of a TOML file of people's own.
+
+    Raises:
+        InputError: it is not known, or the file's values are not a vehicle's.
+    """
+    found, row, where = read_row(name, table="vehicles.toml", option="--vehicle")
+    return _vehicle(found, row, where=where)
+
+
+def _vehicle(name: str, row: dict[str, Any], *, where: str) -> VehicleType:
+    checked_row(row, where=where, required=(), optional=(*_NUMBERS, "autopilot"))
+    numbers = {key: number_of(row, key, where=where) for key in _NUMBERS}
+    autopilot = row.get("autopilot")
+    match autopilot:
+        case None | "ardupilot" | "px4":
+            return VehicleType(
+                name, str(row["title"]), autopilot=autopilot, source=str(row.get("source", "")), **numbers
+            )
+    raise InputError(f"{where}: autopilot: {autopilot!r} is not known; give ardupilot or px4")
+
+
+# Cameras by name or from a file: sensor, pixels, lens, and how fast they take photos.
+
+_REQUIRED = ("sensor_mm", "pixels", "focal_length_mm")
+_OPTIONAL = ("min_interval_s",)
+
+
+@dataclass(frozen=True, slots=True)
+class CameraBody:
+    """A camera with its lens, in landscape: the longer side of the photo across the way it is flown."""
+
+    name: str  # in the table, or of the file
+    title: str  # for people
+    sensor_across_mm: float  # longer side of the sensor's part that makes the photo
+    sensor_along_mm: float  # shorter side
+    pixels_across: int  # pixels along the longer side
+    pixels_along: int  # along the shorter side
+    focal_length_mm: float  # of the lens
+    min_interval_s: float | None = None  # shortest time between two photos; none: unknown
+    source: str = ""  # where the values are from
+
+    @property
+    def fov_across_deg(self) -> float:
+        """Full angle between the left and the right side of the photo."""
+        return 2.0 * math.degrees(math.atan(0.5 * self.sensor_across_mm / self.focal_length_mm))
+
+    @property
+    def fov_along_deg(self) -> float:
+        """Full angle between its bottom and its top."""
+        return 2.0 * math.degrees(math.atan(0.5 * self.sensor_along_mm / self.focal_length_mm))
+
+    @property
+    def focal_px(self) -> float:
+        """Focal length in pixels."""
+        return self.focal_length_mm / self.sensor_across_mm * self.pixels_across
+
+
+def all_cameras() -> tuple[CameraBody, ...]:
+    """The cameras of the table."""
+    return tuple(
+        _camera(name, row, where=f"cameras.toml: {name}") for name, row in read_catalog("cameras.toml").items()
+    )
+
+
+def camera_named(name: str) -> CameraBody:
+    """A camera of the table, or of a TOML file of people's own.
+
+    Raises:
+        InputError: it is not known, or the file's values are not a camera's.
+    """
+    found, row, where = read_row(name, table="cameras.toml", option="--camera")
+    return _camera(found, row, where=where)
+
+
+def _camera(name: str, row: dict[str, Any], *, where: str) -> CameraBody:
+    checked_row(row, where=where, required=_REQUIRED, optional=_OPTIONAL)
+    width, height = pair_of(row, "sensor_mm", where=where)
+    across, along = pair_of(row, "pixels", where=where)
+    focal = number_of(row, "focal_length_mm", where=where)
+    if focal is None or across != int(across) or along != int(along):
+        raise InputError(f"{where}: pixels: {row['pixels']} are not whole numbers; across the photo, then along it")
+    if abs(width / across / (height / along) - 1.0) > SURVEY.largest_pitch_difference:
+        raise InputError(
+            f"{where}: pixels of {1000.0 * width / across:.2f} x {1000.0 * height / along:.2f} um are not square; sensor_mm and "
+            "pixels do not belong together (both in landscape, of the same photo format)"
+        )
+    interval = number_of(row, "min_interval_s", where=where)
+    camera = CameraBody(
+        name, str(row["title"]), width, height, int(across), int(along), focal, interval, str(row.get("source", ""))
+    )
+    if not 3.0 <= camera.fov_across_deg <= 140.0:
+        raise InputError(
+            f"{where}: a field of view of {camera.fov_across_deg:.1f} degrees across; give the real focal length in "
+            "millimetres, not the 35 mm equivalent"
+        )
+    return camera

@@ -15,7 +15,7 @@ from uavcover.model.no_fly import NoFly
 from uavcover.model.route import Route
 from uavcover.model.vehicle import autopilot_name
 from uavcover.new import quantities
-from uavcover.new.cameras import CameraBody, camera_named
+from uavcover.new.catalog import CameraBody, camera_named, vehicle_named
 from uavcover.new.elevation_questions import (
     NewRequest,
     ask_about_heights,
@@ -25,13 +25,11 @@ from uavcover.new.elevation_questions import (
     over_lakes,
     surface_asked_for,
 )
-from uavcover.new.patterns import View, views_of
-from uavcover.new.scenario_text import SurveyScenario, name_of, return_height_m, scenario_text
+from uavcover.new.scenario_text import SurveyScenario, View, name_of, return_height_m, scenario_text, views_of
 from uavcover.new.surface_look import SurfaceLook
 from uavcover.new.survey import SurveyDesign, SurveyWish, design_survey
 from uavcover.new.terrain_look import TerrainLook, look_at_terrain, place_for_home
 from uavcover.new.tuning import TERRAIN
-from uavcover.new.vehicles import vehicle_named
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planner.baselines.swaths import (
     angle_of_heading_rad,

@@ -1,15 +1,23 @@
 """Request of ``new``, and the elevation data for it: ground and surface model."""
 
 import math
+import re
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
 from typing import get_args
 
+import numpy as np
+import rasterio.errors
+import shapely
+
+from mission_io.data_tables import read_document
+from mission_io.model.places import M_PER_DEG
 from uavcover.errors import InputError, TerrainError
-from uavcover.model.area import Ring
+from uavcover.model.area import Ring, Rings
 from uavcover.model.terrain import HeightUnit
 from uavcover.new import quantities
-from uavcover.new.elevation_words import bands_in_words, feet_in_words, shading_in_words, surface_in_words
 from uavcover.new.surface_look import SurfaceLook, look_at_surface, read_as_needed
 from uavcover.new.survey import SurveyDesign
 from uavcover.new.terrain_look import TerrainLook, known_margin_m
@@ -17,6 +25,260 @@ from uavcover.new.tuning import TERRAIN
 from uavcover.run.user import User
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
 from uavcover.terrain.terrain_source import TerrainSource, find_tiles
+
+# Free elevation data: which tiles of which sets an area needs, by name, and which of them a folder has. Nothing is fetched.
+
+
+@dataclass(frozen=True, slots=True)
+class ElevationSet:
+    """A set of tiles with heights."""
+
+    name: str  # short
+    title: str  # as its provider calls it
+    resolution: str  # of its pixels
+    surface: str  # what the heights are those of
+    vertical_datum: str  # what they are above
+    files: tuple[str, ...]  # names of a tile, the usual one first, with fields for its corners
+    licence: str  # in short
+    address: str  # of the provider
+    tile_deg: int = 1  # side of a tile
+    south_deg: int = -90  # lowest latitude that it has
+    north_deg: int = 90  # highest latitude
+    hgt_bytes: int | None = None  # size of a .hgt file, which tells its resolution
+    note: str = ""  # what else to know
+
+    def names(self, corner: tuple[int, int]) -> tuple[str, ...]:
+        """The file names that a tile goes by, the usual one first.
+
+        Args:
+            corner: latitude and longitude of its south-west corner.
+        """
+        lat, lon = corner
+        lat2, lon2 = lat + self.tile_deg, lon + self.tile_deg
+        fields = {
+            "ns": "S" if lat < 0 else "N", "lat": abs(lat), "ew": "W" if lon < 0 else "E", "lon": abs(lon),
+            "ns2": "S" if lat2 < 0 else "N", "lat2": abs(lat2), "ew2": "W" if lon2 < 0 else "E", "lon2": abs(lon2),
+        }  # fmt: skip
+        return tuple(file.format(**fields) for file in self.files)
+
+    def is_in(self, folder_files: dict[str, Path], corner: tuple[int, int]) -> bool:
+        """Whether one of the files of a folder, by their names in small letters, is this tile."""
+        found = [folder_files[name.lower()] for name in self.names(corner) if name.lower() in folder_files]
+        if self.hgt_bytes is None:
+            return bool(found)
+        return any(path.suffix.lower() != ".hgt" or path.stat().st_size == self.hgt_bytes for path in found)
+
+
+@dataclass(frozen=True, slots=True)
+class NationalSource:
+    """A national model of the ground, and roughly where it is (west, south, east, north)."""
+
+    title: str
+    box: tuple[float, float, float, float]
+    address: str
+
+
+@dataclass(frozen=True, slots=True)
+class NeededTiles:
+    """Tiles of one set that an area needs."""
+
+    of: ElevationSet  # the set
+    corners: tuple[tuple[int, int], ...]  # south-west corners of the tiles, from south to north and then eastward
+    beyond: int  # how many tiles would be beyond the latitudes that the set has
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The usual name of each tile."""
+        return tuple(self.of.names(corner)[0] for corner in self.corners)
+
+    def missing_in(self, paths: Iterable[Path]) -> tuple[str, ...]:
+        """The usual names of the tiles that are not among these files."""
+        there = {path.name.lower(): path for path in paths}
+        return tuple(self.of.names(corner)[0] for corner in self.corners if not self.of.is_in(there, corner))
+
+
+@cache
+def _table() -> tuple[tuple[ElevationSet, ...], tuple[NationalSource, ...]]:
+    table = read_document("uavcover/data/elevation_data.toml")
+    sets = tuple(ElevationSet(**{**row, "files": tuple(row["files"])}) for row in table["set"])
+    return sets, tuple(NationalSource(row["title"], tuple(row["box"]), row["address"]) for row in table["national"])
+
+
+def all_sets() -> tuple[ElevationSet, ...]:
+    """The sets, in the order of preference."""
+    return _table()[0]
+
+
+def needed_tiles(parts: tuple[Rings, ...], *, around_m: float, where: str) -> tuple[NeededTiles, ...]:
+    """The tiles of every set that an area touches.
+
+    Args:
+        parts: the area, rings of (longitude, latitude).
+        around_m: how far around it the ground matters.
+        where: names the area in errors.
+
+    Raises:
+        InputError: more tiles than anybody would want.
+    """
+    found = []
+    for one in all_sets():
+        corners = sorted({corner for part in parts for corner in _touched(part[0], one.tile_deg, around_m, where)})
+        inside = tuple(corner for corner in corners if one.south_deg <= corner[0] < one.north_deg)
+        found.append(NeededTiles(one, inside, len(corners) - len(inside)))
+    return tuple(found)
+
+
+def national_sources(parts: tuple[Rings, ...]) -> tuple[NationalSource, ...]:
+    """National models whose rough box an area touches."""
+    outlines = [_unwrapped(part[0]) for part in parts]
+    boxes = [
+        shapely.box(float(lon.min()) + turn, float(lat.min()), float(lon.max()) + turn, float(lat.max()))
+        for lon, lat in outlines
+        for turn in (-360.0, 0.0, 360.0)
+    ]
+    return tuple(one for one in _table()[1] if any(shapely.box(*one.box).intersects(box) for box in boxes))
+
+
+def _unwrapped(ring: tuple[tuple[float, float], ...]) -> tuple[np.ndarray, np.ndarray]:
+    """Longitudes that run on across 180 degrees, and latitudes."""
+    lon, lat = np.array(ring, dtype=float).T
+    return lon[0] + np.mod(lon - lon[0] + 180.0, 360.0) - 180.0, lat
+
+
+def _touched(
+    ring: tuple[tuple[float, float], ...], side: int, around_m: float, where: str
+) -> Iterator[tuple[int, int]]:
+    """South-west corners of the tiles that an outline with so much around it touches."""
+    lon, lat = _unwrapped(ring)
+    scale = max(TERRAIN.least_scale, math.cos(math.radians(min(90.0, float(np.abs(lat).max()) + around_m / M_PER_DEG))))
+    grown = shapely.Polygon(np.column_stack([lon * scale, lat])).buffer(around_m / M_PER_DEG)
+    west, south, east, north = grown.bounds
+    rows = range(math.floor(max(south, -90.0) / side), math.ceil(min(north, 90.0) / side))
+    columns = range(math.floor(west / scale / side), math.ceil(east / scale / side))
+    if len(rows) * len(columns) > TERRAIN.max_tiles:
+        raise InputError(f"{where}: spans {len(rows) * len(columns)} tiles of {side} degrees; give a part of it")
+    for row in rows:
+        for column in columns:
+            tile = shapely.box(column * side * scale, row * side, (column + 1) * side * scale, (row + 1) * side)
+            if grown.intersects(tile) and not grown.touches(tile):
+                yield row * side, (column * side + 180) % 360 - 180
+
+
+# Signs in name and metadata that elevation data is a surface, in feet, has other bands, or is a known free data set.
+
+_WORDS = re.compile(
+    r"(?<![a-z])(dsm|dom|mns|mds|ndsm|chm|surface[ _-]?model|oberfl(ä|ae)chenmodell|mod(è|e)le num(é|e)rique de surface|canopy"
+    r"|first[ _-]?return)(?![a-z])",
+    re.IGNORECASE,
+)
+"""Words of English, German, French and Spanish: DSM, DOM, MNS, MDS. nDSM and CHM are heights of trees alone."""
+_GROUND_WORDS = re.compile(r"(?<![a-z])(dtm|dgm|mnt|mdt|bare[ _-]?earth|terrain[ _-]?model)(?![a-z])", re.IGNORECASE)
+_SRTM = re.compile(r"^[ns]\d{2}[ew]\d{3}(?!\d)|(?<![a-z])srtm(?![a-z])", re.IGNORECASE)
+_AW3D30 = re.compile(r"^ALPSMLC30_|(?<![a-z])aw3d30(?![a-z])", re.IGNORECASE)
+_FEET = re.compile(r"(?<![a-z])(feet|foot|us[ _-]?ft|ftus|ft)(?![a-z])", re.IGNORECASE)
+_SHADING = re.compile(
+    r"hill[ _-]?shade|shaded[ _-]?relief|(?<![a-z])(slope|aspect|schummerung)(?![a-z])", re.IGNORECASE
+)
+_TAGS_READ = 200
+
+
+def surface_in_words(source: TerrainSource) -> str | None:
+    """Reason why elevation data seems to be a surface model; None without a sign of it.
+
+    The words of a name of a free data set say which; other names and metadata are quoted. A name that says ground model decides
+    against: sets of bare ground keep the names of SRTM's tiles at times, and say so beside it.
+
+    Args:
+        source: the elevation data; the name of the first of several files is looked at.
+    """
+    name = source.files[0].name
+    if _GROUND_WORDS.search(name):
+        return None
+    for title, pattern in (("glo-30", r"^Copernicus_DSM(_COG)?_10_"), ("glo-90", r"^Copernicus_DSM(_COG)?_30_")):
+        if re.search(pattern, name, re.IGNORECASE):
+            return _of_set(title)
+    if _AW3D30.search(name):
+        return _of_set("aw3d30")
+    if re.match(r"^ASTGTM", name, re.IGNORECASE):
+        return _of_set("aster")
+    if _SRTM.search(name):
+        return f"{name} is named as SRTM's tiles are: a radar surface of 2000, with trees and buildings in part"
+    if word := _WORDS.search(name):
+        return f'its name contains "{word.group(0)}"'
+    return _by_metadata(source)
+
+
+def _of_set(name: str) -> str:
+    (found,) = [each for each in all_sets() if each.name == name]
+    return f"{found.title} is a {found.surface}"
+
+
+def feet_in_words(source: TerrainSource) -> str | None:
+    """Reason why heights in metres seem to be in feet.
+
+    None without a sign of it, or with a given unit.
+
+    Args:
+        source: the elevation data; the name of the first of several files is looked at.
+    """
+    if source.height_unit is not None:
+        return None
+    try:
+        with source.opened() as dataset:
+            band = source.band_of(dataset)
+            stated = bool(dataset.units[band - 1]) or (dataset.crs is not None and "VERT" in dataset.crs.to_wkt())
+    except (TerrainError, rasterio.errors.RasterioError, OSError):
+        return None  # its own error tells more
+    if stated:
+        return None
+    if word := _FEET.search(source.files[0].stem):
+        return f'its name contains "{word.group(0)}"'
+    for text in _said(source):
+        if word := _FEET.search(text[:_TAGS_READ]):
+            return f'its metadata contain "{word.group(0)}"'
+    return None
+
+
+def bands_in_words(source: TerrainSource) -> str | None:
+    """List the bands beside the first, which is used. None with one band, or with an explicit choice."""
+    if source.band is not None:
+        return None
+    try:
+        with source.opened() as dataset:
+            names = [name or "without a name" for name in dataset.descriptions]
+    except (TerrainError, rasterio.errors.RasterioError, OSError):
+        return None
+    return None if len(names) < 2 else ", ".join(f"{number} {name}" for number, name in enumerate(names, start=1))
+
+
+def shading_in_words(source: TerrainSource) -> str | None:
+    """Reason why values seem to be an image of heights, such as a hillshade; None without a sign of it."""
+    try:
+        with source.opened() as dataset:
+            kind, count = dataset.dtypes[source.band_of(dataset) - 1], dataset.count
+    except (TerrainError, rasterio.errors.RasterioError, OSError):
+        return None  # its own error tells more
+    if word := _SHADING.search(source.files[0].stem):
+        return f'its name contains "{word.group(0)}"'
+    return f"{source.files[0].name} has 8 bits, 0 to 255, as images have" if kind == "uint8" and count < 3 else None
+
+
+def _by_metadata(source: TerrainSource) -> str | None:
+    for text in _said(source):
+        if (word := _WORDS.search(text[:_TAGS_READ])) and not _GROUND_WORDS.search(text[:_TAGS_READ]):
+            return f'its metadata contain "{word.group(0)}"'
+    return None
+
+
+def _said(source: TerrainSource) -> list[str]:
+    """Description and metadata of the band with the heights, and of its file; nothing where it cannot be opened."""
+    try:
+        with source.opened() as dataset:
+            band = source.band_of(dataset)
+            said = [str(dataset.descriptions[band - 1] or ""), *map(str, dataset.tags().values())]
+            return [*said, *(str(value) for value in dataset.tags(band).values())]
+    except (TerrainError, rasterio.errors.RasterioError, OSError):
+        return []  # its own error tells more
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

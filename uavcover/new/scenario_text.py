@@ -10,13 +10,63 @@ from pathlib import Path
 import jinja2
 
 from mission_io.model.plain_text import plain_text
+from uavcover.errors import InputError
 from uavcover.model.area import Ring
-from uavcover.new.patterns import SINGLE, View
 from uavcover.new.surface_look import SurfaceLook
 from uavcover.new.survey import SurveyDesign
 from uavcover.new.tuning import SURVEY, TERRAIN, TEXT
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
 from uavcover.terrain.terrain_source import TerrainSource
+
+# Flights over one area that belong together: one set of swaths, two that cross, or five directions for building models.
+
+PATTERNS = ("single", "crosshatch", "oblique")
+_COMPASS = (("north", 0.0), ("east", 90.0), ("south", 180.0), ("west", 270.0))
+
+
+@dataclass(frozen=True, slots=True)
+class View:
+    """Camera view of one flight of a pattern."""
+
+    name: str  # of the flight; empty where there is one
+    pitch_deg: float  # of the camera's axis; -90 is straight down
+    heading_deg: float | None  # that the camera keeps, clockwise from north; none: that of its legs
+    line_heading_deg: float | None  # of the lines; none: the planner chooses every leg's
+
+    @property
+    def is_tilted(self) -> bool:
+        """Whether the camera does not look straight down."""
+        return self.pitch_deg > -90.0
+
+
+SINGLE = View("", -90.0, None, None)
+
+
+def views_of(pattern: str | None, *, along_deg: float) -> tuple[View, ...]:
+    """The flights of a pattern.
+
+    Args:
+        pattern: one of ``PATTERNS``; none: single.
+        along_deg: heading of the longer side of the area.
+
+    Raises:
+        InputError: there is no such pattern.
+    """
+    match "single" if pattern is None else pattern.casefold():
+        case "single":
+            return (SINGLE,)
+        case "crosshatch":
+            along = _whole(along_deg)
+            return (View("along", -90.0, None, along), View("across", -90.0, None, (along + 90.0) % 180.0))
+        case "oblique":
+            tilted = (View(name, SURVEY.oblique_pitch_deg, heading, heading) for name, heading in _COMPASS)
+            return (View("nadir", -90.0, None, _whole(along_deg)), *tilted)
+    raise InputError(f"--pattern: {pattern!r} is not known; give {', '.join(PATTERNS[:-1])} or {PATTERNS[-1]}")
+
+
+def _whole(heading_deg: float) -> float:
+    return float(math.floor(heading_deg + 0.5) % 180)
+
 
 _NOTHING = "\0\n"
 """A line of the template without a value: it is taken out."""

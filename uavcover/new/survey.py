@@ -4,9 +4,8 @@ import math
 from dataclasses import dataclass
 
 from uavcover.errors import InputError
-from uavcover.new.cameras import CameraBody
+from uavcover.new.catalog import CameraBody, VehicleType
 from uavcover.new.tuning import SURVEY
-from uavcover.new.vehicles import VehicleType
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -16,7 +16,7 @@ from uavcover.model.route import Route
 from uavcover.recording import layout
 from uavcover.recording.layout import log_static, ui_points
 from uavcover.recording.tuning import SCENE
-from uavcover.scenario.airspace.zone_lines import zone_lines_m
+from uavcover.scenario.airspace.flyable import zone_lines_m
 from uavcover.scenario.site import Site
 from uavcover.terrain.ground import Ground
 from uavcover.terrain.shaded_relief import relief_grid

@@ -14,7 +14,7 @@ from uavcover.model.track import Track
 from uavcover.model.verdict import PictureStatistics
 from uavcover.planner.pareto_file import ParetoRow, read_pareto
 from uavcover.run.documents import PlannedDocument, read_plan_document
-from uavcover.run.flown_by import site_for
+from uavcover.run.flight_folders import site_for
 from uavcover.run.folder import RunFolder
 from uavcover.run.judged_inputs import judged_logs, was_flown
 from uavcover.scenario.site import Site, load_site
@@ -24,8 +24,8 @@ from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, count_pictures, picture_statistics, planned_poses, takes_pictures
 from uavcover.sensing.site_maps import fleet_map, map_for
 from uavcover.verification.command import judge_tracks
-from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.run_logs import date_bounds, planned_for, read_log
+from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import Verdict, track_positions_m
 
 

@@ -18,7 +18,7 @@ from uavcover.report.cell_layers import REASON_WORDS, Bounds, cell_layers, cells
 from uavcover.report.content import Flight, ReportContent
 from uavcover.report.plots import flight_style
 from uavcover.report.tuning import FIGURES
-from uavcover.scenario.airspace.zone_lines import zone_lines_m
+from uavcover.scenario.airspace.flyable import zone_lines_m
 from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.obstacles import Prism
 from uavcover.scenario.site import Site, area_as_drawn

@@ -16,7 +16,7 @@ from distributed import Client, Future, KilledWorker, LocalCluster, wait
 from distributed.comm import CommClosedError
 
 from uavcover.errors import InputError, UavcoverError
-from uavcover.run.program import differences, program
+from uavcover.run.provenance import differences, program
 from uavcover.run.shared_file import can_share_files, read_shared, share
 
 Shared = TypeVar("Shared")

@@ -4,7 +4,58 @@ import hashlib
 from pathlib import Path
 
 from uavcover.errors import InputError
+from uavcover.model.scenario import Scenario
+from uavcover.run.documents import PlannedDocument, read_plan_document
 from uavcover.run.folder import RunFolder
+from uavcover.run.user import to_paste
+from uavcover.scenario.scenario_file import load_scenario
+from uavcover.scenario.site import Site, load_site
+from uavcover.scenario.vehicle_site import vehicle_sites
+
+# The plan of a run folder, read back.
+
+
+def read_planned(run: RunFolder) -> tuple[Site, PlannedDocument]:
+    """Site and chosen route of a run folder.
+
+    Raises:
+        InputError: a file is missing or broken; says which command makes it.
+    """
+    site = load_site(run.existing("scenario.toml", made_by="uavcover plan"))
+    document = run.read_json("plan.json", made_by="uavcover plan")
+    return site, read_plan_document(document, source=str(run.file("plan.json")))
+
+
+# Which vehicle of a run flew a log, where the vehicles differ.
+
+
+def is_alike(own: Scenario, other: Scenario) -> bool:
+    """Whether two vehicles have the same settings, home and sensor."""
+    return (own.vehicle, own.home, own.sensor) == (other.vehicle, other.home, other.sensor)
+
+
+def site_for(log: Path, run: RunFolder, site: Site) -> Site:
+    """The site of the vehicle that flew a log: where vehicles differ, that of the plan beside it.
+
+    Raises:
+        InputError: nothing tells which vehicle flew it.
+    """
+    if not site.scenario.vehicles:
+        return site
+    inside = log.resolve().is_relative_to(run.path.resolve())
+    if not inside:
+        raise InputError(
+            f"{log}: the vehicles of {run} differ, and the log does not show which one flew it: judge it by its own plan: "
+            f"{to_paste('verify', f'{run}/sortie-N', '--log', log)}"
+        )
+    beside = RunFolder(log.parent).file("scenario.toml")
+    scenario = load_scenario(beside) if beside.exists() else site.scenario
+    # Only who flew and from where is the sortie's; limits and ground are those of the whole run.
+    for own in vehicle_sites(site):
+        if is_alike(own.scenario, scenario):
+            return own
+    raise InputError(f"{beside}: has a vehicle or a home that is none of {run.file('scenario.toml')}; plan again")
+
 
 TRACK = "track.csv"
 LINK = "resumes"

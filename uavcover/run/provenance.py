@@ -9,9 +9,11 @@ as by ``kill -9`` or a power cut, the flight is ``interrupted``: every command t
 
 import contextlib
 import dataclasses
+import functools
 import hashlib
 import json
 import os
+import platform
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -330,3 +332,40 @@ def _started(pid: int) -> int | None:
         return None if fields[0] in ("Z", "X") else int(fields[19])
     except (OSError, IndexError, ValueError):
         return None
+
+
+# Version of this program: a result depends on it beside its inputs.
+
+_PACKAGES = ("numpy", "scipy", "numba", "llvmlite", "shapely", "pyproj")
+
+
+@functools.cache
+def program() -> dict[str, str]:
+    """Versions of uavcover and of what computes its results, and a hash of its sources, by name.
+
+    Two programs of which all of this is equal give equal results on processors of one kind.
+    """
+    return {
+        "uavcover": version(),
+        "uavcover's sources": _sources_sha256()[:16],
+        "python": platform.python_version(),
+        "processor": platform.machine(),
+        **{name: metadata.version(name) for name in _PACKAGES},
+    }
+
+
+def differences(ours: dict[str, str], theirs: dict[str, str]) -> str:
+    """In words, what is not the same here and there; empty when all is."""
+    return ", ".join(
+        f"{name} {ours.get(name, 'none')} here and {theirs.get(name, 'none')} there"
+        for name in ours | theirs
+        if ours.get(name) != theirs.get(name)
+    )
+
+
+def _sources_sha256() -> str:
+    root = Path(__file__).resolve().parents[1]
+    found = hashlib.sha256()
+    for path in sorted(root.rglob("*.py")):
+        found.update(path.relative_to(root).as_posix().encode() + b"\0" + path.read_bytes() + b"\0")
+    return found.hexdigest()

@@ -28,7 +28,7 @@ from uavcover.kernels.surface import GRID
 from uavcover.model.area import Ring
 from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.model.scenario import Scenario
-from uavcover.scenario.areas.kmz import kml_of
+from uavcover.scenario.areas.gis_file import kml_of
 from uavcover.terrain.ground import Ground
 from uavcover.terrain.pixel_frame import nodes_inside_m
 

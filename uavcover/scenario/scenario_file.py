@@ -27,8 +27,14 @@ from uavcover.scenario.airspace.zone_file import read_zones
 from uavcover.scenario.areas.area_file import SUFFIXES as AREA_SUFFIXES
 from uavcover.scenario.fleet_tables import LAUNCH_POINTS, with_fleet
 from uavcover.scenario.obstacles import read_obstacles
-from uavcover.scenario.outlines import outline_mistakes, with_rings
-from uavcover.scenario.ring_checks import bounds_deg, fence_mistakes, no_fly_mistakes, prism_mistakes
+from uavcover.scenario.ring_checks import (
+    bounds_deg,
+    fence_mistakes,
+    no_fly_mistakes,
+    outline_mistakes,
+    prism_mistakes,
+    with_rings,
+)
 from uavcover.terrain.terrain_source import TerrainSource, find_tiles
 
 _BUNDLED = "bundled:"

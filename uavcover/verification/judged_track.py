@@ -15,7 +15,6 @@ from uavcover.verification.ends import TrackEnd, ground_tolerance_m, track_ends
 from uavcover.verification.motion_doubts import motion_doubts, sampling_doubts
 from uavcover.verification.motion_windows import POSITION_ERROR_M
 from uavcover.verification.observations import Observations, observations_of
-from uavcover.verification.phases import PlannedRoute, on_route
 from uavcover.verification.possible_motion import judge_motion, motion_limits
 from uavcover.verification.reported_photos import REACHED_RADII, TrackPhotos, photos_of, reports_photos
 from uavcover.verification.safety import (
@@ -31,7 +30,7 @@ from uavcover.verification.safety import (
     zones_at_unknown_time,
 )
 from uavcover.verification.tuning import SAFETY, TRACK
-from uavcover.verification.unobserved import place_of, unobserved_stretches
+from uavcover.verification.unobserved import PlannedRoute, on_route, place_of, unobserved_stretches
 from uavcover.verification.waypoints_passed import Passing, contradiction, passing, plan_doubt
 
 

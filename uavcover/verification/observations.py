@@ -10,9 +10,9 @@ from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
 from uavcover.model.track import Track
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import sample_spacing_m, turns_with_legs
-from uavcover.verification.phases import observed_stretches
 from uavcover.verification.reported_photos import TrackPhotos
 from uavcover.verification.tuning import TRACK
+from uavcover.verification.unobserved import observed_stretches
 
 _BLOCK = 50_000
 """Observations whose views are compared at a time: those of a fast log take more memory than its samples."""

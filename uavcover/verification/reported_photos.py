@@ -16,8 +16,7 @@ from uavcover.model.track import Track
 from uavcover.model.verdict import MissingPhotos, PhotoSource
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m
-from uavcover.verification.phases import PlannedRoute, observed_stretches
-from uavcover.verification.unobserved import length_of_m
+from uavcover.verification.unobserved import PlannedRoute, length_of_m, observed_stretches
 
 REACHED_RADII = 2.0
 """A planned waypoint counts as reached within this many acceptance radii."""

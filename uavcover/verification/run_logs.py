@@ -13,10 +13,9 @@ from uavcover.run.flight_folders import TRACK, plans_of
 from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track_with_warnings
 from uavcover.scenario.site import Site
-from uavcover.verification.firmware import firmware_of
-from uavcover.verification.phases import PlannedRoute
-from uavcover.verification.shared_clock import DateBounds
+from uavcover.verification.shared_clock import DateBounds, firmware_of
 from uavcover.verification.track_logs.readers import READERS, read_foreign_log
+from uavcover.verification.unobserved import PlannedRoute
 
 LOG_ENDINGS = (".csv", ".rrd", *READERS)
 

@@ -9,8 +9,8 @@ import shapely
 from uavcover.kernels.arrays import FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.active_times import Window, flown_window, window_in_words
+from uavcover.model.area import svg_map
 from uavcover.model.judgement import Judgement, noted, unproved
-from uavcover.model.outline import svg_map
 from uavcover.model.track import Track
 from uavcover.model.verdict import PhotoSource, PictureStatistics, VerificationReport
 from uavcover.scenario.site import Site
@@ -38,12 +38,12 @@ from uavcover.verification.flown_coverage import (
 from uavcover.verification.gaps import GapRegion, find_gaps
 from uavcover.verification.judged_track import JudgedTrack, judge_track, largest, track_positions_m
 from uavcover.verification.observations import Observations
-from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.photo_evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.verification.reported_photos import reports_photos
 from uavcover.verification.same_flight import Records, at_two_places, has_near, records_of_one_flight
 from uavcover.verification.separation import judge_separation
 from uavcover.verification.shared_clock import UNKNOWN_DATES, DateBounds, clocks_apart, dated
+from uavcover.verification.unobserved import PlannedRoute
 
 __all__ = ["FlownTrack", "Verdict", "flown_coverage", "track_positions_m", "verify_flight", "verify_track"]
 

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 import uvicorn
 
-from uavcover.extras.app.guard import Guard
+from uavcover.extras.app.command import Guard
 from uavcover.extras.app.server import Server
 from uavcover.extras.app.workspace import Workspace
 

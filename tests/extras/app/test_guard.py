@@ -8,8 +8,8 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from tests.extras.app.conftest import WATCHDOG_S, Client
-from uavcover.extras.app import uploads
-from uavcover.extras.app.guard import POLICY
+from uavcover.extras.app import commands
+from uavcover.extras.app.command import POLICY
 
 ROUTES = (
     "/",
@@ -132,7 +132,7 @@ def test_a_file_is_never_a_page_of_this_origin(served: Client) -> None:
 def test_an_upload_that_is_too_large_is_refused_before_and_while_it_comes(
     served: Client, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(uploads, "MOST_UPLOAD_BYTES", 1000)
+    monkeypatch.setattr(commands, "MOST_UPLOAD_BYTES", 1000)
     before = sorted(path.name for path in served.root.iterdir())
     status, _, body = served.ask("PUT", "/api/files/large.tif", b"x" * 1001)
     assert status == 413
@@ -161,7 +161,7 @@ def test_photos_are_kept_in_the_run_folder_and_have_a_limit_in_all(
     run = served.root / "run"
     run.mkdir()
     (run / "plan.json").write_text("{}")
-    monkeypatch.setattr(uploads, "MOST_PHOTO_BYTES", 1000)
+    monkeypatch.setattr(commands, "MOST_PHOTO_BYTES", 1000)
     for name, size, code in (("a.jpg", 600, 200), ("b.jpg", 600, 413), ("a.jpg", 900, 200), ("c.jpg", 100, 200)):
         assert served.ask("PUT", f"/api/files/{name}?photo_of=run", b"x" * size)[0] == code, name
     assert sorted((path.name, path.stat().st_size) for path in (run / "photos").iterdir()) == [

@@ -7,7 +7,7 @@ import pytest
 from pyproj import Transformer
 
 from uavcover.errors import InputError
-from uavcover.extras.app.places import place_of
+from uavcover.extras.app.workspace import place_of
 
 M = 9e-6  # a metre in degrees
 

@@ -13,10 +13,20 @@ from pymoo.indicators.igd import IGD
 from uavcover.errors import InputError, OutputError
 from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
 from uavcover.extras.benchmarks.mmf.reference_sets import reference_sets
-from uavcover.extras.benchmarks.mmf.results import FIGURES, comparisons_csv, draw, median_run, write_results
 from uavcover.extras.benchmarks.mmf.runs import Budget, MmfFolder, RunId, make_runs, missing_runs
 from uavcover.extras.benchmarks.mmf.summary import METRICS, figure, indicators, measured, summary_csv
-from uavcover.extras.benchmarks.mmf.tables import contestants, markdown, published, short, tables_markdown
+from uavcover.extras.benchmarks.mmf.tables import (
+    FIGURES,
+    comparisons_csv,
+    contestants,
+    draw,
+    markdown,
+    median_run,
+    published,
+    short,
+    tables_markdown,
+    write_results,
+)
 
 SMALL = Budget(population=12, iterations=4, archive=8)
 

@@ -10,10 +10,15 @@ import pytest
 
 from tests.naive.ground_prices import gain, height
 from tests.planner.sites import flat, hills, make_site
-from uavcover.extras.bounds import ground_prices
+from uavcover.extras.bounds import bounds
 from uavcover.extras.bounds.bound_heights import margin_cells, over_tiles, relief_over
-from uavcover.extras.bounds.bounds import least_path_length_m
-from uavcover.extras.bounds.ground_prices import PricedGround, coverable_weight_m2, lattice_parts, price_ground
+from uavcover.extras.bounds.bounds import (
+    PricedGround,
+    coverable_weight_m2,
+    lattice_parts,
+    least_path_length_m,
+    price_ground,
+)
 from uavcover.extras.bounds.price_program import PriceProgram
 from uavcover.model.sensor import DiscSensor, FrameCamera, NadirCamera, SphereSensor
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations, sees_each
@@ -177,7 +182,7 @@ def proved(kind, seed):
     program = PriceProgram(coverage, coverable_weight_m2(coverage), relief, 1.0)
     rng = np.random.default_rng(seed)
     program.per_m2 = rng.uniform(0.5, 1.0, program.per_m2.shape) / 40.0
-    rates, largest = ground_prices._rates(relief, program, 1, (0, 0))
+    rates, largest = bounds._rates(relief, program, 1, (0, 0))
     nodes, side = program.at_nodes(), relief.side
 
     def price_m2(e, n):

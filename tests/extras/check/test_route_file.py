@@ -5,9 +5,9 @@ import zipfile
 
 import pytest
 
-from mission_io.formats.wpml_reader import DOCUMENT
+from mission_io.formats.wpml import DOCUMENT
 from uavcover.errors import InputError
-from uavcover.extras.check.route_file import read_route_file
+from uavcover.extras.check.check_elevation import read_route_file
 
 
 def kmz(path, content, *, encrypted=False):

@@ -12,7 +12,7 @@ from uavcover.errors import InputError
 from uavcover.extras.check.flown_path import flown_path
 from uavcover.extras.check.limits import Limits
 from uavcover.extras.check.planned_pictures import planned_pictures
-from uavcover.extras.check.split import parts_of
+from uavcover.extras.check.repair import parts_of
 
 LIMITS = Limits(max_height_agl_m=None)
 LINES = [way(150.0 * (k // 2 % 2 == (k % 2)) + 500.0, 30.0 * (k // 2), 60.0) for k in range(20)]

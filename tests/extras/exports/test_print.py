@@ -12,8 +12,7 @@ import pytest
 from tests.missions.test_sorties import there_and_back
 from tests.planner.sites import flat, hills, make_site
 from tests.report.browser import chromium_or_skip
-from uavcover.extras.exports.print_drawings import MAP_HEIGHT, MAP_WIDTH, place_text
-from uavcover.extras.exports.print_page import PrintNotes, clock, render_print
+from uavcover.extras.exports.print_page import MAP_HEIGHT, MAP_WIDTH, PrintNotes, clock, place_text, render_print
 from uavcover.missions.sorties import Sortie, compile_sorties
 from uavcover.model.no_fly import NoFly
 from uavcover.model.sensor import FrameCamera

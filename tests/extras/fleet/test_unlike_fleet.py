@@ -28,14 +28,14 @@ from uavcover.mock.behaviour import Settings, quick
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.home import Home
+from uavcover.model.limits import Home
 from uavcover.model.no_fly import NoFly
 from uavcover.model.route import Route
 from uavcover.planner.fleet_document import fleet_document, say_fleet
 from uavcover.planner.sortie_order.reorder import _done_s
 from uavcover.planner.terrain_following import lay_over_terrain
+from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
-from uavcover.run.planned import read_planned
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
 from uavcover.scenario.vehicle_site import vehicle_sites

@@ -5,7 +5,14 @@ import dataclasses
 import pytest
 
 from uavcover.errors import InputError
-from uavcover.extras.large_areas.memory import MIB, MemoryNeed, at_a_time_within, in_words, memory_need, parts_within
+from uavcover.extras.large_areas.divided_plan import (
+    MIB,
+    MemoryNeed,
+    at_a_time_within,
+    in_words,
+    memory_need,
+    parts_within,
+)
 from uavcover.new.quantities import memory_bytes
 from uavcover.planner.plan_search import SearchRequest, plan
 from uavcover.scenario.site import Site, load_site
@@ -77,7 +84,7 @@ def test_the_need_grows_with_cells_and_with_processes_beside_it(site: Site) -> N
 def test_an_area_that_is_judged_block_by_block_takes_less(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
     whole = memory_need(site, processes=True)
     monkeypatch.setattr("uavcover.sensing.block_map._MOST_AT_ONCE", 0)
-    monkeypatch.setattr("uavcover.extras.large_areas.memory._OF_BLOCKS", 0)
+    monkeypatch.setattr("uavcover.extras.large_areas.divided_plan._OF_BLOCKS", 0)
     blocks = memory_need(site, processes=True)
     assert blocks.command < whole.command
     assert dataclasses.replace(blocks, command=whole.command) == whole
@@ -87,7 +94,7 @@ def test_elevation_data_is_counted_once_where_workers_map_it(site: Site, monkeyp
     nodes = site.ground.surface.up_m.size
     needs = {}
     for shared in (True, False):
-        monkeypatch.setattr("uavcover.extras.large_areas.memory.can_share_files", lambda shared=shared: shared)
+        monkeypatch.setattr("uavcover.extras.large_areas.divided_plan.can_share_files", lambda shared=shared: shared)
         needs[shared] = memory_need(site, processes=True)
     assert needs[True].command - memory_need(site, processes=False).command == 8 * nodes
     assert needs[False].worker - needs[True].worker == 24 * nodes

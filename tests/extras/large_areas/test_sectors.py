@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 import shapely
 
-from uavcover.extras.large_areas.sectors import Sector, Swath, rays_rad
+from uavcover.extras.large_areas.sortie_parts import Sector, Swath, rays_rad
 
 SWATH = Swath(width_m=100.0, spacing_m=100.0, inset_m=45.0)
 SQUARE = shapely.box(-2000, -2000, 2000, 2000)

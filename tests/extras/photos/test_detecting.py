@@ -9,8 +9,7 @@ from scipy.interpolate import RegularGridInterpolator
 from tests.extras.photos.test_showing import CAMERA, flight, placed
 from tests.naive import detection as naive
 from tests.planner.sites import HIGH_M, LOW_M, STEP_M, hills, make_site
-from uavcover.extras.photos.detecting import Detection, detection_document, detection_doubts
-from uavcover.extras.photos.showing import shown_cells
+from uavcover.extras.photos.showing import Detection, detection_document, detection_doubts, shown_cells
 from uavcover.kernels.detection import detection_table, look_probability
 from uavcover.model.detection import DetectionCurve
 from uavcover.new.detection import curve_named

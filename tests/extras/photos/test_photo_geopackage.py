@@ -9,7 +9,7 @@ import shapely
 
 from tests.extras.photos.test_photo_page import verdict  # noqa: F401 (the fixture)
 from uavcover.errors import InputError, OutputError
-from uavcover.extras.photos.photo_geopackage import LAYERS, write_geopackage
+from uavcover.extras.photos.photo_page import LAYERS, write_geopackage
 from uavcover.extras.photos.photo_verdict import footprints_geojson
 from uavcover.run.user import Unattended
 

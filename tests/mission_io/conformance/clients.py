@@ -6,8 +6,8 @@ from dataclasses import replace
 from typing import Any
 
 from mission_io.client.client import Client
+from mission_io.conformance.case import sample
 from mission_io.conformance.evidence import ClientCase, Operation
-from mission_io.conformance.samples import sample
 from mission_io.conformance.tricks import as_float
 from mission_io.links.base import WrappingLink
 from mission_io.links.opening import Link

@@ -10,9 +10,9 @@ import pytest
 
 from mission_io.client.client import Client
 from mission_io.conformance.__main__ import VEHICLE_CASES, main, serve
+from mission_io.conformance.case import sample
 from mission_io.conformance.client_cases import CLIENT_CASES
 from mission_io.conformance.fake_vehicle import FakeVehicle
-from mission_io.conformance.samples import sample
 from mission_io.links.opening import UdpLink
 from mission_io.model.items import MissionType
 

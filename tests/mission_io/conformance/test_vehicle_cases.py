@@ -6,17 +6,16 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.conformance.__main__ import VEHICLE_CASES
-from mission_io.conformance.case import CaseResult, Outcome
+from mission_io.conformance.case import CaseResult, Outcome, sample
 from mission_io.conformance.fake_vehicle import FakeVehicle
 from mission_io.conformance.probe import Probe
 from mission_io.conformance.run import ask_one, ask_vehicle
-from mission_io.conformance.samples import sample
 from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions, Peer, SimulatedLink
 from mission_io.model.items import GeoPoint, MissionType
 from tests.mission_io.conformance.mutants import MUTANTS
 from tests.mission_io.vehicle import VehiclePeer
-from uavcover.mock.peer import InMemoryPeer
+from uavcover.mock.ports import InMemoryPeer
 from uavcover.mock.vehicle import MockVehicle
 
 BY_NAME = {case.name: case for case in VEHICLE_CASES}

@@ -9,7 +9,7 @@ import pytest
 from mission_io.errors import FormatError
 from mission_io.formats import plan, poly, wpl
 from mission_io.formats.files import mission_text, read_file, read_mission
-from mission_io.formats.old_qgc_json import read
+from mission_io.formats.plan import read_old_json as read
 from mission_io.formats.poly import read_rally
 from mission_io.model.areas import Fence, FencePolygon, FramedPoint, RallyPoints
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem, MissionType

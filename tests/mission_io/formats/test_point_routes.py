@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from mission_io.errors import FormatError
-from mission_io.formats import gpx, kml, litchi, wpml_reader
+from mission_io.formats import gpx, kml, litchi, wpml
 from mission_io.formats.litchi import write_csv
 from mission_io.formats.point_route import PointRoute
 from mission_io.formats.wpml import write_kmz
@@ -21,7 +21,7 @@ from uavcover.extras.exports.command import all_dji_aircraft
 
 POINTS = [(46.5, 8.25, 40.0), (46.501, 8.252, 55.5), (46.499, 8.26, 61.0)]
 READERS: dict[str, Callable[[str], PointRoute]] = {
-    ".gpx": gpx.read_route, ".kml": kml.read_route, ".csv": litchi.read_route, ".wpml": wpml_reader.read_route,
+    ".gpx": gpx.read_route, ".kml": kml.read_route, ".csv": litchi.read_route, ".wpml": wpml.read_route,
 }  # fmt: skip
 
 
@@ -45,7 +45,7 @@ def test_what_others_write(suffix: str) -> None:
 def test_our_own_files_read_back(seed: int) -> None:
     flight = random_flight(seed)
     archive = zipfile.ZipFile(io.BytesIO(write_kmz(flight, all_dji_aircraft()["dji-m3e"], return_height_m=80.0)))
-    texts = {".wpml": archive.read(wpml_reader.DOCUMENT).decode()}
+    texts = {".wpml": archive.read(wpml.DOCUMENT).decode()}
     with contextlib.suppress(FormatError):  # Litchi cannot do every one
         texts[".csv"] = write_csv(flight)
     for suffix, text in texts.items():
@@ -67,7 +67,7 @@ def test_speeds_that_differ_are_items() -> None:
 
 def test_the_climb_of_dji_is_no_lower_than_its_security_height() -> None:
     text = ROUTES[".wpml"](POINTS, 1.0).replace("<wpml:takeOffSecurityHeight>20<", "<wpml:takeOffSecurityHeight>90<")
-    assert wpml_reader.read_route(text).mission.items[0].alt_m == 90.0
+    assert wpml.read_route(text).mission.items[0].alt_m == 90.0
 
 
 def test_heights_above_ground() -> None:
@@ -85,7 +85,7 @@ def test_curves_are_told() -> None:
     text = ROUTES[".wpml"](POINTS, 1.0).replace(
         "</wpml:waypointSpeed>", "</wpml:waypointSpeed><wpml:useStraightLine>0</wpml:useStraightLine>"
     )
-    assert "3 legs are curved" in wpml_reader.read_route(text).repairs[0]
+    assert "3 legs are curved" in wpml.read_route(text).repairs[0]
     assert "corners" in litchi.read_route(ROUTES[".csv"](POINTS, 1.0).replace(",90,0,", ",90,5,")).repairs[0]
 
 
@@ -156,7 +156,7 @@ def _held(route: PointRoute) -> list[tuple[float | None, int, float | None]]:
 def test_what_the_camera_does_reads_back(seed: int) -> None:
     flight = random_flight(seed)
     archive = zipfile.ZipFile(io.BytesIO(write_kmz(flight, all_dji_aircraft()["dji-m3e"], return_height_m=80.0)))
-    texts = {".wpml": archive.read(wpml_reader.DOCUMENT).decode()}
+    texts = {".wpml": archive.read(wpml.DOCUMENT).decode()}
     with contextlib.suppress(FormatError):
         texts[".csv"] = write_csv(flight)
     expected, before = [], None

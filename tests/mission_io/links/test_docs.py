@@ -8,9 +8,9 @@ import pytest
 from mission_io.autopilots.autopilot import PX4
 from mission_io.clock import SystemClock
 from mission_io.links.opening import TcpListeningLink, parse_link_url
-from mission_io.links.places import FORGOTTEN_AFTER_S
 from mission_io.links.stream import QUIET_S, SEND_BUFFER_BYTES
 from mission_io.links.tcp import MOST_PEERS
+from mission_io.links.udp import FORGOTTEN_AFTER_S
 from mission_io.wire.framing import LARGEST_FRAME
 from mission_io.wire.signing import Signing, SigningKey, UnsavedTimestamps
 from tests.mission_io.real_vehicle import flying_on

@@ -6,8 +6,8 @@ import pytest
 
 from mission_io.autopilots.autopilot import ARDUPILOT, PX4, Autopilot
 from mission_io.model.items import MissionType
-from mission_io.protocol.clear import Clear
 from mission_io.protocol.download import Download
+from mission_io.protocol.exchange import Clear
 from mission_io.protocol.server import MissionServer
 from mission_io.protocol.upload import Upload
 from tests.mission_io.protocol.scripts import GROUND, VEHICLE, items, play

@@ -7,8 +7,8 @@ import pytest
 
 from mission_io.autopilots.autopilot import AUTOPILOTS
 from mission_io.model.items import MissionType
-from mission_io.protocol.clear import CLEAR_TABLE, Clear
 from mission_io.protocol.download import DOWNLOAD_TABLE, Download
+from mission_io.protocol.exchange import CLEAR_TABLE, Clear
 from mission_io.protocol.server import MissionServer
 from mission_io.protocol.tables import SERVER_TABLE, UPLOAD_TABLE, MissingRowError, Row, Table, UploadState, mermaid
 from mission_io.protocol.upload import Upload

@@ -10,7 +10,7 @@ import shapely
 
 from tests.scenario.areas import written
 from uavcover.errors import InputError, ScenarioError
-from uavcover.scenario.areas import kmz
+from uavcover.scenario.areas import gis_file
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.scenario_file import parse_scenario
 
@@ -202,9 +202,9 @@ GOOD_KML = kml("8,46.5 8.02,46.5 8.02,46.52 8,46.5")
         ([("a.txt", "x")], "has no KML document"),
         ([("inner.kmz", "x")], "holds another archive (inner.kmz)"),
         ([("a.kml", GOOD_KML), ("b.kml", GOOD_KML)], "has 2 documents and no doc.kml"),
-        ([("doc.kml", GOOD_KML), *((f"{n}.png", "") for n in range(kmz.MAX_ENTRIES))], "entries, more than"),
-        ([("doc.kml", " " * (kmz.MAX_KML_BYTES + 1))], "unpacks to"),
-        ([("doc.kml", " " * (kmz.MAX_KML_BYTES // 8))], "times its packed size"),
+        ([("doc.kml", GOOD_KML), *((f"{n}.png", "") for n in range(gis_file.MAX_ENTRIES))], "entries, more than"),
+        ([("doc.kml", " " * (gis_file.MAX_KML_BYTES + 1))], "unpacks to"),
+        ([("doc.kml", " " * (gis_file.MAX_KML_BYTES // 8))], "times its packed size"),
     ],
     ids=["no KML", "nested", "two documents", "many entries", "large", "a bomb"],
 )
@@ -224,8 +224,8 @@ def test_a_kmz_that_is_no_zip_and_one_that_was_cut(tmp_path):
 
 
 def test_a_size_in_the_directory_that_lies_fills_no_memory(tmp_path, monkeypatch):
-    monkeypatch.setattr(kmz, "MAX_KML_BYTES", 1000)
-    monkeypatch.setattr(kmz, "MAX_RATIO", 1e9)
+    monkeypatch.setattr(gis_file, "MAX_KML_BYTES", 1000)
+    monkeypatch.setattr(gis_file, "MAX_RATIO", 1e9)
     zipped(tmp_path / "a.kmz", [("doc.kml", "x" * 5000)])
     data = (tmp_path / "a.kmz").read_bytes()
     (tmp_path / "a.kmz").write_bytes(data.replace((5000).to_bytes(4, "little"), (900).to_bytes(4, "little")))

@@ -14,7 +14,7 @@ COMMANDS = {
     },
     "Plan": {
         "edit": (
-            "uavcover.extras.app.edited",
+            "uavcover.extras.app.command",
             "",
             ("uavcover edit RUN waypoints.json -o RUN2",),
         ),

@@ -22,13 +22,11 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from uavcover.errors import InputError, UavcoverError
 from uavcover.extras.app import survey, tiles
-from uavcover.extras.app.commands import command_of
+from uavcover.extras.app.commands import command_of, photo_document, refusal, take_file
 from uavcover.extras.app.jobs import Jobs
 from uavcover.extras.app.live import LiveFlight, Observed
-from uavcover.extras.app.places import place_of
 from uavcover.extras.app.scene import Scene, Scenes, route_check, route_coverage, scene_document
-from uavcover.extras.app.uploads import photo_document, refusal, take_file
-from uavcover.extras.app.workspace import Workspace, free_name
+from uavcover.extras.app.workspace import Workspace, free_name, place_of
 from uavcover.terrain.terrain_source import TerrainSource
 
 _log = logging.getLogger(__name__)

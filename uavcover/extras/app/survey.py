@@ -13,10 +13,9 @@ import shapely
 from uavcover.errors import InputError, UavcoverError
 from uavcover.extras.app.workspace import Workspace, free_name
 from uavcover.model.area import Ring
-from uavcover.new.cameras import all_cameras
+from uavcover.new.catalog import all_cameras, all_vehicles
 from uavcover.new.command import new_scenarios, say_design, say_estimate
 from uavcover.new.elevation_questions import NewRequest
-from uavcover.new.vehicles import all_vehicles
 from uavcover.run.user import Unattended
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 

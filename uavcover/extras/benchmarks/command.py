@@ -330,7 +330,6 @@ def bench_mmf(
     """
     from uavcover.errors import InputError
     from uavcover.extras.benchmarks.mmf.problems import PROBLEMS
-    from uavcover.extras.benchmarks.mmf.results import write_results
     from uavcover.extras.benchmarks.mmf.runs import (
         Budget,
         MmfFolder,
@@ -339,6 +338,7 @@ def bench_mmf(
         missing_runs,
         try_each,
     )
+    from uavcover.extras.benchmarks.mmf.tables import write_results
 
     console = output.console()
     if list_names:

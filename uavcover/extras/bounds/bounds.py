@@ -10,11 +10,17 @@ path also has to turn.
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
+import scipy.ndimage
 
-from uavcover.extras.bounds.ground_prices import lattice_parts, price_ground
-from uavcover.kernels.arrays import FloatArray
+from uavcover.extras.bounds.bound_heights import relief_over
+from uavcover.extras.bounds.price_program import PriceProgram, headings_over_half_a_turn, middles_of_bins
+from uavcover.kernels.arrays import BoolArray, FloatArray, IntArray
+from uavcover.kernels.ground_prices import WINDOW_FIELDS, NodePrices, rates_in_squares
+from uavcover.kernels.ground_samples import looks_from_tiles
+from uavcover.kernels.relief import Relief
 from uavcover.kernels.sight import CONE, farthest_looks, highest_in_squares, horizontal_reach
 from uavcover.kernels.surface import GRID
 from uavcover.model.route import Bound, Plan, RouteMember
@@ -23,6 +29,195 @@ from uavcover.planner.set_cover.candidates import finest_lattice_candidates, red
 from uavcover.planner.set_cover.solvers import CoverProgram, SolverEffort
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import whatever_heading
+
+# Lower bound on path length by prices on the ground: prices of a linear program, proved for any result of it.
+#
+# The proof looks at all places and all headings (:mod:`uavcover.kernels.ground_prices`) and divides the price of each cell by the
+# largest rate of the places to whose gain it may add; prices that the program got wrong make the bound lower, never wrong.
+
+_SQUARES_A_CELL = (8, 6, 4, 3, 2, 1)
+"""Squares of the lattice along the side of a cell: the finer, the higher the bound, and the longer the proof takes."""
+_BINS_A_SECOND = 1.28e6
+"""Direction bins a second of the whole proof, from all squares together, on one core."""
+_BINS_A_SIDE = 1.6
+"""Direction bins a square's side at the end of view."""
+_SLACK = 0.19
+"""Share of a square's side by which distances may change without another look. With this number a window has three squares."""
+_OFFSETS = ((0, 0), (1, 1), (0, 1), (1, 0))
+"""Offsets of these positions, in halves of their distance: other ones each time."""
+_NEARLY = 1.005
+"""A rate that is not worth another look."""
+_TILES = (16, 4, 1, 0)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PricedGround:
+    """Prices that no path gains faster than it flies."""
+
+    prices_m: FloatArray  # (cells,) of what can be covered, metres, at least 0
+    dearest_m: FloatArray  # (cells,) the price if all of a cell cost as much as its most expensive point
+    weight_m2: FloatArray  # (cells,) ground in each of them
+    first_look_m: float  # what is seen at any one place is worth at most this
+    # (rows, columns) what a metre gained at most in each square of the lattice before the prices were divided; near 1
+    # where ground is seen as fast as anywhere, near 0 where length is wasted
+    rates: FloatArray
+    side_m: float  # of the squares
+
+    def least_length_m(self, share: float) -> float:
+        """Lower bound in metres on paths that cover a share of the ground: the view is worth its length and one look.
+
+        What may stay unseen is what saves most for its weight, part of a cell included.
+        """
+        order = np.argsort(-self.dearest_m / self.weight_m2, kind="stable")
+        weight = self.weight_m2[order]
+        before = np.cumsum(weight) - weight
+        unseen = np.clip((1.0 - share) * float(weight.sum()) - before, 0.0, weight) / weight
+        saved_m = np.minimum(self.dearest_m[order] * unseen, self.prices_m[order])
+        return max(0.0, float(self.prices_m.sum() - saved_m.sum()) - self.first_look_m)
+
+
+def lattice_parts(coverage: CoverageMap, time_s: float) -> int | None:
+    """Squares a cell of the finest lattice whose proof takes about ``time_s``; None where every lattice takes longer."""
+    size_m, reach = coverage.grid.size_m, horizontal_reach(whatever_heading(coverage.sight))
+    west, south, east, north = coverage.site.area.bounds
+    for parts in _SQUARES_A_CELL:
+        squares = (east - west + 2.0 * reach) * (north - south + 2.0 * reach) * (parts / size_m) ** 2
+        if squares * _bins(reach, size_m / parts) <= _BINS_A_SECOND * time_s:
+            return parts
+    return None
+
+
+def _bins(reach: float, side: float) -> int:
+    """Direction bins: at the end of view somewhat narrower than a square."""
+    return 8 * max(8, math.ceil(2.0 * math.pi * reach * _BINS_A_SIDE / (8.0 * side)))
+
+
+def price_ground(coverage: CoverageMap, share: float, *, parts: int) -> PricedGround | None:
+    """Prices for paths that cover a share of the visible ground of the cells; None without visible ground.
+
+    Args:
+        coverage: on the cells by which routes are judged.
+        share: of what can be covered, 0..1.
+        parts: squares of the lattice of places along the side of a cell.
+    """
+    weight_m2 = coverable_weight_m2(coverage)
+    if not weight_m2.any():
+        return None
+    relief = relief_over(coverage, parts)
+    program = PriceProgram(coverage, weight_m2, relief, share)
+    near = scipy.ndimage.distance_transform_edt(~program.priced) * relief.side < relief.reach
+    step = max(1, max(relief.allowed.shape) // 120)
+    where = np.argwhere((relief.allowed & near)[step // 2 :: step, step // 2 :: step]) * step + step // 2
+    program.look_at(where, np.ones(len(where)))
+    program.solve()
+    stride = 2 * parts  # between places that are looked at in passing
+    for look in range(6):
+        # Where rates come out largest, of places that are looked at in passing, prices are tried next, with what the proof
+        # adds there for all that it does not know exactly: the largest around, and all in the upper half of the excess.
+        down, along = _OFFSETS[look % len(_OFFSETS)]
+        offset = (down * stride // 2, along * stride // 2)
+        rates = _rates(relief, program, stride, offset)[0][offset[0] :: stride, offset[1] :: stride]
+        peaks = (rates >= scipy.ndimage.maximum_filter(rates, 3)) & (rates > _NEARLY)
+        worst = peaks | (rates > max(_NEARLY, 0.5 * (1.0 + float(rates.max()))))
+        where = (np.argwhere(worst) * stride + offset).astype(np.int64)
+        if not len(where):
+            break
+        program.look_at(where, _overhead(program, where, rates[worst]))
+        program.solve()
+    rates, largest = _rates(relief, program, 1, (0, 0))
+    divisor = program.of_cells(largest) * (1.0 + 1e-9)
+    # Ground that no place gains has no price.
+    by = np.divide(1.0, divisor, out=np.zeros_like(divisor), where=divisor > 0.0)
+    prices_m, dearest_m = program.worth_m()
+    look_m = _first_look_m(relief, program, by)
+    return PricedGround(prices_m * by, dearest_m * by, program.weight_m2, look_m, rates, relief.side)
+
+
+def coverable_weight_m2(coverage: CoverageMap) -> FloatArray:
+    """(cells,) ground in each cell, 0 where it cannot be covered."""
+    weight: FloatArray = np.where(coverage.coverable, coverage.grid.weight_m2, 0.0)
+    return weight
+
+
+def _rates(
+    relief: Relief, program: PriceProgram, stride: int, offset: tuple[int, int]
+) -> tuple[FloatArray, FloatArray]:
+    """(rows, columns) bounds of rates, 0 where none is examined. Also the largest to which each cell adds, 0 where to none."""
+    bins = _bins(relief.reach, relief.side)
+    rows, columns = relief.allowed.shape
+    rates, largest = np.zeros((rows, columns)), np.zeros((rows // program.parts, columns // program.parts))
+    rates_in_squares(
+        relief, _prices(relief, program, bins), middles_of_bins(bins), 2, headings_over_half_a_turn(48), stride,
+        offset, program.parts, rates, largest,
+    )  # fmt: skip
+    return rates, largest
+
+
+def _overhead(program: PriceProgram, where: IntArray, rates: FloatArray) -> FloatArray:
+    """Ratio of proved rates to those of the program at the same positions."""
+    sampled = program.rates_at(where)
+    return np.clip(np.divide(rates, sampled, out=np.ones_like(rates), where=sampled > 0.0), 1.0, 1.5)
+
+
+def _corners(nodes: FloatArray) -> FloatArray:
+    """(4, rows, columns) numbers at the corners of each square."""
+    return np.stack([nodes[:-1, :-1], nodes[1:, :-1], nodes[:-1, 1:], nodes[1:, 1:]])
+
+
+def _prices(relief: Relief, program: PriceProgram, bins: int) -> NodePrices:
+    per_m2, slack, side = program.at_nodes(), _SLACK * relief.side, relief.side
+    around = 0.5 * side + relief.reach * math.pi / bins + slack
+    squares = math.ceil(2.0 * around / side) + 1
+    windows = np.empty((*relief.allowed.shape, WINDOW_FIELDS))
+    field = 0
+    for nodes in (relief.ground_m, per_m2):
+        for slopes in (np.diff(nodes, axis=1) / side, np.diff(nodes, axis=0) / side):
+            ends = (slopes[:-1], slopes[1:]) if slopes.shape[0] > windows.shape[0] else (slopes[:, :-1], slopes[:, 1:])
+            windows[:, :, field] = _over_windows(np.minimum(*ends), squares, least=True)
+            windows[:, :, field + 1] = _over_windows(np.maximum(*ends), squares, least=False)
+            field += 2
+        if field == 4:
+            windows[:, :, field] = _over_windows(
+                np.where(program.priced, _corners(per_m2).max(axis=0), 0.0), squares, least=False
+            )
+            field += 1
+    return NodePrices(per_m2, windows, around, slack)
+
+
+def _over_windows(values: FloatArray, squares: int, *, least: bool) -> FloatArray:
+    """Least or largest of ``squares`` rows and columns from each square on towards north-east."""
+    merge = np.minimum if least else np.maximum
+    for axis in (0, 1):
+        merged = values.copy()
+        for k in range(1, min(squares, values.shape[axis])):
+            if axis == 0:
+                merge(merged[:-k], values[k:], out=merged[:-k])
+            else:
+                merge(merged[:, :-k], values[:, k:], out=merged[:, :-k])
+        values = merged
+    return values
+
+
+def _first_look_m(relief: Relief, program: PriceProgram, by: FloatArray) -> float:
+    """Bound on the worth of any position's view, with the prices of cells times ``by``. Closer where it may be largest."""
+    mean = _corners(program.at_nodes()).mean(axis=0) * program.by_squares(by)
+    # a look that is as good as the program's may well be there, so smaller ones need no closer look.
+    enough = program.first_look_m
+    coarser, before = np.full((1, 1), math.inf), max(relief.allowed.shape)
+    for tile in _TILES:
+        each = max(tile, 1)
+        shape = tuple(math.ceil(count / each) for count in relief.allowed.shape)
+        i, j = (np.arange(count) * each // before for count in shape)
+        wanted: BoolArray = coarser[np.ix_(i, j)] > enough
+        looks = np.zeros(shape)
+        looks_from_tiles(relief, mean, tile, wanted, looks)
+        if tile == 0:
+            # Away from the middle no more comes into view than twice what a metre gains, times the way.
+            looks[wanted] += 2.0 * math.sqrt(0.5) * relief.side
+            looks = np.minimum(looks, coarser)
+        coarser, before = looks, each
+    return max(enough, float(coarser.max()))
+
 
 _MOST_SQUARES_ACROSS = 4_000
 

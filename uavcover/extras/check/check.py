@@ -11,14 +11,19 @@ import shapely
 from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionItem
 from mission_io.model.places import FAR_FROM_HOME_M, MEAN_RADIUS_M, ground_distance_m
 from uavcover.extras.check.aircraft import Aircraft
-from uavcover.extras.check.boundary_checks import distance_findings, fence_findings, zone_findings
 from uavcover.extras.check.endurance_checks import endurance_findings, speed_findings, wing_findings
 from uavcover.extras.check.findings import CheckFinding, joined
 from uavcover.extras.check.flown_path import flown_path
 from uavcover.extras.check.ground_checks import height_findings
 from uavcover.extras.check.item_values import impossible_numbers, value_findings
 from uavcover.extras.check.limits import FenceSource, Limits, Surroundings, local_fence
-from uavcover.extras.check.obstacle_checks import obstacle_findings, with_obstacles
+from uavcover.extras.check.obstacle_checks import (
+    distance_findings,
+    fence_findings,
+    obstacle_findings,
+    with_obstacles,
+    zone_findings,
+)
 from uavcover.extras.check.places import Doubt, Heights, believed, places_of
 from uavcover.extras.check.return_checks import (
     Lines,

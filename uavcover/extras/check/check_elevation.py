@@ -3,12 +3,20 @@
 import dataclasses
 import math
 import re
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Final
 
 import numpy as np
 
+from mission_io.errors import FormatError
+from mission_io.formats import gpx, kml, litchi, wpml
+from mission_io.formats.point_route import PointRoute
+from mission_io.formats.text import text_from_bytes
 from mission_io.model.items import Mission
-from uavcover.errors import TerrainError
+from uavcover.errors import InputError, TerrainError
 from uavcover.extras.check.check import Bounds
 from uavcover.extras.check.tuning import WORLD
 from uavcover.flight.vehicle_terrain import ElevationData, open_elevation_data
@@ -16,12 +24,61 @@ from uavcover.kernels.arrays import FloatArray
 from uavcover.new.elevation_questions import ask_about_heights, ask_about_surface
 from uavcover.new.surface_look import read_as_needed, surface_datum
 from uavcover.run.user import User
+from uavcover.scenario.areas.gis_file import entry_of, kml_of
 from uavcover.scenario.surface_model import higher_of, of_surface, refuse_misfit
 from uavcover.terrain.elevation_file import read_ground, read_heights_amsl_m
 from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
 from uavcover.terrain.suspect_heights import SuspectPlace, is_suspect, suspect_places
 from uavcover.terrain.terrain_source import TerrainSource
+
+# Routes of drone apps and map programs as missions: GPX, KML lines, DJI's WPML, Litchi's CSV.
+
+ROUTE_SUFFIXES: Final = (".gpx", ".kml", ".kmz", ".wpml")
+MOST_BYTES: Final = 64 * 1024 * 1024
+_READERS: Final[Mapping[str, Callable[[str], PointRoute]]] = MappingProxyType(
+    {".gpx": gpx.read_route, ".kml": kml.read_route, ".wpml": wpml.read_route}
+)
+
+
+def read_route_file(path: Path) -> PointRoute | None:
+    """Read a route file; None for any other file, by its name and, with ``.csv``, its header.
+
+    Raises:
+        InputError: it cannot be opened, or is too large.
+        FormatError: it is not what its name says, with file and place.
+    """
+    suffix = path.suffix.lower()
+    if suffix not in (*ROUTE_SUFFIXES, ".csv"):
+        return None
+    try:
+        if path.stat().st_size > MOST_BYTES:
+            raise InputError(f"{path}: is larger than {MOST_BYTES:,} bytes; save only the route")
+        if suffix == ".kmz":
+            return _read_kmz(path)
+        text = text_from_bytes(path.read_bytes()).text
+        if suffix == ".csv":
+            return litchi.read_route(text) if litchi.is_litchi(text) else None
+        return _READERS[suffix](text)
+    except FormatError as error:
+        where = f"{path}: {error.where}" if error.where else str(path)
+        raise FormatError(error.what, where=where, advice=error.advice) from error
+    except OSError as error:
+        raise InputError(f"{path}: cannot be read ({error.strerror or type(error).__name__})") from error
+
+
+def _read_kmz(path: Path) -> PointRoute:
+    """A flight of DJI's, or a KMZ with a line."""
+    flight = entry_of(path, wpml.DOCUMENT)
+    if flight is None and entry_of(path, wpml.TEMPLATE) is not None:
+        raise FormatError(
+            f"holds DJI's template ({wpml.TEMPLATE}) and no {wpml.DOCUMENT}, which is what aircraft fly",
+            advice="export the flight from DJI Pilot 2 or FlightHub, or give the area in it to new",
+        )  # fmt: skip
+    if flight is not None:
+        return wpml.read_route(text_from_bytes(flight).text)
+    return kml.read_route(text_from_bytes(kml_of(path)).text)
+
 
 _AS_OPTIONS = (
     (r'; set terrain\.(?:surface_)?height_unit to "ft"', "; convert it to metres, or give --height-unit ft"),

@@ -285,7 +285,7 @@ def check(
     mission.
     """
     from uavcover.errors import InputError
-    from uavcover.extras.check.check_report import document_of, refuse_map, say_findings, worst_verdict, write_map
+    from uavcover.extras.check.check_page import document_of, refuse_map, say_findings, worst_verdict, write_map
     from uavcover.extras.check.mission_file import CheckQuery
     from uavcover.extras.check.mission_file import check as check_file
     from uavcover.extras.check.repair import refuse_repair_into, repair_mission

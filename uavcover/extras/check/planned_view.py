@@ -19,13 +19,12 @@ from uavcover.extras.check.world import World
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import SensorPoses
 from uavcover.model.area import Area, Rings
-from uavcover.model.home import Home
-from uavcover.model.limits import FlightLimits
+from uavcover.model.limits import FlightLimits, Home
 from uavcover.model.scenario import Scenario
 from uavcover.model.sensor import FrameCamera
 from uavcover.model.terrain import RasterTerrain
 from uavcover.model.verdict import percent_beside
-from uavcover.new.cameras import CameraBody, camera_named
+from uavcover.new.catalog import CameraBody, camera_named
 from uavcover.new.quantities import overlaps
 from uavcover.scenario.areas.area_file import AreaQuery, read_area
 from uavcover.scenario.site import Site

@@ -20,8 +20,7 @@ from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.missions.failsafe_checks import ReturnLimits, judge_paths, judge_returns
 from uavcover.missions.failsafe_parameters import FailsafeSettings, failsafe_settings
 from uavcover.missions.failsafe_path import wings_return
-from uavcover.missions.failsafe_states import IN_PLACE, Destinations, FlightStates
-from uavcover.missions.unsafe_returns import Danger, UnsafeReturn
+from uavcover.missions.failsafe_states import IN_PLACE, Danger, Destinations, FlightStates, UnsafeReturn
 from uavcover.model.obstacles import Obstacles
 from uavcover.scenario.airspace.zones import ZoneCheck
 

@@ -25,8 +25,8 @@ from uavcover.model.terrain import RasterTerrain
 from uavcover.model.vehicle import AutopilotName
 from uavcover.plugins import registered
 from uavcover.run.file_group import numbered, settle
+from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
-from uavcover.run.planned import read_planned
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
 from uavcover.terrain.vertical import Undulation

@@ -9,19 +9,254 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
+import contourpy
 import jinja2
+import numpy as np
+import shapely
 from markupsafe import Markup
 
 from mission_io.model.plain_text import plain_lines
 from uavcover.extras.exports.export import ExportRequest, flights_for, refuse_unlike, time_with_stops_s, write_exported
-from uavcover.extras.exports.print_drawings import map_svg, place_text, profile_svg, style_of
+from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.sorties import Sortie
 from uavcover.model.vehicle import AutopilotName
+from uavcover.report.charts import PRINTED, Scale, nice_ticks
+from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
-from uavcover.run.planned import read_planned
 from uavcover.run.provenance import sha256_of_content
 from uavcover.scenario.site import Site
 from uavcover.sensing.sensors import trigger_distance_m
+
+# Drawings of a print-out: a map and a height profile as SVG in black and white, legible without colour.
+
+MAP_WIDTH, MAP_HEIGHT = 720.0, 520.0
+_COLORS = ("#005a9c", "#b8460e", "#1b7a3d", "#7a2f8f", "#8a6d00", "#00747a")
+_DASHES = ("", "9 3", "2 3", "9 3 2 3", "14 4", "5 2")
+_CONTOUR_NODES = 160
+
+
+def style_of(number: int) -> Markup:
+    """Stroke of a flight, from 0: a colour and, where flights are many, a dash of its own."""
+    color, dash = _COLORS[number % len(_COLORS)], _DASHES[number % len(_DASHES)]
+    return Markup('stroke="{}" stroke-dasharray="{}"').format(color, dash)
+
+
+def map_svg(site: Site, flights: Sequence[Sortie]) -> tuple[Markup, float]:
+    """A map of the flights with area, fence, zones, obstacles and home; and the interval of its contours in metres."""
+    view = _View(site, flights)
+    contours, interval_m = _contours(site, view)
+    layers = [contours, view.polygon(site.area, "area"), view.outline(site.fence, "fence")]
+    for zone in site.zones:
+        at = zone.outline.representative_point()
+        layers += [view.polygon(zone.outline, "zone"), view.label(at.x, at.y, zone.name, "zone-name")]
+    layers += [view.polygon(prism.footprint.polygon, "obstacle") for prism in site.prisms]
+    for number, sortie in enumerate(flights):
+        layers += [view.line(sortie.compiled.path_m, style_of(number)), *_numbers(view, sortie)]
+    if site.home_m is not None:
+        layers.append(view.home(float(site.home_m[0]), float(site.home_m[1])))
+    layers += [view.scale_bar(), view.north(), *_corners(site, view)]
+    box = Markup('<svg class="map" viewBox="0 0 {:g} {:g}" role="img" aria-label="map">').format(MAP_WIDTH, MAP_HEIGHT)
+    return Markup("\n").join([box, *layers, Markup("</svg>")]), interval_m
+
+
+def profile_svg(site: Site, sortie: Sortie, number: int) -> Markup:
+    """Ground, height band and path of a flight above sea level, over the distance from home to home."""
+    compiled, limits = sortie.compiled, site.scenario.limits
+    steps_m = np.hypot(*np.diff(compiled.path_m[:, :2], axis=0).T)
+    along_m = np.concatenate([[0.0], np.cumsum(steps_m)])
+    at_m = np.union1d(along_m, np.linspace(0.0, along_m[-1], 600))
+    places = np.column_stack([np.interp(at_m, along_m, compiled.path_m[:, k]) for k in range(3)])
+    # At a vertical leg two heights have one distance; the corners themselves are drawn from the path.
+    ground_up_m = site.ground.heights_m(places[:, :2])
+    sea_m = site.alts_amsl_m(places) - places[:, 2]
+    ground_m, path_m = ground_up_m + sea_m, site.alts_amsl_m(compiled.path_m)
+    low = math.floor(float(np.nanmin(ground_m)) / 10.0) * 10.0 - 10.0
+    high = max(float(path_m.max()), float(np.nanmax(ground_m)) + limits.max_height_agl_m)
+    high += 0.06 * (high - low)
+    scale = Scale(PRINTED, (0.0, max(float(along_m[-1]), 1.0)), (low, max(high, low + 1.0)))
+    left, right = PRINTED.left, PRINTED.width - PRINTED.right
+    top, bottom = PRINTED.top, PRINTED.height - PRINTED.bottom
+    known = np.isfinite(ground_m)
+    over = at_m[known]
+    ground = ""
+    if known.any():
+        ground = (
+            scale.path(np.concatenate([over[:1], over, over[-1:]]), np.concatenate([[low], ground_m[known], [low]]))
+            + "Z"
+        )
+    begin_m, end_m = along_m[_planned_rows(sortie)]
+    on_survey = known & (at_m >= begin_m) & (at_m <= end_m)
+    layers = [
+        Markup('<svg class="profile" viewBox="0 0 {:g} {:g}" role="img" aria-label="height profile">').format(
+            PRINTED.width, PRINTED.height
+        ),
+        Markup('<path class="ground" d="{}"/>').format(ground),
+        *(
+            Markup('<path class="band" d="{}"/>').format(scale.path(at_m[on_survey], ground_m[on_survey] + agl_m))
+            for agl_m in (limits.min_height_agl_m, limits.max_height_agl_m)
+            if on_survey.any()
+        ),
+        Markup('<path fill="none" stroke-width="1.4" {} d="{}"/>').format(
+            style_of(number), scale.path(along_m, path_m)
+        ),
+        Markup('<path class="axis" d="M{0:g} {1:g}V{2:g}H{3:g}"/>').format(left, top, bottom, right),
+    ]
+    height = Markup(
+        '<path class="grid" d="M{0:g} {1:.1f}H{2:g}"/><text x="{3:g}" y="{4:.1f}" text-anchor="end">{5}</text>'
+    )
+    for alt_m, label in nice_ticks(*scale.y_range, about=PRINTED.y_ticks):
+        layers.append(height.format(left, scale.y(alt_m), right, left - 4, scale.y(alt_m) + 3, label))
+    distance = Markup('<text x="{:.1f}" y="{:g}" text-anchor="middle">{}</text>')
+    for distance_m, label in nice_ticks(*scale.x_range, about=PRINTED.x_ticks):
+        layers.append(distance.format(scale.x(distance_m), bottom + 12, label))
+    layers.append(
+        Markup('<text x="{:g}" y="{:g}" text-anchor="end">m from take-off</text>').format(right, PRINTED.height - 3)
+    )
+    return Markup("\n").join([*layers, Markup("</svg>")])
+
+
+def _planned_rows(sortie: Sortie) -> list[int]:
+    """Rows of the first and the last planned waypoint in the path of a flight."""
+    path_m, route_m = sortie.compiled.path_m, sortie.route.waypoints_m
+    count = len(route_m)
+    first = next(k for k in range(len(path_m) - count + 1) if np.array_equal(path_m[k : k + count], route_m))
+    return [first, first + count - 1]
+
+
+class _View:
+    """Transform from east and north in metres to the map's units; north is up."""
+
+    def __init__(self, site: Site, flights: Sequence[Sortie]) -> None:
+        shapes: list[shapely.geometry.base.BaseGeometry] = [
+            site.area,
+            *(shapely.MultiPoint(sortie.compiled.path_m[:, :2]) for sortie in flights),
+        ]
+        if site.home_m is not None:
+            shapes.append(shapely.Point(site.home_m[:2]))
+        west, south, east, north = shapely.union_all([shapely.envelope(shape) for shape in shapes]).bounds
+        margin = 0.06 * max(east - west, north - south, 1.0)
+        width, height = east - west + 2.0 * margin, north - south + 2.0 * margin
+        self.per_m = min(MAP_WIDTH / width, MAP_HEIGHT / height)
+        center = 0.5 * (west + east), 0.5 * (south + north)
+        half = 0.5 * MAP_WIDTH / self.per_m, 0.5 * MAP_HEIGHT / self.per_m
+        self.west, self.east = center[0] - half[0], center[0] + half[0]
+        self.south, self.north_m = center[1] - half[1], center[1] + half[1]
+        self._frame = shapely.box(self.west, self.south, self.east, self.north_m)
+
+    def at(self, east_m: float, north_m: float) -> tuple[float, float]:
+        return (east_m - self.west) * self.per_m, (self.north_m - north_m) * self.per_m
+
+    def polygon(self, shape: shapely.geometry.base.BaseGeometry, kind: str) -> Markup:
+        rings: list[str] = []
+        for part in shapely.get_parts(shape.intersection(self._frame)):
+            if isinstance(part, shapely.Polygon):
+                for ring in (part.exterior, *part.interiors):
+                    rings.append(
+                        _path([self.at(*place) for place in shapely.get_coordinates(ring)[:-1].tolist()]) + "Z"
+                    )
+        return Markup('<path class="{}" d="{}"/>').format(kind, " ".join(rings))
+
+    def outline(self, shape: shapely.geometry.base.BaseGeometry, kind: str) -> Markup:
+        """The edge of an area inside the map. A polygon cut off at the map's edge would have an edge there too."""
+        lines = shapely.get_parts(shape.boundary.intersection(self._frame))
+        paths = [_path([self.at(*place) for place in shapely.get_coordinates(line).tolist()]) for line in lines]
+        return Markup('<path class="{}" d="{}"/>').format(kind, " ".join(paths))
+
+    def line(self, points_m: FloatArray, style: Markup) -> Markup:
+        places = [self.at(float(east), float(north)) for east, north in points_m[:, :2]]
+        return Markup('<path fill="none" stroke-width="1.5" {} d="{}"/>').format(style, _path(places))
+
+    def label(self, east_m: float, north_m: float, text: str, kind: str) -> Markup:
+        x, y = self.at(east_m, north_m)
+        inside = 0.0 <= x <= MAP_WIDTH and 0.0 <= y <= MAP_HEIGHT
+        return (
+            Markup('<text class="{}" x="{:.1f}" y="{:.1f}">{}</text>').format(kind, x, y, text)
+            if inside
+            else Markup("")
+        )
+
+    def home(self, east_m: float, north_m: float) -> Markup:
+        x, y = self.at(east_m, north_m)
+        shape = Markup(
+            '<circle class="home" cx="{0:.1f}" cy="{1:.1f}" r="6"/><text class="home-name" x="{0:.1f}" y="{2:.1f}">H</text>'
+        )
+        return shape.format(x, y, y + 3.2)
+
+    def scale_bar(self) -> Markup:
+        length_m = _ticks(0.0, 0.3 * MAP_WIDTH / self.per_m, 1)[-1]
+        end = 14.0 + length_m * self.per_m
+        bar = Markup('<path class="bar" d="M14 {0:g}V{1:g}H{2:.1f}V{0:g}"/><text x="14" y="{3:g}">{4:g} m</text>')
+        return bar.format(MAP_HEIGHT - 16, MAP_HEIGHT - 10, end, MAP_HEIGHT - 20, length_m)
+
+    def north(self) -> Markup:
+        x = MAP_WIDTH - 22.0
+        arrow = Markup('<path class="bar" d="M{0:g} 44V14M{1:g} 22L{0:g} 12L{2:g} 22"/><text x="{3:g}" y="56">N</text>')
+        return arrow.format(x, x - 5, x + 5, x - 4)
+
+
+def _numbers(view: _View, sortie: Sortie) -> list[Markup]:
+    """Numbers of planned waypoints, thinned, as the plan counts them, from 0."""
+    step = max(1, math.ceil(len(sortie.route) / 24))
+    return [
+        view.label(float(east), float(north), str(sortie.first + k), "waypoint")
+        for k, (east, north) in enumerate(sortie.route.waypoints_m[:, :2])
+        if k % step == 0
+    ]
+
+
+def _contours(site: Site, view: _View) -> tuple[Markup, float]:
+    """Lines of equal height above sea level, and the interval between two of them; 0 where there are none."""
+    easts = np.linspace(view.west, view.east, _CONTOUR_NODES)
+    norths = np.linspace(view.south, view.north_m, _CONTOUR_NODES)
+    grid = np.stack(np.meshgrid(easts, norths), axis=-1).reshape(-1, 2)
+    up_m = site.ground.heights_m(grid).reshape(_CONTOUR_NODES, _CONTOUR_NODES) + site.alt_amsl_offset_m
+    if not np.isfinite(up_m).any() or np.nanmax(up_m) - np.nanmin(up_m) < 1.0:
+        return Markup(""), 0.0
+    levels = _ticks(float(np.nanmin(up_m)), float(np.nanmax(up_m)), 12)
+    lines = contourpy.contour_generator(easts, norths, np.ma.masked_invalid(up_m))
+    shapes = [
+        _path([view.at(float(east), float(north)) for east, north in np.asarray(line)])
+        for level in levels
+        for line in lines.lines(level)
+    ]
+    interval_m = levels[1] - levels[0] if len(levels) > 1 else 0.0
+    return Markup('<path class="contour" d="{}"/>').format(" ".join(shapes)), interval_m
+
+
+def _corners(site: Site, view: _View) -> list[Markup]:
+    """Latitude and longitude of two corners of the map."""
+    if site.frame is None:
+        return []
+    places = np.array([[view.west, view.south, 0.0], [view.east, view.north_m, 0.0]])
+    lat, lon, _ = site.frame.geodetic_from_enu(places)
+    text = Markup('<text class="corner" x="{:g}" y="{:g}" text-anchor="{}">{}</text>')
+    return [
+        text.format(14, MAP_HEIGHT - 36, "start", place_text(float(lat[0]), float(lon[0]))),
+        text.format(MAP_WIDTH - 40, 12, "end", place_text(float(lat[1]), float(lon[1]))),
+    ]
+
+
+def place_text(lat_deg: float, lon_deg: float) -> str:
+    """A place as pilots read it: degrees with hemispheres."""
+    return f"{abs(lat_deg):.6f}° {'N' if lat_deg >= 0 else 'S'}, {abs(lon_deg):.6f}° {'E' if lon_deg >= 0 else 'W'}"
+
+
+def _path(places: Sequence[tuple[float, float]]) -> str:
+    return "M" + "L".join(f"{x:.1f} {y:.1f}" for x, y in places)
+
+
+def _ticks(low: float, high: float, count: int) -> list[float]:
+    """Round numbers from low to high, about ``count``."""
+    raw = (high - low) / max(count, 1)
+    if not raw > 0.0:
+        return [low]
+    magnitude = 10.0 ** math.floor(math.log10(raw))
+    step = next(factor * magnitude for factor in (1.0, 2.0, 5.0, 10.0) if factor * magnitude >= raw * 0.999)
+    if count == 1:
+        step = next(factor * magnitude for factor in (5.0, 2.0, 1.0) if factor * magnitude <= raw * 1.001)
+        return [low, low + step]
+    return [round(k * step, 9) for k in range(math.ceil(low / step), math.floor(high / step) + 1)]
+
 
 _PAGE = Path(__file__).parent
 

@@ -19,16 +19,15 @@ from uavcover.flight.connect import VehicleLink, connect
 from uavcover.flight.own_links import VehiclePlace, require_different
 from uavcover.kernels.arrays import FloatArray
 from uavcover.planner.close_gaps import GapRequest, close_gaps
-from uavcover.recording.fleet import record_fleet
-from uavcover.run.flight_folders import TRACK
+from uavcover.recording.writer import record_fleet
+from uavcover.run.flight_folders import TRACK, read_planned
 from uavcover.run.folder import RunFolder
-from uavcover.run.planned import read_planned
 from uavcover.run.provenance import note_files
 from uavcover.run.track_file import read_track
 from uavcover.run.user import User, to_paste
 from uavcover.sensing.site_maps import judging_map
-from uavcover.verification.phases import PlannedRoute
 from uavcover.verification.shared_clock import shared_times
+from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import flown_coverage
 
 _FIRST_STOP = (

@@ -14,10 +14,8 @@ from uavcover.missions.mission_files import compile_plan
 from uavcover.missions.sorties import Sortie
 from uavcover.missions.timeline import Timeline, timeline_of
 from uavcover.model.route import Route
-from uavcover.run.flight_folders import TRACK
-from uavcover.run.flown_by import is_alike
+from uavcover.run.flight_folders import TRACK, is_alike, read_planned
 from uavcover.run.folder import RunFolder
-from uavcover.run.planned import read_planned
 from uavcover.scenario.site import Site
 
 

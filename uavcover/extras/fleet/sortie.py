@@ -18,7 +18,7 @@ from uavcover.extras.fleet.jobs import Job
 from uavcover.extras.fleet.traffic import Traffic
 from uavcover.extras.fleet.tuning import FLEET
 from uavcover.flight.connect import Connected, check_home
-from uavcover.flight.reserve import BatteryAllows, BatteryUse
+from uavcover.flight.schedule import BatteryAllows, BatteryUse
 from uavcover.flight.tuning import RESERVE
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.flight_costs import way_home

@@ -12,12 +12,10 @@ from mission_io.formats.dialects import header_of
 from uavcover.errors import InputError
 from uavcover.extras.photos.exif import ENDINGS as PICTURE_ENDINGS
 from uavcover.extras.photos.judge_photos import judge_photos
-from uavcover.extras.photos.logs import ENDINGS as LOGS_WITH_PICTURES
-from uavcover.extras.photos.logs import reports_pictures
 from uavcover.extras.photos.photo_judgement import PhotoRequest
 from uavcover.extras.photos.photo_verdict import PhotoVerdict
 from uavcover.extras.photos.placing import Assumptions
-from uavcover.extras.photos.readers import LISTS, read_pictures
+from uavcover.extras.photos.readers import LISTS, LOGS, read_pictures, reports_pictures
 from uavcover.extras.photos.survey_as_flown import survey_as_flown
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.judgement import Requirement, noted
@@ -187,7 +185,7 @@ def run_of_flight(
                 f"{log}: is in the folder of its plan; omit --area: "
                 f"{to_paste('verify', log.parent, '--log', log)}, or copy it"
             )
-    own = tuple(log for log in evidence.logs if log.suffix.lower() in LOGS_WITH_PICTURES and reports_pictures(log))
+    own = tuple(log for log in evidence.logs if log.suffix.lower() in LOGS and reports_pictures(log))
     photos = evidence.photos or own
     overlaps = area.overlap is not None and bool(photos)
     found = read_pictures(evidence.photos).pictures if evidence.photos else ()

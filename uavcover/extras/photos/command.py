@@ -82,7 +82,7 @@ def judge_photos(
         max_blur_px=belief.max_blur,
     )  # fmt: skip
     if gpkg is not None:
-        from uavcover.extras.photos.photo_geopackage import check_geopackage, write_geopackage
+        from uavcover.extras.photos.photo_page import check_geopackage, write_geopackage
 
         check_geopackage(gpkg, force=force)
     if page is not None:

@@ -26,8 +26,7 @@ from uavcover.terrain.frames import LocalFrame
 from uavcover.terrain.ground import Ground
 from uavcover.verification.command import LAYER_REASONS
 from uavcover.verification.flown_coverage import FlownCoverage
-from uavcover.verification.gaps import GapRegion, reason_codes
-from uavcover.verification.geotiff import cells_geotiff
+from uavcover.verification.gaps import GapRegion, cells_geotiff, reason_codes
 
 
 @dataclass(frozen=True, slots=True, eq=False)

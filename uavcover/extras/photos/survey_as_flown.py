@@ -10,7 +10,7 @@ import numpy as np
 
 from uavcover.errors import InputError
 from uavcover.extras.photos.picture import Picture
-from uavcover.new.cameras import CameraBody, camera_named
+from uavcover.new.catalog import CameraBody, camera_named
 from uavcover.new.command import NewScenario, new_scenario
 from uavcover.new.elevation_questions import NewRequest
 from uavcover.new.tuning import SURVEY

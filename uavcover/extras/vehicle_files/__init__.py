@@ -14,7 +14,7 @@ COMMANDS = {
     },
     "Vehicle": {
         "send-file": (
-            "uavcover.extras.vehicle_files.send_file",
+            "uavcover.extras.vehicle_files.get_file",
             "send files to the vehicle; get-file downloads one",
             (
                 "uavcover send-file TERRAIN/N36W085.DAT --to udp:127.0.0.1:14550",
@@ -30,7 +30,7 @@ COMMANDS = {
             ),
         ),
         "terrain-server": (
-            "uavcover.extras.vehicle_files.terrain_server",
+            "uavcover.extras.vehicle_files.terrain",
             "",
             (
                 "uavcover terrain-server --dem dem.tif --to udp:127.0.0.1:14550",

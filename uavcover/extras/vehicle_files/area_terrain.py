@@ -10,7 +10,7 @@ import shapely
 from mission_io.model.places import M_PER_DEG
 from uavcover.errors import InputError, TerrainError
 from uavcover.flight.vehicle_terrain import ElevationData, open_elevation_data
-from uavcover.new.elevation_sets import (
+from uavcover.new.elevation_questions import (
     NationalSource,
     NeededTiles,
     national_sources,

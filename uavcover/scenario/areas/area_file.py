@@ -16,7 +16,7 @@ from uavcover.model.area import Rings
 from uavcover.plugins import load, registered
 from uavcover.scenario.areas import gis_file
 from uavcover.scenario.areas.features import AreaDocument, AreaFeature, chosen
-from uavcover.scenario.areas.kmz import kml_of
+from uavcover.scenario.areas.gis_file import kml_of
 from uavcover.scenario.areas.rings import RingReading, joined, read_polygons, rings_of
 from uavcover.scenario.areas.text_formats import TEXT_FORMATS, circle_ring, read_kml, read_wkt
 
