@@ -214,19 +214,13 @@ def serve(link: Link, vehicle: FakeVehicle, *, stopped: Callable[[], bool]) -> N
 
 
 def judge_client(
-    case: ClientCase,
-    call: Callable[[Client], None],
+    case: ClientCase,  # the case
+    call: Callable[[Client], None],  # begins what the case is about; an error of mission_io is what it tells its user
     *,
-    wrap: Callable[[Link], Link] = lambda link: link,
-    timing: Timing | None = None,
+    wrap: Callable[[Link], Link] = lambda link: link,  # puts something between the client and the vehicle
+    timing: Timing | None = None,  # of the client
 ) -> CaseResult | None:
     """Judge a call of our own client by one case, in simulated time.
-
-    Args:
-        case: The case.
-        call: Begins what the case is about; an error of mission_io is what it tells its user.
-        wrap: Puts something between the client and the vehicle.
-        timing: Of the client.
 
     Returns:
         The result; None when the call began something else.

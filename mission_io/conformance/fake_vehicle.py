@@ -58,25 +58,18 @@ _CLIENT_KINDS: Final = (
 class FakeVehicle:
     """The vehicle, as a peer of a link: it takes datagrams and gives datagrams.
 
-    Args:
-        cases: To be judged, each once.
-        autopilot: The autopilot that its heartbeats name.
-        judged: Called with each result.
-        quiet_s: Silence after which a ground station is done.
-        system_id: Its MAVLink system.
-
     Attributes:
         results: Of the cases that were judged.
     """
 
     def __init__(
         self,
-        cases: Sequence[ClientCase],
+        cases: Sequence[ClientCase],  # to be judged, each once
         *,
-        autopilot: AutopilotId = AutopilotId.PX4,
-        judged: Callable[[CaseResult], None] | None = None,
-        quiet_s: float = STATION.quiet_s,
-        system_id: int = 1,
+        autopilot: AutopilotId = AutopilotId.PX4,  # the autopilot that its heartbeats name
+        judged: Callable[[CaseResult], None] | None = None,  # called with each result
+        quiet_s: float = STATION.quiet_s,  # silence after which a ground station is done
+        system_id: int = 1,  # its MAVLink system
     ) -> None:
         self.address = Address(system_id, 1)
         self.server = MissionServer(BY_THE_GUIDE, local=self.address)

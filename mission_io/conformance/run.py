@@ -17,21 +17,15 @@ Tell = Callable[[str], None]
 
 
 def ask_vehicle(
-    probe: Probe,
-    cases: Sequence[ProtocolCase[Probe]],
+    probe: Probe,  # speaks to it
+    cases: Sequence[ProtocolCase[Probe]],  # what to ask
     *,
-    tell: Tell,
-    answered: Callable[[CaseResult], None] | None = None,
+    tell: Tell,  # called with lines for the user
+    answered: Callable[[CaseResult], None] | None = None,  # called with each result
 ) -> list[CaseResult]:
     """Ask the cases; a vehicle that was found, disarmed, and whose lists may be overwritten.
 
     Its lists are read before the first case and put back after the last one, also after a failure.
-
-    Args:
-        probe: Speaks to it.
-        cases: What to ask.
-        tell: Called with lines for the user.
-        answered: Called with each result.
 
     Raises:
         MisuseError: the vehicle is armed, or its lists cannot be read or put back.

@@ -121,21 +121,14 @@ def read_mission(path: str | Path) -> Mission:
 
 
 def write_mission(
-    mission: Mission,
-    path: str | Path,
+    mission: Mission,  # what to write
+    path: str | Path,  # the file; see the table at the top of this module for suffixes
     *,
-    fence: Fence | None = None,
-    rally: RallyPoints | None = None,
-    autopilot: Autopilot = ARDUPILOT,
+    fence: Fence | None = None,  # written to a ``.plan`` file along with the mission
+    rally: RallyPoints | None = None,  # the same
+    autopilot: Autopilot = ARDUPILOT,  # the autopilot that a ``.plan`` file names
 ) -> tuple[str, ...]:
     """Write a mission to a file, which replaces an older one.
-
-    Args:
-        mission: What to write.
-        path: The file; see the table at the top of this module for suffixes.
-        fence: Written to a ``.plan`` file along with the mission.
-        rally: The same.
-        autopilot: The autopilot that a ``.plan`` file names.
 
     Returns:
         What the format cannot hold exactly, one line each; empty when the file holds every bit.

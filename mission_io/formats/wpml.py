@@ -226,19 +226,14 @@ class AbsoluteHeights:
 
 
 def write_kmz(
-    flight: CameraFlight,
-    aircraft: DjiAircraft,
+    flight: CameraFlight,  # what to fly
+    aircraft: DjiAircraft,  # what flies it
     *,
-    return_height_m: float,
+    return_height_m: float,  # height above home that the aircraft climbs to before it returns by itself
+    # heights of the points that do not depend on where it takes off; None: they are flown above the take-off
     absolute: AbsoluteHeights | None = None,
 ) -> bytes:
     """Write a flight as a KMZ archive.
-
-    Args:
-        flight: What to fly.
-        aircraft: What flies it.
-        return_height_m: Height above home that the aircraft climbs to before it returns by itself.
-        absolute: Heights of the points that do not depend on where it takes off; None: they are flown above the take-off.
 
     Raises:
         FormatError: the aircraft or the format cannot do it, with the point.

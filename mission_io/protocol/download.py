@@ -109,19 +109,16 @@ _ACK_EVENTS: dict[int, DownloadEvent] = {
 
 
 class Download(Exchange[DownloadState, DownloadEvent]):
-    """One download of the list ``mission_type``.
-
-    Args:
-        any_order: Whether the vehicle serves items in any order; then one is requested ahead of its turn.
-        in_order: Whether it serves requests that wait for their turn, and aborts when one of them is missing.
-    """
+    """One download of the list ``mission_type``."""
 
     table: ClassVar = DOWNLOAD_TABLE
 
     def __init__(
         self,
         *,
+        # whether the vehicle serves items in any order; then one is requested ahead of its turn
         any_order: bool = False,
+        # whether it serves requests that wait for their turn, and aborts when one of them is missing
         in_order: bool = False,
         **options: Unpack[ExchangeOptions],
     ) -> None:

@@ -24,20 +24,14 @@ class MadeFiles(Protocol):
 
 
 class FtpServer:
-    """Answers requests; lost answers are given again for a repeated sequence number.
-
-    Args:
-        files: Content by path; paths begin as the reader writes them.
-        burst: Answers in a burst.
-        made: Files that are made when they are opened.
-    """
+    """Answers requests; lost answers are given again for a repeated sequence number."""
 
     def __init__(
         self,
-        files: MutableMapping[str, bytearray] | None = None,
+        files: MutableMapping[str, bytearray] | None = None,  # content by path; paths begin as the reader writes them
         *,
-        burst: int = FILES.burst,
-        made: MadeFiles | None = None,
+        burst: int = FILES.burst,  # answers in a burst
+        made: MadeFiles | None = None,  # files that are made when they are opened
     ) -> None:
         self._made = made
         self._burst_length = burst

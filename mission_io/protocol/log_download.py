@@ -15,13 +15,6 @@ _MOST_BYTES = 90 * 4096
 class LogDownload:
     """One log on its way from a vehicle; sans-IO.
 
-    Args:
-        entry: The log.
-        vehicle: Whose it is.
-        now: The present time in seconds.
-        silent_s: Time without new bytes after which it gives up.
-        resume: A download of the same log that gave up: its bytes are not requested again.
-
     Attributes:
         silent: Whether it gave up.
         cancelled: Whether this side stopped it.
@@ -29,11 +22,12 @@ class LogDownload:
 
     def __init__(
         self,
-        entry: LogEntry,
+        entry: LogEntry,  # the log
         *,
-        vehicle: Address,
-        now: float,
-        silent_s: float = 30.0,
+        vehicle: Address,  # whose it is
+        now: float,  # the present time in seconds
+        silent_s: float = 30.0,  # time without new bytes after which it gives up
+        # a download of the same log that gave up: its bytes are not requested again
         resume: "LogDownload | None" = None,
     ) -> None:
         self.entry, self.silent, self.cancelled = entry, False, False

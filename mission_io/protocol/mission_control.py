@@ -16,16 +16,6 @@ class SetCurrent:
     MISSION_CURRENT with the wanted item settles it. An autopilot that goes on to the next waypoint at once because the wanted
     item is a command reports a later one: that counts as well, when it is another one than before.
 
-    Args:
-        seq: The item's number on the wire.
-        vehicle: The autopilot.
-        local: This side.
-        question: Asks for MISSION_CURRENT.
-        before: The current item as last reported; None for not known.
-        now: The present time in seconds.
-        timeout_s: Longest duration.
-        again_s: A silence after which it is said again.
-
     Attributes:
         current: The vehicle's latest report since the first command; None before that.
         refused: The MAV_RESULT of a refusal; None without one.
@@ -34,15 +24,15 @@ class SetCurrent:
 
     def __init__(
         self,
-        seq: int,
+        seq: int,  # the item's number on the wire
         *,
-        vehicle: Address,
-        local: Address,
-        question: m.CommandLong,
-        before: int | None,
-        now: float,
-        timeout_s: float = 5.0,
-        again_s: float = 0.5,
+        vehicle: Address,  # the autopilot
+        local: Address,  # this side
+        question: m.CommandLong,  # asks for MISSION_CURRENT
+        before: int | None,  # the current item as last reported; None for not known
+        now: float,  # the present time in seconds
+        timeout_s: float = 5.0,  # longest duration
+        again_s: float = 0.5,  # a silence after which it is said again
     ) -> None:
         self.current: m.MissionCurrent | None = None
         self.refused: int | None = None

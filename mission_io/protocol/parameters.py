@@ -328,14 +328,6 @@ class ParameterReads(_ParameterRequests):
 class ParameterWrites(_ParameterRequests):
     """Some parameters set, each until the component reports the new value, or another one three times.
 
-    Args:
-        messages: The component's messages.
-        wanted: Each with its value and type; a MisuseError if one does not fit.
-        now: The present time in seconds.
-        timeout_s: Longest duration for all of them.
-        again_s: A silence after which one is sent again.
-        window: Requests on the way at once.
-
     Attributes:
         confirmed: Those that the component reports with their new values.
         refused: Those that it refuses, or reports with another value, each with its reason.
@@ -343,13 +335,13 @@ class ParameterWrites(_ParameterRequests):
 
     def __init__(
         self,
-        messages: ParameterMessages,
-        wanted: Sequence[Parameter],
+        messages: ParameterMessages,  # the component's messages
+        wanted: Sequence[Parameter],  # each with its value and type; a MisuseError if one does not fit
         *,
-        now: float,
-        timeout_s: float = 10.0,
-        again_s: float = 0.5,
-        window: int = 5,
+        now: float,  # the present time in seconds
+        timeout_s: float = 10.0,  # longest duration for all of them
+        again_s: float = 0.5,  # a silence after which one is sent again
+        window: int = 5,  # requests on the way at once
     ) -> None:
         self._wanted: Mapping[str, Parameter] = {one.name: one for one in wanted}
         super().__init__(messages, self._wanted, until_s=now + timeout_s, again_s=again_s, window=window)

@@ -42,11 +42,6 @@ _ACK_EVENTS: dict[int, UploadEvent] = {
 class Upload(Exchange[UploadState, UploadEvent]):
     """One upload of ``items`` (as on the wire) as the list ``mission_type``, or over a part of it.
 
-    Args:
-        items: What is sent.
-        first: The number of the first item on the vehicle, where the others of its list stay as they are
-            (MISSION_WRITE_PARTIAL_LIST); None replaces the list.
-
     Attributes:
         sent_count: Number of different items sent so far.
     """
@@ -55,8 +50,10 @@ class Upload(Exchange[UploadState, UploadEvent]):
 
     def __init__(
         self,
-        items: Sequence[MissionItem],
+        items: Sequence[MissionItem],  # what is sent
         *,
+        # the number of the first item on the vehicle, where the others of its list stay as they are
+        # (MISSION_WRITE_PARTIAL_LIST); None replaces the list
         first: int | None = None,
         **options: Unpack[ExchangeOptions],
     ) -> None:

@@ -32,24 +32,17 @@ PlanContinuation = Callable[[float, float, float], Continuation]
 
 
 def fly_on(
-    client: VehicleClient,
-    monitor: Monitor,
-    plan_continuation: PlanContinuation,
-    orders: Orders,
+    client: VehicleClient,  # talks to the vehicle
+    monitor: Monitor,  # receives everything that the client receives
+    plan_continuation: PlanContinuation,  # plans the checked way on from where the vehicle holds
+    orders: Orders,  # what the user wants, and who receives the events
     *,
-    plan_return: PlanReturn,
+    plan_return: PlanReturn,  # plans the checked return after a stop
 ) -> FlightOutcome:
     """Take control of a vehicle in the air and fly the rest of a plan.
 
     The vehicle is commanded to hold first. A vehicle that is neither in its mission nor holding is left alone: a pilot or a
     failsafe controls it.
-
-    Args:
-        client: talks to the vehicle.
-        monitor: receives everything that the client receives.
-        plan_continuation: plans the checked way on from where the vehicle holds.
-        orders: what the user wants, and who receives the events.
-        plan_return: plans the checked return after a stop.
 
     Raises:
         FlightFailedError: as for ``fly``.

@@ -150,20 +150,15 @@ _LASTING = (
 
 
 def follow_mission(
-    session: Session,
-    plan: FlightPlan,
-    progress: MissionProgress,
+    session: Session,  # with the vehicle
+    plan: FlightPlan,  # what it flies
+    progress: MissionProgress,  # along it
+    # why it must end its mission now, as text; None takes the plan's own battery and endurance
     must_go_home: Callable[[], str | None] | None = None,
+    # what was checked before arming, to be watched; None watches nothing of it
     preconditions: Preconditions | None = None,
 ) -> None:
     """Listen until the vehicle has flown the mission, landed and disarmed; the user may pause it meanwhile.
-
-    Args:
-        session: with the vehicle.
-        plan: what it flies.
-        progress: along it.
-        must_go_home: why it must end its mission now, as text; None takes the plan's own battery and endurance.
-        preconditions: what was checked before arming, to be watched; None watches nothing of it.
 
     Raises:
         FlightFaultError: it did not; the ending says why.

@@ -26,27 +26,19 @@ class Follower:
 
     Nothing is commanded before current evidence shows that the vehicle does what we commanded last.
 
-    Args:
-        session: with the vehicle.
-        stuck_s: time without progress in its mission.
-        stops_before: how many stops of the user are known already.
-        pause: whether the vehicle is to wait now.
-        progress: along the planned waypoints; None on the return.
-        ours: the modes that were commanded where nothing is flown by it.
-
     Attributes:
         last_armed_s: vehicle time when it was last known to be armed.
     """
 
     def __init__(
         self,
-        session: Session,
-        stuck_s: float,
+        session: Session,  # with the vehicle
+        stuck_s: float,  # time without progress in its mission
         *,
-        stops_before: int,
-        pause: Callable[[], bool],
-        progress: MissionProgress | None,
-        ours: Collection[Mode] = (Mode.MISSION,),
+        stops_before: int,  # how many stops of the user are known already
+        pause: Callable[[], bool],  # whether the vehicle is to wait now
+        progress: MissionProgress | None,  # along the planned waypoints; None on the return
+        ours: Collection[Mode] = (Mode.MISSION,),  # the modes that were commanded where nothing is flown by it
     ) -> None:
         self._session, self._stops_before, self._pause, self._progress = session, stops_before, pause, progress
         self._ours = ours

@@ -25,13 +25,6 @@ class ListReading:
     Positions that arrive meanwhile are recorded as ever, and what has to be looked at all the time is looked at. The user's
     stop or pause ends a reading at once. One that fails is tried again, later each time.
 
-    Args:
-        session: with the vehicle.
-        wanted: what it is to hold, in wire order.
-        meanwhile: what else has to be done all the time.
-        mission_type: which list.
-        every_s: vehicle time between two periodic readings.
-
     Attributes:
         held: what it held when it was read last.
         asked: whether it is to be read as soon as possible.
@@ -39,12 +32,12 @@ class ListReading:
 
     def __init__(
         self,
-        session: Session,
-        wanted: Sequence[MissionItem],
-        meanwhile: Callable[[], None],
+        session: Session,  # with the vehicle
+        wanted: Sequence[MissionItem],  # what it is to hold, in wire order
+        meanwhile: Callable[[], None],  # what else has to be done all the time
         *,
-        mission_type: MissionType = MissionType.MISSION,
-        every_s: float = GUARD.every_s,
+        mission_type: MissionType = MissionType.MISSION,  # which list
+        every_s: float = GUARD.every_s,  # vehicle time between two periodic readings
     ) -> None:
         self._session, self._meanwhile = session, meanwhile
         self._wanted, self._type = tuple(wanted), mission_type

@@ -38,21 +38,15 @@ class Preconditions:
     """The checks before arming, watched until the landing.
 
     Made before arming: it reads the fence and the rally points, and asks for home and the origin now and then.
-
-    Args:
-        session: with the vehicle.
-        plan: what it is to fly.
-        values: the vehicle's parameters of the table, in their own units, as they were judged.
-        returns_changed: judges the autopilot's own return anew.
     """
 
     def __init__(
         self,
-        session: Session,
-        plan: FlightPlan,
-        values: Mapping[str, float],
+        session: Session,  # with the vehicle
+        plan: FlightPlan,  # what it is to fly
+        values: Mapping[str, float],  # the vehicle's parameters of the table, in their own units, as they were judged
         *,
-        returns_changed: ReturnsChanged = lambda _: None,
+        returns_changed: ReturnsChanged = lambda _: None,  # judges the autopilot's own return anew
     ) -> None:
         self._session, self._plan = session, plan
         self._px4 = session.client.vehicle.mav_autopilot == AutopilotId.PX4

@@ -22,23 +22,16 @@ class Recorder:
 
     Positions that come late or twice are left out: the track's time always goes on. Where no attitude of that moment is known it
     stays unknown; the heading that the position itself tells is taken then.
-
-    Args:
-        monitor: what the vehicle says.
-        frame: the scenario's local frame.
-        waypoint_of: number of the planned waypoint that a mission item is, -1 for the others.
-        on_sample: takes the samples.
-        utc_offset_s: from the link's clock to UTC; NaN: when a position arrived is not recorded.
     """
 
     def __init__(
         self,
-        monitor: "Monitor",
-        frame: LocalFrame,
+        monitor: "Monitor",  # what the vehicle says
+        frame: LocalFrame,  # the scenario's local frame
         *,
-        waypoint_of: Callable[[int], int],
-        on_sample: Callable[[TrackSample], None],
-        utc_offset_s: float = math.nan,
+        waypoint_of: Callable[[int], int],  # number of the planned waypoint that a mission item is, -1 for the others
+        on_sample: Callable[[TrackSample], None],  # takes the samples
+        utc_offset_s: float = math.nan,  # from the link's clock to UTC; NaN: when a position arrived is not recorded
     ) -> None:
         self._monitor, self._frame, self._on_sample = monitor, frame, on_sample
         self._utc_offset_s = utc_offset_s

@@ -40,14 +40,6 @@ class TakenOverError(FlightFaultError):
 class Session:
     """The session with one vehicle, shared by all stages of a flight.
 
-    Args:
-        client: talks to the vehicle.
-        monitor: hears what the client hears.
-        timeouts: how long to wait for what.
-        on_event: called with every event.
-        stop: how often the user has asked to stop.
-        pause: whether the user wants the vehicle to wait where it is.
-
     Attributes:
         watch: watches for failures.
         evidence: whether what is known of the vehicle is newer than the last gap.
@@ -59,13 +51,13 @@ class Session:
 
     def __init__(
         self,
-        client: VehicleClient,
-        monitor: Monitor,
+        client: VehicleClient,  # talks to the vehicle
+        monitor: Monitor,  # hears what the client hears
         *,
-        timeouts: FlightTimeouts,
-        on_event: Callable[[FlightEvent], None],
-        stop: Callable[[], int],
-        pause: Callable[[], bool] = lambda: False,
+        timeouts: FlightTimeouts,  # how long to wait for what
+        on_event: Callable[[FlightEvent], None],  # called with every event
+        stop: Callable[[], int],  # how often the user has asked to stop
+        pause: Callable[[], bool] = lambda: False,  # whether the user wants the vehicle to wait where it is
     ) -> None:
         self.client, self.monitor, self.timeouts = client, monitor, timeouts
         self.stop = stop
@@ -270,21 +262,14 @@ class Session:
 
     def wait(
         self,
-        done: Callable[[], bool],
+        done: Callable[[], bool],  # looks at the monitor
         *,
-        timeout_s: float,
-        what: Callable[[], str],
-        stops_before: int | None = None,
-        ending: Ending = Ending.FAILED,
+        timeout_s: float,  # longest time to wait, vehicle time where the vehicle tells it
+        what: Callable[[], str],  # what does not happen, for the error
+        stops_before: int | None = None,  # how many stops of the user are known already; None is not to look
+        ending: Ending = Ending.FAILED,  # the name of it when it took too long
     ) -> None:
         """Listen until ``done``.
-
-        Args:
-            done: looks at the monitor.
-            timeout_s: longest time to wait, vehicle time where the vehicle tells it.
-            what: what does not happen, for the error.
-            stops_before: how many stops of the user are known already; None is not to look.
-            ending: the name of it when it took too long.
 
         Raises:
             FlightFaultError: it took too long, or the vehicle is gone.

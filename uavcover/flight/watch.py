@@ -100,13 +100,6 @@ class _Going:
 class Watch:
     """Detects failures and their end, and reports both.
 
-    Args:
-        client: hears the vehicle.
-        monitor: hears what the client hears.
-        timeouts: how long silence may be.
-        tell: receives every report.
-        sound: receives the reports that are also sounded.
-
     Attributes:
         incidents: all that went wrong so far, in the order in which it began.
         causes: evidence for what the vehicle does by itself.
@@ -116,11 +109,11 @@ class Watch:
 
     def __init__(
         self,
-        client: VehicleClient,
-        monitor: Monitor,
-        timeouts: FlightTimeouts,
-        tell: Callable[[EventKind, str], None],
-        sound: Callable[[str], None],
+        client: VehicleClient,  # hears the vehicle
+        monitor: Monitor,  # hears what the client hears
+        timeouts: FlightTimeouts,  # how long silence may be
+        tell: Callable[[EventKind, str], None],  # receives every report
+        sound: Callable[[str], None],  # receives the reports that are also sounded
     ) -> None:
         self._client, self._monitor, self._timeouts = client, monitor, timeouts
         self._tell, self._sound = tell, sound

@@ -60,24 +60,15 @@ def direct_return(
 
 
 def wings_return(
-    settings: FailsafeSettings,
-    states: FlightStates,
-    to: Destinations,
-    ground: GroundHeights,
+    settings: FailsafeSettings,  # what the parameters mean; of ArduPlane the return height and those of rally points
+    states: FlightStates,  # from where
+    to: Destinations,  # where to
+    ground: GroundHeights,  # heights of the ground
     *,
-    climb_slope: float,
-    descent_slope: float,
+    climb_slope: float,  # rise per metre
+    descent_slope: float,  # fall per metre
 ) -> FailsafePaths:
-    """The commanded return of an aircraft on wings: it climbs or descends on the way, and circles above the destination.
-
-    Args:
-        settings: what the parameters mean; of ArduPlane the return height and those of rally points.
-        states: from where.
-        to: where to.
-        ground: heights of the ground.
-        climb_slope: rise per metre.
-        descent_slope: fall per metre.
-    """
+    """The commanded return of an aircraft on wings: it climbs or descends on the way, and circles above the destination."""
     model = _Model(settings, states, to, ground, holds=False)
     number, target, wanted = model.wings_destination()
     at = states.places_m

@@ -133,23 +133,16 @@ def measure_violations(site: Site, route_m: FloatArray, *, margin_m: float) -> V
 
 
 def find_problems(
-    site: Site,
-    route_m: FloatArray,
+    site: Site,  # the scenario on its ground
+    route_m: FloatArray,  # waypoints in flying order
     *,
-    lowest_agl_m: float,
-    highest_agl_m: float | None,
-    zones: ZoneCheck | None = None,
+    lowest_agl_m: float,  # lowest height above ground
+    highest_agl_m: float | None,  # largest height above ground, or none
+    zones: ZoneCheck | None = None,  # the no-fly zones to keep out of; default: with their margins
 ) -> list[LegProblem]:
     """Every leg of an (n, 3) ENU route that breaks a limit, in flying order.
 
     For a route of one waypoint the waypoint itself is checked.
-
-    Args:
-        site: the scenario on its ground.
-        route_m: waypoints in flying order.
-        lowest_agl_m: lowest height above ground.
-        highest_agl_m: largest height above ground, or none.
-        zones: the no-fly zones to keep out of; default: with their margins.
     """
     if len(route_m) == 1:
         return find_waypoint_problems(site, route_m, lowest_agl_m=lowest_agl_m, highest_agl_m=highest_agl_m)

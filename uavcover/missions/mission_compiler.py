@@ -195,27 +195,18 @@ def compile_mission(site: Site, route: Route, *, autopilot: AutopilotName) -> Co
 
 
 def compile_continuation(
-    site: Site,
-    route: Route,
+    site: Site,  # the scenario on its ground
+    route: Route,  # the planned route
     *,
-    lat_deg: float,
-    lon_deg: float,
-    alt_amsl_m: float,
-    flown_s: float,
-    autopilot: AutopilotName,
+    lat_deg: float,  # latitude of the vehicle
+    lon_deg: float,  # longitude of the vehicle
+    alt_amsl_m: float,  # height of the vehicle
+    flown_s: float,  # time in the air so far, which counts towards the endurance
+    autopilot: AutopilotName,  # the autopilot that flies it
 ) -> CompiledMission:
     """Compile a planned route for a vehicle in flight.
 
     A vertical leg at its position replaces the take-off; the transit follows.
-
-    Args:
-        site: the scenario on its ground.
-        route: the planned route.
-        lat_deg: latitude of the vehicle.
-        lon_deg: longitude of the vehicle.
-        alt_amsl_m: height of the vehicle.
-        flown_s: time in the air so far, which counts towards the endurance.
-        autopilot: the autopilot that flies it.
 
     Raises:
         InputError: the scenario has no position on Earth or no home.

@@ -119,52 +119,32 @@ def destinations(site: Site, path_m: FloatArray, rally_m: FloatArray, autopilot:
 
 
 def judge_site_returns(
-    site: Site,
-    path_m: FloatArray,
+    site: Site,  # the scenario on its ground
+    path_m: FloatArray,  # (k, 3) ENU, the whole flight between the columns above home
     *,
-    autopilot: AutopilotName,
-    rally_m: FloatArray,
-    parameters: Mapping[str, float] | None = None,
-    begin_s: float = 0.0,
+    autopilot: AutopilotName,  # who returns
+    rally_m: FloatArray,  # (r, 3) ENU rally points
+    parameters: Mapping[str, float] | None = None,  # of the vehicle, as far as they are known
+    begin_s: float = 0.0,  # when the path begins
 ) -> tuple[ReturnJudgement, FlightStates]:
-    """Judge all returns from a path of a site.
-
-    Args:
-        site: the scenario on its ground.
-        path_m: (k, 3) ENU, the whole flight between the columns above home.
-        autopilot: who returns.
-        rally_m: (r, 3) ENU rally points.
-        parameters: of the vehicle, as far as they are known.
-        begin_s: when the path begins.
-    """
+    """Judge all returns from a path of a site."""
     states = flight_states(site, path_m, begin_s=begin_s)
     to = destinations(site, path_m, rally_m, autopilot)
     return judge_returns(settings_of(site, autopilot, parameters), states, to, return_limits(site)), states
 
 
 def return_advice(
-    site: Site,
-    path_m: FloatArray,
+    site: Site,  # the scenario on its ground
+    path_m: FloatArray,  # (k, 3) ENU, the whole flight between the columns above home
     *,
-    first_waypoint: int,
-    waypoint_count: int,
-    autopilot: AutopilotName,
-    rally_m: FloatArray | None = None,
-    parameters: Mapping[str, float] | None = None,
-    begin_s: float = 0.0,
+    first_waypoint: int,  # row of the first planned waypoint in it
+    waypoint_count: int,  # how many planned waypoints follow
+    autopilot: AutopilotName,  # who returns
+    rally_m: FloatArray | None = None,  # (r, 3) ENU rally points; none: none
+    parameters: Mapping[str, float] | None = None,  # of the vehicle, as far as they are known
+    begin_s: float = 0.0,  # when the path begins
 ) -> ReturnAdvice:
-    """Judge everything that the autopilot does by itself along a path.
-
-    Args:
-        site: the scenario on its ground.
-        path_m: (k, 3) ENU, the whole flight between the columns above home.
-        first_waypoint: row of the first planned waypoint in it.
-        waypoint_count: how many planned waypoints follow.
-        autopilot: who returns.
-        rally_m: (r, 3) ENU rally points; none: none.
-        parameters: of the vehicle, as far as they are known.
-        begin_s: when the path begins.
-    """
+    """Judge everything that the autopilot does by itself along a path."""
     rally = np.empty((0, 3)) if rally_m is None else rally_m
     judged, states = judge_site_returns(
         site, path_m, autopilot=autopilot, rally_m=rally, parameters=parameters, begin_s=begin_s
@@ -212,18 +192,12 @@ class OwnReturns:
 
     def advice(
         self,
-        parameters: Mapping[str, float],
+        parameters: Mapping[str, float],  # names and values as the vehicle has them
         *,
-        rally: Sequence[FramedPoint] | None = None,
-        home: GeoPoint | None = None,
+        rally: Sequence[FramedPoint] | None = None,  # the rally points that it holds now; none: as uploaded
+        home: GeoPoint | None = None,  # where its home is now; none: as planned
     ) -> ReturnAdvice:
-        """Judge the returns by a vehicle's parameters.
-
-        Args:
-            parameters: names and values as the vehicle has them.
-            rally: the rally points that it holds now; none: as uploaded.
-            home: where its home is now; none: as planned.
-        """
+        """Judge the returns by a vehicle's parameters."""
         site, frame = self.site, self.site.frame
         if home is not None and frame is not None:
             moved = frame.enu_from_geodetic(home.lat_deg, home.lon_deg, home.alt_amsl_m)[0]

@@ -43,27 +43,21 @@ class Sortie:
 
 
 def compile_sorties(
-    site: Site,
-    route: Route,
+    site: Site,  # the scenario on its ground
+    route: Route,  # the planned route
     *,
-    autopilot: AutopilotName,
+    autopilot: AutopilotName,  # the autopilot whose limits apply
+    # how many points of its path a flight may have, transits included; none: any number
     most_points: int | None = None,
-    vehicles: int = 1,
+    vehicles: int = 1,  # how many fly at the same time
+    # share of the time between two landings at one home that is left between the starts of two vehicles; with less than
+    # 1 the flights are more even, and other pairs than neighbours must not land together
     spacing_share: float = 1.0,
 ) -> tuple[Sortie, ...]:
     """Compile a route as one flight, or as several with their own transits where endurance or item count require it.
 
     The order of the waypoints is kept. Dynamic programming over all possible splits minimises the total flight time. For several
     vehicles the route is cut so that they are done soonest (``routes/fleet_cuts.py``).
-
-    Args:
-        site: the scenario on its ground.
-        route: the planned route.
-        autopilot: the autopilot whose limits apply.
-        most_points: how many points of its path a flight may have, transits included; none: any number.
-        vehicles: how many fly at the same time.
-        spacing_share: share of the time between two landings at one home that is left between the starts of two vehicles; with
-            less than 1 the flights are more even, and other pairs than neighbours must not land together.
 
     Raises:
         InputError: the scenario has no position on Earth or no home.

@@ -25,15 +25,6 @@ class MockBody:
     Without ``ground`` the world is flat at home's height and only a landing vehicle touches it, so a route may lead below
     home. With it, flying into the ground is a crash.
 
-    Args:
-        home: where it stands at first, and the origin of its frame; home itself moves to where it is armed.
-        airframe: limits of its dynamics.
-        wind: steady wind and gusts.
-        gps: error of its positions.
-        battery: its battery.
-        rng: of the gusts and of the errors.
-        ground: height of the ground; None is flat.
-
     Attributes:
         point: its true state.
         believed: its believed position, by which it steers.
@@ -45,14 +36,14 @@ class MockBody:
 
     def __init__(
         self,
-        home: GeoPoint,
+        home: GeoPoint,  # where it stands at first, and the origin of its frame; home itself moves to where it is armed
         *,
-        airframe: Airframe,
-        wind: WindModel,
-        gps: GpsError,
-        battery: BatteryData,
-        rng: np.random.Generator,
-        ground: Ground | None,
+        airframe: Airframe,  # limits of its dynamics
+        wind: WindModel,  # steady wind and gusts
+        gps: GpsError,  # error of its positions
+        battery: BatteryData,  # its battery
+        rng: np.random.Generator,  # of the gusts and of the errors
+        ground: Ground | None,  # height of the ground; None is flat
     ) -> None:
         self.home, self.home_m = home, (0.0, 0.0, 0.0)
         self.frame = LocalFrame(home.lat_deg, home.lon_deg, home.alt_amsl_m)

@@ -77,24 +77,16 @@ class Step:
 
 
 def mission_steps(
-    items: Sequence[MissionItem],
-    first_seq: int,
+    items: Sequence[MissionItem],  # as they are on the wire
+    first_seq: int,  # where to begin
     *,
-    place: Callable[[MissionItem], Vector],
-    settings: Settings,
-    speeds: Speeds,
+    place: Callable[[MissionItem], Vector],  # position of an item in the vehicle's frame, east, north, up in metres
+    settings: Settings,  # the vehicle's
+    speeds: Speeds,  # as they are now; the mission's speed changes apply from where they stand
+    # the steps of a return that an item asks for, by its number, where the items before it end, and the speeds
     way_home: Callable[[int, Vector | None, Speeds], list[Step]],
 ) -> list[Step]:
-    """The steps of a mission from item ``first_seq`` on, starting with ``speeds``.
-
-    Args:
-        items: as they are on the wire.
-        first_seq: where to begin.
-        place: position of an item in the vehicle's frame, east, north, up in metres.
-        settings: the vehicle's.
-        speeds: as they are now; the mission's speed changes apply from where they stand.
-        way_home: the steps of a return that an item asks for, by its number, where the items before it end, and the speeds.
-    """
+    """The steps of a mission from item ``first_seq`` on, starting with ``speeds``."""
     steps: list[Step] = []
     for seq in range(first_seq, len(items)):
         item = items[seq]

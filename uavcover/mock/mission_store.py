@@ -119,24 +119,16 @@ class TerrainFeed:
 
 
 class MissionStore:
-    """Mission, fence and rally points, and the transfers that read and change them.
-
-    Args:
-        autopilot: the autopilot whose rules apply.
-        local: the vehicle's address.
-        seconds_per_s: seconds on the clock of the transfer timeouts, per second of vehicle time.
-        stale_read_back: share of the uploads after which the previous list is still returned for 0.1 s.
-        rng: decides which uploads.
-    """
+    """Mission, fence and rally points, and the transfers that read and change them."""
 
     def __init__(
         self,
-        autopilot: Autopilot,
+        autopilot: Autopilot,  # the autopilot whose rules apply
         *,
-        local: Address,
-        seconds_per_s: float,
-        stale_read_back: float,
-        rng: np.random.Generator,
+        local: Address,  # the vehicle's address
+        seconds_per_s: float,  # seconds on the clock of the transfer timeouts, per second of vehicle time
+        stale_read_back: float,  # share of the uploads after which the previous list is still returned for 0.1 s
+        rng: np.random.Generator,  # decides which uploads
     ) -> None:
         self._autopilot, self._local, self._scale = autopilot, local, seconds_per_s
         self._stale_read_back, self._rng = stale_read_back, rng

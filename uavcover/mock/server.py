@@ -22,31 +22,21 @@ _log = logging.getLogger(__name__)
 class MockServer(Closing):
     """Serves one vehicle on one port in real time times ``speed``; a context manager that lets go of the port.
 
-    Args:
-        vehicle: the vehicle, made with the same ``speed``.
-        host: address to bind.
-        port: port to bind; 0 is any free one, see ``port``.
-        kind: UDP, or TCP.
-        speed: vehicle seconds per second.
-        loss: share of the datagrams that are lost, each way.
-        rng: decides which datagrams.
-        greet: an address that receives messages before it has sent any, or none.
-
     Raises:
         VehicleError: the port cannot be bound.
     """
 
     def __init__(
         self,
-        vehicle: MockVehicle,
+        vehicle: MockVehicle,  # the vehicle, made with the same ``speed``
         *,
-        host: str = "127.0.0.1",
-        port: int = 0,
-        kind: Callable[[str, int], Port] = UdpPort,
-        speed: float = 1.0,
-        loss: float = 0.0,
-        rng: Random | None = None,
-        greet: Place | None = None,
+        host: str = "127.0.0.1",  # address to bind
+        port: int = 0,  # port to bind; 0 is any free one, see ``port``
+        kind: Callable[[str, int], Port] = UdpPort,  # UDP, or TCP
+        speed: float = 1.0,  # vehicle seconds per second
+        loss: float = 0.0,  # share of the datagrams that are lost, each way
+        rng: Random | None = None,  # decides which datagrams
+        greet: Place | None = None,  # an address that receives messages before it has sent any, or none
     ) -> None:
         if not speed > 0.0:
             raise InputError(f"speed: {speed} must be above 0")
@@ -94,26 +84,18 @@ class MockServer(Closing):
 
 
 def run(
+    # ``udpin://HOST:PORT`` answers every sender, port 0 is any; ``udpout://HOST:PORT`` also speaks first;
+    # ``tcpin://HOST:PORT`` talks to every connection
     url: str,
-    vehicle: MockVehicle,
+    vehicle: MockVehicle,  # the vehicle, made with the same ``speed``
     *,
-    speed: float = 1.0,
-    loss: float = 0.0,
-    seed: int = 0,
-    on_bound: Callable[[int], None] | None = None,
-    ended: Callable[[], bool] = lambda: False,
+    speed: float = 1.0,  # vehicle seconds per second
+    loss: float = 0.0,  # share of the datagrams that get lost, each way
+    seed: int = 0,  # of the loss
+    on_bound: Callable[[int], None] | None = None,  # called with the port once it is bound
+    ended: Callable[[], bool] = lambda: False,  # asked a hundred times a second
 ) -> None:
     """Be a vehicle until SIGTERM or SIGINT, or until ``ended`` is true. To be called in the main thread of its process.
-
-    Args:
-        url: ``udpin://HOST:PORT`` answers every sender, port 0 is any; ``udpout://HOST:PORT`` also speaks first;
-            ``tcpin://HOST:PORT`` talks to every connection.
-        vehicle: the vehicle, made with the same ``speed``.
-        speed: vehicle seconds per second.
-        loss: share of the datagrams that get lost, each way.
-        seed: of the loss.
-        on_bound: called with the port once it is bound.
-        ended: asked a hundred times a second.
 
     Raises:
         InputError: a URL that is none of these, or a speed or loss out of range.

@@ -139,13 +139,6 @@ class MockConfig:
 class MockState:
     """State of one mock vehicle.
 
-    Args:
-        autopilot: the autopilot to imitate: ``mission_io.autopilots.autopilot.ARDUPILOT`` or ``PX4``.
-        home: where it stands.
-        config: what kind of vehicle it is.
-        ground: height of the ground above mean sea level by latitude and longitude; None is flat at home's height.
-        rng: of gusts and errors.
-
     Attributes:
         body: the flying body, with its battery, its itinerary and its believed position.
         camera: takes pictures where the mission asks for them.
@@ -166,12 +159,13 @@ class MockState:
 
     def __init__(
         self,
-        autopilot: Autopilot,
-        home: GeoPoint,
-        config: MockConfig,
+        autopilot: Autopilot,  # the autopilot to imitate: ``mission_io.autopilots.autopilot.ARDUPILOT`` or ``PX4``
+        home: GeoPoint,  # where it stands
+        config: MockConfig,  # what kind of vehicle it is
         *,
+        # height of the ground above mean sea level by latitude and longitude; None is flat at home's height
         ground: Ground | None,
-        rng: np.random.Generator,
+        rng: np.random.Generator,  # of gusts and errors
     ) -> None:
         as_given = config.vehicle_type == VehicleClass.QUADROTOR
         self.autopilot = autopilot if as_given else autopilot_for(autopilot.mav_autopilot, config.vehicle_type)

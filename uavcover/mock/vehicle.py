@@ -204,14 +204,6 @@ __all__ = ["MockConfig", "MockVehicle"]
 class MockVehicle(MockState):
     """The vehicle: feed it with ``receive`` and ``advance``, and send what ``outgoing`` returns.
 
-    Args:
-        autopilot: the autopilot to imitate: ``mission_io.autopilots.autopilot.ARDUPILOT`` or ``PX4``.
-        home: where it stands.
-        config: what kind of vehicle it is; None takes the defaults.
-        ground: height of the ground above mean sea level by latitude and longitude; None is flat at home's height.
-        rng: of gusts and errors; None is seed 0.
-        on_truth: called with the true position each time the vehicle reports its position.
-
     Attributes:
         control: what the vehicle can be made to do.
         failsafes: what it does by itself.
@@ -219,13 +211,14 @@ class MockVehicle(MockState):
 
     def __init__(
         self,
-        autopilot: Autopilot,
-        home: GeoPoint,
-        config: MockConfig | None = None,
+        autopilot: Autopilot,  # the autopilot to imitate: ``mission_io.autopilots.autopilot.ARDUPILOT`` or ``PX4``
+        home: GeoPoint,  # where it stands
+        config: MockConfig | None = None,  # what kind of vehicle it is; None takes the defaults
         *,
+        # height of the ground above mean sea level by latitude and longitude; None is flat at home's height
         ground: Ground | None = None,
-        rng: np.random.Generator | None = None,
-        on_truth: OnTruth | None = None,
+        rng: np.random.Generator | None = None,  # of gusts and errors; None is seed 0
+        on_truth: OnTruth | None = None,  # called with the true position each time the vehicle reports its position
     ) -> None:
         super().__init__(
             autopilot,

@@ -127,19 +127,14 @@ def known_margin_m(file: TerrainSource, look: TerrainLook, wanted_m: float) -> f
 
 
 def place_for_home(
-    file: TerrainSource,
-    look: TerrainLook,
+    file: TerrainSource,  # the elevation data
+    look: TerrainLook,  # at the terrain
     *,
-    avoid: shapely.Geometry | None = None,
+    avoid: shapely.Geometry | None = None,  # where it must not be, (east, north) metres in the frame of the look
+    # whether nothing stands at (n, 2) places; none: everywhere
     is_open: Callable[[FloatArray], np.ndarray] | None = None,
 ) -> tuple[float, float]:
     """Latitude and longitude of the lowest position at the area's edge where the ground is level enough for take-off.
-
-    Args:
-        file: the elevation data.
-        look: at the terrain.
-        avoid: where it must not be, (east, north) metres in the frame of the look.
-        is_open: whether nothing stands at (n, 2) places; none: everywhere.
 
     Raises:
         InputError: there is no known ground at its edge, or all of it is to be avoided.

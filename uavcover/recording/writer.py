@@ -31,32 +31,23 @@ _NAMESPACE = uuid.UUID("2d1f7b1e-7c1f-4a7c-9f0c-2f6b8d6f5a90")
 
 
 def write_recording(
-    path: str | Path,
+    path: str | Path,  # the file, ``flight.rrd`` in a run folder
     *,
-    coverage: CoverageMap,
-    planned: Route | None,
-    track: Track,
+    coverage: CoverageMap,  # the cells of a site, the ones that ``first_seen_s`` counts
+    planned: Route | None,  # the planned sensing route, if there is one
+    track: Track,  # the flown track
+    # (cells,) vehicle time at which each cell was seen first, NaN or infinite where it never was. With ``first =
+    # coverage.first_seen(observations)`` of one observation a sample: ``np.where(first >= 0, track.time_s[first],
+    # np.nan)``.
     first_seen_s: NDArray[np.float64],
-    events: Iterable[flight.RecordedEvent] = (),
-    states: Iterable[flight.VehicleState] = (),
-    name: str | None = None,
+    events: Iterable[flight.RecordedEvent] = (),  # events of the flight, in any order
+    states: Iterable[flight.VehicleState] = (),  # states of battery and link, in any order
+    name: str | None = None,  # name of the run, shown in the viewer; default: the scenario's name
 ) -> None:
     """Write a flight as a recording for the rerun viewer, with its blueprint.
 
     The file is written beside its final name and renamed when complete. An existing file is
     replaced. Equal arguments give recordings that ``rerun rrd compare`` calls equal (their bytes differ).
-
-    Args:
-        path: the file, ``flight.rrd`` in a run folder.
-        coverage: the cells of a site, the ones that ``first_seen_s`` counts.
-        planned: the planned sensing route, if there is one.
-        track: the flown track.
-        first_seen_s: (cells,) vehicle time at which each cell was seen first, NaN or infinite where it never was. With
-            ``first = coverage.first_seen(observations)`` of one observation a sample:
-            ``np.where(first >= 0, track.time_s[first], np.nan)``.
-        events: events of the flight, in any order.
-        states: states of battery and link, in any order.
-        name: name of the run, shown in the viewer; default: the scenario's name.
 
     Raises:
         RecordingError: the track is empty or its time does not increase, or ``first_seen_s`` does not fit.
@@ -140,21 +131,16 @@ _COLOURS: tuple[layout.Rgb, ...] = (
 
 
 def record_fleet(
-    path: Path,
+    path: Path,  # the file
     *,
-    coverage: CoverageMap,
-    planned: Route,
+    coverage: CoverageMap,  # the cells of the site
+    planned: Route,  # the whole route
+    # by name, (n,) increasing times on the clock that all share, and (n, 3) ENU positions
     tracks: Mapping[str, tuple[FloatArray, FloatArray]],
+    # (cells,) time on that clock at which each cell was seen first, NaN where it never was
     first_seen_s: NDArray[np.float64],
 ) -> None:
     """Write all flights of a fleet as one recording for the rerun viewer; an existing file is replaced.
-
-    Args:
-        path: the file.
-        coverage: the cells of the site.
-        planned: the whole route.
-        tracks: by name, (n,) increasing times on the clock that all share, and (n, 3) ENU positions.
-        first_seen_s: (cells,) time on that clock at which each cell was seen first, NaN where it never was.
 
     Raises:
         RecordingError: there is no track.

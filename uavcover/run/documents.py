@@ -28,26 +28,17 @@ class PlannedDocument:
 
 
 def plan_document(
-    site: Site,
-    plan: Plan,
+    site: Site,  # the scenario on its ground
+    plan: Plan,  # what was planned
     *,
-    seed: int,
-    bounds: dict[str, Any],
-    sorties: Sequence[dict[str, Any]] = (),
-    fleet: dict[str, Any] | None = None,
+    seed: int,  # of every random number
+    bounds: dict[str, Any],  # what no plan can beat
+    sorties: Sequence[dict[str, Any]] = (),  # what is said of each flight when there are several
+    fleet: dict[str, Any] | None = None,  # what is said of the vehicles when there are several
+    # as an older ``plan.json`` of the same set has them; default: the plan's
     baselines: Sequence[dict[str, Any]] | None = None,
 ) -> dict[str, Any]:
-    """``plan.json``: equal for equal seed and evaluations in everything but ``wall_s``.
-
-    Args:
-        site: the scenario on its ground.
-        plan: what was planned.
-        seed: of every random number.
-        bounds: what no plan can beat.
-        sorties: what is said of each flight when there are several.
-        fleet: what is said of the vehicles when there are several.
-        baselines: as an older ``plan.json`` of the same set has them; default: the plan's.
-    """
+    """``plan.json``: equal for equal seed and evaluations in everything but ``wall_s``."""
     frame = site.frame
     origin = None
     if frame is not None:

@@ -24,20 +24,16 @@ class Workers(Protocol):
 
     def completed(
         self,
+        # importable by name; its result depends on its arguments alone, so that a task that was lost with its worker is
+        # simply done again
         function: Callable[[Shared, Task], Result],
-        shared: Shared,
-        tasks: Sequence[Task],
+        shared: Shared,  # what all tasks need; sent to each worker once
+        tasks: Sequence[Task],  # small; arguments and results pickle
         *,
+        # polled; once true, unfinished tasks are given up, and the iteration ends
         should_stop: Callable[[], bool] = lambda: False,
     ) -> Iterator[tuple[Task, Result]]:
         """Each task with its result, in the order in which they get done.
-
-        Args:
-            function: importable by name; its result depends on its arguments alone, so that a task that was lost with its worker
-                is simply done again.
-            shared: what all tasks need; sent to each worker once.
-            tasks: small; arguments and results pickle.
-            should_stop: polled; once true, unfinished tasks are given up, and the iteration ends.
 
         Raises:
             UavcoverError: the scheduler, or all workers, are gone for good, or a task ended its worker repeatedly.

@@ -241,24 +241,17 @@ def read_heights_amsl_m(
 
 
 def read_ground(
-    path: Path | TerrainSource,
-    vertical_datum: str,
+    path: Path | TerrainSource,  # a file that rasterio reads, or several
+    vertical_datum: str,  # EGM96 or EGM2008; anything else is refused
     *,
-    frame: LocalFrame,
-    bounds_m: Bounds,
-    grid_step_m: float | None,
+    frame: LocalFrame,  # the local frame
+    bounds_m: Bounds,  # west, south, east, north of the ground; beyond the file there is no data
+    grid_step_m: float | None,  # spacing of a square grid; none: the file's own pixels
 ) -> Ground:
     """Read elevation data as a ground in the local frame.
 
     Its nodes are the pixels of the file, so it is the file's own bilinear surface; the remaining difference is measured and
     kept with it. With ``grid_step_m`` the nodes lie on a square grid instead, each with the file's height there.
-
-    Args:
-        path: a file that rasterio reads, or several.
-        vertical_datum: EGM96 or EGM2008; anything else is refused.
-        frame: the local frame.
-        bounds_m: west, south, east, north of the ground; beyond the file there is no data.
-        grid_step_m: spacing of a square grid; none: the file's own pixels.
 
     Raises:
         TerrainError: the file cannot be used, has too many pixels there, or cannot be represented in the local frame within

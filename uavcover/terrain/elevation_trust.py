@@ -24,23 +24,15 @@ class Asked(Protocol):
 
 
 def trust_asked_for(
-    source: TerrainSource,
-    datum: str,
-    region: shapely.Polygon | shapely.MultiPolygon,
-    frame: LocalFrame,
-    user: Asked,
+    source: TerrainSource,  # the elevation data of the ground
+    datum: str,  # of its heights
+    region: shapely.Polygon | shapely.MultiPolygon,  # where flights may go, (east, north) metres
+    frame: LocalFrame,  # of the region
+    user: Asked,  # is asked
     *,
-    trusted: bool,
+    trusted: bool,  # whether the answer was given: then nothing is looked at
 ) -> bool:
     """Whether heights that do not look like ground are taken as they are; asks where there are any.
-
-    Args:
-        source: the elevation data of the ground.
-        datum: of its heights.
-        region: where flights may go, (east, north) metres.
-        frame: of the region.
-        user: is asked.
-        trusted: whether the answer was given: then nothing is looked at.
 
     Raises:
         InputError: there are such heights, and the user does not want them, or was not there to be asked.

@@ -106,27 +106,18 @@ def sine_cosine_ground(scale_m: float) -> Ground:
 
 
 def grid_ground(
-    up_m: FloatArray,
+    up_m: FloatArray,  # (rows, columns) heights, rows going north, NaN for no-data
     *,
-    east0_m: float,
-    north0_m: float,
-    step_m: float,
-    source: str,
-    vertical_datum: str,
-    sha256: str = "",
+    east0_m: float,  # east of the first column
+    north0_m: float,  # north of the first row
+    step_m: float,  # spacing of the nodes
+    source: str,  # for people
+    vertical_datum: str,  # of the source
+    sha256: str = "",  # of the source
 ) -> Ground:
     """Make a ground from heights on a square grid along east and north.
 
     Heights above it are along the up axis.
-
-    Args:
-        up_m: (rows, columns) heights, rows going north, NaN for no-data.
-        east0_m: east of the first column.
-        north0_m: north of the first row.
-        step_m: spacing of the nodes.
-        source: for people.
-        vertical_datum: of the source.
-        sha256: of the source.
 
     Raises:
         TerrainError: fewer than 2 x 2 nodes.
@@ -138,25 +129,16 @@ def grid_ground(
 
 
 def ground_of_nodes(
-    up_m: FloatArray,
-    frame: GridFrame,
+    up_m: FloatArray,  # (rows, columns) up coordinates, NaN for no-data
+    frame: GridFrame,  # the positions of the nodes
     *,
-    step_m: float,
-    source: str,
-    vertical_datum: str,
-    sha256: str = "",
-    cut_error_m: float = 0.0,
+    step_m: float,  # their smallest spacing
+    source: str,  # for people
+    vertical_datum: str,  # of the source
+    sha256: str = "",  # of the source
+    cut_error_m: float = 0.0,  # of the ground
 ) -> Ground:
     """Make a ground from heights at nodes in any arrangement.
-
-    Args:
-        up_m: (rows, columns) up coordinates, NaN for no-data.
-        frame: the positions of the nodes.
-        step_m: their smallest spacing.
-        source: for people.
-        vertical_datum: of the source.
-        sha256: of the source.
-        cut_error_m: of the ground.
 
     Raises:
         TerrainError: fewer than 2 x 2 nodes.

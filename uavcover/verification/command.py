@@ -173,23 +173,15 @@ def judge_tracks(
 
 
 def save_verdict(
-    run: RunFolder,
-    verdict: Verdict,
+    run: RunFolder,  # whose verdict it is
+    verdict: Verdict,  # what was found
     *,
-    sources: Sequence[str],
-    inputs: JudgedInputs,
-    command: Sequence[str],
-    also: Mapping[str, Any],
+    sources: Sequence[str],  # names of the logs
+    inputs: JudgedInputs,  # what was judged; its changes were accepted
+    command: Sequence[str],  # the command line, for ``verification.json``
+    also: Mapping[str, Any],  # what else ``verification.json`` has to say
 ) -> dict[str, Any]:
     """Write ``verification.json`` and, for a site on Earth, ``coverage.tif``, together.
-
-    Args:
-        run: whose verdict it is.
-        verdict: what was found.
-        sources: names of the logs.
-        inputs: what was judged; its changes were accepted.
-        command: the command line, for ``verification.json``.
-        also: what else ``verification.json`` has to say.
 
     Returns:
         what ``verification.json`` says.

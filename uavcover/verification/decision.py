@@ -87,28 +87,19 @@ def judged_requirements(scenario: Scenario) -> Mapping[str, Any]:
 
 
 def decide(
-    coverage: CoverageMap,
-    flown: FlownCoverage,
-    judged: Sequence[JudgedTrack],
-    pictures: PictureCounts | None,
+    coverage: CoverageMap,  # the cells
+    flown: FlownCoverage,  # their coverage
+    judged: Sequence[JudgedTrack],  # each track judged by itself
+    pictures: PictureCounts | None,  # how many show each cell; none for a sensor that takes none
     *,
-    unknown_attitude_looks: int,
+    unknown_attitude_looks: int,  # number of observations without a known direction
+    # from real photos; where these decide the coverage, unobserved parts of the flight cannot add to it
     evidence: PictureEvidence = NOTHING_KNOWN,
-    separation: Separation = NOT_ASKED,
+    separation: Separation = NOT_ASKED,  # of the vehicles
+    # the cells as each sensor that flew sees them, where there are several; default: those of the site
     eyes: Sequence[CoverageMap] = (),
 ) -> Decision:
-    """Decide on tracks that count as one flight.
-
-    Args:
-        coverage: the cells.
-        flown: their coverage.
-        judged: each track judged by itself.
-        pictures: how many show each cell; none for a sensor that takes none.
-        unknown_attitude_looks: number of observations without a known direction.
-        evidence: from real photos; where these decide the coverage, unobserved parts of the flight cannot add to it.
-        separation: of the vehicles.
-        eyes: the cells as each sensor that flew sees them, where there are several; default: those of the site.
-    """
+    """Decide on tracks that count as one flight."""
     site = coverage.site
     requirements = site.scenario.requirements
     links = continuations([(j.begin, j.end) for j in judged], motion_limits(site.scenario.vehicle, site.scenario.wind))

@@ -38,24 +38,17 @@ def ground_tolerance_m(scenario: Scenario) -> float:
 
 
 def track_ends(
-    scenario: Scenario,
-    time_s: FloatArray,
-    enu_m: FloatArray,
-    heights_agl_m: FloatArray,
+    scenario: Scenario,  # for the tolerances
+    time_s: FloatArray,  # (n,) vehicle time
+    enu_m: FloatArray,  # positions
+    heights_agl_m: FloatArray,  # (n,) above ground, NaN where the ground is not known
     *,
-    noise_m: tuple[float, float],
+    noise_m: tuple[float, float],  # medians of second differences, over ground and vertically
 ) -> tuple[TrackEnd, TrackEnd]:
     """The first and the last sample of an (n, 3) track.
 
     On the ground a vehicle is near the terrain and stands still. A moving one counts as well within 2 m of the ground, as in
     a log that ends at touchdown.
-
-    Args:
-        scenario: for the tolerances.
-        time_s: (n,) vehicle time.
-        enu_m: positions.
-        heights_agl_m: (n,) above ground, NaN where the ground is not known.
-        noise_m: medians of second differences, over ground and vertically.
     """
     tolerance_m = ground_tolerance_m(scenario)
     last = len(time_s) - 1

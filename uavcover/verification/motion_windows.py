@@ -59,24 +59,16 @@ class Windows:
     @classmethod
     def of(
         cls,
-        time_s: FloatArray,
-        enu_m: FloatArray,
+        time_s: FloatArray,  # vehicle time
+        enu_m: FloatArray,  # positions
         *,
-        window_s: float,
-        joined: BoolArray | None = None,
-        position_error_m: float = POSITION_ERROR_M,
+        window_s: float,  # length of each half
+        joined: BoolArray | None = None,  # (n - 1,) legs that may lie in a window; default: all
+        position_error_m: float = POSITION_ERROR_M,  # standard deviation of the positions, known from elsewhere
+        # least time between the middles, for what is fitted to all windows; default: one window for each sample
         step_s: float = 0.0,
     ) -> Self:
-        """The windows of (n, 3) ENU positions at (n,) increasing times.
-
-        Args:
-            time_s: vehicle time.
-            enu_m: positions.
-            window_s: length of each half.
-            joined: (n - 1,) legs that may lie in a window; default: all.
-            position_error_m: standard deviation of the positions, known from elsewhere.
-            step_s: least time between the middles, for what is fitted to all windows; default: one window for each sample.
-        """
+        """The windows of (n, 3) ENU positions at (n,) increasing times."""
         gaps = np.zeros(len(time_s), dtype=np.int32)
         if joined is not None:
             gaps[1:] = np.cumsum(~joined)

@@ -129,24 +129,16 @@ class Motion:
 
 
 def judge_motion(
-    time_s: FloatArray,
-    enu_m: FloatArray,
-    limits: MotionLimits,
+    time_s: FloatArray,  # vehicle time
+    enu_m: FloatArray,  # positions
+    limits: MotionLimits,  # limits of the vehicle
     *,
-    max_gap_s: float,
-    position_error_m: float = POSITION_ERROR_M,
+    max_gap_s: float,  # largest time between joined neighbours
+    position_error_m: float = POSITION_ERROR_M,  # standard deviation of the positions, known from elsewhere
+    # (n, 3) reported velocity, east, north, up; NaN or none where it is not reported
     velocity_m_s: FloatArray | None = None,
 ) -> Motion:
-    """Judge which part of the motion through (n, 3) ENU positions at (n,) increasing times is possible.
-
-    Args:
-        time_s: vehicle time.
-        enu_m: positions.
-        limits: limits of the vehicle.
-        max_gap_s: largest time between joined neighbours.
-        position_error_m: standard deviation of the positions, known from elsewhere.
-        velocity_m_s: (n, 3) reported velocity, east, north, up; NaN or none where it is not reported.
-    """
+    """Judge which part of the motion through (n, 3) ENU positions at (n,) increasing times is possible."""
     joined = np.diff(time_s) <= max_gap_s
     white_m = white_noise_m(time_s, enu_m, joined)
     found = _Found(joined)

@@ -55,26 +55,19 @@ def deviations_m(enu_m: FloatArray, route: BoolArray, planned: PlannedRoute | No
 
 
 def commanded_pace_doubt(
-    track: Track,
-    enu_m: FloatArray,
-    joined: BoolArray,
-    vehicle: Vehicle,
-    planned: PlannedRoute | None,
+    track: Track,  # the samples that are evidence
+    enu_m: FloatArray,  # (n, 3) their positions
+    joined: BoolArray,  # (n - 1,) whether nothing is missing between a sample and the next
+    vehicle: Vehicle,  # whose speeds are commanded
+    planned: PlannedRoute | None,  # the planned route; none: no speed is expected of it
     *,
+    # (k,) the planned waypoints that the vehicle passed: a leg between others was not flown; none: all were
     passed: BoolArray | None = None,
 ) -> str | None:
     """Reason why the pace of a track cannot be that of its mission; None when it can.
 
     Windows of 5 s are evaluated. A vehicle that is persistently faster than its mission commands has a wrong clock or wrong
     positions, or was flown otherwise; so has one that never approaches the commanded speed on a leg long enough for it.
-
-    Args:
-        track: the samples that are evidence.
-        enu_m: (n, 3) their positions.
-        joined: (n - 1,) whether nothing is missing between a sample and the next.
-        vehicle: whose speeds are commanded.
-        planned: the planned route; none: no speed is expected of it.
-        passed: (k,) the planned waypoints that the vehicle passed: a leg between others was not flown; none: all were.
     """
     time = track.time_s
     first = np.flatnonzero(np.diff(np.floor(time / FITTED_STEP_S), prepend=-np.inf))

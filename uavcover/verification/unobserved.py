@@ -25,13 +25,13 @@ class PlannedRoute:
 
 
 def on_route(
-    track: Track,
-    enu_m: FloatArray,
-    planned: PlannedRoute | None,
+    track: Track,  # what was flown
+    enu_m: FloatArray,  # (n, 3) its positions
+    planned: PlannedRoute | None,  # the plan, if there is one
     *,
-    acceptance_radius_m: float,
-    passed: Passing | None = None,
-    believed: bool = True,
+    acceptance_radius_m: float,  # of the vehicle
+    passed: Passing | None = None,  # where the track passed the planned waypoints, if known
+    believed: bool = True,  # whether the numbers agree with the positions
 ) -> BoolArray:
     """(n,) whether each sample lies between the first and the last planned waypoint; one stretch.
 
@@ -43,14 +43,6 @@ def on_route(
 
     Otherwise by positions: from the first nearest approach to the first planned waypoint to the last nearest approach to the
     last one, where "near" means the smallest distance plus the acceptance radius. Without a plan the whole track counts.
-
-    Args:
-        track: what was flown.
-        enu_m: (n, 3) its positions.
-        planned: the plan, if there is one.
-        acceptance_radius_m: of the vehicle.
-        passed: where the track passed the planned waypoints, if known.
-        believed: whether the numbers agree with the positions.
     """
     mask = np.zeros(len(track), dtype=bool)
     numbers = track.current_waypoint

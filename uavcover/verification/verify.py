@@ -116,24 +116,18 @@ def verify_track(site: Site, coverage: CoverageMap, track: Track, planned: Plann
 
 
 def verify_flight(
-    site: Site,
-    coverage: CoverageMap,
-    tracks: Sequence[FlownTrack],
+    site: Site,  # the scenario on its ground
+    coverage: CoverageMap,  # on the cells that results are judged on
+    tracks: Sequence[FlownTrack],  # at least one, the first with the plan whose coverage was promised
     *,
+    # of real photos; where they tell no coverage, it follows from the tracks
     evidence: PictureEvidence = NOTHING_KNOWN,
-    count: CountObservations = count_observations,
+    count: CountObservations = count_observations,  # who counts the observations
 ) -> Verdict:
     """Verify coverage and safety from the flown tracks alone; plans serve for comparison only.
 
     Several tracks, of several sorties or vehicles, count as one flight: a cell seen by any of them is seen, and each has to
     keep the limits. Observations present in two records of one flight count once.
-
-    Args:
-        site: the scenario on its ground.
-        coverage: on the cells that results are judged on.
-        tracks: at least one, the first with the plan whose coverage was promised.
-        evidence: of real photos; where they tell no coverage, it follows from the tracks.
-        count: who counts the observations.
 
     Raises:
         TrackError: a track is empty, or has a position that is not on Earth.

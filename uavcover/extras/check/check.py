@@ -100,23 +100,16 @@ class Checked:
 
 
 def check_mission(
-    request: CheckRequest,
-    heights: Heights,
-    read_ground: GroundReader,
-    read_zones: ZoneReader,
-    read_surface: SurfaceReader | None = None,
+    request: CheckRequest,  # what, and by what
+    heights: Heights,  # of the ground at single places
+    read_ground: GroundReader,  # the ground around the mission
+    read_zones: ZoneReader,  # the no-fly zones around it
+    read_surface: SurfaceReader | None = None,  # a surface model over that ground; none without one
     *,
+    # why a height of the ground is not believed, and missing in ``heights`` and ``read_ground`` therefore
     doubt: Doubt = believed,
 ) -> Checked:
     """Judge a mission at its full length.
-
-    Args:
-        request: what, and by what.
-        heights: of the ground at single places.
-        read_ground: the ground around the mission.
-        read_zones: the no-fly zones around it.
-        read_surface: a surface model over that ground; none without one.
-        doubt: why a height of the ground is not believed, and missing in ``heights`` and ``read_ground`` therefore.
 
     Raises:
         UavcoverError: elevation data or zones cannot be read.

@@ -148,23 +148,15 @@ class CheckElevation:
 
 
 def open_check_elevation(
-    data: ElevationData,
-    surface: tuple[str, ...],
-    mission: Mission,
-    home: tuple[float, float] | None,
-    user: User,
+    data: ElevationData,  # the ground
+    surface: tuple[str, ...],  # files, folders or patterns of a surface model; empty without one
+    mission: Mission,  # whose places say which tiles are needed
+    home: tuple[float, float] | None,  # latitude and longitude of the take-off position, where it is not the mission's
+    user: User,  # is asked
     *,
-    trusted: bool = False,
+    trusted: bool = False,  # whether heights are taken as they are where they do not look like ground
 ) -> CheckElevation:
     """Open what the user named as the ground, and as what stands on it; asks what looks like a mistake.
-
-    Args:
-        data: the ground.
-        surface: files, folders or patterns of a surface model; empty without one.
-        mission: whose places say which tiles are needed.
-        home: latitude and longitude of the take-off position, where it is not the mission's.
-        user: is asked.
-        trusted: whether heights are taken as they are where they do not look like ground.
 
     Raises:
         InputError: a name, a unit or a datum is not known.

@@ -37,22 +37,15 @@ def believed(_lat_deg: float, _lon_deg: float) -> str:
 
 
 def places_of(
-    mission: Mission,
-    heights: Heights,
-    autopilot: AutopilotName,
+    mission: Mission,  # whose places
+    heights: Heights,  # of the ground
+    autopilot: AutopilotName,  # PX4 flies to 0, 0; ArduPilot stays where it is
     *,
+    # latitude and longitude of the take-off position; none: the mission's, or its first place
     home: tuple[float, float] | None = None,
-    doubt: Doubt = believed,
+    doubt: Doubt = believed,  # why heights are missing that the elevation data has
 ) -> MissionPlaces:
-    """Look at home and at the places of the items.
-
-    Args:
-        mission: whose places.
-        heights: of the ground.
-        autopilot: PX4 flies to 0, 0; ArduPilot stays where it is.
-        home: latitude and longitude of the take-off position; none: the mission's, or its first place.
-        doubt: why heights are missing that the elevation data has.
-    """
+    """Look at home and at the places of the items."""
     findings: list[CheckFinding] = []
     numbers = [
         n for n, item in enumerate(mission.items, 1) if item.has_position and _is_place(item.lat_deg, item.lon_deg)

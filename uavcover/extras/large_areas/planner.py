@@ -94,31 +94,22 @@ def require_parts(settings: PlannerSettings, site: Site) -> None:
 
 
 def plan_by_parts(
-    site: Site,
+    site: Site,  # the scenario on its ground
     *,
-    parts: int,
-    settings: PlannerSettings,
-    select_rule: str,
+    parts: int,  # how many, 2 at least
+    settings: PlannerSettings,  # of the search
+    select_rule: str,  # see :mod:`uavcover.planner.selection_rule`
+    # evaluations of all parts together, or a time budget; the executor for whole routes, and the progress callback
     run: SearchRun,
-    run_tasks: RunTasks,
-    run_blocks: RunBlocks = one_after_the_other,
-    workers: int = 1,
+    run_tasks: RunTasks,  # who searches in the parts
+    run_blocks: RunBlocks = one_after_the_other,  # who judges a large area, block by block
+    workers: int = 1,  # how many search at the same time: what a time budget is shared by
+    # whether parts may be a flight each instead, as many as there are or more, where that is worth it
     or_sorties: bool = False,
 ) -> Plan:
     """Plan the sensing route of a large site by parts.
 
     The plan depends on the seed, the evaluations and the number of parts, and not on who searches in which part, or when.
-
-    Args:
-        site: the scenario on its ground.
-        parts: how many, 2 at least.
-        settings: of the search.
-        select_rule: see :mod:`uavcover.planner.selection_rule`.
-        run: evaluations of all parts together, or a time budget; the executor for whole routes, and the progress callback.
-        run_tasks: who searches in the parts.
-        run_blocks: who judges a large area, block by block.
-        workers: how many search at the same time: what a time budget is shared by.
-        or_sorties: whether parts may be a flight each instead, as many as there are or more, where that is worth it.
 
     Raises:
         InfeasibleError: the joined route breaks a limit; says which.
@@ -213,28 +204,19 @@ def search_parts_with(
 
 
 def tasks_of(
-    site: Site,
-    areas: Sequence[Piece],
+    site: Site,  # the scenario on its ground
+    areas: Sequence[Piece],  # the parts
+    # their routes so far, each (n, 3) ENU; none before the first round where each is to have lines of its own
     routes: Sequence[FloatArray] | None,
-    goal: float,
+    goal: float,  # share of the coverable ground
     *,
+    # from 0; in odd ones the lower number of two neighbours keeps what both see, in even ones the higher
     round_number: int,
-    seed: int,
-    evaluations: int,
-    budget_s: float | None,
+    seed: int,  # of the whole search
+    evaluations: int,  # of each part
+    budget_s: float | None,  # of each part, instead
 ) -> list[PartTask]:
-    """The tasks of a round, one for each part.
-
-    Args:
-        site: the scenario on its ground.
-        areas: the parts.
-        routes: their routes so far, each (n, 3) ENU; none before the first round where each is to have lines of its own.
-        goal: share of the coverable ground.
-        round_number: from 0; in odd ones the lower number of two neighbours keeps what both see, in even ones the higher.
-        seed: of the whole search.
-        evaluations: of each part.
-        budget_s: of each part, instead.
-    """
+    """The tasks of a round, one for each part."""
     tasks = [
         PartTask(number, round_number, shapely.to_wkb(area), goal, seed, evaluations, budget_s)
         for number, area in enumerate(areas)

@@ -58,27 +58,18 @@ class Sector:
 
     Attributes:
         piece: of the area, east and north metres.
-
-    Args:
-        area: that is divided.
-        home_en: (east, north) of home.
-        from_rad: one side, counter-clockwise from east.
-        to_rad: the other side, less than pi farther.
-        layers: how many.
-        swath: what a flight sees.
-        turned: whether flights go out along the other side.
     """
 
     def __init__(
         self,
-        area: Piece,
-        home_en: tuple[float, float],
-        from_rad: float,
-        to_rad: float,
-        layers: int,
-        swath: Swath,
+        area: Piece,  # that is divided
+        home_en: tuple[float, float],  # (east, north) of home
+        from_rad: float,  # one side, counter-clockwise from east
+        to_rad: float,  # the other side, less than pi farther
+        layers: int,  # how many
+        swath: Swath,  # what a flight sees
         *,
-        turned: bool = False,
+        turned: bool = False,  # whether flights go out along the other side
     ) -> None:
         middle = 0.5 * (from_rad + to_rad)
         along, across = (math.cos(middle), math.sin(middle)), (-math.sin(middle), math.cos(middle))

@@ -241,23 +241,14 @@ class MavsdkClient(Client):
 
     def _transfer(
         self,
-        mission_type: MissionType,
-        begin: Callable[[], Call],
-        outcome: Callable[[Answer], ResultT | None],
-        hear: Heard,
-        stop: Stop | None,
-        terms: _Terms,
+        mission_type: MissionType,  # which list
+        begin: Callable[[], Call],  # begins it
+        outcome: Callable[[Answer], ResultT | None],  # what a call came to; None for one that did not succeed
+        hear: Heard,  # looks at everything that arrives meanwhile
+        stop: Stop | None,  # asked whether to cancel
+        terms: _Terms,  # what an error says
     ) -> ResultT:
-        """Begin a transfer until it succeeds, and see that the user can stop it.
-
-        Args:
-            mission_type: which list.
-            begin: begins it.
-            outcome: what a call came to; None for one that did not succeed.
-            hear: looks at everything that arrives meanwhile.
-            stop: asked whether to cancel.
-            terms: what an error says.
-        """
+        """Begin a transfer until it succeeds, and see that the user can stop it."""
         doing, result = f"{terms.doing} of the {_NAMES[mission_type]} by MAVSDK: vehicle {self.vehicle.system_id}", ""
         for number in range(1, TRIES + 1):
             call = begin()

@@ -82,23 +82,15 @@ def _is_track(path: Path) -> bool:
 
 
 def verify_evidence(
-    run: RunFolder,
-    evidence: GivenEvidence,
-    request: PhotoRequest,
-    user: User,
+    run: RunFolder,  # with a scenario
+    evidence: GivenEvidence,  # with photos; without logs the run's own track counts, where there is one
+    request: PhotoRequest,  # how photos are judged; its sources and its scenario are those of the run
+    user: User,  # receives the verdict
     *,
-    command: Sequence[str],
-    accepted: Sequence[str] = (),
+    command: Sequence[str],  # the command line, for ``run.json``
+    accepted: Sequence[str] = (),  # changes since planning that are accepted
 ) -> dict[str, Any]:
     """The verdict on a flight of a run folder: the coverage by its photos, everything else by its track.
-
-    Args:
-        run: with a scenario.
-        evidence: with photos; without logs the run's own track counts, where there is one.
-        request: how photos are judged; its sources and its scenario are those of the run.
-        user: receives the verdict.
-        command: the command line, for ``run.json``.
-        accepted: changes since planning that are accepted.
 
     Returns:
         What ``verification.json`` says; where there is no track, what ``photos/photos.json`` does.

@@ -100,26 +100,18 @@ def _number(name: str) -> float:
 
 
 def height_doubts(
-    placed: PlacedPictures,
-    frame: LocalFrame,
-    ground: Ground,
+    placed: PlacedPictures,  # the photos
+    frame: LocalFrame,  # of their places
+    ground: Ground,  # of the elevation data
     *,
-    by_takeoff: bool,
-    error_m: float,
-    home_en_m: FloatArray | None = None,
+    by_takeoff: bool,  # whether heights above take-off count, from the ground there, or those above sea level
+    error_m: float,  # what a height may be wrong by before anything is said
+    home_en_m: FloatArray | None = None,  # (2,) ENU metres of the planned home, where there is a plan
 ) -> list[str]:
     """Contradictions between heights and the elevation data, or among heights.
 
     Many aircraft tell two heights: above sea level by satellites, and above the place of take-off by pressure. Their
     difference is the height of that place, the same in the whole flight, and somewhere near has to be ground at that height.
-
-    Args:
-        placed: the photos.
-        frame: of their places.
-        ground: of the elevation data.
-        by_takeoff: whether heights above take-off count, from the ground there, or those above sea level.
-        error_m: what a height may be wrong by before anything is said.
-        home_en_m: (2,) ENU metres of the planned home, where there is a plan.
     """
     above_m = ground.heights_agl_m(placed.eyes_m)
     doubts = []

@@ -35,23 +35,16 @@ class _Unheard(Unattended):
 
 
 def survey_as_flown(
-    area: NewRequest,
-    pictures: Sequence[Picture],
-    height_agl_m: Callable[[Site], float],
-    user: User,
+    area: NewRequest,  # the required coverage, and other options of the user
+    pictures: Sequence[Picture],  # of the flight; may be none where a camera was named
+    height_agl_m: Callable[[Site], float],  # the height above ground at which a site's flight was flown
+    user: User,  # receives notes on the survey
     *,
-    out: RunFolder,
+    out: RunFolder,  # where a camera file is written
+    # the place of take-off in a site's flight, "LAT,LON", as a home that the user did not give; none: not known
     take_off: Callable[[Site], str] | None = None,
 ) -> NewScenario:
     """The survey with the camera named in the photos and the flown ground sample distance, unless the user gave others.
-
-    Args:
-        area: the required coverage, and other options of the user.
-        pictures: of the flight; may be none where a camera was named.
-        height_agl_m: the height above ground at which a site's flight was flown.
-        user: receives notes on the survey.
-        out: where a camera file is written.
-        take_off: the place of take-off in a site's flight, "LAT,LON", as a home that the user did not give; none: not known.
 
     Raises:
         InputError: no camera is known, or something else is missing; the flight was not above the ground.
