@@ -48,11 +48,11 @@ def clear(
 def download(
     url: Annotated[str, typer.Option("--from", help="URL of the vehicle; see plan-upload --to.", metavar="URL")],
     out: Annotated[
-        Path, typer.Option("-o", "--out", help=("Output file: .waypoints for one list, or .plan for all three lists."))
+        Path, typer.Option("-o", "--out", help="Output file: .waypoints for one list, or .plan for all three lists.")
     ],
     *,
     kind: Annotated[
-        str, typer.Option("--type", help=("The list to download: mission, fence, rally or all (.plan only)."))
+        str, typer.Option("--type", help="The list to download: mission, fence, rally or all (.plan only).")
     ] = "mission",
     vehicle: options.TransferOptions,
     force: options.Force = False,

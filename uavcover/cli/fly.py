@@ -68,8 +68,7 @@ class OlderFlight:
     """Treatment of an older flight of the run."""
 
     resume: Annotated[
-        bool,
-        typer.Option("--resume", help="Continue an unfinished flight, on the ground or in the air."),
+        bool, typer.Option("--resume", help="Continue an unfinished flight, on the ground or in the air.")
     ] = False
     force: Annotated[
         bool, typer.Option("--force", help="Replace the track, recording and verdict of the previous flight.")

@@ -32,9 +32,7 @@ class Imitated:
             metavar="NAME",
         ),
     ] = "quadrotor"
-    system: Annotated[
-        int, typer.Option("--system", help="MAVLink system id of the vehicle.", metavar="N", min=1, max=255)
-    ] = 1
+    system: Annotated[int, typer.Option(help="MAVLink system id of the vehicle.", metavar="N", min=1, max=255)] = 1
     scenario: Annotated[str, typer.Option(help="Scenario that defines the home and performance of the vehicle.")] = (
         "jacksboro"
     )
@@ -77,7 +75,7 @@ class FlightConditions:
     loss: Annotated[float, typer.Option(help="Fraction of datagrams lost in each direction.")] = 0.0
     wind_m_s: Annotated[float, typer.Option("--wind", help="Speed of the steady wind, in m/s.")] = 0.0
     wind_from_deg: Annotated[
-        float, typer.Option("--wind-from", help=("Direction from which the wind blows, in degrees."))
+        float, typer.Option("--wind-from", help="Direction from which the wind blows, in degrees.")
     ] = 270.0
     gust_m_s: Annotated[float, typer.Option("--gust", help="Standard deviation of the gusts, in m/s.")] = 0.0
     gps_noise_m: Annotated[
@@ -126,10 +124,7 @@ class FlightConditions:
 
 def mock_vehicle(
     listen: Annotated[
-        str,
-        typer.Option(
-            "--listen", help="udpin://HOST:PORT or tcpin://HOST:PORT. Port 0 selects a free port.", metavar="URL"
-        ),
+        str, typer.Option(help="udpin://HOST:PORT or tcpin://HOST:PORT. Port 0 selects a free port.", metavar="URL")
     ],
     *,
     imitated: Imitated,
@@ -141,10 +136,7 @@ def mock_vehicle(
         list[str] | None,
         typer.Option(help="Fault to simulate, as listed above. Can be repeated.", metavar="NAME[:ARG][@MOMENT]"),
     ] = None,
-    until_eof: Annotated[
-        bool,
-        typer.Option("--until-eof", help="Exit when standard input closes."),
-    ] = False,
+    until_eof: Annotated[bool, typer.Option("--until-eof", help="Exit when standard input closes.")] = False,
     seed: options.Seed = None,
     output: options.Output,
 ) -> int:

@@ -48,11 +48,7 @@ Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Show only warnings a
 Verbose = Annotated[int, typer.Option("-v", "--verbose", count=True, help="Show log messages. Use -vv for more.")]
 Force = Annotated[bool, typer.Option("--force", help="Overwrite existing files.")]
 ForcePlan = Annotated[
-    bool,
-    typer.Option(
-        "--force",
-        help="Replace an existing plan. If it was flown, it moves to RUN/older-N.",
-    ),
+    bool, typer.Option("--force", help="Replace an existing plan. If it was flown, it moves to RUN/older-N.")
 ]
 Autopilot = Annotated[
     str | None, typer.Option(help="ardupilot or px4; default: that of the scenario.", metavar="ardupilot|px4")
@@ -102,11 +98,7 @@ Logs = Annotated[
 LogSystem = Annotated[
     int | None,
     typer.Option(
-        "--system",
-        help="System id of the vehicle, if a .tlog contains several.",
-        metavar="N",
-        min=1,
-        max=255,
+        "--system", help="System id of the vehicle, if a .tlog contains several.", metavar="N", min=1, max=255
     ),
 ]
 AcceptChanged = Annotated[
@@ -195,12 +187,7 @@ SigningKeyFile = Annotated[
 ]
 
 ClientKind = Annotated[
-    str,
-    typer.Option(
-        "--client",
-        help="Client for transfers and commands: native or mavsdk.",
-        metavar="native|mavsdk",
-    ),
+    str, typer.Option("--client", help="Client for transfers and commands: native or mavsdk.", metavar="native|mavsdk")
 ]
 
 RequirePhotos = Annotated[

@@ -31,11 +31,7 @@ def select(
     *,
     autopilot: options.Autopilot = None,
     force: Annotated[
-        bool,
-        typer.Option(
-            "--force",
-            help="Replace a flown route. It moves to RUN/older-N with its flight.",
-        ),
+        bool, typer.Option("--force", help="Replace a flown route. It moves to RUN/older-N with its flight.")
     ] = False,
     output: options.Output,
 ) -> int:

@@ -17,36 +17,27 @@ class PhotoOptions:
     takeoff: Annotated[
         str | None,
         typer.Option(
-            "--takeoff",
-            help="Take-off position of the vehicle. Photo heights are then relative to it.",
-            metavar="LAT,LON",
+            help="Take-off position of the vehicle. Photo heights are then relative to it.", metavar="LAT,LON"
         ),
     ] = None
     geoid_height: Annotated[
         float | None,
-        typer.Option(
-            "--geoid-height",
-            help="Height of sea level above the ellipsoid, if PROJ has no geoid grid.",
-            metavar="METRES",
-        ),
+        typer.Option(help="Height of sea level above the ellipsoid, if PROJ has no geoid grid.", metavar="METRES"),
     ] = None
     position_error: Annotated[
-        float, typer.Option("--position-error", help="Position error of photos that state none.", metavar="METRES")
+        float, typer.Option(help="Position error of photos that state none.", metavar="METRES")
     ] = 3.0
-    height_error: Annotated[
-        float, typer.Option("--height-error", help="Height error of photos that state none.", metavar="METRES")
-    ] = 10.0
-    angle_error: Annotated[
-        float,
-        typer.Option("--angle-error", help="Error of the camera angles in the photos.", metavar="DEGREES"),
-    ] = 2.0
+    height_error: Annotated[float, typer.Option(help="Height error of photos that state none.", metavar="METRES")] = (
+        10.0
+    )
+    angle_error: Annotated[float, typer.Option(help="Error of the camera angles in the photos.", metavar="DEGREES")] = (
+        2.0
+    )
 
     max_blur: Annotated[
         float | None,
         typer.Option(
-            "--max-blur",
-            help="Ignore photos in which the ground moves more than this during the exposure.",
-            metavar="PIXELS",
+            help="Ignore photos in which the ground moves more than this during the exposure.", metavar="PIXELS"
         ),
     ] = None
 
@@ -89,15 +80,10 @@ class SearchOptions:
     detection: Annotated[
         str | None,
         typer.Option(
-            "--detection",
-            help="Detection curve: a name, your own TOML file, or list to show the names.",
-            metavar="NAME|FILE.toml",
+            help="Detection curve: a name, your own TOML file, or list to show the names.", metavar="NAME|FILE.toml"
         ),
     ] = None
-    pod: Annotated[
-        float | None,
-        typer.Option("--pod", help="Required mean probability of detection, such as 0.8."),
-    ] = None
+    pod: Annotated[float | None, typer.Option(help="Required mean probability of detection, such as 0.8.")] = None
 
     def curve(self) -> "DetectionCurve | None":
         """Probability that one look finds the target; none without a search.

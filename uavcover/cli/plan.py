@@ -36,13 +36,12 @@ class Search:
     ] = None
     max_waypoints: Annotated[
         int | None,
-        typer.Option(help=("Largest number of waypoints of the route, or of nodes if the encoding is waypoints.")),
+        typer.Option(help="Largest number of waypoints of the route, or of nodes if the encoding is waypoints."),
     ] = None
     parts: Annotated[
         str | None,
         typer.Option(
-            help="Divide a large area into N parts, or auto. Default: that of the scenario.",
-            metavar="N|auto",
+            help="Divide a large area into N parts, or auto. Default: that of the scenario.", metavar="N|auto"
         ),
     ] = None
     waypoint_price: Annotated[

@@ -30,7 +30,7 @@ def upload(
     kind: Annotated[
         str | None,
         typer.Option(
-            "--type", help=("The list to upload: mission, fence, rally or all; default: the content of the file.")
+            "--type", help="The list to upload: mission, fence, rally or all; default: the content of the file."
         ),
     ] = None,
     vehicle: options.TransferOptions,
@@ -39,7 +39,7 @@ def upload(
         bool,
         typer.Option(
             "--as-file",
-            help=("Upload the list as one file with MAVLink FTP (ArduPilot). If this fails, upload it item by item."),
+            help="Upload the list as one file with MAVLink FTP (ArduPilot). If this fails, upload it item by item.",
         ),
     ] = False,
     output: options.Output,

@@ -58,9 +58,7 @@ def report(
     ] = None,
     log: Annotated[
         list[Path] | None,
-        typer.Option(
-            "--log", help="Track of the flight (same formats as verify). Can be repeated. Default: RUN/track.csv."
-        ),
+        typer.Option(help="Track of the flight (same formats as verify). Can be repeated. Default: RUN/track.csv."),
     ] = None,
     figures: Annotated[
         Path | None,

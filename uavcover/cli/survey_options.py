@@ -69,8 +69,7 @@ WaterHeight = Annotated[
 TrustDem = Annotated[
     bool,
     typer.Option(
-        "--trust-dem",
-        help="Accept suspicious elevation data, such as filled voids, spikes and steps between tiles.",
+        "--trust-dem", help="Accept suspicious elevation data, such as filled voids, spikes and steps between tiles."
     ),
 ]
 Band = Annotated[
@@ -110,51 +109,41 @@ class SurveyOptions:
     dem: Dem = None
     dsm: Dsm = None
     camera: Annotated[
-        str | None,
-        typer.Option("--camera", help="Camera: a name, your own TOML file, or list to show the names.", metavar="NAME"),
+        str | None, typer.Option(help="Camera: a name, your own TOML file, or list to show the names.", metavar="NAME")
     ] = None
     gsd: Annotated[
-        str | None, typer.Option("--gsd", help="Largest ground sample distance, such as 2.5cm.", metavar="LENGTH")
+        str | None, typer.Option(help="Largest ground sample distance, such as 2.5cm.", metavar="LENGTH")
     ] = None
     overlap: Annotated[
-        str | None,
-        typer.Option("--overlap", help="Forward and side overlap in percent; default: 75/70.", metavar="F/S"),
+        str | None, typer.Option(help="Forward and side overlap in percent; default: 75/70.", metavar="F/S")
     ] = None
     battery: Annotated[
-        str | None, typer.Option("--battery", help="Flight time of a full battery, such as 25min.", metavar="TIME")
+        str | None, typer.Option(help="Flight time of a full battery, such as 25min.", metavar="TIME")
     ] = None
     vehicle: Annotated[
-        str | None,
-        typer.Option(
-            "--vehicle", help="Vehicle: a name, your own TOML file, or list to show the names.", metavar="NAME"
-        ),
+        str | None, typer.Option(help="Vehicle: a name, your own TOML file, or list to show the names.", metavar="NAME")
     ] = None
     home: Annotated[
         str | None,
         typer.Option(
-            "--home",
-            help="Take-off position; default: the lowest level ground at the edge of the area.",
-            metavar="LAT,LON",
+            help="Take-off position; default: the lowest level ground at the edge of the area.", metavar="LAT,LON"
         ),
     ] = None
     max_height: Annotated[
-        str | None,
-        typer.Option("--max-height", help="Greatest height above ground; default: 120m.", metavar="LENGTH"),
+        str | None, typer.Option(help="Greatest height above ground; default: 120m.", metavar="LENGTH")
     ] = None
     speed: Annotated[
-        str | None,
-        typer.Option("--speed", help="Ground speed; default: that of the vehicle, or 10m/s.", metavar="SPEED"),
+        str | None, typer.Option(help="Ground speed; default: that of the vehicle, or 10m/s.", metavar="SPEED")
     ] = None
     margin: Annotated[
         str | None,
         typer.Option(
-            "--margin",
             help="Distance by which the area is extended; default: far enough for full overlap at its edge.",
             metavar="LENGTH",
         ),
     ] = None
     mount: Annotated[
-        str | None, typer.Option("--mount", help="Mount of the camera: stabilised (default) or fixed.", metavar="MOUNT")
+        str | None, typer.Option(help="Mount of the camera: stabilised (default) or fixed.", metavar="MOUNT")
     ] = None
     vertical_datum: VerticalDatum = None
     dem_crs: DemCrs = None
@@ -163,11 +152,7 @@ class SurveyOptions:
     trust_dem: TrustDem = False
     fill_lakes: Annotated[
         str | None,
-        typer.Option(
-            "--fill-lakes",
-            help="Interpolate gaps in the elevation data up to this length, such as 200m.",
-            metavar="LENGTH",
-        ),
+        typer.Option(help="Interpolate gaps in the elevation data up to this length, such as 200m.", metavar="LENGTH"),
     ] = None
     water_height: WaterHeight = None
     no_fly: Annotated[
@@ -193,15 +178,11 @@ class SurveyOptions:
             metavar="NAME",
         ),
     ] = None
-    layer: Annotated[str | None, typer.Option("--layer", help="Layer or folder in the area file.")] = None
-    feature: Annotated[
-        str | None, typer.Option("--feature", help="Name or number (from 1) of a feature in the area file.")
-    ] = None
+    layer: Annotated[str | None, typer.Option(help="Layer or folder in the area file.")] = None
+    feature: Annotated[str | None, typer.Option(help="Name or number (from 1) of a feature in the area file.")] = None
     crs: Annotated[
         str | None,
-        typer.Option(
-            "--crs", help="Coordinate system of the area file, if the file does not state it.", metavar="EPSG:N"
-        ),
+        typer.Option(help="Coordinate system of the area file, if the file does not state it.", metavar="EPSG:N"),
     ] = None
     make_valid: Annotated[
         bool, typer.Option("--make-valid", help="Repair outlines that cross themselves, and close open rings.")

@@ -57,10 +57,7 @@ def gaps(
 
 
 def verify(
-    run: Annotated[
-        Path | None,
-        typer.Argument(help="Run folder. With --area: a flight log or photos."),
-    ] = None,
+    run: Annotated[Path | None, typer.Argument(help="Run folder. With --area: a flight log or photos.")] = None,
     *,
     logs: options.Logs = None,
     system: options.LogSystem = None,
@@ -76,16 +73,14 @@ def verify(
     ] = None,
     area: Annotated[
         str | None,
-        typer.Option(
-            "--area", help="Area to observe, for a flight without a run folder (same formats as uavcover new)."
-        ),
+        typer.Option(help="Area to observe, for a flight without a run folder (same formats as uavcover new)."),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
             "-o",
             "--out",
-            help=("Folder for the verdict of a flight without a run folder; default: verdict."),
+            help="Folder for the verdict of a flight without a run folder; default: verdict.",
             metavar="FOLDER",
         ),
     ] = None,

@@ -37,7 +37,7 @@ def demo(
     ] = Path("out"),
     scenario: Annotated[str, typer.Option(help="Scenario to fly.")] = "jacksboro",
     evaluations: Annotated[
-        int | None, typer.Option(help=("Number of route evaluations; default: that of the scenario."))
+        int | None, typer.Option(help="Number of route evaluations; default: that of the scenario.")
     ] = None,
     seed: options.Seed = None,
     autopilot: options.Autopilot = None,

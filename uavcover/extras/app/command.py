@@ -31,7 +31,7 @@ def edit(
     waypoints: Annotated[
         Path,
         typer.Argument(
-            help=("JSON file with a list of [longitude, latitude, height above ground in m], in flying order.")
+            help="JSON file with a list of [longitude, latitude, height above ground in m], in flying order."
         ),
     ],
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the results (the run folder).", metavar="RUN")],
@@ -220,7 +220,7 @@ def serve(
     target: Annotated[
         Path | None,
         typer.Argument(
-            help=("Run folder, scenario or area to open, or a folder to work in; default: the current folder.")
+            help="Run folder, scenario or area to open, or a folder to work in; default: the current folder."
         ),
     ] = None,
     *,
@@ -228,13 +228,12 @@ def serve(
     host: Annotated[
         str,
         typer.Option(
-            help=("Address to listen on. An address other than 127.0.0.1 admits other computers that have the token.")
+            help="Address to listen on. An address other than 127.0.0.1 admits other computers that have the token."
         ),
     ] = "127.0.0.1",
     browser: Annotated[bool, typer.Option(help="Open the page in the default browser.")] = True,
     allow_flight: Annotated[
-        bool,
-        typer.Option("--allow-flight", help="Allow the page to arm real vehicles, after a typed confirmation."),
+        bool, typer.Option("--allow-flight", help="Allow the page to arm real vehicles, after a typed confirmation.")
     ] = False,
     output: options.Output,
 ) -> int:

@@ -33,9 +33,7 @@ class SeedsAndTimes:
     """Number and duration of runs for each planner."""
 
     seeds: Annotated[int, typer.Option(help="Number of runs of each planner. The seeds start at 1.", min=1)] = 10
-    seeds_long: Annotated[
-        int, typer.Option("--seeds-long", help="Number of runs with budgets above 100 s.", min=1, metavar="N")
-    ] = 3
+    seeds_long: Annotated[int, typer.Option(help="Number of runs with budgets above 100 s.", min=1, metavar="N")] = 3
     times: Annotated[str, typer.Option("--time", help="Time budgets, in seconds of processor time.", metavar="S,T")] = (
         "10,60,300"
     )
@@ -153,9 +151,7 @@ def bench_link(
     ] = "0,0.05,0.1,0.2,0.3,0.4",
     delay_ms: Annotated[float, typer.Option("--delay", help="Delay of each datagram, in milliseconds.", min=0.0)] = 1.0,
     seeds: Annotated[int, typer.Option(help="Number of runs per client and loss. The seeds start at 0.", min=1)] = 50,
-    at_a_time: Annotated[
-        int, typer.Option("--at-a-time", help="Number of parallel UDP transfers if datagrams are lost.", min=1)
-    ] = 16,
+    at_a_time: Annotated[int, typer.Option(help="Number of parallel UDP transfers if datagrams are lost.", min=1)] = 16,
     out: ResultsFolder = None,
     output: options.Output,
 ) -> int:

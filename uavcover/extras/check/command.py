@@ -20,8 +20,7 @@ class AircraftOptions:
     """Options for the aircraft."""
 
     vehicle: Annotated[
-        str | None,
-        typer.Option("--vehicle", help="Vehicle: a name (see new --vehicle list) or a TOML file.", metavar="NAME"),
+        str | None, typer.Option(help="Vehicle: a name (see new --vehicle list) or a TOML file.", metavar="NAME")
     ] = None
     autopilot: Annotated[
         str | None,
@@ -31,32 +30,24 @@ class AircraftOptions:
     ] = None
     flies_as: Annotated[
         str | None,
-        typer.Option(
-            "--flies-as",
-            help="Vehicle type: multirotor, fixed-wing or vtol; default: that of the file.",
-            metavar="KIND",
-        ),
+        typer.Option(help="Vehicle type: multirotor, fixed-wing or vtol; default: that of the file.", metavar="KIND"),
     ] = None
     speed: Annotated[
-        str | None,
-        typer.Option("--speed", help="Ground speed; default: that of the vehicle or autopilot.", metavar="SPEED"),
+        str | None, typer.Option(help="Ground speed; default: that of the vehicle or autopilot.", metavar="SPEED")
     ] = None
     bank: Annotated[
         float | None,
         typer.Option(
-            "--bank",
-            help=("Bank angle of a fixed-wing aircraft in turns; default: that of the autopilot."),
-            metavar="DEGREES",
+            help="Bank angle of a fixed-wing aircraft in turns; default: that of the autopilot.", metavar="DEGREES"
         ),
     ] = None
     battery: Annotated[
-        str | None, typer.Option("--battery", help="Flight time of a full battery, such as 25min.", metavar="TIME")
+        str | None, typer.Option(help="Flight time of a full battery, such as 25min.", metavar="TIME")
     ] = None
-    reserve: Annotated[float, typer.Option("--reserve", help="Battery reserve in percent.", metavar="PERCENT")] = 20.0
+    reserve: Annotated[float, typer.Option(help="Battery reserve in percent.", metavar="PERCENT")] = 20.0
     return_height: Annotated[
         str | None,
         typer.Option(
-            "--return-height",
             help="Return altitude above home (RTL_ALT, RTL_RETURN_ALT); default: that of the autopilot.",
             metavar="LENGTH",
         ),
@@ -78,23 +69,14 @@ class LimitOptions:
     """Options for the limits."""
 
     min_height: Annotated[
-        str,
-        typer.Option("--min-height", help="Lowest height above ground between take-off and landing.", metavar="LENGTH"),
+        str, typer.Option(help="Lowest height above ground between take-off and landing.", metavar="LENGTH")
     ] = "10m"
-    max_height: Annotated[
-        str, typer.Option("--max-height", help="Greatest height above ground, or none.", metavar="LENGTH")
-    ] = "120m"
-    max_above_home: Annotated[
-        str | None, typer.Option("--max-above-home", help="Greatest height above home.", metavar="LENGTH")
-    ] = None
-    max_distance: Annotated[
-        str | None, typer.Option("--max-distance", help="Greatest distance from home.", metavar="LENGTH")
-    ] = None
-    obstacle_clearance: Annotated[
-        str, typer.Option("--obstacle-clearance", help="Smallest distance from obstacles.", metavar="LENGTH")
-    ] = "10m"
+    max_height: Annotated[str, typer.Option(help="Greatest height above ground, or none.", metavar="LENGTH")] = "120m"
+    max_above_home: Annotated[str | None, typer.Option(help="Greatest height above home.", metavar="LENGTH")] = None
+    max_distance: Annotated[str | None, typer.Option(help="Greatest distance from home.", metavar="LENGTH")] = None
+    obstacle_clearance: Annotated[str, typer.Option(help="Smallest distance from obstacles.", metavar="LENGTH")] = "10m"
     wind: Annotated[
-        str | None, typer.Option("--wind", help="Wind speed from the worst direction, such as 8m/s.", metavar="SPEED")
+        str | None, typer.Option(help="Wind speed from the worst direction, such as 8m/s.", metavar="SPEED")
     ] = None
 
     def limits(self) -> "Limits":
@@ -128,31 +110,27 @@ class AroundOptions:
     fence: Annotated[
         Path | None,
         typer.Option(
-            "--fence",
             help="Fence (.plan, .waypoints, .fen) or area to stay inside; default: the fence in the .plan.",
             metavar="FILE",
         ),
     ] = None
     rally: Annotated[
-        Path | None,
-        typer.Option("--rally", help="Rally points (.plan, .waypoints); default: those in the .plan.", metavar="FILE"),
+        Path | None, typer.Option(help="Rally points (.plan, .waypoints); default: those in the .plan.", metavar="FILE")
     ] = None
     no_fly: Annotated[
         list[str] | None,
-        typer.Option("--no-fly", help="No-fly zones (same formats as uavcover new). Can be repeated.", metavar="FILE"),
+        typer.Option(help="No-fly zones (same formats as uavcover new). Can be repeated.", metavar="FILE"),
     ] = None
     at: At = None
     obstacles: Annotated[
         Path | None,
-        typer.Option(
-            "--obstacles", help="Obstacles: polygons with height_m (.geojson) or heights (.kml, .kmz).", metavar="FILE"
-        ),
+        typer.Option(help="Obstacles: polygons with height_m (.geojson) or heights (.kml, .kmz).", metavar="FILE"),
     ] = None
     home: Annotated[
-        str | None, typer.Option("--home", help="Take-off position; default: that in the file.", metavar="LAT,LON")
+        str | None, typer.Option(help="Take-off position; default: that in the file.", metavar="LAT,LON")
     ] = None
     pilot: Annotated[
-        str | None, typer.Option("--pilot", help="Position of the pilot and radio; default: home.", metavar="LAT,LON")
+        str | None, typer.Option(help="Position of the pilot and radio; default: home.", metavar="LAT,LON")
     ] = None
 
 
@@ -161,34 +139,26 @@ class ViewOptions:
     """Options for the required photos."""
 
     area: Annotated[
-        str | None,
-        typer.Option("--area", help="Area to cover (same formats as uavcover new). Requires --camera."),
+        str | None, typer.Option(help="Area to cover (same formats as uavcover new). Requires --camera.")
     ] = None
     camera: Annotated[
-        str | None,
-        typer.Option("--camera", help="Camera: a name (see new --camera list) or a TOML file.", metavar="NAME"),
+        str | None, typer.Option(help="Camera: a name (see new --camera list) or a TOML file.", metavar="NAME")
     ] = None
-    gsd: Annotated[
-        str | None, typer.Option("--gsd", help="Largest ground sample distance that counts.", metavar="LENGTH")
-    ] = None
+    gsd: Annotated[str | None, typer.Option(help="Largest ground sample distance that counts.", metavar="LENGTH")] = (
+        None
+    )
     overlap: Annotated[
-        str | None, typer.Option("--overlap", help="Required forward and side overlap in percent.", metavar="F/S")
+        str | None, typer.Option(help="Required forward and side overlap in percent.", metavar="F/S")
     ] = None
-    coverage: Annotated[float | None, typer.Option("--coverage", help="Required coverage of the area, 0 to 1.")] = None
+    coverage: Annotated[float | None, typer.Option(help="Required coverage of the area, 0 to 1.")] = None
     camera_pitch: Annotated[
         float,
-        typer.Option(
-            "--camera-pitch",
-            help="Camera pitch if the mission does not set it; -90 is straight down.",
-            metavar="DEGREES",
-        ),
+        typer.Option(help="Camera pitch if the mission does not set it; -90 is straight down.", metavar="DEGREES"),
     ] = -90.0
     picture_every: Annotated[
         str | None,
         typer.Option(
-            "--picture-every",
-            help="Distance or interval of a camera that triggers itself, such as 10m or 2s.",
-            metavar="LENGTH|TIME",
+            help="Distance or interval of a camera that triggers itself, such as 10m or 2s.", metavar="LENGTH|TIME"
         ),
     ] = None
 
@@ -248,15 +218,13 @@ class WrittenOptions:
     out: Annotated[
         Path | None,
         typer.Option(
-            "-o", "--out", help=("Output file for the repaired mission, which is checked again."), metavar="FILE"
+            "-o", "--out", help="Output file for the repaired mission, which is checked again.", metavar="FILE"
         ),
     ] = None
     max_items: Annotated[
         int | None,
         typer.Option(
-            "--max-items",
-            help=("Largest number of items on the vehicle. With --fix, longer missions are split."),
-            metavar="N",
+            help="Largest number of items on the vehicle. With --fix, longer missions are split.", metavar="N"
         ),
     ] = None
     force: options.Force = False
@@ -266,7 +234,7 @@ def check(
     file: Annotated[
         Path,
         typer.Argument(
-            help=("Mission file: .plan, .waypoints, .mission, .csv (items or Litchi), .kmz (DJI), .gpx or .kml.")
+            help="Mission file: .plan, .waypoints, .mission, .csv (items or Litchi), .kmz (DJI), .gpx or .kml."
         ),
     ],
     *,

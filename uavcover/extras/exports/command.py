@@ -24,15 +24,12 @@ class ControllerOptions:
     drone: Annotated[
         str | None,
         typer.Option(
-            "--drone",
-            help="Aircraft for wpml and print: a name, a TOML file, or list to show the names.",
-            metavar="NAME",
+            help="Aircraft for wpml and print: a name, a TOML file, or list to show the names.", metavar="NAME"
         ),
     ] = None
     heights: Annotated[
         str,
         typer.Option(
-            "--heights",
             help="Reference of heights in wpml: takeoff, or ellipsoid (WGS 84, for RTK; requires a geoid grid).",
             metavar="WHAT",
         ),
@@ -57,9 +54,9 @@ class ControllerOptions:
 class PrintOptions:
     """Options of a print-out that only the pilot knows."""
 
-    pilot: Annotated[str, typer.Option("--pilot", help="Name of the pilot, for print.", metavar="TEXT")] = ""
-    contact: Annotated[str, typer.Option("--contact", help="Emergency contact, for print.", metavar="TEXT")] = ""
-    weather: Annotated[str, typer.Option("--weather", help="Weather window, for print.", metavar="TEXT")] = ""
+    pilot: Annotated[str, typer.Option(help="Name of the pilot, for print.", metavar="TEXT")] = ""
+    contact: Annotated[str, typer.Option(help="Emergency contact, for print.", metavar="TEXT")] = ""
+    weather: Annotated[str, typer.Option(help="Weather window, for print.", metavar="TEXT")] = ""
 
     @property
     def given(self) -> dict[str, object]:

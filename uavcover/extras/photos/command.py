@@ -22,10 +22,9 @@ def judge_photos(
         ),
     ] = None,
     *,
-    area: Annotated[str | None, typer.Option("--area", help="Area to cover (same formats as uavcover new).")] = None,
+    area: Annotated[str | None, typer.Option(help="Area to cover (same formats as uavcover new).")] = None,
     scenario: Annotated[
-        Path | None,
-        typer.Option("--scenario", help="Scenario file or run folder, instead of --area.", metavar="FILE|RUN"),
+        Path | None, typer.Option(help="Scenario file or run folder, instead of --area.", metavar="FILE|RUN")
     ] = None,
     out: Annotated[Path, typer.Option("-o", "--out", help="Folder for the verdict.", metavar="FOLDER")] = Path(
         "photos"
@@ -35,14 +34,11 @@ def judge_photos(
     search: SearchOptions,
     coverage: Annotated[
         float | None,
-        typer.Option(
-            "--coverage",
-            help="Required coverage of the visible ground. Default: that of the scenario, or 0.98.",
-        ),
+        typer.Option(help="Required coverage of the visible ground. Default: that of the scenario, or 0.98."),
     ] = None,
     refly: Annotated[bool, typer.Option("--refly/--no-refly", help="Plan a flight for the missing photos.")] = True,
     budget: Annotated[
-        str | None, typer.Option("--budget", help="Time limit for planning this flight, such as 30s.", metavar="TIME")
+        str | None, typer.Option(help="Time limit for planning this flight, such as 30s.", metavar="TIME")
     ] = "20s",
     page: Annotated[
         Path | None,
@@ -50,7 +46,7 @@ def judge_photos(
     ] = None,
     gpkg: Annotated[
         Path | None,
-        typer.Option("--gpkg", help="Also write footprints, positions and gaps to a GeoPackage.", metavar="FILE.gpkg"),
+        typer.Option(help="Also write footprints, positions and gaps to a GeoPackage.", metavar="FILE.gpkg"),
     ] = None,
     force: options.Force = False,
     output: options.Output,

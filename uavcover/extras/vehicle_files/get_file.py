@@ -18,12 +18,9 @@ def send_file(
     files: Annotated[list[Path], typer.Argument(help="Files to send, such as the .DAT files of uavcover terrain.")],
     to: options.To,
     *,
-    folder: Annotated[
-        str, typer.Option("--folder", help="Existing folder on the vehicle.", metavar="PATH")
-    ] = "/APM/TERRAIN",
+    folder: Annotated[str, typer.Option(help="Existing folder on the vehicle.", metavar="PATH")] = "/APM/TERRAIN",
     window: Annotated[
-        int,
-        typer.Option("--window", help="Number of parallel requests. ArduPilot queues 5.", metavar="N", min=1, max=1000),
+        int, typer.Option(help="Number of parallel requests. ArduPilot queues 5.", metavar="N", min=1, max=1000)
     ] = 5,
     vehicle: options.VehicleOptions,
     output: options.Output,
@@ -66,8 +63,7 @@ def get_file(
         typer.Option("-o", "--out", help="Output file; default: the same name in the current folder.", metavar="FILE"),
     ] = None,
     window: Annotated[
-        int,
-        typer.Option("--window", help="Number of parallel reads. ArduPilot queues 5.", metavar="N", min=1, max=1000),
+        int, typer.Option(help="Number of parallel reads. ArduPilot queues 5.", metavar="N", min=1, max=1000)
     ] = 5,
     vehicle: options.VehicleOptions,
     force: options.Force = False,

@@ -46,18 +46,12 @@ def terrain_server(
 class AreaOptions:
     """Options for reading the area's file, and for the ground around it."""
 
-    around: Annotated[str, typer.Option("--around", help="Distance around the area to include.", metavar="LENGTH")] = (
-        "1km"
-    )
-    layer: Annotated[str | None, typer.Option("--layer", help="Layer or folder in the area file.")] = None
-    feature: Annotated[
-        str | None, typer.Option("--feature", help=("Name or number (from 1) of a feature in the area file."))
-    ] = None
+    around: Annotated[str, typer.Option(help="Distance around the area to include.", metavar="LENGTH")] = "1km"
+    layer: Annotated[str | None, typer.Option(help="Layer or folder in the area file.")] = None
+    feature: Annotated[str | None, typer.Option(help="Name or number (from 1) of a feature in the area file.")] = None
     crs: Annotated[
         str | None,
-        typer.Option(
-            "--crs", help="Coordinate system of the area file, if the file does not state it.", metavar="EPSG:N"
-        ),
+        typer.Option(help="Coordinate system of the area file, if the file does not state it.", metavar="EPSG:N"),
     ] = None
     make_valid: Annotated[bool, typer.Option("--make-valid", help="Repair outlines that cross themselves.")] = False
     swap_axes: Annotated[bool, typer.Option("--swap-axes", help="Read latitude first in the area file.")] = False
@@ -69,11 +63,9 @@ def terrain(
     dem: DemOptions,
     where: AreaOptions,
     dat: Annotated[
-        Path | None, typer.Option("--dat", help="Write ArduPilot terrain files to this folder.", metavar="FOLDER")
+        Path | None, typer.Option(help="Write ArduPilot terrain files to this folder.", metavar="FOLDER")
     ] = None,
-    spacing: Annotated[
-        int, typer.Option("--spacing", help="TERRAIN_SPACING of the vehicle, for --dat.", metavar="METRES")
-    ] = 100,
+    spacing: Annotated[int, typer.Option(help="TERRAIN_SPACING of the vehicle, for --dat.", metavar="METRES")] = 100,
     force: options.Force = False,
     output: options.Output,
 ) -> int:
