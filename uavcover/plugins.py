@@ -42,11 +42,7 @@ def registered(group: str) -> Mapping[str, metadata.EntryPoint]:
 
 
 def load(group: str, name: str) -> Any:
-    """The object of an entry point.
-
-    Raises:
-        InputError: it is not registered, or cannot be loaded.
-    """
+    """The object of an entry point. Raises InputError: it is not registered, or cannot be loaded."""
     entry = registered(group).get(name)
     if entry is None:
         raise InputError(f"{name}: not installed; {group} has {', '.join(registered(group)) or 'nothing'}")

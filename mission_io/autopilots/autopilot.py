@@ -341,11 +341,7 @@ def mission_type_of(mission_list: MissionList) -> MissionType:
 
 
 def items_of(mission_list: MissionList, autopilot: Autopilot) -> tuple[MissionItem, ...]:
-    """The items of a mission list as sent to an autopilot.
-
-    Raises:
-        FormatError: an invalid fence polygon or circle.
-    """
+    """The items of a mission list as sent to an autopilot. Raises FormatError: an invalid fence polygon or circle."""
     if isinstance(mission_list, Mission):
         return wire_items(mission_list, autopilot)
     return items_from_fence(mission_list) if isinstance(mission_list, Fence) else items_from_rally(mission_list)

@@ -75,11 +75,7 @@ _ALSO: Mapping[Firmware, Mapping[int, Mode]] = MappingProxyType(
 
 
 def custom_mode(autopilot: Autopilot, mode: Mode) -> int:
-    """The heartbeat's ``custom_mode`` of a mode.
-
-    Raises:
-        MisuseError: such a vehicle has no such mode.
-    """
+    """The heartbeat's ``custom_mode`` of a mode. Raises MisuseError: such a vehicle has no such mode."""
     number = _CUSTOM_MODES.get(autopilot.firmware, {}).get(mode)
     if number is None:
         raise MisuseError(f"{autopilot.name} has no {mode.value} mode that is known here")

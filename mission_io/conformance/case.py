@@ -197,11 +197,7 @@ def for_each_list(
 
 
 def check(condition: object, seen: str) -> None:
-    """Go on only if a condition holds.
-
-    Raises:
-        FailedError: it does not; ``seen`` is what was seen.
-    """
+    """Go on only if a condition holds. Raises FailedError: it does not; ``seen`` is what was seen."""
     if not condition:
         raise FailedError(seen)
 

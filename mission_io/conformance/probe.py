@@ -232,11 +232,7 @@ class Probe:
         self.forget()
 
     def held(self, mission_type: MissionType) -> tuple[MissionItem, ...]:
-        """The list that the vehicle holds.
-
-        Raises:
-            FailedError: it cannot be read.
-        """
+        """The list that the vehicle holds. Raises FailedError: it cannot be read."""
         try:
             items = self.client.download(mission_type)
         except (TransferError, FormatError) as error:
@@ -245,11 +241,7 @@ class Probe:
         return items
 
     def check_held(self, mission_type: MissionType, items: Sequence[MissionItem], what: str) -> None:
-        """Go on only if the vehicle holds a list; ``what`` names it.
-
-        Raises:
-            FailedError: it holds something else.
-        """
+        """Go on only if the vehicle holds a list; ``what`` names it. Raises FailedError: it holds something else."""
         held = self.held(mission_type)
         home_first = self.home_first and mission_type is MissionType.MISSION
         if home_first and not items:

@@ -13,11 +13,7 @@ from mission_io.model.items import Command, Frame, Mission, MissionItem
 
 
 def place_of(lon_deg: float, lat_deg: float, where: str) -> LatLon:
-    """A position of a format that writes the longitude first.
-
-    Raises:
-        FormatError: it is none, with ``where``.
-    """
+    """A position of a format that writes the longitude first. Raises FormatError: it is none, with ``where``."""
     if not is_place(lat_deg, lon_deg):
         what = f"longitude {lon_deg:g}, latitude {lat_deg:g} is not a position"
         raise FormatError(what, where=where, advice="longitude comes first")

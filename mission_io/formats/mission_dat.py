@@ -60,11 +60,7 @@ def read_mission_dat(content: bytes, mission_type: MissionType) -> list[MissionI
 
 
 def write_mission_dat(items: Sequence[MissionItem], mission_type: MissionType) -> bytes:
-    """The file of a list.
-
-    Raises:
-        MisuseError: a coordinate that does not fit.
-    """
+    """The file of a list. Raises MisuseError: a coordinate that does not fit."""
     out = [_HEAD.pack(_MAGIC, mission_type, 0, 0, len(items))]
     for seq, item in enumerate(items):
         m = message_from_item(item, seq, mission_type=mission_type, target_system=0, target_component=0)

@@ -24,11 +24,7 @@ _FENCE_ENTRIES = {"polygons": {"inclusion", "polygon", "version"}, "circles": {"
 
 
 def fence_json(fence: Fence) -> dict[str, Any]:
-    """The JSON of a fence, without its version.
-
-    Raises:
-        FormatError: a return point whose height is not above home.
-    """
+    """The JSON of a fence, without its version. Raises FormatError: a return point whose height is not above home."""
     document: dict[str, Any] = {
         "circles": [
             {
@@ -49,11 +45,7 @@ def fence_json(fence: Fence) -> dict[str, Any]:
 
 
 def framed_json(point: FramedPoint, where: str) -> list[float]:
-    """The JSON of a point with a height.
-
-    Raises:
-        FormatError: a height that is not above home.
-    """
+    """The JSON of a point with a height. Raises FormatError: a height that is not above home."""
     if point.frame is not Frame.ABOVE_HOME:
         raise FormatError(f"a height {point.frame.name}; this format has them above home only", where=where)
     return [point.lat_deg, point.lon_deg, point.alt_m]
@@ -178,11 +170,7 @@ def simple_json(number: int, item: MissionItem) -> dict[str, Any]:
 
 
 def read_simple(node: Node) -> MissionItem:
-    """The item of a simple entry.
-
-    Raises:
-        FormatError: with the place in the document.
-    """
+    """The item of a simple entry. Raises FormatError: with the place in the document."""
     plain = _plain_item(node.value)
     if plain is not None:
         return plain

@@ -188,11 +188,7 @@ def child_text(element: ElementTree.Element, name: str) -> str | None:
 
 
 def number_in(text: str | None, where: str) -> float:
-    """A finite number of a document.
-
-    Raises:
-        FormatError: it is missing or no number.
-    """
+    """A finite number of a document. Raises FormatError: it is missing or no number."""
     try:
         value = float(text or "")
     except ValueError:

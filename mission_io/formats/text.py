@@ -84,11 +84,7 @@ def plain_decimal(value: float, where: str) -> str:
 
 
 def degrees_text(value_deg: float, where: str) -> str:
-    """Degrees with eight decimals, one more than MAVLink carries.
-
-    Raises:
-        FormatError: NaN or infinity.
-    """
+    """Degrees with eight decimals, one more than MAVLink carries. Raises FormatError: NaN or infinity."""
     if not math.isfinite(value_deg):
         raise FormatError(f"{value_deg} is not a coordinate", where=where, advice="give degrees")
     text = f"{value_deg:.8f}"
@@ -96,11 +92,7 @@ def degrees_text(value_deg: float, where: str) -> str:
 
 
 def finite_number(text: str, where: str) -> float:
-    """Parse a number in plain or exponent form.
-
-    Raises:
-        FormatError: not a finite number.
-    """
+    """Parse a number in plain or exponent form. Raises FormatError: not a finite number."""
     try:
         value = float(text) if len(text) <= _LONGEST_NUMBER and "_" not in text and text.isascii() else math.nan
     except ValueError:
@@ -116,11 +108,7 @@ def is_place(lat_deg: float, lon_deg: float) -> bool:
 
 
 def check_place(lat_deg: float, lon_deg: float, where: str) -> None:
-    """Refuse an invalid latitude or longitude.
-
-    Raises:
-        FormatError: with ``where``.
-    """
+    """Refuse an invalid latitude or longitude. Raises FormatError: with ``where``."""
     if not is_place(lat_deg, lon_deg):
         advice = "latitude comes first" if abs(lon_deg) <= 90.0 and abs(lat_deg) <= 180.0 else ""
         what = f"latitude {lat_deg:g}, longitude {lon_deg:g} is not a position"

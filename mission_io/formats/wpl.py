@@ -78,19 +78,11 @@ class WplFile:
         return doubts_about(self.mission())
 
     def fence(self) -> Fence:
-        """The file as a fence.
-
-        Raises:
-            FormatError: rows that are not fence items.
-        """
+        """The file as a fence. Raises FormatError: rows that are not fence items."""
         return fence_from_items(self.items)
 
     def rally(self) -> RallyPoints:
-        """The file as rally points.
-
-        Raises:
-            FormatError: rows that are not rally points.
-        """
+        """The file as rally points. Raises FormatError: rows that are not rally points."""
         return rally_from_items(self.items)
 
 

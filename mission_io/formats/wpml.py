@@ -233,11 +233,7 @@ def write_kmz(
     # heights of the points that do not depend on where it takes off; None: they are flown above the take-off
     absolute: AbsoluteHeights | None = None,
 ) -> bytes:
-    """Write a flight as a KMZ archive.
-
-    Raises:
-        FormatError: the aircraft or the format cannot do it, with the point.
-    """
+    """Write a flight as a KMZ archive. Raises FormatError: the aircraft or the format cannot do it, with the point."""
     _check(flight, aircraft, return_height_m)
     facts = {
         "aircraft": aircraft,

@@ -134,11 +134,7 @@ class Closing(ABC):
 
 
 def port_of(sock: socket.socket) -> int:
-    """The port that a socket is bound to.
-
-    Raises:
-        LinkError: it is closed.
-    """
+    """The port that a socket is bound to. Raises LinkError: it is closed."""
     try:
         port: int = sock.getsockname()[1]
     except OSError as error:

@@ -315,11 +315,7 @@ LINK_PRESETS: Final = {preset.name: preset for preset in (DEFAULT, TELEMETRY_RAD
 
 
 def link_preset(name: str) -> LinkPreset:
-    """Look a preset up by name.
-
-    Raises:
-        MisuseError: an unknown name; the message lists the known ones.
-    """
+    """Look a preset up by name. Raises MisuseError: an unknown name; the message lists the known ones."""
     try:
         return LINK_PRESETS[name]
     except KeyError:

@@ -128,11 +128,7 @@ class ChannelLink(Closing):
         return self._framed.dropped_frames
 
     def send(self, data: bytes) -> None:
-        """Send a frame.
-
-        Raises:
-            LinkError: the other end has gone, or the link is closed.
-        """
+        """Send a frame. Raises LinkError: the other end has gone, or the link is closed."""
         self._framed.put(data)
 
     def receive(self, timeout_s: float) -> bytes | None:

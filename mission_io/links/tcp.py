@@ -127,11 +127,7 @@ class TcpListeningLink(Closing):
         return sum((peer.framing for peer in self._peers.values()), self._framing_before)
 
     def send(self, data: bytes) -> None:
-        """Send a frame to everybody who is connected.
-
-        Raises:
-            LinkError: the link is closed.
-        """
+        """Send a frame to everybody who is connected. Raises LinkError: the link is closed."""
         self._serve(0.0)
         for peer in list(self._peers.values()):
             try:

@@ -59,11 +59,7 @@ def diff(old: Mission, new: Mission) -> MissionDiff:
 
 
 def apply_diff(change: MissionDiff, mission: Mission) -> Mission:
-    """Apply changes to the mission they were made from.
-
-    Raises:
-        MisuseError: it is another mission.
-    """
+    """Apply changes to the mission they were made from. Raises MisuseError: it is another mission."""
     if change.home is None:
         home = mission.home
     else:
@@ -97,11 +93,7 @@ def diff_items(old: Sequence[MissionItem], new: Sequence[MissionItem]) -> tuple[
 
 
 def apply_edits(edits: Sequence[Edit], items: Sequence[MissionItem]) -> tuple[MissionItem, ...]:
-    """Apply edits to the item list they were made from.
-
-    Raises:
-        MisuseError: it is another list.
-    """
+    """Apply edits to the item list they were made from. Raises MisuseError: it is another list."""
     result: list[MissionItem] = []
     position = 0
     for edit in edits:

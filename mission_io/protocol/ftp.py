@@ -86,11 +86,7 @@ class FtpMessage:
 
     @classmethod
     def decoded(cls, payload: bytes) -> "FtpMessage":
-        """From a payload.
-
-        Raises:
-            FormatError: it says that it has more data than there is room for.
-        """
+        """From a payload. Raises FormatError: it says that it has more data than there is room for."""
         seq, session, operation, size, answers, complete, offset = _HEAD.unpack(payload[: _HEAD.size])
         data = payload[_HEAD.size :]
         if size > DATA_BYTES:
@@ -129,11 +125,7 @@ def crc32(content: bytes) -> int:
 
 
 def path_bytes(path: str) -> bytes:
-    """A path for the wire.
-
-    Raises:
-        MisuseError: it is empty, too long, or holds what a path cannot hold.
-    """
+    """A path for the wire. Raises MisuseError: it is empty, too long, or holds what a path cannot hold."""
     data = path.encode("utf-8")
     if not data or len(data) >= DATA_BYTES or b"\0" in data:
         raise MisuseError(f"{path!r} is not a path for a vehicle: 1 to {DATA_BYTES - 1} bytes without a zero")

@@ -107,11 +107,7 @@ def value_of_bytes(raw: bytes, param_type: int) -> Value:
 
 
 def bytes_of_value(value: Value, param_type: int, *, name: str) -> bytes:
-    """The 128 bytes that PARAM_EXT_SET carries for a value.
-
-    Raises:
-        MisuseError: the value does not fit the type.
-    """
+    """The 128 bytes that PARAM_EXT_SET carries for a value. Raises MisuseError: the value does not fit the type."""
     letter = _LETTERS.get(_known(param_type))
     if letter is None or isinstance(value, bytes):
         if letter is not None or not isinstance(value, bytes):

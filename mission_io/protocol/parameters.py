@@ -66,11 +66,7 @@ class ParameterMessages:
         return kind(self.to.system_id, self.to.component_id, name, index)
 
     def set_request(self, name: str, value: Value, param_type: int) -> m.Message:
-        """Asks to set one.
-
-        Raises:
-            MisuseError: the value does not fit the type.
-        """
+        """Asks to set one. Raises MisuseError: the value does not fit the type."""
         system_id, component_id = self.to.system_id, self.to.component_id
         if self.extended:
             return m.ParamExtSet(

@@ -37,11 +37,7 @@ class Table(Generic[StateT, EventT]):
         self._rows = {(row.state, row.event): row for row in self.rows}
 
     def row(self, state: StateT, event: EventT) -> Row[StateT, EventT]:
-        """The row for an event in a state.
-
-        Raises:
-            MissingRowError: the table has none.
-        """
+        """The row for an event in a state. Raises MissingRowError: the table has none."""
         try:
             return self._rows[state, event]
         except KeyError:

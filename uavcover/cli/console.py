@@ -77,11 +77,7 @@ class Console:
             discard(sys.stderr)
 
     def result(self, document: dict[str, Any]) -> None:
-        """Print the command's answer as JSON under ``--json``.
-
-        Raises:
-            OutputError: stdout cannot be written to.
-        """
+        """Print the command's answer as JSON under ``--json``. Raises OutputError: stdout cannot be written to."""
         if not self.as_json:
             return
         try:

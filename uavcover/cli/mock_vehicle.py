@@ -92,11 +92,7 @@ class FlightConditions:
     ] = "quick"
 
     def added_to(self, config: "MockConfig", autopilot: "Autopilot") -> "MockConfig":
-        """A vehicle under these conditions.
-
-        Raises:
-            InputError: a value is out of range.
-        """
+        """A vehicle under these conditions. Raises InputError: a value is out of range."""
         from uavcover.errors import InputError
         from uavcover.mock.behaviour import OBSERVED, quick
         from uavcover.mock.dynamics import BatteryData, WindModel

@@ -349,11 +349,7 @@ def words_of(links: "Sequence[VehicleLink]") -> list[object]:
 
 
 def on_breach(text: str | None) -> "OnBreach | None":
-    """Check what is to be done on a breach; None is the vehicle's default.
-
-    Raises:
-        InputError: it is not known.
-    """
+    """Check what is to be done on a breach; None is the vehicle's default. Raises InputError: it is not known."""
     from uavcover.flight.precautions import OnBreach
 
     if text is None:

@@ -103,11 +103,7 @@ def fly_run(
 
 
 def refuse_older_flight(run: RunFolder, options: FlightOptions) -> None:
-    """Refuse to replace an older flight without ``--force``.
-
-    Raises:
-        OutputError: it was not.
-    """
+    """Refuse to replace an older flight without ``--force``. Raises OutputError: it was not."""
     if run.file("track.csv").exists() and not options.force:
         raise OutputError(f"{run}: holds the track of a flight; use --resume to continue it, or --force to replace it")
 

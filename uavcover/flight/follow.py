@@ -48,11 +48,7 @@ class FallWatch:
         self._aloft = False
 
     def look(self) -> None:
-        """Look once.
-
-        Raises:
-            FlightFaultError: the vehicle has crashed.
-        """
+        """Look once. Raises FlightFaultError: the vehicle has crashed."""
         here = self._session.monitor.latest(m.GlobalPositionInt)
         if here is None or here is self._seen:
             return
@@ -297,11 +293,7 @@ def follow_taken(session: Session) -> None:
 
 
 def _judge(session: Session, plan: FlightPlan, progress: MissionProgress, follower: Follower) -> None:
-    """Whether a flight that is over was the planned one.
-
-    Raises:
-        FlightFaultError: it was not.
-    """
+    """Whether a flight that is over was the planned one. Raises FlightFaultError: it was not."""
     watch = session.watch
     flown = f"{progress.reached_count} of {plan.waypoint_count} planned waypoints"
     fallen = _fallen(session, follower)

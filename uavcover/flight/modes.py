@@ -44,11 +44,7 @@ def _a(noun: str) -> str:
 
 
 def custom_mode(autopilot: Autopilot, mode: Mode) -> int:
-    """The heartbeat's ``custom_mode`` of a mode.
-
-    Raises:
-        VehicleError: such a vehicle has no such mode.
-    """
+    """The heartbeat's ``custom_mode`` of a mode. Raises VehicleError: such a vehicle has no such mode."""
     try:
         return flight_modes.custom_mode(autopilot, mode)
     except MisuseError as error:

@@ -100,11 +100,7 @@ def links_of_scenario(source: str, given: Sequence[VehiclePlace], *, sortie: int
 
 
 def _links_of(scenario: Scenario) -> list[VehiclePlace]:
-    """The links of the vehicles of a scenario, vehicle 1 first.
-
-    Raises:
-        InputError: one is missing.
-    """
+    """The links of the vehicles of a scenario, vehicle 1 first. Raises InputError: one is missing."""
     if not scenario.vehicles:
         if scenario.vehicle.link is None:
             raise InputError("--to: is missing, and [vehicle] has no link; give one of them")

@@ -188,11 +188,7 @@ class Unfinished:
 
 
 def find_unfinished(run: RunFolder, site: Site) -> Unfinished:
-    """The unflown rest of a run's latest flight.
-
-    Raises:
-        InputError: nothing was flown, or what was cannot be read.
-    """
+    """The unflown rest of a run's latest flight. Raises InputError: nothing was flown, or what was cannot be read."""
     run.existing(TRACK, made_by="uavcover fly (without --resume)")
     latest = flights_of(run)[-1]
     planned = read_plan_document(

@@ -243,11 +243,7 @@ class Watch:
         return {kind: self.text_of(kind) for kind in [*self._open, *recent]}
 
     def look(self) -> None:
-        """Look at everything once.
-
-        Raises:
-            FlightFaultError: the vehicle is gone, or it restarted.
-        """
+        """Look at everything once. Raises FlightFaultError: the vehicle is gone, or it restarted."""
         now = self._client.clock.now()
         silence_s = self._monitor.silence_s(now)
         self._look_at_silence(silence_s)

@@ -24,11 +24,7 @@ _FIRST_FLIGHT_S, _LAST_FLIGHT_S = 946_684_800.0, 32_472_144_000.0
 
 
 def utc_time(text: str, key: str) -> datetime:
-    """A time of ISO 8601 with its zone, in UTC.
-
-    Raises:
-        ValueError: it is not one; the message begins with the key.
-    """
+    """A time of ISO 8601 with its zone, in UTC. Raises ValueError: it is not one; the message begins with the key."""
     try:
         moment = datetime.fromisoformat(text.strip())
     except ValueError:

@@ -48,11 +48,7 @@ AutopilotName = Literal["ardupilot", "px4"]
 
 
 def autopilot_name(text: str | None, default: AutopilotName) -> AutopilotName:
-    """Check the name of an autopilot; none is the default.
-
-    Raises:
-        InputError: it is neither.
-    """
+    """Check the name of an autopilot; none is the default. Raises InputError: it is neither."""
     match text:
         case None:
             return default

@@ -112,11 +112,7 @@ def _plain(name: str) -> str:
 
 
 def checked_row(row: Mapping[str, Any], *, where: str, required: tuple[str, ...], optional: tuple[str, ...]) -> None:
-    """Check the keys of a row.
-
-    Raises:
-        InputError: one is missing or not known.
-    """
+    """Check the keys of a row. Raises InputError: one is missing or not known."""
     known = (*required, *optional, "title", "aliases", "source")
     unknown = [key for key in row if key not in known]
     if unknown:
@@ -129,11 +125,7 @@ def checked_row(row: Mapping[str, Any], *, where: str, required: tuple[str, ...]
 
 
 def number_of(row: Mapping[str, Any], key: str, *, where: str) -> float | None:
-    """A positive number of a row; none when it is not there.
-
-    Raises:
-        InputError: it is not a positive number.
-    """
+    """A positive number of a row; none when it is not there. Raises InputError: it is not a positive number."""
     value = row.get(key)
     if value is None:
         return None
@@ -145,11 +137,7 @@ def number_of(row: Mapping[str, Any], key: str, *, where: str) -> float | None:
 
 
 def pair_of(row: Mapping[str, Any], key: str, *, where: str) -> tuple[float, float]:
-    """Two positive numbers of a row.
-
-    Raises:
-        InputError: it is not two positive numbers.
-    """
+    """Two positive numbers of a row. Raises InputError: it is not two positive numbers."""
     value = row[key]
     if not isinstance(value, list) or len(value) != 2:
         raise InputError(f"{where}: {key}: {value!r} is not two numbers; across the photo, then along it")

@@ -68,11 +68,7 @@ class NewScenario:
 
 
 def new_scenario(request: NewRequest, user: User, *, folder: Path) -> NewScenario:
-    """As :func:`new_scenarios`, for a survey of one flight.
-
-    Raises:
-        InputError: also for a pattern of several.
-    """
+    """As :func:`new_scenarios`, for a survey of one flight. Raises InputError: also for a pattern of several."""
     scenarios = new_scenarios(request, user, folder=folder)
     if len(scenarios) > 1:
         raise InputError(

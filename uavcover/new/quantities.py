@@ -31,11 +31,7 @@ _SPEEDS = {
 
 
 def length_m(text: str, *, option: str, example: str) -> float:
-    """A length such as ``2.5cm`` in metres; the unit is needed.
-
-    Raises:
-        InputError: it is none, or not above 0.
-    """
+    """A length such as ``2.5cm`` in metres; the unit is needed. Raises InputError: it is none, or not above 0."""
     return _quantity(text, _LENGTHS, option=option, example=example)
 
 
@@ -57,11 +53,7 @@ def water_height_m(text: str | None) -> float | None:
 
 
 def memory_bytes(text: str, *, option: str) -> int:
-    """A size of memory such as ``4GiB`` in bytes; the unit is needed.
-
-    Raises:
-        InputError: it is none, or below 1 MiB.
-    """
+    """A size of memory such as ``4GiB`` in bytes; the unit is needed. Raises InputError: it is none, or below 1 MiB."""
     value = _quantity(text, _SIZES_MIB, option=option, example="4GiB")
     if value < 1.0:
         raise InputError(f"{option}: {text!r} is below 1 MiB; write it as 4GiB")
@@ -69,11 +61,7 @@ def memory_bytes(text: str, *, option: str) -> int:
 
 
 def time_s(text: str, *, option: str, example: str) -> float:
-    """A time such as ``25min`` in seconds; the unit is needed.
-
-    Raises:
-        InputError: it is none, or not above 0.
-    """
+    """A time such as ``25min`` in seconds; the unit is needed. Raises InputError: it is none, or not above 0."""
     return _quantity(text, _TIMES, option=option, example=example)
 
 
@@ -147,11 +135,7 @@ def overlaps(text: str) -> tuple[float, float]:
 
 
 def lat_lon(text: str, *, option: str) -> tuple[float, float]:
-    """A place ``LAT,LON`` in degrees.
-
-    Raises:
-        InputError: it is not understood, or not a position on Earth.
-    """
+    """A place ``LAT,LON`` in degrees. Raises InputError: it is not understood, or not a position on Earth."""
     try:
         lat, lon = (float(part) for part in text.split(","))
     except ValueError:

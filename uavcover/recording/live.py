@@ -105,11 +105,7 @@ class LiveRecording:
             self._states.append(state)
 
     def rename(self, path: Path) -> None:
-        """Rename the file while it grows.
-
-        Raises:
-            OutputError: it cannot be renamed.
-        """
+        """Rename the file while it grows. Raises OutputError: it cannot be renamed."""
         try:
             os.replace(self._path, path)
         except OSError as error:

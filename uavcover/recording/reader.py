@@ -86,11 +86,7 @@ def read_recorded_track_with_warnings(path: str | Path) -> ReadTrack:
 
 
 def describe_recording(path: str | Path) -> list[RecordingRow]:
-    """List the entities of a recording in order of their paths.
-
-    Raises:
-        RecordingError: unreadable or truncated.
-    """
+    """List the entities of a recording in order of their paths. Raises RecordingError: unreadable or truncated."""
     times_s: dict[str, list[NDArray[np.float64]]] = defaultdict(list)
     timelines: dict[str, set[str]] = defaultdict(set)
     samples: dict[str, int] = defaultdict(int)
@@ -111,11 +107,7 @@ def describe_recording(path: str | Path) -> list[RecordingRow]:
 
 
 def check_finished(path: Path) -> None:
-    """Check that a recording is complete.
-
-    Raises:
-        RecordingError: unreadable or truncated.
-    """
+    """Check that a recording is complete. Raises RecordingError: unreadable or truncated."""
     for _ in _chunks(path):
         return
     raise RecordingError(f"{path}: the recording is empty")

@@ -92,11 +92,7 @@ def bound_document(bound: Bound) -> dict[str, Any]:
 
 
 def bound_in_words(question: str, entry: dict[str, Any]) -> str:
-    """An entry of ``bounds`` as one line.
-
-    Raises:
-        InputError: it is none.
-    """
+    """An entry of ``bounds`` as one line. Raises InputError: it is none."""
     try:
         found, gap = entry["found"], entry["gap"]
         if question == "most_coverage":

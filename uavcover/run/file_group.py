@@ -228,11 +228,7 @@ def _sync_folder(folder: Path) -> None:
 
 @contextlib.contextmanager
 def writing(path: Path) -> Iterator[None]:
-    """Errors of the operating system in the words of uavcover.
-
-    Raises:
-        OutputError: instead of any OSError.
-    """
+    """Errors of the operating system in the words of uavcover. Raises OutputError: instead of any OSError."""
     try:
         yield
     except OSError as error:

@@ -61,11 +61,7 @@ class RunFolder:
         return sorties[sortie - 1]
 
     def existing(self, name: str, *, made_by: str) -> Path:
-        """Path of a file that must be there.
-
-        Raises:
-            InputError: it is not; says which command makes it.
-        """
+        """Path of a file that must be there. Raises InputError: it is not; says which command makes it."""
         self.settle()
         path = self.file(name)
         if not self.path.is_dir():
@@ -165,11 +161,7 @@ class RunFolder:
         change_together(self.path, contents, removed=stale, moved=moved)
 
     def remove(self, names: Iterable[str]) -> None:
-        """Remove files, where they exist.
-
-        Raises:
-            OutputError: one cannot be removed; then all are there.
-        """
+        """Remove files, where they exist. Raises OutputError: one cannot be removed; then all are there."""
         change_together(self.path, {}, removed=names)
 
     def settle(self) -> None:
@@ -184,11 +176,7 @@ class RunFolder:
                     settle(folder)
 
     def read_json(self, name: str, *, made_by: str) -> dict[str, Any]:
-        """Read a JSON file of the folder.
-
-        Raises:
-            InputError: it is missing, or not JSON.
-        """
+        """Read a JSON file of the folder. Raises InputError: it is missing, or not JSON."""
         path = self.existing(name, made_by=made_by)
         try:
             document = json.loads(path.read_text(encoding="utf-8"))

@@ -105,11 +105,7 @@ def inspect_inputs(run: RunFolder, logs: Sequence[Path]) -> JudgedInputs:
 
 
 def check_accepted(accepted: Sequence[str]) -> None:
-    """Refuse a word that names nothing that can have changed.
-
-    Raises:
-        InputError: it does not.
-    """
+    """Refuse a word that names nothing that can have changed. Raises InputError: it does not."""
     for word in accepted:
         if word not in (*WHATS, EVERYTHING):
             raise InputError(f"--accept-changed: {word!r} is none of {', '.join((*WHATS, EVERYTHING))}")
@@ -329,11 +325,7 @@ def _continuations_of(run: RunFolder) -> Iterator[tuple[RunFolder, RunFolder]]:
 
 
 def judged_logs(run: RunFolder, logs: Sequence[Path]) -> list[Path]:
-    """The logs that were named, or the run's own tracks.
-
-    Raises:
-        InputError: none was named, and nothing was flown.
-    """
+    """The logs that were named, or the run's own tracks. Raises InputError: none was named, and nothing was flown."""
     return list(logs) or flown_tracks(run)
 
 

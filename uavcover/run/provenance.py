@@ -45,11 +45,7 @@ class Record:
 
 
 def sha256_of(path: Path) -> str | None:
-    """Hash of a file's bytes; none where there is no such file.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """Hash of a file's bytes; none where there is no such file. Raises InputError: it cannot be read."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()
@@ -122,11 +118,7 @@ def note_files(run: RunFolder, did: str, names: Sequence[str], *, command: Seque
 
 
 def run_document(run: RunFolder) -> dict[str, Any]:
-    """``run.json``, or the start of a new one.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """``run.json``, or the start of a new one. Raises InputError: it cannot be read."""
     if not run.file(RUN_FILE).exists():
         return {"schema_version": SCHEMA_VERSION}
     return run.read_json(RUN_FILE, made_by="uavcover plan")

@@ -351,11 +351,7 @@ def _suggestion(key: str, cls: type) -> str:
 
 
 def _inline_obstacles(obstacles: Obstacles, folder: Path) -> Obstacles:
-    """The obstacles with their file replaced by its content.
-
-    Raises:
-        ScenarioError: the file cannot be used.
-    """
+    """The obstacles with their file replaced by its content. Raises ScenarioError: the file cannot be used."""
     if obstacles.file is None:
         return obstacles
     read = read_obstacles(_data_file(obstacles.file, folder))

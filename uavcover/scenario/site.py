@@ -87,11 +87,7 @@ class Site:
         return dataclasses.replace(self, scenario=dataclasses.replace(self.scenario, planner=planner))
 
     def flown_by(self, vehicles: int) -> "Site":
-        """This site with this number of vehicles.
-
-        Raises:
-            ScenarioError: the number is not possible.
-        """
+        """This site with this number of vehicles. Raises ScenarioError: the number is not possible."""
         try:
             fleet = dataclasses.replace(self.scenario.fleet, vehicles=vehicles)
             scenario = dataclasses.replace(self.scenario, fleet=fleet)

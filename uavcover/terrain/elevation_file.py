@@ -156,11 +156,7 @@ def _readable(path: TerrainSource) -> Iterator[None]:
 
 @contextmanager
 def open_raster(source: Path | TerrainSource, vertical_datum: str) -> Iterator[_Raster]:
-    """Open a file or tiles and check what they say of themselves.
-
-    Raises:
-        TerrainError: they cannot be used.
-    """
+    """Open a file or tiles and check what they say of themselves. Raises TerrainError: they cannot be used."""
     path = as_source(source)
     if vertical_datum not in DATUMS:
         known = f"give {', '.join(DATUMS)}, or convert the file (gdalwarp with -t_srs EPSG:4326+5773)"

@@ -138,11 +138,7 @@ def ground_of_nodes(
     sha256: str = "",  # of the source
     cut_error_m: float = 0.0,  # of the ground
 ) -> Ground:
-    """Make a ground from heights at nodes in any arrangement.
-
-    Raises:
-        TerrainError: fewer than 2 x 2 nodes.
-    """
+    """Make a ground from heights at nodes in any arrangement. Raises TerrainError: fewer than 2 x 2 nodes."""
     nodes = np.array(up_m, dtype=float, order="C")
     if nodes.ndim != 2 or min(nodes.shape) < 2:
         raise TerrainError(f"{source}: a grid needs at least 2 x 2 nodes, this one has {nodes.shape}")

@@ -29,11 +29,7 @@ class Undulation:
     """Height of the EGM96 sea level, which autopilots use, above the WGS 84 ellipsoid, from a grid of PROJ."""
 
     def __init__(self) -> None:
-        """Looks for the grid; nothing is fetched.
-
-        Raises:
-            TerrainError: PROJ does not have it; names it.
-        """
+        """Looks for the grid; nothing is fetched. Raises TerrainError: PROJ does not have it; names it."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of the grid that is not there, which the error names
             group = TransformerGroup(_WITHOUT_HEIGHT, _ABOVE_EGM96, always_xy=True, allow_ballpark=False)
@@ -62,11 +58,7 @@ class Undulation:
 
 
 def datum_named(text: str) -> str:
-    """One of ``DATUMS`` as the user writes it.
-
-    Raises:
-        InputError: there is none of that name.
-    """
+    """One of ``DATUMS`` as the user writes it. Raises InputError: there is none of that name."""
     known = {datum.casefold(): datum for datum in DATUMS} | {"ellipsoid": ELLIPSOID}
     if text.casefold() not in known:
         raise InputError(

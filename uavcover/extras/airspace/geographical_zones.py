@@ -133,11 +133,7 @@ def _feature_tables(root: Any) -> list[dict[str, Any]]:
 
 
 def read_ed269(root: Node) -> ReadZones:
-    """The zones of an ED-269 document.
-
-    Raises:
-        FormatError: with the place in the document that cannot be understood.
-    """
+    """The zones of an ED-269 document. Raises FormatError: with the place in the document that cannot be understood."""
     features = root if isinstance(root.value, list) else root.get("features")
     found: list[ReadZone] = []
     free = by_day = 0
@@ -159,11 +155,7 @@ def read_ed269(root: Node) -> ReadZones:
 
 
 def read_ed318(root: Node) -> ReadZones:
-    """The zones of an ED-318 document.
-
-    Raises:
-        FormatError: with the place in the document that cannot be understood.
-    """
+    """The zones of an ED-318 document. Raises FormatError: with the place in the document that cannot be understood."""
     features = root.get("features").nodes() if "features" in root.value else [root]
     found: list[ReadZone] = []
     free = by_day = 0

@@ -124,11 +124,7 @@ _WORD = re.compile(r"[a-z0-9-]{1,40}")
 
 
 def command_of(kind: str, asked: Mapping[str, Any], workspace: Workspace, *, flights_allowed: bool) -> Words:
-    """The command line of a button.
-
-    Raises:
-        InputError: there is no such button, or a value of it is wrong.
-    """
+    """The command line of a button. Raises InputError: there is no such button, or a value of it is wrong."""
     if kind not in _BUILDERS:
         raise InputError(f"{kind!r}: no such command of the page")
     if kind == "fly":

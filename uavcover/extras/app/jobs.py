@@ -161,11 +161,7 @@ class Jobs:
         return [job for name in names if (job := self._read(name)) is not None]
 
     def get(self, name: str) -> Job:
-        """A job by its id.
-
-        Raises:
-            InputError: there is none.
-        """
+        """A job by its id. Raises InputError: there is none."""
         job = self._read(name) if _ID.fullmatch(name) else None
         if job is None:
             raise InputError(f"{name!r}: no such job; reload the page")

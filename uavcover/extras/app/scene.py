@@ -135,11 +135,7 @@ class Scenes:
         self._kept: OrderedDict[tuple[str, tuple[tuple[str, int], ...]], Scene] = OrderedDict()
 
     def of(self, path: Path) -> Scene:
-        """The scene of a scenario file or a run folder.
-
-        Raises:
-            UavcoverError: it cannot be read.
-        """
+        """The scene of a scenario file or a run folder. Raises UavcoverError: it cannot be read."""
         files = sorted(path.rglob("*.*")) if path.is_dir() else [path]
         state = tuple(
             (file.name, file.stat().st_mtime_ns) for file in files if file.suffix in {".json", ".toml", ".csv"}

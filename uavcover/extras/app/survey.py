@@ -58,11 +58,7 @@ def choices() -> dict[str, Any]:
 
 
 def area_document(workspace: Workspace, name: str) -> dict[str, Any]:
-    """The polygons of an area file, as GeoJSON geometry.
-
-    Raises:
-        InputError: it cannot be read.
-    """
+    """The polygons of an area file, as GeoJSON geometry. Raises InputError: it cannot be read."""
     found = read_area(AreaQuery(source=str(workspace.path(name)), make_valid=True))
     polygons = [[list(map(list, ring)) for ring in rings] for rings in found.parts]
     return {
@@ -159,11 +155,7 @@ def _drawn(workspace: Workspace, form: dict[str, Any], *, stem: str | None = Non
 
 
 def polygons_of(geometry: object, what: str) -> dict[str, Any]:
-    """A GeoJSON polygon or multipolygon of the page, checked.
-
-    Raises:
-        InputError: it is none, or crosses itself.
-    """
+    """A GeoJSON polygon or multipolygon of the page, checked. Raises InputError: it is none, or crosses itself."""
     try:
         shape = shapely.geometry.shape(cast("dict[str, Any]", geometry))
     except Exception as error:

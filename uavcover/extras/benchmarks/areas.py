@@ -119,11 +119,7 @@ def area_names(data: Path) -> list[str]:
 
 
 def read_area(data: Path, name: str) -> PublishedArea:
-    """An area of the dataset.
-
-    Raises:
-        InputError: a file is missing or cannot be read.
-    """
+    """An area of the dataset. Raises InputError: a file is missing or cannot be read."""
     folder = data / name
     try:
         rings = [_rings(folder / file)[:] for file in ("outer_polygon", "holes")]

@@ -216,11 +216,7 @@ class KeptRuns:
         return sorted((key.as_posix() for key in found), key=_by_parts)
 
     def write(self, key: str, document: dict[str, Any]) -> None:
-        """Write a run, whole or not at all; numbers unrounded.
-
-        Raises:
-            OutputError: it cannot be written.
-        """
+        """Write a run, whole or not at all; numbers unrounded. Raises OutputError: it cannot be written."""
         path = self.file(key)
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -229,11 +225,7 @@ class KeptRuns:
         write_text(path, json_text(document))
 
     def read(self, key: str) -> dict[str, Any]:
-        """A run as it was written.
-
-        Raises:
-            InputError: the file cannot be read.
-        """
+        """A run as it was written. Raises InputError: the file cannot be read."""
         return _document(self.file(key))
 
 

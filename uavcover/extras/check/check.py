@@ -109,11 +109,7 @@ def check_mission(
     # why a height of the ground is not believed, and missing in ``heights`` and ``read_ground`` therefore
     doubt: Doubt = believed,
 ) -> Checked:
-    """Judge a mission at its full length.
-
-    Raises:
-        UavcoverError: elevation data or zones cannot be read.
-    """
+    """Judge a mission at its full length. Raises UavcoverError: elevation data or zones cannot be read."""
     mission, aircraft, limits = request.mission, request.aircraft, request.limits
     places = places_of(mission, heights, aircraft.autopilot, home=request.home, doubt=doubt)
     findings = [*places.findings, *_frame_findings(mission, aircraft)]

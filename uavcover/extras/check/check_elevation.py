@@ -111,20 +111,12 @@ class CheckElevation:
         return next(here, "")
 
     def read_ground(self, frame: LocalFrame, bounds_m: Bounds) -> Ground:
-        """The ground within west, south, east, north.
-
-        Raises:
-            TerrainError: the files cannot be used there.
-        """
+        """The ground within west, south, east, north. Raises TerrainError: the files cannot be used there."""
         ground = read_ground(self.ground, self.datum, frame=frame, bounds_m=bounds_m, grid_step_m=None)
         return ground.without([(one.in_frame(frame), one.words) for one in self.suspects]) if self.suspects else ground
 
     def read_surface(self, frame: LocalFrame, bounds_m: Bounds, ground: Ground) -> Ground:
-        """The surface model over a ground.
-
-        Raises:
-            TerrainError: it cannot be used there, or does not fit the ground.
-        """
+        """The surface model over a ground. Raises TerrainError: it cannot be used there, or does not fit the ground."""
         assert self.over is not None
         try:
             surface = read_ground(self.over, self.over_datum, frame=frame, bounds_m=bounds_m, grid_step_m=None)

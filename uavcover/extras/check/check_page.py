@@ -178,11 +178,7 @@ def write_check_page(query: CheckQuery, outcome: CheckOutcome, path: Path) -> No
 
 
 def render_check_page(query: CheckQuery, outcome: CheckOutcome) -> str:
-    """The page as text.
-
-    Raises:
-        InputError: the mission has no path that could be drawn.
-    """
+    """The page as text. Raises InputError: the mission has no path that could be drawn."""
     checked = outcome.checked
     if checked.path is None or checked.world is None or not checked.path.segments:
         raise InputError(

@@ -114,11 +114,7 @@ def export_mission(run: RunFolder, request: ExportRequest) -> tuple[ExportedFile
 
 
 def refuse_unlike(site: Site, run: RunFolder, sortie: int | None) -> None:
-    """Refuse one export of flights from several homes.
-
-    Raises:
-        InputError: the vehicles of the site differ.
-    """
+    """Refuse one export of flights from several homes. Raises InputError: the vehicles of the site differ."""
     if sortie is None and site.scenario.vehicles:
         raise InputError(
             f"{run}: its vehicles differ, so each flight has its own home; export one at a time, with --sortie N"

@@ -77,11 +77,7 @@ def most_parts(site: Site) -> int:
 
 
 def require_parts(settings: PlannerSettings, site: Site) -> None:
-    """Refuse what parts cannot be planned for.
-
-    Raises:
-        InputError: says what, and what to do.
-    """
+    """Refuse what parts cannot be planned for. Raises InputError: says what, and what to do."""
     what = None
     if settings.encoding != "swaths" or not site.scenario.sensor.looks_along_path:
         what = 'a sensor that looks along the path and encoding = "swaths"'

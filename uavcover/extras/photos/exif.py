@@ -29,11 +29,7 @@ _OFF_NADIR_NAMES = {"Camera:Pitch", "Camera:Roll", "Camera:Yaw"}
 
 
 def read_picture(path: Path) -> Picture:
-    """Read a photo's metadata.
-
-    Raises:
-        TrackError: it is no photo, or its metadata is damaged.
-    """
+    """Read a photo's metadata. Raises TrackError: it is no photo, or its metadata is damaged."""
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # Pillow warns of damaged tags that are not used, and of large photos

@@ -69,11 +69,7 @@ def _projection(text: str, path: Path) -> CRS:
 
 
 def read_images_json(path: Path) -> list[Picture]:
-    """Read the list of photos that ODM writes.
-
-    Raises:
-        TrackError: it is none.
-    """
+    """Read the list of photos that ODM writes. Raises TrackError: it is none."""
     try:
         rows = json.loads(_text(path))
     except (ValueError, RecursionError) as error:  # ValueError also of numbers with thousands of digits
@@ -116,11 +112,7 @@ _MRK = re.compile(
 
 
 def read_mrk(path: Path) -> list[Picture]:
-    """Read DJI's image log; photos are named by their number.
-
-    Raises:
-        TrackError: it is none.
-    """
+    """Read DJI's image log; photos are named by their number. Raises TrackError: it is none."""
     pictures = []
     for number, line in enumerate(_text(path).splitlines(), start=1):
         if not line.strip():

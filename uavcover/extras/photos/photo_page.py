@@ -190,11 +190,7 @@ def _requirements(verdict: PhotoVerdict) -> list[dict[str, Any]]:
 
 
 def save_photo_report(verdict: PhotoVerdict, path: Path, user: User, *, force: bool) -> None:
-    """Write the report.
-
-    Raises:
-        OutputError: it is there already and ``force`` was not said, or cannot be written.
-    """
+    """Write the report. Raises OutputError: it is there already and ``force`` was not said, or cannot be written."""
     refuse_to_replace(path, force=force)
     with user.progress("reporting"):
         text = render_photo_report(verdict)

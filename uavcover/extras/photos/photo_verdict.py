@@ -61,11 +61,7 @@ class PhotoVerdict:
 
 
 def frame_of(site: Site) -> LocalFrame:
-    """The local frame of a site on Earth.
-
-    Raises:
-        InputError: it has no position on Earth.
-    """
+    """The local frame of a site on Earth. Raises InputError: it has no position on Earth."""
     if site.frame is None:
         raise InputError(f"scenario {site.scenario.name}: has no position on Earth, so photos have no position in it")
     return site.frame

@@ -42,11 +42,7 @@ def read_log(path: Path) -> tuple[list[Picture], tuple[str, ...]]:
 
 
 def reports_pictures(path: Path) -> bool:
-    """Whether a log reports any photo.
-
-    Raises:
-        TrackError: it cannot be read.
-    """
+    """Whether a log reports any photo. Raises TrackError: it cannot be read."""
     pictures = READERS[path.suffix.lower()](path).pictures
     return pictures is not None and len(pictures) > 0
 

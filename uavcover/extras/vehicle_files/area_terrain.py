@@ -36,11 +36,7 @@ class AreaTerrain:
 
 
 def terrain_of_area(query: AreaQuery, *, around_m: float) -> AreaTerrain:
-    """Find out what elevation data an area needs.
-
-    Raises:
-        InputError: the area cannot be read, or is too large.
-    """
+    """Find out what elevation data an area needs. Raises InputError: the area cannot be read, or is too large."""
     area = read_area(query)
     needed = needed_tiles(area.parts, around_m=around_m, where=query.source)
     first = area.parts[0][0][0][0]
@@ -83,11 +79,7 @@ def known_share(area: AreaTerrain, data: ElevationData, user: User) -> float:
 
 
 def files_in(names: Sequence[str]) -> list[Path]:
-    """The files that the user named, and those in folders that he named.
-
-    Raises:
-        InputError: one is not there.
-    """
+    """The files that the user named, and those in folders that he named. Raises InputError: one is not there."""
     found: list[Path] = []
     for name in names:
         path = Path(name)

@@ -137,11 +137,7 @@ class Outcomes:
 
 
 def read_outcomes(folder: KeptRuns) -> Outcomes:
-    """Every run in a folder.
-
-    Raises:
-        InputError: the file of a run cannot be read.
-    """
+    """Every run in a folder. Raises InputError: the file of a run cannot be read."""
     found = []
     for key in folder.done():
         document = folder.read(key)

@@ -39,11 +39,7 @@ class MmfProblem:
         return int(self.lower.size)
 
     def evaluate(self, x: FloatArray) -> FloatArray:
-        """Objectives (k, m) of (k, n) points.
-
-        Raises:
-            ValueError: the points have another number of variables.
-        """
+        """Objectives (k, m) of (k, n) points. Raises ValueError: the points have another number of variables."""
         points = np.asarray(x, dtype=float)
         if points.ndim != 2 or points.shape[1] != self.n_variables:
             raise ValueError(f"{self.name}: points of shape {points.shape}; expected (k, {self.n_variables})")

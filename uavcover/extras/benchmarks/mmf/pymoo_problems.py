@@ -58,9 +58,5 @@ class MmfInPymoo(Problem):  # type: ignore[misc]
 
 
 def pymoo_problem(name: str) -> MmfInPymoo:
-    """The MMF problem of this name for pymoo.
-
-    Raises:
-        InputError: there is no such problem.
-    """
+    """The MMF problem of this name for pymoo. Raises InputError: there is no such problem."""
     return MmfInPymoo(name)

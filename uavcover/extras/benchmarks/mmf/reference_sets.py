@@ -20,11 +20,7 @@ class ReferenceSets:
 
 
 def reference_sets(name: str) -> ReferenceSets:
-    """The reference sets of a problem by its name.
-
-    Raises:
-        KeyError: no such problem.
-    """
+    """The reference sets of a problem by its name. Raises KeyError: no such problem."""
     problem = PROBLEMS[name]
     points = _SETS[name]()
     front = _FRONTS[name](points) if name in _FRONTS else problem.evaluate(points)

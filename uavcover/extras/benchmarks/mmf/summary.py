@@ -101,11 +101,7 @@ def indicators(function: str, x: FloatArray, objectives: FloatArray) -> dict[str
 
 
 def measured(folder: MmfFolder) -> Samples:
-    """The indicators of every run in the folder.
-
-    Raises:
-        InputError: a file cannot be read.
-    """
+    """The indicators of every run in the folder. Raises InputError: a file cannot be read."""
     values: dict[tuple[str, str], dict[str, list[float]]] = {}
     for run in folder.runs():
         row = indicators(run.function, *folder.read(run))

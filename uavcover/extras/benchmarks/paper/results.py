@@ -289,11 +289,7 @@ def _pyplot() -> Any:
 
 
 def read_results(folder: KeptRuns) -> Results:
-    """All finished runs.
-
-    Raises:
-        InputError: the file of a run cannot be read.
-    """
+    """All finished runs. Raises InputError: the file of a run cannot be read."""
     found: dict[tuple[str, str], list[PaperResult]] = {}
     done = set(folder.done())
     for run in paper_runs(READINGS, ALGORITHMS, 1000):

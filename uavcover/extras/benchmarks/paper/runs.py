@@ -173,11 +173,7 @@ def _member(member: RouteMember) -> dict[str, object]:
 
 
 def read_result(folder: KeptRuns, run: PaperRun) -> PaperResult:
-    """A run that is done.
-
-    Raises:
-        InputError: its file cannot be read.
-    """
+    """A run that is done. Raises InputError: its file cannot be read."""
     document = folder.read(run.key)
     members = document["members"]
     return PaperResult(
