@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from mission_io.client.client import Client
     from mission_io.client.connection import VehicleInfo
     from mission_io.client.parameters import VehicleParameters
-    from mission_io.client.read_back import ReadBack
+    from mission_io.client.transfer_outcome import ReadBack
     from mission_io.errors import (
         AmbiguousVehicleError,
         CommandRefusedError,
@@ -171,7 +171,7 @@ _PLACES = {
     "mission_io.client.client": ("Client",),
     "mission_io.client.connection": ("VehicleInfo",),
     "mission_io.client.parameters": ("VehicleParameters",),
-    "mission_io.client.read_back": ("ReadBack",),
+    "mission_io.client.transfer_outcome": ("ReadBack",),
     "mission_io.errors": (
         "AmbiguousVehicleError", "CommandRefusedError", "FormatError", "LinkError", "MissionIoError", "MisuseError",
         "TransferCancelledError", "TransferError", "TransferInterrupted", "TransferSilentError", "VehicleSilentError",

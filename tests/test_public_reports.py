@@ -42,7 +42,7 @@ from uavcover.terrain.elevation_file import read_heights_amsl_m
 from uavcover.terrain.suspect_heights import suspect_places
 from uavcover.terrain.terrain_source import TerrainSource
 from uavcover.verification.command import elevation_biases, widened
-from uavcover.verification.shared_clock import ROLLOVER_S, dated
+from uavcover.verification.run_logs import ROLLOVER_S, dated
 from uavcover.verification.track_logs.readers import read_foreign_log
 
 

@@ -22,9 +22,9 @@ from mission_io.wire.mission_items import degrees_on_wire, float32
 
 # Meanings of command parameters, as data: which are unused, and which NaN, 0 or -1 leaves to the vehicle.
 #
-# The table is ``data/parameter_meanings.toml``. A parameter without description or label, or called empty, reserved or unused,
-# is of no use; "NaN to use the current system yaw heading mode" is a heading. Ground stations fill unused parameters and those
-# left to the vehicle with 0, -1 or NaN.
+# The table is ``data/parameter_meanings.toml``. A parameter without description or label, or called empty, reserved
+# or unused, is of no use; "NaN to use the current system yaw heading mode" is a heading. Ground stations fill unused
+# parameters and those left to the vehicle with 0, -1 or NaN.
 
 _SIX_DECIMALS = 1e-6
 """Files of other programs keep numbers with six decimals."""

@@ -10,16 +10,17 @@ from mission_io.autopilots.checks import check_for_autopilot
 from mission_io.client import commands, mission_control, transfer_outcome
 from mission_io.client.connection import Connection
 from mission_io.client.peers import two_in_one
-from mission_io.client.read_back import ReadBack, read_back
 from mission_io.client.running import Carry, Progress, Stop, run
 from mission_io.client.transfer_outcome import (
     PROVEN_BY_READING,
+    ReadBack,
     TransferredList,
     description,
     failure,
     held_as_read,
     held_by_design,
     list_name,
+    read_back,
 )
 from mission_io.clock import Clock
 from mission_io.errors import (
@@ -39,10 +40,9 @@ from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.download import Download, DownloadState
 from mission_io.protocol.exchange import Address, Clear, ClearState
 from mission_io.protocol.mission_control import ItemProgress
-from mission_io.protocol.round_trip import Patience
 from mission_io.protocol.tables import UploadState
 from mission_io.protocol.terrain import TerrainAnswers
-from mission_io.protocol.timing import Timing
+from mission_io.protocol.timing import Patience, Timing
 from mission_io.protocol.tuning import CALLS, TRANSFERS
 from mission_io.protocol.upload import Upload
 from mission_io.wire.messages import CommandAck, Message, MissionCurrent, ParamValue, Received, TerrainRequest

@@ -5,14 +5,13 @@ from typing import Protocol
 
 from mission_io.autopilots.autopilot import MissionList
 from mission_io.client.client import Client
-from mission_io.client.read_back import ReadBack
+from mission_io.client.transfer_outcome import ReadBack
 from mission_io.errors import FormatError, MisuseError, TransferCancelledError, TransferError, TransferSilentError
 from mission_io.formats.mission_dat import dat_path, read_mission_dat, write_mission_dat
 from mission_io.model.items import MissionItem, MissionType
-from mission_io.protocol.ftp import FtpMessage
+from mission_io.protocol.ftp import FtpEntry, FtpListing, FtpListingState, FtpMessage
 from mission_io.protocol.ftp_download import FtpDownload, FtpDownloadState
 from mission_io.protocol.ftp_upload import FtpUpload, FtpUploadState
-from mission_io.protocol.ftp_window import FtpEntry, FtpListing, FtpListingState
 from mission_io.protocol.tuning import CALLS
 from mission_io.wire.messages import FileTransfer, Received
 

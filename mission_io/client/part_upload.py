@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 from mission_io.client.client import Client
-from mission_io.client.read_back import ReadBack
 from mission_io.client.running import Progress, Stop, run
-from mission_io.client.transfer_outcome import PROVEN_BY_READING, failure
+from mission_io.client.transfer_outcome import PROVEN_BY_READING, ReadBack, failure
 from mission_io.errors import MisuseError
 from mission_io.model.items import Mission, MissionItem, MissionType
 from mission_io.protocol.tables import UploadState

@@ -7,8 +7,7 @@ import logging
 from dataclasses import dataclass
 from typing import Final
 
-from mission_io.autopilots.autopilot import Autopilot, autopilot_for
-from mission_io.autopilots.vehicle_types import VehicleKind, kind_of, type_name
+from mission_io.autopilots.autopilot import Autopilot, VehicleKind, autopilot_for, kind_of, type_name
 from mission_io.errors import AmbiguousVehicleError, MisuseError
 from mission_io.model.enums import AutopilotId, VehicleClass
 from mission_io.protocol.exchange import Address

@@ -10,8 +10,17 @@ import math
 from collections import deque
 from enum import Enum
 
-from mission_io.protocol.ftp import DATA_BYTES, FtpError, FtpMessage, FtpOperation, crc32, path_bytes
-from mission_io.protocol.ftp_window import FtpQuestion, FtpWaits, FtpWindow
+from mission_io.protocol.ftp import (
+    DATA_BYTES,
+    FtpError,
+    FtpMessage,
+    FtpOperation,
+    FtpQuestion,
+    FtpWaits,
+    FtpWindow,
+    crc32,
+    path_bytes,
+)
 from mission_io.protocol.tuning import FILES
 
 

@@ -24,8 +24,7 @@ from uavcover.kernels.flight_time import Pace, landing_time, takeoff_time
 from uavcover.kernels.way_cost import FlightEnergies, battery_s, flight_s
 from uavcover.missions.way_cost import power_of
 from uavcover.mock.dynamics import power_share as of_the_mock
-from uavcover.model.power import PowerModel
-from uavcover.model.vehicle import Vehicle
+from uavcover.model.vehicle import PowerModel, Vehicle
 
 PLAIN = Power(6.0, 0.0, 120.0, 0.2, 0.0, 0.03, 0.3, 0.0)
 PACE = Pace(10.0, 4.0, 3.0, 18.0, acceleration_m_s2=2.5, vertical_acceleration_m_s2=1.0)

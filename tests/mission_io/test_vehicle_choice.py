@@ -5,8 +5,7 @@ import random
 
 import pytest
 
-from mission_io.autopilots.autopilot import ARDUPILOT, PX4
-from mission_io.autopilots.vehicle_types import VEHICLE_TYPES, VehicleKind, kind_of, parse_type, type_name
+from mission_io.autopilots.autopilot import ARDUPILOT, PX4, VEHICLE_TYPES, VehicleKind, kind_of, parse_type, type_name
 from mission_io.errors import AmbiguousVehicleError, MisuseError, VehicleSilentError
 from mission_io.model.enums import AutopilotId, VehicleClass
 from mission_io.model.items import MissionType

@@ -20,9 +20,8 @@ from uavcover.missions.mission_compiler import (
 from uavcover.missions.mission_files import export_text
 from uavcover.missions.transit import transit
 from uavcover.model.obstacles import Obstacles
-from uavcover.model.power import PowerModel
 from uavcover.model.route import Route
-from uavcover.model.vehicle import Wind
+from uavcover.model.vehicle import PowerModel, Wind
 
 
 def test_the_items_in_their_order() -> None:

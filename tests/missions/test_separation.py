@@ -22,9 +22,8 @@ from uavcover.missions.separation import (
 )
 from uavcover.missions.sorties import compile_sorties
 from uavcover.missions.timeline import Timeline, timeline_of
-from uavcover.model.fleet import Fleet
 from uavcover.model.sensor import SphereSensor
-from uavcover.model.vehicle import AutopilotName
+from uavcover.model.vehicle import AutopilotName, Fleet
 
 FLEET = Fleet(vehicles=2, separation_m=15.0, timing_error_fraction=0.05, start_error_s=3.0, pad_s=0.0)
 

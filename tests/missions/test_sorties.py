@@ -21,10 +21,9 @@ from uavcover.missions.mission_compiler import compile_mission
 from uavcover.missions.objectives import judge
 from uavcover.missions.sorties import Sortie, check_reach, compile_sorties
 from uavcover.model.no_fly import NoFly
-from uavcover.model.power import PowerModel
 from uavcover.model.route import Plan, Route, RouteMember
 from uavcover.model.sensor import SphereSensor
-from uavcover.model.vehicle import Wind
+from uavcover.model.vehicle import PowerModel, Wind
 from uavcover.planner.plan_files import save_plan
 from uavcover.planner.terrain_following import lay_over_terrain
 from uavcover.run.flight_folders import flown_tracks, read_planned

@@ -7,8 +7,7 @@ import pytest
 from mission_io.wire import messages as m
 from tests.mock.bench import Bench
 from uavcover.mock.dynamics import Battery, BatteryData, power_share
-from uavcover.model.power import PowerModel
-from uavcover.model.vehicle import Vehicle
+from uavcover.model.vehicle import PowerModel, Vehicle
 
 DATA = BatteryData(endurance_s=1200.0, hover_w=250.0)
 POWER = DATA.power

@@ -16,8 +16,8 @@ from tests.planner.sites import hills, make_site
 from uavcover.errors import InputError
 from uavcover.missions.flights import mission_size
 from uavcover.missions.objectives import judge
-from uavcover.model.fleet import Fleet
 from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.model.vehicle import Fleet
 from uavcover.planner import mission_sizes
 from uavcover.planner.baselines.boustrophedon import plain_boustrophedon
 from uavcover.planner.baselines.swaths import fly_layout

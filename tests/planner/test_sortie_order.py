@@ -12,10 +12,8 @@ from uavcover.missions.flight_costs import mission_time_s, straight_flight_costs
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.missions.objectives import judge_member
 from uavcover.missions.sorties import compile_sorties
-from uavcover.model.fleet import Fleet
-from uavcover.model.power import PowerModel
 from uavcover.model.route import Route
-from uavcover.model.vehicle import Wind
+from uavcover.model.vehicle import Fleet, PowerModel, Wind
 from uavcover.planner.final_choice import ChosenRoute, choose
 from uavcover.planner.selection_rule import parse_rule
 from uavcover.planner.sortie_order.order_costs import NO_LINK_S, OrderCosts

@@ -17,8 +17,7 @@ from uavcover.recording.scene import obstacle_triangles_m, relief_mesh, scene_bo
 from uavcover.recording.tiles import coverage_tiles, lift_m, shown_from_s, tick_times_s
 from uavcover.recording.vehicle import body_rotations, footprints_m
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations
-from uavcover.terrain.ground import Ground, grid_ground
-from uavcover.terrain.shaded_relief import hillshade
+from uavcover.terrain.ground import Ground, grid_ground, hillshade
 
 DOWN = np.array([[0.0, 0.0, -1.0]])
 NORTH = np.array([[0.0, 1.0, 0.0]])

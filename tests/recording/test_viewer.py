@@ -12,7 +12,7 @@ import pytest
 
 from uavcover.errors import OutputError
 from uavcover.recording import RecordingError, layout, open_viewer, screenshot, viewer
-from uavcover.recording.tuning import VIEWER
+from uavcover.recording.layout import VIEWER
 
 PNG = b"\x89PNG\r\n\x1a\n"
 

@@ -19,7 +19,7 @@ from uavcover.errors import InputError, OutputError
 from uavcover.model.track import COLUMNS, OPTIONAL_COLUMNS, Track
 from uavcover.recording import RecordingError, describe_recording, layout, read_recorded_track, write_recording
 from uavcover.recording import flight as flight_columns
-from uavcover.recording.tuning import SCENE
+from uavcover.recording.layout import SCENE
 
 
 def rerun(*arguments: str | Path) -> subprocess.CompletedProcess[bytes]:

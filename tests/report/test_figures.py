@@ -9,8 +9,7 @@ from PIL import Image
 from uavcover.errors import OutputError
 from uavcover.report.content import ReportContent
 from uavcover.report.figures import FIGURE_NAMES, save_figures, save_pareto_plot
-from uavcover.terrain.ground import grid_ground
-from uavcover.terrain.shaded_relief import relief_grid
+from uavcover.terrain.ground import grid_ground, relief_grid
 
 
 def test_both_views_are_drawn_and_equal_again(content: ReportContent, tmp_path: Path) -> None:

@@ -8,9 +8,8 @@ import pytest
 
 from tests.scenario.scenario_texts import GOOD, parse, refused
 from uavcover.model.area import Outline
-from uavcover.model.fleet import Fleet
 from uavcover.model.limits import Home
-from uavcover.model.vehicle import Vehicle
+from uavcover.model.vehicle import Fleet, Vehicle
 from uavcover.scenario.scenario_file import dump_scenario
 
 

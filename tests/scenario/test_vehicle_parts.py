@@ -9,8 +9,7 @@ import shapely
 from tests.planner.sites import make_site
 from uavcover.errors import ScenarioError
 from uavcover.model.area import Area, Outline
-from uavcover.model.fleet import Fleet
-from uavcover.model.vehicle import Vehicle
+from uavcover.model.vehicle import Fleet, Vehicle
 from uavcover.scenario.site import Site
 from uavcover.scenario.vehicle_parts import groups_of, own_parts
 

@@ -12,7 +12,7 @@ from tests.verification.flights import fly_along, make_site
 from uavcover.model.track import Track
 from uavcover.model.verdict import VerificationReport
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.verification.shared_clock import ROLLOVER_S, DateBounds, Firmware, clocks_apart, dated, firmware_of
+from uavcover.verification.run_logs import ROLLOVER_S, DateBounds, Firmware, clocks_apart, dated, firmware_of
 from uavcover.verification.verify import FlownTrack, verify_flight
 
 NOON_S = 1_780_488_000.0

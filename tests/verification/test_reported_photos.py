@@ -14,7 +14,7 @@ from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.run.track_file import read_track
 from uavcover.sensing.site_maps import judging_map
-from uavcover.verification.photo_evidence import PictureEvidence
+from uavcover.verification.flown_coverage import PictureEvidence
 from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import FlownTrack, verify_flight
 

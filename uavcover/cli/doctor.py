@@ -177,8 +177,8 @@ def doctor(
 
 # Compiles the numeric kernels before they are needed, so that no search and no verdict waits for it.
 #
-# A kernel is compiled for the types that it is called with. The rounds below plan, judge and close gaps once with each kind of
-# sensor and encoding, on little work; what they call is what every scenario calls.
+# A kernel is compiled for the types that it is called with. The rounds below plan, judge and close gaps once with
+# each kind of sensor and encoding, on little work; what they call is what every scenario calls.
 
 ROUNDS = (("jacksboro", 200), ("paper-R2", 200))
 """A camera along its path, and a sphere at waypoints; with evaluations enough for the local search too."""

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
 
     from mission_io.autopilots.autopilot import MissionList
     from mission_io.client.client import Client
-    from mission_io.client.read_back import ReadBack
+    from mission_io.client.transfer_outcome import ReadBack
     from uavcover.cli.console import Console
     from uavcover.flight.connect import VehicleLink
     from uavcover.plugins import load

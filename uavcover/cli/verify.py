@@ -7,8 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from uavcover.cli import options
-from uavcover.cli.photo_options import PhotoOptions, SearchOptions
-from uavcover.cli.survey_options import SurveyOptions
+from uavcover.cli.survey_options import PhotoOptions, SearchOptions, SurveyOptions
 
 # ``uavcover gaps``: the unobserved cells, and a mission that flies only them.
 
@@ -106,7 +105,7 @@ def verify(
     from uavcover.run.folder import RunFolder
     from uavcover.run.user import to_paste
     from uavcover.verification.command import JudgedPictures, verify_run
-    from uavcover.verification.photo_evidence import NO_PICTURES, GivenEvidence, PictureEvidence
+    from uavcover.verification.flown_coverage import NO_PICTURES, GivenEvidence, PictureEvidence
 
     console = output.console()
     if area is None:

@@ -6,7 +6,7 @@ from typing import Protocol, TypeVar
 from mission_io.autopilots.autopilot import MissionList
 from mission_io.client.connection import VehicleInfo
 from mission_io.client.peers import Peers
-from mission_io.client.read_back import ReadBack
+from mission_io.client.transfer_outcome import ReadBack
 from mission_io.clock import Clock
 from mission_io.model.items import MissionItem, MissionType
 from mission_io.protocol.exchange import Address

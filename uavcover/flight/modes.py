@@ -4,12 +4,11 @@ Only multirotors may be flown: plans, return routes and the meaning of a landing
 """
 
 from mission_io.autopilots import flight_modes
-from mission_io.autopilots.autopilot import Autopilot
+from mission_io.autopilots.autopilot import Autopilot, VehicleKind, type_name
 from mission_io.autopilots.flight_modes import Mode as Mode
 from mission_io.autopilots.flight_modes import has_mode as has_mode
 from mission_io.autopilots.flight_modes import mode_from_custom as mode_from_custom
 from mission_io.autopilots.flight_modes import mode_from_params as mode_from_params
-from mission_io.autopilots.vehicle_types import VehicleKind, type_name
 from mission_io.client.peers import VehicleInfo, two_in_one
 from mission_io.errors import MisuseError
 from mission_io.model.enums import Firmware

@@ -10,7 +10,7 @@ from typing import Any
 from mission_io.autopilots.comparison import faults
 from mission_io.client.client import Client
 from mission_io.client.commands import name_of
-from mission_io.client.read_back import ReadBack
+from mission_io.client.transfer_outcome import ReadBack
 from mission_io.errors import TransferError, TransferInterrupted
 from uavcover.flight.applied_limits import read_return_parameters, return_warnings
 from uavcover.flight.connect import Connected, VehicleLink, check_home, connect, require_home

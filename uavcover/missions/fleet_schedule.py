@@ -9,7 +9,7 @@ import numpy as np
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.separation import late_s, pieces_of, safe_start_s, unsafe_starts
 from uavcover.missions.timeline import Timeline
-from uavcover.model.fleet import Fleet
+from uavcover.model.vehicle import Fleet
 
 _TRIES = 1500
 """Number of orders of the sorties that are tried."""

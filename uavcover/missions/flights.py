@@ -11,8 +11,7 @@ from uavcover.missions.timeline import timeline_of
 from uavcover.model.route import MissionSize, Route
 from uavcover.model.vehicle import AutopilotName
 from uavcover.scenario.site import Site, once
-from uavcover.scenario.vehicle_parts import groups_of
-from uavcover.scenario.vehicle_site import vehicle_sites
+from uavcover.scenario.vehicle_parts import groups_of, vehicle_sites
 
 _SPACING_SHARES = (1.0, 0.5)
 """Spacings of the starts for which a fleet's route is cut; the cut that is done soonest is flown (scripts/bench/fleet.py)."""

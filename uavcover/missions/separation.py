@@ -13,7 +13,7 @@ import numpy as np
 
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.missions.timeline import Timeline
-from uavcover.model.fleet import Fleet
+from uavcover.model.vehicle import Fleet
 
 _LONGEST_PIECE_M = 10.0
 _ROOM_S = 1e-6

@@ -20,8 +20,7 @@ from typing import Self
 import numpy as np
 
 from uavcover.mock.tuning import BODY
-from uavcover.model.power import GRAVITY_M_S2, PowerModel
-from uavcover.model.vehicle import Vehicle
+from uavcover.model.vehicle import GRAVITY_M_S2, PowerModel, Vehicle
 
 Vector = tuple[float, float, float]
 """East, north, up."""

@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 from mission_io.model.areas import Fence, fence_from_items
 from mission_io.model.items import MissionItem, MissionType
+from uavcover.mock.behaviour import Parameters
 from uavcover.mock.body import MockBody
 from uavcover.mock.dynamics import Vector
 from uavcover.mock.mission_store import MissionStore
-from uavcover.mock.parameters import Parameters
 from uavcover.terrain.frames import LocalFrame
 
 Ring = tuple[tuple[float, float], ...]

@@ -17,14 +17,13 @@ from mission_io.model.items import GeoPoint, MissionItem, MissionType
 from mission_io.protocol.exchange import Address
 from mission_io.protocol.ftp_server import FtpServer
 from mission_io.wire import messages as m
-from uavcover.mock.behaviour import Behaviour, GroundSource, Settings, TransferClock, quick
+from uavcover.mock.behaviour import Behaviour, GroundSource, Parameters, Settings, TransferClock, quick
 from uavcover.mock.body import Ground, MockBody
 from uavcover.mock.dynamics import Airframe, BatteryData, Vector, WindModel, course_rad
 from uavcover.mock.faults import Fault, FaultKind, FaultSchedule
 from uavcover.mock.fence import FenceWatch
 from uavcover.mock.itinerary import CameraOrder, Step
 from uavcover.mock.mission_store import ListFiles, MissionStore, TerrainFeed
-from uavcover.mock.parameters import Parameters
 from uavcover.mock.positioning import GpsError
 from uavcover.mock.smart_return import Trail
 from uavcover.mock.tuning import BODY, FLIGHT
@@ -32,8 +31,9 @@ from uavcover.model.vehicle import MOTIONS
 
 # The camera of the mock vehicle: triggered by distance or by commands; it reports every photo.
 #
-# As ArduPilot and PX4 do it, the next picture by distance is due where the straight line over ground from the last one reaches
-# the distance: the rule of :func:`uavcover.kernels.coverage.picture_places`, one step of flight after the other.
+# As ArduPilot and PX4 do it, the next picture by distance is due where the straight line over ground from the last
+# one reaches the distance: the rule of :func:`uavcover.kernels.coverage.picture_places`, one step of flight after the
+# other.
 
 
 class MockCamera:

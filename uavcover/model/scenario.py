@@ -7,14 +7,13 @@ from typing import ClassVar, Literal
 from uavcover.kernels.sight import MIDPOINT
 from uavcover.model.active_times import Window, window_of
 from uavcover.model.area import Area
-from uavcover.model.fleet import Fleet
 from uavcover.model.limits import FlightLimits, Home
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacles
 from uavcover.model.sensor import Sensor
 from uavcover.model.terrain import Terrain
 from uavcover.model.value_checks import STRICT, require, require_lon_lat, require_not_negative, require_positive
-from uavcover.model.vehicle import Vehicle, Wind
+from uavcover.model.vehicle import Fleet, Vehicle, Wind
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,5 +1,6 @@
 """The vehicle and the wind it is planned for."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
@@ -8,9 +9,159 @@ from typing import ClassVar, Literal
 from uavcover.errors import InputError
 from uavcover.model.area import Outline
 from uavcover.model.limits import Home
-from uavcover.model.power import PowerModel
 from uavcover.model.sensor import Sensor
 from uavcover.model.value_checks import STRICT, require, require_not_negative, require_positive
+
+# Several vehicles that fly one plan: how many there are, and what keeps them apart.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fleet:
+    """Number of vehicles, and their separation.
+
+    All vehicles are equal ([vehicle]) and take off and land at [home], unless each has its own [[vehicle]].
+
+    Attributes:
+        vehicles: number of vehicles that fly at the same time.
+        turnaround_s: time from the landing of a vehicle to its next take-off with a new battery.
+        separation_m: smallest distance between two vehicles in flight.
+        path_error_m: possible deviation of a vehicle from its planned path. Planned paths are separated by twice this
+            distance more.
+        timing_error_fraction: fraction of the time since take-off by which a vehicle may be early or late.
+        start_error_s: time by which a take-off may be early or late.
+        clock_error_s: possible difference between the arrival times of positions from two vehicles, because of link
+            delays or several computers. Verification uses it.
+        pad_s: time that a vehicle stands at home before take-off and after landing. No other vehicle may be close
+            during this time.
+        one_at_a_time: whether only one vehicle flies at a time. Each takes off `turnaround_s` after the previous
+            landing. This always applies to a vehicle with several launch points ([[launch_point]]).
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    vehicles: int = 1
+    turnaround_s: float = 300.0
+    separation_m: float = 20.0
+    path_error_m: float = 3.0
+    timing_error_fraction: float = 0.05
+    start_error_s: float = 5.0
+    clock_error_s: float = 0.5
+    pad_s: float = 30.0
+    one_at_a_time: bool = False
+
+    def __post_init__(self) -> None:
+        require(1 <= self.vehicles <= 50, f"vehicles: {self.vehicles} is outside 1..50")
+        require_not_negative(turnaround_s=self.turnaround_s, start_error_s=self.start_error_s, pad_s=self.pad_s)
+        require_not_negative(path_error_m=self.path_error_m, clock_error_s=self.clock_error_s)
+        require_positive(separation_m=self.separation_m)
+        require(
+            0.0 <= self.timing_error_fraction <= 0.5,
+            f"timing_error_fraction: {self.timing_error_fraction} is outside 0..0.5",
+        )
+
+    @property
+    def planned_separation_m(self) -> float:
+        """Least distance between planned paths: each vehicle may be beside its own."""
+        return self.separation_m + 2.0 * self.path_error_m
+
+    @property
+    def held_apart_m(self) -> float:
+        """Distance below which one of two vehicles holds its position: both positions are known, and only one of them moves."""
+        return self.separation_m + self.path_error_m
+
+
+# Power model of a multirotor: the parameters of its battery use, with the origin of their defaults.
+
+AIR_KG_M3 = 1.225
+"""Density of the standard atmosphere at sea level."""
+GRAVITY_M_S2 = 9.80665
+_INDUCED_M_S = 6.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class PowerModel:
+    """Power model of the vehicle, relative to hovering. Hovering for ``endurance_s`` empties a full battery.
+
+    Induced power decreases with the airspeed (Glauert; Leishman, Principles of Helicopter Aerodynamics, 2.14). The drag of
+    blades, rotors and body increases with it. A climb needs additional power. The defaults suit a 2 kg quadcopter with
+    10 inch rotors.
+
+    Attributes:
+        mass_kg: take-off mass at which the vehicle hovers for `endurance_s`.
+        payload_kg: additional mass. The hover power increases with the mass to the power of 1.5.
+        rotor_area_m2: total disc area of all rotors. Together with `mass_kg`, it determines the induced velocity.
+        hover_induced_m_s: induced velocity in hover at `mass_kg`; default: computed from `mass_kg` and `rotor_area_m2`,
+            or 6.
+        profile_share: fraction of the hover power of the rotors that overcomes blade drag; 0.474 in Zeng et al. 2019.
+        tip_speed_m_s: speed of the blade tips.
+        rotor_drag_1_s: rotor drag as acceleration per metre per second of airspeed.
+        body_drag_area_m2: drag coefficient times frontal area of the body; requires `mass_kg`.
+        idle_share: fraction of the hover power that the electronics use.
+        descent_gain: fraction of the potential energy that a descent recovers.
+        uncertainty_fraction: margin for the battery use, as a fraction. Sorties are planned with this margin.
+    """
+
+    __pydantic_config__: ClassVar = STRICT
+
+    mass_kg: float | None = None
+    payload_kg: float = 0.0
+    rotor_area_m2: float | None = None
+    hover_induced_m_s: float | None = None
+    profile_share: float = 0.0
+    tip_speed_m_s: float = 120.0
+    rotor_drag_1_s: float = 0.2
+    body_drag_area_m2: float = 0.0
+    idle_share: float = 0.03
+    descent_gain: float = 0.3
+    uncertainty_fraction: float = 0.05
+
+    def __post_init__(self) -> None:
+        require_positive(tip_speed_m_s=self.tip_speed_m_s)
+        require_not_negative(
+            payload_kg=self.payload_kg, rotor_drag_1_s=self.rotor_drag_1_s, body_drag_area_m2=self.body_drag_area_m2
+        )
+        for key in ("mass_kg", "rotor_area_m2", "hover_induced_m_s"):
+            value = getattr(self, key)
+            require(value is None or (math.isfinite(value) and value > 0.0), f"{key}: {value} must be above 0")
+        require(0.0 <= self.profile_share < 1.0, f"profile_share: {self.profile_share} is outside 0..1")
+        require(0.0 <= self.idle_share < 1.0, f"idle_share: {self.idle_share} is outside 0..1")
+        require(0.0 <= self.descent_gain <= 1.0, f"descent_gain: {self.descent_gain} is outside 0..1")
+        require(
+            0.0 <= self.uncertainty_fraction <= 1.0,
+            f"uncertainty_fraction: {self.uncertainty_fraction} is outside 0..1",
+        )
+        for key in ("payload_kg", "rotor_area_m2", "body_drag_area_m2"):
+            require(not getattr(self, key) or self.mass_kg is not None, f"{key}: needs mass_kg as well")
+        require(
+            self.rotor_area_m2 is None or self.hover_induced_m_s is None,
+            "hover_induced_m_s: rotor_area_m2 defines it already; remove one of them",
+        )
+
+    @property
+    def load(self) -> float:
+        """Factor on the mass that hovers for ``endurance_s``, with payload."""
+        return 1.0 if self.mass_kg is None else 1.0 + self.payload_kg / self.mass_kg
+
+    @property
+    def hover_factor(self) -> float:
+        """Power in hover with the payload, as a multiple of that without: thrust times induced velocity."""
+        return math.pow(self.load, 1.5)
+
+    @property
+    def induced_m_s(self) -> float:
+        """Induced velocity in hover with the payload, ``sqrt(weight / (2 density area))``."""
+        if self.mass_kg is not None and self.rotor_area_m2 is not None:
+            weight_n = self.mass_kg * self.load * GRAVITY_M_S2
+            return math.sqrt(weight_n / (2.0 * AIR_KG_M3 * self.rotor_area_m2))
+        return (self.hover_induced_m_s or _INDUCED_M_S) * math.sqrt(self.load)
+
+    @property
+    def body_drag_1_m(self) -> float:
+        """Drag of the body as acceleration per square of the airspeed."""
+        if self.mass_kg is None:
+            return 0.0
+        return 0.5 * AIR_KG_M3 * self.body_drag_area_m2 / (self.mass_kg * self.load)
+
 
 MOCK_UID = int.from_bytes(b"uavcover", "big")
 """The ``uid`` in the mock vehicle's AUTOPILOT_VERSION: how it says that it is no real vehicle."""

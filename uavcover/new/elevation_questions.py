@@ -18,9 +18,8 @@ from uavcover.errors import InputError, TerrainError
 from uavcover.model.area import Ring, Rings
 from uavcover.model.terrain import HeightUnit
 from uavcover.new import quantities
-from uavcover.new.surface_look import SurfaceLook, look_at_surface, read_as_needed
 from uavcover.new.survey import SurveyDesign
-from uavcover.new.terrain_look import TerrainLook, known_margin_m
+from uavcover.new.terrain_look import SurfaceLook, TerrainLook, known_margin_m, look_at_surface, read_as_needed
 from uavcover.new.tuning import TERRAIN
 from uavcover.run.user import User
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea

@@ -12,8 +12,8 @@ import jinja2
 from mission_io.model.plain_text import plain_text
 from uavcover.errors import InputError
 from uavcover.model.area import Ring
-from uavcover.new.surface_look import SurfaceLook
 from uavcover.new.survey import SurveyDesign
+from uavcover.new.terrain_look import SurfaceLook
 from uavcover.new.tuning import SURVEY, TERRAIN, TEXT
 from uavcover.scenario.areas.area_file import AreaQuery, FoundArea
 from uavcover.terrain.terrain_source import TerrainSource

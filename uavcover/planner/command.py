@@ -47,8 +47,7 @@ from uavcover.run.folder import OF_A_PLAN, PARTS, PLAN_FILES, RunFolder
 from uavcover.run.user import ProgressBar, StopRequests, User
 from uavcover.scenario.scenario_file import terrain_source
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.vehicle_parts import groups_of, own_sensors
-from uavcover.scenario.vehicle_site import vehicle_sites
+from uavcover.scenario.vehicle_parts import groups_of, own_sensors, vehicle_sites
 from uavcover.sensing.block_map import is_large
 from uavcover.sensing.pictures import overlap_shortfall, planned_pictures
 from uavcover.sensing.site_maps import judging_map, planning_map

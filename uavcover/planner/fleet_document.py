@@ -9,8 +9,7 @@ from uavcover.missions.flights import makespan_s
 from uavcover.missions.sorties import Sortie
 from uavcover.run.user import User
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_parts import groups_of
-from uavcover.scenario.vehicle_site import vehicle_sites
+from uavcover.scenario.vehicle_parts import groups_of, vehicle_sites
 
 
 def fleet_document(site: Site, flights: Sequence[Sortie]) -> dict[str, Any] | None:

@@ -7,15 +7,14 @@ from dataclasses import replace
 import shapely
 
 from uavcover.errors import ScenarioError
-from uavcover.missions.part_routes import judge_route
+from uavcover.missions.objectives import judge_route
 from uavcover.model.route import PART_OF, Plan, Route, RouteMember
 from uavcover.planner.baselines.boustrophedon import TUNED
 from uavcover.planner.division import FlightWork, divide, flight_work
 from uavcover.planner.front import pareto_members
 from uavcover.planner.selection_rule import parse_rule, select
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_parts import Piece, groups_of, own_parts
-from uavcover.scenario.vehicle_site import vehicle_sites
+from uavcover.scenario.vehicle_parts import Piece, groups_of, own_parts, vehicle_sites
 
 SearchPart = Callable[[Site, float, str], Plan]
 """Searches on a site whose area is one part, with a share of the effort, by a rule."""

@@ -9,8 +9,8 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from uavcover.recording import layout
+from uavcover.recording.layout import VIEWS
 from uavcover.recording.scene import extent_m, scene_bounds_m
-from uavcover.recording.tuning import VIEWS
 from uavcover.scenario.site import Site
 
 _NAMESPACE = uuid.UUID("6f1c1a52-6d0b-4a55-8f3d-6b1a1c0e7d11")

@@ -12,9 +12,8 @@ from mission_io.model.plain_text import plain_text
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.track import COLUMNS, OPTIONAL_COLUMNS, Track
 from uavcover.recording import layout
-from uavcover.recording.layout import any_value_columns, any_values, log_static, time_column
+from uavcover.recording.layout import VIEWS, any_value_columns, any_values, log_static, time_column
 from uavcover.recording.tiles import coverage_tiles, shown_from_s, tick_times_s
-from uavcover.recording.tuning import VIEWS
 from uavcover.sensing.coverage_map import CoverageMap
 
 

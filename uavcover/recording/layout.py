@@ -8,17 +8,61 @@ import contextlib
 import hashlib
 import re
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
+from mission_io.data_tables import data_table
 from uavcover.errors import InputError
-from uavcover.recording.tuning import SCENE
 
-if TYPE_CHECKING:  # who reads a recording needs no site
+if TYPE_CHECKING:
     from uavcover.scenario.site import Site
+
+# Sizes and times of recordings; ``data/recording.toml`` explains each.
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Scene:
+    max_nodes_per_side: int
+    texture_pixels: int
+    max_labels: int
+    outline_pieces_per_side: int
+    tick_s: float
+    tile_side_cells: int
+    directions: int
+    steps: int
+    level_cos: float
+    vehicle_step_s: float
+    heading_share: float
+    camera_edges: int
+    piece_s: float
+    longest_name: int
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Views:
+    played_in_s: float
+    tile_pixels: float
+    map_pixels: float
+    link_window_s: float
+    period_s: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Viewer:
+    start_timeout_s: float
+    load_timeout_s: float
+    poll_s: float
+    settle_s: float
+    ending_s: float
+
+
+SCENE = data_table(_Scene, "uavcover/data/recording.toml", "scene")
+VIEWS = data_table(_Views, "uavcover/data/recording.toml", "views")
+VIEWER = data_table(_Viewer, "uavcover/data/recording.toml", "viewer")
 
 
 _NOT_IN_ENTRY_NAMES = re.compile(r"[^A-Za-z0-9 _:-]")

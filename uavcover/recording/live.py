@@ -16,10 +16,9 @@ from uavcover.model.route import Route
 from uavcover.model.track import OPTIONAL_COLUMNS, Track, TrackSample
 from uavcover.recording import flight, layout
 from uavcover.recording.blueprint import LEGEND_TEXT, make_blueprint
-from uavcover.recording.layout import any_value_columns, any_values, application_id, log_static, time_column
+from uavcover.recording.layout import VIEWS, any_value_columns, any_values, application_id, log_static, time_column
 from uavcover.recording.scene import log_scene
 from uavcover.recording.tiles import coverage_tiles, lift_m
-from uavcover.recording.tuning import VIEWS
 from uavcover.recording.vehicle import draw_vehicle, send_vehicle
 from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap, LevelObservations

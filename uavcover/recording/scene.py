@@ -14,12 +14,10 @@ from numpy.typing import NDArray
 from uavcover.kernels.arrays import ByteArray, FloatArray
 from uavcover.model.route import Route
 from uavcover.recording import layout
-from uavcover.recording.layout import log_static, ui_points
-from uavcover.recording.tuning import SCENE
+from uavcover.recording.layout import SCENE, log_static, ui_points
 from uavcover.scenario.airspace.flyable import zone_lines_m
 from uavcover.scenario.site import Site
-from uavcover.terrain.ground import Ground
-from uavcover.terrain.shaded_relief import relief_grid
+from uavcover.terrain.ground import Ground, relief_grid
 
 
 @dataclass(frozen=True, eq=False)

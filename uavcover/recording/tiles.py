@@ -10,11 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from uavcover.kernels.arrays import FloatArray
-from uavcover.recording.layout import NOT_COVERABLE_RGB, SEEN_RGB, UNSEEN_RGB
+from uavcover.recording.layout import NOT_COVERABLE_RGB, SCENE, SEEN_RGB, UNSEEN_RGB
 from uavcover.recording.scene import extent_m, scene_bounds_m
-from uavcover.recording.tuning import SCENE
 from uavcover.sensing.coverage_map import CoverageMap
-from uavcover.terrain.shaded_relief import hillshade, shaded
+from uavcover.terrain.ground import hillshade, shaded
 
 
 @dataclass(frozen=True, eq=False)

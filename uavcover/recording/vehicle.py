@@ -15,10 +15,9 @@ from uavcover.model.sensor import Sensor
 from uavcover.model.sensor_base import CameraTurn, rays_to
 from uavcover.model.track import Track
 from uavcover.recording import layout
-from uavcover.recording.layout import log_static, time_column, ui_points
+from uavcover.recording.layout import SCENE, log_static, time_column, ui_points
 from uavcover.recording.scene import extent_m, scene_bounds_m
 from uavcover.recording.tiles import lift_m
-from uavcover.recording.tuning import SCENE
 from uavcover.sensing.coverage_map import CoverageMap
 
 if TYPE_CHECKING:  # a third of a second to load; functions below do it

@@ -19,9 +19,8 @@ from rerun.experimental import ViewerClient
 
 from uavcover.errors import OutputError
 from uavcover.recording import layout
-from uavcover.recording.layout import RecordingError
+from uavcover.recording.layout import VIEWER, RecordingError
 from uavcover.recording.reader import check_finished
-from uavcover.recording.tuning import VIEWER
 
 LOCAL_HOST = "127.0.0.1"
 PICTURE_SIZE = (1600, 1000)

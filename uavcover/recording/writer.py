@@ -19,11 +19,18 @@ from uavcover.model.route import Route
 from uavcover.model.track import Track
 from uavcover.recording import flight, layout
 from uavcover.recording.blueprint import LEGEND_TEXT, make_blueprint
-from uavcover.recording.layout import RecordingError, application_id, log_static, strict_mode, time_column, ui_points
+from uavcover.recording.layout import (
+    SCENE,
+    RecordingError,
+    application_id,
+    log_static,
+    strict_mode,
+    time_column,
+    ui_points,
+)
 from uavcover.recording.reader import check_finished
 from uavcover.recording.scene import log_scene
 from uavcover.recording.tiles import lift_m
-from uavcover.recording.tuning import SCENE
 from uavcover.recording.vehicle import draw_vehicle, send_vehicle
 from uavcover.sensing.coverage_map import CoverageMap
 

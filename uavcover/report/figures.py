@@ -15,7 +15,7 @@ from uavcover.planner.pareto_file import ParetoRow, trade_off_axis
 from uavcover.report.content import ReportContent
 from uavcover.report.map_data import bounds_m
 from uavcover.report.tuning import FIGURES
-from uavcover.terrain.shaded_relief import relief_grid
+from uavcover.terrain.ground import relief_grid
 
 FIGURE_NAMES = ("side-view.png", "top-view.png")
 

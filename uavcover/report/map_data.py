@@ -23,8 +23,7 @@ from uavcover.scenario.airspace.zones import Zone
 from uavcover.scenario.obstacles import Prism
 from uavcover.scenario.site import Site, area_as_drawn
 from uavcover.terrain.frames import LocalFrame
-from uavcover.terrain.ground import Ground
-from uavcover.terrain.shaded_relief import relief_grid
+from uavcover.terrain.ground import Ground, relief_grid
 from uavcover.verification.verify import Verdict
 
 

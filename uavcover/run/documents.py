@@ -9,8 +9,8 @@ import numpy as np
 
 from uavcover.errors import InputError
 from uavcover.kernels.arrays import FloatArray
-from uavcover.model.fleet import Fleet
 from uavcover.model.route import Bound, Plan, Question, Route
+from uavcover.model.vehicle import Fleet
 from uavcover.model.verdict import VerificationReport
 from uavcover.run.folder import SCHEMA_VERSION
 from uavcover.scenario.site import Site

@@ -35,12 +35,17 @@ from uavcover.scenario.site import Site, load_site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.sensors import looks_singly
 from uavcover.sensing.site_maps import fleet_map, judging_map
-from uavcover.verification.flown_coverage import CountObservations, FlownCoverage, count_observations, counter_of
+from uavcover.verification.flown_coverage import (
+    NOTHING_KNOWN,
+    CountObservations,
+    FlownCoverage,
+    PictureEvidence,
+    count_observations,
+    counter_of,
+)
 from uavcover.verification.gaps import REASONS, cells_geotiff, reason_codes
-from uavcover.verification.photo_evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.verification.requirements import requirement_rows
-from uavcover.verification.run_logs import date_bounds, planned_for, read_log
-from uavcover.verification.shared_clock import UNKNOWN_DATES, DateBounds
+from uavcover.verification.run_logs import UNKNOWN_DATES, DateBounds, date_bounds, planned_for, read_log
 from uavcover.verification.tuning import TRACK
 from uavcover.verification.unobserved import PlannedRoute
 from uavcover.verification.verify import FlownTrack, Verdict, verify_flight, verify_track

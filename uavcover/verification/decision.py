@@ -19,10 +19,9 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.pictures import PictureCounts, overlap_fraction, overlap_shortfall, picture_statistics
 from uavcover.verification.ends import FlightContinuation, continuations
-from uavcover.verification.flown_coverage import FlownCoverage, possibly_seen
+from uavcover.verification.flown_coverage import NOTHING_KNOWN, FlownCoverage, PictureEvidence, possibly_seen
 from uavcover.verification.judged_track import JudgedTrack
 from uavcover.verification.observations import level_observations
-from uavcover.verification.photo_evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.verification.possible_motion import motion_limits
 from uavcover.verification.separation import NOT_ASKED, Separation
 from uavcover.verification.tuning import TRACK

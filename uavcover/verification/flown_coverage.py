@@ -4,6 +4,7 @@ import dataclasses
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +13,13 @@ from uavcover.kernels import observation_counting as kernels
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.kernels.observation_counting import Camera, ObservationCounts, SensorPoses
 from uavcover.kernels.sight import LocalSlopes, local_slopes
+from uavcover.model.judgement import Finding, unproved
 from uavcover.run.scheduling import Workers, workers_of
 from uavcover.scenario.site import Site
 from uavcover.sensing.block_map import judging_block, row_blocks
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.observing import add_observations
+from uavcover.sensing.pictures import PictureCounts
 from uavcover.verification.observations import Observations
 from uavcover.verification.possible_motion import MAX_LEAN_DEG
 
@@ -222,8 +225,9 @@ def count_by(workers: Workers, *, block_cells: int = _BLOCK_CELLS) -> CountObser
 
 # Coverage of a flown track by blocks of cells: each is a task of its own, for any worker.
 #
-# Whether a cell is observed does not depend on other cells, and it is the same cell in a block as among all. No difference arises
-# along the edges of blocks, and a block needs no more of the flight than what was observed within the sensor's reach of it.
+# Whether a cell is observed does not depend on other cells, and it is the same cell in a block as among all. No
+# difference arises along the edges of blocks, and a block needs no more of the flight than what was observed within
+# the sensor's reach of it.
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -260,3 +264,40 @@ def joined_blocks(blocks: Sequence[FlownCoverage]) -> FlownCoverage:
     return FlownCoverage(
         **{each.name: np.concatenate([getattr(block, each.name) for block in blocks]) for each in fields(FlownCoverage)}
     )
+
+
+# Derive findings from real photos, or from their absence, for the verdict on a flight.
+
+
+@dataclass(frozen=True, slots=True)
+class GivenEvidence:
+    """Records of a flight that the user gave."""
+
+    logs: tuple[Path, ...]  # flown tracks
+    photos: tuple[Path, ...]  # photos, folders and lists of them
+    system: int | None = None  # the vehicle of telemetry logs that have several; none: the only one
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PictureEvidence:
+    """Evidence from a flight's photos beside its track."""
+
+    # coverage by cell, on the cells that results are judged on; none where the track alone tells it
+    shown: FlownCoverage | None = None
+    counts: PictureCounts | None = None  # number of photos that show each cell; none as for ``shown``
+    # why they do not show enough, or nothing proves that they do, and what else is to be said of them
+    findings: tuple[Finding, ...] = ()
+    photos_required: bool = False  # whether a flight whose vehicle reported no photo is not proved
+
+
+NOTHING_KNOWN = PictureEvidence()
+NO_PICTURES = PictureEvidence(
+    findings=(
+        unproved(
+            "photos",
+            "no photo is reported: cells in view of the camera are counted, but no record shows that it took photos "
+            "(--photos)",
+        ),
+    )
+)
+"""Evidence for a flight that was not planned here: no mission of ours triggered its camera."""

@@ -12,7 +12,7 @@ from uavcover.model.track import Track
 from uavcover.model.verdict import PairSeparation, Violation
 from uavcover.scenario.site import Site
 from uavcover.verification.possible_motion import MotionLimits, motion_limits
-from uavcover.verification.shared_clock import SharedTimes, shared_times
+from uavcover.verification.run_logs import SharedTimes, shared_times
 from uavcover.verification.tuning import SAFETY
 
 

@@ -28,8 +28,10 @@ from uavcover.sensing.pictures import (
 from uavcover.sensing.site_maps import judging_map
 from uavcover.verification.decision import cell_statistics, coverage_by_time, decide, judged_requirements
 from uavcover.verification.flown_coverage import (
+    NOTHING_KNOWN,
     CountObservations,
     FlownCoverage,
+    PictureEvidence,
     count_observations,
     joined_observations,
     joining_shifts_s,
@@ -38,11 +40,10 @@ from uavcover.verification.flown_coverage import (
 from uavcover.verification.gaps import GapRegion, find_gaps
 from uavcover.verification.judged_track import JudgedTrack, judge_track, largest, track_positions_m
 from uavcover.verification.observations import Observations
-from uavcover.verification.photo_evidence import NOTHING_KNOWN, PictureEvidence
 from uavcover.verification.reported_photos import reports_photos
+from uavcover.verification.run_logs import UNKNOWN_DATES, DateBounds, clocks_apart, dated
 from uavcover.verification.same_flight import Records, at_two_places, has_near, records_of_one_flight
 from uavcover.verification.separation import judge_separation
-from uavcover.verification.shared_clock import UNKNOWN_DATES, DateBounds, clocks_apart, dated
 from uavcover.verification.unobserved import PlannedRoute
 
 __all__ = ["FlownTrack", "Verdict", "flown_coverage", "track_positions_m", "verify_flight", "verify_track"]

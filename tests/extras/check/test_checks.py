@@ -27,8 +27,8 @@ from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.check import Checked, CheckRequest, check_mission
 from uavcover.extras.check.endurance_checks import flight_time_s
 from uavcover.extras.check.flown_path import flown_path
-from uavcover.extras.check.limits import Limits
 from uavcover.extras.check.return_checks import OwnReturn
+from uavcover.extras.check.world import Limits
 from uavcover.model.no_fly import NoFly
 from uavcover.model.obstacles import Obstacle
 

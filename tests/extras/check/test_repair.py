@@ -4,8 +4,8 @@ import pytest
 from mission_io.model.items import Command, Frame, Mission, MissionItem
 from tests.extras.check.worlds import COPTER, command, home, item, mission, up, way, world
 from uavcover.extras.check.flown_path import flown_path
-from uavcover.extras.check.limits import Limits
 from uavcover.extras.check.repair import Repaired, repaired
+from uavcover.extras.check.world import Limits
 
 LIMITS = Limits(min_height_agl_m=10.0)
 

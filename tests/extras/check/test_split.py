@@ -10,9 +10,9 @@ from tests.extras.check.test_checks import HIGH, checked
 from tests.extras.check.worlds import COPTER, PLANE, command, home, item, lat_lon, mission, up, way, world
 from uavcover.errors import InputError
 from uavcover.extras.check.flown_path import flown_path
-from uavcover.extras.check.limits import Limits
 from uavcover.extras.check.planned_pictures import planned_pictures
 from uavcover.extras.check.repair import parts_of
+from uavcover.extras.check.world import Limits
 
 LIMITS = Limits(max_height_agl_m=None)
 LINES = [way(150.0 * (k // 2 % 2 == (k % 2)) + 500.0, 30.0 * (k // 2), 60.0) for k in range(20)]

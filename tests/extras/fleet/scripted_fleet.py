@@ -20,10 +20,9 @@ from uavcover.extras.fleet.jobs import Job, OnLoss
 from uavcover.extras.fleet.sortie import FlownSortie
 from uavcover.flight.command import FlightOptions
 from uavcover.flight.connect import Connected, VehicleLink
-from uavcover.model.fleet import Fleet
 from uavcover.model.outcome import Ending, FlightFailedError, FlightOutcome
 from uavcover.model.route import Route
-from uavcover.model.vehicle import Vehicle
+from uavcover.model.vehicle import Fleet, Vehicle
 from uavcover.run.folder import RunFolder
 
 WATCHDOG_S = 120.0

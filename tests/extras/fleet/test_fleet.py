@@ -13,8 +13,8 @@ from tests.missions.test_sorties import there_and_back
 from tests.planner.sites import hills, make_site
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.objectives import judge
-from uavcover.model.fleet import Fleet
 from uavcover.model.route import Plan, RouteMember
+from uavcover.model.vehicle import Fleet
 from uavcover.planner.fleet_document import fleet_document, say_fleet
 from uavcover.planner.plan_files import save_plan
 from uavcover.run.documents import read_plan_document

@@ -27,8 +27,8 @@ from uavcover.mock.behaviour import Settings, quick
 from uavcover.mock.dynamics import BatteryData
 from uavcover.mock.faults import Fault, FaultKind, FaultTrigger, Since
 from uavcover.mock.vehicle import MockConfig, MockVehicle
-from uavcover.model.fleet import Fleet
 from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.model.vehicle import Fleet
 from uavcover.planner.fleet_document import fleet_document
 from uavcover.planner.plan_files import save_plan
 from uavcover.planner.terrain_following import lay_over_terrain

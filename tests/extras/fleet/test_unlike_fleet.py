@@ -38,7 +38,7 @@ from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.vehicle_site import vehicle_sites
+from uavcover.scenario.vehicle_parts import vehicle_sites
 from uavcover.verification.command import verify_run
 
 assert no_recording_of_single_flights  # a fixture that every flight here uses

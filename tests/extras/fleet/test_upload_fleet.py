@@ -18,8 +18,8 @@ from uavcover.extras.fleet.upload import first_sorties, upload_fleet
 from uavcover.flight.connect import Connected, VehicleLink, connect
 from uavcover.missions.flights import compile_flights
 from uavcover.missions.objectives import judge
-from uavcover.model.fleet import Fleet
 from uavcover.model.route import Plan, Route, RouteMember
+from uavcover.model.vehicle import Fleet
 from uavcover.planner.fleet_document import fleet_document
 from uavcover.planner.plan_files import save_plan
 from uavcover.planner.terrain_following import lay_over_terrain

@@ -8,10 +8,9 @@ from mission_io.errors import FormatError, MisuseError, TransferCancelledError, 
 from mission_io.formats.mission_dat import dat_path, read_mission_dat, write_mission_dat
 from mission_io.links.simulated import Conditions
 from mission_io.model.items import Frame, MissionItem, MissionType
-from mission_io.protocol.ftp import DATA_BYTES, FtpError, FtpMessage, FtpOperation
+from mission_io.protocol.ftp import DATA_BYTES, FtpError, FtpListing, FtpMessage, FtpOperation
 from mission_io.protocol.ftp_download import FtpDownload, FtpDownloadState
 from mission_io.protocol.ftp_server import FtpServer
-from mission_io.protocol.ftp_window import FtpListing
 from mission_io.wire.codec import Codec
 from mission_io.wire.mission_items import message_from_item
 from tests.mission_io.protocol.ftp_transfers import download_s, line_s

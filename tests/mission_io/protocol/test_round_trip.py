@@ -6,8 +6,7 @@ from mission_io.autopilots.autopilot import PX4
 from mission_io.errors import MisuseError
 from mission_io.links.simulated import Conditions
 from mission_io.model.items import MissionType
-from mission_io.protocol.round_trip import AnswerDelay, Departures, Patience, RoundTrip
-from mission_io.protocol.timing import Timing
+from mission_io.protocol.timing import AnswerDelay, Departures, Patience, RoundTrip, Timing
 from tests.mission_io.protocol.scripts import items
 from tests.mission_io.vehicle import VehiclePeer, connected
 

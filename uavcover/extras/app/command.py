@@ -48,7 +48,7 @@ def edit(
     from uavcover.extras.app.scene import Scene
     from uavcover.missions.flights import compile_flights
     from uavcover.missions.mission_files import one_or_several
-    from uavcover.missions.part_routes import judge_route
+    from uavcover.missions.objectives import judge_route
     from uavcover.model.route import Plan, Route
     from uavcover.model.vehicle import autopilot_name
     from uavcover.planner.plan_files import save_plan

@@ -32,8 +32,9 @@ from uavcover.sensing.sensors import whatever_heading
 
 # Lower bound on path length by prices on the ground: prices of a linear program, proved for any result of it.
 #
-# The proof looks at all places and all headings (:mod:`uavcover.kernels.ground_prices`) and divides the price of each cell by the
-# largest rate of the places to whose gain it may add; prices that the program got wrong make the bound lower, never wrong.
+# The proof looks at all places and all headings (:mod:`uavcover.kernels.ground_prices`) and divides the price of each
+# cell by the largest rate of the places to whose gain it may add; prices that the program got wrong make the bound
+# lower, never wrong.
 
 _SQUARES_A_CELL = (8, 6, 4, 3, 2, 1)
 """Squares of the lattice along the side of a cell: the finer, the higher the bound, and the longer the proof takes."""

@@ -221,8 +221,9 @@ class PriceProgram:
 
 # Linear programs with few variables and many rows: Mehrotra's predictor-corrector interior point method.
 #
-# S. Mehrotra, On the implementation of a primal-dual interior point method, SIAM Journal on Optimization 2 (1992). The normal
-# equations have a row for each variable. For the prices of a path bound this takes a second where HiGHS takes a minute.
+# S. Mehrotra, On the implementation of a primal-dual interior point method, SIAM Journal on Optimization 2 (1992).
+# The normal equations have a row for each variable. For the prices of a path bound this takes a second where HiGHS
+# takes a minute.
 
 _EXACT = 1e-3
 

@@ -7,8 +7,7 @@ from types import MappingProxyType
 from typing import Final, Literal
 
 from uavcover.extras.check.tuning import CHECKS
-from uavcover.model.power import GRAVITY_M_S2
-from uavcover.model.vehicle import MOTIONS, AutopilotName
+from uavcover.model.vehicle import GRAVITY_M_S2, MOTIONS, AutopilotName
 
 Kind = Literal["multirotor", "fixed-wing", "vtol"]
 KINDS: Final[tuple[Kind, ...]] = ("multirotor", "fixed-wing", "vtol")

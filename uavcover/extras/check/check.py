@@ -12,11 +12,10 @@ from mission_io.model.items import Command, Frame, GeoPoint, Mission, MissionIte
 from mission_io.model.places import FAR_FROM_HOME_M, MEAN_RADIUS_M, ground_distance_m
 from uavcover.extras.check.aircraft import Aircraft
 from uavcover.extras.check.endurance_checks import endurance_findings, speed_findings, wing_findings
-from uavcover.extras.check.findings import CheckFinding, joined
+from uavcover.extras.check.findings import CheckFinding, FlownPath, joined
 from uavcover.extras.check.flown_path import flown_path
 from uavcover.extras.check.ground_checks import height_findings
 from uavcover.extras.check.item_values import impossible_numbers, value_findings
-from uavcover.extras.check.limits import FenceSource, Limits, Surroundings, local_fence
 from uavcover.extras.check.obstacle_checks import (
     distance_findings,
     fence_findings,
@@ -34,10 +33,9 @@ from uavcover.extras.check.return_checks import (
     return_findings,
     with_gaps,
 )
-from uavcover.extras.check.segments import FlownPath
 from uavcover.extras.check.tuning import CHECKS, WORLD
 from uavcover.extras.check.turns import in_turns, turns_of
-from uavcover.extras.check.world import World
+from uavcover.extras.check.world import FenceSource, Limits, Surroundings, World, local_fence
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.judgement import Judgement, VerdictName
 from uavcover.model.no_fly import NoFly

@@ -22,7 +22,7 @@ from uavcover.extras.check.tuning import WORLD
 from uavcover.flight.vehicle_terrain import ElevationData, open_elevation_data
 from uavcover.kernels.arrays import FloatArray
 from uavcover.new.elevation_questions import ask_about_heights, ask_about_surface
-from uavcover.new.surface_look import read_as_needed, surface_datum
+from uavcover.new.terrain_look import read_as_needed, surface_datum
 from uavcover.run.user import User
 from uavcover.scenario.areas.gis_file import entry_of, kml_of
 from uavcover.scenario.surface_model import higher_of, of_surface, refuse_misfit

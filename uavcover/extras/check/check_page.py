@@ -12,12 +12,10 @@ import shapely
 
 from uavcover.errors import InputError, OutputError
 from uavcover.extras.check.check import Checked
-from uavcover.extras.check.findings import CheckFinding
-from uavcover.extras.check.limits import Limits, LocalFence
+from uavcover.extras.check.findings import CheckFinding, Segment
 from uavcover.extras.check.mission_file import CheckOutcome, CheckQuery
-from uavcover.extras.check.segments import Segment
 from uavcover.extras.check.tuning import PAGE
-from uavcover.extras.check.world import World
+from uavcover.extras.check.world import Limits, LocalFence, World
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.judgement import VerdictName, worst
 from uavcover.report.charts import Chart, Plot

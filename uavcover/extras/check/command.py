@@ -11,8 +11,8 @@ from uavcover.cli import options
 from uavcover.cli.survey_options import At, DemOptions, Dsm, TrustDem
 
 if TYPE_CHECKING:
-    from uavcover.extras.check.limits import Limits
     from uavcover.extras.check.planned_view import ViewQuery
+    from uavcover.extras.check.world import Limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ class LimitOptions:
     def limits(self) -> "Limits":
         """The given limits."""
         from uavcover.errors import InputError
-        from uavcover.extras.check.limits import Limits
+        from uavcover.extras.check.world import Limits
         from uavcover.new.quantities import length_m, speed_m_s
 
         def length(text: str | None, option: str, example: str) -> float | None:

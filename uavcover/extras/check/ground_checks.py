@@ -7,12 +7,10 @@ import numpy as np
 import shapely
 import shapely.ops
 
-from uavcover.extras.check.findings import CheckFinding, joined
-from uavcover.extras.check.limits import Limits
+from uavcover.extras.check.findings import CheckFinding, FlownPath, Segment, joined
 from uavcover.extras.check.places import OTHER_DATA
-from uavcover.extras.check.segments import FlownPath, Segment
 from uavcover.extras.check.tuning import CHECKS
-from uavcover.extras.check.world import World
+from uavcover.extras.check.world import Limits, World
 from uavcover.kernels.arrays import FloatArray
 from uavcover.new.tuning import TERRAIN
 

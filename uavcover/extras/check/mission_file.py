@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from mission_io.autopilots.vehicle_types import VehicleKind, kind_of
+from mission_io.autopilots.autopilot import VehicleKind, kind_of
 from mission_io.errors import FormatError
 from mission_io.formats import files, litchi, plan, wpml
 from mission_io.formats.dialects import words_of
@@ -21,10 +21,10 @@ from uavcover.extras.check.aircraft import BANK_DEG, KINDS, Aircraft, Kind, defa
 from uavcover.extras.check.check import Bounds, Checked, CheckRequest, check_mission
 from uavcover.extras.check.check_elevation import ROUTE_SUFFIXES, open_check_elevation, read_route_file
 from uavcover.extras.check.findings import CheckFinding
-from uavcover.extras.check.limits import FenceSource, Limits
 from uavcover.extras.check.obstacle_checks import with_obstacles
 from uavcover.extras.check.planned_view import MissionView, ViewQuery, planned_view
 from uavcover.extras.check.return_checks import OwnReturn
+from uavcover.extras.check.world import FenceSource, Limits
 from uavcover.flight.vehicle_terrain import ElevationData
 from uavcover.missions.failsafe_parameters import failsafe_settings
 from uavcover.model.active_times import window_of

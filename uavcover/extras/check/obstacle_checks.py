@@ -8,11 +8,9 @@ import shapely
 from shapely.geometry.base import BaseGeometry
 
 from uavcover.errors import InputError
-from uavcover.extras.check.findings import CheckFinding, joined
-from uavcover.extras.check.limits import Limits, LocalFence, Surroundings
-from uavcover.extras.check.segments import FlownPath, Segment
+from uavcover.extras.check.findings import CheckFinding, FlownPath, Segment, joined
 from uavcover.extras.check.tuning import CHECKS
-from uavcover.extras.check.world import World
+from uavcover.extras.check.world import Limits, LocalFence, Surroundings, World
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.obstacles import Obstacle, Obstacles
 from uavcover.scenario.airspace.zones import ZoneCheck

@@ -11,11 +11,9 @@ from shapely.geometry.base import BaseGeometry
 from mission_io.model.areas import FramedPoint
 from mission_io.model.items import Command, Frame, Mission
 from uavcover.extras.check.aircraft import Aircraft, default_aircraft
-from uavcover.extras.check.findings import CheckFinding, Weight
-from uavcover.extras.check.limits import Limits, LocalFence, Surroundings
-from uavcover.extras.check.segments import FlownPath, Segment
+from uavcover.extras.check.findings import CheckFinding, FlownPath, Segment, Weight
 from uavcover.extras.check.tuning import CHECKS
-from uavcover.extras.check.world import World
+from uavcover.extras.check.world import Limits, LocalFence, Surroundings, World
 from uavcover.kernels.arrays import FloatArray, IntArray
 from uavcover.missions.failsafe_checks import ReturnLimits, judge_paths, judge_returns
 from uavcover.missions.failsafe_parameters import FailsafeSettings, failsafe_settings

@@ -9,8 +9,7 @@ import numpy as np
 
 from mission_io.model.items import Command, Mission
 from uavcover.extras.check.aircraft import Aircraft
-from uavcover.extras.check.findings import CheckFinding
-from uavcover.extras.check.segments import FlownPath, Segment
+from uavcover.extras.check.findings import CheckFinding, FlownPath, Segment
 from uavcover.extras.check.tuning import PATH
 from uavcover.kernels.arrays import FloatArray
 

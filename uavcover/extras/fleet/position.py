@@ -9,7 +9,7 @@ import numpy as np
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.separation import PathPieces
 from uavcover.missions.timeline import Timeline
-from uavcover.model.fleet import Fleet
+from uavcover.model.vehicle import Fleet
 
 _KNOWN_AFTER_S, _MOST_LATER = 20.0, 1.0
 """Time in the air after which a flight's delay predicts its delay at the landing, and the largest one as a share of the rest."""

@@ -16,7 +16,7 @@ from uavcover.extras.fleet.tuning import FLEET
 from uavcover.kernels.arrays import FloatArray
 from uavcover.missions.separation import pieces_of, segment_distances_m, unsafe_starts
 from uavcover.missions.timeline import Timeline
-from uavcover.model.fleet import Fleet
+from uavcover.model.vehicle import Fleet
 
 _AHEAD_S, _AHEAD_TO_GO_ON_S = 45.0, 60.0
 """So far ahead two vehicles are looked at; farther before one that holds goes on, so that it does not stop again at once."""

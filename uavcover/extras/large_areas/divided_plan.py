@@ -45,8 +45,9 @@ from uavcover.sensing.block_map import BlockLook, BlockTask, RunBlocks, is_large
 
 # Finished routes of parts, kept in the run folder, so that a plan continues after its process was killed.
 #
-# The search in a part is a function of its task, of the site and of the program alone, and the name of a file is a hash of all
-# three. So what is kept is right for any later plan with the same inputs, and is never taken for anything else.
+# The search in a part is a function of its task, of the site and of the program alone, and the name of a file is a
+# hash of all three. So what is kept is right for any later plan with the same inputs, and is never taken for anything
+# else.
 
 _DIGEST_BYTES = 32
 
@@ -136,9 +137,9 @@ def _read(path: Path) -> FloatArray | None:
 
 # Memory of a plan, and how a limit is kept: more parts, and fewer of them at a time.
 #
-# What takes how much was measured, and some added: estimates are 6 to 36 % above what threads take, more with worker processes
-# (``scripts/bench/memory.py``, docs/results/large.md). It is estimated from the scenario alone, because the number of
-# parts decides what is planned: the same limit gives the same plan.
+# What takes how much was measured, and some added: estimates are 6 to 36 % above what threads take, more with worker
+# processes (``scripts/bench/memory.py``, docs/results/large.md). It is estimated from the scenario alone, because the
+# number of parts decides what is planned: the same limit gives the same plan.
 
 MIB = 2**20
 

@@ -30,11 +30,12 @@ from uavcover.sensing.coverage_map import CoverageMap
 
 # Sectors: parts of an area between two rays from home, and their flights, one for each layer.
 #
-# Every flight to a distant layer passes over nearer ground twice. Here it sees something on both ways: it goes out in a strip
-# along one side of the sector, sees its layer in lines across, the nearest first, and comes home in a strip along the other side,
-# which begins at the far end of its layer. Farther layers have the outer strips, and nearer ones see what is between them. Lines
-# across meet the sides at right angles or nearly so, where lines along a ray would leave gaps or overlap in proportion to the
-# distance from home. Where the sector is no wider than all its strips, flights see it from straight ways to home.
+# Every flight to a distant layer passes over nearer ground twice. Here it sees something on both ways: it goes out in
+# a strip along one side of the sector, sees its layer in lines across, the nearest first, and comes home in a strip
+# along the other side, which begins at the far end of its layer. Farther layers have the outer strips, and nearer
+# ones see what is between them. Lines across meet the sides at right angles or nearly so, where lines along a ray
+# would leave gaps or overlap in proportion to the distance from home. Where the sector is no wider than all its
+# strips, flights see it from straight ways to home.
 
 _NEAREST = 0.6
 """A flight begins and ends to see so near to home, in widths of a strip: what is nearer is seen on the way."""

@@ -14,9 +14,9 @@ from uavcover.extras.photos.exif import ENDINGS as PICTURE_ENDINGS
 from uavcover.extras.photos.judge_photos import judge_photos
 from uavcover.extras.photos.photo_judgement import PhotoRequest
 from uavcover.extras.photos.photo_verdict import PhotoVerdict
+from uavcover.extras.photos.picture import survey_as_flown
 from uavcover.extras.photos.placing import Assumptions
 from uavcover.extras.photos.readers import LISTS, LOGS, read_pictures, reports_pictures
-from uavcover.extras.photos.survey_as_flown import survey_as_flown
 from uavcover.kernels.arrays import FloatArray
 from uavcover.model.judgement import Requirement, noted
 from uavcover.new.elevation_questions import NewRequest
@@ -30,7 +30,7 @@ from uavcover.scenario.site import Site
 from uavcover.sensing.pictures import PictureCounts
 from uavcover.sensing.sensors import frame_camera
 from uavcover.verification.command import JudgedPictures, verify_run
-from uavcover.verification.photo_evidence import GivenEvidence, PictureEvidence
+from uavcover.verification.flown_coverage import GivenEvidence, PictureEvidence
 from uavcover.verification.run_logs import LOG_ENDINGS, read_log
 from uavcover.verification.verify import track_positions_m
 

@@ -7,8 +7,7 @@ from typing import Annotated
 import typer
 
 from uavcover.cli import options
-from uavcover.cli.photo_options import PhotoOptions, SearchOptions, list_curves
-from uavcover.cli.survey_options import SurveyOptions
+from uavcover.cli.survey_options import PhotoOptions, SearchOptions, SurveyOptions, list_curves
 
 
 def judge_photos(

@@ -17,8 +17,8 @@ from uavcover.extras.photos.photo_verdict import (
     photo_raster,
     picture_table,
 )
+from uavcover.extras.photos.picture import CAMERA_FILE, survey_as_flown
 from uavcover.extras.photos.readers import PictureSet, read_pictures
-from uavcover.extras.photos.survey_as_flown import CAMERA_FILE, survey_as_flown
 from uavcover.model.area import Area
 from uavcover.planner.command import PlanRequest, plan_into
 from uavcover.run.folder import RunFolder, json_text

@@ -12,11 +12,10 @@ import shapely
 from uavcover.errors import InfeasibleError, InputError
 from uavcover.extras.photos.doubts import direction_doubts, height_doubts, missing_stretches
 from uavcover.extras.photos.photo_verdict import PhotoVerdict, blur_px, clocks_of, frame_of
-from uavcover.extras.photos.picture import Picture
+from uavcover.extras.photos.picture import FILM_DIAGONAL_MM, LENS_DIFFERS, Picture
 from uavcover.extras.photos.placing import Assumptions, PlacedPictures, place_pictures
 from uavcover.extras.photos.readers import PictureSet
 from uavcover.extras.photos.showing import detection_document, detection_doubts, shown_cells
-from uavcover.extras.photos.survey_as_flown import FILM_DIAGONAL_MM, LENS_DIFFERS
 from uavcover.kernels.arrays import BoolArray, FloatArray
 from uavcover.model.detection import DetectionCurve
 from uavcover.model.judgement import Effect, Finding, Holds, Judgement, Requirement

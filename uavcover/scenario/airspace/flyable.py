@@ -75,8 +75,8 @@ def _rings_m(polygon: shapely.Polygon) -> list[FloatArray]:
 
 # Find ground steps that no leg can pass: between two nodes they are higher than the height band is wide.
 #
-# A leg beside a cliff that is low enough above its top is too high above its foot. Where such steps part the ground, a route
-# stays on one side.
+# A leg beside a cliff that is low enough above its top is too high above its foot. Where such steps part the ground,
+# a route stays on one side.
 
 _LEAST_SHARE = 0.005
 """Smallest share of a region: a smaller part behind steps, such as a ledge, is ignored."""
