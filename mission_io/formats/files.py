@@ -284,11 +284,6 @@ FORMATS: Final = tuple(_WRITERS)
 def mission_text(file_format: str, lists: plan.PlanFile, *, name: str = "mission") -> str:
     """The text of a mission in one of FORMATS; only ``plan`` and MAVProxy's formats carry fence and rally points.
 
-    Args:
-        file_format: One of FORMATS.
-        lists: What to write.
-        name: What drawings call the route.
-
     Raises:
         FormatError: the mission has no home although the format needs one, or a number that the format cannot hold.
         MisuseError: another format.

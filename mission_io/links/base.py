@@ -45,10 +45,6 @@ class LinkUrl:
 def parse_url(url: str, *, registered: frozenset[str]) -> LinkUrl:
     """Take a link URL apart.
 
-    Args:
-        url: The URL.
-        registered: Schemes beside those that are built in.
-
     Raises:
         MisuseError: a scheme that is not known, a missing or impossible port, or an impossible baud rate; it says which.
     """
@@ -143,11 +139,7 @@ def port_of(sock: socket.socket) -> int:
 
 
 class WrappingLink:
-    """Base of links that wrap another one.
-
-    Args:
-        link: the one inside.
-    """
+    """Base of links that wrap another one."""
 
     def __init__(self, link: Link) -> None:
         self._link = link

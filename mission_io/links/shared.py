@@ -24,12 +24,7 @@ _log = logging.getLogger(__name__)
 
 
 class SharedLink:
-    """A link for several vehicles: opened with its first share, closed with its last one, and so on again. Thread-safe.
-
-    Args:
-        opener: Opens the link.
-        systems: The systems of the vehicles that share it.
-    """
+    """A link for several vehicles: opened with its first share, closed with its last one, and so on again. Thread-safe."""
 
     def __init__(self, opener: Callable[[], Link], systems: Collection[int]) -> None:
         self._opener = opener

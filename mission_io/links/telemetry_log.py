@@ -110,11 +110,7 @@ class TelemetryLogWriter(Closing):
 
 
 class LoggedLink(WrappingLink):
-    """A :class:`~mission_io.links.opening.Link` that writes its datagrams into a log, from ``log_to`` on.
-
-    Args:
-        link: carries the datagrams.
-    """
+    """A :class:`~mission_io.links.opening.Link` that writes its datagrams into a log, from ``log_to`` on."""
 
     def __init__(self, link: Link) -> None:
         super().__init__(link)

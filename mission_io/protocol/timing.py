@@ -196,11 +196,7 @@ def longest_times(timing: Timing, item_count: int) -> LongestTimes:
 
 
 class RateLimit:
-    """Allows ``per_s`` answers a second on average, and as many at once after a pause.
-
-    Args:
-        per_s: Answers a second.
-    """
+    """Allows ``per_s`` answers a second on average, and as many at once after a pause."""
 
     def __init__(self, *, per_s: float) -> None:
         if not per_s >= 1.0:

@@ -27,11 +27,6 @@ TIMESTAMP_SUFFIX: Final = ".timestamp"
 def read_private(path: Path, *, what: str, largest: int) -> bytes:
     """The content of a file that only its owner may read.
 
-    Args:
-        path: The file.
-        what: Its description, for the error.
-        largest: Largest size in bytes.
-
     Raises:
         MisuseError: it cannot be read, is not a regular file, is too large, or its group or others may read or write it.
     """

@@ -354,9 +354,6 @@ class PauseKey:
 
     Keys are looked for where stdin is a terminal that this process is in the foreground of; they are read one by one without
     Enter, and the terminal is as it was afterwards. Ctrl-C works as ever.
-
-    Args:
-        console: tells how it is done.
     """
 
     def __init__(self, console: "Console") -> None:

@@ -38,11 +38,7 @@ def overview_of(groups: Groups) -> type[Overview]:
 
 
 class LoadedCommands(MutableMapping[str, Any]):
-    """Commands by name, each loaded when it is looked up first.
-
-    Args:
-        groups: what there is, and where.
-    """
+    """Commands by name, each loaded when it is looked up first."""
 
     def __init__(self, groups: Groups) -> None:
         self._titles = {name: title for title, entries in groups.items() for name in entries}

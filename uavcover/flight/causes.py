@@ -96,12 +96,7 @@ def cause_in(text: str, *, severity: int = Severity.WARNING) -> Ending | None:
 
 
 class Causes:
-    """Collects evidence while a vehicle flies.
-
-    Args:
-        client: hears the vehicle.
-        monitor: hears what the client hears.
-    """
+    """Collects evidence while a vehicle flies."""
 
     def __init__(self, client: VehicleClient, monitor: Monitor) -> None:
         self._client, self._monitor = client, monitor

@@ -259,12 +259,6 @@ def check_home(vehicle: Connected, site: Site, compiled: CompiledMission) -> Non
 def fly(vehicle: Connected, site: Site, compiled: CompiledMission, orders: Orders) -> FlightOutcome:
     """Fly the mission that the vehicle holds: ready, check, arm, start, follow, land; see :mod:`uavcover.flight.fly`.
 
-    Args:
-        vehicle: connected, on the ground.
-        site: the scenario on its ground.
-        compiled: the mission for the vehicle.
-        orders: the user's orders, and the receiver of messages.
-
     Raises:
         FlightFailedError: the vehicle or the link failed, or the vehicle is not what was planned for; it carries the outcome.
     """
@@ -292,12 +286,6 @@ def fly_on(vehicle: Connected, site: Site, unfinished: "Unfinished", orders: Ord
 
     A vehicle that still holds the mission and is where it left its route goes on with the item it was flying to. Any other is
     sent a mission that leads from where it is, along checked legs, to where the route was left.
-
-    Args:
-        vehicle: connected, in the air.
-        site: the scenario on its ground.
-        unfinished: what is left.
-        orders: the user's orders, and the receiver of messages.
 
     Raises:
         FlightFailedError: as ``fly``; also when there is no checked way on from where the vehicle is, which then holds there.

@@ -28,10 +28,6 @@ class Evidence:
     """Request fresh evidence after each gap, and report its arrival.
 
     A gap is a silence of the vehicle, or a pause of this process: both show as time between two messages.
-
-    Args:
-        client: talks to the vehicle.
-        monitor: hears what the client hears.
     """
 
     def __init__(self, client: VehicleClient, monitor: Monitor) -> None:

@@ -126,9 +126,6 @@ class ListReading:
 class ModeOverride:
     """Whether a pilot or a failsafe has overridden the commanded mode.
 
-    Args:
-        session: with the vehicle.
-
     Attributes:
         cause: the reason; None while the vehicle is in the commanded mode, or has only just left it.
         text: its reported text.

@@ -132,13 +132,7 @@ def _wait_s(command: int, seconds: float) -> float:
 
 
 class FlightSchedule:
-    """Compares a flight in the air with its plan.
-
-    Args:
-        session: with the vehicle.
-        plan: what it flies.
-        progress: along it.
-    """
+    """Compares a flight in the air with its plan."""
 
     def __init__(self, session: Session, plan: FlightPlan, progress: MissionProgress) -> None:
         self._session, self._plan, self._progress = session, plan, progress
@@ -224,11 +218,6 @@ class PhotoWatch:
 
     A vehicle that has reported no photo at all is watched where photos are required, and otherwise not: its camera may have no
     feedback.
-
-    Args:
-        session: with the vehicle.
-        plan: what it flies.
-        progress: along it.
     """
 
     def __init__(self, session: Session, plan: FlightPlan, progress: MissionProgress) -> None:

@@ -163,10 +163,6 @@ def mission_cost(site: Site, route: Route) -> MissionCost:
 
     One flight is counted along its transits, as the compiler does. Several are split as :func:`compile_sorties` splits them, but
     with straight transits. Nothing is checked: a route that cannot be split or flown costs what one flight does.
-
-    Args:
-        site: the scenario on its ground, with a home.
-        route: one waypoint at least.
     """
     home, vehicle = site.home_m, site.scenario.vehicle
     if home is None or len(route) == 0:

@@ -83,11 +83,7 @@ class MissionFlight:
         state.say(Severity.INFO, f"Climb to {ahead[0] - state.body.home_m[2]:.1f} meters above home")
 
     def start(self, before: Sequence[Step] = ()) -> None:
-        """Fly the mission from its current item on.
-
-        Args:
-            before: what to do first.
-        """
+        """Fly the mission from its current item on."""
         state = self._state
         self.heights_are_old = False
         state.current_seq = max(state.current_seq, self.first_seq)

@@ -216,10 +216,6 @@ class ListFiles:
 
     A file that is no list changes nothing. An item that is refused ends a mission or rally points, whose old ones are gone by
     then; a fence is replaced as a whole or not at all. The writer gets no answer about it.
-
-    Args:
-        missions: The lists.
-        autopilot: Whose rules apply.
     """
 
     def __init__(self, missions: MissionStore, autopilot: Autopilot) -> None:

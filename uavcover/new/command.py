@@ -79,11 +79,6 @@ def new_scenario(request: NewRequest, user: User, *, folder: Path) -> NewScenari
 def new_scenarios(request: NewRequest, user: User, *, folder: Path) -> tuple[NewScenario, ...]:
     """Design a survey and write its scenarios, one for each flight of its pattern.
 
-    Args:
-        request: what the user gave.
-        user: receives notes and warnings.
-        folder: where the scenario will be, for relative paths.
-
     Raises:
         InputError: something is missing, or cannot be used; says which option and what to do.
     """

@@ -47,11 +47,7 @@ class ElevationSet:
     note: str = ""  # what else to know
 
     def names(self, corner: tuple[int, int]) -> tuple[str, ...]:
-        """The file names that a tile goes by, the usual one first.
-
-        Args:
-            corner: latitude and longitude of its south-west corner.
-        """
+        """The file names that a tile goes by, the usual one first."""
         lat, lon = corner
         lat2, lon2 = lat + self.tile_deg, lon + self.tile_deg
         fields = {
@@ -405,13 +401,7 @@ def ask_about_surface(dem: TerrainSource, user: User, *, beside_surface: bool) -
 
 
 def ask_about_heights(source: TerrainSource, user: User, *, option: str) -> None:
-    """Ask whether heights are heights, and in metres, where the data says otherwise; tell which of several bands is taken.
-
-    Args:
-        source: the elevation data.
-        user: is asked.
-        option: that named it, such as "--dem".
-    """
+    """Ask whether heights are heights, and in metres, where the data says otherwise; tell which of several bands is taken."""
     if (why := feet_in_words(source)) is not None:
         user.warn(f"{option}: are its heights in feet? {why}; they are taken as metres; set --height-unit ft or m")
     if (why := shading_in_words(source)) is not None:

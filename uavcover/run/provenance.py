@@ -76,14 +76,7 @@ def version() -> str:
 
 
 def with_entry(document: Mapping[str, Any], did: str, *, command: Sequence[str], **more: Any) -> dict[str, Any]:
-    """A ``run.json`` with one entry more.
-
-    Args:
-        document: as it was.
-        did: which step it was.
-        command: the command line.
-        more: what it read and wrote.
-    """
+    """A ``run.json`` with one entry more."""
     entries = _entries(document)
     entry = {
         "did": did,

@@ -55,10 +55,6 @@ class SpaceReserve:
     It is a file without a name, so a program that is killed leaves nothing behind. Where the operating system cannot reserve,
     the free space is only looked at.
 
-    Args:
-        folder: where.
-        size_bytes: how much.
-
     Raises:
         OutputError: there is not so much room.
     """

@@ -125,11 +125,6 @@ def _steps(first: float, last: float, step: float) -> FloatArray:
 def leg_breaches(ground: Ground, route_m: FloatArray, limits: Obstacles) -> FloatArray:
     """Missing obstacle clearance of the legs of an (n, 3) ENU route.
 
-    Args:
-        ground: with its obstacles.
-        route_m: waypoints in flying order.
-        limits: the clearances.
-
     Returns:
         (n - 1, 3) number of the obstacle, -1 for none; metres of missing clearance at the worst point, beside or above it,
         whichever is less; the parameter 0..1 along the leg there.
@@ -150,10 +145,6 @@ def _breaches(ground: Ground, begins: FloatArray, ends: FloatArray, limits: Obst
 
 def read_geojson(path: Path, *, key: str) -> Any:
     """Read a GeoJSON file in longitude and latitude.
-
-    Args:
-        path: the file.
-        key: the scenario's key, for errors.
 
     Raises:
         ScenarioError: it cannot be read, or is in another coordinate system.
@@ -295,10 +286,6 @@ def read_kml_obstacles(path: Path, *, key: str) -> tuple[Obstacle, ...]:
 
     Its height is its data ``height_m`` (ExtendedData), or else the largest height of its corners, with altitudeMode
     relativeToGround.
-
-    Args:
-        path: the file.
-        key: the scenario's key, for errors.
 
     Raises:
         ScenarioError: it cannot be read, or a polygon has no height above ground; says which.

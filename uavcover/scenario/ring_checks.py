@@ -156,11 +156,6 @@ _Given = TypeVar("_Given", bound=Outline)
 def with_rings(outline: _Given, folder: Path, *, key: str) -> _Given:
     """The outline with its file replaced by the rings.
 
-    Args:
-        outline: as the scenario has it.
-        folder: base of relative paths.
-        key: its place in the scenario file, for errors.
-
     Raises:
         ScenarioError: the file cannot be used.
     """

@@ -80,11 +80,6 @@ def load_scenario(name_or_path: str | Path) -> Scenario:
 def parse_scenario(text: str, *, source: str, folder: Path) -> Scenario:
     """Parse a scenario from TOML text.
 
-    Args:
-        text: the TOML.
-        source: names the text in errors.
-        folder: base of relative paths.
-
     Raises:
         ScenarioError: one line with the path of every invalid key.
     """

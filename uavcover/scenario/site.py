@@ -173,10 +173,6 @@ def forget_computed(site: Site) -> None:
 def build_site(scenario: Scenario, *, terrain_file: Path | TerrainSource | None = None) -> Site:
     """Transform a scenario into its local frame and read its terrain.
 
-    Args:
-        scenario: as loaded.
-        terrain_file: path of the elevation file, for raster terrain.
-
     Raises:
         TerrainError: the elevation data cannot be used, or does not reach.
         ScenarioError: positions are inconsistent.

@@ -240,12 +240,6 @@ def repaired(mission: Mission, world: World, limits: Limits, fly: Fly) -> Repair
     """Lift straight legs between waypoints to the least height above ground.
 
     Curves, circles, heights above the terrain, take-off and landing stay as they are; the check that follows reports them.
-
-    Args:
-        mission: as it is.
-        world: its ground.
-        limits: whose least height above ground is kept.
-        fly: the path of a mission.
     """
     raised: set[int] = set()
     inserted: set[int] = set()

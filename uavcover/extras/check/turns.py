@@ -37,13 +37,7 @@ def turns_of(path: FlownPath, mission: Mission, aircraft: Aircraft) -> FlownPath
 def in_turns(
     judge: Callable[[FlownPath], Sequence[CheckFinding]], turns: FlownPath, legs: Sequence[CheckFinding]
 ) -> list[CheckFinding]:
-    """Findings of turns that break a limit where the legs beside them do not.
-
-    Args:
-        judge: the check.
-        turns: what is flown at corners.
-        legs: what the same check found of the legs.
-    """
+    """Findings of turns that break a limit where the legs beside them do not."""
     broken = {(one.kind, number) for one in legs if one.weight == "breaks" for number in range(*_reach(one))}
     return [
         dataclasses.replace(one, what=f"in the turn there: {one.what}")

@@ -112,9 +112,6 @@ class Call:
 class MavsdkSession:
     """One MAVSDK instance that speaks as ``local`` and sends its own heartbeats.
 
-    Args:
-        local: which system and component it is.
-
     Raises:
         VehicleError: MAVSDK does not begin.
     """
@@ -260,10 +257,6 @@ class TappedLink(WrappingLink):
 
     MAVSDK hears the vehicle's autopilot alone, from ``keep_to`` on: what a companion computer says with the same system id must
     answer none of its questions.
-
-    Args:
-        link: carries the datagrams.
-        session: the MAVSDK instance on it.
     """
 
     def __init__(self, link: Link, session: MavsdkSession) -> None:

@@ -44,11 +44,7 @@ def qgis_plugin(
 
 
 def plugin_zip(*, program: list[str]) -> bytes:
-    """The plugin as the bytes of a zip file.
-
-    Args:
-        program: command that runs uavcover.
-    """
+    """The plugin as the bytes of a zip file."""
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
         texts = {path.name: path.read_text(encoding="utf-8") for path in sorted(PLUGIN.iterdir()) if path.is_file()}

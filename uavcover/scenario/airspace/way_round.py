@@ -17,11 +17,7 @@ _MOST_CORNERS = 48
 
 
 class WayRound:
-    """Ways inside a region. Corners of shortest ways are corners of the region that stick into it.
-
-    Args:
-        region: where ways may be.
-    """
+    """Ways inside a region. Corners of shortest ways are corners of the region that stick into it."""
 
     def __init__(self, region: Polygons) -> None:
         self.region = region

@@ -74,10 +74,6 @@ def is_area_text(source: str) -> bool:
 def read_area(query: AreaQuery, *, folder: Path = Path()) -> FoundArea:
     """Read an area.
 
-    Args:
-        query: what to read.
-        folder: base of a relative path.
-
     Raises:
         InputError: one line that names the file and the feature, what is wrong there, and the way out.
     """

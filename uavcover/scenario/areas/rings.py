@@ -38,11 +38,6 @@ def read_polygons(rings: Rings, reading: RingReading, where: str) -> tuple[list[
 
     Longitudes of one polygon are continuous: across 180 degrees they go beyond it.
 
-    Args:
-        rings: the outer one, then the holes.
-        reading: how to read them.
-        where: names the file and the feature.
-
     Raises:
         InputError: says what is wrong with the polygon, where, and the way out.
     """

@@ -23,9 +23,6 @@ class MmfInPymoo(Problem):  # type: ignore[misc]
     ``pareto_front()`` and ``pareto_set()`` are our reference sets, with pymoo's order: a front of two objectives is sorted
     by the first, so its rows are not those of the set. For a problem with local sets they hold the local ones too.
 
-    Args:
-        mmf: a key of `PROBLEMS`.
-
     Raises:
         InputError: there is no such problem.
     """
