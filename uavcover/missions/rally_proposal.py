@@ -39,7 +39,7 @@ _SLACK_M = 1.0
 
 
 def with_rally(returns: OwnReturns) -> tuple[OwnReturns, ReturnAdvice]:
-    """The returns of a flight with rally points, judged: home at a safe height, and proposed ones if the scenario requests them."""
+    """The returns of a flight with rally points, judged: home at a safe height, and proposed ones if requested."""
     site = returns.site
     proposed = _above_home(site, _proposed(site, returns.path_m, returns.autopilot))
     returns = replace(returns, rally=proposed)
