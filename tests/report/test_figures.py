@@ -6,39 +6,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from uavcover.errors import InputError, OutputError
-from uavcover.planner.pareto_file import read_pareto
+from uavcover.errors import OutputError
 from uavcover.report.content import ReportContent
 from uavcover.report.figures import FIGURE_NAMES, save_figures, save_pareto_plot
-from uavcover.run.folder import RunFolder
 from uavcover.terrain.ground import grid_ground, relief_grid
-
-# ``pareto.csv`` is read back as it was written, or refused by line.
-
-
-def test_members_come_back(run: RunFolder) -> None:
-    first, second = read_pareto(run.file("pareto.csv"))
-    assert (first.index, first.chosen, second.index, second.chosen) == (0, True, 1, False)
-    assert second.path_length_m == 2.0 * first.path_length_m
-    assert first.made_by == "boustrophedon"
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "message"),
-    [
-        ("coverage_fraction,", "share,", "has no column 'coverage_fraction'"),
-        ("\n1,0.5,0.5", "\n1,0.5,half", "line 3: is not a member"),
-        ("\n1,0.5,0.5", "\n1,0.5,nan", "line 3: a figure is not a finite number"),
-        ("\n1,0.5,0.5", "\n1,0.5\xff,0.5", None),
-    ],
-)
-def test_broken_files(run: RunFolder, tmp_path: Path, old: str, new: str, message: str | None) -> None:
-    text = run.file("pareto.csv").read_text()
-    assert old in text
-    path = tmp_path / "pareto.csv"
-    path.write_text(text.replace(old, new), encoding="latin-1")
-    with pytest.raises(InputError, match=message or "cannot be read"):
-        read_pareto(path)
 
 
 def test_both_views_are_drawn_and_equal_again(content: ReportContent, tmp_path: Path) -> None:

@@ -1,22 +1,8 @@
 """``uavcover bench paper`` as a user gives it."""
 
-import doctest
-import importlib
 from pathlib import Path
 
-import pytest
-
 from tests.cli.conftest import Cli
-
-# The examples in docstrings are true.
-
-
-@pytest.mark.parametrize("module", ["mmf.summary", "mmf.tables", "rank_tests"])
-def test_examples_in_docstrings(module: str) -> None:
-    result = doctest.testmod(importlib.import_module(f"uavcover.extras.benchmarks.{module}"))
-    assert result.attempted > 0
-    assert result.failed == 0
-
 
 SMALL = ("--population", 20, "--iterations", 2, "--runs", 1, "--processes", 1)
 

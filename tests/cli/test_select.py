@@ -1,0 +1,87 @@
+import csv
+import json
+from pathlib import Path
+
+from tests.cli.conftest import Cli
+from uavcover.missions.mission_files import compile_plan, export_text
+from uavcover.run.flight_folders import read_planned
+from uavcover.run.folder import RunFolder
+
+
+def set_of(run: Path) -> list[dict[str, str]]:
+    with (run / "pareto.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_another_member_and_back_again(cli: Cli, planned: Path) -> None:
+    kept = {name: (planned / name).read_text() for name in ("pareto.csv", "mission.waypoints", "mission.plan")}
+    before = json.loads((planned / "plan.json").read_text())
+    rows = set_of(planned)
+    (first,) = (int(row["index"]) for row in rows if row["chosen"] == "1")
+    longest = max(rows, key=lambda row: float(row["path_length_m"]))
+    assert int(longest["index"]) != first
+    ended = cli("select", planned, f"index:{longest['index']}", "--json")
+    assert ended.code == 0
+    assert ended.document["index"] == int(longest["index"])
+    after = json.loads((planned / "plan.json").read_text())
+    assert after["metrics"]["path_length_m"] == float(longest["path_length_m"])
+    assert after["metrics"]["coverage_fraction"] == float(longest["coverage_fraction"])
+    assert len(after["waypoints"]) == int(longest["waypoint_count"])
+    same = ("seed", "algorithm", "evaluations", "wall_s", "bounds", "baselines", "origin")
+    assert {name: after[name] for name in same} == {name: before[name] for name in same}
+    assert [row["index"] for row in set_of(planned) if row["chosen"] == "1"] == [longest["index"]]
+    assert (planned / "mission.waypoints").read_text() != kept["mission.waypoints"]
+    site, document = read_planned(RunFolder(planned))
+    compiled = compile_plan(site, document.route)
+    assert (planned / "mission.waypoints").read_text() == export_text(
+        compiled, "waypoints", autopilot="ardupilot", name=site.scenario.name
+    )
+    assert cli("select", planned, before["select"]).code == 0
+    assert {name: (planned / name).read_text() for name in kept} == kept
+    assert json.loads((planned / "plan.json").read_text()) == before
+
+
+def test_a_rule_that_no_member_meets(cli: Cli, planned: Path) -> None:
+    ended = cli("select", planned, "coverage>=1", "--json")
+    best = max(set_of(planned), key=lambda row: float(row["coverage_of_coverable"]))
+    if float(best["coverage_of_coverable"]) == 1.0:
+        assert ended.code == 0
+        return
+    assert ended.code == 1
+    assert "no route meets coverage>=1" in ended.err
+    assert ended.document["metrics"]["coverage_of_coverable"] == float(best["coverage_of_coverable"])
+
+
+def test_the_report_of_a_plan_that_was_not_flown_goes_with_its_route(cli: Cli, planned: Path) -> None:
+    """It was taken for something flown, and --force was asked for."""
+    (planned / "report.html").write_text("of the route before")
+    assert cli("select", planned, "max-coverage").code == 0
+    assert not (planned / "report.html").exists()
+    (planned / "report.html").write_text("of a flight")
+    (planned / "verification.json").write_text("{}")
+    assert "report.html, verification.json would be overwritten" in cli("select", planned, "max-coverage").error
+
+
+def test_errors_change_nothing(cli: Cli, planned: Path, tmp_path: Path) -> None:
+    kept = {path.name: path.read_bytes() for path in planned.iterdir()}
+    assert "is not a rule" in cli("select", planned, "best").error
+    assert "outside the set" in cli("select", planned, "index:999").error
+    assert "uavcover plan" in cli("select", tmp_path / "nowhere", "knee").error
+    assert {path.name: path.read_bytes() for path in planned.iterdir()} == kept
+    (planned / "track.csv").write_text("flown")
+    refused = cli("select", planned, "max-coverage")
+    assert refused.code == 2
+    assert "track.csv" in refused.error
+    assert (planned / "track.csv").read_text() == "flown"
+    assert cli("select", planned, "max-coverage", "--force").code == 0
+    assert not (planned / "track.csv").exists()
+    assert (planned / "older-1" / "track.csv").read_text() == "flown"
+    assert (planned / "older-1" / "plan.json").read_bytes() == kept["plan.json"]
+    routes = planned / "pareto_routes.csv"
+    lines = routes.read_text().splitlines()
+    routes.write_text("\n".join([lines[0], *lines[2:]]))
+    broken = cli("select", planned, "knee")
+    assert broken.code == 2
+    assert "pareto_routes.csv: line 2: is not the next waypoint" in broken.error
+    routes.unlink()
+    assert "has no pareto_routes.csv" in cli("select", planned, "knee").error

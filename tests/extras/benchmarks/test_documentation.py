@@ -1,0 +1,13 @@
+"""The examples in docstrings are true."""
+
+import doctest
+import importlib
+
+import pytest
+
+
+@pytest.mark.parametrize("module", ["mmf.summary", "mmf.tables", "rank_tests"])
+def test_examples_in_docstrings(module: str) -> None:
+    result = doctest.testmod(importlib.import_module(f"uavcover.extras.benchmarks.{module}"))
+    assert result.attempted > 0
+    assert result.failed == 0
