@@ -102,7 +102,7 @@ def write(plan: PlanFile) -> str:
             return point that are not above home, or items that differ from what a kept entry flies.
     """
     if not math.isfinite(plan.cruise_speed_m_s) or not math.isfinite(plan.hover_speed_m_s):
-        raise FormatError("a speed is not finite", where="mission.cruiseSpeed", advice="give finite speeds")
+        raise FormatError("a speed is not finite", where="mission.cruiseSpeed", advice="use finite speeds")
     mission = {
         "cruiseSpeed": round(plan.cruise_speed_m_s),
         "firmwareType": int(plan.mav_autopilot),
@@ -117,7 +117,7 @@ def write(plan: PlanFile) -> str:
         texts = {name: _part_text(plan, name, part, indent=8) for name, part in parts.items()}
         return _part_text(plan, "", texts, indent=4) + "\n"
     except ValueError:
-        raise FormatError("a number is not finite", where="plan", advice="give finite positions and speeds") from None
+        raise FormatError("a number is not finite", where="plan", advice="use finite positions and speeds") from None
     except TypeError:
         raise FormatError("a key or value that JSON does not have", where="extras", advice="omit it") from None
     except RecursionError:
@@ -130,7 +130,7 @@ def _home_json(plan: PlanFile) -> object:
         return [home.lat_deg, home.lon_deg, home.alt_amsl_m]
     kept = plan.extras.get("mission", {}).get(_HOME)
     if kept is None:
-        raise FormatError("the mission has no home", where=_HOME, advice="give where it starts")
+        raise FormatError("the mission has no home", where=_HOME, advice="specify the position where it starts")
     return kept
 
 
@@ -182,7 +182,7 @@ def _check_jumps(plan: PlanFile) -> None:
         target = item.params[0]
         if target in inside or not (1 <= target <= len(plan.mission.items) and target == int(target)):
             raise FormatError(
-                f"a jump to {target:g}, which is the number of no simple item",
+                f"a jump to {target:g}, but no simple item has this number",
                 where=f"mission item {number}, param 1",
                 advice="change the jump, or write a .waypoints file",
             )
@@ -248,7 +248,7 @@ def _is_there(root: Node, name: str, repairs: list[str]) -> bool:
     """Whether the plan has a fence or rally points."""
     if name in root.value:
         return True
-    repairs.append(f"plan.{name}: is missing, there is none")
+    repairs.append(f"plan.{name}: is missing; the plan is read without it")
     return False
 
 
@@ -259,7 +259,7 @@ def read_home(node: Node, repairs: list[str], extras: dict[str, Mapping[str, Any
         return GeoPoint(*node.floats(3))
     for entry in entries[:2]:
         entry.number()
-    repairs.append(f"{node.where}: has no height, so the mission has no home")
+    repairs.append(f"{node.where}: the position has no height, so the mission has no home")
     extras["mission"] = {**extras.get("mission", {}), _HOME: node.value}
     return None
 
@@ -269,9 +269,9 @@ def _read_part(node: Node, name: str, repairs: list[str], extras: dict[str, Mapp
     version, known = _CONSTANTS[name]["version"], _MODELLED[name]
     found = node.optional("version", lambda entry: entry.value, None)
     if found is None:
-        repairs.append(f"{node.where}.version: is missing, read as {version}")
+        repairs.append(f"{node.where}.version: the key is missing; read as version {version}")
     elif name in _OLD_PARTS and found == 1 and found is not True:
-        repairs.append(f"{node.where}: is of the old version 1, and written as {version}")
+        repairs.append(f"{node.where}: this is the old version 1; it will be written as version {version}")
         known = known | _OLD_KEYS
     elif found != version:
         what = f"version {found!r:.20} is not known"
@@ -347,14 +347,14 @@ def read_old_json(text: str) -> OldFile:
     """
     clean = clean_text(text)
     root = parse_json(clean.text, "file")
-    repairs = [*clean.repairs, "a file of QGroundControl from before .plan"]
+    repairs = [*clean.repairs, "a QGroundControl file older than .plan"]
     kind = root.optional("fileType", lambda node: node.value, None)
     if kind == "GeoFence":
         return OldFile(fence=read_fence_part(root, repairs), repairs=tuple(repairs))
     if kind == "RallyPoints":
         return OldFile(rally=read_rally_part(root), repairs=tuple(repairs))
     if kind not in (None, "Mission") or "items" not in root.value:
-        raise FormatError("JSON that is not a mission", where="file", advice="choose a .plan or .mission file")
+        raise FormatError("the JSON is not a mission", where="file", advice="choose a .plan or .mission file")
     version = root.optional("version", lambda node: node.value, 1)
     if version in _VERSIONS_1 and version is not True:
         return OldFile(_mission_of_version_1(root, repairs), repairs=tuple(repairs))
@@ -400,12 +400,12 @@ def _jump_to(item: MissionItem, numbers: Mapping[int, int]) -> MissionItem:
         return item
     target, p2, p3, p4 = item.params
     if target not in numbers:
-        what = f"a jump to {target:g}, which is the id of no item"
+        what = f"a jump to {target:g}, but no item has this id"
         raise FormatError(what, where="file.items", advice="change the jump")
     return dataclasses.replace(item, params=(float(numbers[int(target)]), p2, p3, p4))
 
 
 def _refuse_surveys(there_are_some: bool) -> None:
     if there_are_some:
-        what = "a survey, whose items are not in the file"
+        what = "the items of the survey are not in the file"
         raise FormatError(what, where="file", advice="upload it with QGroundControl and download the mission")

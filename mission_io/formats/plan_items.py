@@ -47,7 +47,9 @@ def fence_json(fence: Fence) -> dict[str, Any]:
 def framed_json(point: FramedPoint, where: str) -> list[float]:
     """The JSON of a point with a height. Raises FormatError: a height that is not above home."""
     if point.frame is not Frame.ABOVE_HOME:
-        raise FormatError(f"a height {point.frame.name}; this format has them above home only", where=where)
+        raise FormatError(
+            f"the height is {point.frame.name}; this format supports only heights above home", where=where
+        )
     return [point.lat_deg, point.lon_deg, point.alt_m]
 
 
@@ -60,7 +62,7 @@ def read_fence_part(node: Node, repairs: list[str]) -> Fence:
     for key, known in _FENCE_ENTRIES.items():
         for entry in _entries(node, key):
             others = sorted(set(entry.value) - known) if isinstance(entry.value, Mapping) else []
-            repairs += [f"{entry.where}: left out {other[:30]!r}" for other in others]
+            repairs += [f"{entry.where}: ignored {other[:30]!r}" for other in others]
     polygons = [
         FencePolygon(_corners(p.get("polygon")), p.get("inclusion").truth()) for p in _entries(node, "polygons")
     ]
@@ -184,7 +186,7 @@ def read_simple(node: Node) -> MissionItem:
         raise FormatError(error.what, where=frame_node.where, advice=error.advice) from None
     if lat != lat or lon != lon or alt != alt:
         if frame is not Frame.COMMAND and not has_no_place(command):
-            raise FormatError("latitude, longitude and height must be given", where=f"{node.where}.params")
+            raise FormatError("latitude, longitude and height are required", where=f"{node.where}.params")
         lat, lon, alt = (0.0 if math.isnan(value) else value for value in (lat, lon, alt))
     autocontinue = node.optional("autoContinue", Node.truth, default=True)
     return MissionItem(command, frame, (p1, p2, p3, p4), lat, lon, alt, autocontinue)
@@ -199,11 +201,13 @@ def contradictions(node: Node, item: MissionItem) -> list[str]:
         return found
     frame = _MODE_FRAMES.get(mode)
     if frame is not None and item.frame is not frame:
-        found.append(f"{where}: AltitudeMode {mode} is {frame.name}, its frame {item.frame.name}; the frame is flown")
+        found.append(
+            f"{where}: AltitudeMode {mode} is {frame.name}, but its frame is {item.frame.name}; the frame is used"
+        )
     stated = amsl if mode == _ABOVE_TERRAIN_AS_AMSL else height
     if isinstance(stated, int | float) and not isinstance(stated, bool) and abs(stated - item.alt_m) > 0.01:
         key = "AMSLAltAboveTerrain" if mode == _ABOVE_TERRAIN_AS_AMSL else "Altitude"
-        found.append(f"{where}: {key} is {stated:g}, params[6] {item.alt_m:g}; {item.alt_m:g} m is flown")
+        found.append(f"{where}: {key} is {stated:g}, but params[6] is {item.alt_m:g}; {item.alt_m:g} m is used")
     return found
 
 
@@ -267,7 +271,7 @@ def _params(node: Node) -> list[float]:
     if len(nodes) == _PARAMS - 3 and "coordinate" in node.value:
         nodes += node.get("coordinate").nodes()
     if len(nodes) != _PARAMS:
-        raise FormatError(f"{len(nodes)} numbers, {_PARAMS} are expected", where=f"{node.where}.params")
+        raise FormatError(f"{len(nodes)} numbers; {_PARAMS} are expected", where=f"{node.where}.params")
     return [math.nan if value.value is None else value.number() for value in nodes]
 
 
@@ -298,6 +302,6 @@ def _is_relative(node: Node) -> bool:
         return node.get("altitudesAreRelative").truth()
     approach, land = node.get("loiterAltitudeRelative").truth(), node.get("landAltitudeRelative").truth()
     if approach != land:
-        what = "approach and landing have heights above different things"
-        raise FormatError(what, where=node.where, advice="make both above home, or both above sea level")
+        what = "approach and landing have heights above different datums"
+        raise FormatError(what, where=node.where, advice="set both above home, or both above sea level")
     return land

@@ -58,18 +58,18 @@ def options(dem, *, camera="dji-m3e", gsd="3cm"):
 AT = "Tennessee, one arc second"
 
 BAD = {
-    "nothing": ((), "give an area, such as area.kml"),
+    "nothing": ((), "specify an area, such as area.kml"),
     "no options": (("AREA",), "an area needs --dem dem.tif, --camera NAME, --gsd 2.5cm as well"),
     "no camera": (("AREA", "--dem", "DEM"), "an area needs --camera NAME, --gsd 2.5cm as well"),
     "no such area": (("nowhere.kml", "OPTIONS"), "no such file; an area is a file"),
     "not an area": (("DEM", "OPTIONS"), ".tif is not a format of areas"),
     "no such model": (
         ("AREA", "--dem", "no.tif", "--camera", "m3e", "--gsd", "3cm"),
-        "no.tif: no such file; give the elevation data",
+        "no.tif: no such file; specify the elevation data",
     ),
     "a model that is none": (
         ("AREA", "--dem", "AREA", "--camera", "m3e", "--gsd", "3cm"),
-        "cannot be read as elevation data",
+        "the file cannot be read as elevation data",
     ),
     "a picture": (
         ("AREA", "--dem", "PICTURE", "--camera", "m3e", "--gsd", "3cm"),
@@ -91,9 +91,9 @@ BAD = {
     "home": (("AREA", "OPTIONS", "--home", "here"), "write it as LAT,LON in degrees"),
     "home swapped": (
         ("AREA", "OPTIONS", "--home", "-84.22,36.48"),
-        "km are allowed; specify a closer position, latitude first",
+        "km; specify a closer position, latitude first",
     ),
-    "home elsewhere": (("AREA", "OPTIONS", "--home", "36.9,-84.22"), "km are allowed"),
+    "home elsewhere": (("AREA", "OPTIONS", "--home", "36.9,-84.22"), "km from the area; the limit is"),
     "max height": (("AREA", "OPTIONS", "--max-height", "10m"), "leaves no height band"),
     "speed": (("AREA", "OPTIONS", "--speed", "fast"), "write it as 8m/s"),
     "speed beyond the vehicle": (
@@ -103,9 +103,9 @@ BAD = {
     "margin": (("AREA", "OPTIONS", "--margin", "some"), "write it as 40m"),
     "mount": (("AREA", "OPTIONS", "--mount", "loose"), "give stabilised (a gimbal) or fixed"),
     "datum": (("AREA", "OPTIONS", "--vertical-datum", "NN"), "give EGM96 (SRTM), EGM2008 (Copernicus) or ellipsoid"),
-    "autopilot": (("AREA", "OPTIONS", "--autopilot", "dji"), "neither ardupilot nor px4"),
+    "autopilot": (("AREA", "OPTIONS", "--autopilot", "dji"), "use ardupilot or px4"),
     "height unit": (("AREA", "OPTIONS", "--height-unit", "yard"), "give m, dm, cm, ft or us-ft"),
-    "band": (("AREA", "OPTIONS", "--band", "7"), "has no band '7'; terrain.band is one of: 1"),
+    "band": (("AREA", "OPTIONS", "--band", "7"), "has no band '7'; set terrain.band to one of: 1"),
     "lakes": (("AREA", "OPTIONS", "--fill-lakes", "all"), "write it as 200m"),
     "no tiles": (("AREA", "--dem", "none/*.hgt", "--camera", "m3e", "--gsd", "3cm"), "none/*.hgt has no tile"),
     "pattern": (("AREA", "OPTIONS", "--pattern", "grid"), "give single, crosshatch or oblique"),
@@ -116,11 +116,11 @@ BAD = {
     "feature": (("AREA", "OPTIONS", "--feature", "feild 1"), "did you mean 'field 1'?"),
     "layer": (("AREA", "OPTIONS", "--layer", "x"), "omit the option"),
     "crs": (("AREA", "OPTIONS", "--crs", "EPSG:x"), "write it as EPSG:32632"),
-    "elsewhere": (("46.5,8.0,200", "OPTIONS"), "off the elevation data"),
-    "beyond the model": (("36.48,-84.22,5km", "OPTIONS"), "reaches beyond the elevation data"),
+    "elsewhere": (("46.5,8.0,200", "OPTIONS"), "is outside the elevation data"),
+    "beyond the model": (("36.48,-84.22,5km", "OPTIONS"), "the area reaches beyond the elevation data"),
     "too large": (("36.48,-84.22,40km", "OPTIONS"), "km by"),
     "swapped": (("SWAPPED", "OPTIONS"), "its axes are swapped: use --swap-axes"),
-    "no folder": (("AREA", "OPTIONS", "-o", "no/where/a.toml"), "there is no folder"),
+    "no folder": (("AREA", "OPTIONS", "-o", "no/where/a.toml"), "the folder"),
     "no scenario": (("AREA", "OPTIONS", "-o", "a.kml"), "is not a .toml file"),
     "unknown option": (("AREA", "OPTIONS", "--gds", "3"), "No such option"),
 }
@@ -128,15 +128,15 @@ BAD = {
 LONG = "x" * 5000
 DEEP = "[" * 3000
 DOOR = {
-    "an empty layer": (("AREA", "OPTIONS", "--layer", ""), "--layer: is empty; give a value"),
-    "an empty battery": (("AREA", "OPTIONS", "--battery", " "), "--battery: is empty; give a value"),
-    "an empty surface model": (("AREA", "OPTIONS", "--dsm", ""), "--dsm: is empty; give a value"),
-    "an empty area": (("", "OPTIONS"), "the area: is empty; give a file"),
+    "an empty layer": (("AREA", "OPTIONS", "--layer", ""), "--layer: the value is empty; specify a value"),
+    "an empty battery": (("AREA", "OPTIONS", "--battery", " "), "--battery: the value is empty; specify a value"),
+    "an empty surface model": (("AREA", "OPTIONS", "--dsm", ""), "--dsm: the value is empty; specify a value"),
+    "an empty area": (("", "OPTIONS"), "the area: the argument is empty; specify a file"),
     "gsd of Arabic digits and a unit": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "٣furlong"), "is not understood"),
     "gsd with a comma": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "2,5cm"), "write it as 2.5cm"),
     "gsd that is not a number": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "nan"), "write it as 2.5cm"),
     "gsd of a kilometre": (("AREA", "--dem", "DEM", "--camera", "m3e", "--gsd", "1e9m"), "write it as 2.5cm"),
-    "a long option": (("AREA", "OPTIONS", "--autopilot", LONG), "neither ardupilot nor px4"),
+    "a long option": (("AREA", "OPTIONS", "--autopilot", LONG), "use ardupilot or px4"),
     "control characters": (("\x1b[2J\x07.kml", "OPTIONS"), "?[2J?.kml: no such file"),
     "an overlap of three": (("AREA", "OPTIONS", "--overlap", "75/70/60"), "write it as 75/70"),
     "an overlap that is not a number": (("AREA", "OPTIONS", "--overlap", "nan/nan"), "write it as 75/70"),
@@ -153,10 +153,10 @@ DOOR = {
         ("AREA", "OPTIONS", "--at", "2026-07-01T09:00Z/2026-07-01T08:00Z"), "the latest landing must be after",
     ),
     "zones of no file": (("AREA", "OPTIONS", "--no-fly", "nowhere.json"), "nowhere.json: no such file"),
-    "zones of nothing": (("AREA", "OPTIONS", "--no-fly", "   "), "--no-fly: is empty; give a value"),
+    "zones of nothing": (("AREA", "OPTIONS", "--no-fly", "   "), "--no-fly: the value is empty; specify a value"),
     "zones in a model": (("AREA", "OPTIONS", "--no-fly", "DEM"), "is not a format of zones"),
     "zones in a folder": (("AREA", "OPTIONS", "--no-fly", "FOLDER"), "is a folder"),
-    "an area in a folder": (("FOLDER", "OPTIONS"), "is a folder; give one of"),
+    "an area in a folder": (("FOLDER", "OPTIONS"), "is a folder; use one of"),
     "a model in an empty folder": (("AREA", "--dem", "FOLDER", "--camera", "m3e", "--gsd", "3cm"), "has no tile"),
     "a camera in a folder": (("AREA", "--dem", "DEM", "--camera", "FOLDER", "--gsd", "3cm"), "--camera: "),
     "a box that is inside out": (("-84.21,36.49,-84.23,36.47", "OPTIONS"), "-84.21,36.49"),
@@ -169,28 +169,28 @@ DOOR = {
 
 _MODEL = ("AREA", "--dem", "MODEL", "--camera", "m3e", "--gsd", "3cm")
 MODELS = {
-    "a model without a system": ({"crs": None}, "give it with terrain.crs (--dem-crs), such as EPSG:32632"),
-    "a model in degrees called metres": ({"crs": "EPSG:32616"}, "seem to be degrees instead of metres; assign the right"),
+    "a model without a system": ({"crs": None}, "specify it with terrain.crs (--dem-crs), such as EPSG:32632"),
+    "a model in degrees called metres": ({"crs": "EPSG:32616"}, "seem to be degrees instead of metres; assign the correct"),
     "a model of another sea level": ({"crs": "EPSG:4326+5703"}, "the file says NAVD88"),
     "a model above the ellipsoid": ({"crs": "EPSG:4979"}, "need the geoid grid us_nga_egm96_15.tif"),
     "a model in fathoms": ({"unit": "fathom"}, "heights are in 'fathom'; convert them to metres"),
     "no-data that is not declared": ({"hole": -32768.0}, "declare it as the no-data value of the file"),
     "a hole in the model": ({"hole": float("nan")}, "--fill-lakes"),
     "a model of a site grid": (
-        {"crs": CRS.from_wkt('LOCAL_CS["site grid",UNIT["metre",1]]')}, "assign or convert to a known one",
+        {"crs": CRS.from_wkt('LOCAL_CS["site grid",UNIT["metre",1]]')}, "assign a known one or convert the file",
     ),
-    "a model that was cut off": ({"kept_bytes": 900}, "cannot be read as elevation data"),
+    "a model that was cut off": ({"kept_bytes": 900}, "the file cannot be read as elevation data"),
     "an empty model": ({"kept_bytes": 0}, "the file is empty"),
 }  # fmt: skip
 
 _SURFACE = ("AREA", "OPTIONS", "--dsm", "SURFACE")
 SURFACES = {
-    "no such surface model": ({"missing": True}, "surface.tif: no such file; give the elevation data"),
+    "no such surface model": ({"missing": True}, "surface.tif: no such file; specify the elevation data"),
     "a surface model that is the ground": ({"copied": True}, "is the same file as terrain.file"),
-    "ground and surface swapped": ({"trees_m": -25.0}, "are the two swapped"),
+    "ground and surface swapped": ({"trees_m": -25.0}, "check that the two are not swapped"),
     "a surface model in feet": ({"factor": 1.0 / 0.3048}, "the surface seems to be in feet"),
     "a surface model above the ellipsoid": ({"shift_m": -31.0}, "vertical datums or units seem to differ"),
-    "a surface model of a part": ({"until": 0.5}, "give a surface model that covers it, or omit --dsm"),
+    "a surface model of a part": ({"until": 0.5}, "use a surface model that covers it, or omit --dsm"),
     "towers in the surface model": ({"trees_m": 90.0}, "use a coarser --gsd or a larger --max-height"),
     "a surface model that says another datum": ({"crs": "EPSG:4326+5703"}, "terrain.surface_vertical_datum: the scenario says"),
 }  # fmt: skip

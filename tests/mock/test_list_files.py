@@ -83,7 +83,9 @@ def test_a_refused_item_ends_the_mission_and_only_reading_back_shows_it() -> Non
     items = items_of(sent, ARDUPILOT)
     spoiled = (*items[:4], BAD, *items[5:])
     path = dat_path(MissionType.MISSION)
-    with pytest.raises(TransferError, match="arrived with another CRC"):  # a file like any other: it cannot be equal
+    with pytest.raises(
+        TransferError, match="arrived with a different CRC"
+    ):  # a file like any other: it cannot be equal
         FileUploads(client).upload(path, write_mission_dat(spoiled, MissionType.MISSION))
     assert len(vehicle.missions.items(MissionType.MISSION)) == 4
 

@@ -17,7 +17,7 @@ from uavcover.missions.way_cost import way_cost_of
 from uavcover.model.route import Route, RouteMember, RouteMetrics
 from uavcover.scenario.pace import pace_of
 from uavcover.scenario.site import Site
-from uavcover.scenario.vehicle_parts import groups_of, vehicle_sites
+from uavcover.scenario.vehicle_areas import groups_of, vehicle_sites
 from uavcover.sensing.coverage_map import CoverageMap
 from uavcover.sensing.site_maps import fleet_map, map_for
 

@@ -131,7 +131,7 @@ class PowerModel:
             f"uncertainty_fraction: {self.uncertainty_fraction} is outside 0..1",
         )
         for key in ("payload_kg", "rotor_area_m2", "body_drag_area_m2"):
-            require(not getattr(self, key) or self.mass_kg is not None, f"{key}: needs mass_kg as well")
+            require(not getattr(self, key) or self.mass_kg is not None, f"{key}: this key requires mass_kg")
         require(
             self.rotor_area_m2 is None or self.hover_induced_m_s is None,
             "hover_induced_m_s: rotor_area_m2 defines it already; remove one of them",
@@ -205,7 +205,7 @@ def autopilot_name(text: str | None, default: AutopilotName) -> AutopilotName:
             return default
         case "ardupilot" | "px4":
             return text
-    raise InputError(f"--autopilot: {text!r} is neither ardupilot nor px4; give one of them")
+    raise InputError(f"--autopilot: {text!r} is not an autopilot; use ardupilot or px4")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -353,14 +353,14 @@ class Vehicle:
             airspeed is None or airspeed >= self.cruise_speed_m_s,
             f"max_airspeed_m_s: {airspeed} m/s is below cruise_speed_m_s = {self.cruise_speed_m_s}",
         )
-        require(acceleration is None or acceleration > 0.0, "acceleration_m_s2: must be above 0")
-        require(self.jerk_m_s3 is None or self.jerk_m_s3 > 0.0, "jerk_m_s3: must be above 0")
-        require(self.endurance_s is None or self.endurance_s > 0.0, "endurance_s: must be above 0")
+        require(acceleration is None or acceleration > 0.0, "acceleration_m_s2: the value must be above 0")
+        require(self.jerk_m_s3 is None or self.jerk_m_s3 > 0.0, "jerk_m_s3: the value must be above 0")
+        require(self.endurance_s is None or self.endurance_s > 0.0, "endurance_s: the value must be above 0")
         require(self.system_id is None or 1 <= self.system_id <= 255, f"system_id: {self.system_id} is outside 1..255")
         require(0.0 <= self.reserve_fraction < 1.0, f"reserve_fraction: {self.reserve_fraction} is outside 0..1")
         require(
             self.max_mission_items is None or self.max_mission_items >= 8,
-            f"max_mission_items: {self.max_mission_items} is too few for take-off, a leg and landing (8)",
+            f"max_mission_items: {self.max_mission_items} is not enough for take-off, a leg and landing (8)",
         )
 
     @property

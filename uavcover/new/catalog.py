@@ -55,17 +55,21 @@ def read_own_row(path: Path, *, option: str) -> dict[str, Any]:
         row = tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(
-            f"{option}: {path} cannot be read ({type(error).__name__}); give a name or a TOML file"
+            f"{option}: {path} cannot be read ({type(error).__name__}); use a name or a TOML file"
         ) from error
     except (ValueError, RecursionError) as error:  # ValueError also of numbers with thousands of digits
-        raise InputError(f"{option}: {path}: not valid TOML: {error}; {option} list shows the known names") from error
+        raise InputError(
+            f"{option}: {path}: the file is not valid TOML: {error}; {option} list shows the known names"
+        ) from error
     if _has_huge(row):
-        raise InputError(f"{option}: {path}: has a number of hundreds of digits; {option} list shows the known names")
+        raise InputError(
+            f"{option}: {path}: the file has a number with hundreds of digits; {option} list shows the known names"
+        )
     tables = [key for key, value in row.items() if isinstance(value, dict)]
     if len(tables) == 1 == len(row):
         return {"title": tables[0], **row[tables[0]]}
     if tables:
-        raise InputError(f"{option}: {path} has several tables ({', '.join(tables[:_MOST_NAMES])}); leave one")
+        raise InputError(f"{option}: {path} has several tables ({', '.join(tables[:_MOST_NAMES])}); keep only one")
     return {"title": path.stem, **row}
 
 
@@ -121,7 +125,7 @@ def checked_row(row: Mapping[str, Any], *, where: str, required: tuple[str, ...]
         raise InputError(f"{where}: {unknown[0]}: unknown key; {advice}")
     missing = [key for key in required if key not in row]
     if missing:
-        raise InputError(f"{where}: {missing[0]}: is missing; needed are {', '.join(required)}")
+        raise InputError(f"{where}: {missing[0]}: the key is missing; required keys are {', '.join(required)}")
 
 
 def number_of(row: Mapping[str, Any], key: str, *, where: str) -> float | None:
@@ -140,10 +144,12 @@ def pair_of(row: Mapping[str, Any], key: str, *, where: str) -> tuple[float, flo
     """Two positive numbers of a row. Raises InputError: it is not two positive numbers."""
     value = row[key]
     if not isinstance(value, list) or len(value) != 2:
-        raise InputError(f"{where}: {key}: {value!r} is not two numbers; across the photo, then along it")
+        raise InputError(
+            f"{where}: {key}: {value!r} is not a list of two numbers; write the number across the photo, then along it"
+        )
     first, second = (number_of({key: number}, key, where=where) for number in value)
     if first is None or second is None:
-        raise InputError(f"{where}: {key}: two numbers are needed; across the photo, then along it")
+        raise InputError(f"{where}: {key}: two numbers are required; write the number across the photo, then along it")
     return first, second
 
 
@@ -195,7 +201,7 @@ def _vehicle(name: str, row: dict[str, Any], *, where: str) -> VehicleType:
             return VehicleType(
                 name, str(row["title"]), autopilot=autopilot, source=str(row.get("source", "")), **numbers
             )
-    raise InputError(f"{where}: autopilot: {autopilot!r} is not known; give ardupilot or px4")
+    raise InputError(f"{where}: autopilot: {autopilot!r} is not known; use ardupilot or px4")
 
 
 # Cameras by name or from a file: sensor, pixels, lens, and how fast they take photos.
@@ -257,11 +263,13 @@ def _camera(name: str, row: dict[str, Any], *, where: str) -> CameraBody:
     across, along = pair_of(row, "pixels", where=where)
     focal = number_of(row, "focal_length_mm", where=where)
     if focal is None or across != int(across) or along != int(along):
-        raise InputError(f"{where}: pixels: {row['pixels']} are not whole numbers; across the photo, then along it")
+        raise InputError(
+            f"{where}: pixels: {row['pixels']} are not whole numbers; write the number across the photo, then along it"
+        )
     if abs(width / across / (height / along) - 1.0) > SURVEY.largest_pitch_difference:
         raise InputError(
-            f"{where}: pixels of {1000.0 * width / across:.2f} x {1000.0 * height / along:.2f} um are not square; sensor_mm and "
-            "pixels do not belong together (both in landscape, of the same photo format)"
+            f"{where}: pixels of {1000.0 * width / across:.2f} x {1000.0 * height / along:.2f} um are not square; "
+            "sensor_mm and pixels do not match (use both in landscape, for the same photo format)"
         )
     interval = number_of(row, "min_interval_s", where=where)
     camera = CameraBody(
@@ -269,7 +277,7 @@ def _camera(name: str, row: dict[str, Any], *, where: str) -> CameraBody:
     )
     if not 3.0 <= camera.fov_across_deg <= 140.0:
         raise InputError(
-            f"{where}: a field of view of {camera.fov_across_deg:.1f} degrees across; give the real focal length in "
+            f"{where}: a field of view of {camera.fov_across_deg:.1f} degrees across; use the real focal length in "
             "millimetres, not the 35 mm equivalent"
         )
     return camera

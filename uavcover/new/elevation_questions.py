@@ -151,7 +151,7 @@ def _touched(
     rows = range(math.floor(max(south, -90.0) / side), math.ceil(min(north, 90.0) / side))
     columns = range(math.floor(west / scale / side), math.ceil(east / scale / side))
     if len(rows) * len(columns) > TERRAIN.max_tiles:
-        raise InputError(f"{where}: spans {len(rows) * len(columns)} tiles of {side} degrees; give a part of it")
+        raise InputError(f"{where}: spans {len(rows) * len(columns)} tiles of {side} degrees; use a part of it")
     for row in rows:
         for column in columns:
             tile = shapely.box(column * side * scale, row * side, (column + 1) * side * scale, (row + 1) * side)
@@ -197,7 +197,7 @@ def surface_in_words(source: TerrainSource) -> str | None:
     if re.match(r"^ASTGTM", name, re.IGNORECASE):
         return _of_set("aster")
     if _SRTM.search(name):
-        return f"{name} is named as SRTM's tiles are: a radar surface of 2000, with trees and buildings in part"
+        return f"{name} is named like an SRTM tile: a radar surface of 2000, which includes some trees and buildings"
     if word := _WORDS.search(name):
         return f'its name contains "{word.group(0)}"'
     return _by_metadata(source)
@@ -255,7 +255,7 @@ def shading_in_words(source: TerrainSource) -> str | None:
         return None  # its own error tells more
     if word := _SHADING.search(source.files[0].stem):
         return f'its name contains "{word.group(0)}"'
-    return f"{source.files[0].name} has 8 bits, 0 to 255, as images have" if kind == "uint8" and count < 3 else None
+    return f"{source.files[0].name} has 8 bits (0 to 255), like an image" if kind == "uint8" and count < 3 else None
 
 
 def _by_metadata(source: TerrainSource) -> str | None:
@@ -323,7 +323,7 @@ def _files(names: tuple[str, ...], area: FoundArea, option: str) -> tuple[Path, 
     if missing:
         example = f"{option.removeprefix('--')}.tif"
         raise InputError(
-            f"{option}: {missing[0]}: no such file; give the elevation data of the area, such as {example}"
+            f"{option}: {missing[0]}: no such file; specify the elevation data of the area, such as {example}"
         )
     return files
 
@@ -347,10 +347,13 @@ def ground_asked_for(request: NewRequest, area: FoundArea) -> TerrainSource:
     files = _files(request.dem, area, "--dem")
     unit = None if request.height_unit is None else request.height_unit.casefold()
     if unit not in (None, *get_args(HeightUnit)):
-        raise InputError(f"--height-unit: {request.height_unit!r} is not known; give m, dm, cm, ft or us-ft")
+        raise InputError(f"--height-unit: {request.height_unit!r} is not known; use m, dm, cm, ft or us-ft")
     filled_m = request.fill_lakes and quantities.length_m(request.fill_lakes, option="--fill-lakes", example="200m")
     if request.water_height is not None and filled_m:
-        raise InputError("--water-height: makes water of all gaps, and --fill-lakes ground; give one of the two")
+        raise InputError(
+            "--water-height: use either this option, which treats gaps as water, or --fill-lakes, which "
+            "treats them as ground"
+        )
     return TerrainSource(
         files, crs=request.dem_crs, band=request.band, height_unit=unit, fill_no_data_m=filled_m or 0.0,
         water_height_m=quantities.water_height_m(request.water_height),
@@ -362,8 +365,8 @@ def over_lakes(dem: TerrainSource, look: TerrainLook, user: User) -> TerrainSour
     if look.gap_m == 0.0 or dem.fill_no_data_m >= look.gap_m:
         return dem
     user.warn(
-        f"the elevation data has gaps in holes of the area, up to {look.gap_m:.0f} m long: they are "
-        "interpolated from their edge, and flights may cross them"
+        f"the elevation data has gaps of up to {look.gap_m:.0f} m in holes of the area: they are interpolated from "
+        "their edges, and flights may cross them"
     )
     return replace(dem, fill_no_data_m=look.gap_m)
 
@@ -374,7 +377,7 @@ def inside_data(design: SurveyDesign, dem: TerrainSource, look: TerrainLook, use
     if margin_m < design.margin_m:
         less_m = design.margin_m - margin_m
         user.warn(
-            f"the elevation data ends beside the area: photos overlap in full only from {less_m:g} m inside its edge there "
+            f"the elevation data ends near the edge of the area: full overlap begins {less_m:g} m inside that edge "
             f"(margin {margin_m:g} m instead of {design.margin_m:g} m)"
         )
     return replace(design, margin_m=float(margin_m))
@@ -392,21 +395,26 @@ def ask_about_surface(dem: TerrainSource, user: User, *, beside_surface: bool) -
     if why is None:
         return
     if beside_surface:
-        user.warn(f"--dem: is this the bare ground? {why}; --dem is the ground, --dsm what stands on it")
+        user.warn(
+            f"--dem: this may not be the bare ground ({why}); --dem is the ground, --dsm includes what stands on it"
+        )
     else:
         user.warn(
-            f"--dem: is this the bare ground? {why}. Heights are kept above its trees and roofs, as far as it has them, and they "
-            "are what the sensor observes; to observe the ground, give a ground model as --dem and this as --dsm"
+            f"--dem: this may not be the bare ground ({why}). Heights then refer to its trees and roofs, and the "
+            "sensor observes these; to observe the ground, use a ground model as --dem and this file as --dsm"
         )
 
 
 def ask_about_heights(source: TerrainSource, user: User, *, option: str) -> None:
     """Ask whether heights are heights, and in metres, where the data says otherwise; tell which of several bands is taken."""
     if (why := feet_in_words(source)) is not None:
-        user.warn(f"{option}: are its heights in feet? {why}; they are taken as metres; set --height-unit ft or m")
+        user.warn(f"{option}: the heights may be in feet ({why}); they are read as metres; set --height-unit ft or m")
     if (why := shading_in_words(source)) is not None:
         user.warn(
-            f"{option}: are these heights? {why}; they are taken as metres; a hillshade or slope map is not an elevation model"
+            f"{option}: these may not be heights ({why}); they are read as metres; a hillshade or slope map is not "
+            "an elevation model"
         )
     if (bands := bands_in_words(source)) is not None:
-        user.warn(f"{option}: has several bands ({bands}): the first is taken as the heights; select one with --band")
+        user.warn(
+            f"{option}: the file has several bands ({bands}): the first is read as the heights; select one with --band"
+        )

@@ -61,7 +61,7 @@ def views_of(pattern: str | None, *, along_deg: float) -> tuple[View, ...]:
         case "oblique":
             tilted = (View(name, SURVEY.oblique_pitch_deg, heading, heading) for name, heading in _COMPASS)
             return (View("nadir", -90.0, None, _whole(along_deg)), *tilted)
-    raise InputError(f"--pattern: {pattern!r} is not known; give {', '.join(PATTERNS[:-1])} or {PATTERNS[-1]}")
+    raise InputError(f"--pattern: {pattern!r} is not known; use {', '.join(PATTERNS[:-1])} or {PATTERNS[-1]}")
 
 
 def _whole(heading_deg: float) -> float:
@@ -164,7 +164,7 @@ def _top(design: SurveyDesign) -> str:
     if design.is_capped:
         given = design.wish.ceiling_agl_m is not None
         limit = "--max-height" if given else f"the usual legal limit of {SURVEY.usual_ceiling_m:g} m"
-        top += f"; {limit}, where {design.gsd_height_m:.0f} m would do"
+        top += f"; {limit}, although the ground sample distance allows {design.gsd_height_m:.0f} m"
     return top
 
 

@@ -132,7 +132,7 @@ def decide(
         for stretch in long[: TRACK.shown]
     ]
     if len(long) > TRACK.shown:
-        gaps.append(f"and {len(long) - TRACK.shown} more stretches as long")
+        gaps.append(f"and {len(long) - TRACK.shown} more unobserved intervals above the limit")
     findings += [unproved("unobserved-gap", text) for text in gaps]
 
     @cache
@@ -278,9 +278,9 @@ def _longest(site: Site, unobserved: Sequence[Unobserved], phase: str) -> str:
     stretches = [s for s in unobserved if s.phase == phase and s.in_flight and s.duration_s > 0.0]
     if not stretches:
         return ""
-    return f"; the longest of {len(stretches)} stretches: {_told(site, max(stretches, key=lambda s: s.duration_s))}"
+    return f"; the longest of {len(stretches)} unobserved intervals: {_told(site, max(stretches, key=lambda s: s.duration_s))}"
 
 
 def _told(site: Site, stretch: Unobserved) -> str:
     place = place_of(site, np.array([stretch.east_m, stretch.north_m, 0.0]))
-    return f"{stretch.duration_s:.1f} s from {stretch.start_s:.1f} s at {place} were not observed ({stretch.detail})"
+    return f"{stretch.duration_s:.1f} s from {stretch.start_s:.1f} s at {place} were unobserved ({stretch.detail})"

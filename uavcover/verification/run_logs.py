@@ -143,8 +143,8 @@ def clocks_apart(track: Track) -> str | None:
     worst = int(np.argmax(np.abs(drift_s)))
     further, other = ("satellites'", "vehicle's") if drift_s[worst] > 0.0 else ("vehicle's", "satellites'")
     return (
-        f"from {at_s[worst]:.1f} s to {at_s[worst + 1]:.1f} s the {further} clock goes {abs(drift_s[worst]):.1f} s further than "
-        f"the {other}: time was inserted or removed there"
+        f"from {at_s[worst]:.1f} s to {at_s[worst + 1]:.1f} s the {further} clock advances {abs(drift_s[worst]):.1f} "
+        f"s more than the {other}: time was inserted or removed there"
     )
 
 
@@ -158,13 +158,13 @@ def _date_problems(track: Track, bounds: DateBounds) -> Iterator[str]:
         yield f"its clock jumps by {jumps_s[at] / 3600.0:.1f} hours at {own_s[at + 1]:.1f} s"
     released_s = None if bounds.firmware is None else bounds.firmware.released_s
     if released_s is not None and first_s < released_s:
-        yield f"its firmware, {bounds.firmware}, is of {_day(released_s)[:7]}"
+        yield f"its firmware, {bounds.firmware}, dates from {_day(released_s)[:7]}"
     elif first_s < FIRST_LOG_S:
         yield f"no firmware that writes such logs is older than {_day(FIRST_LOG_S)}"
     if bounds.planned_s is not None and first_s < bounds.planned_s - BEFORE_PLAN_S:
-        yield f"its plan is of {_day(bounds.planned_s)}"
+        yield f"its plan dates from {_day(bounds.planned_s)}"
     if bounds.written_s is not None and last_s > bounds.written_s + AFTER_FILE_S:
-        yield f"its file is of {_day(bounds.written_s)}"
+        yield f"its file dates from {_day(bounds.written_s)}"
     late_s = track.received_utc_s[known] - unix_s
     if np.isfinite(late_s).any() and abs(float(np.nanmedian(late_s))) > CLOCK.disagrees_s:
         yield f"the ground station received it on {_day(float(np.nanmedian(track.received_utc_s)))}"
@@ -213,7 +213,7 @@ def read_log(path: Path, site: Site, *, system: int | None = None) -> ReadTrack:
             scenario that has no position on Earth.
     """
     if not path.is_file():
-        raise InputError(f"{path}: no such file; a track is recorded by: uavcover fly")
+        raise InputError(f"{path}: no such file; record a track with: uavcover fly")
     ending = path.suffix.lower()
     if ending == ".csv":
         read = read_track_with_warnings(path)
@@ -225,10 +225,12 @@ def read_log(path: Path, site: Site, *, system: int | None = None) -> ReadTrack:
         return read_recorded_track_with_warnings(path)
     if ending not in READERS:
         raise InputError(
-            f"{path}: {path.suffix or 'no ending'} is not a track that can be read; use {', '.join(LOG_ENDINGS)}"
+            f"{path}: {path.suffix or 'no ending'} is not a supported track format; use {', '.join(LOG_ENDINGS)}"
         )
     if site.frame is None:
-        raise InputError(f"{path}: scenario {site.scenario.name} has no position on Earth, so this log has none in it")
+        raise InputError(
+            f"{path}: scenario {site.scenario.name} has no position on Earth, so this log has no positions in it"
+        )
     return read_foreign_log(path, site.frame, system=system)
 
 
@@ -241,7 +243,7 @@ def _of_its_standing(path: Path) -> list[str]:
             return [f"{path}: this flight is still in progress; later observations are not in the track yet"]
         case provenance.INTERRUPTED:
             return [
-                f"{path}: this flight was interrupted: the program that followed it ended first; continue with fly --resume"
+                f"{path}: this flight was interrupted: the program that followed it ended early; continue with fly --resume"
             ]
         case _:
             return []

@@ -38,7 +38,7 @@ from uavcover.run.flight_folders import read_planned
 from uavcover.run.folder import RunFolder
 from uavcover.scenario.scenario_file import load_scenario
 from uavcover.scenario.site import Site, load_site
-from uavcover.scenario.vehicle_parts import vehicle_sites
+from uavcover.scenario.vehicle_areas import vehicle_sites
 from uavcover.verification.command import verify_run
 
 assert no_recording_of_single_flights  # a fixture that every flight here uses
@@ -175,7 +175,7 @@ def test_what_one_leaves_is_taken_over_from_another_home(planned: RunFolder, tmp
         fly(run, hangar, user)
     rows = failed.value.details()["sorties"]
     assert {row["vehicle"]: row["ending"] for row in rows if row["ending"] != "landed"} == {2: "crashed"}
-    assert any("vehicle 1 takes over the rest of sortie" in line for line in user.lines)
+    assert any("vehicle 1 takes over the remaining part of sortie" in line for line in user.lines)
     rest = next(row for row in rows if "resumed-1" in row["run"])
     taken = load_scenario(Path(rest["run"]) / "scenario.toml")
     assert (taken.home, taken.vehicle.autopilot) == (load_scenario(run.file("scenario.toml")).home, "ardupilot")
@@ -195,7 +195,7 @@ def test_what_one_leaves_is_a_checked_gap_mission(planned: RunFolder, tmp_path: 
         fly(run, Hangar(2, make), user, on_loss=OnLoss.GAPS)
     told = failed.value.details()
     assert len(told["left"]) == 1
-    assert any("planning a separate mission for the rest of the lost vehicle" in line for line in user.lines)
+    assert any("planning a separate mission for the remaining lost vehicle" in line for line in user.lines)
     gaps = RunFolder(run.path / "gaps")
     assert told["gaps"]["gaps"] > 0
     site, mission = read_planned(gaps)
@@ -252,7 +252,7 @@ def test_a_vehicle_that_reaches_nothing_stays_on_the_ground(tmp_path: Path) -> N
     assert [row.vehicle for row in first_sorties(run, 3)] == [1, 3]
     with pytest.raises(InputError, match=r"is flown by 3 vehicles, and --to names 2"):
         planned_jobs(run, 2)
-    with pytest.raises(InputError, match=r"its 3 vehicles differ, and --to names 2; give the link of each"):
+    with pytest.raises(InputError, match=r"its 3 vehicles differ, but --to names 2; give the link of each"):
         first_sorties(run, 2)
 
 
@@ -281,12 +281,12 @@ def test_a_home_that_cannot_be_names_its_vehicle(tmp_path: Path) -> None:
 
 def test_one_file_for_flights_from_several_homes_is_refused(planned: RunFolder, tmp_path: Path) -> None:
     request = ExportRequest(file_format="csv", out=tmp_path / "x.csv", most_points=20)
-    with pytest.raises(InputError, match="export one at a time, with --sortie N"):
+    with pytest.raises(InputError, match="export one flight at a time, with --sortie N"):
         export_mission(planned, request)
 
 
 def test_equal_vehicles_have_no_site_of_their_own(tmp_path: Path) -> None:
     site = load_site(load_scenario(corner_of_the_demo(tmp_path)))
     assert vehicle_sites(site) == ()
-    with pytest.raises(ScenarioError, match="lists 2 that are not alike"):
+    with pytest.raises(ScenarioError, match=r"there are 2 different \[\[vehicle\]\] tables"):
         unlike_site(tmp_path, [None, FAR]).flown_by(3)

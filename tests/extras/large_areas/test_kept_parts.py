@@ -10,7 +10,7 @@ from tests.extras.large_areas.test_planner import large, planned
 from uavcover.errors import UavcoverError
 from uavcover.extras.large_areas.divided_plan import KeptParts, search_parts_on
 from uavcover.extras.large_areas.part_search import PartTask
-from uavcover.extras.large_areas.planner import RunTasks
+from uavcover.extras.large_areas.plan_by_parts import RunTasks
 from uavcover.scenario.site import Site
 
 

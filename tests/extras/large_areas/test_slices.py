@@ -7,7 +7,7 @@ import pytest
 import shapely
 
 from tests.planner.sites import hills, make_site
-from uavcover.extras.large_areas.planner import Slice, sliced, tasks_of
+from uavcover.extras.large_areas.plan_by_parts import Slice, sliced, tasks_of
 from uavcover.kernels.route import path_length
 from uavcover.missions.leg_checks import measure_violations
 from uavcover.planner.baselines.adaptive_swaths import TIGHT, bend_lines, fly_tight, tight_layouts

@@ -55,17 +55,19 @@ def edit(
     from uavcover.run.flight_folders import read_planned
     from uavcover.run.folder import OF_A_PLAN, PLAN_FILES, RunFolder
     from uavcover.run.user import to_paste
-    from uavcover.scenario.vehicle_parts import groups_of
+    from uavcover.scenario.vehicle_areas import groups_of
 
     console = output.console()
     began_s = time.monotonic()
     site, planned = read_planned(RunFolder(run))
     if groups_of(site.scenario):
-        raise InputError(f"{run}: its vehicles have parts of the area each; edit the plan of one vehicle")
+        raise InputError(
+            f"{run}: each vehicle has its own part of the area, and such a plan cannot be edited; plan with one vehicle"
+        )
     try:
         given: Any = json.loads(waypoints.read_text(encoding="utf-8"))
     except (OSError, ValueError) as error:
-        raise InputError(f"{waypoints}: cannot be read as JSON ({error}); give a list of waypoints") from error
+        raise InputError(f"{waypoints}: the file cannot be read as JSON ({error}); use a list of waypoints") from error
     route = Route(Scene(site, run).enu(given))
     member = judge_route(site, route, "edited", margin_m=0.0)
     if member.violation > 0.0:
@@ -87,8 +89,8 @@ def edit(
         )  # fmt: skip
     metrics = member.metrics
     console.say(
-        f"edited: {100.0 * metrics.coverage_of_coverable:.2f} % of the visible ground, {metrics.waypoint_count} waypoints, "
-        f"{metrics.path_length_m:.0f} m; the plan before has {len(planned.route)} waypoints"
+        f"edited: {100.0 * metrics.coverage_of_coverable:.2f} % of the visible ground, {metrics.waypoint_count} "
+        f"waypoints, {metrics.path_length_m:.0f} m; the previous plan has {len(planned.route)} waypoints"
     )
     console.suggest(to_paste("plan-upload", out, "--to", "udp:127.0.0.1:14550"))
     console.result(
@@ -178,15 +180,15 @@ class Guard:
     def _refusal(self, scope: Scope, headers: dict[str, str], *, by_query: bool) -> str | None:
         host = headers.get("host", "")
         if host not in self._hosts:
-            return "this host name is not the server's own"
+            return "this host name does not belong to the server"
         origin = headers.get("origin")
         changes = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
         if origin is not None and origin not in (f"http://{host}", f"https://{host}"):
-            return "another origin asked"
+            return "the request has a different origin"
         if changes and origin is None:
             return "the Origin header is missing"
         if headers.get("sec-fetch-site", "same-origin") not in ("same-origin", "none"):
-            return "another site asked"
+            return "the request comes from a different site"
         if not by_query and not self._is_token(self._of_cookie(headers.get("cookie", ""))):
             return "the token is missing or wrong; open the address that uavcover serve printed"
         return None
@@ -268,7 +270,7 @@ def _serve(
         from uavcover.extras.app.command import Guard
         from uavcover.extras.app.server import Server
     except ModuleNotFoundError as error:
-        raise InputError(f"serve: needs {error.name}; install it with: pip install 'uavcover[app]'") from error
+        raise InputError(f"serve: this needs {error.name}; install it with: pip install 'uavcover[app]'") from error
     from uavcover.extras.app.workspace import Workspace
 
     assert isinstance(workspace, Workspace)
@@ -276,7 +278,7 @@ def _serve(
         listening = socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
         raise InputError(
-            f"--port {port}: {error.strerror or error}; give another one, or 0 for any free one"
+            f"--port {port}: {error.strerror or error}; use another port, or 0 for any free port"
         ) from error
     with listening:
         port = listening.getsockname()[1]
@@ -288,10 +290,12 @@ def _serve(
         address = f"http://{'127.0.0.1' if host in ('0.0.0.0', '::') else shown}:{port}/?token={token}"
         console.say(f"{workspace.root}: {address}")
         if host not in _LOOPBACK:
-            console.warn(f"--host {host}: other machines can reach the page, unencrypted; only the token protects it")
+            console.warn(
+                f"--host {host}: other computers can reach the page without encryption; only the token protects it"
+            )
         if flights_allowed:
             console.warn("--allow-flight: the page can arm real vehicles")
-        console.say("Ctrl-C ends the server; plans and flights that it started go on")
+        console.say("Ctrl-C ends the server; plans and flights that it started continue")
         console.result({"url": address, "port": port, "folder": str(workspace.root)})
         if browser:
             webbrowser.open(address)

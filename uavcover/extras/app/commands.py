@@ -38,7 +38,7 @@ async def take_file(request: Request, workspace: Workspace) -> Response:
     if run:
         path, left = await to_thread.run_sync(_photo, workspace, run, path.name)
         most = min(most, left)
-    too_large = f"{path.name}: is larger than the {most >> 20} MiB that are left; copy it into the folder instead"
+    too_large = f"{path.name}: the file is larger than the remaining {most >> 20} MiB; copy it into the folder instead"
     length = request.headers.get("content-length", "")
     if length.isdigit() and int(length) > most:
         return refusal(413, too_large)
@@ -56,7 +56,9 @@ async def take_file(request: Request, workspace: Workspace) -> Response:
             path = free_name(path.parent, path.stem, path.suffix)
         half.rename(path)
     except OSError as error:
-        return refusal(507, f"{path.name}: cannot be written ({error.strerror or error}); free the disk")
+        return refusal(
+            507, f"{path.name}: the file cannot be written ({error.strerror or error}); free some disk space"
+        )
     finally:
         half.unlink(missing_ok=True)
     return JSONResponse({"name": workspace.name(path), "bytes": size})
@@ -71,7 +73,7 @@ def _photo(workspace: Workspace, run: str, name: str) -> tuple[Path, int]:
     """Where a photo of a run is kept, and how many bytes there may still be."""
     folder = workspace.path(run)
     if not (folder / "plan.json").is_file():
-        raise InputError(f"{folder.name}: is no run folder with a plan; plan first")
+        raise InputError(f"{folder.name}: this is not a run folder with a plan; plan first")
     if Path(name).suffix.lower() not in PHOTO_KINDS:
         raise InputError(f"{name}: is neither a photo (.jpg, .tif, .dng) nor a list of positions or log")
     photos = workspace.path(f"{run}/{PHOTOS}")
@@ -96,7 +98,7 @@ def photo_document(folder: Path) -> dict[str, Any]:
             rows = list(csv.DictReader(file))
     except (OSError, ValueError) as error:
         raise InputError(
-            f"{folder.name}: is no verdict of photos ({error}); make one with: uavcover judge-photos"
+            f"{folder.name}: this is not a verdict of photos ({error}); create one with: uavcover judge-photos"
         ) from error
     placed = [row for row in rows if row.get("lon_deg") and row.get("lat_deg")]
     for gap in shapes[1]["features"]:
@@ -126,7 +128,7 @@ _WORD = re.compile(r"[a-z0-9-]{1,40}")
 def command_of(kind: str, asked: Mapping[str, Any], workspace: Workspace, *, flights_allowed: bool) -> Words:
     """The command line of a button. Raises InputError: there is no such button, or a value of it is wrong."""
     if kind not in _BUILDERS:
-        raise InputError(f"{kind!r}: no such command of the page")
+        raise InputError(f"{kind!r}: the page has no such command")
     if kind == "fly":
         return _fly(asked, workspace, flights_allowed=flights_allowed)
     return _BUILDERS[kind](asked, workspace)
@@ -212,7 +214,7 @@ def _links(asked: Mapping[str, Any]) -> list[str]:
         addresses *= count
     if len(addresses) != count:
         raise InputError(
-            f"to: give {count} addresses with spaces between them, one for each vehicle, not {len(addresses)}"
+            f"to: specify {count} addresses, separated by spaces (one for each vehicle), not {len(addresses)}"
         )
     return [word for address in addresses for word in ("--to", _match({"to": address}, "to", _ADDRESS))]
 
@@ -223,10 +225,10 @@ def _check(asked: Mapping[str, Any], workspace: Workspace) -> Words:
     folder = workspace.path(f"{run}/sortie-{_match(asked, 'sortie', _NUMBER)}" if asked.get("sortie") else run)
     mission = folder / "mission.plan"
     if not mission.is_file():
-        raise InputError(f"{folder.name}: has no mission.plan; choose one of its flights, or plan again")
+        raise InputError(f"{folder.name}: the run folder has no mission.plan; choose one of its flights, or plan again")
     scenario = load_scenario(str(folder / "scenario.toml"))
     if not isinstance(scenario.terrain, RasterTerrain):
-        raise InputError(f"{folder.name}: is not on elevation data, which check needs")
+        raise InputError(f"{folder.name}: the scenario has no elevation data, which check requires")
     ground, surface = terrain_source(scenario.terrain), surface_source(scenario.terrain)
     words = ["check", workspace.name(mission), "--vertical-datum", scenario.terrain.vertical_datum]
     words += ["--trust-dem"] if scenario.terrain.trust_heights else []
@@ -243,7 +245,7 @@ def _photos(asked: Mapping[str, Any], workspace: Workspace) -> Words:
     out = workspace.free_run(f"{workspace.path(run).name}-photos")
     photos = workspace.path(str(asked.get("photos") or f"{run}/{PHOTOS}"))
     if not photos.is_dir():
-        raise InputError(f"photos: {photos.name} is no folder in {workspace.root.name}; drop photos on the page")
+        raise InputError(f"photos: {photos.name} is not a folder in {workspace.root.name}; drop photos on the page")
     return run, ["judge-photos", workspace.name(photos), "--scenario", run, "-o", out.name]
 
 
@@ -265,7 +267,7 @@ _BUILDERS: dict[str, Callable[[Mapping[str, Any], Workspace], Words]] = {
 def _run(asked: Mapping[str, Any], workspace: Workspace) -> str:
     path = workspace.path(_text(asked, "run"))
     if not (path / "plan.json").is_file():
-        raise InputError(f"{path.name}: is no run folder with a plan; plan first")
+        raise InputError(f"{path.name}: this is not a run folder with a plan; plan first")
     return workspace.name(path)
 
 
@@ -276,7 +278,7 @@ def _sortie(asked: Mapping[str, Any]) -> list[str]:
 def _text(asked: Mapping[str, Any], key: str) -> str:
     value = asked.get(key)
     if not isinstance(value, str) or not value:
-        raise InputError(f"{key}: is missing")
+        raise InputError(f"{key}: the value is missing")
     return value
 
 
@@ -284,5 +286,5 @@ def _match(asked: Mapping[str, Any], key: str, pattern: re.Pattern[str], *, defa
     """A value as text; it never begins with a dash, so that it is no option."""
     value = str(asked.get(key) or default)
     if pattern.fullmatch(value) is None or value.startswith("-"):
-        raise InputError(f"{key}: {value[:40]!r} is not a value for it")
+        raise InputError(f"{key}: {value[:40]!r} is not a valid value")
     return value

@@ -53,7 +53,7 @@ def read_route_file(path: Path) -> PointRoute | None:
         return None
     try:
         if path.stat().st_size > MOST_BYTES:
-            raise InputError(f"{path}: is larger than {MOST_BYTES:,} bytes; save only the route")
+            raise InputError(f"{path}: the file is larger than {MOST_BYTES:,} bytes; save only the route")
         if suffix == ".kmz":
             return _read_kmz(path)
         text = text_from_bytes(path.read_bytes()).text
@@ -64,7 +64,7 @@ def read_route_file(path: Path) -> PointRoute | None:
         where = f"{path}: {error.where}" if error.where else str(path)
         raise FormatError(error.what, where=where, advice=error.advice) from error
     except OSError as error:
-        raise InputError(f"{path}: cannot be read ({error.strerror or type(error).__name__})") from error
+        raise InputError(f"{path}: the file cannot be read ({error.strerror or type(error).__name__})") from error
 
 
 def _read_kmz(path: Path) -> PointRoute:
@@ -72,8 +72,8 @@ def _read_kmz(path: Path) -> PointRoute:
     flight = entry_of(path, wpml.DOCUMENT)
     if flight is None and entry_of(path, wpml.TEMPLATE) is not None:
         raise FormatError(
-            f"holds DJI's template ({wpml.TEMPLATE}) and no {wpml.DOCUMENT}, which is what aircraft fly",
-            advice="export the flight from DJI Pilot 2 or FlightHub, or give the area in it to new",
+            f"the file contains DJI's template ({wpml.TEMPLATE}) but no {wpml.DOCUMENT}, which the aircraft flies",
+            advice="export the flight from DJI Pilot 2 or FlightHub, or use its area with new",
         )  # fmt: skip
     if flight is not None:
         return wpml.read_route(text_from_bytes(flight).text)
@@ -81,9 +81,12 @@ def _read_kmz(path: Path) -> PointRoute:
 
 
 _AS_OPTIONS = (
-    (r'; set terrain\.(?:surface_)?height_unit to "ft"', "; convert it to metres, or give --height-unit ft"),
-    (r"; set terrain\.surface_vertical_datum or surface_height_unit", "; bring both to one datum and unit"),
-    (r"\(file is the ground, surface_file what stands on it\)", "(--dem is the ground, --dsm what stands on it)"),
+    (r'; set terrain\.(?:surface_)?height_unit to "ft"', "; convert it to metres, or use --height-unit ft"),
+    (r"; set terrain\.surface_vertical_datum or surface_height_unit", "; convert both to one datum and unit"),
+    (
+        r"\(file is the ground, surface_file what stands on it\)",
+        "(--dem is the ground, --dsm includes what stands on it)",
+    ),
     (r"terrain\.surface_(?:file|crs|band|height_unit|vertical_datum)", "--dsm"),
     (r"terrain\.file", "--dem"),
 )
@@ -158,7 +161,9 @@ def open_check_elevation(
     ask_about_heights(ground, user, option="--dem")
     suspects = () if trusted else _suspects(ground, datum, mission, home)
     for one in suspects[: WORLD.most_suspects]:
-        user.warn(f"--dem: {ground.name} has {one.words}: its heights count as unknown there (--trust-dem: as ground)")
+        user.warn(
+            f"--dem: {ground.name} has {one.words}: these heights are treated as unknown (--trust-dem: as ground)"
+        )
     if not surface:
         return CheckElevation(ground, datum, suspects=suspects)
     ask_about_surface(ground, user, beside_surface=True)

@@ -100,7 +100,7 @@ def say_findings(outcome: CheckOutcome, user: User) -> None:
     if texts:
         user.say("; ".join(texts))
     if figures["time_s"] is not None:
-        user.say(f"the time is that of {outcome.aircraft.speeds_in_words}; speeds in the mission have priority")
+        user.say(f"the time assumes {outcome.aircraft.speeds_in_words}; speeds in the mission have priority")
     for line in () if outcome.view is None else outcome.view.lines:
         user.say(line)
     user.say(f"verdict: {checked.verdict}")
@@ -153,9 +153,9 @@ def write_map(outcome: CheckOutcome, path: Path, *, force: bool) -> None:
 def refuse_map(path: Path, *, force: bool) -> None:
     """Refuse a map that cannot be written, before anything is judged."""
     if path.suffix.lower() not in (".geojson", ".json", ".html"):
-        raise OutputError(f"--map: {path}: name it .geojson, or .html for a page")
+        raise OutputError(f"--map: {path}: the name must end in .geojson, or .html for a page")
     if path.exists() and not force:
-        raise OutputError(f"{path}: already exists; choose another name, or --force to replace it")
+        raise OutputError(f"{path}: this file already exists; choose another name, or use --force to replace it")
 
 
 def _feature(kind: str, coordinates: list[Any], properties: dict[str, Any]) -> dict[str, Any]:
@@ -180,7 +180,7 @@ def render_check_page(query: CheckQuery, outcome: CheckOutcome) -> str:
     checked = outcome.checked
     if checked.path is None or checked.world is None or not checked.path.segments:
         raise InputError(
-            f"--map: {query.file}: has no path to draw; name the map .geojson, or repair the findings first"
+            f"--map: {query.file}: the mission has no path to draw; use a .geojson map, or repair the findings first"
         )
     legs = _legs(checked, checked.world)
     figures = {key: value for key, value in figures_of(checked).items() if value is not None}

@@ -35,7 +35,7 @@ def fence_findings(path: FlownPath, world: World, fence: LocalFence) -> list[Che
         found.append(
             CheckFinding(
                 kind="fence", weight="breaks", items=segment.items, lat_deg=lat, lon_deg=lon, by=depth_m, unit="m",
-                what=f"{depth_m:.1f} m beyond the fence", do="move the items inside, or draw the fence wider",
+                what=f"{depth_m:.1f} m beyond the fence", do="move the items inside, or enlarge the fence",
             )
         )  # fmt: skip
     return joined(found, lambda one: one.kind)
@@ -101,7 +101,7 @@ def _in_zone(
     zone = surroundings.zones[number]
     return CheckFinding(
         kind="no-fly", weight="breaks", items=segment.items, by=depth_m, unit="m",
-        what=f"{depth_m:.1f} m into no-fly zone {zone.name} ({zone.heights_in_words()})", do="fly round it",
+        what=f"{depth_m:.1f} m into no-fly zone {zone.name} ({zone.heights_in_words()})", do="fly around it",
     ).at(world.geodetic(place))  # fmt: skip
 
 
@@ -118,7 +118,7 @@ def distance_findings(path: FlownPath, world: World, limits: Limits) -> list[Che
             found.append(
                 CheckFinding(
                     kind="distance", weight="breaks", items=segment.items, by=over_m,
-                    unit="m", what=f"{distances[k]:.0f} m from home, the limit is {limits.max_distance_m:g} m",
+                    unit="m", what=f"{distances[k]:.0f} m from home; the limit is {limits.max_distance_m:g} m",
                     do="take off closer to the mission, or raise --max-distance",
                 ).at(world.geodetic(segment.enu_m[k]))
             )  # fmt: skip
@@ -150,7 +150,7 @@ def with_obstacles(
         name = one.name or str(number)
         if not one.rings_lon_lat_deg:
             raise InputError(
-                f"--obstacles: {name}: is in metres of a scenario's own frame; give longitudes and latitudes"
+                f"--obstacles: {name}: is in metres of a scenario's local frame; use longitudes and latitudes"
             )
         rings = [
             frame.enu_from_geodetic(lat, lon, frame.alt_amsl_m)[:, :2]
@@ -183,8 +183,8 @@ def obstacle_findings(path: FlownPath, world: World, around: Surroundings) -> li
         found.append(
             CheckFinding(
                 kind="obstacle", weight="breaks", items=segment.items, by=short_m,
-                unit="m", what=f"{words}, the limit is {clearance_m:g} m",
-                do="fly round it or over it, or allow less with --obstacle-clearance",
+                unit="m", what=f"{words}; the limit is {clearance_m:g} m",
+                do="fly around or over it, or allow less with --obstacle-clearance",
             ).at(world.geodetic(place))
         )  # fmt: skip
     return joined(found, _of_which)

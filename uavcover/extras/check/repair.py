@@ -86,7 +86,7 @@ def parts_of(
         body = ways[places[begin] :] if is_last else ways[places[begin] : places[end] + 1]
         if len(body) > room or (end == begin and len(body) < rest):
             raise InputError(
-                f"--max-items: {most_items} items have no room for take-off, outbound transit, a leg and return transit"
+                f"--max-items: {most_items} items are not enough for take-off, outbound transit, a leg and return transit"
             )
         tail = [_stop(one) for one in _held((*held, *body)) if one.command in _TRIGGERS]
         home = _way_home(mission, ways[places[end]], world, limits)
@@ -106,13 +106,13 @@ def _refuse_what_is_not_plain(mission: Mission, aircraft: Aircraft) -> tuple[int
         )
 
     if aircraft.has_wings:
-        raise refuse(0, "wings need a runway for each part")
+        raise refuse(0, "each part of a fixed-wing mission needs a runway")
     takeoffs = [k for k, item in enumerate(mission.items) if item.command == Command.NAV_TAKEOFF]
     if len(takeoffs) != 1:
         raise refuse(0, f"the mission has {len(takeoffs)} take-offs")
     last = next((k for k, item in enumerate(mission.items) if item.command in _ENDS), len(mission.items))
     if last + 1 < len(mission.items):
-        raise refuse(last + 2, "comes after the end")
+        raise refuse(last + 2, "follows the end of the mission")
     for number, item in enumerate(mission.items[:last], 1):
         if item.command == Command.NAV_WAYPOINT:
             has_place = math.isfinite(item.lat_deg + item.lon_deg + item.alt_m) and (item.lat_deg, item.lon_deg) != (
@@ -144,7 +144,7 @@ def _refuse_another_landing(mission: Mission, world: World) -> None:
     if (landing.lat_deg, landing.lon_deg) == (0.0, 0.0):
         place = [item for item in mission.items if item.command == Command.NAV_WAYPOINT][-1]
     if math.hypot(*world.place(place.lat_deg, place.lon_deg)) > REPAIR.at_home_m:
-        raise InputError("--fix: the mission lands elsewhere than at home: it is not split; split it manually")
+        raise InputError("--fix: the mission does not land at home: it is not split; split it manually")
 
 
 def _held(items: tuple[MissionItem, ...]) -> list[MissionItem]:
@@ -181,7 +181,9 @@ def _over_m(point: MissionItem, world: World, limits: Limits) -> float:
     line = world.at_alts(t * np.array([east, north]), world.home_alt_amsl_m)
     ranges = world.leg_height_ranges_m(line)
     if not np.isfinite(ranges[:, 0]).all():
-        raise InputError("--fix: the elevation data ends before the path to a part does; give more of it")
+        raise InputError(
+            "--fix: the elevation data does not cover the whole path to a part; use elevation data of a larger area"
+        )
     needed_m = limits.min_height_agl_m + REPAIR.spare_m - float(ranges[:, 0].min())
     return math.ceil(max(needed_m, _above_home_m(point, world)))
 
@@ -342,14 +344,14 @@ def refuse_repair_into(file: Path, out: Path | None, *, force: bool) -> Path:
     wanted = ".plan" if file.suffix.lower() == ".plan" else ".waypoints"
     if out is None:
         raise InputError(
-            f"--fix: name another file for the repaired mission with -o, such as {file.stem}-fixed{wanted}"
+            f"--fix: specify another file for the repaired mission with -o, such as {file.stem}-fixed{wanted}"
         )
     if out.suffix.lower() != wanted:
-        raise InputError(f"-o: {out}: repairs of a {file.suffix} file are written as {wanted}; name it so")
+        raise InputError(f"-o: {out}: repairs of a {file.suffix} file are written as {wanted}; use this suffix")
     if out.exists() and out.samefile(file):
-        raise OutputError(f"-o: {out} is the mission itself; give another name")
+        raise OutputError(f"-o: {out} is the mission itself; use another name")
     if out.exists() and not force:
-        raise OutputError(f"{out}: already exists; choose another name, or --force to replace it")
+        raise OutputError(f"{out}: this file already exists; choose another name, or use --force to replace it")
     return out
 
 
@@ -377,7 +379,7 @@ def repair_mission(
     most = query.most_items
     is_long = most is not None and len(mission.items) > most
     if not fixed.raised and not fixed.inserted and not is_long:
-        user.say("nothing that plain repairs would change; no file was written")
+        user.say("simple repairs would not change the mission; no file was written")
         return ()
     if mission.home is None:
         mission = dataclasses.replace(mission, home=GeoPoint(*world.geodetic([0.0, 0.0, 0.0])))
@@ -388,10 +390,10 @@ def repair_mission(
         names = [out.with_name(numbered(out, number)) for number in range(1, len(parts) + 1)]
         there = next((name for name in names if name.exists()), None)
         if there is not None and not force:
-            raise OutputError(f"{there}: already exists; choose another name, or --force to replace it")
+            raise OutputError(f"{there}: this file already exists; choose another name, or use --force to replace it")
     for name, part in zip(names, parts, strict=True):
         _write(query.file, name, part)
-    changes = f"{_numbers(fixed.raised)} raised, {_numbers(fixed.inserted)} put in"
+    changes = f"{_numbers(fixed.raised)} raised, {_numbers(fixed.inserted)} inserted"
     split = f"; {len(parts)} flights of {max(len(part.items) for part in parts)} items at most" if is_long else ""
     user.say(f"written: {', '.join(map(str, names))}: {changes}{split}")
     return tuple(names)

@@ -21,7 +21,7 @@ import numpy as np
 
 from uavcover.errors import InputError
 from uavcover.extras.large_areas.part_search import PartTask, search_part
-from uavcover.extras.large_areas.planner import (
+from uavcover.extras.large_areas.plan_by_parts import (
     RunTasks,
     most_parts,
     part_count,
@@ -220,13 +220,13 @@ def parts_within(need: MemoryNeed, limit: int, *, parts: int, most_parts: int, g
     enough = next((count for count in range(parts, most + 1) if need.total(count, 1) <= limit), None)
     if enough is None:
         raise InputError(
-            f"--memory: planning {need.cells:,.0f} cells takes about {in_words(need.total(most, 1))} at least; give that "
-            "much, or set a larger area.cell_size_m"
+            f"--memory: planning {need.cells:,.0f} cells takes at least about {in_words(need.total(most, 1))}; allow "
+            "this amount, or set a larger area.cell_size_m"
         )
     if given:
         raise InputError(
-            f"--memory: {parts} {'parts take' if parts > 1 else 'part takes'} about {in_words(need.total(parts, 1))}; "
-            f"--parts {enough} would do, or --parts auto"
+            f"--memory: {parts} {'parts take' if parts > 1 else 'part takes'} about "
+            f"{in_words(need.total(parts, 1))}; use --parts {enough} or --parts auto"
         )
     return enough
 
@@ -262,8 +262,8 @@ def divided(site: Site, settings: PlannerSettings, request: SearchRequest) -> Di
     processes = None if scheduler is None else local_count(scheduler)
     if scheduler is not None and processes is None:
         raise InputError(
-            f"--memory: limits this machine, not the workers of {scheduler} are not; limit them there, with: "
-            "dask worker --memory-limit"
+            f"--memory: this limits only this machine; limit the workers of {scheduler} with: dask worker "
+            "--memory-limit"
         )
     need = memory_need(site, processes=scheduler is not None)
     given = request.parts not in (None, "auto")
@@ -292,7 +292,7 @@ def plan_divided(
     kept: Path | None,
     or_sorties: bool,
 ) -> Plan:
-    """Plan a site by its parts: see :func:`uavcover.extras.large_areas.planner.plan_by_parts`."""
+    """Plan a site by its parts: see :func:`uavcover.extras.large_areas.plan_by_parts.plan_by_parts`."""
     with (
         ThreadPoolExecutor(division.threads) as executor,
         part_searchers(division.scheduler, executor, threads=division.threads, should_stop=should_stop) as (

@@ -82,7 +82,7 @@ class Picture:
         if self.lat_deg is None or self.lon_deg is None:
             return "no position"
         if not (abs(self.lat_deg) <= 90.0 and abs(self.lon_deg) <= 180.0) or (self.lat_deg == self.lon_deg == 0.0):
-            return f"position {self.lat_deg:g}, {self.lon_deg:g} is none on Earth"
+            return f"position {self.lat_deg:g}, {self.lon_deg:g} is not on Earth"
         heights = [height for height in (self.alt_m, self.height_above_takeoff_m) if height is not None]
         if not heights:
             return "no height"
@@ -90,7 +90,7 @@ class Picture:
             return f"height {max(heights, key=abs):g} m is impossible for a flight"
         angles = (self.yaw_deg, self.pitch_deg, self.roll_deg, self.vehicle_yaw_deg)
         if any(angle is not None and abs(angle) > 360.0 for angle in angles):
-            return "angles of more than a turn"
+            return "its angles exceed a full turn"
         return None
 
 
@@ -167,8 +167,8 @@ def survey_as_flown(
         user.say(f"{'camera':18}{body}, from the photos' metadata; kept in {name}")
         if others:
             user.warn(
-                f"{sum(others.values())} photos are of other cameras ({', '.join(sorted(others))}) and do not count: judge "
-                "each camera on its own, with --camera and its photos"
+                f"{sum(others.values())} photos are from other cameras ({', '.join(sorted(others))}) and do not "
+                "count: judge each camera on its own, with --camera and its photos"
             )
     camera = camera_named(str(area.camera))
     _compare_lens(camera, pictures, user)
@@ -183,8 +183,8 @@ def survey_as_flown(
         if area.gsd is None:
             area = replace(area, gsd=_gsd_text(max(height_m, _LOWEST_M) / camera.focal_px))
             user.say(
-                f"{'ground sample':18}no limit given; a flight for the missing photos is planned for {area.gsd}, as this one was "
-                f"flown {height_m:.0f} m above ground (median)"
+                f"{'ground sample':18}no limit; a flight for the missing photos is planned for {area.gsd}, because "
+                f"this one was flown {height_m:.0f} m above ground (median)"
             )
     return new_scenario(area, user, folder=out.path)
 
@@ -198,14 +198,14 @@ def _camera_of(pictures: Sequence[Picture], out: RunFolder) -> tuple[str, str, C
     telling = [p for p in pictures if p.focal_length_mm and p.focal_length_35mm and p.pixels]
     if not telling:
         raise InputError(
-            "the photos do not name their camera (focal length, the same for 35 mm film, pixels): give --camera NAME or a "
-            "camera file (uavcover new --camera list)"
+            "the photos do not describe their camera (focal length, 35 mm equivalent, pixels): specify --camera NAME "
+            "or a camera file (uavcover new --camera list)"
         )
     kinds = Counter((p.focal_length_mm, p.focal_length_35mm, p.pixels, p.camera) for p in telling)
     (focal_mm, film_mm, pixels, title), _ = kinds.most_common(1)[0]
     others = Counter(p.camera for p in pictures if p.camera not in (None, title))
     if focal_mm is None or film_mm is None or pixels is None:
-        raise InputError("the photos do not name their camera: give --camera")
+        raise InputError("the photos do not describe their camera: specify --camera")
     diagonal_mm = FILM_DIAGONAL_MM * focal_mm / film_mm
     pitch_mm = diagonal_mm / math.hypot(*pixels)
     lines = [
@@ -237,6 +237,6 @@ def _compare_lens(camera: CameraBody, pictures: Sequence[Picture], user: User) -
     own_mm = FILM_DIAGONAL_MM * camera.focal_length_mm / math.hypot(camera.sensor_across_mm, camera.sensor_along_mm)
     if abs(own_mm / film_mm - 1.0) > LENS_DIFFERS:
         user.warn(
-            f"--camera: {camera.name} has the view of {own_mm:.0f} mm on 35 mm film, the photos say {film_mm:.0f} mm: another "
-            "camera or zoom? Without --camera, their camera is used"
+            f"--camera: {camera.name} has the field of view of {own_mm:.0f} mm on 35 mm film, but the photos say "
+            f"{film_mm:.0f} mm: check the camera and zoom; without --camera, their camera is used"
         )

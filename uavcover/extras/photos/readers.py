@@ -33,11 +33,11 @@ def read_log(path: Path) -> tuple[list[Picture], tuple[str, ...]]:
     rows = READERS[path.suffix.lower()](path)
     if rows.pictures is None or not len(rows.pictures):
         raise TrackError(
-            f"{path}: reports no photo (CAM, TRIG, CAMERA_FEEDBACK, camera_capture); verify --log judges its track"
+            f"{path}: the log reports no photo (CAM, TRIG, CAMERA_FEEDBACK, camera_capture); verify --log judges its track"
         )
     pictures = _pictures(path, rows)
     outside = len(rows.pictures) - len(pictures)
-    words = (f"{path.name}: {outside} photos have a time outside its positions, so no height: they do not count",)
+    words = (f"{path.name}: {outside} photos have a time outside the track and therefore no height: they do not count",)
     return pictures, (*rows.warnings, *(words if outside else ()))
 
 
@@ -60,7 +60,7 @@ def _pictures(path: Path, rows: LoggedRows) -> list[Picture]:
     )
     reports = reports[inside]
     if not len(reports):
-        raise TrackError(f"{path}: all its photos have a time outside its positions: they have no height")
+        raise TrackError(f"{path}: all photos have a time outside the track and therefore no height")
     lat, lon, alt = (np.interp(reports[:, 0], positions[:, 0], positions[:, k]) for k in (1, 2, 3))
     placed = np.isfinite(reports[:, 1:]).all(axis=1) & (reports[:, 1:] != 0.0).any(axis=1)
     lat, lon = np.where(placed, reports[:, 1], lat), np.where(placed, reports[:, 2], lon)
@@ -142,7 +142,8 @@ def read_pictures(sources: Sequence[Path], *, progress: Callable[[int, int], Non
     clocks = sorted({picture.clock for picture in once if picture.clock is not None})
     if len(clocks) > 1:
         notes.append(
-            f"times are of {len(clocks)} clocks ({', '.join(clocks[:4])}): order and speed are taken within each"
+            f"times come from {len(clocks)} clocks ({', '.join(clocks[:4])}): order and speed are "
+            "computed for each clock"
         )
     return PictureSet(tuple(once), tuple(notes))
 
@@ -160,7 +161,7 @@ def _by_kind(sources: Sequence[Path]) -> tuple[list[Path], set[Path], list[Path]
             of_folders.update(files)
             lists += [path for path in inside if path.name.lower() == GEO_TXT]
         elif not source.is_file():
-            raise TrackError(f"{source}: no such file or folder; give a folder of photos, or a list of them")
+            raise TrackError(f"{source}: no such file or folder; use a folder of photos, or a list of photos")
         elif source.suffix.lower() in ENDINGS:
             files.append(source)
         elif source.suffix.lower() in LISTS:
@@ -173,7 +174,7 @@ def _by_kind(sources: Sequence[Path]) -> tuple[list[Path], set[Path], list[Path]
                 f"{source}: {source.suffix or 'no ending'} is neither a photo nor a list of photos; use {known}"
             )
     if not files and not lists and not logs:
-        raise TrackError(f"{', '.join(map(str, sources))}: no photos ({', '.join(ENDINGS)}) and no {GEO_TXT} in it")
+        raise TrackError(f"{', '.join(map(str, sources))}: there are no photos ({', '.join(ENDINGS)}) and no {GEO_TXT}")
     return files, of_folders, lists, logs
 
 
@@ -234,12 +235,12 @@ def _once(pictures: list[Picture], notes: list[str]) -> list[Picture]:
             kept.append(picture)
     if bands:
         notes.append(
-            f"{bands} of {len(pictures)} files have the same position and time as another one (bands of one photo): they count "
-            "once"
+            f"{bands} of {len(pictures)} files have the same position and time as another file (bands of one photo): "
+            "they count once"
         )
     if copies:
         notes.append(
-            f"{copies} of {len(pictures)} photos have the same position and direction as another one (copies, "
-            "or a receiver that did not update): they count once"
+            f"{copies} of {len(pictures)} photos have the same position and direction as another photo (copies, or a "
+            "receiver that did not update): they count once"
         )
     return kept

@@ -36,7 +36,7 @@ def terrain_server(
         counts = serve_terrain(connected.client, heights_of_files(source, datum, console.warn), console)
     console.say(
         f"{counts.requests} requests for {counts.blocks} blocks: {counts.parts_sent} parts sent, "
-        f"{counts.parts_unknown} not, for want of data"
+        f"{counts.parts_unknown} not sent because data are missing"
     )
     console.result({"to": to, "dem": [str(file) for file in source.files], "vertical_datum": datum, **asdict(counts)})
     return 0
@@ -84,7 +84,7 @@ def terrain(
     console = output.console()
     data = dem.data()
     if dat is not None and not data.names:
-        raise InputError("--dat: needs elevation data; give --dem")
+        raise InputError("--dat: this option requires elevation data; add --dem")
     query = AreaQuery(
         source=area, layer=where.layer, feature=where.feature, crs=where.crs, make_valid=where.make_valid,
         swap_axes=where.swap_axes,
